@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bits.c - small bit sets of up to 192 bits, for the wire bits of a frame.
+ */
+#include "bits.h"
+
+/* Own population count: the compiler's builtin may call into libgcc, and lib needs nobody. */
+static unsigned count_word(uint64_t w)
+{
+    w -= (w >> 1) & UINT64_C(0x5555555555555555);
+    w = (w & UINT64_C(0x3333333333333333)) + ((w >> 2) & UINT64_C(0x3333333333333333));
+    w = (w + (w >> 4)) & UINT64_C(0x0F0F0F0F0F0F0F0F);
+    return (unsigned)((w * UINT64_C(0x0101010101010101)) >> 56);
+}
+
+unsigned cw_bitset_count_upto(const uint64_t set[CW_BIT_WORDS], unsigned n)
+{
+    unsigned count = 0;
+    for (unsigned word = 0; word < n / 64; word++)
+        count += count_word(set[word]);
+    return count + count_word(set[n / 64] & (UINT64_MAX >> (63 - n % 64)));
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bits.h - small bit sets of up to 192 bits, for the wire bits of a frame.
+ */
+#ifndef CANWIRE_BITS_H
+#define CANWIRE_BITS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define CW_BIT_WORDS 3
+
+static inline bool cw_bitset_get(const uint64_t set[CW_BIT_WORDS], unsigned n)
+{
+    return (set[n / 64] >> (n % 64)) & 1u;
+}
+
+static inline void cw_bitset_add(uint64_t set[CW_BIT_WORDS], unsigned n)
+{
+    set[n / 64] |= UINT64_C(1) << (n % 64);
+}
+
+/* How many of the members are at or below n. */
+unsigned cw_bitset_count_upto(const uint64_t set[CW_BIT_WORDS], unsigned n);
+
+#endif

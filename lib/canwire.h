@@ -1,0 +1,536 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * canwire.h - the only public header of libcanwire, a CAN bus simulated bit by bit.
+ *
+ * The library is passive: no system call, no clock, no allocation, no global state, no floating
+ * point. The same inputs give the same outputs on every machine. Three layers can be used alone:
+ *
+ *   1. Frames: cw_frame and its encoding to wire bits, cw_bits.
+ *   2. The controller: cw_mac, one CAN controller driven bit by bit (the test-bench interface).
+ *   3. The bus: cw_bus, up to 64 nodes on one wire, in ticks, with queues, faults and statistics.
+ *
+ * Names like M6, E3, R8 are the rules of the protocol digest, which restates ISO 11898-1.
+ * Levels: dominant is 0 (false), recessive is 1 (true). Nothing here is thread safe; objects share
+ * nothing, so different threads may use different objects.
+ */
+#ifndef CANWIRE_H
+#define CANWIRE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define CW_DOMINANT false
+#define CW_RECESSIVE true
+
+#define CW_NODES_MAX 64            /* nodes of one bus; a set of nodes is a uint64_t mask */
+#define CW_FRAME_DATA_MAX 64       /* bytes; classical frames use the first 8 */
+#define CW_BITS_MAX 160            /* wire bits of the longest classical frame (157), rounded up */
+#define CW_QUEUE_MAX 4096          /* frames in the transmit queue of one node */
+#define CW_RULES_MAX 1024          /* fault rules of one bus */
+#define CW_RULE_FILTERS_MAX 8      /* frame filters of one rule */
+#define CW_RULE_NAME_MAX 64        /* bytes of a rule name that count, the rest is ignored */
+#define CW_CLOCK_HZ 80000000u      /* one tick is 1 / 80 MHz = 12.5 ns */
+#define CW_NEVER UINT64_MAX        /* a tick that does not come */
+
+typedef enum cw_status {
+    CW_OK = 0,
+    CW_FULL,     /* no room: poll events (advance) or advance the bus (send), then call again */
+    CW_INVALID,  /* an argument is outside its documented range; nothing was changed */
+    CW_REFUSED,  /* not possible in the present state; nothing was changed */
+} cw_status;
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+#define CW_FRAME_EXTENDED 0x01u /* 29-bit identifier */
+#define CW_FRAME_REMOTE 0x02u   /* remote frame: no data field, whatever the DLC says (F3) */
+#define CW_FRAME_FD 0x04u       /* CAN FD; reserved, refused by the encoder */
+#define CW_FRAME_BRS 0x08u      /* FD bit rate switch; reserved */
+#define CW_FRAME_ESI 0x10u      /* FD error state indicator; reserved */
+
+typedef struct cw_frame {
+    uint32_t id;    /* 0..7FF, or 0..1FFFFFFF with CW_FRAME_EXTENDED */
+    uint8_t flags;  /* CW_FRAME_* */
+    uint8_t dlc;    /* 0..15, the raw code on the wire (F4) */
+    uint8_t data[CW_FRAME_DATA_MAX]; /* the first cw_frame_length() bytes count */
+} cw_frame;
+
+/* Bytes in the data field: 0 for a remote frame, 8 for DLC 9..15 (F3, F4). */
+unsigned cw_frame_length(const cw_frame *frame);
+
+/* Whether the frame can go onto a classical bus: identifier in range, DLC <= 15, no FD flag. */
+bool cw_frame_valid(const cw_frame *frame);
+
+/* Whether the two frames are the same on the wire: id, format, remote, DLC and the data bytes. */
+bool cw_frame_equal(const cw_frame *a, const cw_frame *b);
+
+/* ---- Positions ------------------------------------------------------------------------------- */
+
+typedef enum cw_field {
+    CW_FIELD_NONE = 0,
+    CW_FIELD_SOF,
+    CW_FIELD_ID, /* index 0..28: id28 first in an extended frame; 0..10 in a base frame */
+    CW_FIELD_SRR,
+    CW_FIELD_IDE,
+    CW_FIELD_RTR,
+    CW_FIELD_R1,
+    CW_FIELD_R0,
+    CW_FIELD_DLC,
+    CW_FIELD_DATA, /* index 8 * byte + bit, bit 0 is the most significant */
+    CW_FIELD_CRC,
+    CW_FIELD_CRC_DELIMITER,
+    CW_FIELD_ACK_SLOT,
+    CW_FIELD_ACK_DELIMITER,
+    CW_FIELD_EOF,
+    CW_FIELD_INTERMISSION,
+    CW_FIELD_SUSPEND,
+    CW_FIELD_ERROR_FLAG,
+    CW_FIELD_ERROR_DELIMITER,
+    CW_FIELD_OVERLOAD_FLAG,
+    CW_FIELD_OVERLOAD_DELIMITER,
+    CW_FIELD_STUFF, /* fault positions only: the index-th stuff bit of the frame */
+    CW_FIELD_BIT,   /* fault positions only: the index-th wire bit, stuff bits counted, 0 is SOF */
+    CW_FIELD_COUNT
+} cw_field;
+
+/* The name used in events and fault rules ("ack-delimiter"), a constant string. */
+const char *cw_field_name(cw_field field);
+
+/* Where a bit stands. A stuff bit has the field and index of the bit before it (F7). */
+typedef struct cw_place {
+    cw_field field;
+    uint8_t index;
+    bool stuff;
+} cw_place;
+
+/* ---- Wire bits of a frame -------------------------------------------------------------------- */
+
+/* A frame encoded once: SOF to EOF with stuff bits, ACK slot recessive as the transmitter sends it.
+ * Bit 0 is SOF. Read through the functions below. */
+typedef struct cw_bits {
+    uint64_t level[3]; /* bit n of the wire is bit n % 64 of word n / 64 */
+    uint64_t stuff[3]; /* 1 where the wire bit is a stuff bit */
+    uint16_t crc;      /* the CRC-15 that was sent (F6) */
+    uint8_t length;    /* wire bits */
+    uint8_t data_bits; /* bits of the data field */
+    bool extended;
+} cw_bits;
+
+/* Encodes a frame (F1..F7). Returns CW_INVALID, leaving *bits alone, when !cw_frame_valid(). */
+cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame);
+
+/* Level of wire bit n, n < bits->length. */
+bool cw_bits_level(const cw_bits *bits, unsigned n);
+
+/* Field, index and stuff flag of wire bit n, n < bits->length. */
+cw_place cw_bits_place(const cw_bits *bits, unsigned n);
+
+/* Whether wire bit n stands at (field, index), where CW_FIELD_STUFF and CW_FIELD_BIT count as
+ * described at cw_field. A stuff bit stands at no other field. */
+bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned index);
+
+/* ---- Errors, states and modes ---------------------------------------------------------------- */
+
+typedef enum cw_error_type {
+    CW_ERROR_BIT = 0,
+    CW_ERROR_STUFF,
+    CW_ERROR_FORM,
+    CW_ERROR_CRC,
+    CW_ERROR_ACK,
+    CW_ERROR_COUNT
+} cw_error_type;
+
+typedef enum cw_flag { CW_FLAG_NONE = 0, CW_FLAG_ACTIVE, CW_FLAG_PASSIVE } cw_flag;
+
+/* A node's part in the present or last frame. It lasts through error and overload frames,
+ * intermission and suspend (R3), until idle or the next SOF. */
+typedef enum cw_role { CW_ROLE_NONE = 0, CW_ROLE_RECEIVER, CW_ROLE_TRANSMITTER } cw_role;
+
+/* The states that Linux shows, from the larger of TEC and REC (R9..R13). */
+typedef enum cw_state {
+    CW_STATE_ERROR_ACTIVE = 0,
+    CW_STATE_ERROR_WARNING, /* at or above the warning limit; still error active on the wire */
+    CW_STATE_ERROR_PASSIVE,
+    CW_STATE_BUS_OFF,
+    CW_STATE_COUNT
+} cw_state;
+
+typedef struct cw_error {
+    cw_error_type type;
+    cw_role role;   /* transmitter or receiver when it was detected */
+    cw_place place; /* the bit in which it was detected, as this node counts */
+    cw_flag flag;   /* the flag that follows; none when the node went bus-off by it */
+} cw_error;
+
+#define CW_MODE_ONE_SHOT 0x01u    /* M13: one attempt, then the frame is dropped */
+#define CW_MODE_LISTEN_ONLY 0x02u /* M11: bus monitoring */
+#define CW_MODE_LOOPBACK 0x04u    /* M15: samples only itself, receives its own frames */
+#define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is no error */
+
+const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
+const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
+const char *cw_state_name(cw_state state);          /* "error-active" .. "bus-off" */
+
+/* ---- The controller: test-bench interface (stable) ------------------------------------------- */
+
+/* One CAN controller without a bus. The bench is the rest of the bus: in every bit it calls
+ *
+ *     bool own = cw_mac_drive(&mac);               what the controller puts on the wire
+ *     cw_mac_sample(&mac, level, &report);         what the wire carried, at the sample point
+ *
+ * in turn, exactly once each; normally level = own AND what the bench drives, but any level may be
+ * sampled. A transmission is offered with cw_mac_offer() before the cw_mac_drive() of the bit in
+ * which it may start: the SOF when the controller is idle, or the first identifier bit right after
+ * a foreign SOF that it may join (M6). Frames, errors and counters are read from the report and by
+ * the functions below. After cw_mac_init() the controller integrates (M10): eleven recessive bits,
+ * then it is idle. */
+
+typedef enum cw_mac_phase {
+    CW_MAC_OFF = 0,        /* disconnected: neither drives nor samples */
+    CW_MAC_INTEGRATING,    /* waits for 11 recessive bits (M10) */
+    CW_MAC_IDLE,
+    CW_MAC_FRAME,          /* SOF to the end of EOF, as transmitter or receiver */
+    CW_MAC_ERROR_ACTIVE,   /* sends an active error flag */
+    CW_MAC_ERROR_PASSIVE,  /* sends a passive error flag (E7) */
+    CW_MAC_ERROR_WAIT,     /* after its flag: recessive until the bus is (E8) */
+    CW_MAC_ERROR_DELIMITER,
+    CW_MAC_OVERLOAD_FLAG,
+    CW_MAC_OVERLOAD_WAIT,
+    CW_MAC_OVERLOAD_DELIMITER,
+    CW_MAC_INTERMISSION,
+    CW_MAC_SUSPEND,        /* M8 */
+    CW_MAC_BUS_OFF,        /* R10; waits for the restart request */
+    CW_MAC_RECOVERING,     /* R12; counts 128 groups of 11 recessive bits */
+    CW_MAC_PHASE_COUNT
+} cw_mac_phase;
+
+/* Fault confinement: the counters and what follows from them (section 5 of the digest). */
+typedef struct cw_confinement {
+    uint16_t tec;
+    uint16_t rec;
+    uint16_t warning_limit;
+    uint8_t state; /* cw_state; bus-off stays until the counters are reset */
+    bool frozen;   /* listen-only: the counters do not move (M11) */
+} cw_confinement;
+
+/* The fields are the library's; read through the functions. */
+typedef struct cw_mac {
+    uint8_t phase;            /* cw_mac_phase */
+    uint8_t role;             /* cw_role */
+    uint8_t modes;            /* CW_MODE_* */
+    uint8_t told_state;       /* cw_state of the last report */
+    uint8_t step;             /* in CW_MAC_FRAME: part of the frame that the next bit belongs to */
+    uint8_t index;            /* ... bit of that part; a stuff bit comes first when run is 5 */
+    uint8_t before_step;      /* step and index of the last bit that was not a stuff bit (F7) */
+    uint8_t before_index;
+    uint8_t count;            /* bits seen in the present flag, delimiter, intermission ... */
+    uint8_t run;              /* equal bits in a row in the stuffed part, stuff bits counted */
+    uint8_t groups;           /* R12: groups of 11 recessive bits seen */
+    uint8_t overloads_wanted; /* O1 a, not yet sent */
+    uint8_t overloads_in_row; /* O1 a, sent since the last frame */
+    uint8_t tx_next;          /* transmitter: own wire bit that comes next */
+    bool last;                /* level of the last stuffed or passive flag bit */
+    bool driven;              /* own level in this bit, before a mode hides it from the bus */
+    bool offered;             /* tx holds a frame that waits or is being sent */
+    bool started;             /* own transmission begins with this bit */
+    bool may_join;            /* a foreign SOF was just seen that this node may join (M1, M6) */
+    bool crc_error;           /* receiver: CRC wrong, not yet signalled (E3) */
+    bool ack_deferred;        /* R3 i: TEC moves when a dominant bit is seen in the flag */
+    uint16_t crc;             /* F6, over the bits sampled so far */
+    uint32_t shift;           /* bits of the present field, first one highest */
+    cw_confinement confinement;
+    cw_frame rx; /* frame being received, or last received */
+    cw_bits tx;
+} cw_mac;
+
+/* What happened in one bit: a set of CW_REPORT_* and the details. */
+#define CW_REPORT_STARTED 0x01u          /* own transmission began with this bit */
+#define CW_REPORT_ARBITRATION_LOST 0x02u /* lost_bit is valid (M2) */
+#define CW_REPORT_ERROR 0x04u            /* error is valid */
+#define CW_REPORT_OVERLOAD 0x08u         /* an own overload flag starts at the next bit (O1) */
+#define CW_REPORT_RX 0x10u               /* a frame became valid for this receiver (M7) */
+#define CW_REPORT_TX 0x20u               /* the own frame is done (M7); the offer is used up */
+#define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
+#define CW_REPORT_DROPPED 0x80u          /* one-shot: the offered frame was given up (M13) */
+#define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2 or R6; no error of its own */
+
+typedef struct cw_mac_report {
+    uint16_t what;
+    uint8_t lost_bit; /* as the SJA1000 counts: 0 first id bit, 11 RTR/SRR, 12 IDE, 13.., 31 RTR */
+    cw_error error;
+} cw_mac_report;
+
+/* Starts a controller: integrating, TEC = REC = 0. warning_limit 1..255, usually 96 (R13). */
+void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
+
+/* Offers a frame for transmission; it is kept through lost arbitration and errors until reported
+ * as CW_REPORT_TX or CW_REPORT_DROPPED. An offer that is not on the wire may be replaced.
+ * CW_INVALID: bad frame. CW_REFUSED: being sent just now, or listen-only, or bus-off. */
+cw_status cw_mac_offer(cw_mac *mac, const cw_frame *frame);
+
+/* Takes the offer back. CW_REFUSED when it is being sent just now. */
+cw_status cw_mac_withdraw(cw_mac *mac);
+
+/* Begins a bit; returns the level put onto the wire. */
+bool cw_mac_drive(cw_mac *mac);
+
+/* Ends the bit with the level seen; *report is overwritten. */
+void cw_mac_sample(cw_mac *mac, bool level, cw_mac_report *report);
+
+/* Asks for one or two overload frames, sent from the next expected intermission on (O1 a).
+ * CW_INVALID when the number is not 1 or 2. */
+cw_status cw_mac_request_overload(cw_mac *mac, unsigned frames);
+
+/* Asks to leave bus-off (R12). CW_REFUSED when the controller is not bus-off or already counting.*/
+cw_status cw_mac_request_restart(cw_mac *mac);
+
+/* Presets the counters; TEC 0..263, REC 0..255; a TEC above 255 is bus-off (R10), a TEC below 256
+ * ends a bus-off. CW_INVALID outside. The next report tells a changed state. */
+cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
+
+/* Changes the modes; a controller on the bus leaves it and integrates again (M10). */
+void cw_mac_set_modes(cw_mac *mac, unsigned modes);
+
+/* Whether an offer made now would be used by the next cw_mac_drive(). */
+bool cw_mac_can_start(const cw_mac *mac);
+
+/* Whether the own frame is on the wire just now: transmitter, SOF to EOF. */
+bool cw_mac_is_sending(const cw_mac *mac);
+
+unsigned cw_mac_tec(const cw_mac *mac);
+unsigned cw_mac_rec(const cw_mac *mac);
+cw_state cw_mac_state(const cw_mac *mac);
+cw_mac_phase cw_mac_get_phase(const cw_mac *mac);
+cw_role cw_mac_role(const cw_mac *mac);
+
+/* Where the next bit to be sampled stands, as this controller counts; CW_FIELD_NONE when idle,
+ * integrating or off. Between cw_mac_drive() and cw_mac_sample(): the bit in progress. */
+cw_place cw_mac_place(const cw_mac *mac);
+
+/* The frame last received, valid after CW_REPORT_RX until the next SOF. */
+const cw_frame *cw_mac_received(const cw_mac *mac);
+
+/* ---- Fault rules ----------------------------------------------------------------------------- */
+
+/* SocketCAN's filter: matches when (id & mask) == (value & mask), on the identifier with
+ * CW_FILTER_EXTENDED and CW_FILTER_REMOTE added as the kernel's can_id has them. */
+#define CW_FILTER_EXTENDED 0x80000000u
+#define CW_FILTER_REMOTE 0x40000000u
+
+typedef struct cw_filter {
+    uint32_t value;
+    uint32_t mask;
+    bool inverted;
+} cw_filter;
+
+typedef enum cw_action { CW_ACTION_FLIP = 0, CW_ACTION_COUNT } cw_action;
+
+typedef struct cw_rule {
+    const char *name; /* distinct; with the seed it gives the rule's random stream. Not kept */
+    cw_filter filters[CW_RULE_FILTERS_MAX]; /* a frame matches when one of them does */
+    uint8_t filter_count;                   /* 0: every frame matches */
+    uint64_t from;                          /* transmitters; 0: every node */
+    uint64_t time_begin;                    /* ticks, half open: begin <= start of bit < end */
+    uint64_t time_end;                      /* CW_NEVER: no end */
+    uint32_t skip;                          /* matches passed over first */
+    uint32_t every;                         /* then the next and every every-th one; 0 is 1 */
+    uint32_t count;                         /* hits until the rule ends; 0: no end */
+    uint64_t probability;                   /* of 2^64, drawn per match; UINT64_MAX: always */
+    cw_action action;
+    cw_field field; /* position, in the transmitter's own bits */
+    uint16_t index;
+    uint16_t bits;  /* wire bits from there on, at least 1 */
+    uint64_t at;    /* nodes whose samples change; 0: the wire, so everybody's */
+} cw_rule;
+
+/* ---- The bus --------------------------------------------------------------------------------- */
+
+typedef struct cw_bus cw_bus; /* lives in memory of the caller, see cw_bus_size() */
+
+typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
+
+typedef struct cw_node_config {
+    uint8_t modes;          /* CW_MODE_* */
+    cw_order order;         /* which of the pending frames goes first (M1) */
+    uint16_t queue;         /* frames waiting or being sent, 1..CW_QUEUE_MAX */
+    uint16_t warning_limit; /* 1..255 */
+    uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
+} cw_node_config;
+
+typedef struct cw_bus_config {
+    uint32_t bit_ticks; /* ticks of one bit, at least 1: CW_CLOCK_HZ / bit rate */
+    uint64_t seed;
+    uint8_t node_count; /* 1..CW_NODES_MAX */
+    uint16_t inbox;     /* frames handed in for later than now, all nodes together, at least 1 */
+    uint16_t events;    /* size of the event ring; raised to the least that works */
+    uint16_t rule_count;
+    const cw_node_config *nodes; /* node_count of them; not kept */
+    const cw_rule *rules;        /* rule_count of them; not kept */
+} cw_bus_config;
+
+/* Why a frame was dropped. The names are the "why" of drop events. */
+typedef enum cw_drop {
+    CW_DROP_QUEUE_FULL = 0,
+    CW_DROP_ONE_SHOT,
+    CW_DROP_BUS_OFF,
+    CW_DROP_LISTEN_ONLY,
+    CW_DROP_BAD_FRAME,
+    CW_DROP_FAULT,
+    CW_DROP_COUNT
+} cw_drop;
+
+const char *cw_drop_name(cw_drop why);
+
+/* In the order in which events of one node at one tick come; faults before all nodes. */
+typedef enum cw_event_kind {
+    CW_EVENT_FAULT = 0,
+    CW_EVENT_DROP,
+    CW_EVENT_RESTART,
+    CW_EVENT_ARBITRATION_LOST,
+    CW_EVENT_ERROR,
+    CW_EVENT_TOLERATED, /* R2/R6 increment; for error frames of drivers, not in event streams */
+    CW_EVENT_OVERLOAD,
+    CW_EVENT_RX,
+    CW_EVENT_TX,
+    CW_EVENT_STATE,
+    CW_EVENT_COUNT
+} cw_event_kind;
+
+const char *cw_event_name(cw_event_kind kind);
+
+typedef struct cw_event {
+    uint64_t tick;  /* end of the bit, or when a dropped frame was handed in */
+    uint64_t nodes; /* whom it concerns; several only for RX of the same frame; 0 for FAULT */
+    cw_event_kind kind;
+    uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
+    uint16_t rec;
+    cw_error error; /* ERROR */
+    cw_state state; /* STATE: the new one */
+    cw_state state_before; /* STATE */
+    cw_drop why;    /* DROP */
+    uint8_t lost_bit; /* ARBITRATION_LOST */
+    uint16_t rule;  /* FAULT: index into the rules */
+    uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
+    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
+} cw_event;
+
+/* Bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented ranges. */
+size_t cw_bus_size(const cw_bus_config *config);
+
+/* Sets up a bus at tick 0 in memory of cw_bus_size() bytes, aligned as malloc aligns. The memory
+ * stays the caller's; throwing it away ends the bus. NULL when the configuration is invalid. */
+cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
+
+/* Tick up to which the bus has been simulated: always the end of a bit. */
+uint64_t cw_bus_now(const cw_bus *bus);
+
+/* Hands a frame to a node at a tick; before cw_bus_now() it counts as now. It takes part in the
+ * first bit that starts at or after at_tick, and is dropped with an event when the node cannot
+ * take it (queue full, bus-off, listen-only, bad frame). CW_FULL: the inbox is full; advance the
+ * bus to cw_bus_inbox_first() and call again. CW_INVALID: no such node. */
+cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
+
+/* Tick of the earliest frame that was handed in and has not come up yet, or CW_NEVER. */
+uint64_t cw_bus_inbox_first(const cw_bus *bus);
+
+/* The earliest tick at which an event is to be expected if nothing is put in: the next end of a
+ * frame, restart, release from the inbox; CW_NEVER when the bus rests. Errors and lost
+ * arbitrations on the way may have come earlier: their tick tells. */
+uint64_t cw_bus_next(const cw_bus *bus);
+
+/* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
+ * might not hold another bit; poll, then call again. Nothing is lost. */
+cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
+
+/* Takes the oldest event; false when there is none. */
+bool cw_bus_poll(cw_bus *bus, cw_event *event);
+
+/* Restart by hand (R12). CW_REFUSED when not bus-off, already restarting or restart_ticks != 0. */
+cw_status cw_node_restart(cw_bus *bus, unsigned node);
+
+/* Consecutive recessive bits on the wire up to now. */
+uint64_t cw_bus_recessive_bits(const cw_bus *bus);
+
+/* Whether no frame is on the wire or being signalled on: all nodes idle, suspended or away. */
+bool cw_bus_idle(const cw_bus *bus);
+
+/* Frames in all queues and the inbox. */
+size_t cw_bus_pending(const cw_bus *bus);
+
+/* ---- Statistics: counted since tick 0, read by value ----------------------------------------- */
+
+/* Transmit delay, hand-in to end of frame. Bucket b counts delays of
+ * cw_delay_bucket_ticks(b) <= delay < cw_delay_bucket_ticks(b + 1): four buckets an octave. */
+#define CW_DELAY_BUCKETS 128
+
+typedef struct cw_delay {
+    uint64_t count;
+    uint64_t sum_ticks;
+    uint64_t min_ticks; /* 0 when count is 0 */
+    uint64_t max_ticks;
+    uint32_t bucket[CW_DELAY_BUCKETS];
+} cw_delay;
+
+/* Lower edge of a bucket in ticks. */
+uint64_t cw_delay_bucket_ticks(unsigned bucket);
+
+/* The delay that permille of all stayed below, from the histogram (upper edge, at most the
+ * maximum); 0 when there is none. permille 500 is the median. */
+uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
+
+typedef struct cw_node_stats {
+    uint64_t handed_in;      /* frames by cw_node_send() that have come up */
+    uint64_t tx_frames;
+    uint64_t tx_bytes;
+    uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
+    uint64_t rx_frames;
+    uint64_t rx_bytes;
+    uint64_t dropped[CW_DROP_COUNT];
+    uint64_t arbitration_lost;
+    uint64_t retransmissions; /* attempts after the first one of a frame */
+    uint64_t errors[CW_ERROR_COUNT];
+    uint64_t overloads;
+    uint64_t error_warning;  /* upward transitions, as in ip -details -statistics link show */
+    uint64_t error_passive;
+    uint64_t bus_off;
+    uint64_t restarts;
+    uint64_t undetected_errors; /* frames accepted with content that nobody sent */
+    uint32_t queue;          /* frames waiting or being sent now */
+    uint32_t queue_peak;
+    uint16_t tec;
+    uint16_t rec;
+    cw_state state;
+    cw_delay delay;
+} cw_node_stats;
+
+typedef struct cw_bus_stats {
+    uint64_t ticks;        /* cw_bus_now() */
+    uint64_t bits;         /* bit times since tick 0 */
+    uint64_t busy_bits;    /* of these, SOF to the third intermission bit, error and overload frames */
+    uint64_t frames;       /* successful frames */
+    uint64_t frame_bits;   /* their wire bits, SOF to EOF */
+    uint64_t error_frames; /* error signalling on the wire, superposed flags counted once */
+    uint64_t overload_frames;
+    uint64_t arbitration_lost;
+    uint64_t undetected_errors;
+    uint64_t faults;       /* hits of all rules */
+    uint32_t pending;      /* frames in all queues */
+    uint16_t load_permille; /* busy bits of the last second (as far as the bus has run) */
+} cw_bus_stats;
+
+void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
+
+/* CW_INVALID when there is no such node. */
+cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
+
+typedef struct cw_rule_stats {
+    uint64_t matches;
+    uint64_t hits;
+} cw_rule_stats;
+
+cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats);
+
+/* Load between two readings of the same bus: permille of busy bits; 0 when no bit lies between. */
+unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after);
+
+#endif

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * confinement.h - the error counters of a controller and its state (rules R1..R13).
+ *
+ * When which rule applies is the controller's business; here is what it does to the counters.
+ */
+#ifndef CANWIRE_CONFINEMENT_H
+#define CANWIRE_CONFINEMENT_H
+
+#include "canwire.h"
+
+#define CW_PASSIVE_LIMIT 128u /* R9 */
+#define CW_BUS_OFF_LIMIT 256u /* R10 */
+#define CW_TEC_MAX 263u       /* the highest value that bus-off can leave (R10) */
+#define CW_REC_MAX 255u       /* R8, ruling: an 8-bit counter */
+
+/* TEC = REC = 0, error active; also after bus-off (R12). */
+void cw_confinement_reset(cw_confinement *c);
+
+/* R3, R4, R6: TEC +8. */
+void cw_confinement_tx_error(cw_confinement *c);
+
+/* R1 (1), R2, R5, R6 (8): REC up, saturating. */
+void cw_confinement_rx_error(cw_confinement *c, unsigned increment);
+
+/* R7. */
+void cw_confinement_tx_success(cw_confinement *c);
+
+/* R8. */
+void cw_confinement_rx_success(cw_confinement *c);
+
+/* Presets both; within the limits above. */
+void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec);
+
+/* R9, R11: which flag the node sends. */
+static inline bool cw_confinement_passive(const cw_confinement *c)
+{
+    return c->tec >= CW_PASSIVE_LIMIT || c->rec >= CW_PASSIVE_LIMIT;
+}
+
+#endif

@@ -1,0 +1,903 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * mac.c - one CAN controller, bit by bit (rules M, E, O and R of the protocol digest).
+ *
+ * A bit has two phases. cw_mac_drive() says what the controller puts on the wire; cw_mac_sample()
+ * takes what the wire carried and goes on to the next bit. Each phase of the controller has one
+ * sample function; inside a frame, checks that hold for every bit come first, then a handler runs
+ * when a step of the frame (see cw_steps) is complete. A transmitter parses its own frame as the
+ * receivers do, so that it can become one of them in any bit (M2).
+ */
+#include "mac.h"
+
+#include "codec.h"
+#include "confinement.h"
+
+#include <assert.h>
+#include <string.h>
+
+/* ---- Set-up and what the host asks for ------------------------------------------------------- */
+
+static void enter(cw_mac *m, cw_mac_phase phase)
+{
+    m->phase = (uint8_t)phase;
+    m->count = 0;
+}
+
+static void integrate(cw_mac *m)
+{
+    m->role = CW_ROLE_NONE;
+    m->may_join = false;
+    enter(m, CW_MAC_INTEGRATING);
+}
+
+void cw_mac_init(cw_mac *m, unsigned modes, unsigned warning_limit)
+{
+    memset(m, 0, sizeof *m);
+    m->confinement.warning_limit = (uint16_t)warning_limit;
+    cw_mac_set_modes(m, modes);
+    integrate(m);
+}
+
+void cw_mac_set_modes(cw_mac *m, unsigned modes)
+{
+    m->modes = (uint8_t)modes;
+    m->confinement.frozen = modes & CW_MODE_LISTEN_ONLY;
+    if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_BUS_OFF && m->phase != CW_MAC_RECOVERING)
+        integrate(m);
+}
+
+static bool is_transmitter(const cw_mac *m)
+{
+    return m->role == CW_ROLE_TRANSMITTER;
+}
+
+bool cw_mac_is_sending(const cw_mac *m)
+{
+    return m->phase == CW_MAC_FRAME && is_transmitter(m);
+}
+
+bool cw_mac_can_start(const cw_mac *m)
+{
+    bool free = m->phase == CW_MAC_IDLE || (m->phase == CW_MAC_FRAME && m->may_join);
+    return free && !(m->modes & CW_MODE_LISTEN_ONLY);
+}
+
+cw_status cw_mac_offer(cw_mac *m, const cw_frame *frame)
+{
+    bool away = m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_RECOVERING;
+    if (away || cw_mac_is_sending(m) || (m->modes & CW_MODE_LISTEN_ONLY))
+        return CW_REFUSED;
+    if (cw_bits_encode(&m->tx, frame) != CW_OK)
+        return CW_INVALID;
+    m->offered = true;
+    return CW_OK;
+}
+
+cw_status cw_mac_withdraw(cw_mac *m)
+{
+    if (cw_mac_is_sending(m))
+        return CW_REFUSED;
+    m->offered = false;
+    return CW_OK;
+}
+
+cw_status cw_mac_request_overload(cw_mac *m, unsigned frames)
+{
+    if (frames < 1 || frames > 2)
+        return CW_INVALID;
+    m->overloads_wanted = (uint8_t)frames;
+    return CW_OK;
+}
+
+cw_status cw_mac_request_restart(cw_mac *m)
+{
+    if (m->phase != CW_MAC_BUS_OFF)
+        return CW_REFUSED;
+    m->groups = 0;
+    enter(m, CW_MAC_RECOVERING);
+    return CW_OK;
+}
+
+/* R10: at once, whatever was being sent. */
+static void go_bus_off(cw_mac *m)
+{
+    m->role = CW_ROLE_NONE;
+    m->offered = false;
+    m->may_join = false;
+    enter(m, CW_MAC_BUS_OFF);
+}
+
+/* Carries out R10 after a counter has moved; returns whether it did. */
+static bool check_bus_off(cw_mac *m)
+{
+    if (m->confinement.state != CW_STATE_BUS_OFF)
+        return false;
+    go_bus_off(m);
+    return true;
+}
+
+cw_status cw_mac_set_counters(cw_mac *m, unsigned tec, unsigned rec)
+{
+    if (tec > CW_TEC_MAX || rec > CW_REC_MAX)
+        return CW_INVALID;
+    bool was_off = m->confinement.state == CW_STATE_BUS_OFF;
+    cw_confinement_set(&m->confinement, tec, rec);
+    if (!check_bus_off(m) && was_off)
+        integrate(m);
+    return CW_OK;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+unsigned cw_mac_tec(const cw_mac *m)
+{
+    return m->confinement.tec;
+}
+
+unsigned cw_mac_rec(const cw_mac *m)
+{
+    return m->confinement.rec;
+}
+
+cw_state cw_mac_state(const cw_mac *m)
+{
+    return (cw_state)m->confinement.state;
+}
+
+cw_mac_phase cw_mac_get_phase(const cw_mac *m)
+{
+    return (cw_mac_phase)m->phase;
+}
+
+cw_role cw_mac_role(const cw_mac *m)
+{
+    return (cw_role)m->role;
+}
+
+const cw_frame *cw_mac_received(const cw_mac *m)
+{
+    return &m->rx;
+}
+
+static bool stuff_bit_due(const cw_mac *m)
+{
+    return m->run == CW_STUFF_RUN;
+}
+
+/* A receiver cannot tell SRR from RTR before the IDE; it takes the bit for an RTR. */
+static cw_place frame_place(const cw_mac *m)
+{
+    bool extended = is_transmitter(m) && m->tx.extended;
+    if (!stuff_bit_due(m))
+        return cw_step_place((cw_step)m->step, m->index, extended);
+    cw_place place = cw_step_place((cw_step)m->before_step, m->before_index, extended);
+    place.stuff = true;
+    return place;
+}
+
+cw_place cw_mac_place(const cw_mac *m)
+{
+    static const cw_field fields[CW_MAC_PHASE_COUNT] = {
+        [CW_MAC_ERROR_ACTIVE] = CW_FIELD_ERROR_FLAG,
+        [CW_MAC_ERROR_PASSIVE] = CW_FIELD_ERROR_FLAG,
+        [CW_MAC_ERROR_WAIT] = CW_FIELD_ERROR_DELIMITER,
+        [CW_MAC_ERROR_DELIMITER] = CW_FIELD_ERROR_DELIMITER,
+        [CW_MAC_OVERLOAD_FLAG] = CW_FIELD_OVERLOAD_FLAG,
+        [CW_MAC_OVERLOAD_WAIT] = CW_FIELD_OVERLOAD_DELIMITER,
+        [CW_MAC_OVERLOAD_DELIMITER] = CW_FIELD_OVERLOAD_DELIMITER,
+        [CW_MAC_INTERMISSION] = CW_FIELD_INTERMISSION,
+        [CW_MAC_SUSPEND] = CW_FIELD_SUSPEND,
+    };
+    if (m->phase == CW_MAC_FRAME)
+        return frame_place(m);
+    bool waits = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_OVERLOAD_WAIT;
+    cw_place place = {.field = fields[m->phase], .index = waits ? 0 : m->count};
+    if (place.field == CW_FIELD_NONE)
+        place.index = 0;
+    return place;
+}
+
+/* ---- Drive ----------------------------------------------------------------------------------- */
+
+static void begin_frame(cw_mac *m, cw_role role)
+{
+    enter(m, CW_MAC_FRAME);
+    m->role = (uint8_t)role;
+    m->step = CW_STEP_SOF;
+    m->index = 0;
+    m->run = 0;
+    m->crc = 0;
+    m->shift = 0;
+    m->last = CW_RECESSIVE;
+    m->crc_error = false;
+    m->overloads_in_row = 0;
+    memset(&m->rx, 0, sizeof m->rx);
+}
+
+static void begin_transmission(cw_mac *m)
+{
+    m->started = true;
+    m->tx_next = 0;
+    if (m->phase == CW_MAC_IDLE) {
+        begin_frame(m, CW_ROLE_TRANSMITTER);
+        return;
+    }
+    m->role = CW_ROLE_TRANSMITTER; /* M6: the foreign SOF was this frame's */
+    m->tx_next = 1;
+}
+
+static bool drive_frame(const cw_mac *m)
+{
+    if (is_transmitter(m))
+        return cw_bits_level(&m->tx, m->tx_next);
+    bool acknowledges = m->step == CW_STEP_ACK_SLOT && !m->crc_error; /* M5, E3 */
+    return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
+}
+
+bool cw_mac_drive(cw_mac *m)
+{
+    if (m->offered && cw_mac_can_start(m))
+        begin_transmission(m);
+    m->may_join = false;
+    m->driven = CW_RECESSIVE;
+    if (m->phase == CW_MAC_FRAME)
+        m->driven = drive_frame(m);
+    else if (m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_OVERLOAD_FLAG)
+        m->driven = CW_DOMINANT;
+    bool hidden = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK); /* M11, M15 */
+    return hidden ? CW_RECESSIVE : m->driven;
+}
+
+/* ---- Errors (E1..E9) and overload (O1, O2) --------------------------------------------------- */
+
+static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
+{
+    if (!(m->modes & CW_MODE_ONE_SHOT))
+        return;
+    m->offered = false;
+    r->what |= CW_REPORT_DROPPED;
+}
+
+/* Reports an error in the present bit and starts the flag. The kind of the flag is that from
+ * before the error's own increment (R9). */
+static void signal_error(cw_mac *m, cw_error_type type, unsigned tec_step, unsigned rec_step,
+                         cw_mac_report *r)
+{
+    bool passive = cw_confinement_passive(&m->confinement);
+    r->what |= CW_REPORT_ERROR;
+    r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m)};
+    if (cw_mac_is_sending(m))
+        give_up_one_shot(m, r);
+    if (tec_step)
+        cw_confinement_tx_error(&m->confinement);
+    if (rec_step)
+        cw_confinement_rx_error(&m->confinement, rec_step);
+    if (check_bus_off(m))
+        return;
+    r->error.flag = passive ? CW_FLAG_PASSIVE : CW_FLAG_ACTIVE;
+    m->ack_deferred = false;
+    enter(m, passive ? CW_MAC_ERROR_PASSIVE : CW_MAC_ERROR_ACTIVE);
+}
+
+/* R1, R3. */
+static void detect(cw_mac *m, cw_error_type type, cw_mac_report *r)
+{
+    if (is_transmitter(m))
+        signal_error(m, type, 8, 0, r);
+    else
+        signal_error(m, type, 0, 1, r);
+}
+
+/* R4, R5: a bit error in the own active error flag or overload flag. */
+static void detect_in_flag(cw_mac *m, cw_mac_report *r)
+{
+    if (is_transmitter(m))
+        signal_error(m, CW_ERROR_BIT, 8, 0, r);
+    else
+        signal_error(m, CW_ERROR_BIT, 0, 8, r);
+}
+
+/* R3 i: the increment of a passive transmitter waits for a dominant bit in its flag. */
+static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
+{
+    bool deferred = cw_confinement_passive(&m->confinement);
+    signal_error(m, CW_ERROR_ACK, deferred ? 0 : 8, 0, r);
+    m->ack_deferred = deferred;
+}
+
+static void signal_overload(cw_mac *m, cw_mac_report *r)
+{
+    r->what |= CW_REPORT_OVERLOAD;
+    enter(m, CW_MAC_OVERLOAD_FLAG);
+}
+
+/* Where intermission would begin: first the overload frames that the host wants (O1 a). */
+static void expect_intermission(cw_mac *m, cw_mac_report *r)
+{
+    if (m->overloads_wanted > 0 && m->overloads_in_row < 2) {
+        m->overloads_wanted--;
+        m->overloads_in_row++;
+        signal_overload(m, r);
+        return;
+    }
+    enter(m, CW_MAC_INTERMISSION);
+}
+
+/* ---- Sample: inside a frame ------------------------------------------------------------------ */
+
+typedef void step_handler(cw_mac *m, bool level, cw_mac_report *r);
+
+static void go_to(cw_mac *m, cw_step step)
+{
+    m->step = (uint8_t)step;
+    m->index = 0;
+    m->shift = 0;
+}
+
+static void end_sof(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    go_to(m, CW_STEP_BASE_ID);
+}
+
+static void end_base_id(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    m->rx.id = m->shift;
+    go_to(m, CW_STEP_SRR_RTR);
+}
+
+static void end_rtr(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)r;
+    bool first = m->step == CW_STEP_SRR_RTR;
+    m->rx.flags &= (uint8_t)~CW_FRAME_REMOTE;
+    if (level)
+        m->rx.flags |= CW_FRAME_REMOTE; /* an SRR is corrected by the real RTR later */
+    go_to(m, first ? CW_STEP_IDE : CW_STEP_R1);
+}
+
+static void end_ide(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)r;
+    if (level)
+        m->rx.flags |= CW_FRAME_EXTENDED;
+    go_to(m, level ? CW_STEP_EXTENDED_ID : CW_STEP_R0);
+}
+
+static void end_extended_id(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    m->rx.id = m->rx.id << 18 | m->shift;
+    go_to(m, CW_STEP_RTR);
+}
+
+/* F5: either level is accepted. */
+static void end_reserved(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    go_to(m, m->step == CW_STEP_R1 ? CW_STEP_R0 : CW_STEP_DLC);
+}
+
+static void end_dlc(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    m->rx.dlc = (uint8_t)m->shift;
+    go_to(m, cw_frame_length(&m->rx) ? CW_STEP_DATA : CW_STEP_CRC);
+}
+
+static void end_data(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    go_to(m, CW_STEP_CRC);
+}
+
+static void end_crc(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    m->crc_error = !is_transmitter(m) && m->shift != m->crc;
+    if (!stuff_bit_due(m))
+        m->run = 0; /* else after the stuff bit behind the last CRC bit (F7) */
+    go_to(m, CW_STEP_CRC_DELIMITER);
+}
+
+static void end_crc_delimiter(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    (void)r;
+    go_to(m, CW_STEP_ACK_SLOT);
+}
+
+static void end_ack_slot(cw_mac *m, bool level, cw_mac_report *r)
+{
+    bool no_ack_needed = m->modes & (CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK); /* M14, M15 */
+    if (is_transmitter(m)) {
+        if (level && !no_ack_needed) {
+            detect_missing_ack(m, r);
+            return;
+        }
+    } else if (!m->crc_error) {
+        if (level) {
+            detect(m, CW_ERROR_BIT, r); /* E1 c */
+            return;
+        }
+        cw_confinement_rx_success(&m->confinement); /* R8: here, not at the end of EOF */
+    }
+    go_to(m, CW_STEP_ACK_DELIMITER);
+}
+
+static void end_ack_delimiter(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    if (m->crc_error)
+        detect(m, CW_ERROR_CRC, r); /* E3 */
+    else
+        go_to(m, CW_STEP_EOF);
+}
+
+static void end_eof(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    if (is_transmitter(m)) {
+        m->offered = false;
+        r->what |= CW_REPORT_TX;
+        cw_confinement_tx_success(&m->confinement);
+    }
+    expect_intermission(m, r);
+}
+
+static step_handler *const end_step[CW_STEP_COUNT] = {
+    [CW_STEP_SOF] = end_sof,
+    [CW_STEP_BASE_ID] = end_base_id,
+    [CW_STEP_SRR_RTR] = end_rtr,
+    [CW_STEP_IDE] = end_ide,
+    [CW_STEP_EXTENDED_ID] = end_extended_id,
+    [CW_STEP_RTR] = end_rtr,
+    [CW_STEP_R1] = end_reserved,
+    [CW_STEP_R0] = end_reserved,
+    [CW_STEP_DLC] = end_dlc,
+    [CW_STEP_DATA] = end_data,
+    [CW_STEP_CRC] = end_crc,
+    [CW_STEP_CRC_DELIMITER] = end_crc_delimiter,
+    [CW_STEP_ACK_SLOT] = end_ack_slot,
+    [CW_STEP_ACK_DELIMITER] = end_ack_delimiter,
+    [CW_STEP_EOF] = end_eof,
+};
+
+/* Whether a step belongs to the arbitration field of the own frame (M2): the IDE only does in an
+ * extended frame. */
+static bool arbitrates(const cw_mac *m, unsigned step)
+{
+    return (cw_steps[step].flags & CW_STEP_ARBITRATION) ||
+           (step == CW_STEP_IDE && m->tx.extended);
+}
+
+/* As the SJA1000 counts: the 11 bits, RTR/SRR, IDE, the 18 bits, RTR. */
+static uint8_t arbitration_bit(const cw_mac *m)
+{
+    if (m->step == CW_STEP_SRR_RTR)
+        return 11;
+    if (m->step == CW_STEP_IDE)
+        return 12;
+    if (m->step == CW_STEP_EXTENDED_ID)
+        return (uint8_t)(13 + m->index);
+    return m->step == CW_STEP_RTR ? 31 : m->index;
+}
+
+static void lose_arbitration(cw_mac *m, cw_mac_report *r)
+{
+    r->what |= CW_REPORT_ARBITRATION_LOST;
+    r->lost_bit = arbitration_bit(m);
+    give_up_one_shot(m, r);
+    m->role = CW_ROLE_RECEIVER;
+}
+
+/* R3 ii: a recessive stuff bit of the arbitration field that was overwritten. */
+static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
+{
+    signal_error(m, CW_ERROR_STUFF, 0, 0, r);
+}
+
+static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (is_transmitter(m) && level != m->driven) {
+        if (m->driven && arbitrates(m, m->before_step))
+            detect_stuff_overwritten(m, r);
+        else
+            detect(m, CW_ERROR_BIT, r);
+        return;
+    }
+    if (level == m->last) {
+        detect(m, CW_ERROR_STUFF, r); /* E2 */
+        return;
+    }
+    m->last = level;
+    m->run = m->step == CW_STEP_CRC_DELIMITER ? 0 : 1; /* behind the last CRC bit: the end of it */
+    m->tx_next++;
+}
+
+/* The level differs from the own one in a part that the transmitter monitors. Returns whether the
+ * bit goes on, as a receiver's. */
+static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
+{
+    if (m->driven && arbitrates(m, m->step)) {
+        lose_arbitration(m, r);
+        return true;
+    }
+    detect(m, CW_ERROR_BIT, r);
+    return false;
+}
+
+/* E4, and O1 c: to a receiver the last bit of EOF is no error any more. */
+static void dominant_in_fixed_form(cw_mac *m, cw_mac_report *r)
+{
+    bool last = m->step == CW_STEP_EOF && m->index == CW_EOF_BITS - 1;
+    if (last && !is_transmitter(m))
+        signal_overload(m, r);
+    else
+        detect(m, CW_ERROR_FORM, r);
+}
+
+static void take_bit(cw_mac *m, bool level)
+{
+    unsigned flags = cw_steps[m->step].flags;
+    if (flags & CW_STEP_IN_CRC)
+        m->crc = cw_crc_next(m->crc, level);
+    if (flags & CW_STEP_STUFFED) {
+        m->run = (uint8_t)(level == m->last && m->run ? m->run + 1 : 1);
+        m->last = level;
+    }
+    m->shift = m->shift << 1 | level;
+    if (m->step == CW_STEP_DATA && m->index % 8 == 7)
+        m->rx.data[m->index / 8] = (uint8_t)m->shift;
+    m->before_step = m->step;
+    m->before_index = m->index;
+}
+
+static unsigned step_length(const cw_mac *m)
+{
+    if (m->step == CW_STEP_DATA)
+        return 8 * cw_frame_length(&m->rx);
+    return cw_steps[m->step].length;
+}
+
+/* M7: a frame is a receiver's, or that of a transmitter in loopback, after the last but one bit. */
+static void report_reception(const cw_mac *m, cw_mac_report *r)
+{
+    bool last_but_one = m->step == CW_STEP_EOF && m->index == CW_EOF_BITS - 2;
+    if (last_but_one && (!is_transmitter(m) || (m->modes & CW_MODE_LOOPBACK)))
+        r->what |= CW_REPORT_RX;
+}
+
+/* A frame bit that is no stuff bit. */
+static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
+{
+    unsigned flags = cw_steps[m->step].flags;
+    if (is_transmitter(m) && (flags & CW_STEP_STUFFED) && level != m->driven &&
+        !survives_mismatch(m, r))
+        return;
+    if ((flags & CW_STEP_FIXED_FORM) && !level) {
+        dominant_in_fixed_form(m, r);
+        return;
+    }
+    take_bit(m, level);
+    report_reception(m, r);
+    m->tx_next++;
+    if (m->index + 1u < step_length(m))
+        m->index++;
+    else
+        end_step[m->step](m, level, r);
+}
+
+static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (stuff_bit_due(m))
+        sample_stuff_bit(m, level, r);
+    else
+        sample_frame_bit(m, level, r);
+}
+
+/* ---- Sample: between frames ------------------------------------------------------------------ */
+
+/* A foreign SOF (M1, M6). */
+static void begin_reception(cw_mac *m, bool may_join, cw_mac_report *r)
+{
+    begin_frame(m, CW_ROLE_RECEIVER);
+    m->may_join = may_join;
+    sample_frame_bit(m, CW_DOMINANT, r);
+}
+
+static void become_idle(cw_mac *m)
+{
+    m->role = CW_ROLE_NONE;
+    m->overloads_in_row = 0;
+    enter(m, CW_MAC_IDLE);
+}
+
+static void sample_integrating(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)r;
+    m->count = level ? (uint8_t)(m->count + 1) : 0;
+    if (m->count == CW_INTEGRATION_BITS)
+        become_idle(m);
+}
+
+static void sample_idle(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (!level)
+        begin_reception(m, true, r);
+}
+
+static void sample_intermission(cw_mac *m, bool level, cw_mac_report *r)
+{
+    bool third = m->count == CW_INTERMISSION_BITS - 1;
+    bool owes_suspend = is_transmitter(m) && cw_confinement_passive(&m->confinement); /* M8 */
+    if (!level && third)
+        begin_reception(m, !owes_suspend, r);
+    else if (!level)
+        signal_overload(m, r); /* O1 b */
+    else if (!third)
+        m->count++;
+    else if (owes_suspend)
+        enter(m, CW_MAC_SUSPEND);
+    else
+        become_idle(m);
+}
+
+static void sample_suspend(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (!level)
+        begin_reception(m, false, r);
+    else if (++m->count == CW_SUSPEND_BITS)
+        become_idle(m);
+}
+
+/* ---- Sample: error and overload frames ------------------------------------------------------- */
+
+/* Active error flag and overload flag. */
+static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (level)
+        detect_in_flag(m, r);
+    else if (++m->count == CW_FLAG_BITS)
+        enter(m, m->phase == CW_MAC_ERROR_ACTIVE ? CW_MAC_ERROR_WAIT : CW_MAC_OVERLOAD_WAIT);
+}
+
+/* E7: six equal bits, of either level. */
+static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
+{
+    if (!level && m->ack_deferred) {
+        m->ack_deferred = false;
+        r->what |= CW_REPORT_TOLERATED;
+        cw_confinement_tx_error(&m->confinement);
+        if (check_bus_off(m))
+            return;
+    }
+    m->count = m->count && level == m->last ? (uint8_t)(m->count + 1) : 1;
+    m->last = level;
+    if (m->count == CW_FLAG_BITS)
+        enter(m, CW_MAC_ERROR_WAIT);
+}
+
+/* R2, R6: dominant bits after the own flag; count is how many. */
+static void count_dominant(cw_mac *m, cw_mac_report *r)
+{
+    bool first = m->count == 1 && m->phase == CW_MAC_ERROR_WAIT && !is_transmitter(m);
+    bool eighth = m->count % 8 == 0;
+    if (m->count == 16)
+        m->count = 8; /* the first dominant bit is counted once, however long it goes on */
+    if (!first && !eighth)
+        return;
+    r->what |= CW_REPORT_TOLERATED;
+    if (is_transmitter(m))
+        cw_confinement_tx_error(&m->confinement);
+    else
+        cw_confinement_rx_error(&m->confinement, 8);
+    (void)check_bus_off(m);
+}
+
+/* E8: the first recessive bit is the first bit of the delimiter. */
+static void sample_wait(cw_mac *m, bool level, cw_mac_report *r)
+{
+    bool error = m->phase == CW_MAC_ERROR_WAIT;
+    if (level) {
+        enter(m, error ? CW_MAC_ERROR_DELIMITER : CW_MAC_OVERLOAD_DELIMITER);
+        m->count = 1;
+        return;
+    }
+    m->count++;
+    count_dominant(m, r);
+}
+
+static void sample_delimiter(cw_mac *m, bool level, cw_mac_report *r)
+{
+    bool last = m->count == CW_DELIMITER_BITS - 1;
+    if (!level && last)
+        signal_overload(m, r); /* O1 d */
+    else if (!level)
+        detect(m, CW_ERROR_FORM, r); /* E8 */
+    else if (last)
+        expect_intermission(m, r);
+    else
+        m->count++;
+}
+
+/* ---- Sample: away from the bus --------------------------------------------------------------- */
+
+static void sample_nothing(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)m;
+    (void)level;
+    (void)r;
+}
+
+static void end_recovery(cw_mac *m)
+{
+    cw_confinement_reset(&m->confinement);
+    become_idle(m); /* R12, ruling: no further integration */
+}
+
+/* R12: groups of eleven; a dominant bit spoils only the group. */
+static void sample_recovering(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)r;
+    m->count = level ? (uint8_t)(m->count + 1) : 0;
+    if (m->count < CW_INTEGRATION_BITS)
+        return;
+    m->count = 0;
+    if (++m->groups == CW_RECOVERY_GROUPS)
+        end_recovery(m);
+}
+
+/* ---- Sample ---------------------------------------------------------------------------------- */
+
+static step_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
+    [CW_MAC_OFF] = sample_nothing,
+    [CW_MAC_INTEGRATING] = sample_integrating,
+    [CW_MAC_IDLE] = sample_idle,
+    [CW_MAC_FRAME] = sample_frame,
+    [CW_MAC_ERROR_ACTIVE] = sample_dominant_flag,
+    [CW_MAC_ERROR_PASSIVE] = sample_passive_flag,
+    [CW_MAC_ERROR_WAIT] = sample_wait,
+    [CW_MAC_ERROR_DELIMITER] = sample_delimiter,
+    [CW_MAC_OVERLOAD_FLAG] = sample_dominant_flag,
+    [CW_MAC_OVERLOAD_WAIT] = sample_wait,
+    [CW_MAC_OVERLOAD_DELIMITER] = sample_delimiter,
+    [CW_MAC_INTERMISSION] = sample_intermission,
+    [CW_MAC_SUSPEND] = sample_suspend,
+    [CW_MAC_BUS_OFF] = sample_nothing,
+    [CW_MAC_RECOVERING] = sample_recovering,
+};
+
+/* What the controller sees: bus monitoring routes its own dominant bits back (M11), loopback
+ * nothing but its own bits (M15). */
+static bool visible_level(const cw_mac *m, bool level)
+{
+    if (m->modes & CW_MODE_LOOPBACK)
+        return m->driven;
+    if (m->modes & CW_MODE_LISTEN_ONLY)
+        return level && m->driven;
+    return level;
+}
+
+void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
+{
+    report->what = m->started ? CW_REPORT_STARTED : 0;
+    m->started = false;
+    sample_phase[m->phase](m, visible_level(m, level), report);
+    if (m->confinement.state != m->told_state) {
+        m->told_state = m->confinement.state;
+        report->what |= CW_REPORT_STATE;
+    }
+}
+
+/* ---- For the bus ----------------------------------------------------------------------------- */
+
+uint64_t cw_mac_quiet_bits(const cw_mac *m)
+{
+    if (m->told_state != m->confinement.state)
+        return 0;
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+        return CW_QUIET_FOREVER;
+    case CW_MAC_IDLE:
+        return m->offered ? 0 : CW_QUIET_FOREVER;
+    case CW_MAC_INTEGRATING:
+        return CW_INTEGRATION_BITS - m->count;
+    case CW_MAC_SUSPEND:
+        return CW_SUSPEND_BITS - (uint64_t)m->count;
+    case CW_MAC_RECOVERING: /* all but the last bit of the last group */
+        return CW_INTEGRATION_BITS * (CW_RECOVERY_GROUPS - (uint64_t)m->groups) - m->count - 1;
+    case CW_MAC_FRAME:
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_ERROR_PASSIVE:
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_FLAG:
+    case CW_MAC_OVERLOAD_WAIT:
+    case CW_MAC_OVERLOAD_DELIMITER:
+    case CW_MAC_INTERMISSION:
+    case CW_MAC_PHASE_COUNT:
+        return 0;
+    }
+    return 0;
+}
+
+void cw_mac_skip(cw_mac *m, uint64_t bits)
+{
+    assert(bits <= cw_mac_quiet_bits(m));
+    if (m->phase == CW_MAC_RECOVERING) {
+        uint64_t seen = m->count + bits;
+        m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
+        m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
+        return;
+    }
+    if (m->phase != CW_MAC_INTEGRATING && m->phase != CW_MAC_SUSPEND)
+        return;
+    unsigned end = m->phase == CW_MAC_SUSPEND ? CW_SUSPEND_BITS : CW_INTEGRATION_BITS;
+    m->count = (uint8_t)(m->count + bits);
+    if (m->count == end)
+        become_idle(m);
+}
+
+/* Of a transmitter: the last but one EOF bit, where the receivers take the frame, then the last. */
+static uint64_t bits_to_frame_end(const cw_mac *m)
+{
+    unsigned left = (unsigned)m->tx.length - m->tx_next;
+    return left > 1 ? left - 1u : left;
+}
+
+uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
+{
+    const uint64_t next_frame = waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_FRAME:
+        if (is_transmitter(m))
+            return bits_to_frame_end(m);
+        return CW_QUIET_FOREVER; /* the transmitter knows */
+    case CW_MAC_RECOVERING:
+        return cw_mac_quiet_bits(m) + 1;
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_ERROR_PASSIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        return CW_FLAG_BITS - (uint64_t)m->count + CW_DELIMITER_BITS;
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_OVERLOAD_WAIT:
+        return CW_DELIMITER_BITS;
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER:
+        return CW_DELIMITER_BITS - (uint64_t)m->count;
+    case CW_MAC_INTERMISSION:
+    case CW_MAC_SUSPEND:
+    case CW_MAC_INTEGRATING:
+    case CW_MAC_IDLE:
+        return next_frame;
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_PHASE_COUNT:
+        return CW_QUIET_FOREVER;
+    }
+    return CW_QUIET_FOREVER;
+}
+
+bool cw_mac_is_busy(const cw_mac *m)
+{
+    return m->phase >= CW_MAC_FRAME && m->phase <= CW_MAC_INTERMISSION;
+}
+
+bool cw_mac_own_bit(const cw_mac *m, unsigned *n)
+{
+    if (!cw_mac_is_sending(m))
+        return false;
+    *n = m->tx_next;
+    return true;
+}

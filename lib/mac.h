@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * mac.h - what the bus needs of a controller beyond the public test-bench interface.
+ */
+#ifndef CANWIRE_MAC_H
+#define CANWIRE_MAC_H
+
+#include "canwire.h"
+
+#define CW_INTEGRATION_BITS 11u
+#define CW_RECOVERY_GROUPS 128u
+#define CW_FLAG_BITS 6u
+#define CW_DELIMITER_BITS 8u
+#define CW_SUSPEND_BITS 8u
+#define CW_QUIET_FOREVER UINT64_MAX
+
+/* Recessive bits, at least, that the controller takes without driving a dominant bit and without
+ * anything to report; 0 when the next bit must be simulated. CW_QUIET_FOREVER: any number. */
+uint64_t cw_mac_quiet_bits(const cw_mac *mac);
+
+/* Takes that many recessive bits at once, bits <= cw_mac_quiet_bits(). */
+void cw_mac_skip(cw_mac *mac, uint64_t bits);
+
+/* Bits, at least, until this controller ends something that a host sees (a frame, a recovery), if
+ * nothing is put in; CW_QUIET_FOREVER when it is not up to it. waiting: a frame waits to be sent. */
+uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
+
+/* Whether the bit that comes next belongs to a frame, its intermission or to error signalling. */
+bool cw_mac_is_busy(const cw_mac *mac);
+
+/* Whether the own frame on the wire has bits left; then the wire bit that comes next in it. */
+bool cw_mac_own_bit(const cw_mac *mac, unsigned *n);
+
+#endif

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * prng.c - repeatable random streams, one for each fault rule.
+ */
+#include "prng.h"
+
+#include "canwire.h"
+
+static uint64_t mix(uint64_t z)
+{
+    z = (z ^ (z >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
+    z = (z ^ (z >> 27)) * UINT64_C(0x94D049BB133111EB);
+    return z ^ (z >> 31);
+}
+
+uint64_t cw_prng_next(cw_prng *prng)
+{
+    prng->state += UINT64_C(0x9E3779B97F4A7C15);
+    return mix(prng->state);
+}
+
+void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name)
+{
+    uint64_t hash = UINT64_C(0xCBF29CE484222325); /* FNV-1a */
+    for (unsigned i = 0; i < CW_RULE_NAME_MAX && name[i] != '\0'; i++)
+        hash = (hash ^ (uint8_t)name[i]) * UINT64_C(0x100000001B3);
+    prng->state = mix(seed ^ mix(hash));
+}

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * queue.h - the transmit queue of a node: bounded, by priority or first in first out.
+ *
+ * Equal identifiers stay in the order in which they came and none is merged. Memory is the
+ * caller's. A slot keeps its number while its frame waits or is being sent.
+ */
+#ifndef CANWIRE_QUEUE_H
+#define CANWIRE_QUEUE_H
+
+#include "canwire.h"
+
+typedef struct cw_queue_slot {
+    cw_frame frame;
+    uint64_t handed_in; /* tick */
+    uint32_t attempts;  /* transmissions begun */
+    uint32_t key;       /* lower goes first */
+} cw_queue_slot;
+
+typedef struct cw_queue {
+    cw_queue_slot *slots; /* capacity of them */
+    uint16_t *order;      /* the first count: slots in use, next one first; then the free ones */
+    uint16_t count;
+    uint16_t capacity;
+    cw_order mode;
+} cw_queue;
+
+void cw_queue_init(cw_queue *q, cw_queue_slot *slots, uint16_t *order, uint16_t capacity,
+                   cw_order mode);
+
+/* False when the queue is full. */
+bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
+
+/* The slot that goes first; the queue must not be empty. */
+uint16_t cw_queue_first(const cw_queue *q);
+
+/* Takes a slot in use out of the queue; its contents stay readable until the next put. */
+void cw_queue_remove(cw_queue *q, uint16_t slot);
+
+#endif

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stats.c - delay histograms and the load of the last second.
+ */
+#include "stats.h"
+
+#include <assert.h>
+
+/* ---- Delays: four buckets an octave, from 1024 ticks (12.8 us) on ---------------------------- */
+
+#define DELAY_SHIFT 10u /* the first octave begins at 1 << DELAY_SHIFT ticks; below is bucket 0 */
+
+uint64_t cw_delay_bucket_ticks(unsigned bucket)
+{
+    if (bucket == 0)
+        return 0;
+    unsigned octave = bucket / 4;
+    return (UINT64_C(4) + bucket % 4) << (octave + DELAY_SHIFT - 2);
+}
+
+static unsigned bucket_of(uint64_t ticks)
+{
+    unsigned octave = 0;
+    while (octave < CW_DELAY_BUCKETS / 4 - 1 && ticks >> (octave + DELAY_SHIFT + 1) != 0)
+        octave++;
+    uint64_t quarter = ticks >> (octave + DELAY_SHIFT - 2);
+    if (quarter < 4)
+        return 0;
+    return octave * 4 + (quarter < 8 ? (unsigned)quarter - 4 : 3);
+}
+
+void cw_delay_add(cw_delay *delay, uint64_t ticks)
+{
+    if (delay->count == 0 || ticks < delay->min_ticks)
+        delay->min_ticks = ticks;
+    if (ticks > delay->max_ticks)
+        delay->max_ticks = ticks;
+    delay->count++;
+    delay->sum_ticks += ticks;
+    delay->bucket[bucket_of(ticks)]++;
+}
+
+uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille)
+{
+    uint64_t wanted = delay->count / 1000 * permille + (delay->count % 1000 * permille + 999) / 1000;
+    uint64_t seen = 0;
+    for (unsigned b = 0; b < CW_DELAY_BUCKETS; b++) {
+        seen += delay->bucket[b];
+        if (seen < wanted || seen == 0)
+            continue;
+        uint64_t edge = b + 1 < CW_DELAY_BUCKETS ? cw_delay_bucket_ticks(b + 1) : CW_NEVER;
+        return edge < delay->max_ticks ? edge : delay->max_ticks;
+    }
+    return 0;
+}
+
+/* ---- Load ------------------------------------------------------------------------------------ */
+
+void cw_load_init(cw_load *load, uint32_t bit_ticks)
+{
+    *load = (cw_load){.slice_bits = CW_CLOCK_HZ / CW_LOAD_SLICES / bit_ticks};
+    if (load->slice_bits == 0)
+        load->slice_bits = 1;
+}
+
+static void next_slice(cw_load *load, uint64_t number)
+{
+    uint64_t passed = number - load->slice_number;
+    if (passed > CW_LOAD_SLICES)
+        passed = CW_LOAD_SLICES;
+    for (uint64_t i = 0; i < passed; i++)
+        load->busy[(number - i) % CW_LOAD_SLICES] = 0;
+    load->slice_number = number;
+}
+
+void cw_load_add(cw_load *load, uint64_t bits, bool busy)
+{
+    while (bits > 0) {
+        uint64_t number = load->bits / load->slice_bits;
+        if (number != load->slice_number)
+            next_slice(load, number);
+        uint64_t room = load->slice_bits - load->bits % load->slice_bits;
+        uint64_t part = busy && bits > room ? room : bits; /* idle time needs no slicing */
+        if (busy)
+            load->busy[number % CW_LOAD_SLICES] += (uint32_t)part;
+        load->bits += part;
+        bits -= part;
+    }
+}
+
+unsigned cw_load_second_permille(const cw_load *load)
+{
+    if (load->bits == 0)
+        return 0;
+    uint64_t now = (load->bits - 1) / load->slice_bits;
+    uint64_t busy = 0;
+    for (uint64_t i = 0; i < CW_LOAD_SLICES && i <= now; i++) {
+        uint64_t number = now - i;
+        bool still_there = number <= load->slice_number &&
+                           load->slice_number - number < CW_LOAD_SLICES;
+        if (still_there)
+            busy += load->busy[number % CW_LOAD_SLICES];
+    }
+    uint64_t oldest = now >= CW_LOAD_SLICES - 1 ? now - (CW_LOAD_SLICES - 1) : 0;
+    return (unsigned)(busy * 1000 / (load->bits - oldest * load->slice_bits));
+}
+
+unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after)
+{
+    uint64_t bits = after->bits - before->bits;
+    return bits ? (unsigned)((after->busy_bits - before->busy_bits) * 1000 / bits) : 0;
+}

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stats.h - delay histograms and the load of the last second.
+ */
+#ifndef CANWIRE_STATS_H
+#define CANWIRE_STATS_H
+
+#include "canwire.h"
+
+void cw_delay_add(cw_delay *delay, uint64_t ticks);
+
+/* Busy bits of the last second, in ten slices of 100 ms that go round. */
+#define CW_LOAD_SLICES 10
+
+typedef struct cw_load {
+    uint64_t slice_bits;  /* bits of one slice, at least 1 */
+    uint64_t bits;        /* bits seen */
+    uint64_t slice_number; /* of the present slice since bit 0 */
+    uint32_t busy[CW_LOAD_SLICES];
+} cw_load;
+
+void cw_load_init(cw_load *load, uint32_t bit_ticks);
+
+/* Adds bits that are all busy or all not. */
+void cw_load_add(cw_load *load, uint64_t bits, bool busy);
+
+unsigned cw_load_second_permille(const cw_load *load);
+
+#endif
