@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+#
+# canwire - the wire between virtual ECUs. `make help` lists the targets.
+
+VERSION := 0.1.0
+VARIANT ?= release
+CC ?= cc
+BUILD ?= build/$(VARIANT)
+PREFIX ?= /usr/local
+GEN := build/gen
+
+WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswitch-enum \
+  -Wstrict-prototypes -Wmissing-prototypes -Wvla
+OPTIMISE_release := -O2 -g
+OPTIMISE_debug := -O0 -g3
+OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
+  -fno-omit-frame-pointer
+ifeq ($(OPTIMISE_$(VARIANT)),)
+$(error VARIANT is debug, release or san)
+endif
+
+PACKAGES := libev lcm yaml-0.1 libsystemd jansson
+# libev has no pkg-config file in Debian
+DAEMON_LIBS := -lev -llcm -lsystemd -lm
+TOOL_LIBS := -lyaml -ljansson
+
+CFLAGS ?=
+ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(WARNINGS) -Ilib -MMD -MP $(CFLAGS)
+DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
+
+LIB_SOURCES := $(wildcard lib/*.c)
+# what canwired and canwire share; the rest of daemon/ is canwired's
+COMMON_SOURCES := $(addprefix daemon/,arena.c config.c diag.c output.c release.c text.c yamlfile.c)
+DAEMON_SOURCES := $(filter-out $(COMMON_SOURCES),$(wildcard daemon/*.c))
+TOOL_SOURCES := $(wildcard daemon/cli/*.c)
+LCM_TYPES := $(wildcard config/lcm/*.lcm)
+LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
+UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
+
+objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
+LIB := $(BUILD)/libcanwire.a
+DAEMON := $(BUILD)/canwired
+TOOL := $(BUILD)/canwire
+CONFORMANCE := $(BUILD)/conformance
+COMMON_OBJECTS := $(call objects,$(COMMON_SOURCES))
+LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
+
+.PHONY: all test test-unit demo bench check install clean help build
+.DELETE_ON_ERROR:
+
+all: ## install what the build needs, then build canwired and canwire
+	@scripts/install-deps build
+	@$(MAKE) --no-print-directory build
+
+build: $(DAEMON) $(TOOL)
+
+test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan)
+	@scripts/install-deps all
+	@scripts/test
+
+demo: ## three ECUs on real vcan, with canwired between them; under a minute
+	@scripts/install-deps build demo
+	@$(MAKE) --no-print-directory build
+	@scripts/demo
+
+bench: ## what things cost, in ns and instructions
+	@scripts/install-deps build
+	@$(MAKE) --no-print-directory build $(BUILD)/bench
+	@$(BUILD)/bench
+
+check: ## static checks: shell scripts, undefined symbols of the library, formatting
+	@scripts/install-deps all
+	@$(MAKE) --no-print-directory $(LIB)
+	@scripts/check $(LIB)
+
+install: build ## into $(DESTDIR)$(PREFIX)
+	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
+	install -D -m 755 $(TOOL) $(DESTDIR)$(PREFIX)/bin/canwire
+	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/canwire config/*.yaml
+	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/canwire/lcm $(LCM_TYPES)
+	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service
+
+clean: ## remove everything that was built, the guest's image included
+	rm -rf build
+
+help: ## this list
+	@echo "canwire $(VERSION). Targets:"
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
+	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR"
+
+# What scripts/test runs: unit tests of one variant and compiler.
+test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS)) $(CONFORMANCE) $(TOOL)
+	@for test in $(UNIT_TESTS); do echo "== $$test ($(VARIANT), $(CC))"; \
+	  CANWIRE=$(TOOL) $(BUILD)/$$test || exit 1; done
+	@echo "== conformance ($(VARIANT), $(CC))"
+	@$(CONFORMANCE)
+
+$(LIB): $(call objects,$(LIB_SOURCES))
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(DAEMON): $(call objects,$(DAEMON_SOURCES)) $(COMMON_OBJECTS) $(LCM_OBJECTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+
+$(TOOL): $(call objects,$(TOOL_SOURCES)) $(COMMON_OBJECTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+
+$(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+
+$(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(COMMON_OBJECTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+
+$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(COMMON_OBJECTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS) -lcmocka
+
+$(BUILD)/lib/%.o: lib/%.c
+	@mkdir -p $(@D)
+	$(CC) $(ALL_CFLAGS) -c -o $@ $<
+
+$(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
+	@mkdir -p $(@D)
+	$(CC) $(DAEMON_CFLAGS) -c -o $@ $<
+
+$(BUILD)/tests/%.o: tests/%.c
+	@mkdir -p $(@D)
+	$(CC) $(DAEMON_CFLAGS) -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
+
+# Generated code is not held to our warnings.
+$(BUILD)/gen/%.o: $(GEN)/%.c
+	@mkdir -p $(@D)
+	$(CC) $(filter-out $(WARNINGS),$(ALL_CFLAGS)) -I$(GEN) -c -o $@ $<
+
+$(GEN)/canwire_%.c: config/lcm/%.lcm
+	@mkdir -p $(GEN)
+	lcm-gen --lazy -c --c-cpath $(GEN) --c-hpath $(GEN) --cinclude '' $<
+	@touch $@
+
+.SECONDARY:
+-include $(shell find build -name '*.d' 2>/dev/null)

@@ -1,0 +1,337 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * engine.c - the bus in real time.
+ *
+ * At each wake-up, by a port or by the timer: read all ports, hand in what arrived at its arrival
+ * time, advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift the
+ * bus. The timer is an absolute timerfd, since libev's own have the granularity of a millisecond.
+ */
+#include "engine.h"
+
+#include "log.h"
+#include "release.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#define INBOX_FRAMES 8192
+#define EVENT_RING 4096
+#define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
+#define STOP_BITS 1000
+#define NS_PER_S INT64_C(1000000000)
+
+typedef struct port_watch {
+    ev_io io; /* first: the callback gets a pointer to it */
+    engine *engine;
+} port_watch;
+
+struct engine {
+    struct ev_loop *loop;
+    const cfg *config;
+    publisher *publisher;
+    void *memory;
+    cw_bus *bus;
+    release_plan *plan;
+    port *ports[CW_NODES_MAX];
+    port_watch watches[CW_NODES_MAX];
+    ev_io timer;
+    int timer_fd;
+    int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
+    bool stopping;
+    uint64_t stop_tick; /* no later than this */
+    port_frame batch[PORT_BATCH];
+};
+
+/* ---- Clocks ---------------------------------------------------------------------------------- */
+
+static int64_t clock_ns(clockid_t id)
+{
+    struct timespec t;
+    (void)clock_gettime(id, &t);
+    return t.tv_sec * NS_PER_S + t.tv_nsec;
+}
+
+/* A moment as seen by both clocks; time stamps of frames are CLOCK_REALTIME. */
+typedef struct clock_pair {
+    int64_t monotonic_ns;
+    int64_t realtime_ns;
+} clock_pair;
+
+static clock_pair read_clocks(void)
+{
+    return (clock_pair){.monotonic_ns = clock_ns(CLOCK_MONOTONIC),
+                        .realtime_ns = clock_ns(CLOCK_REALTIME)};
+}
+
+/* One tick is 12.5 ns. Rounded down: the bus is never ahead of the clock. */
+static uint64_t tick_of(const engine *e, int64_t monotonic_ns)
+{
+    int64_t ns = monotonic_ns - e->epoch_ns;
+    return ns > 0 ? (uint64_t)ns * 2 / 25 : 0;
+}
+
+/* Rounded up: a timer is never early. */
+static int64_t monotonic_of(const engine *e, uint64_t tick)
+{
+    return e->epoch_ns + (int64_t)((tick * 25 + 1) / 2);
+}
+
+/* When a frame arrived, on the bus. A time stamp from the future (the clock was set back) is now;
+ * one from before the last wake-up the bus itself takes for now. */
+static uint64_t arrival_tick(const engine *e, const port_frame *frame, const clock_pair *now)
+{
+    int64_t age_ns = now->realtime_ns - frame->realtime_ns;
+    if (frame->realtime_ns == 0 || age_ns < 0)
+        age_ns = 0;
+    return tick_of(e, now->monotonic_ns - age_ns);
+}
+
+/* ---- Bus and world --------------------------------------------------------------------------- */
+
+static void deliver(engine *e, const cw_event *event)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if ((event->nodes >> i & 1u) && e->ports[i])
+            (void)port_write(e->ports[i], &event->frame); /* a failure is counted there */
+}
+
+static void handle_events(engine *e)
+{
+    cw_event event;
+    while (cw_bus_poll(e->bus, &event)) {
+        if (event.kind == CW_EVENT_RX)
+            deliver(e, &event);
+        if (e->publisher)
+            publisher_event(e->publisher, &event);
+    }
+}
+
+static void advance(engine *e, uint64_t tick)
+{
+    while (cw_bus_advance(e->bus, tick) == CW_FULL)
+        handle_events(e);
+    handle_events(e);
+}
+
+static void make_room_in_inbox(engine *e)
+{
+    advance(e, cw_bus_inbox_first(e->bus));
+}
+
+static void read_port(engine *e, unsigned node, const clock_pair *now)
+{
+    bool more = true;
+    for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
+        unsigned count = port_read(e->ports[node], e->batch, &more);
+        for (unsigned i = 0; i < count; i++) {
+            uint64_t tick = arrival_tick(e, &e->batch[i], now);
+            while (cw_node_send(e->bus, node, &e->batch[i].frame, tick) == CW_FULL)
+                make_room_in_inbox(e);
+        }
+    }
+}
+
+static void read_ports(engine *e, const clock_pair *now)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (e->ports[i])
+            read_port(e, i, now);
+}
+
+static void run_releases(engine *e, uint64_t now)
+{
+    while (release_next_tick(e->plan) <= now)
+        if (release_hand_in(e->plan, e->bus) == CW_FULL)
+            make_room_in_inbox(e);
+}
+
+/* ---- Timer ----------------------------------------------------------------------------------- */
+
+static int64_t pace(const engine *e, int64_t ns)
+{
+    if (e->config->pacing == CFG_PACING_PRECISE)
+        return ns;
+    const int64_t step = CFG_PACING_TICK_NS;
+    return (ns + step - 1) / step * step;
+}
+
+/* No timer at all while the bus rests and nothing is planned. */
+static void arm_timer(engine *e)
+{
+    uint64_t tick = cw_bus_next(e->bus);
+    if (release_next_tick(e->plan) < tick)
+        tick = release_next_tick(e->plan);
+    if (e->stopping && e->stop_tick < tick)
+        tick = e->stop_tick;
+    struct itimerspec at = {.it_value = {.tv_sec = 0}};
+    if (tick != CW_NEVER) {
+        int64_t ns = pace(e, monotonic_of(e, tick));
+        at.it_value.tv_sec = (time_t)(ns / NS_PER_S);
+        at.it_value.tv_nsec = (long)(ns % NS_PER_S);
+    }
+    (void)timerfd_settime(e->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
+}
+
+/* ---- Wake-ups -------------------------------------------------------------------------------- */
+
+/* Bit by bit up to now, so that the bus stops where the frame ends. */
+static void run_out(engine *e, uint64_t now)
+{
+    while (!cw_bus_idle(e->bus) && cw_bus_now(e->bus) < e->stop_tick &&
+           cw_bus_now(e->bus) + e->config->bit_ticks <= now)
+        advance(e, cw_bus_now(e->bus) + e->config->bit_ticks);
+    if (cw_bus_idle(e->bus) || cw_bus_now(e->bus) >= e->stop_tick)
+        ev_break(e->loop, EVBREAK_ALL);
+}
+
+static void wake(engine *e)
+{
+    clock_pair clocks = read_clocks();
+    uint64_t now = tick_of(e, clocks.monotonic_ns);
+    if (e->stopping) {
+        run_out(e, now);
+    } else {
+        read_ports(e, &clocks);
+        run_releases(e, now);
+        advance(e, now);
+    }
+    arm_timer(e);
+}
+
+static void on_port(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)loop;
+    (void)events;
+    wake(((port_watch *)io)->engine);
+}
+
+static void on_timer(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)loop;
+    (void)events;
+    uint64_t expirations;
+    if (read(io->fd, &expirations, sizeof expirations) < 0 && errno == EAGAIN)
+        return;
+    wake(io->data);
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+static bool open_ports(engine *e)
+{
+    bool good = true;
+    char error[PORT_ERROR_TEXT_MAX];
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        const cfg_node *node = &e->config->nodes[i];
+        if (!node->port)
+            continue;
+        e->ports[i] = port_open(node->port, error);
+        if (!e->ports[i]) {
+            log_error("node %s: port %s", node->name, error);
+            good = false; /* go on, to name all that are missing */
+            continue;
+        }
+        e->watches[i].engine = e;
+        ev_io_init(&e->watches[i].io, on_port, port_fd(e->ports[i]), EV_READ);
+    }
+    return good;
+}
+
+static bool make_bus(engine *e)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    cfg_bus_config(&bus_config, nodes, e->config);
+    bus_config.inbox = INBOX_FRAMES;
+    bus_config.events = EVENT_RING;
+    e->memory = malloc(cw_bus_size(&bus_config));
+    e->plan = release_plan_new(e->config);
+    if (!e->memory || !e->plan) {
+        log_error("out of memory");
+        return false;
+    }
+    e->bus = cw_bus_init(e->memory, &bus_config);
+    return e->bus != NULL;
+}
+
+static bool make_timer(engine *e)
+{
+    e->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
+    if (e->timer_fd < 0) {
+        log_error("timerfd: %s", strerror(errno));
+        return false;
+    }
+    ev_io_init(&e->timer, on_timer, e->timer_fd, EV_READ);
+    e->timer.data = e;
+    return true;
+}
+
+engine *engine_start(struct ev_loop *loop, const cfg *config, publisher *sink)
+{
+    engine *e = calloc(1, sizeof *e);
+    if (!e) {
+        log_error("out of memory");
+        return NULL;
+    }
+    e->loop = loop;
+    e->config = config;
+    e->publisher = sink;
+    e->timer_fd = -1;
+    bool ports = open_ports(e);
+    if (!ports || !make_bus(e) || !make_timer(e)) {
+        engine_free(e);
+        return NULL;
+    }
+    e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
+    ev_io_start(loop, &e->timer);
+    for (unsigned i = 0; i < config->node_count; i++)
+        if (e->ports[i])
+            ev_io_start(loop, &e->watches[i].io);
+    arm_timer(e);
+    return e;
+}
+
+void engine_stop(engine *e)
+{
+    if (e->stopping)
+        return;
+    wake(e); /* what has arrived up to now still counts */
+    e->stopping = true;
+    e->stop_tick = cw_bus_now(e->bus) + (uint64_t)STOP_BITS * e->config->bit_ticks;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (e->ports[i])
+            ev_io_stop(e->loop, &e->watches[i].io);
+    wake(e);
+}
+
+void engine_free(engine *e)
+{
+    if (!e)
+        return;
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (e->ports[i])
+            ev_io_stop(e->loop, &e->watches[i].io);
+        port_close(e->ports[i]);
+    }
+    if (e->timer_fd >= 0) {
+        ev_io_stop(e->loop, &e->timer);
+        (void)close(e->timer_fd);
+    }
+    release_plan_free(e->plan);
+    free(e->memory);
+    free(e);
+}
+
+const cw_bus *engine_bus(const engine *e)
+{
+    return e->bus;
+}
+
+port *const *engine_ports(const engine *e)
+{
+    return e->ports;
+}

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * engine.h - the bus in real time: it owns the bus, its ports and its timer, in a libev loop.
+ */
+#ifndef CANWIRE_ENGINE_H
+#define CANWIRE_ENGINE_H
+
+#include "config.h"
+#include "port.h"
+#include "publish.h"
+
+#include <ev.h>
+
+typedef struct engine engine;
+
+/* Opens all ports and starts the bus at bus time 0. The config and the publisher (or NULL) must
+ * live longer. NULL after logging why. */
+engine *engine_start(struct ev_loop *loop, const cfg *config, publisher *sink);
+
+/* Takes no more frames, lets the frame on the wire end, or 1000 bit times pass, then breaks the
+ * loop. */
+void engine_stop(engine *e);
+
+/* Closes the ports. NULL is fine. */
+void engine_free(engine *e);
+
+/* The bus up to now, to be read only. */
+const cw_bus *engine_bus(const engine *e);
+
+/* One a node, NULL for nodes without port. */
+port *const *engine_ports(const engine *e);
+
+#endif

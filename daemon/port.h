@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * port.h - the daemon's end of an ECU's interface: frames in with their arrival time, frames out.
+ */
+#ifndef CANWIRE_PORT_H
+#define CANWIRE_PORT_H
+
+#include "canwire.h"
+
+#define PORT_BATCH 64          /* frames of one read */
+#define PORT_ERROR_TEXT_MAX 160
+
+typedef struct port port;
+
+/* A frame that an ECU wrote. It may be invalid (cw_frame_valid()): the bus counts it as such. */
+typedef struct port_frame {
+    cw_frame frame;
+    int64_t realtime_ns; /* CLOCK_REALTIME of arrival; 0: unknown */
+} port_frame;
+
+typedef struct port_stats {
+    uint64_t written;        /* frames given to the ECU's interface */
+    uint64_t write_failed;   /* frames that the kernel did not take */
+    uint64_t kernel_dropped; /* frames lost in the kernel before they could be read */
+    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
+} port_stats;
+
+/* Opens a vcan or vxcan interface. NULL after writing why, with the remedy, to error. */
+port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX]);
+
+void port_close(port *p);
+
+/* Readable when frames wait. */
+int port_fd(const port *p);
+
+/* Reads up to PORT_BATCH frames that wait. Returns how many were put into frames; *more tells
+ * whether to read again. */
+unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more);
+
+/* Writes a classical frame. False, and counted, when the kernel does not take it. */
+bool port_write(port *p, const cw_frame *frame);
+
+void port_get_stats(port *p, port_stats *stats);
+
+#endif

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * publish.h - statistics and events over LCM, without ever holding up the bus.
+ *
+ * Messages are encoded by the caller's thread and put into a bounded queue; a thread of its own
+ * talks to liblcm, which may block, fail at start (no multicast route) or print help. What does not
+ * fit into the queue, or cannot be sent, is dropped and counted.
+ */
+#ifndef CANWIRE_PUBLISH_H
+#define CANWIRE_PUBLISH_H
+
+#include "config.h"
+#include "port.h"
+
+typedef struct publisher publisher;
+
+/* Starts the thread. NULL when there is no memory or no thread. The config must live longer. */
+publisher *publisher_start(const cfg *config);
+
+/* Sends what is queued, waiting a second at most, and ends the thread. NULL is fine. */
+void publisher_stop(publisher *p);
+
+/* Queues one BUS message and a NODE message for every node. ports has an entry, or NULL, for each
+ * node. */
+void publisher_stats(publisher *p, const cw_bus *bus, port *const *ports);
+
+/* Queues an EVENT message for every node that it concerns, if events of its kind are wanted. */
+void publisher_event(publisher *p, const cw_event *event);
+
+/* Messages dropped so far. */
+uint64_t publisher_dropped(publisher *p);
+
+#endif

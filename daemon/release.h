@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * release.h - the periodic traffic of nodes without port: when which frame is handed in.
+ *
+ * The same in canwired and in `canwire sim`. Release k of a `send` is at offset + k * every, k < count.
+ */
+#ifndef CANWIRE_RELEASE_H
+#define CANWIRE_RELEASE_H
+
+#include "config.h"
+
+typedef struct release_plan release_plan;
+
+/* The releases of a configuration, which must live longer. NULL: out of memory. */
+release_plan *release_plan_new(const cfg *config);
+
+void release_plan_free(release_plan *plan);
+
+/* Tick of the next release, CW_NEVER when all are done. */
+uint64_t release_next_tick(const release_plan *plan);
+
+/* Hands the next release to its node. Returns what cw_node_send() says; on CW_FULL nothing has
+ * changed. There must be one. */
+cw_status release_hand_in(release_plan *plan, cw_bus *bus);
+
+#endif
