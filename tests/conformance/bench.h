@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bench.h - the test bench: one stand-alone controller ("the node") faces scripts that play the
+ * rest of the bus and say, bit by bit, what the node drives and reports.
+ *
+ * A script is one elementary test: a new node that has seen 11 recessive bits, then tokens:
+ *
+ *     r d D X B   one bit (a number repeats it): what node and bench drive
+ *                 r  both recessive              d  bench dominant, node recessive
+ *                 D  node dominant only          B  both dominant
+ *                 X  node dominant, but recessive is forced onto the bus
+ *     (WORDS)     right after a bit: what the node reports in it (in the last one, if repeated)
+ *                 TYPE POSITION ROLE FLAG   error: bit stuff form crc ack, tx|rx, act|pas|none;
+ *                                           POSITION "here" is that of the bit of the frame
+ *                 lostN ovl tol start tx rx drop   T+8 R-1 T=0 R=0   the counters move
+ *     <F          the bench sends frame F, the node receives, acknowledges and reports it
+ *     >F          the node sends frame F (offered now, unless one is pending), the bench
+ *                 acknowledges and the node reports it
+ *     *F/G        the node sends F, the bench G with the higher priority: arbitration is lost
+ *     -F          the bench sends F, the node takes no part in it at all
+ *       @POS :POS after a frame: only from there, only up to before there (wire.h: POSITION)
+ *     ~           the next bit of the frame inverted: on the bus when the node sends, else by
+ *                 the bench
+ *     N[ ... ]    repeats
+ *     set=T,R     presets the counters       offer=F   offers F      refuse=F  ... must refuse
+ *     withdraw    takes the offer back       restart   asks for it   overload=N  asks for them
+ *     no-restart  a restart must be refused
+ *     modes=M     changes modes, M of O (one-shot) L (listen-only) A (presume-ack)
+ *     init=M      as first token: a node that still integrates
+ *     away        the node is gone: no closing check
+ *
+ * {a|b|c} makes a script of each alternative; several of them go in step. What is not written
+ * must not happen: the level, the report, the counters, the state and, in frames, the place and
+ * the role are compared in every bit. At the end the node must take part in one more frame.
+ * Counters move by themselves in < and > at the bits that R7 and R8 name.
+ */
+#ifndef BENCH_H
+#define BENCH_H
+
+#include "wire.h"
+
+#define SCRIPT_MAX 4096
+
+/* Errors of the two roles to start from, and undisturbed error frames with intermission. */
+#define F "123#55"
+#define RX_ERROR "<" F ":crcdel d(form crcdel rx act R+1) "
+#define RX_ERROR_PASSIVE "<" F ":crcdel d(form crcdel rx pas R+1) "
+#define TX_ERROR ">" F ":crcdel d(form crcdel tx act T+8) "
+#define TX_ERROR_PASSIVE ">" F ":crcdel d(form crcdel tx pas T+8) "
+#define ACTIVE "D6 r8 r3 "
+#define PASSIVE "r6 r8 r3 "
+#define AGAIN ">" F " r3 "
+#define SUSPEND "r8 "
+
+typedef struct test_case {
+    const char *number;
+    const char *script;  /* NULL: run() makes them */
+    void (*run)(void);
+} test_case;
+
+typedef struct section {
+    const char *name;
+    const test_case *cases;
+    unsigned count;
+} section;
+
+extern const section section_7_1, section_7_2, section_7_3, section_7_4, section_7_5, section_7_6;
+extern const section section_8_1, section_8_2, section_8_3, section_8_4, section_8_5, section_8_6;
+extern const section section_9_6, section_x;
+
+/* Runs the elementary tests of a case that has just been begun. */
+void bench_run(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+/* Runs 45 frames of a format, 5 identifiers with 0 to 8 bytes; kind is < or >. */
+void bench_run_frames(char kind, bool extended);
+
+/* Inverts every stuff bit of the frame, one per elementary test; kind is < or >. tail() gives
+ * what follows up to the repetition of the frame, the expectation for the inverted bit first. */
+void bench_run_stuff_bits(char kind, const char *frame, const char *(*tail)(const wire_bit *bit));
+
+/* Counts an elementary test that was run without a script; why is NULL when it passed. */
+void bench_count(const char *why);
+
+/* Begins a case: results and messages go there, the random numbers start anew. */
+void bench_begin(const char *number, unsigned *passed, unsigned *failed);
+
+/* Prints every script and bit that is played. */
+void bench_set_verbose(bool verbose);
+
+uint32_t bench_random(void);
+
+/* Whether two frames have the same content. */
+bool bench_same_frame(const cw_frame *a, const cw_frame *b);
+
+#endif
