@@ -92,19 +92,22 @@ static uint64_t arrival_tick(const engine *e, const port_frame *frame, const clo
 
 /* ---- Bus and world --------------------------------------------------------------------------- */
 
-static void deliver(engine *e, const cw_event *event)
+static void deliver(engine *e, unsigned node, const cw_event *event)
 {
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        if ((event->nodes >> i & 1u) && e->ports[i])
-            (void)port_write(e->ports[i], &event->frame); /* a failure is counted there */
+    errframe error;
+    if (event->kind == CW_EVENT_RX)
+        (void)port_write(e->ports[node], &event->frame); /* a failure is counted there */
+    else if (errframe_from_event(&error, event, e->config->nodes[node].berr_reporting))
+        (void)port_write_error(e->ports[node], &error, event->tick);
 }
 
 static void handle_events(engine *e)
 {
     cw_event event;
     while (cw_bus_poll(e->bus, &event)) {
-        if (event.kind == CW_EVENT_RX)
-            deliver(e, &event);
+        for (unsigned i = 0; i < e->config->node_count; i++)
+            if ((event.nodes >> i & 1u) && e->ports[i])
+                deliver(e, i, &event);
         if (e->publisher)
             publisher_event(e->publisher, &event);
     }

@@ -5,6 +5,7 @@
 #include "config.h"
 #include "engine.h"
 #include "log.h"
+#include "losses.h"
 #include "publish.h"
 
 #include <ev.h>
@@ -19,6 +20,7 @@ typedef struct service {
     cfg *config;
     publisher *publisher;
     engine *engine;
+    losses losses;
     ev_signal terminate;
     ev_signal interrupt;
     ev_timer statistics;
@@ -58,7 +60,8 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
-    const service *s = timer->data;
+    service *s = timer->data;
+    losses_log(&s->losses, s->config, engine_bus(s->engine), engine_ports(s->engine));
     cw_bus_stats stats;
     cw_bus_get_stats(engine_bus(s->engine), &stats);
     (void)sd_notifyf(0,
@@ -120,6 +123,7 @@ static bool run(service *s, struct ev_loop *loop)
     ev_run(loop, 0);
     if (s->publisher)
         publisher_stats(s->publisher, engine_bus(s->engine), engine_ports(s->engine));
+    losses_log(&s->losses, s->config, engine_bus(s->engine), engine_ports(s->engine));
     report_end(s);
     return true;
 }

@@ -6,6 +6,7 @@
 #define CANWIRE_PORT_H
 
 #include "canwire.h"
+#include "errframe.h"
 
 #define PORT_BATCH 64          /* frames of one read */
 #define PORT_ERROR_TEXT_MAX 160
@@ -22,6 +23,7 @@ typedef struct port_stats {
     uint64_t written;        /* frames given to the ECU's interface */
     uint64_t write_failed;   /* frames that the kernel did not take */
     uint64_t kernel_dropped; /* frames lost in the kernel before they could be read */
+    uint64_t errors_left_out; /* error frames not written because there were too many */
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
 } port_stats;
 
@@ -39,6 +41,10 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more);
 
 /* Writes a classical frame. False, and counted, when the kernel does not take it. */
 bool port_write(port *p, const cw_frame *frame);
+
+/* Writes an error frame, as a driver would give it to the ECU's programs. A storm of minor ones is
+ * limited (errframe_limit_pass()); what is left out is counted. tick: bus time of the event. */
+bool port_write_error(port *p, const errframe *frame, uint64_t tick);
 
 void port_get_stats(port *p, port_stats *stats);
 

@@ -26,6 +26,7 @@
 struct port {
     int fd;
     port_stats stats;
+    errframe_limit limit;
     /* of one read */
     struct mmsghdr messages[PORT_BATCH];
     struct iovec vectors[PORT_BATCH];
@@ -190,16 +191,30 @@ static void to_socketcan(struct can_frame *out, const cw_frame *in)
     memcpy(out->data, in->data, cw_frame_length(in));
 }
 
-bool port_write(port *p, const cw_frame *frame)
+static bool write_frame(port *p, const struct can_frame *frame)
 {
-    struct can_frame out;
-    to_socketcan(&out, frame);
-    bool good = send(p->fd, &out, sizeof out, MSG_DONTWAIT) == sizeof out;
+    bool good = send(p->fd, frame, sizeof *frame, MSG_DONTWAIT) == sizeof *frame;
     if (good)
         p->stats.written++;
     else
         p->stats.write_failed++;
     return good;
+}
+
+bool port_write(port *p, const cw_frame *frame)
+{
+    struct can_frame out;
+    to_socketcan(&out, frame);
+    return write_frame(p, &out);
+}
+
+bool port_write_error(port *p, const errframe *frame, uint64_t tick)
+{
+    if (!errframe_limit_pass(&p->limit, frame, tick))
+        return false;
+    struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
+    memcpy(out.data, frame->data, CAN_ERR_DLC);
+    return write_frame(p, &out);
 }
 
 void port_get_stats(port *p, port_stats *stats)
@@ -208,5 +223,6 @@ void port_get_stats(port *p, port_stats *stats)
     socklen_t size = sizeof memory;
     if (getsockopt(p->fd, SOL_SOCKET, SO_MEMINFO, memory, &size) == 0)
         p->stats.kernel_dropped = memory[SK_MEMINFO_DROPS];
+    p->stats.errors_left_out = p->limit.left_out;
     *stats = p->stats;
 }

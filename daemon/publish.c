@@ -361,6 +361,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
         port_get_stats(own_port, &ps);
         m.dropped_rx = (int64_t)ps.write_failed;
         m.dropped_kernel = (int64_t)ps.kernel_dropped;
+        m.error_frames_left_out = (int64_t)ps.errors_left_out;
     }
     PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
 }

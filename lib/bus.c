@@ -583,7 +583,7 @@ static void settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_stat
         n->stats.errors[r->error.type]++;
     }
     if (r->what & CW_REPORT_TOLERATED)
-        (void)push_node_event(bus, CW_EVENT_TOLERATED, i);
+        push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
     if (r->what & CW_REPORT_OVERLOAD) {
         (void)push_node_event(bus, CW_EVENT_OVERLOAD, i);
         n->stats.overloads++;

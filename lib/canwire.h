@@ -101,6 +101,7 @@ typedef struct cw_place {
     cw_field field;
     uint8_t index;
     bool stuff;
+    bool extended; /* surely in an extended frame: from its SRR as transmitter, else after its IDE */
 } cw_place;
 
 /* ---- Wire bits of a frame -------------------------------------------------------------------- */
@@ -252,7 +253,8 @@ typedef struct cw_mac {
 #define CW_REPORT_TX 0x20u               /* the own frame is done (M7); the offer is used up */
 #define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
 #define CW_REPORT_DROPPED 0x80u          /* one-shot: the offered frame was given up (M13) */
-#define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2 or R6; no error of its own */
+#define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
+                                            error of its own; error.role and .place are valid */
 
 typedef struct cw_mac_report {
     uint16_t what;
@@ -404,7 +406,7 @@ typedef struct cw_event {
     cw_event_kind kind;
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
     uint16_t rec;
-    cw_error error; /* ERROR */
+    cw_error error; /* ERROR; TOLERATED: role and place only */
     cw_state state; /* STATE: the new one */
     cw_state state_before; /* STATE */
     cw_drop why;    /* DROP */

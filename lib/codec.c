@@ -40,6 +40,7 @@ cw_place cw_step_place(cw_step step, unsigned index, bool extended)
                       .index = (uint8_t)(info->first_index + index)};
     if (step == CW_STEP_SRR_RTR && extended)
         place.field = CW_FIELD_SRR;
+    place.extended = extended;
     return place;
 }
 

@@ -168,7 +168,7 @@ static bool stuff_bit_due(const cw_mac *m)
 /* A receiver cannot tell SRR from RTR before the IDE; it takes the bit for an RTR. */
 static cw_place frame_place(const cw_mac *m)
 {
-    bool extended = is_transmitter(m) && m->tx.extended;
+    bool extended = is_transmitter(m) ? m->tx.extended : (m->rx.flags & CW_FRAME_EXTENDED) != 0;
     if (!stuff_bit_due(m))
         return cw_step_place((cw_step)m->step, m->index, extended);
     cw_place place = cw_step_place((cw_step)m->before_step, m->before_index, extended);
@@ -671,12 +671,18 @@ static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
         enter(m, m->phase == CW_MAC_ERROR_ACTIVE ? CW_MAC_ERROR_WAIT : CW_MAC_OVERLOAD_WAIT);
 }
 
+static void report_tolerated(const cw_mac *m, cw_mac_report *r)
+{
+    r->what |= CW_REPORT_TOLERATED;
+    r->error = (cw_error){.role = (cw_role)m->role, .place = cw_mac_place(m)};
+}
+
 /* E7: six equal bits, of either level. */
 static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (!level && m->ack_deferred) {
         m->ack_deferred = false;
-        r->what |= CW_REPORT_TOLERATED;
+        report_tolerated(m, r);
         cw_confinement_tx_error(&m->confinement);
         if (check_bus_off(m))
             return;
@@ -696,7 +702,7 @@ static void count_dominant(cw_mac *m, cw_mac_report *r)
         m->count = 8; /* the first dominant bit is counted once, however long it goes on */
     if (!first && !eighth)
         return;
-    r->what |= CW_REPORT_TOLERATED;
+    report_tolerated(m, r);
     if (is_transmitter(m))
         cw_confinement_tx_error(&m->confinement);
     else

@@ -54,7 +54,7 @@
 
 typedef struct test_case {
     const char *number;
-    const char *script;  /* NULL: run() makes them */
+    const char *script; /* NULL: run() makes them */
     void (*run)(void);
 } test_case;
 

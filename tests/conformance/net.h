@@ -12,8 +12,8 @@
 
 typedef struct net_node {
     const char *frames; /* to be sent, separated by blanks; NULL: no such node */
-    const char *log;    /* what it must report: lostN TYPE:POSITION:ROLE:FLAG ovl tol rx:F tx drop */
-    unsigned tec, rec;  /* at the end */
+    const char *log;   /* what it must report: lostN TYPE:POSITION:ROLE:FLAG ovl tol rx:F tx drop */
+    unsigned tec, rec; /* at the end */
     unsigned tec_before, rec_before;
     unsigned modes;
 } net_node;

@@ -34,8 +34,8 @@ static const test_case cases[] = {
     {"7.6.18", "set=0,9 " RX_ERROR "D6 d(tol R+8) d6 r8 r3", NULL},
     {"7.6.19", "set=0,9 " RX_ERROR "D6 r7 d(ovl) " ACTIVE, NULL},
     {"7.6.20", "set=0,9 " OVERLOAD "D6 r7 d(ovl) " ACTIVE, NULL},
-    {"7.6.21",
-     "set=8,8 " OTHER_WINS ":crcdel d(form crcdel rx act R+1) " ACTIVE ">456#55 r3", NULL},
+    {"7.6.21", "set=8,8 " OTHER_WINS ":crcdel d(form crcdel rx act R+1) " ACTIVE ">456#55 r3",
+     NULL},
 };
 
 const section section_7_6 = {"7.6", cases, sizeof cases / sizeof cases[0]};

@@ -26,8 +26,7 @@ static void extended_losses(void)
 static const test_case cases[] = {
     {"8.1.1", NULL, base_frames},
     {"8.1.2", NULL, extended_frames},
-    {"8.1.3",
-     "*7FF#55/{3FF|5FF|6FF|77F|7BF|7DF|7EF|7F7|7FB|7FD|7FE}#AA r3 >7FF#55 r3", NULL},
+    {"8.1.3", "*7FF#55/{3FF|5FF|6FF|77F|7BF|7DF|7EF|7F7|7FB|7FD|7FE}#AA r3 >7FF#55 r3", NULL},
     {"8.1.4", NULL, extended_losses},
     {"8.1.4", "*1FFFFFFF#55/7FF#{AA|R1} r3 >1FFFFFFF#55 r3", NULL},
     {"8.1.5", ">" F " d(ovl) " ACTIVE, NULL},

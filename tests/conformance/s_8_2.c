@@ -32,7 +32,8 @@ static void extended_bits(void)
     invert_every_bit("0915A5C3#C3A5");
 }
 
-/* R3 ii: the recessive stuff bits of the arbitration field cost nothing; the rest are bit errors. */
+/* R3 ii: the recessive stuff bits of the arbitration field cost nothing; the rest are bit errors.
+ */
 static const char *stuff_bit_error(const wire_bit *bit)
 {
     if (bit->level && bit->arbitration)

@@ -19,7 +19,8 @@ static const test_case cases[] = {
      NULL},
     {"8.6.5", OVERLOAD "D6 2[d7 d(tol T+8)] d7 r8 r3", NULL},
     {"8.6.6",
-     ">" G ":{sof|id0|dlc0|dlc2|data0|data2|crc0|crc1|crc2|crc3|crc4} ~(bit here tx act T+8) " ACTIVE
+     ">" G
+     ":{sof|id0|dlc0|dlc2|data0|data2|crc0|crc1|crc2|crc3|crc4} ~(bit here tx act T+8) " ACTIVE
      ">" G " r3",
      NULL},
     {"8.6.7", FORM_ERROR("{crcdel|ackdel|eof0|eof3|eof6}"), NULL},
@@ -39,8 +40,8 @@ static const test_case cases[] = {
     {"8.6.18", PASSIVE_ACK_ERROR "d(T+8) d5 r8 r3 " SUSPEND AGAIN, NULL},
     {"8.6.19", "set=10,0 >07A#55:id3s d(stuff id3s tx act) " ACTIVE ">07A#55 r3", NULL},
     {"8.6.20", "set=10,0 *456#55/123#AA r3 >456#55 r3", NULL},
-    {"8.6.21",
-     "set=10,10 *456#55/123#AA:crcdel d(form crcdel rx act R+1) " ACTIVE ">456#55 r3", NULL},
+    {"8.6.21", "set=10,10 *456#55/123#AA:crcdel d(form crcdel rx act R+1) " ACTIVE ">456#55 r3",
+     NULL},
 };
 
 const section section_8_6 = {"8.6", cases, sizeof cases / sizeof cases[0]};

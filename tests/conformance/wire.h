@@ -33,7 +33,7 @@ typedef struct wire {
     bool crc_wrong; /* a receiver must not acknowledge */
     bool no_sof;    /* places seen by a receiver are shifted */
     unsigned length;
-    unsigned ack;   /* wire index of the ACK slot */
+    unsigned ack; /* wire index of the ACK slot */
     unsigned stuff_bits;
     wire_bit bit[WIRE_MAX];
 } wire;

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * losses.c - says in the log what was lost since the last look: nothing is dropped silently.
+ */
+#include "losses.h"
+
+#include "log.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+#define LINE_BYTES 400
+
+/* By kind of loss; NULL: not logged. */
+static const char *const texts[LOSS_KINDS] = {
+    [CW_DROP_QUEUE_FULL] = "dropped, queue full",
+    [CW_DROP_LISTEN_ONLY] = "dropped, listen-only",
+    [CW_DROP_BAD_FRAME] = "dropped, not a classical CAN frame",
+    [CW_DROP_COUNT] = "received, not taken by the port",
+    [CW_DROP_COUNT + 1] = "lost in the kernel before they could be read",
+    [CW_DROP_COUNT + 2] = "error frames left out",
+};
+
+static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node, port *own_port)
+{
+    cw_node_stats stats;
+    port_stats from_port = {.written = 0};
+    if (cw_node_get_stats(bus, node, &stats) != CW_OK)
+        return;
+    if (own_port)
+        port_get_stats(own_port, &from_port);
+    for (unsigned kind = 0; kind < CW_DROP_COUNT; kind++)
+        now[kind] = stats.dropped[kind];
+    now[CW_DROP_COUNT] = from_port.write_failed;
+    now[CW_DROP_COUNT + 1] = from_port.kernel_dropped;
+    now[CW_DROP_COUNT + 2] = from_port.errors_left_out;
+}
+
+static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS], const char *name)
+{
+    char line[LINE_BYTES] = "";
+    size_t used = 0;
+    for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
+        uint64_t news = now[kind] - logged[kind];
+        logged[kind] = now[kind];
+        if (news == 0 || !texts[kind] || used >= LINE_BYTES)
+            continue;
+        int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s", used ? "; " : "",
+                              news, texts[kind]);
+        used += length > 0 ? (size_t)length : 0;
+    }
+    if (used > 0)
+        log_warning("node %s: %s", name, line);
+}
+
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports)
+{
+    for (unsigned i = 0; i < config->node_count; i++) {
+        uint64_t now[LOSS_KINDS] = {0};
+        collect(now, bus, i, ports[i]);
+        log_node(l->logged[i], now, config->nodes[i].name);
+    }
+}

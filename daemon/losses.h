@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * losses.h - says in the log what was lost since the last look: nothing is dropped silently.
+ */
+#ifndef CANWIRE_LOSSES_H
+#define CANWIRE_LOSSES_H
+
+#include "config.h"
+#include "port.h"
+
+#define LOSS_KINDS (CW_DROP_COUNT + 3)
+
+/* What has been logged so far; starts all zero. */
+typedef struct losses {
+    uint64_t logged[CW_NODES_MAX][LOSS_KINDS];
+} losses;
+
+/* One line for each node that has lost something since the last call. Drops that the
+ * configuration asks for (one-shot, faults) and those of bus-off are no news and not logged. */
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports);
+
+#endif
