@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cli.h - the subcommands of the canwire tool, one file each.
+ *
+ * argv[0] is the subcommand's name. Each prints its own usage for --help and returns the exit
+ * status of the tool.
+ */
+#ifndef CANWIRE_CLI_H
+#define CANWIRE_CLI_H
+
+enum cli_exit {
+    CLI_OK = 0,
+    CLI_BAD_INPUT = 1,   /* or refused */
+    CLI_USAGE = 2,
+    CLI_EXPECTATION = 3, /* sim: an expectation of the configuration failed */
+};
+
+int cli_check(int argc, char **argv);
+int cli_bits(int argc, char **argv);
+int cli_sim(int argc, char **argv);
+
+#endif

@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * main.c - the canwire tool: finds the subcommand and runs it.
+ */
+#include "cli.h"
+#include "nearest.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#ifndef CANWIRE_VERSION
+#define CANWIRE_VERSION "0.1.0"
+#endif
+
+typedef struct command {
+    const char *name;
+    const char *help;
+    int (*run)(int argc, char **argv);
+} command;
+
+static const command commands[] = {
+    {"check", "validate a configuration file", cli_check},
+    {"bits", "show the wire bits of a frame, annotated by field", cli_bits},
+    {"sim", "run a configuration in virtual time, without sockets", cli_sim},
+};
+
+#define COMMAND_COUNT (sizeof commands / sizeof commands[0])
+
+static int run_tool(int argc, char **argv);
+static int finish(int status);
+
+int main(int argc, char **argv)
+{
+    return finish(run_tool(argc, argv));
+}
+
+/* Output that could not be written (a full disk) is not success. */
+static int finish(int status)
+{
+    if (fflush(stdout) == 0 && !ferror(stdout)) {
+        return status;
+    }
+    perror("canwire: standard output");
+    return status == CLI_OK ? CLI_BAD_INPUT : status;
+}
+
+static void print_usage(FILE *out)
+{
+    fputs("usage: canwire COMMAND [ARGUMENT...]\n"
+          "       canwire help COMMAND\n"
+          "       canwire --version\n"
+          "\n"
+          "commands:\n",
+          out);
+    for (size_t i = 0; i < COMMAND_COUNT; i++) {
+        fprintf(out, "  %-8s %s\n", commands[i].name, commands[i].help);
+    }
+    fputs("\n"
+          "exit status: 0, 1 bad input or refused, 2 wrong usage, 3 an expectation failed (sim)\n",
+          out);
+}
+
+static const command *find_command(const char *name)
+{
+    for (size_t i = 0; i < COMMAND_COUNT; i++) {
+        if (strcmp(commands[i].name, name) == 0) {
+            return &commands[i];
+        }
+    }
+    return NULL;
+}
+
+static int refuse_command(const char *name)
+{
+    nearest guess = {.word = name};
+
+    for (size_t i = 0; i < COMMAND_COUNT; i++) {
+        nearest_consider(&guess, commands[i].name);
+    }
+    fprintf(stderr, "canwire: unknown command '%s'", name);
+    if (guess.best != NULL) {
+        fprintf(stderr, ", did you mean '%s'?\n", guess.best);
+    } else {
+        fputs(", see canwire --help\n", stderr);
+    }
+    return CLI_USAGE;
+}
+
+static int help(int argc, char **argv)
+{
+    if (argc < 2) {
+        print_usage(stdout);
+        return CLI_OK;
+    }
+    if (argc > 2) {
+        fputs("usage: canwire help [COMMAND]\n", stderr);
+        return CLI_USAGE;
+    }
+    const command *found = find_command(argv[1]);
+
+    if (found == NULL) {
+        return refuse_command(argv[1]);
+    }
+    char option[] = "--help";
+    char *arguments[] = {argv[1], option, NULL};
+
+    return found->run(2, arguments);
+}
+
+static int run_tool(int argc, char **argv)
+{
+    if (argc < 2) {
+        print_usage(stderr);
+        return CLI_USAGE;
+    }
+    const char *name = argv[1];
+
+    if (strcmp(name, "help") == 0 || strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
+        return help(argc - 1, argv + 1);
+    }
+    if (strcmp(name, "--version") == 0 || strcmp(name, "-V") == 0) {
+        puts("canwire " CANWIRE_VERSION);
+        return CLI_OK;
+    }
+    const command *found = find_command(name);
+
+    return found == NULL ? refuse_command(name) : found->run(argc - 1, argv + 1);
+}

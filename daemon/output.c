@@ -1,0 +1,339 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * output.c - writes what happens on a bus: events as JSON lines, candump logs, statistics.
+ */
+#include "output.h"
+
+#include "text.h"
+
+#include <assert.h>
+#include <jansson.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define NAME_CHARACTERS \
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
+
+static void write_line(FILE *out, const cfg *config, const cw_event *event, const char *node);
+static json_t *stats_of_bus(const cfg *config, const cw_bus *bus);
+static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
+static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
+static void put(json_t *object, const char *key, json_t *value);
+
+void output_event(FILE *out, const cfg *config, const cw_event *event)
+{
+    if (event->kind == CW_EVENT_TOLERATED) {
+        return;
+    }
+    if (event->kind == CW_EVENT_FAULT) {
+        write_line(out, config, event, NULL);
+        return;
+    }
+    for (size_t i = 0; i < config->node_count; i++) {
+        if ((event->nodes >> i & 1u) != 0) {
+            write_line(out, config, event, config->nodes[i].name);
+        }
+    }
+}
+
+void output_log(FILE *out, const cfg *config, const cw_event *event)
+{
+    char time[TIME_TEXT_MAX];
+    char frame[FRAME_TEXT_MAX];
+
+    if (event->kind != CW_EVENT_TX) {
+        return;
+    }
+    text_print_log_time(time, event->tick);
+    text_print_frame(frame, &event->frame);
+    for (size_t i = 0; i < config->node_count; i++) {
+        if ((event->nodes >> i & 1u) != 0) {
+            const cfg_node *node = &config->nodes[i];
+
+            fprintf(out, "%s %s %s\n", time, node->port != NULL ? node->port : node->name, frame);
+        }
+    }
+}
+
+void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    json_t *root = json_object();
+
+    put(root, "bus", stats_of_bus(config, bus));
+    put(root, "nodes", stats_of_nodes(config, bus));
+    put(root, "rules", stats_of_rules(config, bus));
+    json_dumpf(root, out, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
+    fputc('\n', out);
+    json_decref(root);
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+/* The configuration allows no character in names that JSON would need escaped. */
+static void write_name(FILE *out, const char *key, const char *name)
+{
+    assert(name[strspn(name, NAME_CHARACTERS)] == '\0');
+    fprintf(out, ",\"%s\":\"%s\"", key, name);
+}
+
+static void write_frame(FILE *out, const cw_frame *frame)
+{
+    char text[FRAME_TEXT_MAX];
+
+    text_print_frame(text, frame);
+    fprintf(out, ",\"frame\":\"%s\"", text);
+}
+
+static void write_counters(FILE *out, const cw_event *event)
+{
+    fprintf(out, ",\"tec\":%u,\"rec\":%u", (unsigned)event->tec, (unsigned)event->rec);
+}
+
+static void write_error(FILE *out, const cw_event *event)
+{
+    const cw_error *error = &event->error;
+
+    fprintf(out, ",\"role\":\"%s\",\"type\":\"%s\",\"field\":\"%s\",\"index\":%u",
+            error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx", cw_error_type_name(error->type),
+            cw_field_name(error->place.field), (unsigned)error->place.index);
+    if (error->place.stuff) {
+        fputs(",\"stuff\":true", out);
+    }
+    fprintf(out, ",\"flag\":\"%s\"", cw_flag_name(error->flag));
+    write_counters(out, event);
+}
+
+/* What an event says beyond time, node and kind. */
+static void write_details(FILE *out, const cfg *config, const cw_event *event)
+{
+    switch (event->kind) {
+    case CW_EVENT_FAULT:
+        assert(event->rule < config->rule_count);
+        write_name(out, "rule", config->rules[event->rule].name);
+        fprintf(out, ",\"hit\":%lu", (unsigned long)event->hit);
+        break;
+    case CW_EVENT_DROP:
+        write_frame(out, &event->frame);
+        fprintf(out, ",\"why\":\"%s\"", cw_drop_name(event->why));
+        break;
+    case CW_EVENT_ARBITRATION_LOST:
+        write_frame(out, &event->frame);
+        fprintf(out, ",\"bit\":%u", (unsigned)event->lost_bit);
+        break;
+    case CW_EVENT_ERROR:
+        write_error(out, event);
+        break;
+    case CW_EVENT_RX:
+    case CW_EVENT_TX:
+        write_frame(out, &event->frame);
+        break;
+    case CW_EVENT_STATE:
+        fprintf(out, ",\"state\":\"%s\"", cw_state_name(event->state));
+        write_counters(out, event);
+        break;
+    case CW_EVENT_RESTART:
+    case CW_EVENT_OVERLOAD:
+    case CW_EVENT_TOLERATED:
+    case CW_EVENT_COUNT:
+        break;
+    }
+}
+
+/* node is NULL for an event of the bus. */
+static void write_line(FILE *out, const cfg *config, const cw_event *event, const char *node)
+{
+    char time[TIME_TEXT_MAX];
+
+    text_print_seconds(time, event->tick);
+    fprintf(out, "{\"t\":%s", time);
+    if (node != NULL) {
+        write_name(out, "node", node);
+    }
+    fprintf(out, ",\"event\":\"%s\"", cw_event_name(event->kind));
+    write_details(out, config, event);
+    fputs("}\n", out);
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
+/* Takes the value. Half a report would be read as zeros, so running out of memory ends it. */
+static void put(json_t *object, const char *key, json_t *value)
+{
+    if (json_object_set_new(object, key, value) != 0) {
+        fputs("canwire: out of memory\n", stderr);
+        abort();
+    }
+}
+
+/* As put(), for an element of an array. */
+static void append(json_t *array, json_t *value)
+{
+    if (json_array_append_new(array, value) != 0) {
+        fputs("canwire: out of memory\n", stderr);
+        abort();
+    }
+}
+
+/* JSON integers are signed here; what does not fit saturates. */
+static void put_count(json_t *object, const char *key, uint64_t value)
+{
+    put(object, key, json_integer(value > INT64_MAX ? INT64_MAX : (json_int_t)value));
+}
+
+/* A tick is 12.5 ns; half a nanosecond is truncated. Saturates after 292 years. */
+static void put_ticks(json_t *object, const char *key, uint64_t ticks)
+{
+    uint64_t pairs = ticks / 2;
+
+    put_count(object, key, pairs > INT64_MAX / 25 ? INT64_MAX : pairs * 25 + ticks % 2 * 25 / 2);
+}
+
+/* Load of the whole run. */
+static unsigned load_permille(const cw_bus_stats *stats)
+{
+    const cw_bus_stats start = {0};
+
+    return cw_load_permille(&start, stats);
+}
+
+static json_t *stats_of_bus(const cfg *config, const cw_bus *bus)
+{
+    json_t *object = json_object();
+    cw_bus_stats stats;
+
+    cw_bus_get_stats(bus, &stats);
+    put(object, "name", json_string(config->bus_name));
+    put_count(object, "bitrate", config->bitrate_bps);
+    put_ticks(object, "time_ns", stats.ticks);
+    put_count(object, "bits", stats.bits);
+    put_count(object, "busy_bits", stats.busy_bits);
+    put_count(object, "load_permille", load_permille(&stats));
+    put_count(object, "load_second_permille", stats.load_permille);
+    put_count(object, "frames", stats.frames);
+    put_count(object, "frame_bits", stats.frame_bits);
+    put_count(object, "error_frames", stats.error_frames);
+    put_count(object, "overload_frames", stats.overload_frames);
+    put_count(object, "arbitration_lost", stats.arbitration_lost);
+    put_count(object, "undetected_errors", stats.undetected_errors);
+    put_count(object, "faults", stats.faults);
+    put_count(object, "pending", stats.pending);
+    return object;
+}
+
+static json_t *stats_of_drops(const cw_node_stats *stats)
+{
+    json_t *object = json_object();
+
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
+        put_count(object, cw_drop_name((cw_drop)i), stats->dropped[i]);
+    }
+    return object;
+}
+
+static json_t *stats_of_errors(const cw_node_stats *stats)
+{
+    json_t *object = json_object();
+
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
+        put_count(object, cw_error_type_name((cw_error_type)i), stats->errors[i]);
+    }
+    return object;
+}
+
+static uint64_t sum_of_errors(const cw_node_stats *stats)
+{
+    uint64_t sum = 0;
+
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
+        sum += stats->errors[i];
+    }
+    return sum;
+}
+
+static json_t *stats_of_delay(const cw_delay *delay)
+{
+    json_t *object = json_object();
+
+    put_count(object, "count", delay->count);
+    put_ticks(object, "min_ns", delay->min_ticks);
+    put_ticks(object, "mean_ns", delay->count != 0 ? delay->sum_ticks / delay->count : 0);
+    put_ticks(object, "max_ns", delay->max_ticks);
+    put_ticks(object, "p50_ns", cw_delay_quantile_ticks(delay, 500));
+    put_ticks(object, "p99_ns", cw_delay_quantile_ticks(delay, 990));
+    return object;
+}
+
+/* The counters of what a node sent and received. */
+static void put_traffic(json_t *object, const cw_node_stats *stats)
+{
+    put_count(object, "handed_in", stats->handed_in);
+    put_count(object, "tx_frames", stats->tx_frames);
+    put_count(object, "tx_bytes", stats->tx_bytes);
+    put_count(object, "tx_bits", stats->tx_bits);
+    put_count(object, "rx_frames", stats->rx_frames);
+    put_count(object, "rx_bytes", stats->rx_bytes);
+    put(object, "dropped", stats_of_drops(stats));
+    put_count(object, "arbitration_lost", stats->arbitration_lost);
+    put_count(object, "retransmissions", stats->retransmissions);
+}
+
+/* The counters of what went wrong. */
+static void put_troubles(json_t *object, const cw_node_stats *stats)
+{
+    put(object, "errors", stats_of_errors(stats));
+    put_count(object, "bus_errors", sum_of_errors(stats));
+    put_count(object, "overloads", stats->overloads);
+    put_count(object, "error_warning", stats->error_warning);
+    put_count(object, "error_passive", stats->error_passive);
+    put_count(object, "bus_off", stats->bus_off);
+    put_count(object, "restarts", stats->restarts);
+    put_count(object, "undetected_errors", stats->undetected_errors);
+}
+
+static json_t *stats_of_node(const cfg_node *node, const cw_node_stats *stats)
+{
+    json_t *object = json_object();
+
+    put(object, "name", json_string(node->name));
+    put(object, "port", node->port != NULL ? json_string(node->port) : json_null());
+    put(object, "state", json_string(cw_state_name(stats->state)));
+    put_count(object, "tec", stats->tec);
+    put_count(object, "rec", stats->rec);
+    put_traffic(object, stats);
+    put_troubles(object, stats);
+    put_count(object, "queue", stats->queue);
+    put_count(object, "queue_peak", stats->queue_peak);
+    put(object, "delay", stats_of_delay(&stats->delay));
+    return object;
+}
+
+static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
+{
+    json_t *array = json_array();
+
+    for (unsigned i = 0; i < config->node_count; i++) {
+        cw_node_stats stats;
+
+        if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
+            append(array, stats_of_node(&config->nodes[i], &stats));
+        }
+    }
+    return array;
+}
+
+static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
+{
+    json_t *array = json_array();
+
+    for (unsigned i = 0; i < config->rule_count; i++) {
+        json_t *object = json_object();
+        cw_rule_stats stats = {0};
+
+        cw_rule_get_stats(bus, i, &stats);
+        put(object, "name", json_string(config->rules[i].name));
+        put_count(object, "matches", stats.matches);
+        put_count(object, "hits", stats.hits);
+        append(array, object);
+    }
+    return array;
+}

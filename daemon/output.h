@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * output.h - writes what happens on a bus: events as JSON lines, candump logs, statistics.
+ *
+ * Nothing here fails by itself; the caller looks at ferror(out) when it is done.
+ */
+#ifndef CANWIRE_OUTPUT_H
+#define CANWIRE_OUTPUT_H
+
+#include "canwire.h"
+#include "config.h"
+
+#include <stdio.h>
+
+/* One JSON object per line and node concerned, nodes in the order of the configuration.
+ * CW_EVENT_TOLERATED writes nothing. */
+void output_event(FILE *out, const cfg *config, const cw_event *event);
+
+/* A line as candump -L writes it for each tx event; the interface is the node's port, else the
+ * node's name. Other events write nothing. */
+void output_log(FILE *out, const cfg *config, const cw_event *event);
+
+/* All statistics of the bus, its nodes and rules as one indented JSON object. Times are integers
+ * in nanoseconds. bus->nodes and rules are those of config. */
+void output_stats(FILE *out, const cfg *config, const cw_bus *bus);
+
+#endif
