@@ -13,6 +13,7 @@
  *                 TYPE POSITION ROLE FLAG   error: bit stuff form crc ack, tx|rx, act|pas|none;
  *                                           POSITION "here" is that of the bit of the frame
  *                 lostN ovl tol start tx rx drop   T+8 R-1 T=0 R=0   the counters move
+ *                 at POSITION               where the node says that this bit stands
  *     <F          the bench sends frame F, the node receives, acknowledges and reports it
  *     >F          the node sends frame F (offered now, unless one is pending), the bench
  *                 acknowledges and the node reports it
@@ -24,8 +25,9 @@
  *     N[ ... ]    repeats
  *     set=T,R     presets the counters       offer=F   offers F      refuse=F  ... must refuse
  *     withdraw    takes the offer back       restart   asks for it   overload=N  asks for them
- *     no-restart  a restart must be refused
+ *     no-restart, no-withdraw          ... must be refused
  *     modes=M     changes modes, M of O (one-shot) L (listen-only) A (presume-ack)
+ *                 B (loopback)
  *     init=M      as first token: a node that still integrates
  *     away        the node is gone: no closing check
  *

@@ -37,6 +37,9 @@ static const test_case cases[] = {
     {"8.5.10",
      "set=248,0 >" F ":data0 ~(bit here tx none T+8) r40 withdraw restart 127[r11] r10 r(T=0 R=0)",
      NULL},
+    {"8.5.10",
+     "set=248,0 >" F ":data0 ~(bit here tx none T+8) r40 restart 127[r11] r10 r(T=0 R=0) r20",
+     NULL},
     {"8.5.11", "set=256,0 restart 130[r10 d] 127[r11 d] r10 r(T=0 R=0) " AGAIN, NULL},
     {"8.5.11", "set=256,0 restart 127[r21 d] r10 r(T=0 R=0) " AGAIN, NULL},
 };

@@ -17,6 +17,7 @@ static const test_case cases[] = {
     {"8.6.4",
      PASSIVE_ERROR "r6 {d|d6|d7 d(tol T+8)|d7 d(tol T+8) d|2[d7 d(tol T+8)]} r8 r3 " SUSPEND AGAIN,
      NULL},
+    {"8.6.5", OVERLOAD "D6 4[d7 d(tol T+8)] d r8 r3", NULL},
     {"8.6.5", OVERLOAD "D6 2[d7 d(tol T+8)] d7 r8 r3", NULL},
     {"8.6.6",
      ">" G
@@ -34,10 +35,14 @@ static const test_case cases[] = {
     {"8.6.15", "set=10,0 " OVERLOAD "D6 r7 d(ovl) " ACTIVE, NULL},
     {"8.6.16", "set=10,0 " TX_ERROR "D6 r7 d(ovl) " ACTIVE AGAIN, NULL},
     {"8.6.17", PASSIVE_ACK_ERROR PASSIVE SUSPEND AGAIN, NULL},
+    {"8.6.17",
+     PASSIVE_ACK_ERROR PASSIVE SUSPEND ">" F
+                                       ":data0 ~(bit here tx pas T+8) d6 r8 r3 " SUSPEND AGAIN,
+     NULL},
     /* Once, however many dominant bits follow (R3 i); the flag starts over at each change. */
-    {"8.6.18", PASSIVE_ACK_ERROR "r{0|2|5} d(T+8) r6 r8 r3 " SUSPEND AGAIN, NULL},
-    {"8.6.18", PASSIVE_ACK_ERROR "r2 d(T+8) r d2 r3 d r6 r8 r3 " SUSPEND AGAIN, NULL},
-    {"8.6.18", PASSIVE_ACK_ERROR "d(T+8) d5 r8 r3 " SUSPEND AGAIN, NULL},
+    {"8.6.18", PASSIVE_ACK_ERROR "r{0|2|5} d(tol T+8) r6 r8 r3 " SUSPEND AGAIN, NULL},
+    {"8.6.18", PASSIVE_ACK_ERROR "r2 d(tol T+8) r d2 r3 d r6 r8 r3 " SUSPEND AGAIN, NULL},
+    {"8.6.18", PASSIVE_ACK_ERROR "d(tol T+8) d5 r8 r3 " SUSPEND AGAIN, NULL},
     {"8.6.19", "set=10,0 >07A#55:id3s d(stuff id3s tx act) " ACTIVE ">07A#55 r3", NULL},
     {"8.6.20", "set=10,0 *456#55/123#AA r3 >456#55 r3", NULL},
     {"8.6.21", "set=10,10 *456#55/123#AA:crcdel d(form crcdel rx act R+1) " ACTIVE ">456#55 r3",

@@ -190,6 +190,7 @@ static const test_case cases[] = {
     {"X1", "init= r11 d >07A#55@id0 r3", NULL},
     {"X1", "modes= offer=" F " r4 -456#AA r2 d r11 " AGAIN, NULL},
     {"X1", "<" F ":data3 modes= d6 r10 d6 r10 d r11 <" F " r3", NULL},
+    {"X1", "r5 d modes= offer=" F " r11 " AGAIN, NULL},
     {"X2", "set=256,77 restart 127[r11 d] 2[r10 d] " RECOVERED AGAIN, NULL},
     {"X2", "set=256,0 restart 127[r11] " RECOVERED AGAIN, NULL},
     {"X2", "set=256,0 restart 63[r22 d] r11 " RECOVERED AGAIN, NULL},
@@ -198,6 +199,8 @@ static const test_case cases[] = {
     /* Back without further integration: also the first bit of a foreign frame is seen. */
     {"X2", "set=256,0 restart 127[r11] " RECOVERED "<" F " r3", NULL},
     {"X2", "no-restart r3", NULL},
+    {"X2", "set=256,0 modes=O r20 restart 20[r11] modes= 107[r11] " RECOVERED AGAIN, NULL},
+    {"X2", "set=256,0 r20 set=10,0 r11 <" F " r3", NULL},
     {"X3", "set=10,10 >07A#55:id3s ~(stuff id3s tx act) " ACTIVE ">07A#55 r3", NULL},
     {"X3", "set=150,10 >07A#55:id3s ~(stuff id3s tx pas) " PASSIVE SUSPEND ">07A#55 r3", NULL},
     {"X3", "set=10,10 >00000000#:id15s ~(stuff id15s tx act) " ACTIVE ">00000000# r3", NULL},
@@ -262,11 +265,35 @@ static const test_case cases[] = {
     {"X10", "*123#R5/123#55 r3 >123#R5 r3", NULL},
     {"X10", "*048C1234#R1/048C1234#55 r3 >048C1234#R1 r3", NULL},
     /* O1 a: the flag starts in the first bit of the intermission; two in a row. */
+    /* Where the bits outside frames stand. */
+    {"X10",
+     RX_ERROR "D(at errflag0) D4 D(at errflag5) r(at errdel0) r6 r(at errdel7) "
+              "r(at int0) r r(at int2) r(at none)",
+     NULL},
+    {"X10",
+     "<" F " d(at int0 ovl) D(at ovlflag0) D4 D(at ovlflag5) r(at ovldel0) r6 r(at ovldel7) "
+     "r3",
+     NULL},
+    {"X10",
+     "set=150,0 " TX_ERROR_PASSIVE "r(at errflag0) r5 r8 r3 r(at susp0) r6 r(at susp7) " AGAIN,
+     NULL},
     {"X11", "overload=1 <" F ":eof6 r(ovl) " ACTIVE "<" F " r3", NULL},
     {"X11", "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "<" F " r3", NULL},
     {"X11", "overload=1 " RX_ERROR "D6 r7 r(ovl) " ACTIVE, NULL},
+    {"X11",
+     "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) overload=1 D6 r8 r3 <" F ":eof6 r(ovl) " ACTIVE,
+     NULL},
+    {"X11", "set=10,0 overload=1 >" F ":eof6 r(tx ovl T-1) " ACTIVE, NULL},
     {"X12", "init=A r11 >" F ":ack r >" F "@ackdel r3", NULL},
     {"X12", "init=A r11 set=10,0 >" F ":ack d >" F "@ackdel r3", NULL},
+    {"X13", "offer=456#AA offer=" F " " AGAIN, NULL},
+    {"X13", "offer=456#AA withdraw r5 >" F ":data0 refuse=456#AA no-withdraw >" F "@data0 r3",
+     NULL},
+    {"X13", "*456#55/123#AA offer=124#AA r3 >124#AA r3", NULL},
+    {"X13", "*456#55/123#AA withdraw r30", NULL},
+    {"X13", TX_ERROR "withdraw " ACTIVE, NULL},
+    {"X13", TX_ERROR "offer=456#AA " ACTIVE ">456#AA r3", NULL},
+    {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
 };
 
 /* Every bit up to EOF by both roles: what a wrong level there is called. */
