@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * check.c - canwire check: validates a configuration file, or lists its ports.
+ */
+#include "cli.h"
+
+#include "config.h"
+
+#include <getopt.h>
+#include <inttypes.h>
+#include <stdio.h>
+
+static const char usage[] =
+    "usage: canwire check [--ports] FILE\n"
+    "\n"
+    "Validates a configuration file. Errors go to stderr, one a line, as\n"
+    "FILE:LINE:COLUMN: message. Exit status: 0 good, 1 bad, 2 wrong usage.\n"
+    "\n"
+    "  --ports   only print the interfaces that the nodes use, one a line\n";
+
+static const struct option options[] = {
+    {"help", no_argument, NULL, 'h'},
+    {"ports", no_argument, NULL, 'p'},
+    {NULL, 0, NULL, 0},
+};
+
+static int check_file(const char *file, bool ports);
+
+int cli_check(int argc, char **argv)
+{
+    bool ports = false;
+    int option;
+
+    optind = 0; /* start anew, whoever used getopt before */
+    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+        if (option == 'h') {
+            fputs(usage, stdout);
+            return CLI_OK;
+        }
+        if (option == '?')
+            return CLI_USAGE;
+        ports = true;
+    }
+    if (optind != argc - 1) {
+        fputs(usage, stderr);
+        return CLI_USAGE;
+    }
+    return check_file(argv[optind], ports);
+}
+
+static void print_ports(const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (config->nodes[i].port)
+            puts(config->nodes[i].port);
+}
+
+static const char *plural(size_t count)
+{
+    return count == 1 ? "" : "s";
+}
+
+static void print_summary(const cfg *config)
+{
+    printf("%s: ok (bus %s, %" PRIu32 " bit/s, %zu node%s, %zu rule%s)\n", config->file,
+           config->bus_name, config->bitrate_bps, config->node_count, plural(config->node_count),
+           config->rule_count, plural(config->rule_count));
+}
+
+static int check_file(const char *file, bool ports)
+{
+    cfg *config = cfg_load(file, stderr);
+
+    if (!config)
+        return CLI_BAD_INPUT;
+    if (ports)
+        print_ports(config);
+    else
+        print_summary(config);
+    cfg_free(config);
+    return CLI_OK;
+}

@@ -1,0 +1,518 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * config.c - the keys of a configuration file, but for the fault rules.
+ */
+#include "config.h"
+
+#include "config_read.h"
+#include "yamlfile.h"
+
+#include <ctype.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define INTERFACE_NAME_MAX 15u /* IFNAMSIZ - 1 */
+#define SOCKET_PATH_MAX 107u   /* sun_path with its final 0 has 108 bytes */
+#define TRAFFIC_MAX 4096u      /* entries of one node */
+#define LCM_EVENTS_MAX 64u     /* words in one list */
+#define BITRATE_MIN 5000u
+#define BITRATE_MAX 1000000u
+#define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
+
+#define QUEUE_DEFAULT 16u
+#define WARNING_LIMIT_DEFAULT 96u
+#define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
+#define LCM_PERIOD_DEFAULT_NS 1000000000u
+#define LCM_EVENTS_DEFAULT                                                                         \
+    (1u << CW_EVENT_ERROR | 1u << CW_EVENT_STATE | 1u << CW_EVENT_RESTART |                        \
+     1u << CW_EVENT_OVERLOAD | 1u << CW_EVENT_DROP | 1u << CW_EVENT_FAULT)
+
+#define BUS_INBOX 4096u  /* frames handed in for later than now */
+#define BUS_EVENTS 1024u /* the library raises it to what it needs */
+
+/* What cfg_load() returns is the first member of this. */
+typedef struct cfg_owner {
+    cfg config;
+    arena arena;
+} cfg_owner;
+
+static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
+    read_mode, read_traffic, read_frame, read_every, read_lcm, read_lcm_url, read_lcm_events,
+    read_control;
+
+static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
+static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
+static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
+static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
+static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
+static const schema_range traffic_count_range = {1, UINT64_MAX, sizeof(uint64_t)};
+
+static const uint8_t mode_one_shot = CW_MODE_ONE_SHOT;
+static const uint8_t mode_listen_only = CW_MODE_LISTEN_ONLY;
+static const uint8_t mode_loopback = CW_MODE_LOOPBACK;
+static const uint8_t mode_presume_ack = CW_MODE_PRESUME_ACK;
+
+static const schema_choice orders[] = {
+    {.name = "priority", .value = CW_ORDER_PRIORITY},
+    {.name = "fifo", .value = CW_ORDER_FIFO},
+    {.name = NULL},
+};
+
+static const schema_choice pacings[] = {
+    {.name = "precise", .value = CFG_PACING_PRECISE},
+    {.name = "tick", .value = CFG_PACING_TICK},
+    {.name = "spin", .later = true},
+    {.name = NULL},
+};
+
+/* In the order of reading: nodes need the bus, faults need the nodes. */
+static const schema_key file_keys[] = {
+    {.name = "bus", .read = read_bus, .required = true},
+    {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
+    {.name = "nodes", .read = read_nodes, .required = true},
+    {.name = "faults", .read = cfg_read_faults},
+    {.name = "lcm", .read = read_lcm},
+    {.name = "control", .read = read_control},
+    {.name = "pacing",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg, pacing),
+     .arg = pacings},
+    {.name = "profiles", .read = NULL},
+    {.name = NULL},
+};
+
+static const schema_key bus_keys[] = {
+    {.name = "name", .read = read_bus_name},
+    {.name = "bitrate",
+     .read = read_bitrate,
+     .offset = offsetof(cfg, bitrate_bps),
+     .arg = &bitrate_range,
+     .required = true},
+    {.name = NULL},
+};
+
+/* `traffic` after `port`, which it excludes. */
+static const schema_key node_keys[] = {
+    {.name = "name", .read = read_node_name, .required = true},
+    {.name = "port", .read = read_port},
+    {.name = "restart-ms",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_node, restart_ms),
+     .arg = &restart_range},
+    {.name = "berr-reporting",
+     .read = schema_read_bool,
+     .offset = offsetof(cfg_node, berr_reporting)},
+    {.name = "one-shot", .read = read_mode, .arg = &mode_one_shot},
+    {.name = "listen-only", .read = read_mode, .arg = &mode_listen_only},
+    {.name = "loopback", .read = read_mode, .arg = &mode_loopback},
+    {.name = "presume-ack", .read = read_mode, .arg = &mode_presume_ack},
+    {.name = "queue",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_node, queue),
+     .arg = &queue_range},
+    {.name = "order",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg_node, order),
+     .arg = orders},
+    {.name = "warning-limit",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_node, warning_limit),
+     .arg = &warning_range},
+    {.name = "traffic", .read = read_traffic},
+    {.name = NULL},
+};
+
+static const schema_key traffic_keys[] = {
+    {.name = "send", .read = read_frame, .required = true},
+    {.name = "every", .read = read_every, .offset = offsetof(cfg_traffic, every)},
+    {.name = "offset", .read = cfg_read_time, .offset = offsetof(cfg_traffic, offset)},
+    {.name = "count",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_traffic, count),
+     .arg = &traffic_count_range},
+    {.name = "replay", .read = NULL},
+    {.name = "only", .read = NULL},
+    {.name = NULL},
+};
+
+static const schema_key lcm_keys[] = {
+    {.name = "url", .read = read_lcm_url},
+    {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period)},
+    {.name = "events", .read = read_lcm_events},
+    {.name = NULL},
+};
+
+static bool read_file(cfg_owner *owner, diag *errors);
+
+cfg *cfg_load(const char *file, FILE *errors)
+{
+    diag found = {.file = file};
+    cfg_owner *owner = calloc(1, sizeof *owner);
+
+    if (!owner) {
+        fprintf(errors, "%s: out of memory\n", file);
+        return NULL;
+    }
+    owner->config.file = arena_print(&owner->arena, "%s", file);
+    if (!owner->config.file)
+        diag_add(&found, 0, 0, "out of memory");
+    else if (read_file(owner, &found))
+        return &owner->config;
+    diag_flush(&found, errors);
+    cfg_free(&owner->config);
+    return NULL;
+}
+
+void cfg_free(cfg *config)
+{
+    if (!config)
+        return;
+    cfg_owner *owner = (cfg_owner *)config;
+    arena_free(&owner->arena);
+    free(owner);
+}
+
+void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        nodes[i] = (cw_node_config){
+            .modes = node->modes,
+            .order = node->order,
+            .queue = node->queue,
+            .warning_limit = node->warning_limit,
+            .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
+        };
+    }
+    *out = (cw_bus_config){
+        .bit_ticks = config->bit_ticks,
+        .seed = config->seed,
+        .node_count = (uint8_t)config->node_count,
+        .inbox = BUS_INBOX,
+        .events = BUS_EVENTS,
+        .rule_count = (uint16_t)config->rule_count,
+        .nodes = nodes,
+        .rules = config->rules,
+    };
+}
+
+char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
+                    size_t length_max)
+{
+    static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
+                                  "0123456789_.-";
+    char expected[80];
+
+    snprintf(expected, sizeof expected, "a name of 1 to %zu letters, digits, '_', '.' or '-'",
+             length_max);
+    const char *text = schema_text(self, key, value, expected);
+    if (!text)
+        return NULL;
+    if (text[strspn(text, allowed)] != '\0' || strlen(text) > length_max)
+        schema_expected(self, key, value, expected);
+    return schema_copy(self, text);
+}
+
+void cfg_read_time(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a time such as 10ms");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_time(schema_member(key, object), text));
+}
+
+void cfg_read_span(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_time *time = schema_member(key, object);
+    size_t errors = self->errors->count;
+
+    cfg_read_time(self, key, value, object);
+    if (self->errors->count == errors && time->ns == 0 && time->bits == 0)
+        schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
+/* Walks a document that was loaded; true when there was nothing to complain about. */
+static bool read_document(cfg_owner *owner, yaml_document_t *document, diag *errors)
+{
+    schema walk = {
+        .errors = errors,
+        .arena = &owner->arena,
+        .document = document,
+        .user = &owner->config,
+    };
+    yaml_node_t *root = yaml_document_get_root_node(document);
+
+    owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
+    owner->config.bus_name = schema_copy(&walk, "can");
+    if (!root)
+        diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
+    else
+        schema_map(&walk, "configuration", root, file_keys, &owner->config);
+    return errors->count == 0;
+}
+
+static bool read_file(cfg_owner *owner, diag *errors)
+{
+    yaml_document_t document;
+
+    if (!yaml_file_load(&document, owner->config.file, errors))
+        return false;
+    bool good = read_document(owner, &document, errors);
+    yaml_document_delete(&document);
+    return good;
+}
+
+static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, bus_keys, object);
+}
+
+static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+}
+
+/* Whether ticks / CW_CLOCK_HZ is a bit near enough to the rate. */
+static bool is_near(uint32_t bitrate, uint32_t ticks)
+{
+    uint64_t product = (uint64_t)bitrate * ticks;
+    uint64_t error = product > CW_CLOCK_HZ ? product - CW_CLOCK_HZ : CW_CLOCK_HZ - product;
+
+    return error * BITRATE_ERROR_INVERSE <= product;
+}
+
+static uint32_t rounded_rate(uint32_t ticks)
+{
+    return (CW_CLOCK_HZ + ticks / 2) / ticks;
+}
+
+static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    schema_read_uint(self, key, value, object);
+    if (config->bitrate_bps == 0)
+        return;
+    uint32_t fast = CW_CLOCK_HZ / config->bitrate_bps;
+    uint32_t ticks = rounded_rate(config->bitrate_bps);
+    if (is_near(config->bitrate_bps, ticks))
+        config->bit_ticks = ticks;
+    else
+        schema_complain(self, value,
+                        "%s: %" PRIu32 " is not within 0.1 %% of a rate that %u MHz can make; the "
+                        "nearest are %" PRIu32 " and %" PRIu32,
+                        key->name, config->bitrate_bps, CW_CLOCK_HZ / 1000000u,
+                        rounded_rate(fast + 1), rounded_rate(fast));
+}
+
+static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
+{
+    *node = (cfg_node){
+        .queue = QUEUE_DEFAULT,
+        .warning_limit = WARNING_LIMIT_DEFAULT,
+        .line = (int)value->start_mark.line + 1,
+    };
+    schema_map(self, "node", value, node_keys, node);
+}
+
+static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    size_t count = schema_count(self, key, value, 1, CW_NODES_MAX);
+
+    config->nodes = schema_alloc(self, count + 1, sizeof *config->nodes);
+    if (!config->nodes)
+        return;
+    for (; config->node_count < count; config->node_count++)
+        read_node(self, schema_item(self, value, config->node_count),
+                  &config->nodes[config->node_count]);
+}
+
+/* Complains when a node read before has the same text at the key's member. */
+static void check_distinct(schema *self, const schema_key *key, const yaml_node_t *value,
+                           size_t offset, const char *text)
+{
+    const cfg *config = self->user;
+
+    for (size_t i = 0; text && i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        const char *other = *(char *const *)((const char *)node + offset);
+
+        if (other && strcmp(other, text) == 0) {
+            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
+                            key->name, text, node->line);
+            return;
+        }
+    }
+}
+
+static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    node->name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+    check_distinct(self, key, value, offsetof(cfg_node, name), node->name);
+}
+
+/* What the kernel takes for the name of an interface. */
+static bool interface_name_valid(const char *name)
+{
+    if (strlen(name) > INTERFACE_NAME_MAX || strcmp(name, ".") == 0 || strcmp(name, "..") == 0)
+        return false;
+    for (; *name; name++)
+        if (*name == '/' || *name == ':' || isspace((unsigned char)*name))
+            return false;
+    return true;
+}
+
+static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] =
+        "the name of an interface, at most 15 bytes without '/', ':' and white space";
+    cfg_node *node = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text)
+        return;
+    if (strncmp(text, "unix:", strlen("unix:")) == 0)
+        schema_complain(self, value, "%s: unix:PATH is not supported yet; expected %s", key->name,
+                        expected);
+    else if (!interface_name_valid(text))
+        schema_expected(self, key, value, expected);
+    node->port = schema_copy(self, text);
+    check_distinct(self, key, value, offsetof(cfg_node, port), node->port);
+}
+
+static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    const uint8_t *mode = key->arg;
+    bool on;
+
+    if (schema_choose_bool(self, &on, key, value) && on)
+        node->modes |= *mode;
+}
+
+static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+    const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_frame(&traffic->frame, text));
+}
+
+static void read_every(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+
+    traffic->has_every = true;
+    cfg_read_span(self, key, value, object);
+}
+
+static void read_release(schema *self, yaml_node_t *value, cfg_traffic *traffic)
+{
+    *traffic = (cfg_traffic){.count = UINT64_MAX};
+    schema_map(self, "traffic", value, traffic_keys, traffic);
+    if (traffic->has_every || value->type != YAML_MAPPING_NODE)
+        return;
+    yaml_node_t *count = schema_find(self, value, "count");
+    if (count && traffic->count > 1 && traffic->count != UINT64_MAX)
+        schema_complain(self, count, "count: without 'every' a frame is sent once");
+    traffic->count = 1;
+}
+
+static void read_traffic(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    size_t count = schema_count(self, key, value, 0, TRAFFIC_MAX);
+
+    if (node->port)
+        schema_complain(self, value, "%s: only a node without port has traffic of its own",
+                        key->name);
+    node->traffic = schema_alloc(self, count + 1, sizeof *node->traffic);
+    if (!node->traffic)
+        return;
+    for (; node->traffic_count < count; node->traffic_count++)
+        read_release(self, schema_item(self, value, node->traffic_count),
+                     &node->traffic[node->traffic_count]);
+}
+
+static void read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    config->lcm = (cfg_lcm){
+        .enabled = true,
+        .url = schema_copy(self, LCM_URL_DEFAULT),
+        .period.ns = LCM_PERIOD_DEFAULT_NS,
+        .events = LCM_EVENTS_DEFAULT,
+    };
+    schema_map(self, key->name, value, lcm_keys, &config->lcm);
+}
+
+static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "an LCM URL such as " LCM_URL_DEFAULT;
+    cfg_lcm *lcm = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (text && !strstr(text, "://"))
+        schema_expected(self, key, value, expected);
+    if (text)
+        lcm->url = schema_copy(self, text);
+}
+
+/* Bits of the kinds of events that one word stands for, 0 after a complaint. */
+static uint32_t read_event_kind(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    schema_choice choices[CW_EVENT_COUNT + 1] = {{.name = NULL}};
+    size_t count = 0;
+    unsigned kind;
+
+    for (unsigned i = 0; i < CW_EVENT_COUNT; i++)
+        if (i != CW_EVENT_TOLERATED) /* not in event streams */
+            choices[count++] = (schema_choice){.name = cw_event_name((cw_event_kind)i), .value = i};
+    return schema_choose(self, &kind, key, value, choices) ? 1u << kind : 0;
+}
+
+static void read_lcm_events(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_lcm *lcm = object;
+    size_t count = schema_count_one(self, key, value, 0, LCM_EVENTS_MAX);
+
+    lcm->events = 0;
+    for (size_t i = 0; i < count; i++)
+        lcm->events |= read_event_kind(self, key, schema_item(self, value, i));
+}
+
+/* A path relative to the directory of the file that names it. */
+static char *resolve_path(schema *self, const char *file, const char *path)
+{
+    const char *slash = strrchr(file, '/');
+
+    size_t directory = path[0] == '/' || !slash ? 0 : (size_t)(slash - file) + 1;
+    char *resolved = schema_alloc(self, directory + strlen(path) + 1, 1);
+
+    if (resolved) {
+        memcpy(resolved, file, directory);
+        strcpy(resolved + directory, path);
+    }
+    return resolved;
+}
+
+static void read_control(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    const char *text = schema_text(self, key, value, "the path of a socket");
+
+    if (!text)
+        return;
+    config->control = resolve_path(self, config->file, text);
+    if (config->control && strlen(config->control) > SOCKET_PATH_MAX)
+        schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
+                        key->name, SOCKET_PATH_MAX, strlen(config->control), config->control);
+}

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * config.h - a configuration file, parsed and validated into plain structs.
+ *
+ * Everything is owned by the cfg and freed with it. All errors of a file are collected in one
+ * pass, each as FILE:LINE:COLUMN: message; a configuration with errors is never returned.
+ */
+#ifndef CANWIRE_CONFIG_H
+#define CANWIRE_CONFIG_H
+
+#include "canwire.h"
+#include "text.h"
+
+#include <stdio.h>
+
+/* One `send` of a node's traffic. Release k is at offset + k * every, k < count. */
+typedef struct cfg_traffic {
+    cw_frame frame;
+    cfg_time offset;
+    cfg_time every;
+    bool has_every;
+    uint64_t count; /* UINT64_MAX: unlimited; 1 without `every` */
+} cfg_traffic;
+
+typedef struct cfg_node {
+    char *name;
+    char *port; /* interface name, or NULL */
+    uint8_t modes; /* CW_MODE_* */
+    bool berr_reporting;
+    cw_order order;
+    uint16_t queue;
+    uint16_t warning_limit;
+    uint32_t restart_ms;
+    size_t traffic_count;
+    cfg_traffic *traffic;
+    int line; /* of the node in its file */
+} cfg_node;
+
+typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK } cfg_pacing;
+
+#define CFG_PACING_TICK_NS 1000000u /* how far `tick` pacing coalesces wake-ups */
+
+/* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
+typedef struct cfg_lcm {
+    bool enabled; /* an `lcm` key is present */
+    char *url;    /* default "udpm://239.255.76.67:7667?ttl=0" */
+    cfg_time period; /* default 1s */
+    uint32_t events; /* default error, state, restart, overload, drop, fault */
+} cfg_lcm;
+
+typedef struct cfg {
+    char *file;
+    char *bus_name; /* default "can" */
+    uint32_t bitrate_bps;
+    uint32_t bit_ticks;
+    uint64_t seed;
+    size_t node_count;
+    cfg_node *nodes;
+    size_t rule_count;
+    cw_rule *rules; /* names owned by the cfg */
+    cfg_lcm lcm;
+    char *control; /* socket path, or NULL */
+    cfg_pacing pacing;
+} cfg;
+
+/* Reads a file. Returns NULL after writing one line per error to errors. */
+cfg *cfg_load(const char *file, FILE *errors);
+
+/* Frees everything; NULL is fine. */
+void cfg_free(cfg *config);
+
+/* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
+ * into the cfg. */
+void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);
+
+#endif

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * yamlfile.c - reads one YAML document from a file of bounded size.
+ */
+#include "yamlfile.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct text_buffer {
+    unsigned char *bytes;
+    size_t length;
+} text_buffer;
+
+/* What the scan has counted so far. */
+typedef struct scan {
+    diag *errors;
+    size_t documents;
+    size_t nodes;
+    size_t anchors;
+} scan;
+
+static bool read_file(text_buffer *text, const char *file, diag *errors);
+static bool has_no_nul(const text_buffer *text, diag *errors);
+static bool scan_events(const text_buffer *text, diag *errors);
+static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
+
+bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors)
+{
+    text_buffer text = {0};
+
+    /* The events are scanned first: only so can limits hold before the document is built. */
+    bool loaded = read_file(&text, file, errors) && has_no_nul(&text, errors) &&
+                  scan_events(&text, errors) && load_document(document, &text, errors);
+    free(text.bytes);
+    return loaded;
+}
+
+/* Reads until the end or one byte over the limit; works for pipes too. */
+static bool read_stream(text_buffer *text, FILE *in, diag *errors)
+{
+    text->bytes = malloc(YAML_FILE_MAX + 1);
+    if (!text->bytes) {
+        diag_add(errors, 0, 0, "out of memory");
+        return false;
+    }
+    text->length = fread(text->bytes, 1, YAML_FILE_MAX + 1, in);
+    if (ferror(in)) {
+        diag_add(errors, 0, 0, "cannot read: %s", strerror(errno));
+        return false;
+    }
+    if (text->length > YAML_FILE_MAX) {
+        diag_add(errors, 0, 0, "the file is larger than %u MiB", YAML_FILE_MAX >> 20);
+        return false;
+    }
+    return true;
+}
+
+static bool read_file(text_buffer *text, const char *file, diag *errors)
+{
+    FILE *in = fopen(file, "rbe");
+
+    if (!in) {
+        diag_add(errors, 0, 0, "cannot open: %s", strerror(errno));
+        return false;
+    }
+    bool done = read_stream(text, in, errors);
+    fclose(in);
+    return done;
+}
+
+/* Complains about the byte at an offset, counting characters as libyaml does. */
+static void complain_at(const text_buffer *text, size_t offset, const char *problem, diag *errors)
+{
+    size_t line = 1;
+    size_t column = 1;
+
+    for (size_t i = 0; i < offset && i < text->length; i++) {
+        if (text->bytes[i] == '\n') {
+            line++;
+            column = 1;
+        } else if ((text->bytes[i] & 0xC0) != 0x80) {
+            column++;
+        }
+    }
+    diag_add(errors, line, column, "%s", problem);
+}
+
+static bool has_no_nul(const text_buffer *text, diag *errors)
+{
+    const unsigned char *nul = memchr(text->bytes, 0, text->length);
+
+    if (nul)
+        complain_at(text, (size_t)(nul - text->bytes), "NUL bytes are not allowed", errors);
+    return !nul;
+}
+
+/* False when there is no memory for a parser. */
+static bool start_parser(yaml_parser_t *parser, const text_buffer *text, diag *errors)
+{
+    if (!yaml_parser_initialize(parser)) {
+        diag_add(errors, 0, 0, "out of memory");
+        return false;
+    }
+    yaml_parser_set_encoding(parser, YAML_UTF8_ENCODING);
+    yaml_parser_set_input_string(parser, text->bytes, text->length);
+    return true;
+}
+
+static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text, diag *errors)
+{
+    const yaml_mark_t *mark = &parser->problem_mark;
+    const char *problem = parser->problem ? parser->problem : "unknown error";
+
+    if (parser->error == YAML_MEMORY_ERROR)
+        diag_add(errors, 0, 0, "out of memory");
+    else if (parser->error == YAML_READER_ERROR)
+        complain_at(text, parser->problem_offset, problem, errors);
+    else
+        diag_add(errors, mark->line + 1, mark->column + 1, "%s%s%s",
+                 parser->context ? parser->context : "", parser->context ? ": " : "", problem);
+}
+
+static bool within(scan *self, size_t *count, size_t max, const yaml_mark_t *mark,
+                   const char *what)
+{
+    if (++*count <= max)
+        return true;
+    diag_add(self->errors, mark->line + 1, mark->column + 1, "a file has at most %zu %s", max,
+             what);
+    return false;
+}
+
+static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *anchor,
+                       const yaml_char_t *tag)
+{
+    if (tag) {
+        diag_add(self->errors, mark->line + 1, mark->column + 1,
+                 "YAML tags (%s) are not supported", (const char *)tag);
+        return false;
+    }
+    if (anchor && !within(self, &self->anchors, YAML_ANCHORS_MAX, mark, "anchors"))
+        return false;
+    return within(self, &self->nodes, YAML_NODES_MAX, mark, "values");
+}
+
+static bool check_event(scan *self, const yaml_event_t *event)
+{
+    const yaml_mark_t *mark = &event->start_mark;
+
+    switch (event->type) {
+    case YAML_DOCUMENT_START_EVENT:
+        return within(self, &self->documents, 1, mark, "document");
+    case YAML_ALIAS_EVENT:
+        return check_node(self, mark, NULL, NULL);
+    case YAML_SCALAR_EVENT:
+        return check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
+    case YAML_SEQUENCE_START_EVENT:
+        return check_node(self, mark, event->data.sequence_start.anchor,
+                          event->data.sequence_start.tag);
+    case YAML_MAPPING_START_EVENT:
+        return check_node(self, mark, event->data.mapping_start.anchor,
+                          event->data.mapping_start.tag);
+    case YAML_NO_EVENT:
+    case YAML_STREAM_START_EVENT:
+    case YAML_STREAM_END_EVENT:
+    case YAML_DOCUMENT_END_EVENT:
+    case YAML_SEQUENCE_END_EVENT:
+    case YAML_MAPPING_END_EVENT:
+        return true;
+    }
+    return true;
+}
+
+static bool scan_parser(yaml_parser_t *parser, const text_buffer *text, diag *errors)
+{
+    scan counts = {.errors = errors};
+    bool good = true;
+    bool more = true;
+
+    while (good && more) {
+        yaml_event_t event;
+
+        if (!yaml_parser_parse(parser, &event)) {
+            complain_syntax(parser, text, errors);
+            return false;
+        }
+        good = check_event(&counts, &event);
+        more = event.type != YAML_STREAM_END_EVENT;
+        yaml_event_delete(&event);
+    }
+    return good;
+}
+
+/* Finds all errors of syntax and more than one document. */
+static bool scan_events(const text_buffer *text, diag *errors)
+{
+    yaml_parser_t parser;
+
+    if (!start_parser(&parser, text, errors))
+        return false;
+    bool good = scan_parser(&parser, text, errors);
+    yaml_parser_delete(&parser);
+    return good;
+}
+
+static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors)
+{
+    yaml_parser_t parser;
+
+    if (!start_parser(&parser, text, errors))
+        return false;
+    bool good = yaml_parser_load(&parser, document);
+    if (!good)
+        complain_syntax(&parser, text, errors);
+    yaml_parser_delete(&parser);
+    return good;
+}

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * yamlfile.h - reads one YAML document from a file of bounded size.
+ */
+#ifndef CANWIRE_YAMLFILE_H
+#define CANWIRE_YAMLFILE_H
+
+#include "diag.h"
+
+#include <yaml.h>
+
+#define YAML_FILE_MAX (4u << 20)  /* bytes of a file */
+#define YAML_NODES_MAX 200000u    /* values and keys of a file */
+#define YAML_ANCHORS_MAX 1000u    /* libyaml's search for them is linear */
+
+/* Loads the only document of the file. Aliases are resolved to their nodes, so what is loaded may
+ * be a graph, even with cycles. False after a message to errors; *document is then not to be
+ * deleted. */
+bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors);
+
+#endif
