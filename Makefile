@@ -13,6 +13,7 @@ WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswit
   -Wstrict-prototypes -Wmissing-prototypes -Wvla
 OPTIMISE_release := -O2 -g
 OPTIMISE_debug := -O0 -g3
+OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
@@ -29,9 +30,9 @@ ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(WARNINGS) -Ilib -MM
 DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
 
 LIB_SOURCES := $(wildcard lib/*.c)
-# what canwired and canwire share; the rest of daemon/ is canwired's
-COMMON_SOURCES := $(addprefix daemon/,arena.c config.c diag.c output.c release.c text.c yamlfile.c)
-DAEMON_SOURCES := $(filter-out $(COMMON_SOURCES),$(wildcard daemon/*.c))
+# canwired's own: sockets, LCM, the event loop; the rest of daemon/ it shares with canwire
+DAEMON_SOURCES := $(addprefix daemon/,engine.c log.c losses.c main.c port_socketcan.c publish.c)
+COMMON_SOURCES := $(filter-out $(DAEMON_SOURCES),$(wildcard daemon/*.c))
 TOOL_SOURCES := $(wildcard daemon/cli/*.c)
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
@@ -45,7 +46,7 @@ CONFORMANCE := $(BUILD)/conformance
 COMMON_OBJECTS := $(call objects,$(COMMON_SOURCES))
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all test test-unit demo bench check install clean help build
+.PHONY: all mutant mutant-run test test-unit demo bench check install clean help build
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
@@ -94,6 +95,12 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS)) $(CONFORMANCE) $(TOOL)
 	  CANWIRE=$(TOOL) $(BUILD)/$$test || exit 1; done
 	@echo "== conformance ($(VARIANT), $(CC))"
 	@$(CONFORMANCE)
+
+# What scripts/mutate builds and runs for each changed controller.
+MUTANT_TESTS := $(addprefix $(BUILD)/,test_bus test_codec) $(CONFORMANCE)
+mutant: $(MUTANT_TESTS)
+mutant-run:
+	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
 
 $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@

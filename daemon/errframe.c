@@ -34,7 +34,7 @@ static const struct {
     [CW_ERROR_ACK] = {CAN_ERR_ACK, CAN_ERR_PROT_UNSPEC},
 };
 
-/* data[3] by field; ID, RTR and ERROR_FLAG need a closer look, see location(). */
+/* data[3] by field; ID and RTR need a closer look, see location(). */
 static const uint8_t locations[CW_FIELD_COUNT] = {
     [CW_FIELD_SOF] = CAN_ERR_PROT_LOC_SOF,
     [CW_FIELD_SRR] = CAN_ERR_PROT_LOC_SRTR,

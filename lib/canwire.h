@@ -390,7 +390,7 @@ typedef enum cw_event_kind {
     CW_EVENT_RESTART,
     CW_EVENT_ARBITRATION_LOST,
     CW_EVENT_ERROR,
-    CW_EVENT_TOLERATED, /* R2/R6 increment; for error frames of drivers, not in event streams */
+    CW_EVENT_TOLERATED, /* CW_REPORT_TOLERATED; for drivers' error frames, not in event streams */
     CW_EVENT_OVERLOAD,
     CW_EVENT_RX,
     CW_EVENT_TX,

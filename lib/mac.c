@@ -671,6 +671,7 @@ static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
         enter(m, m->phase == CW_MAC_ERROR_ACTIVE ? CW_MAC_ERROR_WAIT : CW_MAC_OVERLOAD_WAIT);
 }
 
+/* A counter moves without an error of its own. */
 static void report_tolerated(const cw_mac *m, cw_mac_report *r)
 {
     r->what |= CW_REPORT_TOLERATED;
