@@ -18,11 +18,11 @@
 #define COLUMNS_DEFAULT 80 /* in a pipe */
 #define COLUMNS_MIN 40     /* the longest field with its gutter fits */
 #define COLUMNS_MAX 1000
-#define GUTTER 7           /* columns of the row labels */
-#define GAP 1              /* columns between fields */
-#define PARTS_MAX 24       /* an extended frame with 8 bytes has 20 */
-#define CELL_MAX 32        /* bytes of a label or value with its final 0 */
-#define BASE_ID_BITS 11    /* of an extended identifier that stand before SRR */
+#define GUTTER 7        /* columns of the row labels */
+#define GAP 1           /* columns between fields */
+#define PARTS_MAX 24    /* an extended frame with 8 bytes has 20 */
+#define CELL_MAX 32     /* bytes of a label or value with its final 0 */
+#define BASE_ID_BITS 11 /* of an extended identifier that stand before SRR */
 
 #define COLOUR_LABEL "\033[36m"
 #define COLOUR_STUFF "\033[1;31m"
@@ -52,7 +52,13 @@ typedef struct display {
 } display;
 
 /* The lines of a row of parts, from top to bottom. */
-typedef enum line_kind { LINE_LABEL = 0, LINE_NUMBER, LINE_LEVEL, LINE_STUFF, LINE_VALUE } line_kind;
+typedef enum line_kind {
+    LINE_LABEL = 0,
+    LINE_NUMBER,
+    LINE_LEVEL,
+    LINE_STUFF,
+    LINE_VALUE
+} line_kind;
 
 #define LINE_COUNT (LINE_VALUE + 1)
 
@@ -104,18 +110,19 @@ static void print_usage(FILE *out)
 static void print_help(void)
 {
     print_usage(stdout);
-    fputs("\n"
-          "Shows the bits of a frame on the wire, SOF to EOF, with stuff bits and with the ACK\n"
-          "slot as the transmitter sends it (1, recessive).\n"
-          "\n"
-          "  FRAME       123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
-          "              123#1122334455667788_F (DLC over 8)\n"
-          "  -r, --raw   only 0s and 1s, on one line\n"
-          "  -h, --help  this text\n"
-          "\n"
-          "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
-          "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n",
-          stdout);
+    fputs(
+        "\n"
+        "Shows the bits of a frame on the wire, SOF to EOF, with stuff bits and with the ACK\n"
+        "slot as the transmitter sends it (1, recessive).\n"
+        "\n"
+        "  FRAME       123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
+        "              123#1122334455667788_F (DLC over 8)\n"
+        "  -r, --raw   only 0s and 1s, on one line\n"
+        "  -h, --help  this text\n"
+        "\n"
+        "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
+        "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n",
+        stdout);
 }
 
 static int refuse_usage(const char *message, const char *argument)
@@ -484,7 +491,7 @@ static void print_summary(const cw_frame *frame, const cw_bits *bits)
     print_format(frame);
     print_dlc(frame);
     printf("crc         %04X\n", (unsigned)bits->crc);
-    printf("bits        %u from SOF to EOF, %u of them stuff bit%s\n", (unsigned)bits->length, stuff,
-           stuff == 1 ? "" : "s");
+    printf("bits        %u from SOF to EOF, %u of them stuff bit%s\n", (unsigned)bits->length,
+           stuff, stuff == 1 ? "" : "s");
     print_duration(bits->length);
 }

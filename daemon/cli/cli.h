@@ -10,7 +10,7 @@
 
 enum cli_exit {
     CLI_OK = 0,
-    CLI_BAD_INPUT = 1,   /* or refused */
+    CLI_BAD_INPUT = 1, /* or refused */
     CLI_USAGE = 2,
     CLI_EXPECTATION = 3, /* sim: an expectation of the configuration failed */
 };

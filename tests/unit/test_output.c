@@ -1,0 +1,417 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_output.c - events as JSON lines, candump logs and statistics, as the contract shows them.
+ */
+#include "output.h"
+
+#include <jansson.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define BIT_TICKS 160u /* 500 kbit/s */
+#define EVENT_RING 256
+#define ENGINE 0x1u
+#define GEARBOX 0x2u
+#define LOAD 0x4u
+
+static char engine[] = "engine";
+static char gearbox[] = "gear.box_2";
+static char load[] = "load";
+static char vcan0[] = "vcan0";
+static char bus_name[] = "powertrain";
+
+static cfg_node nodes[] = {{.name = engine, .port = vcan0}, {.name = gearbox}, {.name = load}};
+
+/* Acts on the first frame only. */
+static cw_rule rules[] = {
+    {.name = "never",
+     .filters = {{.value = 0x7ff, .mask = 0xdfffffff}},
+     .filter_count = 1,
+     .time_end = CW_NEVER,
+     .probability = UINT64_MAX,
+     .field = CW_FIELD_CRC,
+     .bits = 1},
+    {.name = "crc-flip",
+     .time_end = CW_NEVER,
+     .count = 1,
+     .probability = UINT64_MAX,
+     .field = CW_FIELD_CRC,
+     .index = 3,
+     .bits = 1},
+};
+
+static const cfg config = {
+    .bus_name = bus_name,
+    .bitrate_bps = 500000,
+    .bit_ticks = BIT_TICKS,
+    .node_count = 3,
+    .nodes = nodes,
+    .rule_count = 2,
+    .rules = rules,
+};
+
+static const cw_frame deadbeef = {.id = 0x123, .dlc = 4, .data = {0xde, 0xad, 0xbe, 0xef}};
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+typedef void writer(FILE *out, const cfg *config, const cw_event *event);
+
+typedef struct line_case {
+    const char *name;
+    writer *write;
+    cw_event event;
+    const char *text;
+} line_case;
+
+#define DEADBEEF                                                                                   \
+    {                                                                                              \
+        .id = 0x123, .dlc = 4, .data = { 0xde, 0xad, 0xbe, 0xef }                                  \
+    }
+
+static const line_case lines[] = {
+    {"rx",
+     output_event,
+     {.tick = 176 * 80, .nodes = GEARBOX, .kind = CW_EVENT_RX, .frame = DEADBEEF},
+     "{\"t\":0.000176000,\"node\":\"gear.box_2\",\"event\":\"rx\",\"frame\":\"123#DEADBEEF\"}\n"},
+    {"rx of several nodes is a line for each, in their order",
+     output_event,
+     {.tick = 3, .nodes = LOAD | ENGINE, .kind = CW_EVENT_RX, .frame = {.id = 0x7ff}},
+     "{\"t\":0.000000037,\"node\":\"engine\",\"event\":\"rx\",\"frame\":\"7FF#\"}\n"
+     "{\"t\":0.000000037,\"node\":\"load\",\"event\":\"rx\",\"frame\":\"7FF#\"}\n"},
+    {"tx of an extended remote frame",
+     output_event,
+     {.tick = 80000000,
+      .nodes = LOAD,
+      .kind = CW_EVENT_TX,
+      .frame = {.id = 0x12345678, .flags = CW_FRAME_EXTENDED | CW_FRAME_REMOTE, .dlc = 4}},
+     "{\"t\":1.000000000,\"node\":\"load\",\"event\":\"tx\",\"frame\":\"12345678#R4\"}\n"},
+    {"arbitration-lost",
+     output_event,
+     {.nodes = LOAD,
+      .kind = CW_EVENT_ARBITRATION_LOST,
+      .frame = {.id = 0x124},
+      .lost_bit = 8,
+      .tec = 7},
+     "{\"t\":0.000000000,\"node\":\"load\",\"event\":\"arbitration-lost\",\"frame\":\"124#\","
+     "\"bit\":8}\n"},
+    {"error of a receiver",
+     output_event,
+     {.nodes = GEARBOX,
+      .kind = CW_EVENT_ERROR,
+      .rec = 1,
+      .error = {.type = CW_ERROR_CRC,
+                .role = CW_ROLE_RECEIVER,
+                .flag = CW_FLAG_ACTIVE,
+                .place = {.field = CW_FIELD_ACK_DELIMITER}}},
+     "{\"t\":0.000000000,\"node\":\"gear.box_2\",\"event\":\"error\",\"role\":\"rx\","
+     "\"type\":\"crc\",\"field\":\"ack-delimiter\",\"index\":0,\"flag\":\"active\",\"tec\":0,"
+     "\"rec\":1}\n"},
+    {"error of a transmitter at a stuff bit",
+     output_event,
+     {.nodes = ENGINE,
+      .kind = CW_EVENT_ERROR,
+      .tec = 256,
+      .rec = 2,
+      .error = {.type = CW_ERROR_STUFF,
+                .role = CW_ROLE_TRANSMITTER,
+                .flag = CW_FLAG_NONE,
+                .place = {.field = CW_FIELD_DATA, .index = 23, .stuff = true}}},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"error\",\"role\":\"tx\","
+     "\"type\":\"stuff\",\"field\":\"data\",\"index\":23,\"stuff\":true,\"flag\":\"none\","
+     "\"tec\":256,\"rec\":2}\n"},
+    {"state",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_STATE, .state = CW_STATE_BUS_OFF, .tec = 256},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"state\",\"state\":\"bus-off\","
+     "\"tec\":256,\"rec\":0}\n"},
+    {"restart",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_RESTART},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"restart\"}\n"},
+    {"overload",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_OVERLOAD},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"overload\"}\n"},
+    {"drop",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_DROP, .why = CW_DROP_QUEUE_FULL, .frame = {.id = 1}},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"drop\",\"frame\":\"001#\","
+     "\"why\":\"queue-full\"}\n"},
+    {"fault",
+     output_event,
+     {.kind = CW_EVENT_FAULT, .rule = 1, .hit = 4294967295u},
+     "{\"t\":0.000000000,\"event\":\"fault\",\"rule\":\"crc-flip\",\"hit\":4294967295}\n"},
+    {"tolerated writes nothing", output_event, {.nodes = ENGINE, .kind = CW_EVENT_TOLERATED}, ""},
+    {"log of a node with port",
+     output_log,
+     {.tick = 178 * 80, .nodes = ENGINE, .kind = CW_EVENT_TX, .frame = DEADBEEF},
+     "(0000000000.000178) vcan0 123#DEADBEEF\n"},
+    {"log of a node without port",
+     output_log,
+     {.tick = 178 * 80, .nodes = LOAD, .kind = CW_EVENT_TX, .frame = DEADBEEF},
+     "(0000000000.000178) load 123#DEADBEEF\n"},
+    {"log of anything else is empty",
+     output_log,
+     {.nodes = ENGINE, .kind = CW_EVENT_RX, .frame = DEADBEEF},
+     ""},
+};
+
+#define LINE_CASES (sizeof lines / sizeof lines[0])
+
+static void writes_the_line(void **state)
+{
+    const line_case *expected = *state;
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+
+    assert_non_null(out);
+    expected->write(out, &config, &expected->event);
+    fclose(out);
+    assert_string_equal(text, expected->text);
+    free(text);
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
+/* Simulates one frame of the engine, hit once by crc-flip, and returns what output_stats wrote.
+ * bit_ticks other than BIT_TICKS only to see odd times. */
+static json_t *written_stats(uint64_t until_bits, uint32_t bit_ticks)
+{
+    const cw_node_config each[] = {{.queue = 4, .warning_limit = 96},
+                                   {.queue = 4, .warning_limit = 96},
+                                   {.queue = 4, .warning_limit = 96}};
+    const cw_bus_config wanted = {.bit_ticks = bit_ticks,
+                                  .node_count = 3,
+                                  .inbox = 4,
+                                  .events = EVENT_RING,
+                                  .rule_count = 2,
+                                  .nodes = each,
+                                  .rules = rules};
+    void *memory = malloc(cw_bus_size(&wanted));
+    cw_bus *bus = cw_bus_init(memory, &wanted);
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+
+    assert_non_null(bus);
+    assert_non_null(out);
+    assert_int_equal(cw_node_send(bus, 0, &deadbeef, 0), CW_OK);
+    assert_int_equal(cw_bus_advance(bus, until_bits * bit_ticks), CW_OK);
+    output_stats(out, &config, bus);
+    fclose(out);
+    json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, NULL);
+
+    assert_non_null(root);
+    assert_int_equal(text[length - 1], '\n');
+    free(text);
+    free(memory);
+    return root;
+}
+
+static void assert_keys(const json_t *object, const char *const *keys)
+{
+    const char *key;
+    json_t *value;
+
+    json_object_foreach((json_t *)(uintptr_t)object, key, value)
+    {
+        assert_non_null(*keys);
+        assert_string_equal(key, *keys);
+        keys++;
+    }
+    assert_null(*keys);
+}
+
+static json_int_t number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+
+    assert_true(json_is_integer(value));
+    return json_integer_value(value);
+}
+
+static const char *string(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+
+    assert_true(json_is_string(value));
+    return json_string_value(value);
+}
+
+static void stats_keys_are_in_order(void **state)
+{
+    static const char *const root_keys[] = {"bus", "nodes", "rules", NULL};
+    static const char *const bus_keys[] = {"name",
+                                           "bitrate",
+                                           "time_ns",
+                                           "bits",
+                                           "busy_bits",
+                                           "load_permille",
+                                           "load_second_permille",
+                                           "frames",
+                                           "frame_bits",
+                                           "error_frames",
+                                           "overload_frames",
+                                           "arbitration_lost",
+                                           "undetected_errors",
+                                           "faults",
+                                           "pending",
+                                           NULL};
+    static const char *const node_keys[] = {"name",
+                                            "port",
+                                            "state",
+                                            "tec",
+                                            "rec",
+                                            "handed_in",
+                                            "tx_frames",
+                                            "tx_bytes",
+                                            "tx_bits",
+                                            "rx_frames",
+                                            "rx_bytes",
+                                            "dropped",
+                                            "arbitration_lost",
+                                            "retransmissions",
+                                            "errors",
+                                            "bus_errors",
+                                            "overloads",
+                                            "error_warning",
+                                            "error_passive",
+                                            "bus_off",
+                                            "restarts",
+                                            "undetected_errors",
+                                            "queue",
+                                            "queue_peak",
+                                            "delay",
+                                            NULL};
+    static const char *const drop_keys[] = {"queue-full", "one-shot", "bus-off", "listen-only",
+                                            "bad-frame",  "fault",    NULL};
+    static const char *const error_keys[] = {"bit", "stuff", "form", "crc", "ack", NULL};
+    static const char *const delay_keys[] = {"count",  "min_ns", "mean_ns", "max_ns",
+                                             "p50_ns", "p99_ns", NULL};
+    static const char *const rule_keys[] = {"name", "matches", "hits", NULL};
+    json_t *root = written_stats(300, BIT_TICKS);
+    const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
+
+    (void)state;
+    assert_keys(root, root_keys);
+    assert_keys(json_object_get(root, "bus"), bus_keys);
+    assert_keys(node, node_keys);
+    assert_keys(json_object_get(node, "dropped"), drop_keys);
+    assert_keys(json_object_get(node, "errors"), error_keys);
+    assert_keys(json_object_get(node, "delay"), delay_keys);
+    assert_keys(json_array_get(json_object_get(root, "rules"), 0), rule_keys);
+    json_decref(root);
+}
+
+static void stats_of_the_bus_are_those_of_the_library(void **state)
+{
+    json_t *root = written_stats(300, BIT_TICKS);
+    const json_t *bus = json_object_get(root, "bus");
+
+    (void)state;
+    assert_string_equal(string(bus, "name"), "powertrain");
+    assert_int_equal(number(bus, "bitrate"), 500000);
+    assert_int_equal(number(bus, "time_ns"), 600000);
+    assert_int_equal(number(bus, "bits"), 300);
+    assert_int_equal(number(bus, "frames"), 1);
+    assert_int_equal(number(bus, "frame_bits"), 78);
+    assert_int_equal(number(bus, "error_frames"), 1);
+    assert_int_equal(number(bus, "faults"), 1);
+    assert_int_equal(number(bus, "load_permille"), number(bus, "busy_bits") * 1000 / 300);
+    json_decref(root);
+}
+
+/* crc[3] is wire bit 56 of the frame, so bus bit 11 + 56 = 67. The sender's flag is 68 to 73; its
+ * sixth bit is the receivers' stuff error, their flag is 74 to 79. Delimiter to 87, intermission to
+ * 90, and the second attempt takes the 78 bits from 91 to 168: 169 bits of 2 us in all. */
+static void stats_of_the_nodes_are_those_of_the_library(void **state)
+{
+    json_t *root = written_stats(300, BIT_TICKS);
+    const json_t *all = json_object_get(root, "nodes");
+    const json_t *sender = json_array_get(all, 0);
+    const json_t *receiver = json_array_get(all, 1);
+
+    (void)state;
+    assert_int_equal(json_array_size(all), 3);
+    assert_string_equal(string(sender, "name"), "engine");
+    assert_string_equal(string(sender, "port"), "vcan0");
+    assert_string_equal(string(sender, "state"), "error-active");
+    assert_int_equal(number(sender, "tec"), 7);
+    assert_int_equal(number(sender, "tx_frames"), 1);
+    assert_int_equal(number(sender, "tx_bytes"), 4);
+    assert_int_equal(number(sender, "tx_bits"), 78);
+    assert_int_equal(number(sender, "retransmissions"), 1);
+    assert_int_equal(number(json_object_get(sender, "errors"), "bit"), 1);
+    assert_int_equal(number(sender, "bus_errors"), 1);
+    assert_int_equal(number(json_object_get(sender, "delay"), "count"), 1);
+    assert_int_equal(number(json_object_get(sender, "delay"), "mean_ns"), 338000);
+    assert_int_equal(number(json_object_get(sender, "delay"), "max_ns"), 338000);
+    assert_true(json_is_null(json_object_get(receiver, "port")));
+    assert_int_equal(number(receiver, "rx_frames"), 1);
+    assert_int_equal(number(receiver, "rx_bytes"), 4);
+    assert_int_equal(number(receiver, "rec"), 0);
+    assert_int_equal(number(json_object_get(receiver, "errors"), "stuff"), 1);
+    json_decref(root);
+}
+
+static void stats_of_the_rules_are_those_of_the_library(void **state)
+{
+    json_t *root = written_stats(300, BIT_TICKS);
+    const json_t *all = json_object_get(root, "rules");
+
+    (void)state;
+    assert_int_equal(json_array_size(all), 2);
+    assert_string_equal(string(json_array_get(all, 0), "name"), "never");
+    assert_int_equal(number(json_array_get(all, 0), "matches"), 0);
+    assert_int_equal(number(json_array_get(all, 0), "hits"), 0);
+    assert_string_equal(string(json_array_get(all, 1), "name"), "crc-flip");
+    assert_int_equal(number(json_array_get(all, 1), "hits"), 1);
+    json_decref(root);
+}
+
+static void half_nanoseconds_are_truncated(void **state)
+{
+    json_t *root = written_stats(3, 1);
+
+    (void)state;
+    assert_int_equal(number(json_object_get(root, "bus"), "time_ns"), 37);
+    json_decref(root);
+}
+
+static void nothing_simulated_is_no_load(void **state)
+{
+    json_t *root = written_stats(0, BIT_TICKS);
+    const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
+
+    (void)state;
+    assert_int_equal(number(json_object_get(root, "bus"), "load_permille"), 0);
+    assert_int_equal(number(json_object_get(node, "delay"), "mean_ns"), 0);
+    json_decref(root);
+}
+
+int main(void)
+{
+    const struct CMUnitTest stats[] = {
+        cmocka_unit_test(stats_keys_are_in_order),
+        cmocka_unit_test(stats_of_the_bus_are_those_of_the_library),
+        cmocka_unit_test(stats_of_the_nodes_are_those_of_the_library),
+        cmocka_unit_test(stats_of_the_rules_are_those_of_the_library),
+        cmocka_unit_test(half_nanoseconds_are_truncated),
+        cmocka_unit_test(nothing_simulated_is_no_load),
+    };
+    struct CMUnitTest texts[LINE_CASES] = {0};
+
+    for (size_t i = 0; i < LINE_CASES; i++) {
+        texts[i].name = lines[i].name;
+        texts[i].test_func = writes_the_line;
+        texts[i].initial_state = (void *)(uintptr_t)&lines[i];
+    }
+    int failed = cmocka_run_group_tests_name("lines", texts, NULL, NULL);
+
+    return failed + cmocka_run_group_tests_name("statistics", stats, NULL, NULL);
+}
