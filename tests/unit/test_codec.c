@@ -1,0 +1,374 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_codec.c - frames to wire bits and back (F1..F8), against a model of its own.
+ */
+#include "model.h"
+#include "rig.h"
+
+#define FRAMES 20000
+#define FLIP_FRAMES 300
+#define SEED UINT64_C(0x1234567)
+
+/* ---- Encoding -------------------------------------------------------------------------------- */
+
+static void bits_to_text(char *text, const cw_bits *bits)
+{
+    for (unsigned n = 0; n < bits->length; n++)
+        text[n] = cw_bits_level(bits, n) ? '1' : '0';
+    text[bits->length] = '\0';
+}
+
+static void random_frames_encode_as_the_model_does(void **state)
+{
+    (void)state;
+    rig_random random = {SEED};
+    for (unsigned i = 0; i < FRAMES; i++) {
+        char text[MODEL_BITS_MAX];
+        cw_bits bits;
+        cw_frame f = rig_random_frame(&random);
+        model m = model_encode(&f);
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        bits_to_text(text, &bits);
+        assert_string_equal(text, m.wire);
+        assert_int_equal(bits.crc, strtoul(m.plain + strlen(m.plain) - 15, NULL, 2));
+    }
+}
+
+/* F7, counting stuff bits as equal bits. */
+static void never_more_than_five_equal_bits_up_to_the_crc(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 1};
+    for (unsigned i = 0; i < FRAMES; i++) {
+        cw_bits bits;
+        cw_frame f = rig_random_frame(&random);
+        unsigned run = 0;
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        for (unsigned n = 0; n < bits.length - MODEL_TAIL_BITS; n++) {
+            bool same = n > 0 && cw_bits_level(&bits, n) == cw_bits_level(&bits, n - 1);
+            run = same ? run + 1 : 1;
+            assert_in_range(run, 1, 5);
+        }
+    }
+}
+
+/* Stuff bits that a row of bits gets, without writing it down. */
+static unsigned count_stuff_bits(const char *plain)
+{
+    unsigned stuff = 0;
+    unsigned run = 0;
+    char last = 'x';
+    for (; *plain; plain++) {
+        run = *plain == last ? run + 1 : 1;
+        last = *plain;
+        if (run == 5) {
+            stuff++;
+            run = 1;
+            last = last == '1' ? '0' : '1';
+        }
+    }
+    return stuff;
+}
+
+static void length_is_the_closed_formula(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 2};
+    for (unsigned i = 0; i < FRAMES; i++) {
+        cw_bits bits;
+        cw_frame f = rig_random_frame(&random);
+        unsigned bytes = f.flags & CW_FRAME_REMOTE ? 0 : f.dlc < 8 ? f.dlc : 8u;
+        unsigned fixed = f.flags & CW_FRAME_EXTENDED ? 64 : 44;
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        assert_int_equal(bits.length,
+                         fixed + 8 * bytes + count_stuff_bits(model_encode(&f).plain));
+        assert_in_range(bits.length, 44, 157);
+    }
+}
+
+/* ---- Places ---------------------------------------------------------------------------------- */
+
+typedef struct field_run {
+    cw_field field;
+    unsigned first;
+    unsigned bits;
+} field_run;
+
+static const field_run base_head[] = {
+    {CW_FIELD_SOF, 0, 1}, {CW_FIELD_ID, 0, 11}, {CW_FIELD_RTR, 0, 1}, {CW_FIELD_IDE, 0, 1},
+    {CW_FIELD_R0, 0, 1},  {CW_FIELD_DLC, 0, 4},
+};
+static const field_run extended_head[] = {
+    {CW_FIELD_SOF, 0, 1}, {CW_FIELD_ID, 0, 11},  {CW_FIELD_SRR, 0, 1},
+    {CW_FIELD_IDE, 0, 1}, {CW_FIELD_ID, 11, 18}, {CW_FIELD_RTR, 0, 1},
+    {CW_FIELD_R1, 0, 1},  {CW_FIELD_R0, 0, 1},   {CW_FIELD_DLC, 0, 4},
+};
+static const field_run tail[] = {
+    {CW_FIELD_CRC_DELIMITER, 0, 1},
+    {CW_FIELD_ACK_SLOT, 0, 1},
+    {CW_FIELD_ACK_DELIMITER, 0, 1},
+    {CW_FIELD_EOF, 0, 7},
+};
+
+/* Checks one field from wire bit n on; returns the bit behind it. stuff counts stuff bits. */
+static unsigned check_field(const cw_bits *bits, unsigned n, field_run run, unsigned *stuff)
+{
+    for (unsigned i = 0; i < run.bits; i++) {
+        cw_place place = cw_bits_place(bits, n);
+        assert_int_equal(place.field, run.field);
+        assert_int_equal(place.index, run.first + i);
+        assert_false(place.stuff);
+        assert_true(cw_bits_is_at(bits, n, run.field, run.first + i));
+        assert_true(cw_bits_is_at(bits, n, CW_FIELD_BIT, n));
+        n++;
+        if (n == bits->length || !(cw_bits_place(bits, n).stuff))
+            continue;
+        place = cw_bits_place(bits, n);
+        assert_int_equal(place.field, run.field);
+        assert_int_equal(place.index, run.first + i);
+        assert_false(cw_bits_is_at(bits, n, run.field, run.first + i));
+        assert_true(cw_bits_is_at(bits, n, CW_FIELD_STUFF, (*stuff)++));
+        assert_true(cw_bits_is_at(bits, n, CW_FIELD_BIT, n));
+        n++;
+    }
+    return n;
+}
+
+static unsigned check_fields(const cw_bits *bits, unsigned n, const field_run *runs, size_t count,
+                             unsigned *stuff)
+{
+    for (size_t i = 0; i < count; i++)
+        n = check_field(bits, n, runs[i], stuff);
+    return n;
+}
+
+static void every_bit_has_its_place(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 3};
+    for (unsigned i = 0; i < FRAMES / 10; i++) {
+        cw_bits bits;
+        unsigned stuff = 0;
+        cw_frame f = rig_random_frame(&random);
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        unsigned n = f.flags & CW_FRAME_EXTENDED
+                         ? check_fields(&bits, 0, extended_head, 9, &stuff)
+                         : check_fields(&bits, 0, base_head, 6, &stuff);
+        field_run data = {CW_FIELD_DATA, 0, 8 * cw_frame_length(&f)};
+        n = check_field(&bits, n, data, &stuff);
+        n = check_field(&bits, n, (field_run){CW_FIELD_CRC, 0, 15}, &stuff);
+        n = check_fields(&bits, n, tail, 4, &stuff);
+        assert_int_equal(n, bits.length);
+        assert_int_equal(stuff, count_stuff_bits(model_encode(&f).plain));
+    }
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+typedef struct validity {
+    cw_frame frame;
+    bool valid;
+} validity;
+
+static void only_classical_frames_in_range_are_encoded(void **state)
+{
+    (void)state;
+    static const validity cases[] = {
+        {{.id = 0}, true}, /* F8: no identifier is special */
+        {{.id = 0x7FF}, true},
+        {{.id = 0x7F0}, true},
+        {{.id = 0x800}, false},
+        {{.id = 0x1FFFFFFF, .flags = CW_FRAME_EXTENDED}, true},
+        {{.id = 0x20000000, .flags = CW_FRAME_EXTENDED}, false},
+        {{.id = 1, .dlc = 15}, true},
+        {{.id = 1, .dlc = 16}, false},
+        {{.id = 1, .flags = CW_FRAME_FD}, false},
+        {{.id = 1, .flags = CW_FRAME_BRS}, false},
+        {{.id = 1, .flags = CW_FRAME_ESI}, false},
+        {{.id = 1, .flags = 0x20}, false},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cw_bits bits;
+        memset(&bits, 0xA5, sizeof bits);
+        cw_bits before = bits;
+        assert_int_equal(cw_frame_valid(&cases[i].frame), cases[i].valid);
+        assert_int_equal(cw_bits_encode(&bits, &cases[i].frame),
+                         cases[i].valid ? CW_OK : CW_INVALID);
+        if (!cases[i].valid)
+            assert_memory_equal(&bits, &before, sizeof bits);
+    }
+}
+
+static void length_follows_dlc_but_not_in_remote_frames(void **state)
+{
+    (void)state;
+    for (unsigned dlc = 0; dlc <= 15; dlc++) {
+        cw_frame data = {.dlc = (uint8_t)dlc};
+        cw_frame remote = {.dlc = (uint8_t)dlc, .flags = CW_FRAME_REMOTE};
+        assert_int_equal(cw_frame_length(&data), dlc < 8 ? dlc : 8); /* F4 */
+        assert_int_equal(cw_frame_length(&remote), 0);               /* F3 */
+    }
+}
+
+static void frames_are_equal_as_they_are_on_the_wire(void **state)
+{
+    (void)state;
+    cw_frame a = rig_frame(0x123, 0, 3);
+    cw_frame b = a;
+    b.data[3] = 0xFF; /* behind the data field */
+    assert_true(cw_frame_equal(&a, &b));
+    b.data[2] ^= 1;
+    assert_false(cw_frame_equal(&a, &b));
+    cw_frame eight = rig_frame(0x123, 0, 8);
+    cw_frame nine = eight;
+    nine.dlc = 9;
+    assert_false(cw_frame_equal(&eight, &nine));
+    cw_frame remote = {.id = 0x123, .flags = CW_FRAME_REMOTE};
+    cw_frame empty = {.id = 0x123};
+    cw_frame extended = {.id = 0x123, .flags = CW_FRAME_EXTENDED};
+    assert_false(cw_frame_equal(&remote, &empty));
+    assert_false(cw_frame_equal(&extended, &empty));
+}
+
+/* ---- Decoding by a controller ---------------------------------------------------------------- */
+
+static void integrate(cw_mac *mac)
+{
+    cw_mac_report report;
+    cw_mac_init(mac, 0, 96);
+    for (unsigned i = 0; i < JOIN; i++) {
+        assert_true(cw_mac_drive(mac));
+        cw_mac_sample(mac, CW_RECESSIVE, &report);
+    }
+    assert_int_equal(cw_mac_get_phase(mac), CW_MAC_IDLE);
+}
+
+/* Feeds a frame to a receiver. Returns whether it took it; it must acknowledge exactly then. */
+static bool receive(cw_mac *mac, const char *wire)
+{
+    cw_mac_report report;
+    bool taken = false;
+    size_t length = strlen(wire);
+    for (size_t n = 0; n < length; n++) {
+        bool own = cw_mac_drive(mac);
+        bool slot = n == length - 2 - MODEL_EOF_BITS;
+        cw_mac_sample(mac, own && wire[n] == '1', &report);
+        if (report.what & CW_REPORT_ERROR)
+            return false;
+        assert_int_equal(own, !slot); /* M5 */
+        assert_int_equal((report.what & CW_REPORT_RX) != 0, n == length - 2); /* M7 */
+        taken = taken || (report.what & CW_REPORT_RX);
+    }
+    return taken;
+}
+
+static void decoding_what_was_encoded_gives_the_same_frame(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 4};
+    cw_mac mac;
+    integrate(&mac);
+    for (unsigned i = 0; i < FRAMES; i++) {
+        cw_mac_report report;
+        char text[MODEL_BITS_MAX];
+        cw_bits bits;
+        cw_frame f = rig_random_frame(&random);
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        bits_to_text(text, &bits);
+        assert_true(receive(&mac, text));
+        assert_true(cw_frame_equal(cw_mac_received(&mac), &f));
+        for (unsigned n = 0; n < 3; n++) {
+            assert_true(cw_mac_drive(&mac));
+            cw_mac_sample(&mac, CW_RECESSIVE, &report);
+            assert_int_equal(report.what, 0);
+        }
+    }
+}
+
+/* F5: SRR dominant, r0 and r1 recessive, in all combinations; CRC and stuffing with these levels. */
+static void receivers_take_srr_and_reserved_bits_at_either_level(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 5};
+    for (unsigned i = 0; i < 2000; i++) {
+        const model_levels levels = {.srr = i & 1u ? '0' : '1',
+                                     .r1 = i & 2u ? '1' : '0',
+                                     .r0 = i & 4u ? '1' : '0'};
+        cw_mac mac;
+        cw_frame f = rig_random_frame(&random);
+        model m = model_encode_as(&f, levels);
+        integrate(&mac);
+        assert_true(receive(&mac, m.wire));
+        assert_true(cw_frame_equal(cw_mac_received(&mac), &f));
+    }
+}
+
+/* One wrong bit between SOF and the ACK slot: no frame is taken, whatever stuffing makes of it. */
+static bool takes_anything(cw_mac *mac, const char *wire)
+{
+    cw_mac_report report;
+    for (; *wire; wire++) {
+        bool own = cw_mac_drive(mac);
+        cw_mac_sample(mac, own && *wire == '1', &report);
+        if (report.what & (CW_REPORT_RX | CW_REPORT_ERROR))
+            return report.what & CW_REPORT_RX;
+    }
+    return false;
+}
+
+static void one_wrong_bit_is_always_found(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 6};
+    for (unsigned i = 0; i < FLIP_FRAMES; i++) {
+        cw_frame f = rig_random_frame(&random);
+        model m = model_encode(&f);
+        for (unsigned n = 1; n < m.stuffed + 1; n++) {
+            cw_mac mac;
+            m.wire[n] ^= 1;
+            integrate(&mac);
+            assert_false(takes_anything(&mac, m.wire));
+            m.wire[n] ^= 1;
+        }
+    }
+}
+
+/* ---- Names ----------------------------------------------------------------------------------- */
+
+static void fields_are_named_as_in_fault_rules(void **state)
+{
+    (void)state;
+    static const char *const names[CW_FIELD_COUNT] = {
+        [CW_FIELD_SOF] = "sof", [CW_FIELD_ID] = "id", [CW_FIELD_SRR] = "srr",
+        [CW_FIELD_IDE] = "ide", [CW_FIELD_RTR] = "rtr", [CW_FIELD_R1] = "r1",
+        [CW_FIELD_R0] = "r0", [CW_FIELD_DLC] = "dlc", [CW_FIELD_DATA] = "data",
+        [CW_FIELD_CRC] = "crc", [CW_FIELD_CRC_DELIMITER] = "crc-delimiter",
+        [CW_FIELD_ACK_SLOT] = "ack-slot", [CW_FIELD_ACK_DELIMITER] = "ack-delimiter",
+        [CW_FIELD_EOF] = "eof", [CW_FIELD_INTERMISSION] = "intermission",
+        [CW_FIELD_SUSPEND] = "suspend", [CW_FIELD_ERROR_FLAG] = "error-flag",
+        [CW_FIELD_ERROR_DELIMITER] = "error-delimiter",
+        [CW_FIELD_OVERLOAD_FLAG] = "overload-flag",
+        [CW_FIELD_OVERLOAD_DELIMITER] = "overload-delimiter",
+        [CW_FIELD_STUFF] = "stuff", [CW_FIELD_BIT] = "bit",
+    };
+    for (unsigned i = CW_FIELD_SOF; i < CW_FIELD_COUNT; i++)
+        assert_string_equal(cw_field_name((cw_field)i), names[i]);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(random_frames_encode_as_the_model_does),
+        cmocka_unit_test(never_more_than_five_equal_bits_up_to_the_crc),
+        cmocka_unit_test(length_is_the_closed_formula),
+        cmocka_unit_test(every_bit_has_its_place),
+        cmocka_unit_test(only_classical_frames_in_range_are_encoded),
+        cmocka_unit_test(length_follows_dlc_but_not_in_remote_frames),
+        cmocka_unit_test(frames_are_equal_as_they_are_on_the_wire),
+        cmocka_unit_test(decoding_what_was_encoded_gives_the_same_frame),
+        cmocka_unit_test(receivers_take_srr_and_reserved_bits_at_either_level),
+        cmocka_unit_test(one_wrong_bit_is_always_found),
+        cmocka_unit_test(fields_are_named_as_in_fault_rules),
+    };
+    return cmocka_run_group_tests_name("codec", tests, NULL, NULL);
+}
