@@ -190,6 +190,8 @@ static void check_before_sample(player *b, const expect *e, bool own, bool seen_
     if (e->check_place && !place_matches(place, e->place, role))
         player_fail(b, "expected place %s, it is %s", wire_place_text(expected_place, e->place),
                     wire_place_text(seen_place, place));
+    if (e->check_place && e->place.field == CW_FIELD_NONE && cw_mac_role(&b->mac) != CW_ROLE_NONE)
+        player_fail(b, "expected no role, it is %d", (int)cw_mac_role(&b->mac));
     if (!e->check_role)
         return;
     if (cw_mac_role(&b->mac) != role)

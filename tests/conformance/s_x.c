@@ -189,7 +189,7 @@ static const test_case cases[] = {
     {"X1", "init= r11 <456#AA r3", NULL},
     {"X1", "init= r11 d >07A#55@id0 r3", NULL},
     {"X1", "modes= offer=" F " r4 -456#AA r2 d r11 " AGAIN, NULL},
-    {"X1", "<" F ":data3 modes= d6 r10 d6 r10 d r11 <" F " r3", NULL},
+    {"X1", "<" F ":data3 modes= d(at none) d5 r10 d6 r10 d r11 <" F " r3", NULL},
     {"X1", "r5 d modes= offer=" F " r11 " AGAIN, NULL},
     {"X2", "set=256,77 restart 127[r11 d] 2[r10 d] " RECOVERED AGAIN, NULL},
     {"X2", "set=256,0 restart 127[r11] " RECOVERED AGAIN, NULL},
@@ -199,6 +199,8 @@ static const test_case cases[] = {
     /* Back without further integration: also the first bit of a foreign frame is seen. */
     {"X2", "set=256,0 restart 127[r11] " RECOVERED "<" F " r3", NULL},
     {"X2", "no-restart r3", NULL},
+    {"X2", "2[set=256,0 restart 127[r11] r10 r(T=0 R=0)] " AGAIN, NULL},
+    {"X2", ">" F ":data0 set=256,0 r(at none) r20 restart 127[r11] r10(at none) r(T=0 R=0)", NULL},
     {"X2", "set=256,0 modes=O r20 restart 20[r11] modes= 107[r11] " RECOVERED AGAIN, NULL},
     {"X2", "set=256,0 r20 set=10,0 r11 <" F " r3", NULL},
     {"X3", "set=10,10 >07A#55:id3s ~(stuff id3s tx act) " ACTIVE ">07A#55 r3", NULL},
@@ -275,7 +277,8 @@ static const test_case cases[] = {
      "r3",
      NULL},
     {"X10",
-     "set=150,0 " TX_ERROR_PASSIVE "r(at errflag0) r5 r8 r3 r(at susp0) r6 r(at susp7) " AGAIN,
+     "set=150,0 " TX_ERROR_PASSIVE
+     "r(at errflag0) r5 r8 r3 r(at susp0) r6 r(at susp7) withdraw r(at none)",
      NULL},
     {"X11", "overload=1 <" F ":eof6 r(ovl) " ACTIVE "<" F " r3", NULL},
     {"X11", "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "<" F " r3", NULL},
