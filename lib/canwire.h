@@ -167,6 +167,7 @@ typedef struct cw_error {
 #define CW_MODE_LISTEN_ONLY 0x02u /* M11: bus monitoring */
 #define CW_MODE_LOOPBACK 0x04u    /* M15: samples only itself, receives its own frames */
 #define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is no error */
+#define CW_MODE_BERR_REPORTING 0x10u /* for the host: nothing changes on the wire */
 
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
@@ -325,31 +326,148 @@ typedef struct cw_filter {
     bool inverted;
 } cw_filter;
 
-typedef enum cw_action { CW_ACTION_FLIP = 0, CW_ACTION_COUNT } cw_action;
+/* What a rule waits for. With `has_after` or `manual` it is also to be armed: each hit of rule
+ * `after` (after_delay later) and each cw_bus_fire_rule() arms it for one hit. */
+typedef enum cw_trigger {
+    CW_TRIGGER_FRAME = 0, /* frames that match; see cw_action for the moment */
+    CW_TRIGGER_TIME,      /* once, the first bit that starts at or after time_begin */
+    CW_TRIGGER_ARMED,     /* nothing else: it acts when it is armed */
+    CW_TRIGGER_ERROR,     /* errors of `from` whose class is in error_mask */
+} cw_trigger;
+
+/* What a rule does. The moment of a frame trigger: bit actions when their position is reached;
+ * host actions when a node is handed the frame or gets it; REPLY when `node` receives it; all
+ * others when a transmission of the frame begins. */
+typedef enum cw_action {
+    /* Levels. FLIP, FORCE and GLITCH have a position and so a frame trigger. The others last for
+     * for_ticks; 0: till cleared, but NOISE and NO_ACK with a frame trigger for that transmission: */
+    CW_ACTION_FLIP = 0,   /* inverts `bits` wire bits from (field, index) on */
+    CW_ACTION_FORCE,      /* sets them to `level`; for_ticks, when set, instead of bits */
+    CW_ACTION_GLITCH,     /* pattern of `bits` bits from there on */
+    CW_ACTION_STUCK,      /* `level` on `line` of the wire or of `node` */
+    CW_ACTION_NOISE,      /* flips each bit with error_rate, for each node of `at` by itself */
+    CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
+    CW_ACTION_DISCONNECT, /* nodes of `nodes` neither drive nor sample */
+    CW_ACTION_PARTITION,  /* group[] gives each node's wire */
+    /* Once, to the controllers of `nodes`: */
+    CW_ACTION_WRONG_CRC,  /* the frame that begins carries an inverted last CRC bit */
+    CW_ACTION_BUS_OFF,
+    CW_ACTION_ERROR_FLAG, /* as if it had detected an error, whatever it is doing */
+    CW_ACTION_RESTART,    /* as cw_node_restart() */
+    CW_ACTION_COUNTERS,   /* tec, rec; CW_KEEP leaves one alone */
+    CW_ACTION_OVERLOAD,   /* asks for `number` overload frames */
+    CW_ACTION_SET,        /* `settings` */
+    /* On the host side of the matching frame; with CW_SIDE_TX where it is handed in at a node of
+     * `from`, with CW_SIDE_RX where a node of `at` (0: any) gets it: */
+    CW_ACTION_DROP,
+    CW_ACTION_DELAY,     /* by for_ticks */
+    CW_ACTION_DUPLICATE, /* `number` more */
+    CW_ACTION_REORDER,   /* behind the next `number` frames of that node and side */
+    CW_ACTION_CHANGE,    /* `change` */
+    /* Traffic of `node`: */
+    CW_ACTION_SEND,   /* `frame`, at once and then every period_ticks (0: once) while it lasts */
+    CW_ACTION_BABBLE, /* `frame`, again as soon as the last one is done, while it lasts */
+    CW_ACTION_LOAD,   /* random frames up to load_permille of the bus, while it lasts */
+    CW_ACTION_REPLY,  /* `frame` answers the matching one, after for_ticks */
+    CW_ACTION_COUNT
+} cw_action;
+
+typedef enum cw_line { CW_LINE_WIRE = 0, CW_LINE_TX, CW_LINE_RX } cw_line;
+typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
+
+#define CW_KEEP UINT16_MAX
+#define CW_PATTERN_MAX 64 /* bits of a glitch */
+
+/* Changes of a node's settings; fields whose CW_SET_* is not in `which` are ignored. */
+#define CW_SET_MODES 0x01u /* the modes of modes_mask become those in modes */
+#define CW_SET_RESTART 0x02u
+#define CW_SET_QUEUE 0x04u /* frames beyond a smaller limit stay, new ones are dropped */
+#define CW_SET_ORDER 0x08u
+#define CW_SET_WARNING 0x10u
+
+typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
+
+typedef struct cw_settings {
+    uint8_t which;
+    uint8_t modes_mask;
+    uint8_t modes;
+    cw_order order;
+    uint16_t queue;
+    uint16_t warning_limit;
+    uint64_t restart_ticks;
+} cw_settings;
+
+/* A change of a frame's content; the CRC is right for what comes out. First `set`, then `and`,
+ * `or`, `xor`, on the data bytes; length and identifier as given. */
+typedef struct cw_change {
+    bool set_id;
+    bool set_dlc;
+    uint32_t id;
+    uint8_t id_flags; /* CW_FRAME_EXTENDED or 0 */
+    uint8_t dlc;
+    uint8_t set_mask[8]; /* bits taken from set */
+    uint8_t set[8];
+    uint8_t and_mask[8]; /* all ones: no change */
+    uint8_t or_mask[8];
+    uint8_t xor_mask[8];
+} cw_change;
 
 typedef struct cw_rule {
     const char *name; /* distinct; with the seed it gives the rule's random stream. Not kept */
+
+    /* when */
+    cw_trigger trigger;
     cw_filter filters[CW_RULE_FILTERS_MAX]; /* a frame matches when one of them does */
     uint8_t filter_count;                   /* 0: every frame matches */
-    uint64_t from;                          /* transmitters; 0: every node */
-    uint64_t time_begin;                    /* ticks, half open: begin <= start of bit < end */
-    uint64_t time_end;                      /* CW_NEVER: no end */
-    uint32_t skip;                          /* matches passed over first */
-    uint32_t every;                         /* then the next and every every-th one; 0 is 1 */
-    uint32_t count;                         /* hits until the rule ends; 0: no end */
-    uint64_t probability;                   /* of 2^64, drawn per match; UINT64_MAX: always */
+    uint32_t error_mask;                    /* CW_TRIGGER_ERROR: classes of linux/can/error.h */
+    uint8_t data_length;                    /* data bytes compared; shorter frames do not match */
+    uint8_t data_mask[8];
+    uint8_t data_value[8];
+    uint64_t from;         /* transmitters; 0: every node */
+    uint64_t state_nodes;  /* all of these are in one of the states of state_mask (1u << cw_state) */
+    uint8_t state_mask;
+    uint64_t time_begin;   /* ticks, half open: begin <= start of bit < end */
+    uint64_t time_end;     /* CW_NEVER: no end */
+    bool has_after;
+    bool manual;
+    uint16_t after;        /* index of a rule */
+    uint64_t after_delay;  /* ticks */
+    uint32_t skip;         /* matches passed over first */
+    uint32_t every;        /* then the next and every every-th one; 0 is 1 */
+    uint32_t count;        /* hits until the rule ends; 0: no end */
+    uint64_t probability;  /* of 2^64, drawn per match; UINT64_MAX: always */
+    uint64_t hold_off;     /* ticks after a hit in which matches are passed over */
+
+    /* do */
     cw_action action;
     cw_field field; /* position, in the transmitter's own bits */
     uint16_t index;
     uint16_t bits;  /* wire bits from there on, at least 1 */
+    uint64_t for_ticks;
     uint64_t at;    /* nodes whose samples change; 0: the wire, so everybody's */
+    uint64_t nodes; /* whom a controller action concerns */
+    uint8_t node;   /* whose traffic, or whose line */
+    bool level;
+    cw_line line;
+    cw_side side;
+    uint64_t dominant_timeout; /* STUCK on a TX: ticks until the transceiver lets go; 0: never */
+    uint64_t pattern_level;    /* GLITCH: bit i is the level of the i-th bit ... */
+    uint64_t pattern_mask;     /* ... where this is set */
+    uint64_t error_rate;       /* NOISE: of 2^64 */
+    uint16_t tec;
+    uint16_t rec;
+    uint32_t number;
+    uint16_t load_permille;
+    uint64_t period_ticks;
+    uint8_t group[CW_NODES_MAX]; /* PARTITION */
+    cw_settings settings;
+    cw_change change;
+    cw_frame frame;
 } cw_rule;
 
 /* ---- The bus --------------------------------------------------------------------------------- */
 
 typedef struct cw_bus cw_bus; /* lives in memory of the caller, see cw_bus_size() */
-
-typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
 typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
@@ -366,6 +484,7 @@ typedef struct cw_bus_config {
     uint16_t inbox;     /* frames handed in for later than now, all nodes together, at least 1 */
     uint16_t events;    /* size of the event ring; raised to the least that works */
     uint16_t rule_count;
+    uint16_t rule_room;          /* further rules that can be added while the bus runs */
     const cw_node_config *nodes; /* node_count of them; not kept */
     const cw_rule *rules;        /* rule_count of them; not kept */
 } cw_bus_config;
@@ -450,6 +569,27 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event);
 /* Restart by hand (R12). CW_REFUSED when not bus-off, already restarting or restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);
 
+/* Adds a rule while the bus runs; *index is where it is counted. CW_FULL: no room for it.
+ * CW_INVALID: it names nodes, rules or values that do not exist. */
+cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule);
+
+/* Ends what a rule is doing and takes the rule away; its index may be used again. Frames that it
+ * holds back go on their way. CW_INVALID: no such rule. */
+cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index);
+
+/* Ends what a rule is doing, but leaves the rule in place. */
+cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
+
+/* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual or over. */
+cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index);
+
+/* Changes settings of a node at the next bit. A node whose listen-only or loopback changes leaves
+ * the bus and integrates again (M10); its queue stays, but a listen-only node drops it. */
+cw_status cw_node_set(cw_bus *bus, unsigned node, const cw_settings *settings);
+
+/* All settings as they are now. */
+cw_status cw_node_get_settings(const cw_bus *bus, unsigned node, cw_settings *settings);
+
 /* Consecutive recessive bits on the wire up to now. */
 uint64_t cw_bus_recessive_bits(const cw_bus *bus);
 
@@ -526,8 +666,10 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
 typedef struct cw_rule_stats {
-    uint64_t matches;
+    uint64_t matches; /* of them, those that were no hits were passed over */
     uint64_t hits;
+    bool active;      /* it is acting now */
+    bool over;        /* its count is used up */
 } cw_rule_stats;
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats);
