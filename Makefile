@@ -144,4 +144,4 @@ $(GEN)/canwire_%.c: config/lcm/%.lcm
 	@touch $@
 
 .SECONDARY:
--include $(shell find build -name '*.d' 2>/dev/null)
+-include $(shell find build $(BUILD) -name '*.d' 2>/dev/null)

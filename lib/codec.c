@@ -122,7 +122,7 @@ static void put_tail(writer *w)
 {
     w->bits->crc = w->crc;
     for (unsigned n = CW_CRC_BITS; n-- > 0;)
-        put_stuffed(w, (w->bits->crc >> n) & 1u);
+        put_stuffed(w, ((unsigned)w->bits->crc >> n) & 1u);
     for (unsigned n = 0; n < 3 + CW_EOF_BITS; n++) /* delimiter, ACK slot, delimiter, EOF */
         put_raw(w, CW_RECESSIVE);
 }
