@@ -74,10 +74,7 @@ static const schema_key file_keys[] = {
     {.name = "faults", .read = cfg_read_faults},
     {.name = "lcm", .read = read_lcm},
     {.name = "control", .read = read_control},
-    {.name = "pacing",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg, pacing),
-     .arg = pacings},
+    {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},
     {.name = "profiles", .read = NULL},
     {.name = NULL},
 };

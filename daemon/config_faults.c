@@ -164,8 +164,8 @@ static void complain_no_node(schema *self, const schema_key *key, const yaml_nod
     }
     /* Without any node the missing list is the only complaint worth making. */
     if (*list)
-        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name,
-                        name, schema_suggestion(self, &guess), list);
+        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
+                        schema_suggestion(self, &guess), list);
 }
 
 /* The node that a value names as a mask, 0 after a complaint. */

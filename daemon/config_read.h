@@ -8,7 +8,7 @@
 #include "config.h"
 #include "schema.h"
 
-#define NODE_NAME_MAX 32u                   /* of a bus too */
+#define NODE_NAME_MAX 32u                    /* of a bus too */
 #define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* what the library tells apart */
 
 schema_reader cfg_read_faults; /* object: the cfg, with its bit rate and nodes already read */

@@ -15,9 +15,12 @@
 #define SHOWN_MAX 40 /* bytes of a value that a message shows */
 
 static const schema_choice booleans[] = {
-    {.name = "on", .value = true},   {.name = "off", .value = false},
-    {.name = "yes", .value = true},  {.name = "no", .value = false},
-    {.name = "true", .value = true}, {.name = "false", .value = false},
+    {.name = "on", .value = true},
+    {.name = "off", .value = false},
+    {.name = "yes", .value = true},
+    {.name = "no", .value = false},
+    {.name = "true", .value = true},
+    {.name = "false", .value = false},
     {.name = NULL},
 };
 
@@ -138,17 +141,16 @@ void schema_read_uint(schema *self, const schema_key *key, yaml_node_t *value, v
     const schema_range *range = key->arg;
     const char *text = scalar_text(value);
     uint64_t number = 0;
-    const char *problem = text ? text_parse_uint(&number, text) : "";
+    const char *problem = text && *text ? text_parse_uint(&number, text) : "";
 
     if (!problem && number >= range->min && number <= range->max) {
         store_uint(schema_member(key, object), range->bytes, number);
         return;
     }
-    schema_complain(self, value,
-                    "%s: expected a decimal integer %" PRIu64 "..%" PRIu64 ", not %s%s%s%s",
-                    key->name, range->min, range->max, shown(self, value),
-                    problem && *problem ? " (" : "", problem ? problem : "",
-                    problem && *problem ? ")" : "");
+    schema_complain(
+        self, value, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64 ", not %s%s%s%s",
+        key->name, range->min, range->max, shown(self, value), problem && *problem ? " (" : "",
+        problem ? problem : "", problem && *problem ? ")" : "");
 }
 
 void schema_read_bool(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -194,7 +196,7 @@ const char *schema_suggestion(schema *self, const nearest *guess)
     const char *text = "";
 
     if (guess->best)
-        text = arena_print(self->arena, " - did you mean '%s'?", guess->best);
+        text = arena_print(self->arena, " (did you mean '%s'?)", guess->best);
     return text ? text : "";
 }
 

@@ -101,7 +101,7 @@ void schema_expected(schema *self, const schema_key *key, const yaml_node_t *val
 void schema_problem(schema *self, const schema_key *key, const yaml_node_t *value,
                     const char *problem);
 
-/* " - did you mean 'X'?" or "", for the end of a complaint. Takes a guess that has considered. */
+/* " (did you mean 'X'?)" or "", for the end of a complaint. Takes a guess that has considered. */
 const char *schema_suggestion(schema *self, const nearest *guess);
 
 /* Adds ", word" to a list; "" starts one. */

@@ -104,14 +104,15 @@ const char *text_parse_frame(cw_frame *out, const char *text)
 void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
 {
     bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > BASE_ID_MAX;
-    int used = snprintf(out, FRAME_TEXT_MAX, wide_id ? "%08" PRIX32 "#" : "%03" PRIX32 "#",
-                        frame->id);
+    int used =
+        snprintf(out, FRAME_TEXT_MAX, wide_id ? "%08" PRIX32 "#" : "%03" PRIX32 "#", frame->id);
     unsigned length = data_length(frame);
     char *end = out + used;
 
     if (frame->flags & CW_FRAME_FD)
-        end += sprintf(end, "#%d", (frame->flags & CW_FRAME_BRS ? 1 : 0) |
-                                       (frame->flags & CW_FRAME_ESI ? 2 : 0));
+        end +=
+            sprintf(end, "#%d",
+                    (frame->flags & CW_FRAME_BRS ? 1 : 0) | (frame->flags & CW_FRAME_ESI ? 2 : 0));
     else if (frame->flags & CW_FRAME_REMOTE)
         end += sprintf(end, "R");
     for (unsigned i = 0; i < length; i++)
@@ -156,17 +157,18 @@ const char *text_parse_probability(uint64_t *out, const char *text)
     if (number.whole > 1 || (number.whole == 1 && number.digits > 0))
         return probability_problem;
     /* Below 1 with 19 digits the quotient is at most 2^64 - 2, so "always" stays distinct. */
-    *out = number.whole == 1 ? UINT64_MAX
-                             : (uint64_t)(((wide)number.fraction << 64) /
-                                          power_of_ten(number.digits));
+    *out = number.whole == 1
+               ? UINT64_MAX
+               : (uint64_t)(((wide)number.fraction << 64) / power_of_ten(number.digits));
     return NULL;
 }
 
 const char *text_parse_time(cfg_time *out, const char *text)
 {
     static const time_unit units[] = {
-        {"ns", 1},         {"us", 1000},          {"ms", 1000000},         {"s", NS_PER_S},
-        {"min", 60 * NS_PER_S}, {"h", 3600 * NS_PER_S}, {"bit", 0},
+        {"ns", 1},       {"us", 1000},           {"ms", 1000000},
+        {"s", NS_PER_S}, {"min", 60 * NS_PER_S}, {"h", 3600 * NS_PER_S},
+        {"bit", 0},
     };
     decimal number;
 
@@ -383,7 +385,7 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
         if (*text++ != ',')
             return filter_problem;
     }
-    return "too many frame filters";
+    return "more frame filters than fit (8 in a fault rule)";
 }
 
 /* Adds one decimal digit; false when the number leaves 64 bits. */

@@ -19,6 +19,7 @@ typedef struct scan {
     size_t documents;
     size_t nodes;
     size_t anchors;
+    size_t depth;
 } scan;
 
 static bool read_file(text_buffer *text, const char *file, diag *errors);
@@ -57,6 +58,17 @@ static bool read_stream(text_buffer *text, FILE *in, diag *errors)
     return true;
 }
 
+/* A byte order mark is no content; without it, offsets and columns are those that editors show. */
+static void strip_mark(text_buffer *text)
+{
+    static const unsigned char mark[] = {0xEF, 0xBB, 0xBF};
+
+    if (text->length < sizeof mark || memcmp(text->bytes, mark, sizeof mark) != 0)
+        return;
+    text->length -= sizeof mark;
+    memmove(text->bytes, text->bytes + sizeof mark, text->length);
+}
+
 static bool read_file(text_buffer *text, const char *file, diag *errors)
 {
     FILE *in = fopen(file, "rbe");
@@ -67,6 +79,8 @@ static bool read_file(text_buffer *text, const char *file, diag *errors)
     }
     bool done = read_stream(text, in, errors);
     fclose(in);
+    if (done)
+        strip_mark(text);
     return done;
 }
 
@@ -108,6 +122,16 @@ static bool start_parser(yaml_parser_t *parser, const text_buffer *text, diag *e
     return true;
 }
 
+/* Whether character number n of the text is a tab. */
+static bool is_tab(const text_buffer *text, size_t n)
+{
+    size_t i = 0;
+
+    while (i < text->length && (n > 0 || (text->bytes[i] & 0xC0) == 0x80))
+        n -= (text->bytes[i++] & 0xC0) != 0x80;
+    return i < text->length && text->bytes[i] == '\t';
+}
+
 static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text, diag *errors)
 {
     const yaml_mark_t *mark = &parser->problem_mark;
@@ -118,12 +142,12 @@ static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text
     else if (parser->error == YAML_READER_ERROR)
         complain_at(text, parser->problem_offset, problem, errors);
     else
-        diag_add(errors, mark->line + 1, mark->column + 1, "%s%s%s",
-                 parser->context ? parser->context : "", parser->context ? ": " : "", problem);
+        diag_add(errors, mark->line + 1, mark->column + 1, "%s%s%s%s",
+                 parser->context ? parser->context : "", parser->context ? ": " : "", problem,
+                 is_tab(text, mark->index) ? " (a tab; YAML is indented with spaces)" : "");
 }
 
-static bool within(scan *self, size_t *count, size_t max, const yaml_mark_t *mark,
-                   const char *what)
+static bool within(scan *self, size_t *count, size_t max, const yaml_mark_t *mark, const char *what)
 {
     if (++*count <= max)
         return true;
@@ -132,12 +156,17 @@ static bool within(scan *self, size_t *count, size_t max, const yaml_mark_t *mar
     return false;
 }
 
+static bool check_depth(scan *self, const yaml_mark_t *mark)
+{
+    return within(self, &self->depth, YAML_DEPTH_MAX, mark, "lists and maps in each other");
+}
+
 static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *anchor,
                        const yaml_char_t *tag)
 {
     if (tag) {
-        diag_add(self->errors, mark->line + 1, mark->column + 1,
-                 "YAML tags (%s) are not supported", (const char *)tag);
+        diag_add(self->errors, mark->line + 1, mark->column + 1, "YAML tags (%s) are not supported",
+                 (const char *)tag);
         return false;
     }
     if (anchor && !within(self, &self->anchors, YAML_ANCHORS_MAX, mark, "anchors"))
@@ -157,17 +186,19 @@ static bool check_event(scan *self, const yaml_event_t *event)
     case YAML_SCALAR_EVENT:
         return check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
     case YAML_SEQUENCE_START_EVENT:
-        return check_node(self, mark, event->data.sequence_start.anchor,
-                          event->data.sequence_start.tag);
+        return check_depth(self, mark) && check_node(self, mark, event->data.sequence_start.anchor,
+                                                     event->data.sequence_start.tag);
     case YAML_MAPPING_START_EVENT:
-        return check_node(self, mark, event->data.mapping_start.anchor,
-                          event->data.mapping_start.tag);
+        return check_depth(self, mark) && check_node(self, mark, event->data.mapping_start.anchor,
+                                                     event->data.mapping_start.tag);
+    case YAML_SEQUENCE_END_EVENT:
+    case YAML_MAPPING_END_EVENT:
+        self->depth--;
+        return true;
     case YAML_NO_EVENT:
     case YAML_STREAM_START_EVENT:
     case YAML_STREAM_END_EVENT:
     case YAML_DOCUMENT_END_EVENT:
-    case YAML_SEQUENCE_END_EVENT:
-    case YAML_MAPPING_END_EVENT:
         return true;
     }
     return true;

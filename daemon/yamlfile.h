@@ -9,9 +9,10 @@
 
 #include <yaml.h>
 
-#define YAML_FILE_MAX (4u << 20)  /* bytes of a file */
-#define YAML_NODES_MAX 200000u    /* values and keys of a file */
-#define YAML_ANCHORS_MAX 1000u    /* libyaml's search for them is linear */
+#define YAML_FILE_MAX (4u << 20) /* bytes of a file */
+#define YAML_NODES_MAX 200000u   /* values and keys of a file */
+#define YAML_DEPTH_MAX 64u       /* lists and maps in each other; libyaml is quadratic in it */
+#define YAML_ANCHORS_MAX 1000u   /* libyaml's search for them is linear */
 
 /* Loads the only document of the file. Aliases are resolved to their nodes, so what is loaded may
  * be a graph, even with cycles. False after a message to errors; *document is then not to be
