@@ -237,6 +237,7 @@ typedef struct cw_mac {
     bool started;             /* own transmission begins with this bit */
     bool may_join;            /* a foreign SOF was just seen that this node may join (M1, M6) */
     bool crc_error;           /* receiver: CRC wrong, not yet signalled (E3) */
+    bool no_ack;              /* a fault: it does not acknowledge */
     bool ack_deferred;        /* R3 i: TEC moves when a dominant bit is seen in the flag */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
@@ -291,7 +292,8 @@ cw_status cw_mac_request_restart(cw_mac *mac);
  * ends a bus-off. CW_INVALID outside. The next report tells a changed state. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
 
-/* Changes the modes; a controller on the bus leaves it and integrates again (M10). */
+/* Changes the modes. When listen-only or loopback changes, a controller on the bus leaves it and
+ * integrates again (M10). */
 void cw_mac_set_modes(cw_mac *mac, unsigned modes);
 
 /* Whether an offer made now would be used by the next cw_mac_drive(). */
@@ -530,7 +532,7 @@ typedef struct cw_event {
     cw_state state_before; /* STATE */
     cw_drop why;    /* DROP */
     uint8_t lost_bit; /* ARBITRATION_LOST */
-    uint16_t rule;  /* FAULT: index into the rules */
+    uint16_t rule;  /* FAULT: index of the rule */
     uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
     cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
 } cw_event;
@@ -656,6 +658,7 @@ typedef struct cw_bus_stats {
     uint64_t arbitration_lost;
     uint64_t undetected_errors;
     uint64_t faults;       /* hits of all rules */
+    uint64_t events_lost;  /* only when rules make more events in one bit than the ring holds */
     uint32_t pending;      /* frames in all queues */
     uint16_t load_permille; /* busy bits of the last second (as far as the bus has run) */
 } cw_bus_stats;

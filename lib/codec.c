@@ -118,16 +118,16 @@ static void put_arbitration(writer *w, const cw_frame *frame)
 }
 
 /* CRC to EOF. The CRC sequence is stuffed, also behind its last bit (F7). */
-static void put_tail(writer *w)
+static void put_tail(writer *w, uint16_t inverted)
 {
-    w->bits->crc = w->crc;
+    w->bits->crc = w->crc ^ inverted;
     for (unsigned n = CW_CRC_BITS; n-- > 0;)
         put_stuffed(w, ((unsigned)w->bits->crc >> n) & 1u);
     for (unsigned n = 0; n < 3 + CW_EOF_BITS; n++) /* delimiter, ACK slot, delimiter, EOF */
         put_raw(w, CW_RECESSIVE);
 }
 
-cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
+cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted)
 {
     if (!cw_frame_valid(frame))
         return CW_INVALID;
@@ -139,9 +139,14 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
     put_field(&w, frame->dlc, 4);
     for (unsigned byte = 0; byte < cw_frame_length(frame); byte++)
         put_field(&w, frame->data[byte], 8);
-    put_tail(&w);
+    put_tail(&w, inverted);
     assert(bits->length <= CW_BITS_MAX);
     return CW_OK;
+}
+
+cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
+{
+    return cw_bits_encode_crc(bits, frame, 0);
 }
 
 bool cw_bits_level(const cw_bits *bits, unsigned n)

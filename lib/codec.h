@@ -62,6 +62,9 @@ static inline uint16_t cw_crc_next(uint16_t crc, bool bit)
     return (feedback ? shifted ^ 0x4599u : shifted) & 0x7FFFu;
 }
 
+/* As cw_bits_encode(), with some bits of the CRC sequence inverted. */
+cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
+
 /* Bytes in the data field of a frame with this DLC (F3, F4). */
 static inline unsigned cw_dlc_length(unsigned dlc, bool remote)
 {

@@ -28,6 +28,12 @@ void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec)
     update_state(c);
 }
 
+void cw_confinement_set_warning_limit(cw_confinement *c, unsigned limit)
+{
+    c->warning_limit = (uint16_t)limit;
+    update_state(c);
+}
+
 void cw_confinement_reset(cw_confinement *c)
 {
     cw_confinement_set(c, 0, 0);

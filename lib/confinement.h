@@ -32,6 +32,9 @@ void cw_confinement_rx_success(cw_confinement *c);
 /* Presets both; within the limits above. */
 void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec);
 
+/* R13. */
+void cw_confinement_set_warning_limit(cw_confinement *c, unsigned limit);
+
 /* R9, R11: which flag the node sends. */
 static inline bool cw_confinement_passive(const cw_confinement *c)
 {

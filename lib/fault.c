@@ -1,143 +1,680 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault.c - fault rules at work: which of them act on the bit in progress, and how.
+ * fault.c - when fault rules act: indexing, binding, matches, hits, what is due.
  */
-#include "fault.h"
+#include "bus_private.h"
 
-#include "mac.h"
+#include "codec.h"
 
-void cw_fault_init(cw_fault *f, const cw_rule *rule, uint64_t seed)
+#include <string.h>
+
+static cw_fault *fault_at(cw_bus *bus, unsigned rule)
 {
-    *f = (cw_fault){.rule = *rule};
-    f->rule.name = NULL; /* not ours to keep */
-    if (f->rule.every == 0)
-        f->rule.every = 1;
-    cw_prng_init(&f->prng, seed, rule->name);
+    return &bus->faults.faults[rule];
 }
 
-static bool filter_matches(const cw_filter *filter, uint32_t id)
+bool cw_fault_is_over(const cw_fault *f)
 {
-    bool same = (id & filter->mask) == (filter->value & filter->mask);
-    return same != filter->inverted;
+    return f->rule.count != 0 && f->hits >= f->rule.count;
 }
 
-static bool frame_matches(const cw_rule *rule, const cw_frame *frame)
+/* ---- Kinds of actions ------------------------------------------------------------------------ */
+
+/* Has a position: bound to a transmission, acts when the position is reached. */
+static bool is_position_action(cw_action action)
+{
+    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
+}
+
+static bool is_host_action(cw_action action)
+{
+    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
+}
+
+/* Lasts for a time. */
+static bool is_window_action(cw_action action)
+{
+    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
+           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
+}
+
+/* ---- Frames and filters ---------------------------------------------------------------------- */
+
+static uint32_t can_id(const cw_frame *frame)
 {
     uint32_t id = frame->id;
     if (frame->flags & CW_FRAME_EXTENDED)
         id |= CW_FILTER_EXTENDED;
     if (frame->flags & CW_FRAME_REMOTE)
         id |= CW_FILTER_REMOTE;
-    for (unsigned i = 0; i < rule->filter_count; i++)
-        if (filter_matches(&rule->filters[i], id))
+    return id;
+}
+
+static bool filters_match(const cw_rule *rule, uint32_t id)
+{
+    for (unsigned i = 0; i < rule->filter_count; i++) {
+        const cw_filter *f = &rule->filters[i];
+        bool same = (id & f->mask) == (f->value & f->mask);
+        if (same != f->inverted)
             return true;
+    }
     return rule->filter_count == 0;
 }
 
-static bool is_over(const cw_fault *f)
+static bool data_matches(const cw_rule *rule, const cw_frame *frame)
 {
-    return f->rule.count != 0 && f->hits >= f->rule.count;
-}
-
-void cw_fault_bind(cw_fault *f, unsigned node, const cw_frame *frame)
-{
-    uint64_t self = UINT64_C(1) << node;
-    bool wanted = f->rule.from == 0 || (f->rule.from & self);
-    f->bound &= ~self;
-    if (wanted && !is_over(f) && frame_matches(&f->rule, frame))
-        f->bound |= self;
-}
-
-/* The first bit of a delimiter is known by the wire: nobody sends a flag any more. */
-static bool at_own_place(const cw_fault *f, const cw_mac *mac, bool wire)
-{
-    cw_place place = cw_mac_place(mac);
-    bool delimiter = f->rule.field == CW_FIELD_ERROR_DELIMITER ||
-                     f->rule.field == CW_FIELD_OVERLOAD_DELIMITER;
-    if (delimiter && place.index == 0 && !wire)
+    if (rule->data_length > cw_frame_length(frame))
         return false;
-    return place.field == f->rule.field && place.index == f->rule.index;
-}
-
-/* Whether the bit in progress is the named one, seen from a transmitter the rule is bound to. */
-static bool is_reached(const cw_fault *f, const cw_mac *mac, const cw_bit_context *context)
-{
-    unsigned n;
-    switch (f->rule.field) {
-    case CW_FIELD_ERROR_FLAG:
-        return context->error_flag_bit == f->rule.index;
-    case CW_FIELD_OVERLOAD_FLAG:
-        return context->overload_flag_bit == f->rule.index;
-    case CW_FIELD_INTERMISSION:
-    case CW_FIELD_SUSPEND:
-    case CW_FIELD_ERROR_DELIMITER:
-    case CW_FIELD_OVERLOAD_DELIMITER:
-        return at_own_place(f, mac, context->wire);
-    case CW_FIELD_NONE:
-    case CW_FIELD_SOF:
-    case CW_FIELD_ID:
-    case CW_FIELD_SRR:
-    case CW_FIELD_IDE:
-    case CW_FIELD_RTR:
-    case CW_FIELD_R1:
-    case CW_FIELD_R0:
-    case CW_FIELD_DLC:
-    case CW_FIELD_DATA:
-    case CW_FIELD_CRC:
-    case CW_FIELD_CRC_DELIMITER:
-    case CW_FIELD_ACK_SLOT:
-    case CW_FIELD_ACK_DELIMITER:
-    case CW_FIELD_EOF:
-    case CW_FIELD_STUFF:
-    case CW_FIELD_BIT:
-    case CW_FIELD_COUNT:
-        break;
-    }
-    return cw_mac_own_bit(mac, &n) && cw_bits_is_at(&mac->tx, n, f->rule.field, f->rule.index);
-}
-
-/* A transmission is over for the rule when its node has become a receiver or is idle. */
-static bool any_reached(cw_fault *f, const cw_bit_context *context)
-{
-    bool reached = false;
-    for (unsigned node = 0; node < context->node_count; node++) {
-        uint64_t self = UINT64_C(1) << node;
-        const cw_mac *mac = context->macs[node];
-        if (!(f->bound & self))
-            continue;
-        if (mac->role != CW_ROLE_TRANSMITTER)
-            f->bound &= ~self;
-        else if (is_reached(f, mac, context))
-            reached = true;
-    }
-    return reached;
-}
-
-/* A match becomes a hit by time, skip, every, probability and count, in this order. */
-static bool take_match(cw_fault *f, uint64_t start_tick)
-{
-    if (start_tick < f->rule.time_begin || start_tick >= f->rule.time_end || is_over(f))
-        return false;
-    if (f->matches++ < f->rule.skip)
-        return false;
-    if (f->passed++ % f->rule.every != 0)
-        return false;
-    if (f->rule.probability != UINT64_MAX && cw_prng_next(&f->prng) >= f->rule.probability)
-        return false;
-    f->hits++;
+    for (unsigned i = 0; i < rule->data_length; i++)
+        if ((frame->data[i] ^ rule->data_value[i]) & rule->data_mask[i])
+            return false;
     return true;
 }
 
-void cw_fault_apply(cw_fault *f, cw_disturbance *out, const cw_bit_context *context)
+/* ---- Index: frame rules by their identifier -------------------------------------------------- */
+
+#define EXACT_MASK (CW_FILTER_EXTENDED | 0x7FFu)
+#define EXACT_MASK_EXTENDED (CW_FILTER_EXTENDED | 0x1FFFFFFFu)
+
+/* Whether a rule waits for one identifier only. */
+static bool has_exact_id(const cw_rule *rule, uint32_t *id)
 {
-    f->hit_now = f->bound != 0 && any_reached(f, context) && take_match(f, context->start_tick);
-    if (f->hit_now && f->bits_left < f->rule.bits)
-        f->bits_left = f->rule.bits;
-    if (f->bits_left == 0)
+    if (rule->filter_count != 1 || rule->filters[0].inverted)
+        return false;
+    const cw_filter *f = &rule->filters[0];
+    uint32_t needed = f->value & CW_FILTER_EXTENDED ? EXACT_MASK_EXTENDED : EXACT_MASK;
+    *id = f->value & needed;
+    return (f->mask & needed) == needed;
+}
+
+static unsigned find_exact(const cw_fault_set *set, uint32_t id, unsigned rule)
+{
+    unsigned low = 0;
+    unsigned high = set->exact_count;
+    while (low < high) {
+        unsigned middle = (low + high) / 2;
+        const cw_fault_key *k = &set->exact[middle];
+        if (k->id < id || (k->id == id && k->rule < rule))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Where a rule stands, or would stand, in a sorted list. */
+static unsigned find_in_list(const uint16_t *list, unsigned count, unsigned rule)
+{
+    unsigned place = 0;
+    while (place < count && list[place] < rule)
+        place++;
+    return place;
+}
+
+static void list_add(uint16_t *list, unsigned *count, unsigned rule)
+{
+    unsigned place = find_in_list(list, *count, rule);
+    memmove(&list[place + 1], &list[place], (*count - place) * sizeof list[0]);
+    list[place] = (uint16_t)rule;
+    (*count)++;
+}
+
+static void list_remove(uint16_t *list, unsigned *count, unsigned rule)
+{
+    unsigned place = find_in_list(list, *count, rule);
+    if (place == *count || list[place] != rule)
         return;
-    f->bits_left--;
-    if (f->rule.at)
-        out->nodes ^= f->rule.at;
+    (*count)--;
+    memmove(&list[place], &list[place + 1], (*count - place) * sizeof list[0]);
+}
+
+static void index_add(cw_fault_set *set, unsigned rule)
+{
+    uint32_t id;
+    const cw_rule *r = &set->faults[rule].rule;
+    if (r->trigger != CW_TRIGGER_FRAME)
+        return;
+    if (!has_exact_id(r, &id)) {
+        list_add(set->wild, &set->wild_count, rule);
+        return;
+    }
+    unsigned place = find_exact(set, id, rule);
+    memmove(&set->exact[place + 1], &set->exact[place],
+            (set->exact_count - place) * sizeof set->exact[0]);
+    set->exact[place] = (cw_fault_key){.id = id, .rule = (uint16_t)rule};
+    set->exact_count++;
+}
+
+static void index_remove(cw_fault_set *set, unsigned rule)
+{
+    list_remove(set->wild, &set->wild_count, rule);
+    for (unsigned i = 0; i < set->exact_count; i++) {
+        if (set->exact[i].rule != rule)
+            continue;
+        set->exact_count--;
+        memmove(&set->exact[i], &set->exact[i + 1],
+                (set->exact_count - i) * sizeof set->exact[0]);
+        return;
+    }
+}
+
+void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame)
+{
+    const cw_fault_set *set = &bus->faults;
+    uint32_t id = can_id(frame) & ~CW_FILTER_REMOTE;
+    *c = (cw_candidates){.frame = frame};
+    if (set->exact_count == 0)
+        return;
+    c->exact = find_exact(set, id, 0);
+    c->exact_end = c->exact;
+    while (c->exact_end < set->exact_count && set->exact[c->exact_end].id == id)
+        c->exact_end++;
+}
+
+bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
+{
+    const cw_fault_set *set = &bus->faults;
+    for (;;) {
+        unsigned from_exact = c->exact < c->exact_end ? set->exact[c->exact].rule : UINT16_MAX;
+        unsigned from_wild = c->wild < set->wild_count ? set->wild[c->wild] : UINT16_MAX;
+        if (from_exact == UINT16_MAX && from_wild == UINT16_MAX)
+            return false;
+        bool exact = from_exact < from_wild;
+        *rule = exact ? from_exact : from_wild;
+        c->exact += exact;
+        c->wild += !exact;
+        const cw_rule *r = &set->faults[*rule].rule;
+        if (filters_match(r, can_id(c->frame)) && data_matches(r, c->frame))
+            return true;
+    }
+}
+
+/* ---- Matches and hits ------------------------------------------------------------------------ */
+
+static bool needs_arming(const cw_rule *rule)
+{
+    return rule->has_after || rule->manual;
+}
+
+static bool states_match(const cw_bus *bus, const cw_rule *rule)
+{
+    for (unsigned i = 0; rule->state_nodes && i < bus->node_count; i++) {
+        unsigned state = 1u << cw_mac_state(&bus->nodes[i].mac);
+        if ((rule->state_nodes & cw_node_bit(i)) && !(rule->state_mask & state))
+            return false;
+    }
+    return true;
+}
+
+static bool is_gated(const cw_bus *bus, const cw_fault *f, uint64_t start)
+{
+    const cw_rule *r = &f->rule;
+    return start < r->time_begin || start >= r->time_end || cw_fault_is_over(f) ||
+           (needs_arming(r) && f->armed == 0) || !states_match(bus, r);
+}
+
+void cw_fault_due(cw_bus *bus, uint64_t tick)
+{
+    bus->faults.next_due = cw_least(bus->faults.next_due, tick);
+}
+
+/* Rules that come after this one are armed, at once or later. */
+static void arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
+{
+    for (unsigned i = 0; i < bus->faults.count; i++) {
+        cw_fault *f = fault_at(bus, i);
+        if (!f->used || !f->rule.has_after || f->rule.after != rule || f->arm_at != CW_NEVER)
+            continue;
+        f->arm_at = told + f->rule.after_delay;
+        cw_fault_due(bus, f->arm_at);
+    }
+}
+
+void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
+{
+    cw_fault *f = fault_at(bus, rule);
+    f->hits++;
+    f->last_hit = told;
+    arm_followers(bus, rule, told);
+}
+
+bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+{
+    cw_fault *f = fault_at(bus, rule);
+    const cw_rule *r = &f->rule;
+    if (is_gated(bus, f, start))
+        return false;
+    f->matches++;
+    if (f->hits > 0 && told - f->last_hit < r->hold_off)
+        return false;
+    if (f->matches <= r->skip)
+        return false;
+    if (f->passed++ % r->every != 0)
+        return false;
+    if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
+        return false;
+    if (needs_arming(r))
+        f->armed--;
+    cw_fault_count_hit(bus, rule, told);
+    return true;
+}
+
+/* ---- Actions begin and end ------------------------------------------------------------------- */
+
+void cw_fault_wake(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = fault_at(bus, rule);
+    if (f->awake)
+        return;
+    f->awake = true;
+    list_add(bus->faults.awake, &bus->faults.awake_count, rule);
+}
+
+/* Takes rules that have nothing to do any more out of the awake list. */
+static void fall_asleep(cw_bus *bus)
+{
+    cw_fault_set *set = &bus->faults;
+    unsigned kept = 0;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        unsigned rule = set->awake[i];
+        cw_fault *f = fault_at(bus, rule);
+        f->awake = f->used && cw_fault_needs_bits(f);
+        if (f->awake)
+            set->awake[kept++] = (uint16_t)rule;
+    }
+    set->awake_count = kept;
+}
+
+static uint64_t window_end(const cw_bus *bus, const cw_rule *rule)
+{
+    if (rule->for_ticks)
+        return bus->now + rule->for_ticks;
+    return rule->trigger == CW_TRIGGER_TIME ? rule->time_end : CW_NEVER;
+}
+
+static void begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
+{
+    cw_fault *f = fault_at(bus, rule);
+    bool per_attempt = f->rule.action == CW_ACTION_NOISE || f->rule.action == CW_ACTION_NO_ACK;
+    f->for_attempt = per_attempt && f->rule.trigger == CW_TRIGGER_FRAME && f->rule.for_ticks == 0;
+    f->scope = f->for_attempt ? f->scope | scope : 0;
+    f->active = true;
+    f->active_until = window_end(bus, &f->rule);
+    f->dominant_ticks = 0;
+    f->next_at = f->rule.action == CW_ACTION_SEND ? bus->now : CW_NEVER;
+    f->busy_base = bus->stats.busy_bits;
+    f->bits_base = bus->stats.bits;
+    cw_fault_due(bus, f->active_until);
+    cw_fault_due(bus, f->next_at);
+    if (cw_fault_needs_bits(f))
+        cw_fault_wake(bus, rule);
+    cw_fault_apply_topology(bus);
+}
+
+void cw_fault_end_action(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = fault_at(bus, rule);
+    f->active = false;
+    f->scope = 0;
+    f->bound = 0;
+    f->bits_left = 0;
+    f->active_until = CW_NEVER;
+    cw_fault_let_go(bus, rule);
+    cw_fault_apply_topology(bus);
+}
+
+/* scope: the node whose transmission was the match, if any. */
+static void act(cw_bus *bus, unsigned rule, uint64_t scope)
+{
+    if (is_window_action(fault_at(bus, rule)->rule.action))
+        begin_window(bus, rule, scope);
     else
-        out->wire = !out->wire;
+        cw_fault_command(bus, rule);
+}
+
+/* ---- Frames on the wire ---------------------------------------------------------------------- */
+
+static void encode_offer(bus_node *n, const cw_frame *frame, bool wrong_crc)
+{
+    if (n->wrong_crc == wrong_crc)
+        return;
+    n->wrong_crc = wrong_crc;
+    (void)cw_bits_encode_crc(&n->mac.tx, frame, wrong_crc ? 1 : 0);
+}
+
+/* Whether a rule that is no position action begins to act. The hits of noise are the bits that it
+ * flips, so its begin is none. */
+static bool begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+{
+    cw_fault *f = fault_at(bus, rule);
+    if (f->rule.action != CW_ACTION_NOISE)
+        return cw_fault_match(bus, rule, start, told);
+    if (is_gated(bus, f, start))
+        return false;
+    f->armed -= needs_arming(&f->rule);
+    return true;
+}
+
+/* A rule that acts at the beginning of a transmission; at most one hit in a bit. */
+static void match_transmission(cw_bus *bus, unsigned rule, unsigned node)
+{
+    cw_fault *f = fault_at(bus, rule);
+    bool again = f->hit_now;
+    if (!again && !begins(bus, rule, bus->now, bus->now + bus->bit_ticks))
+        return;
+    f->hit_now = f->rule.action != CW_ACTION_NOISE;
+    if (!again || is_window_action(f->rule.action))
+        act(bus, rule, cw_node_bit(node));
+    cw_fault_wake(bus, rule); /* to tell the hit at the end of the bit */
+}
+
+void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame)
+{
+    bus_node *n = &bus->nodes[node];
+    uint64_t self = cw_node_bit(node);
+    bool wrong_crc = false;
+    for (unsigned i = 0; i < bus->faults.awake_count; i++)
+        fault_at(bus, bus->faults.awake[i])->bound &= ~self;
+    cw_candidates c;
+    unsigned rule;
+    cw_candidates_begin(&c, bus, frame);
+    while (cw_candidates_next(&c, &rule, bus)) {
+        cw_fault *f = fault_at(bus, rule);
+        const cw_rule *r = &f->rule;
+        if (!cw_fault_names(r->from, self) || is_host_action(r->action) ||
+            r->action == CW_ACTION_REPLY)
+            continue;
+        if (is_position_action(r->action)) {
+            f->bound |= cw_fault_is_over(f) ? 0 : self;
+            cw_fault_wake(bus, rule);
+        } else if (r->action != CW_ACTION_WRONG_CRC) {
+            match_transmission(bus, rule, node);
+        } else if (cw_fault_names(r->nodes, self) &&
+                   cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks)) {
+            f->hit_now = true;
+            wrong_crc = true;
+            cw_fault_wake(bus, rule);
+        }
+    }
+    encode_offer(n, frame, wrong_crc);
+}
+
+void cw_fault_emit(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        cw_fault *f = fault_at(bus, bus->faults.awake[i]);
+        if (f->hit_now)
+            cw_push_fault(bus, bus->faults.awake[i], bus->now);
+        f->hit_now = false;
+    }
+    fall_asleep(bus);
+}
+
+/* ---- Errors ---------------------------------------------------------------------------------- */
+
+/* Classes of linux/can/error.h. */
+static uint32_t error_class(const cw_event *e)
+{
+    switch (e->kind) {
+    case CW_EVENT_ARBITRATION_LOST:
+        return 0x002;
+    case CW_EVENT_ERROR:
+        return e->error.type == CW_ERROR_ACK ? 0x0A8 : 0x088;
+    case CW_EVENT_STATE:
+        return e->state == CW_STATE_BUS_OFF ? 0x040 : 0x004;
+    case CW_EVENT_RESTART:
+        return 0x100;
+    case CW_EVENT_FAULT:
+    case CW_EVENT_DROP:
+    case CW_EVENT_TOLERATED:
+    case CW_EVENT_OVERLOAD:
+    case CW_EVENT_RX:
+    case CW_EVENT_TX:
+    case CW_EVENT_COUNT:
+        break;
+    }
+    return 0;
+}
+
+/* The event lies in the ring, which moves when a fault is told: look at it before. */
+void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)
+{
+    if (bus->faults.error_rules == 0)
+        return;
+    uint32_t classes = error_class(event);
+    for (unsigned rule = 0; rule < bus->faults.count; rule++) {
+        const cw_fault *f = fault_at(bus, rule);
+        const cw_rule *r = &f->rule;
+        if (!f->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
+            !cw_fault_names(r->from, cw_node_bit(node)))
+            continue;
+        if (!cw_fault_match(bus, rule, bus->now, bus->now))
+            continue;
+        cw_push_fault(bus, rule, bus->now);
+        act(bus, rule, 0);
+    }
+}
+
+/* ---- What is due ----------------------------------------------------------------------------- */
+
+static void fire(cw_bus *bus, unsigned rule)
+{
+    if (!begins(bus, rule, bus->now, bus->now))
+        return;
+    if (fault_at(bus, rule)->rule.action != CW_ACTION_NOISE)
+        cw_push_fault(bus, rule, bus->now);
+    act(bus, rule, 0);
+}
+
+static void arm(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = fault_at(bus, rule);
+    f->armed++;
+    if (f->rule.trigger == CW_TRIGGER_ARMED)
+        fire(bus, rule);
+}
+
+/* One rule at the present tick; returns whether anything was due. */
+static bool run_rule(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = fault_at(bus, rule);
+    bool ends = f->active && f->active_until <= bus->now;
+    bool fires = f->fire_at <= bus->now;
+    bool arms = f->arm_at <= bus->now;
+    if (ends)
+        cw_fault_end_action(bus, rule);
+    if (fires) {
+        f->fire_at = CW_NEVER;
+        fire(bus, rule);
+    }
+    if (arms) {
+        f->arm_at = CW_NEVER;
+        arm(bus, rule);
+    }
+    return ends || fires || arms;
+}
+
+static void find_next_due(cw_bus *bus)
+{
+    uint64_t next = CW_NEVER;
+    for (unsigned rule = 0; rule < bus->faults.count; rule++) {
+        const cw_fault *f = fault_at(bus, rule);
+        if (!f->used)
+            continue;
+        next = cw_least(next, cw_least(f->fire_at, f->arm_at));
+        if (f->active)
+            next = cw_least(next, cw_least(f->active_until, f->next_at));
+    }
+    bus->faults.next_due = cw_least(next, cw_fault_next_held(bus));
+}
+
+/* Rules may arm each other at the same tick: again until nothing is due, but a ring of rules
+ * without delay goes round once in a bit. */
+static void run_rules(cw_bus *bus)
+{
+    bool again = true;
+    for (unsigned round = 0; again && round < 2; round++) {
+        again = false;
+        for (unsigned rule = 0; rule < bus->faults.count; rule++)
+            if (fault_at(bus, rule)->used)
+                again = run_rule(bus, rule) || again;
+    }
+}
+
+void cw_fault_run_due(cw_bus *bus)
+{
+    if (bus->faults.next_due > bus->now && bus->faults.awake_count == 0)
+        return;
+    bool due = bus->faults.next_due <= bus->now;
+    if (due) {
+        run_rules(bus);
+        cw_fault_release_held(bus);
+    }
+    for (unsigned rule = 0; due && rule < bus->faults.count; rule++)
+        if (fault_at(bus, rule)->used && fault_at(bus, rule)->active)
+            cw_fault_traffic(bus, rule);
+    for (unsigned i = 0; !due && i < bus->faults.awake_count; i++)
+        if (fault_at(bus, bus->faults.awake[i])->active)
+            cw_fault_traffic(bus, bus->faults.awake[i]);
+    if (due)
+        find_next_due(bus);
+}
+
+/* ---- Adding and clearing --------------------------------------------------------------------- */
+
+static bool nodes_exist(const cw_bus *bus, uint64_t nodes)
+{
+    return bus->node_count == CW_NODES_MAX || nodes >> bus->node_count == 0;
+}
+
+static bool rule_valid(const cw_bus *bus, const cw_rule *r)
+{
+    uint64_t named = r->from | r->at | r->nodes | r->state_nodes;
+    bool position = !is_position_action(r->action) ||
+                    (r->trigger == CW_TRIGGER_FRAME && (r->bits >= 1 || r->for_ticks > 0));
+    bool frame_only = !is_host_action(r->action) && r->action != CW_ACTION_REPLY &&
+                      r->action != CW_ACTION_WRONG_CRC;
+    bool traffic = r->action != CW_ACTION_SEND && r->action != CW_ACTION_BABBLE &&
+                   r->action != CW_ACTION_REPLY;
+    return nodes_exist(bus, named) && r->node < bus->node_count && position &&
+           (frame_only || r->trigger == CW_TRIGGER_FRAME) &&
+           (traffic || cw_frame_valid(&r->frame)) && r->filter_count <= CW_RULE_FILTERS_MAX &&
+           r->data_length <= 8 && r->bits <= (r->action == CW_ACTION_GLITCH ? CW_PATTERN_MAX
+                                                                            : UINT16_MAX) &&
+           (r->action != CW_ACTION_DUPLICATE || r->number <= CW_COPIES_MAX) && r->name;
+}
+
+static unsigned free_place(const cw_fault_set *set)
+{
+    unsigned place = 0;
+    while (place < set->count && set->faults[place].used)
+        place++;
+    return place;
+}
+
+/* Counts that let the common cases be passed over quickly. */
+static void count_kinds(cw_bus *bus)
+{
+    cw_fault_set *set = &bus->faults;
+    set->host_rules = 0;
+    set->reply_rules = 0;
+    set->error_rules = 0;
+    set->copies = 0;
+    for (unsigned i = 0; i < set->count; i++) {
+        const cw_fault *f = &set->faults[i];
+        set->host_rules += f->used && is_host_action(f->rule.action);
+        set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
+        set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
+        if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
+            set->copies += f->rule.number;
+    }
+}
+
+cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
+{
+    cw_fault_set *set = &bus->faults;
+    unsigned place = free_place(set);
+    if (!rule_valid(bus, rule))
+        return CW_INVALID;
+    if (place == set->capacity)
+        return CW_FULL;
+    if (place == set->count)
+        set->count++;
+    cw_fault *f = &set->faults[place];
+    *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .arm_at = CW_NEVER,
+                    .active_until = CW_NEVER, .next_at = CW_NEVER};
+    f->rule.name = NULL; /* not ours to keep */
+    if (f->rule.every == 0)
+        f->rule.every = 1;
+    cw_prng_init(&f->prng, bus->seed, rule->name);
+    if (rule->trigger == CW_TRIGGER_TIME) {
+        f->fire_at = rule->time_begin > bus->now ? rule->time_begin : bus->now;
+        cw_fault_due(bus, f->fire_at);
+    }
+    index_add(set, place);
+    count_kinds(bus);
+    *index = place;
+    return CW_OK;
+}
+
+static bool is_rule(const cw_bus *bus, unsigned index)
+{
+    return index < bus->faults.count && bus->faults.faults[index].used;
+}
+
+cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
+{
+    if (!is_rule(bus, index))
+        return CW_INVALID;
+    cw_fault_end_action(bus, index);
+    return CW_OK;
+}
+
+/* Frames of its traffic that still wait must not be taken for those of a later rule. */
+static void disown_frames(cw_bus *bus, unsigned rule)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_queue *q = &bus->nodes[i].queue;
+        for (unsigned k = 0; k < q->count; k++)
+            if (q->slots[q->order[k]].source == rule + 1)
+                q->slots[q->order[k]].source = 0;
+    }
+}
+
+cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
+{
+    if (!is_rule(bus, index))
+        return CW_INVALID;
+    cw_fault_end_action(bus, index);
+    disown_frames(bus, index);
+    index_remove(&bus->faults, index);
+    list_remove(bus->faults.awake, &bus->faults.awake_count, index);
+    bus->faults.faults[index].used = false;
+    bus->faults.faults[index].awake = false;
+    count_kinds(bus);
+    return CW_OK;
+}
+
+cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
+{
+    if (!is_rule(bus, index))
+        return CW_INVALID;
+    cw_fault *f = fault_at(bus, index);
+    if (!f->rule.manual || cw_fault_is_over(f))
+        return CW_REFUSED;
+    f->arm_at = bus->now;
+    cw_fault_due(bus, bus->now);
+    return CW_OK;
+}
+
+cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)
+{
+    if (!is_rule(bus, rule))
+        return CW_INVALID;
+    const cw_fault *f = &bus->faults.faults[rule];
+    *stats = (cw_rule_stats){.matches = f->matches,
+                             .hits = f->hits,
+                             .active = f->active || f->bits_left > 0,
+                             .over = cw_fault_is_over(f)};
+    return CW_OK;
 }

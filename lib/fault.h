@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault.h - fault rules at work: which of them act on the bit in progress, and how.
+ * fault.h - fault rules at work.
  *
- * A rule is bound to a transmitter when its transmission begins, stays bound until that node's next
- * one or its next reception, and matches when the named bit is reached. What follows from the
- * changed level is the controllers' affair.
+ * fault.c decides when a rule acts: what it is bound to, whether a match becomes a hit, when it is
+ * due. What it does then is in fault_level.c (levels of bits), fault_control.c (controllers),
+ * fault_host.c (frames on the host side) and fault_traffic.c. What follows on the bus is the
+ * controllers' affair.
  */
 #ifndef CANWIRE_FAULT_H
 #define CANWIRE_FAULT_H
@@ -15,42 +16,152 @@
 typedef struct cw_fault {
     cw_rule rule;
     cw_prng prng;
-    uint64_t bound;     /* nodes whose present transmission the rule looks at */
+    bool used;            /* the place holds a rule */
+    bool awake;           /* in the awake list: looked at in every bit */
+    bool active;          /* acting, see active_until */
+    bool hit_now;         /* hit in the bit in progress; it becomes an event at its end */
+    bool for_attempt;     /* acts only while the transmissions of `scope` last */
+    uint16_t outstanding; /* frames of its traffic in queues */
+    uint32_t armed;       /* hits allowed, where the rule must be armed */
+    uint32_t bits_done;   /* of a position action under way */
+    uint32_t bits_left;
+    uint64_t bound;       /* nodes whose present transmission the rule looks at */
+    uint64_t scope;
     uint64_t matches;
     uint64_t hits;
-    uint64_t passed;    /* matches since skip was used up */
-    uint32_t bits_left; /* of the action under way, the present bit included */
-    bool hit_now;       /* hit in the present bit; the bus makes it an event */
+    uint64_t passed;      /* matches since skip was used up */
+    uint64_t last_hit;    /* tick */
+    uint64_t fire_at;     /* TIME and ARMED: tick when it acts, or CW_NEVER */
+    uint64_t arm_at;      /* tick of a pending arming, or CW_NEVER */
+    uint64_t active_until; /* tick; CW_NEVER: till cleared */
+    uint64_t next_at;     /* SEND: tick of the next frame */
+    uint64_t dominant_ticks; /* STUCK on a TX: how long it has been dominant */
+    uint64_t busy_base;   /* LOAD: busy bits and bits when it began */
+    uint64_t bits_base;
 } cw_fault;
 
-/* What the faults of one bit do, as sets of nodes whose sampled level is inverted. */
-typedef struct cw_disturbance {
-    bool wire; /* everybody's */
-    uint64_t nodes;
-} cw_disturbance;
+/* An exact identifier and the rule that waits for it. */
+typedef struct cw_fault_key {
+    uint32_t id; /* with CW_FILTER_EXTENDED */
+    uint16_t rule;
+} cw_fault_key;
 
-/* What the bus knows of the bit in progress, after all nodes have driven. */
-typedef struct cw_bit_context {
-    const cw_mac *const *macs;  /* one a node */
-    unsigned node_count;
-    uint64_t start_tick;        /* of the bit */
-    bool wire;                  /* level without faults */
-    uint64_t error_flag_bit;    /* index in the first error flag of this attempt, or CW_NEVER */
-    uint64_t overload_flag_bit; /* the same for its first overload flag */
-} cw_bit_context;
+typedef struct cw_fault_set {
+    cw_fault *faults;
+    cw_fault_key *exact;    /* frame rules with one exact identifier, sorted */
+    uint16_t *wild;         /* the other frame rules */
+    uint16_t *awake;        /* sorted */
+    unsigned capacity;
+    unsigned count;         /* places in use or used before */
+    unsigned exact_count;
+    unsigned wild_count;
+    unsigned awake_count;
+    unsigned host_rules;    /* rules on frames at the host side */
+    unsigned reply_rules;
+    unsigned error_rules;
+    unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
+    uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
+} cw_fault_set;
 
-void cw_fault_init(cw_fault *fault, const cw_rule *rule, uint64_t seed);
+/* Levels of one bit: bit i of a set is node i's, recessive where 1. */
+typedef struct cw_levels {
+    uint64_t driven;
+    uint64_t sampled;
+} cw_levels;
 
-/* A node begins to transmit a frame; replaces what the rule was bound to at that node. */
-void cw_fault_bind(cw_fault *fault, unsigned node, const cw_frame *frame);
+/* ---- fault.c --------------------------------------------------------------------------------- */
 
-/* The rule in the bit in progress: adds its effect to *out. */
-void cw_fault_apply(cw_fault *fault, cw_disturbance *out, const cw_bit_context *context);
+/* A node begins to transmit what is in its offered slot. */
+void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Whether the rule looks at the bits to come or is acting: they must be simulated one by one. */
-static inline bool cw_fault_is_awake(const cw_fault *fault)
+/* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
+ * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
+ * the bit in progress began; told: tick of the event. */
+bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* A hit without a match: a bit flipped by noise. */
+void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
+
+bool cw_fault_is_over(const cw_fault *fault);
+
+/* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
+typedef struct cw_candidates {
+    unsigned exact;
+    unsigned exact_end;
+    unsigned wild;
+    const cw_frame *frame;
+} cw_candidates;
+
+void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
+bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
+
+/* Whether two sets of nodes meet; an empty first set names all. */
+static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
 {
-    return fault->bound != 0 || fault->bits_left != 0;
+    return set == 0 || (set & nodes) != 0;
 }
+
+/* Rules, armings, traffic and ends of actions that are due now. */
+void cw_fault_run_due(cw_bus *bus);
+
+/* Errors, state changes and lost arbitrations of a node, for rules that wait for them. */
+void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event);
+
+/* Hits of the bit that has ended. */
+void cw_fault_emit(cw_bus *bus);
+
+/* Puts a rule into the list of those that are looked at in every bit. */
+void cw_fault_wake(cw_bus *bus, unsigned rule);
+
+/* Something of the rule is due at that tick. */
+void cw_fault_due(cw_bus *bus, uint64_t tick);
+
+void cw_fault_end_action(cw_bus *bus, unsigned rule);
+
+/* ---- fault_level.c --------------------------------------------------------------------------- */
+
+/* Levels that nodes put onto the wire: stuck TX lines. */
+void cw_fault_driven(cw_bus *bus, cw_levels *levels);
+
+/* Levels that nodes see, from those of their wires. */
+void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
+
+/* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
+ * rules say; and undoes it. */
+void cw_fault_apply_topology(cw_bus *bus);
+
+/* Whether the rule has to be looked at in the next bit. */
+bool cw_fault_needs_bits(const cw_fault *fault);
+
+/* ---- fault_control.c ------------------------------------------------------------------------- */
+
+void cw_fault_command(cw_bus *bus, unsigned rule);
+
+/* ---- fault_host.c ---------------------------------------------------------------------------- */
+
+/* A frame on its way from a host to its queue. Returns true when it goes on, perhaps changed. */
+bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
+
+/* The same for a frame on its way to a host. */
+bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame);
+
+/* A node received a frame that rules may answer. */
+void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* A frame of that node and side has come by: frames that wait behind it may go. */
+void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side);
+
+/* Frames that were held back and are due now. */
+void cw_fault_release_held(cw_bus *bus);
+
+/* Frames that a rule, which ends, holds back. */
+void cw_fault_let_go(cw_bus *bus, unsigned rule);
+
+uint64_t cw_fault_next_held(const cw_bus *bus);
+
+/* ---- fault_traffic.c ------------------------------------------------------------------------- */
+
+/* Hands in what an active traffic rule owes at the present tick. */
+void cw_fault_traffic(cw_bus *bus, unsigned rule);
 
 #endif

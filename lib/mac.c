@@ -39,11 +39,33 @@ void cw_mac_init(cw_mac *m, unsigned modes, unsigned warning_limit)
     integrate(m);
 }
 
+static bool is_bus_off(const cw_mac *m)
+{
+    return m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_RECOVERING;
+}
+
 void cw_mac_set_modes(cw_mac *m, unsigned modes)
 {
+    const unsigned wire_modes = CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK;
+    bool leaves = (m->modes ^ modes) & wire_modes;
     m->modes = (uint8_t)modes;
     m->confinement.frozen = modes & CW_MODE_LISTEN_ONLY;
-    if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_BUS_OFF && m->phase != CW_MAC_RECOVERING)
+    if (leaves && m->phase != CW_MAC_OFF && !is_bus_off(m))
+        integrate(m);
+}
+
+void cw_mac_disconnect(cw_mac *m)
+{
+    if (is_bus_off(m))
+        return;
+    m->role = CW_ROLE_NONE;
+    m->may_join = false;
+    enter(m, CW_MAC_OFF);
+}
+
+void cw_mac_reconnect(cw_mac *m)
+{
+    if (m->phase == CW_MAC_OFF)
         integrate(m);
 }
 
@@ -65,8 +87,7 @@ bool cw_mac_can_start(const cw_mac *m)
 
 cw_status cw_mac_offer(cw_mac *m, const cw_frame *frame)
 {
-    bool away = m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_RECOVERING;
-    if (away || cw_mac_is_sending(m) || (m->modes & CW_MODE_LISTEN_ONLY))
+    if (is_bus_off(m) || cw_mac_is_sending(m) || (m->modes & CW_MODE_LISTEN_ONLY))
         return CW_REFUSED;
     if (cw_bits_encode(&m->tx, frame) != CW_OK)
         return CW_INVALID;
@@ -231,7 +252,7 @@ static bool drive_frame(const cw_mac *m)
 {
     if (is_transmitter(m))
         return cw_bits_level(&m->tx, m->tx_next);
-    bool acknowledges = m->step == CW_STEP_ACK_SLOT && !m->crc_error; /* M5, E3 */
+    bool acknowledges = m->step == CW_STEP_ACK_SLOT && !m->crc_error && !m->no_ack; /* M5, E3 */
     return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
 }
 
@@ -304,6 +325,14 @@ static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
     bool deferred = cw_confinement_passive(&m->confinement);
     signal_error(m, CW_ERROR_ACK, deferred ? 0 : 8, 0, r);
     m->ack_deferred = deferred;
+}
+
+void cw_mac_force_error(cw_mac *m, bool *dropped)
+{
+    cw_mac_report report = {.what = 0};
+    if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_INTEGRATING && !is_bus_off(m))
+        detect(m, CW_ERROR_FORM, &report);
+    *dropped = report.what & CW_REPORT_DROPPED;
 }
 
 static void signal_overload(cw_mac *m, cw_mac_report *r)
@@ -424,7 +453,7 @@ static void end_ack_slot(cw_mac *m, bool level, cw_mac_report *r)
             detect_missing_ack(m, r);
             return;
         }
-    } else if (!m->crc_error) {
+    } else if (!m->crc_error && !m->no_ack) {
         if (level) {
             detect(m, CW_ERROR_BIT, r); /* E1 c */
             return;

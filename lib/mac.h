@@ -14,6 +14,18 @@
 #define CW_SUSPEND_BITS 8u
 #define CW_QUIET_FOREVER UINT64_MAX
 
+/* Takes the controller off the bus at once: it neither drives nor samples. What it was sending stays
+ * offered. A bus-off controller stays bus-off and goes on with its recovery. */
+void cw_mac_disconnect(cw_mac *mac);
+
+/* Back on the bus: it integrates (M10). */
+void cw_mac_reconnect(cw_mac *mac);
+
+/* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3. The
+ * frame being sent is given up in one-shot mode: then *dropped. Nothing happens when the controller
+ * is not on the bus. */
+void cw_mac_force_error(cw_mac *mac, bool *dropped);
+
 /* Recessive bits, at least, that the controller takes without driving a dominant bit and without
  * anything to report; 0 when the next bit must be simulated. CW_QUIET_FOREVER: any number. */
 uint64_t cw_mac_quiet_bits(const cw_mac *mac);

@@ -49,8 +49,28 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     memmove(&q->order[place + 1], &q->order[place], (q->count - place) * sizeof q->order[0]);
     q->order[place] = slot;
     q->count++;
-    q->slots[slot] = (cw_queue_slot){.frame = *frame, .handed_in = handed_in, .key = key};
+    q->newest = slot;
+    q->slots[slot] = (cw_queue_slot){
+        .frame = *frame, .handed_in = handed_in, .number = q->puts++, .key = key};
     return true;
+}
+
+static bool goes_before(const cw_queue_slot *a, const cw_queue_slot *b)
+{
+    return a->key < b->key || (a->key == b->key && a->number < b->number);
+}
+
+void cw_queue_set_order(cw_queue *q, cw_order mode)
+{
+    q->mode = mode;
+    for (unsigned i = 0; i < q->count; i++) {
+        uint16_t slot = q->order[i];
+        q->slots[slot].key = mode == CW_ORDER_PRIORITY ? priority_key(&q->slots[slot].frame) : 0;
+        unsigned place = i;
+        for (; place > 0 && goes_before(&q->slots[slot], &q->slots[q->order[place - 1]]); place--)
+            q->order[place] = q->order[place - 1];
+        q->order[place] = slot;
+    }
 }
 
 uint16_t cw_queue_first(const cw_queue *q)

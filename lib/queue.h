@@ -13,8 +13,10 @@
 typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
+    uint64_t number;    /* of the put: the order in which they came */
     uint32_t attempts;  /* transmissions begun */
     uint32_t key;       /* lower goes first */
+    uint16_t source;    /* for the owner: 0 after a put */
 } cw_queue_slot;
 
 typedef struct cw_queue {
@@ -22,6 +24,8 @@ typedef struct cw_queue {
     uint16_t *order;      /* the first count: slots in use, next one first; then the free ones */
     uint16_t count;
     uint16_t capacity;
+    uint64_t puts;
+    uint16_t newest; /* slot of the last put */
     cw_order mode;
 } cw_queue;
 
@@ -30,6 +34,9 @@ void cw_queue_init(cw_queue *q, cw_queue_slot *slots, uint16_t *order, uint16_t 
 
 /* False when the queue is full. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
+
+/* Sorts what waits anew; equal ones stay in the order in which they came. */
+void cw_queue_set_order(cw_queue *q, cw_order mode);
 
 /* The slot that goes first; the queue must not be empty. */
 uint16_t cw_queue_first(const cw_queue *q);

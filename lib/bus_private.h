@@ -1,0 +1,158 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bus_private.h - what the parts of the bus share: its state, and who does what.
+ *
+ *   bus.c      set-up, time: one bit after the other, idle time skipped
+ *   events.c   the ring of events
+ *   host.c     frames from and to the hosts: inbox, queues, restart, settings
+ *   settle.c   reports of the controllers to events and statistics
+ *   fault*.c   rules: fault.c when they act, fault_level.c, fault_control.c, fault_host.c,
+ *              fault_traffic.c what they do
+ */
+#ifndef CANWIRE_BUS_PRIVATE_H
+#define CANWIRE_BUS_PRIVATE_H
+
+#include "canwire.h"
+#include "fault.h"
+#include "mac.h"
+#include "queue.h"
+#include "stats.h"
+
+#define CW_COPIES_MAX 16u   /* that a rule can make of one frame */
+#define CW_HELD_FRAMES 256u /* frames that rules can hold back at a time, all nodes together */
+
+typedef struct bus_node {
+    cw_mac mac;
+    cw_queue queue;
+    uint64_t restart_ticks;
+    uint64_t restart_at;   /* tick of the next restart request, or CW_NEVER */
+    uint16_t offered_slot; /* valid while mac.offered */
+    uint16_t queue_limit;  /* at most the queue's capacity */
+    bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
+    uint8_t told_state;    /* cw_state of the last event */
+    cw_node_stats stats;
+} bus_node;
+
+typedef struct inbox_entry {
+    uint64_t at_tick;
+    uint8_t node;
+    cw_frame frame;
+} inbox_entry;
+
+/* A ring, sorted by tick, then node, then arrival. */
+typedef struct inbox {
+    inbox_entry *entries;
+    unsigned capacity;
+    unsigned first;
+    unsigned count;
+} inbox;
+
+typedef struct event_ring {
+    cw_event *events;
+    unsigned capacity;
+    unsigned first;
+    unsigned count;
+} event_ring;
+
+/* A frame that a host rule holds back. */
+typedef struct held_frame {
+    uint64_t due;    /* tick, or CW_NEVER while it waits for others to pass */
+    uint32_t behind; /* frames of that node and side still to pass */
+    uint16_t rule;
+    uint8_t node;
+    cw_side side;
+    cw_frame frame;
+} held_frame;
+
+/* The first flag of one kind since the last SOF of a transmitter. */
+typedef struct flag_watch {
+    bool now;        /* some node is in such a flag in the present bit */
+    bool over;       /* the first flag of this attempt has ended */
+    uint64_t length; /* bits of it so far, the present one not included */
+} flag_watch;
+
+struct cw_bus {
+    uint32_t bit_ticks;
+    unsigned node_count;
+    uint64_t now;
+    uint64_t next_restart; /* the earliest restart_at */
+    uint64_t recessive_bits;
+    uint64_t queued;       /* frames in all queues */
+    uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
+    unsigned group_count;          /* 1: all on one wire */
+    flag_watch error_flag;
+    flag_watch overload_flag;
+    cw_load load;
+    cw_bus_stats stats;
+    inbox inbox;
+    event_ring ring;
+    held_frame *held;
+    unsigned held_count;
+    bool wire; /* level of the last bit, all wires together */
+    bool news; /* a rule or a setting has changed something at a controller */
+    uint64_t seed;
+    uint64_t driven; /* of the bit in progress, see cw_levels */
+    cw_event lost_event; /* written to when the ring is full */
+    bus_node *nodes;
+    cw_fault_set faults;
+};
+
+static inline uint64_t cw_node_bit(unsigned i)
+{
+    return UINT64_C(1) << i;
+}
+
+static inline uint64_t cw_least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- events.c -------------------------------------------------------------------------------- */
+
+/* Whether the worst that can happen up to the end of the next bit fits into the ring. */
+bool cw_ring_has_room(const cw_bus *bus);
+
+/* The least size of the ring with which the bus never stands still. */
+unsigned cw_ring_least(const cw_bus_config *config);
+
+cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes);
+
+/* At the present tick, with the node's counters. */
+cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
+
+/* A hit of a rule. It is put before the events of nodes at the same tick. */
+void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
+
+void cw_push_drop(cw_bus *bus, unsigned node, const cw_frame *frame, cw_drop why, uint64_t tick);
+
+/* A frame for a host; joins the newest event when that is the same frame for another node. */
+void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* ---- host.c ---------------------------------------------------------------------------------- */
+
+/* Puts a frame into a node's queue, or drops it with an event. source: 0 for the host's frames, the
+ * index of the rule plus 1 for those of a rule. */
+void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
+                    unsigned source);
+
+/* Frames that were handed in before tick. */
+void cw_take_inbox_before(cw_bus *bus, uint64_t tick);
+
+/* What is due for a node now: its frames that were handed in, its restart. */
+void cw_run_due_node(cw_bus *bus, unsigned node);
+
+void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
+
+void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
+
+void cw_find_next_restart(cw_bus *bus);
+
+/* ---- settle.c -------------------------------------------------------------------------------- */
+
+/* Events and statistics of one node at the end of a bit, in the order of cw_event_kind. */
+void cw_settle_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
+
+/* A state that has changed since it was last told. */
+void cw_tell_state(cw_bus *bus, unsigned node);
+
+#endif

@@ -1,0 +1,197 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fault_host.c - what fault rules do to frames between a host and its controller.
+ *
+ * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on
+ * its way and the hit is that of a rule that could not do more.
+ */
+#include "bus_private.h"
+
+/* ---- Frames held back ------------------------------------------------------------------------ */
+
+static bool hold(cw_bus *bus, const held_frame *frame)
+{
+    if (bus->held_count == CW_HELD_FRAMES)
+        return false;
+    bus->held[bus->held_count++] = *frame;
+    cw_fault_due(bus, frame->due);
+    return true;
+}
+
+static void deliver_held(cw_bus *bus, const held_frame *h)
+{
+    if (h->side == CW_SIDE_TX)
+        cw_queue_frame(bus, h->node, &h->frame, bus->now, 0);
+    else
+        cw_push_rx(bus, h->node, &h->frame);
+}
+
+/* In the order in which they were held back. */
+void cw_fault_release_held(cw_bus *bus)
+{
+    unsigned kept = 0;
+    for (unsigned i = 0; i < bus->held_count; i++) {
+        held_frame h = bus->held[i];
+        if (h.due <= bus->now)
+            deliver_held(bus, &h);
+        else
+            bus->held[kept++] = h;
+    }
+    bus->held_count = kept;
+}
+
+uint64_t cw_fault_next_held(const cw_bus *bus)
+{
+    uint64_t next = CW_NEVER;
+    for (unsigned i = 0; i < bus->held_count; i++)
+        next = cw_least(next, bus->held[i].due);
+    return next;
+}
+
+void cw_fault_let_go(cw_bus *bus, unsigned rule)
+{
+    for (unsigned i = 0; i < bus->held_count; i++) {
+        if (bus->held[i].rule != rule)
+            continue;
+        bus->held[i].due = bus->now;
+        cw_fault_due(bus, bus->now);
+    }
+}
+
+void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side)
+{
+    for (unsigned i = 0; i < bus->held_count; i++) {
+        held_frame *h = &bus->held[i];
+        if (h->node != node || h->side != side || h->behind == 0)
+            continue;
+        if (--h->behind == 0) {
+            h->due = bus->now;
+            cw_fault_due(bus, bus->now);
+        }
+    }
+}
+
+/* ---- Actions --------------------------------------------------------------------------------- */
+
+static void change_frame(cw_frame *frame, const cw_change *c)
+{
+    if (c->set_id) {
+        frame->id = c->id;
+        frame->flags = (uint8_t)((frame->flags & ~CW_FRAME_EXTENDED) | c->id_flags);
+    }
+    if (c->set_dlc)
+        frame->dlc = c->dlc;
+    for (unsigned i = 0; i < 8; i++) {
+        unsigned byte = (frame->data[i] & ~(unsigned)c->set_mask[i]) | (c->set[i] & c->set_mask[i]);
+        byte = (byte & c->and_mask[i]) | c->or_mask[i];
+        frame->data[i] = (uint8_t)(byte ^ c->xor_mask[i]);
+    }
+}
+
+static void drop_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick)
+{
+    cw_push_drop(bus, node, frame, CW_DROP_FAULT, tick);
+}
+
+static void pass_copies(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_rule *rule,
+                        uint64_t tick)
+{
+    for (unsigned i = 0; i < rule->number; i++) {
+        if (rule->side == CW_SIDE_TX)
+            cw_queue_frame(bus, node, frame, tick, 0);
+        else
+            cw_push_rx(bus, node, frame);
+    }
+}
+
+/* One rule and one frame. Returns true when the frame goes on. */
+static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *frame, uint64_t tick)
+{
+    const cw_rule *r = &bus->faults.faults[rule].rule;
+    held_frame h = {.due = CW_NEVER, .rule = (uint16_t)rule, .node = (uint8_t)node,
+                    .side = r->side, .frame = *frame};
+    cw_push_fault(bus, rule, tick);
+    if (r->action == CW_ACTION_DROP) {
+        drop_frame(bus, node, frame, tick);
+        return false;
+    }
+    if (r->action == CW_ACTION_CHANGE)
+        change_frame(frame, &r->change);
+    if (r->action == CW_ACTION_DUPLICATE)
+        pass_copies(bus, node, frame, r, tick);
+    if (r->action == CW_ACTION_DELAY)
+        h.due = tick + r->for_ticks;
+    if (r->action == CW_ACTION_REORDER)
+        h.behind = r->number + 1; /* itself comes by first */
+    bool held = r->action == CW_ACTION_DELAY || (r->action == CW_ACTION_REORDER && r->number > 0);
+    return !held || !hold(bus, &h);
+}
+
+/* Nodes whose frame is on the wire. */
+static uint64_t senders(const cw_bus *bus)
+{
+    uint64_t nodes = 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (cw_mac_is_sending(&bus->nodes[i].mac))
+            nodes |= cw_node_bit(i);
+    return nodes;
+}
+
+static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick)
+{
+    const cw_frame original = *frame;
+    uint64_t self = cw_node_bit(node);
+    uint64_t from = side == CW_SIDE_TX ? self : senders(bus);
+    cw_candidates c;
+    unsigned rule;
+    cw_candidates_begin(&c, bus, &original);
+    while (cw_candidates_next(&c, &rule, bus)) {
+        const cw_rule *r = &bus->faults.faults[rule].rule;
+        bool host = r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE;
+        if (!host || r->side != side || !cw_fault_names(r->from, from) ||
+            !cw_fault_names(r->at, self) || !cw_fault_match(bus, rule, tick, tick))
+            continue;
+        if (!act_on_frame(bus, rule, node, frame, tick))
+            return false;
+    }
+    return true;
+}
+
+bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
+{
+    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick);
+}
+
+bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame)
+{
+    cw_fault_reply(bus, node, frame);
+    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_RX, bus->now);
+}
+
+/* ---- Replies --------------------------------------------------------------------------------- */
+
+static void reply(cw_bus *bus, unsigned rule, unsigned node)
+{
+    const cw_rule *r = &bus->faults.faults[rule].rule;
+    const held_frame h = {.due = bus->now + r->for_ticks, .rule = (uint16_t)rule,
+                          .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
+    cw_push_fault(bus, rule, bus->now);
+    bus->nodes[node].stats.handed_in++;
+    if (!hold(bus, &h))
+        cw_queue_frame(bus, node, &h.frame, bus->now, 0);
+}
+
+void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame)
+{
+    cw_candidates c;
+    unsigned rule;
+    if (bus->faults.reply_rules == 0)
+        return;
+    cw_candidates_begin(&c, bus, frame);
+    while (cw_candidates_next(&c, &rule, bus)) {
+        const cw_rule *r = &bus->faults.faults[rule].rule;
+        if (r->action == CW_ACTION_REPLY && r->node == node &&
+            cw_fault_names(r->from, senders(bus)) && cw_fault_match(bus, rule, bus->now, bus->now))
+            reply(bus, rule, node);
+    }
+}

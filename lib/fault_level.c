@@ -1,0 +1,295 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fault_level.c - what fault rules do to levels: bits at a position, stuck lines, noise, topology.
+ *
+ * First the lines from the nodes to the wire, then the wire, then what single nodes sample.
+ */
+#include "bus_private.h"
+
+#define ALL_NODES UINT64_MAX
+
+static cw_fault *awake_fault(cw_bus *bus, unsigned i)
+{
+    return &bus->faults.faults[bus->faults.awake[i]];
+}
+
+static void set_level(uint64_t *levels, uint64_t nodes, bool level)
+{
+    *levels = level ? *levels | nodes : *levels & ~nodes;
+}
+
+/* ---- Stuck TX lines -------------------------------------------------------------------------- */
+
+/* The transceiver lets go of the bus when its TXD has been dominant for too long. */
+static bool stuck_tx_level(cw_fault *f, uint32_t bit_ticks)
+{
+    if (f->rule.level == CW_RECESSIVE)
+        return CW_RECESSIVE;
+    bool timed_out = f->rule.dominant_timeout && f->dominant_ticks >= f->rule.dominant_timeout;
+    if (!timed_out)
+        f->dominant_ticks += bit_ticks;
+    return timed_out ? CW_RECESSIVE : CW_DOMINANT;
+}
+
+void cw_fault_driven(cw_bus *bus, cw_levels *levels)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        cw_fault *f = awake_fault(bus, i);
+        bool stuck = f->active && f->rule.action == CW_ACTION_STUCK && f->rule.line == CW_LINE_TX;
+        if (stuck)
+            set_level(&levels->driven, cw_node_bit(f->rule.node),
+                      stuck_tx_level(f, bus->bit_ticks));
+    }
+}
+
+/* ---- Positions ------------------------------------------------------------------------------- */
+
+/* In a field that all nodes are in: the transmitter's own count. The first bit of a delimiter is
+ * known by the wire: nobody sends a flag any more. */
+static bool at_own_place(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac)
+{
+    cw_place place = cw_mac_place(mac);
+    bool delimiter = rule->field == CW_FIELD_ERROR_DELIMITER ||
+                     rule->field == CW_FIELD_OVERLOAD_DELIMITER;
+    if (delimiter && place.index == 0 && bus->driven != ALL_NODES)
+        return false;
+    return place.field == rule->field && place.index == rule->index;
+}
+
+static bool in_flag(const flag_watch *flag, unsigned index)
+{
+    return flag->now && !flag->over && flag->length == index;
+}
+
+/* Whether the bit in progress is the named one, seen from a transmitter the rule is bound to. */
+static bool is_reached(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac)
+{
+    unsigned n;
+    switch (rule->field) {
+    case CW_FIELD_ERROR_FLAG:
+        return in_flag(&bus->error_flag, rule->index);
+    case CW_FIELD_OVERLOAD_FLAG:
+        return in_flag(&bus->overload_flag, rule->index);
+    case CW_FIELD_INTERMISSION:
+    case CW_FIELD_SUSPEND:
+    case CW_FIELD_ERROR_DELIMITER:
+    case CW_FIELD_OVERLOAD_DELIMITER:
+        return at_own_place(bus, rule, mac);
+    case CW_FIELD_NONE:
+    case CW_FIELD_SOF:
+    case CW_FIELD_ID:
+    case CW_FIELD_SRR:
+    case CW_FIELD_IDE:
+    case CW_FIELD_RTR:
+    case CW_FIELD_R1:
+    case CW_FIELD_R0:
+    case CW_FIELD_DLC:
+    case CW_FIELD_DATA:
+    case CW_FIELD_CRC:
+    case CW_FIELD_CRC_DELIMITER:
+    case CW_FIELD_ACK_SLOT:
+    case CW_FIELD_ACK_DELIMITER:
+    case CW_FIELD_EOF:
+    case CW_FIELD_STUFF:
+    case CW_FIELD_BIT:
+    case CW_FIELD_COUNT:
+        break;
+    }
+    return cw_mac_own_bit(mac, &n) && cw_bits_is_at(&mac->tx, n, rule->field, rule->index);
+}
+
+/* A transmission is over for a rule when its node has become a receiver or is idle. */
+static bool any_reached(const cw_bus *bus, cw_fault *f)
+{
+    bool reached = false;
+    for (unsigned node = 0; node < bus->node_count; node++) {
+        const cw_mac *mac = &bus->nodes[node].mac;
+        if (!(f->bound & cw_node_bit(node)))
+            continue;
+        if (mac->role != CW_ROLE_TRANSMITTER)
+            f->bound &= ~cw_node_bit(node);
+        else if (is_reached(bus, &f->rule, mac))
+            reached = true;
+    }
+    return reached;
+}
+
+static uint32_t action_bits(const cw_bus *bus, const cw_rule *rule)
+{
+    if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
+        return rule->bits;
+    return (uint32_t)((rule->for_ticks + bus->bit_ticks - 1) / bus->bit_ticks);
+}
+
+/* A new hit while an action is under way begins it again. */
+static void look_for_position(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    if (f->bound == 0 || !any_reached(bus, f) ||
+        !cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
+        return;
+    f->hit_now = true;
+    f->bits_done = 0;
+    f->bits_left = action_bits(bus, &f->rule);
+}
+
+/* ---- Effects on what is sampled -------------------------------------------------------------- */
+
+static void apply_position(const cw_fault *f, uint64_t *levels, uint64_t nodes)
+{
+    unsigned i = f->bits_done;
+    if (f->rule.action == CW_ACTION_FLIP)
+        *levels ^= nodes;
+    else if (f->rule.action == CW_ACTION_FORCE)
+        set_level(levels, nodes, f->rule.level);
+    else if (f->rule.pattern_mask >> i & 1u)
+        set_level(levels, nodes, f->rule.pattern_level >> i & 1u);
+}
+
+static bool draw(cw_fault *f)
+{
+    return cw_prng_next(&f->prng) < f->rule.error_rate;
+}
+
+/* One draw for the wire, or one for each node. */
+static void apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    uint64_t flipped = 0;
+    if (cw_fault_is_over(f))
+        return;
+    if (f->rule.at == 0)
+        flipped = draw(f) ? ALL_NODES : 0;
+    for (unsigned node = 0; f->rule.at && node < bus->node_count; node++)
+        if ((f->rule.at & cw_node_bit(node)) && draw(f))
+            flipped |= cw_node_bit(node);
+    *levels ^= flipped;
+    if (!flipped)
+        return;
+    f->hit_now = true;
+    cw_fault_count_hit(bus, rule, bus->now + bus->bit_ticks);
+}
+
+/* Whom a rule's level concerns; 0 when not in this pass. */
+static uint64_t concerned(const cw_fault *f, bool wire)
+{
+    const cw_rule *r = &f->rule;
+    if (r->action == CW_ACTION_STUCK) {
+        if (r->line == CW_LINE_WIRE)
+            return wire ? ALL_NODES : 0;
+        return r->line == CW_LINE_RX && !wire ? cw_node_bit(r->node) : 0;
+    }
+    if (wire)
+        return r->at == 0 ? ALL_NODES : 0;
+    return r->at;
+}
+
+static void apply_rule(cw_bus *bus, unsigned rule, uint64_t *levels, bool wire)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    uint64_t nodes = concerned(f, wire);
+    if (nodes == 0)
+        return;
+    if (f->bits_left > 0)
+        apply_position(f, levels, nodes);
+    if (f->active && f->rule.action == CW_ACTION_STUCK)
+        set_level(levels, nodes, f->rule.level);
+    if (f->active && f->rule.action == CW_ACTION_NOISE)
+        apply_noise(bus, rule, levels);
+}
+
+/* Actions for one transmission end with it. */
+static void check_scope(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    if (!f->active || !f->for_attempt)
+        return;
+    for (unsigned node = 0; node < bus->node_count; node++)
+        if (!cw_mac_is_sending(&bus->nodes[node].mac))
+            f->scope &= ~cw_node_bit(node);
+    if (f->scope == 0)
+        cw_fault_end_action(bus, rule);
+}
+
+void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
+{
+    const cw_fault_set *set = &bus->faults;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        check_scope(bus, set->awake[i]);
+        look_for_position(bus, set->awake[i]);
+    }
+    for (unsigned i = 0; i < set->awake_count; i++)
+        apply_rule(bus, set->awake[i], &levels->sampled, true);
+    bus->wire = levels->sampled == ALL_NODES;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_fault *f = awake_fault(bus, i);
+        apply_rule(bus, set->awake[i], &levels->sampled, false);
+        f->bits_done += f->bits_left > 0;
+        f->bits_left -= f->bits_left > 0;
+    }
+}
+
+bool cw_fault_needs_bits(const cw_fault *f)
+{
+    cw_action a = f->rule.action;
+    bool window = a == CW_ACTION_STUCK || a == CW_ACTION_NOISE || a == CW_ACTION_BABBLE ||
+                  a == CW_ACTION_LOAD || f->for_attempt;
+    return f->bound != 0 || f->bits_left != 0 || f->hit_now || (f->active && window);
+}
+
+/* ---- Topology -------------------------------------------------------------------------------- */
+
+/* The nodes of all active rules of a kind. */
+static uint64_t named_by_active(const cw_bus *bus, cw_action action)
+{
+    uint64_t nodes = 0;
+    for (unsigned i = 0; i < bus->faults.count; i++) {
+        const cw_fault *f = &bus->faults.faults[i];
+        if (f->used && f->active && f->rule.action == action)
+            nodes |= f->rule.nodes;
+    }
+    return nodes;
+}
+
+/* Wires from the group numbers of a rule. */
+static void partition(cw_bus *bus, const cw_rule *rule)
+{
+    bus->group_count = 0;
+    for (unsigned number = 0; number <= UINT8_MAX; number++) {
+        uint64_t members = 0;
+        for (unsigned i = 0; i < bus->node_count; i++)
+            if (rule->group[i] == number)
+                members |= cw_node_bit(i);
+        if (members)
+            bus->groups[bus->group_count++] = members;
+    }
+}
+
+/* The last active partition counts. */
+static void apply_partition(cw_bus *bus)
+{
+    bus->groups[0] = ALL_NODES;
+    bus->group_count = 1;
+    for (unsigned i = bus->faults.count; i-- > 0;) {
+        const cw_fault *f = &bus->faults.faults[i];
+        if (!f->used || !f->active || f->rule.action != CW_ACTION_PARTITION)
+            continue;
+        partition(bus, &f->rule);
+        return;
+    }
+}
+
+void cw_fault_apply_topology(cw_bus *bus)
+{
+    uint64_t no_ack = named_by_active(bus, CW_ACTION_NO_ACK);
+    uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT);
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_mac *m = &bus->nodes[i].mac;
+        m->no_ack = no_ack & cw_node_bit(i);
+        if ((off & cw_node_bit(i)) && m->phase != CW_MAC_OFF)
+            cw_mac_disconnect(m);
+        else if (!(off & cw_node_bit(i)))
+            cw_mac_reconnect(m);
+    }
+    apply_partition(bus);
+}

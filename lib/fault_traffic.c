@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fault_traffic.c - frames that fault rules send: single and periodic ones, a babbling idiot, load
+ * up to a target, replies.
+ */
+#include "bus_private.h"
+
+#define LOAD_ID_FIRST 0x600u /* random identifiers stay out of the way of usual traffic */
+#define LOAD_ID_COUNT 0x1F0u
+
+static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
+{
+    unsigned node = bus->faults.faults[rule].rule.node;
+    bus->nodes[node].stats.handed_in++;
+    cw_queue_frame(bus, node, frame, bus->now, rule + 1);
+}
+
+/* A node that cannot take anything is not asked in every bit. */
+static bool can_take(const cw_bus *bus, const cw_fault *f)
+{
+    const bus_node *n = &bus->nodes[f->rule.node];
+    return f->outstanding == 0 && !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
+           cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
+}
+
+static void send_periodically(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    if (f->next_at > bus->now)
+        return;
+    send(bus, rule, &f->rule.frame);
+    if (f->rule.period_ticks == 0) {
+        f->active = false;
+        return;
+    }
+    while (f->next_at <= bus->now) /* a period below a bit time is one frame a bit */
+        f->next_at += f->rule.period_ticks;
+    cw_fault_due(bus, f->next_at);
+}
+
+static cw_frame random_frame(cw_prng *prng)
+{
+    uint64_t draw = cw_prng_next(prng);
+    uint64_t data = cw_prng_next(prng);
+    cw_frame frame = {.id = LOAD_ID_FIRST + (uint32_t)(draw % LOAD_ID_COUNT),
+                      .dlc = (uint8_t)(draw >> 32) % 9};
+    for (unsigned i = 0; i < frame.dlc; i++)
+        frame.data[i] = (uint8_t)(data >> (8 * i));
+    return frame;
+}
+
+/* All traffic counts: the generator fills up what is missing to its target. */
+static void fill_up(cw_bus *bus, unsigned rule)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    uint64_t busy = bus->stats.busy_bits - f->busy_base;
+    uint64_t bits = bus->stats.bits - f->bits_base;
+    if (busy * 1000 > bits * f->rule.load_permille)
+        return;
+    const cw_frame frame = random_frame(&f->prng);
+    send(bus, rule, &frame);
+}
+
+void cw_fault_traffic(cw_bus *bus, unsigned rule)
+{
+    const cw_fault *f = &bus->faults.faults[rule];
+    if (f->rule.action == CW_ACTION_SEND)
+        send_periodically(bus, rule);
+    else if (f->rule.action == CW_ACTION_BABBLE && can_take(bus, f))
+        send(bus, rule, &f->rule.frame);
+    else if (f->rule.action == CW_ACTION_LOAD && can_take(bus, f))
+        fill_up(bus, rule);
+}

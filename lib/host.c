@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * host.c - what the hosts of the nodes do: frames handed in, restart, settings.
+ */
+#include "bus_private.h"
+
+#include "confinement.h"
+
+/* ---- Hand-in --------------------------------------------------------------------------------- */
+
+static inbox_entry *inbox_at(const inbox *box, unsigned i)
+{
+    return &box->entries[(box->first + i) % box->capacity];
+}
+
+static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
+{
+    return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
+}
+
+cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
+{
+    inbox *box = &bus->inbox;
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (box->count == box->capacity)
+        return CW_FULL;
+    if (at_tick < bus->now)
+        at_tick = bus->now;
+    unsigned place = box->count++;
+    for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
+        *inbox_at(box, place) = *inbox_at(box, place - 1);
+    *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
+    return CW_OK;
+}
+
+uint64_t cw_bus_inbox_first(const cw_bus *bus)
+{
+    return bus->inbox.count ? inbox_at(&bus->inbox, 0)->at_tick : CW_NEVER;
+}
+
+/* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
+static cw_drop refusal(const bus_node *n, const cw_frame *frame)
+{
+    if (!cw_frame_valid(frame))
+        return CW_DROP_BAD_FRAME;
+    if (n->mac.modes & CW_MODE_LISTEN_ONLY)
+        return CW_DROP_LISTEN_ONLY;
+    if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
+        return CW_DROP_BUS_OFF;
+    return n->queue.count >= n->queue_limit ? CW_DROP_QUEUE_FULL : CW_DROP_COUNT;
+}
+
+void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_drop why = refusal(n, frame);
+    if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {
+        cw_push_drop(bus, i, frame, why != CW_DROP_COUNT ? why : CW_DROP_QUEUE_FULL, tick);
+        return;
+    }
+    bus->queued++;
+    n->queue.slots[n->queue.newest].source = (uint16_t)source;
+    if (source)
+        bus->faults.faults[source - 1].outstanding++;
+    if (n->queue.count > n->stats.queue_peak)
+        n->stats.queue_peak = n->queue.count;
+}
+
+/* The earliest frame of the inbox: rules on the host side first, then the queue. */
+static void take_first(cw_bus *bus)
+{
+    inbox *box = &bus->inbox;
+    inbox_entry entry = *inbox_at(box, 0);
+    box->first = (box->first + 1) % box->capacity;
+    box->count--;
+    bus->nodes[entry.node].stats.handed_in++;
+    if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
+        cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
+    cw_fault_passed(bus, entry.node, CW_SIDE_TX);
+}
+
+void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
+{
+    while (cw_bus_inbox_first(bus) < tick)
+        take_first(bus);
+}
+
+void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
+{
+    bus_node *n = &bus->nodes[i];
+    uint16_t source = n->queue.slots[slot].source;
+    if (source && bus->faults.faults[source - 1].outstanding)
+        bus->faults.faults[source - 1].outstanding--;
+    cw_queue_remove(&n->queue, slot);
+    bus->queued--;
+}
+
+/* All but the frame on the wire. */
+static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
+{
+    bus_node *n = &bus->nodes[i];
+    while (n->queue.count > 0) {
+        uint16_t slot = cw_queue_first(&n->queue);
+        cw_push_drop(bus, i, &n->queue.slots[slot].frame, why, bus->now);
+        cw_remove_slot(bus, i, slot);
+    }
+}
+
+/* ---- Restart (R12) --------------------------------------------------------------------------- */
+
+void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
+{
+    bus->nodes[i].restart_at = tick;
+    bus->next_restart = cw_least(bus->next_restart, tick);
+}
+
+cw_status cw_node_restart(cw_bus *bus, unsigned i)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    bus_node *n = &bus->nodes[i];
+    if (n->mac.phase != CW_MAC_BUS_OFF || n->restart_ticks != 0 || n->restart_at != CW_NEVER)
+        return CW_REFUSED;
+    cw_schedule_restart(bus, i, bus->now);
+    return CW_OK;
+}
+
+static void restart(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    n->restart_at = CW_NEVER;
+    if (cw_mac_request_restart(&n->mac) != CW_OK)
+        return;
+    flush_queue(bus, i, CW_DROP_BUS_OFF);
+    n->stats.restarts++;
+    (void)cw_push_node_event(bus, CW_EVENT_RESTART, i);
+}
+
+void cw_find_next_restart(cw_bus *bus)
+{
+    bus->next_restart = CW_NEVER;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        bus->next_restart = cw_least(bus->next_restart, bus->nodes[i].restart_at);
+}
+
+void cw_run_due_node(cw_bus *bus, unsigned i)
+{
+    while (bus->inbox.count && inbox_at(&bus->inbox, 0)->at_tick <= bus->now &&
+           inbox_at(&bus->inbox, 0)->node == i)
+        take_first(bus);
+    if (bus->nodes[i].restart_at <= bus->now)
+        restart(bus, i);
+}
+
+/* ---- Settings -------------------------------------------------------------------------------- */
+
+static bool settings_valid(const bus_node *n, const cw_settings *s)
+{
+    bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
+    bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
+    return queue && limit;
+}
+
+static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
+{
+    bus_node *n = &bus->nodes[i];
+    n->restart_ticks = ticks;
+    if (ticks && n->mac.phase == CW_MAC_BUS_OFF)
+        cw_schedule_restart(bus, i, bus->now + ticks);
+}
+
+static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_mac_set_modes(&n->mac, (n->mac.modes & ~(unsigned)s->modes_mask) |
+                                  (s->modes & (unsigned)s->modes_mask));
+    if (n->mac.modes & CW_MODE_LISTEN_ONLY) {
+        n->mac.offered = false;
+        flush_queue(bus, i, CW_DROP_LISTEN_ONLY);
+    }
+}
+
+cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    if (i >= bus->node_count || !settings_valid(&bus->nodes[i], s))
+        return CW_INVALID;
+    bus_node *n = &bus->nodes[i];
+    if (s->which & CW_SET_MODES)
+        set_modes(bus, i, s);
+    if (s->which & CW_SET_RESTART)
+        set_restart(bus, i, s->restart_ticks);
+    if (s->which & CW_SET_QUEUE)
+        n->queue_limit = s->queue;
+    if (s->which & CW_SET_ORDER)
+        cw_queue_set_order(&n->queue, s->order);
+    if (s->which & CW_SET_WARNING)
+        cw_confinement_set_warning_limit(&n->mac.confinement, s->warning_limit);
+    bus->news = true;
+    return CW_OK;
+}
+
+cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    const bus_node *n = &bus->nodes[i];
+    *s = (cw_settings){
+        .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING,
+        .modes_mask = UINT8_MAX,
+        .modes = n->mac.modes,
+        .order = n->queue.mode,
+        .queue = n->queue_limit,
+        .warning_limit = n->mac.confinement.warning_limit,
+        .restart_ticks = n->restart_ticks,
+    };
+    return CW_OK;
+}

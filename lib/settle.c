@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * settle.c - what the controllers report at the end of a bit, as events and statistics.
+ */
+#include "bus_private.h"
+
+/* The frame that a report is about has left the queue, or will be tried again. */
+static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_frame *about)
+{
+    const unsigned own = CW_REPORT_ARBITRATION_LOST | CW_REPORT_TX | CW_REPORT_DROPPED;
+    bus_node *n = &bus->nodes[i];
+    if (!(r->what & own))
+        return;
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    *about = slot->frame;
+    if (r->what & CW_REPORT_TX) {
+        n->stats.tx_frames++;
+        n->stats.tx_bytes += cw_frame_length(about);
+        n->stats.tx_bits += n->mac.tx.length;
+        bus->stats.frames++;
+        bus->stats.frame_bits += n->mac.tx.length;
+        cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
+    }
+    if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
+        cw_remove_slot(bus, i, n->offered_slot);
+    if (r->what & CW_REPORT_DROPPED)
+        cw_push_drop(bus, i, about, CW_DROP_ONE_SHOT, bus->now);
+}
+
+static void report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit, const cw_frame *frame)
+{
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
+    e->lost_bit = bit;
+    e->frame = *frame;
+    bus->nodes[i].stats.arbitration_lost++;
+    bus->stats.arbitration_lost++;
+    cw_fault_error(bus, i, e);
+}
+
+static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
+{
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
+    e->error = *error;
+    bus->nodes[i].stats.errors[error->type]++;
+    cw_fault_error(bus, i, e);
+}
+
+/* A frame accepted with a content that none of its transmitters sent (section 6 of the digest). */
+static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
+{
+    bool sent = false;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const bus_node *n = &bus->nodes[i];
+        if (!cw_mac_is_sending(&n->mac) || (n->mac.modes & CW_MODE_LOOPBACK))
+            continue;
+        if (cw_frame_equal(&n->queue.slots[n->offered_slot].frame, frame))
+            return false;
+        sent = true;
+    }
+    return sent;
+}
+
+static void report_rx(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_frame frame = *cw_mac_received(&n->mac);
+    if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
+        n->stats.undetected_errors++;
+        bus->stats.undetected_errors++;
+    }
+    if (cw_fault_hand_out(bus, i, &frame))
+        cw_push_rx(bus, i, &frame);
+    cw_fault_passed(bus, i, CW_SIDE_RX);
+}
+
+void cw_tell_state(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_state before = (cw_state)n->told_state;
+    cw_state after = cw_mac_state(&n->mac);
+    if (before == after)
+        return;
+    n->told_state = (uint8_t)after;
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_STATE, i);
+    e->state = after;
+    e->state_before = before;
+    if (before < CW_STATE_ERROR_WARNING && after == CW_STATE_ERROR_WARNING)
+        n->stats.error_warning++;
+    if (before < CW_STATE_ERROR_PASSIVE && after == CW_STATE_ERROR_PASSIVE)
+        n->stats.error_passive++;
+    if (after == CW_STATE_BUS_OFF) {
+        n->stats.bus_off++;
+        if (n->restart_ticks)
+            cw_schedule_restart(bus, i, bus->now + n->restart_ticks);
+    }
+    cw_fault_error(bus, i, e);
+}
+
+void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_frame about = {.id = 0};
+    settle_frame(bus, i, r, &about);
+    cw_run_due_node(bus, i);
+    if (r->what & CW_REPORT_ARBITRATION_LOST)
+        report_arbitration_lost(bus, i, r->lost_bit, &about);
+    if (r->what & CW_REPORT_ERROR)
+        report_error(bus, i, &r->error);
+    if (r->what & CW_REPORT_TOLERATED)
+        cw_push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
+    if (r->what & CW_REPORT_OVERLOAD) {
+        (void)cw_push_node_event(bus, CW_EVENT_OVERLOAD, i);
+        n->stats.overloads++;
+    }
+    if (r->what & CW_REPORT_RX)
+        report_rx(bus, i);
+    if (r->what & CW_REPORT_TX)
+        cw_push_node_event(bus, CW_EVENT_TX, i)->frame = about;
+    cw_tell_state(bus, i);
+}
