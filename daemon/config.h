@@ -69,6 +69,31 @@ cfg *cfg_load(const char *file, FILE *errors);
 /* Frees everything; NULL is fine. */
 void cfg_free(cfg *config);
 
+/* Fault rules from a text: what `canwire inject` sends. They are in an order in which they can be
+ * added one after the other: a rule comes after the one that its `after` names. */
+typedef struct cfg_rules {
+    size_t count;
+    cw_rule *rules; /* with their names freed by cfg_free_rules() */
+} cfg_rules;
+
+/* The rules of a running bus: names by index on the bus, NULL where there is no rule. */
+typedef struct cfg_running {
+    size_t count;
+    const char *const *names;
+} cfg_running;
+
+/* Reads rules from size bytes of YAML or JSON: a list of rules, a single rule, {faults: [...]}, or
+ * a profile, which may have `with: {PARAMETER: VALUE}` at its top. Names of nodes are those of the
+ * configuration. A new rule must have a name that is not running; `after` may name a new or a
+ * running rule: an index below running->count is one on the bus, running->count + i is rules[i]
+ * of the result. With running == NULL the rules of the configuration are running. `name` stands
+ * for the text in messages. Returns NULL after writing one line per error to errors. */
+cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const cfg *config,
+                          const cfg_running *running, FILE *errors);
+
+/* Frees everything; NULL is fine. */
+void cfg_free_rules(cfg_rules *rules);
+
 /* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
  * into the cfg. */
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);
