@@ -22,6 +22,8 @@
 #define EVENT_RING 4096
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
 #define STOP_BITS 1000
+#define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
+#define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
 #define NS_PER_S INT64_C(1000000000)
 
 typedef struct port_watch {
@@ -162,12 +164,17 @@ static int64_t pace(const engine *e, int64_t ns)
     return (ns + step - 1) / step * step;
 }
 
-/* No timer at all while the bus rests and nothing is planned. */
-static void arm_timer(engine *e)
+/* When something happens next if no port has news; CW_NEVER: the bus rests, nothing is planned. */
+static uint64_t next_tick(const engine *e)
 {
     uint64_t tick = cw_bus_next(e->bus);
-    if (release_next_tick(e->plan) < tick)
-        tick = release_next_tick(e->plan);
+    uint64_t release = release_next_tick(e->plan);
+    return release < tick ? release : tick;
+}
+
+static void arm_timer(engine *e)
+{
+    uint64_t tick = next_tick(e);
     if (e->stopping && e->stop_tick < tick)
         tick = e->stop_tick;
     struct itimerspec at = {.it_value = {.tv_sec = 0}};
@@ -180,6 +187,20 @@ static void arm_timer(engine *e)
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
+
+/* Up to now, in slices and not for longer than WAKE_MAX_NS: a bus that is too much for this machine
+ * falls behind, but keeps no signal and no statistics waiting. */
+static void catch_up(engine *e, uint64_t now)
+{
+    int64_t deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
+    uint64_t tick;
+    do {
+        uint64_t next = next_tick(e);
+        tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
+        run_releases(e, tick);
+        advance(e, tick);
+    } while (tick < now && clock_ns(CLOCK_MONOTONIC) < deadline_ns);
+}
 
 /* Bit by bit up to now, so that the bus stops where the frame ends. */
 static void run_out(engine *e, uint64_t now)
@@ -199,8 +220,7 @@ static void wake(engine *e)
         run_out(e, now);
     } else {
         read_ports(e, &clocks);
-        run_releases(e, now);
-        advance(e, now);
+        catch_up(e, now);
     }
     arm_timer(e);
 }
@@ -327,6 +347,11 @@ void engine_free(engine *e)
     release_plan_free(e->plan);
     free(e->memory);
     free(e);
+}
+
+void engine_update(engine *e)
+{
+    wake(e);
 }
 
 const cw_bus *engine_bus(const engine *e)

@@ -24,7 +24,10 @@ void engine_stop(engine *e);
 /* Closes the ports. NULL is fine. */
 void engine_free(engine *e);
 
-/* The bus up to now, to be read only. */
+/* Brings the bus up to now; a resting bus is not looked after otherwise. */
+void engine_update(engine *e);
+
+/* The bus as far as it has been simulated, to be read only. */
 const cw_bus *engine_bus(const engine *e);
 
 /* One a node, NULL for nodes without port. */

@@ -53,6 +53,7 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     (void)loop;
     (void)events;
     service *s = timer->data;
+    engine_update(s->engine);
     publisher_stats(s->publisher, engine_bus(s->engine), engine_ports(s->engine));
 }
 

@@ -362,6 +362,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
         m.dropped_rx = (int64_t)ps.write_failed;
         m.dropped_kernel = (int64_t)ps.kernel_dropped;
         m.error_frames_left_out = (int64_t)ps.errors_left_out;
+        m.error_frames_ignored = (int64_t)ps.errors_ignored;
     }
     PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
 }
@@ -406,6 +407,7 @@ void publisher_event(publisher *p, const cw_event *event)
         return;
     rewind(p->event_stream);
     output_event(p->event_stream, p->config, event);
+    (void)fputc('\0', p->event_stream); /* behind it is what longer events have left */
     if (fflush(p->event_stream) == 0 && p->event_size > 0)
         publish_lines(p, event, p->event_text);
 }
