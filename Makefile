@@ -30,9 +30,8 @@ ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(WARNINGS) -Ilib -MM
 DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
 
 LIB_SOURCES := $(wildcard lib/*.c)
-# canwired's own: sockets, LCM, the event loop; the rest of daemon/ it shares with canwire
-DAEMON_SOURCES := $(addprefix daemon/,engine.c log.c losses.c main.c port_socketcan.c publish.c)
-COMMON_SOURCES := $(filter-out $(DAEMON_SOURCES),$(wildcard daemon/*.c))
+# all of daemon/ but the main of canwired; an archive, so that each program takes what it needs
+PARTS_SOURCES := $(filter-out daemon/main.c,$(wildcard daemon/*.c))
 TOOL_SOURCES := $(wildcard daemon/cli/*.c)
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
@@ -43,7 +42,7 @@ LIB := $(BUILD)/libcanwire.a
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 CONFORMANCE := $(BUILD)/conformance
-COMMON_OBJECTS := $(call objects,$(COMMON_SOURCES))
+PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all mutant mutant-run test test-unit demo bench check install clean help build
@@ -106,20 +105,24 @@ $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@
 	$(AR) rcs $@ $^
 
-$(DAEMON): $(call objects,$(DAEMON_SOURCES)) $(COMMON_OBJECTS) $(LCM_OBJECTS) $(LIB)
+$(PARTS): $(call objects,$(PARTS_SOURCES))
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
-$(TOOL): $(call objects,$(TOOL_SOURCES)) $(COMMON_OBJECTS) $(LIB)
+$(TOOL): $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
-$(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(COMMON_OBJECTS) $(LIB)
+$(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
 
-$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(COMMON_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS) -lcmocka
+$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
 
 $(BUILD)/lib/%.o: lib/%.c
 	@mkdir -p $(@D)
