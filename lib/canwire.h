@@ -499,6 +499,7 @@ typedef enum cw_drop {
     CW_DROP_LISTEN_ONLY,
     CW_DROP_BAD_FRAME,
     CW_DROP_FAULT,
+    CW_DROP_REMOVED, /* the node is no longer part of the bus */
     CW_DROP_COUNT
 } cw_drop;
 
@@ -543,6 +544,20 @@ size_t cw_bus_size(const cw_bus_config *config);
 /* Sets up a bus at tick 0 in memory of cw_bus_size() bytes, aligned as malloc aligns. The memory
  * stays the caller's; throwing it away ends the bus. NULL when the configuration is invalid. */
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
+
+#define CW_NO_NODE UINT8_MAX
+
+/* Goes on where another bus is: time, statistics, and for each node i the state, counters and frames
+ * of the old bus's node from[i] (CW_NO_NODE: a new node, it integrates), with the settings of the
+ * new one. Rules start anew; frames that old rules held back go on their way. The new bus must be
+ * at tick 0 and the events of the old one taken; the old one may be thrown away afterwards. Frames of nodes
+ * that are no more are lost: see cw_node_flush(). CW_INVALID, with nothing changed: another bit
+ * rate, no such node, a queue or an inbox too small for what waits. */
+cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);
+
+/* Drops all frames of a node with events (CW_DROP_REMOVED); it leaves the bus for good. CW_FULL:
+ * poll events, then call again. */
+cw_status cw_node_flush(cw_bus *bus, unsigned node);
 
 /* Tick up to which the bus has been simulated: always the end of a bit. */
 uint64_t cw_bus_now(const cw_bus *bus);

@@ -107,6 +107,51 @@ static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
     }
 }
 
+static void flush_inbox(cw_bus *bus, unsigned i)
+{
+    inbox *box = &bus->inbox;
+    unsigned kept = 0;
+    for (unsigned k = 0; k < box->count; k++) {
+        inbox_entry entry = *inbox_at(box, k);
+        if (entry.node != i) {
+            *inbox_at(box, kept++) = entry;
+            continue;
+        }
+        bus->nodes[i].stats.handed_in++;
+        cw_push_drop(bus, i, &entry.frame, CW_DROP_REMOVED, bus->now);
+    }
+    box->count = kept;
+}
+
+static void flush_held(cw_bus *bus, unsigned i)
+{
+    unsigned kept = 0;
+    for (unsigned k = 0; k < bus->held_count; k++) {
+        held_frame held = bus->held[k];
+        if (held.node != i)
+            bus->held[kept++] = held;
+        else
+            cw_push_drop(bus, i, &held.frame, CW_DROP_REMOVED, bus->now);
+    }
+    bus->held_count = kept;
+}
+
+cw_status cw_node_flush(cw_bus *bus, unsigned i)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (!cw_ring_has_room(bus))
+        return CW_FULL;
+    cw_mac *m = &bus->nodes[i].mac;
+    m->offered = false;
+    m->role = CW_ROLE_NONE;
+    m->phase = CW_MAC_OFF;
+    flush_queue(bus, i, CW_DROP_REMOVED);
+    flush_inbox(bus, i);
+    flush_held(bus, i);
+    return CW_OK;
+}
+
 /* ---- Restart (R12) --------------------------------------------------------------------------- */
 
 void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)

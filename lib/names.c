@@ -62,7 +62,8 @@ const char *cw_state_name(cw_state state)
 const char *cw_drop_name(cw_drop why)
 {
     static const char *const names[CW_DROP_COUNT] = {"queue-full",  "one-shot",  "bus-off",
-                                                     "listen-only", "bad-frame", "fault"};
+                                                     "listen-only", "bad-frame", "fault",
+                                                     "removed"};
     assert(why < CW_DROP_COUNT);
     return names[why];
 }

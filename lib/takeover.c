@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * takeover.c - a bus goes on as another one with other nodes and rules: the reload of a configuration.
+ */
+#include "bus_private.h"
+
+static void take_over_queue(bus_node *n, const bus_node *old)
+{
+    for (unsigned i = 0; i < old->queue.count; i++) {
+        uint16_t from = old->queue.order[i];
+        const cw_queue_slot *slot = &old->queue.slots[from];
+        if (!cw_queue_put(&n->queue, &slot->frame, slot->handed_in))
+            continue; /* cannot be: checked before */
+        n->queue.slots[n->queue.newest].attempts = slot->attempts;
+        if (old->mac.offered && old->offered_slot == from)
+            n->offered_slot = n->queue.newest;
+    }
+}
+
+/* State and counters of the old node, settings of the new one. */
+static void take_over_node(bus_node *n, const bus_node *old)
+{
+    unsigned modes = n->mac.modes;
+    unsigned warning_limit = n->mac.confinement.warning_limit;
+    take_over_queue(n, old);
+    n->mac = old->mac;
+    n->mac.no_ack = false;
+    n->wrong_crc = old->wrong_crc;
+    n->told_state = old->told_state;
+    n->stats = old->stats;
+    n->restart_at = old->restart_at;
+    cw_mac_reconnect(&n->mac);
+    cw_mac_set_modes(&n->mac, modes);
+    n->mac.confinement.warning_limit = (uint16_t)warning_limit;
+}
+
+static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
+{
+    for (unsigned i = 0; i < old->inbox.count; i++) {
+        const inbox_entry *e = &old->inbox.entries[(old->inbox.first + i) % old->inbox.capacity];
+        if (to[e->node] != CW_NO_NODE)
+            (void)cw_node_send(bus, to[e->node], &e->frame, e->at_tick);
+    }
+}
+
+/* What rules held back goes on its way: those rules are no more. */
+static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
+{
+    for (unsigned i = 0; i < old->held_count; i++) {
+        held_frame h = old->held[i];
+        if (to[h.node] == CW_NO_NODE)
+            continue;
+        h.node = to[h.node];
+        h.due = bus->now;
+        bus->held[bus->held_count++] = h;
+    }
+    if (bus->held_count)
+        cw_fault_due(bus, bus->now);
+}
+
+static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        if (from[i] == CW_NO_NODE)
+            continue;
+        if (from[i] >= old->node_count ||
+            old->nodes[from[i]].queue.count > bus->nodes[i].queue.capacity)
+            return false;
+    }
+    return bus->bit_ticks == old->bit_ticks && bus->now == 0 &&
+           bus->inbox.capacity >= old->inbox.count;
+}
+
+/* Rules that were to act at the start of the new bus act now. */
+static void start_rules(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.count; i++) {
+        cw_fault *f = &bus->faults.faults[i];
+        if (f->used && f->fire_at < bus->now)
+            f->fire_at = bus->now;
+    }
+}
+
+cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
+{
+    uint8_t to[CW_NODES_MAX];
+    if (!fits(bus, old, from))
+        return CW_INVALID;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        to[i] = CW_NO_NODE;
+    bus->now = old->now;
+    bus->recessive_bits = old->recessive_bits;
+    bus->load = old->load;
+    bus->stats = old->stats;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        if (from[i] == CW_NO_NODE)
+            continue;
+        to[from[i]] = (uint8_t)i;
+        take_over_node(&bus->nodes[i], &old->nodes[from[i]]);
+        bus->queued += bus->nodes[i].queue.count;
+    }
+    cw_find_next_restart(bus);
+    take_over_inbox(bus, old, to);
+    take_over_held(bus, old, to);
+    start_rules(bus);
+    bus->news = true;
+    return CW_OK;
+}
