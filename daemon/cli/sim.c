@@ -168,8 +168,9 @@ static bool set_until(sim *s, const char *text)
             fprintf(stderr, "canwire sim: --until %s: %s\n", text, wrong);
             return false;
         }
-        /* rounded up: an event at exactly TIME still counts */
-        s->until = text_time_ticks(until, s->config->bit_ticks);
+        /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
+        const cfg_time beyond = {.ns = 1};
+        s->until = text_time_ticks_sum(until, 1, beyond, s->config->bit_ticks) - 1;
     } else if (has_endless_traffic(s->config)) {
         fprintf(stderr,
                 "canwire sim: %s: traffic without `count` never ends: give `count` or --until TIME\n",
