@@ -62,6 +62,7 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
     (void)loop;
     (void)events;
     service *s = timer->data;
+    engine_update(s->engine);
     losses_log(&s->losses, s->config, engine_bus(s->engine), engine_ports(s->engine));
     cw_bus_stats stats;
     cw_bus_get_stats(engine_bus(s->engine), &stats);
