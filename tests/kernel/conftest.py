@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: MIT
+"""What the tests on real vcan share: interfaces, a running canwired, CAN sockets, LCM.
+
+Run with: scripts/guest -- build/venv/bin/python -m pytest tests/kernel
+Where there is no AF_CAN the tests fail; they are never skipped.
+"""
+
+import importlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import lcm
+import pytest
+
+from canbits import CLASSIC, Frame
+
+ROOT = Path(__file__).resolve().parents[2]
+CANWIRED = os.environ.get("CANWIRED") or ROOT / "build/release/canwired"
+PATIENCE_S = 30  # until something that must come counts as missing; not a measure of speed
+RECEIVE_BUFFER_BYTES = 256 << 20  # a frame takes about 800 in the kernel
+SO_RCVBUFFORCE = 33
+MULTICAST_ROUTE = "224.0.0.0/4 dev lo"
+
+
+def ip(*lines):
+    """Runs `ip` commands, one a line."""
+    text = "\n".join(lines) + "\n"
+    subprocess.run(["ip", "-batch", "-"], input=text, text=True, check=True)
+
+
+def wait_until(condition, what, timeout_s=PATIENCE_S):
+    """Returns the first true value of condition()."""
+    deadline = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"waited {timeout_s} s for {what}"
+        time.sleep(0.01)
+    return value
+
+
+@pytest.fixture
+def vcan():
+    """vcan(2) makes vcan0 and vcan1; mtu=72 lets FD frames through."""
+    made = []
+
+    def make(count, mtu=16):
+        names = [f"vcan{i}" for i in range(count)]
+        ip(*(f"link add {n} type vcan" for n in names))
+        made.extend(names)
+        ip(*(f"link set {n} mtu {mtu} up" for n in names))
+        return names
+
+    yield make
+    if made:
+        ip(*(f"link del {n}" for n in made))
+
+
+class CanSocket:
+    """A raw CAN socket as a program in an ECU has it."""
+
+    def __init__(self, interface):
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+        self.socket.bind((interface,))
+        self.socket.setblocking(False)
+
+    def allow_fd(self):
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+
+    def send(self, *frames):
+        for frame in frames:
+            self.socket.send(frame.pack())
+
+    def send_raw(self, packed):
+        self.socket.send(packed)
+
+    def drain(self):
+        """What waits to be read."""
+        frames = []
+        try:
+            while True:
+                frames.append(Frame.unpack(self.socket.recv(CLASSIC.size)))
+        except BlockingIOError:
+            return frames
+
+    def receive(self, count, timeout_s=PATIENCE_S):
+        """Waits for count frames; returns what has come, more or fewer."""
+        frames, deadline = self.drain(), time.monotonic() + timeout_s
+        while len(frames) < count and time.monotonic() < deadline:
+            time.sleep(0.01)  # rather than a wake-up for each frame
+            frames += self.drain()
+        return frames
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.fixture
+def can_socket():
+    """can_socket("vcan0") opens a CanSocket."""
+    opened = []
+
+    def make(interface):
+        opened.append(CanSocket(interface))
+        return opened[-1]
+
+    yield make
+    for s in opened:
+        s.close()
+
+
+class Daemon:
+    """A canwired, with the notification socket that systemd would give it."""
+
+    def __init__(self, folder, text):
+        self.config = folder / "bus.yaml"
+        self.config.write_text(text)
+        self.errors = folder / "stderr"
+        self.notifications = []
+        self.notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.notify.bind(str(folder / "notify"))
+        threading.Thread(target=self.read_notifications, daemon=True).start()
+        environment = dict(os.environ, NOTIFY_SOCKET=str(folder / "notify"))
+        with self.errors.open("w") as errors:
+            self.process = subprocess.Popen(
+                [CANWIRED, "-c", self.config], stderr=errors, env=environment
+            )
+
+    def stderr(self):
+        text = self.errors.read_text()
+        assert "Sanitizer" not in text and "runtime error:" not in text, text
+        return text
+
+    def read_notifications(self):
+        """As systemd does, all the time: a full socket would hold up the sender."""
+        while text := self.notify.recv(4096).decode():
+            self.notifications += text.splitlines()
+
+    def notified(self, start):
+        """The first line of the notifications that starts with this, or None."""
+        return next((n for n in self.notifications if n.startswith(start)), None)
+
+    def wait_ready(self):
+        def ready_or_dead():
+            return self.notified("READY=1") or self.process.poll() is not None
+
+        wait_until(ready_or_dead, "READY=1")
+        assert self.process.poll() is None, self.stderr()
+
+    def wait(self):
+        """Waits for the end; returns the exit status."""
+        return self.process.wait(PATIENCE_S)
+
+    def stop(self, number=signal.SIGTERM):
+        """Ends it as systemd would; it must end well. Returns what it wrote to stderr."""
+        self.process.send_signal(number)
+        status, text = self.wait(), self.stderr()
+        assert status == 0, text
+        return text
+
+    def close(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self.notify.shutdown(socket.SHUT_RD)  # ends the thread
+
+
+@pytest.fixture
+def launch(tmp_path):
+    """launch(TEXT) starts canwired with this configuration and does not wait."""
+    launched = []
+
+    def start(text):
+        folder = tmp_path / f"canwired{len(launched)}"
+        folder.mkdir()
+        launched.append(Daemon(folder, text))
+        return launched[-1]
+
+    yield start
+    for daemon in launched:
+        daemon.close()
+
+
+@pytest.fixture
+def canwired(launch):
+    """canwired(TEXT) starts canwired and waits until it is ready."""
+
+    def start(text):
+        daemon = launch(text)
+        daemon.wait_ready()
+        return daemon
+
+    return start
+
+
+@pytest.fixture(scope="session")
+def lcm_types(tmp_path_factory):
+    """The Python module that lcm-gen makes from config/lcm."""
+    folder = tmp_path_factory.mktemp("lcm")
+    types = sorted((ROOT / "config/lcm").glob("*.lcm"))
+    assert types
+    subprocess.run(["lcm-gen", "-p", "--ppath", folder, *types], check=True)
+    sys.path.insert(0, str(folder))
+    return importlib.import_module("canwire")
+
+
+class Listener:
+    """Subscribes to everything of one bus, and keeps it."""
+
+    def __init__(self, types, bus):
+        self.decoders = {
+            f"CANWIRE.{bus}.BUS": (types.bus_stats_t, "bus"),
+            f"CANWIRE.{bus}.NODE": (types.node_stats_t, "nodes"),
+            f"CANWIRE.{bus}.EVENT": (types.event_t, "events"),
+        }
+        self.bus, self.nodes, self.events = [], [], []
+        self.lcm = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+        for channel in self.decoders:
+            name = channel.replace(".", "\\.")
+            self.lcm.subscribe(name, self.take).set_queue_capacity(100000)
+        self.closing = False
+        self.thread = threading.Thread(target=self.run)
+        self.thread.start()
+
+    def run(self):
+        while not self.closing:
+            self.lcm.handle_timeout(100)
+
+    def take(self, channel, data):
+        message_type, collection = self.decoders[channel]
+        getattr(self, collection).append(message_type.decode(data))
+
+    def node(self, name):
+        """The last message of a node, or None."""
+        return next((m for m in reversed(self.nodes) if m.node == name), None)
+
+    def wait_bus(self, condition, what):
+        """The first BUS message that fulfils a condition."""
+        return wait_until(lambda: next(filter(condition, self.bus), None), what)
+
+    def wait_node(self, name, condition, what):
+        """The first NODE message of a node that fulfils a condition."""
+
+        def found():
+            return next((m for m in self.nodes if m.node == name and condition(m)), None)
+
+        return wait_until(found, what)
+
+    def wait_final(self, stderr):
+        """The last BUS message, and a dict of the last NODE messages, after canwired ended."""
+        assert "stopped: " in stderr
+
+        def complete():
+            if not self.bus or f"stopped: {self.bus[-1].frames} frames" not in stderr:
+                return False
+            end_ns = self.bus[-1].bus_time_ns
+            return {m.node for m in self.nodes if m.bus_time_ns == end_ns} == {
+                m.node for m in self.nodes
+            }
+
+        wait_until(complete, "the final statistics")
+        return self.bus[-1], {m.node: m for m in self.nodes}
+
+    def close(self):
+        self.closing = True
+        self.thread.join()
+
+
+@pytest.fixture
+def listen(lcm_types):
+    """listen("bus") starts a Listener."""
+    listeners = []
+
+    def start(bus):
+        listeners.append(Listener(lcm_types, bus))
+        return listeners[-1]
+
+    yield start
+    for listener in listeners:
+        listener.close()
+
+
+@pytest.fixture
+def no_multicast():
+    """Takes the multicast route away; calling it puts it back."""
+    ip(f"route del {MULTICAST_ROUTE}")
+    missing = [True]
+
+    def restore():
+        if missing:
+            missing.clear()
+            ip(f"route add {MULTICAST_ROUTE}")
+
+    yield restore
+    restore()

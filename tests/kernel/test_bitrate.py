@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""A saturated bus carries what its bit rate allows: to the frame, and to the bit."""
+
+import pytest
+
+from canbits import INTEGRATION_BITS, Frame, Source, predict, slot_bits, wire_bits
+from conftest import PATIENCE_S
+
+SECONDS = 10  # of bus time
+TRAFFIC = {
+    "load0": ["0A5#1122334455667788", "5F0#0000000000000000"],
+    "load1": ["0AAAAAA5#DEADBEEF12345678", "7FF#FFFFFFFFFFFFFFFF"],
+}
+
+
+def saturating(bitrate):
+    """Traffic that fills SECONDS of bus time and hands in a little more than the bus carries."""
+    texts = [(node, text) for node, of_node in TRAFFIC.items() for text in of_node]
+    budget = SECONDS * bitrate - INTEGRATION_BITS
+    cycle = sum(slot_bits(Frame.parse(text)) for _, text in texts)
+    sources, left = [], budget % cycle
+    for node, text in texts:
+        frame, count = Frame.parse(text), budget // cycle
+        if slot_bits(frame) <= left:  # the last cycle is not complete
+            left -= slot_bits(frame)
+            count += 1
+        sources.append(Source(node, frame, cycle - 1, count))
+    return sources
+
+
+def configuration(bus, bitrate, sources):
+    nodes = ""
+    for node, texts in TRAFFIC.items():
+        nodes += f"  - name: {node}\n    queue: 4096\n    traffic:\n"
+        for text in texts:
+            s = next(s for s in sources if s.frame == Frame.parse(text))
+            nodes += f"      - {{ send: {text}, every: {s.every}bit, "
+            nodes += f"offset: {s.offset}bit, count: {s.count} }}\n"
+    return f"""
+bus: {{ name: {bus}, bitrate: {bitrate} }}
+nodes:
+  - {{ name: receiver, port: vcan0 }}
+{nodes}
+lcm: {{ period: 500ms }}
+"""
+
+
+@pytest.mark.parametrize("bitrate", [125000, 250000, 500000, 1000000])
+def test_10_seconds_of_a_saturated_bus(bitrate, vcan, can_socket, canwired, listen):
+    bus_name = f"rate{bitrate}"
+    vcan(1)
+    receiver = can_socket("vcan0")
+    messages = listen(bus_name)
+    sources = saturating(bitrate)
+    daemon = canwired(configuration(bus_name, bitrate, sources))
+    order, end_bit = predict(sources)
+    assert end_bit == INTEGRATION_BITS + sum(map(slot_bits, order)), "there were gaps"
+    assert SECONDS * bitrate - min(map(slot_bits, order)) < end_bit <= SECONDS * bitrate
+    assert receiver.receive(len(order), timeout_s=PATIENCE_S * 10) == order
+
+    messages.wait_bus(lambda m: m.bits > end_bit, "the end of the window")
+    bus, nodes = messages.wait_final(daemon.stop())
+    assert bus.frames == len(order)
+    assert bus.frame_bits == sum(map(wire_bits, order))
+    assert bus.busy_bits == end_bit - INTEGRATION_BITS
+    assert (bus.error_frames, bus.overload_frames, bus.pending) == (0, 0, 0)
+    assert nodes["receiver"].rx_frames == len(order)
+    assert nodes["receiver"].dropped_rx == 0
+    for name in TRAFFIC:
+        node, own = nodes[name], [s for s in sources if s.node == name]
+        assert node.handed_in == node.tx_frames == sum(s.count for s in own)
+        assert node.tx_bits == sum(s.count * wire_bits(s.frame) for s in own)
+    check_load(messages.bus, end_bit)
+    assert not receiver.drain()
+
+
+def check_load(statistics, end_bit):
+    """While the traffic lasts every bit after the integration is busy."""
+    during = [m for m in statistics if INTEGRATION_BITS < m.bits <= end_bit]
+    assert len(during) > SECONDS  # the period is half a second
+    for m in during:
+        assert m.busy_bits == m.bits - INTEGRATION_BITS
+    for m in during[1:]:
+        assert m.load_period_permille == 1000

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""What a Python program that subscribes to LCM learns about a bus."""
+
+import json
+import time
+
+from canbits import Frame, wire_bits
+
+LONELY = """
+bus: { name: lonely, bitrate: 500000 }
+nodes: [ { name: hermit, port: vcan0 } ]
+lcm: { period: 100ms, events: [error, state] }
+"""
+
+
+def test_all_three_messages(vcan, can_socket, canwired, listen):
+    vcan(2)
+    started_us = int(time.time() * 1e6)
+    messages = listen("types")
+    daemon = canwired("""
+bus: { name: types, bitrate: 250000 }
+nodes:
+  - { name: a, port: vcan0 }
+  - { name: b, port: vcan1 }
+lcm: { period: 100ms, events: [rx, tx] }
+""")
+    frame = Frame.parse("123#DEADBEEF")
+    can_socket("vcan0").send(frame)
+    bus = messages.wait_bus(lambda m: m.frames == 1, "the frame")
+    messages.wait_node("b", lambda m: m.rx_frames == 1, "the receiver")
+    daemon.stop()
+
+    bits = wire_bits(frame)
+    assert (bus.bus, bus.bitrate_bps) == ("types", 250000)
+    assert (bus.frame_bits, bus.busy_bits, bus.error_frames) == (bits, bits + 3, 0)
+    assert bus.utime_us > started_us
+    assert bus.bus_time_ns == bus.bits * 4000
+
+    a, b = messages.node("a"), messages.node("b")
+    assert (a.bus, a.node, a.port, a.state) == ("types", "a", "vcan0", "error-active")
+    assert (a.handed_in, a.tx_frames, a.tx_bytes, a.tx_bits) == (1, 1, 4, bits)
+    assert (b.rx_frames, b.rx_bytes, b.handed_in) == (1, 4, 0)
+    assert a.delay_count == 1
+    assert bits * 4000 <= a.delay_min_ns == a.delay_mean_ns == a.delay_max_ns
+
+    assert [(e.event, e.node, e.bus) for e in messages.events] == [
+        ("rx", "b", "types"),
+        ("tx", "a", "types"),
+    ]
+    for event in messages.events:
+        line = json.loads(event.json)
+        assert (line["event"], line["node"]) == (event.event, event.node)
+        assert line["frame"] == "123#DEADBEEF"
+        assert round(line["t"] * 1e9) == event.bus_time_ns
+    rx, tx = messages.events
+    assert tx.bus_time_ns - rx.bus_time_ns == 4000
+
+
+def check_sum(node):
+    dropped = sum(getattr(node, name) for name in DROPS)
+    assert node.handed_in == node.tx_frames + node.queue + dropped, node.node
+
+
+DROPS = ["dropped_queue_full", "dropped_one_shot", "dropped_bus_off"]
+DROPS += ["dropped_listen_only", "dropped_bad_frame", "dropped_fault"]
+
+
+def test_what_was_handed_in_is_sent_queued_or_dropped(vcan, can_socket, canwired, listen):
+    vcan(2)
+    messages = listen("sums")
+    daemon = canwired("""
+bus: { name: sums, bitrate: 500000 }
+nodes:
+  - { name: writer, port: vcan0, queue: 8 }
+  - { name: reader, port: vcan1 }
+  - name: urgent
+    traffic: [ { send: 001#00, every: 300us } ]
+  - name: flood
+    queue: 4
+    traffic: [ { send: 7FF#1122334455667788, every: 50us } ]
+  - name: deaf
+    listen-only: on
+    traffic: [ { send: 002#, every: 10ms } ]
+lcm: { period: 50ms, events: [] }
+""")
+    writer, reader = can_socket("vcan0"), can_socket("vcan1")
+    written = [Frame.parse(f"100#{i:04X}") for i in range(100)]
+    writer.send(*written, Frame(0x800, 0))
+    messages.wait_node("flood", lambda m: m.tx_frames > 1000, "traffic")
+    bus, nodes = messages.wait_final(daemon.stop())
+    assert len(messages.nodes) > 5 * 3
+    for node in messages.nodes:
+        check_sum(node)
+    assert nodes["writer"].handed_in == len(written) + 1
+    assert nodes["writer"].dropped_bad_frame == 1
+    assert nodes["writer"].dropped_queue_full > 0
+    assert nodes["flood"].dropped_queue_full > 0
+    assert nodes["deaf"].dropped_listen_only == nodes["deaf"].handed_in > 0
+    assert nodes["urgent"].dropped_queue_full == 0
+    assert bus.frames == sum(n.tx_frames for n in nodes.values())
+    assert bus.pending == sum(n.queue for n in nodes.values())
+    assert bus.frame_bits == sum(n.tx_bits for n in nodes.values())
+    assert nodes["reader"].rx_frames == bus.frames
+    from_writer = [f for f in reader.drain() if f.can_id == 0x100]
+    assert len(from_writer) == nodes["writer"].tx_frames
+    assert from_writer == [f for f in written if f in from_writer]
+
+
+def test_a_node_alone_becomes_error_passive_and_stays_so(vcan, can_socket, canwired, listen):
+    vcan(1)
+    messages = listen("lonely")
+    daemon = canwired(LONELY)
+    ecu = can_socket("vcan0")
+    ecu.send(Frame.parse("123#DEADBEEF"))
+    messages.wait_node("hermit", lambda m: m.ack_errors > 500, "500 failed attempts")
+    bus, nodes = messages.wait_final(daemon.stop())
+    hermit = nodes["hermit"]
+    assert (hermit.tec, hermit.rec, hermit.state) == (128, 0, "error-passive")
+    assert (hermit.error_warning, hermit.error_passive, hermit.bus_off) == (1, 1, 0)
+    assert (hermit.tx_frames, hermit.queue, hermit.handed_in) == (0, 1, 1)
+    assert (bus.frames, bus.pending) == (0, 1)
+    assert hermit.retransmissions >= hermit.ack_errors - 1
+    assert all(m.tec <= 128 for m in messages.nodes)
+    check_sum(hermit)
+
+    events = [json.loads(e.json) for e in messages.events]
+    climb = [e["tec"] for e in events if e["event"] == "error"]
+    assert climb[:16] == list(range(8, 129, 8))
+    assert set(climb[16:]) == {128}
+    assert [e["state"] for e in events if e["event"] == "state"] == [
+        "error-warning",
+        "error-passive",
+    ]
