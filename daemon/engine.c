@@ -35,6 +35,8 @@ struct engine {
     struct ev_loop *loop;
     const cfg *config;
     publisher *publisher;
+    engine_observer *observer;
+    void *observer_user;
     void *memory;
     cw_bus *bus;
     release_plan *plan;
@@ -112,6 +114,8 @@ static void handle_events(engine *e)
                 deliver(e, i, &event);
         if (e->publisher)
             publisher_event(e->publisher, &event);
+        if (e->observer)
+            e->observer(e->observer_user, &event);
     }
 }
 
@@ -271,6 +275,7 @@ static bool make_bus(engine *e)
     cfg_bus_config(&bus_config, nodes, e->config);
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
+    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
     e->memory = malloc(cw_bus_size(&bus_config));
     e->plan = release_plan_new(e->config);
     if (!e->memory || !e->plan) {
@@ -352,6 +357,24 @@ void engine_free(engine *e)
 void engine_update(engine *e)
 {
     wake(e);
+}
+
+cw_bus *engine_change(engine *e)
+{
+    wake(e);
+    return e->bus;
+}
+
+bool engine_reload(engine *e, FILE *errors)
+{
+    fprintf(errors, "%s: reload is not available yet\n", e->config->file);
+    return false;
+}
+
+void engine_observe(engine *e, engine_observer *observer, void *user)
+{
+    e->observer = observer;
+    e->observer_user = user;
 }
 
 const cw_bus *engine_bus(const engine *e)

@@ -30,6 +30,17 @@ void engine_update(engine *e);
 /* The bus as far as it has been simulated, to be read only. */
 const cw_bus *engine_bus(const engine *e);
 
+/* The bus, brought up to now, to be changed; engine_update() has to follow. */
+cw_bus *engine_change(engine *e);
+
+/* Reads the configuration's file again and goes over to what it says. False, with nothing changed,
+ * after writing a line per error. */
+bool engine_reload(engine *e, FILE *errors);
+
+/* Is told of each event of the bus; one at most. It must not change the bus. */
+typedef void engine_observer(void *user, const cw_event *event);
+void engine_observe(engine *e, engine_observer *observer, void *user);
+
 /* One a node, NULL for nodes without port. */
 port *const *engine_ports(const engine *e);
 

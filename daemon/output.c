@@ -4,20 +4,17 @@
  */
 #include "output.h"
 
+#include "jsonput.h"
 #include "text.h"
 
 #include <assert.h>
-#include <jansson.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
 
 static void write_line(FILE *out, const cfg *config, const cw_event *event, const char *node);
-static json_t *stats_of_bus(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
-static void put(json_t *object, const char *key, json_t *value);
 
 void output_event(FILE *out, const cfg *config, const cw_event *event)
 {
@@ -58,7 +55,7 @@ void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
 {
     json_t *root = json_object();
 
-    put(root, "bus", stats_of_bus(config, bus));
+    put(root, "bus", output_bus_stats(config, bus));
     put(root, "nodes", stats_of_nodes(config, bus));
     put(root, "rules", stats_of_rules(config, bus));
     json_dumpf(root, out, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
@@ -155,38 +152,6 @@ static void write_line(FILE *out, const cfg *config, const cw_event *event, cons
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
-/* Takes the value. Half a report would be read as zeros, so running out of memory ends it. */
-static void put(json_t *object, const char *key, json_t *value)
-{
-    if (json_object_set_new(object, key, value) != 0) {
-        fputs("canwire: out of memory\n", stderr);
-        abort();
-    }
-}
-
-/* As put(), for an element of an array. */
-static void append(json_t *array, json_t *value)
-{
-    if (json_array_append_new(array, value) != 0) {
-        fputs("canwire: out of memory\n", stderr);
-        abort();
-    }
-}
-
-/* JSON integers are signed here; what does not fit saturates. */
-static void put_count(json_t *object, const char *key, uint64_t value)
-{
-    put(object, key, json_integer(value > INT64_MAX ? INT64_MAX : (json_int_t)value));
-}
-
-/* A tick is 12.5 ns; half a nanosecond is truncated. Saturates after 292 years. */
-static void put_ticks(json_t *object, const char *key, uint64_t ticks)
-{
-    uint64_t pairs = ticks / 2;
-
-    put_count(object, key, pairs > INT64_MAX / 25 ? INT64_MAX : pairs * 25 + ticks % 2 * 25 / 2);
-}
-
 /* Load of the whole run. */
 static unsigned load_permille(const cw_bus_stats *stats)
 {
@@ -195,7 +160,7 @@ static unsigned load_permille(const cw_bus_stats *stats)
     return cw_load_permille(&start, stats);
 }
 
-static json_t *stats_of_bus(const cfg *config, const cw_bus *bus)
+json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
 {
     json_t *object = json_object();
     cw_bus_stats stats;
@@ -289,12 +254,12 @@ static void put_troubles(json_t *object, const cw_node_stats *stats)
     put_count(object, "undetected_errors", stats->undetected_errors);
 }
 
-static json_t *stats_of_node(const cfg_node *node, const cw_node_stats *stats)
+json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
 {
     json_t *object = json_object();
 
     put(object, "name", json_string(node->name));
-    put(object, "port", node->port != NULL ? json_string(node->port) : json_null());
+    put_text(object, "port", node->port);
     put(object, "state", json_string(cw_state_name(stats->state)));
     put_count(object, "tec", stats->tec);
     put_count(object, "rec", stats->rec);
@@ -314,10 +279,22 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
         cw_node_stats stats;
 
         if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
-            append(array, stats_of_node(&config->nodes[i], &stats));
+            put_last(array, output_node_stats(&config->nodes[i], &stats));
         }
     }
     return array;
+}
+
+json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule)
+{
+    json_t *object = json_object();
+    cw_rule_stats stats = {0};
+
+    cw_rule_get_stats(bus, rule, &stats);
+    put_text(object, "name", config->rules[rule].name);
+    put_count(object, "matches", stats.matches);
+    put_count(object, "hits", stats.hits);
+    return object;
 }
 
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
@@ -325,14 +302,7 @@ static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
     json_t *array = json_array();
 
     for (unsigned i = 0; i < config->rule_count; i++) {
-        json_t *object = json_object();
-        cw_rule_stats stats = {0};
-
-        cw_rule_get_stats(bus, i, &stats);
-        put(object, "name", json_string(config->rules[i].name));
-        put_count(object, "matches", stats.matches);
-        put_count(object, "hits", stats.hits);
-        append(array, object);
+        put_last(array, output_rule_stats(config, bus, i));
     }
     return array;
 }

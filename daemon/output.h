@@ -10,6 +10,7 @@
 #include "canwire.h"
 #include "config.h"
 
+#include <jansson.h>
 #include <stdio.h>
 
 /* One JSON object per line and node concerned, nodes in the order of the configuration.
@@ -23,5 +24,10 @@ void output_log(FILE *out, const cfg *config, const cw_event *event);
 /* All statistics of the bus, its nodes and rules as one indented JSON object. Times are integers
  * in nanoseconds. bus->nodes and rules are those of config. */
 void output_stats(FILE *out, const cfg *config, const cw_bus *bus);
+
+/* Its parts, to be released by the caller: of the bus, of a node, of a rule. */
+json_t *output_bus_stats(const cfg *config, const cw_bus *bus);
+json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats);
+json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 
 #endif

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control.h - the control socket of a bus: requests and live events as lines of JSON.
+ *
+ * What is said there is in config/control.md.
+ */
+#ifndef CANWIRE_CONTROL_H
+#define CANWIRE_CONTROL_H
+
+#include "engine.h"
+#include "live.h"
+
+#include <ev.h>
+
+typedef struct control control;
+
+/* Listens at the configuration's `control`. The others must live longer. NULL after logging why. */
+control *control_start(struct ev_loop *loop, live *config, engine *bus);
+
+/* Disconnects everybody and removes the socket. NULL is fine. */
+void control_stop(control *c);
+
+/* To be called for each event of the bus; an engine_observer. */
+void control_event(void *self, const cw_event *event);
+
+#endif

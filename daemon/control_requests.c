@@ -1,0 +1,526 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control_requests.c - what can be asked for at the control socket.
+ *
+ * A request is an object with `request`, perhaps `id`, and the keys that the table at the end names
+ * for it. Each has a function that fills in the reply or refuses.
+ */
+#include "control_requests.h"
+
+#include "jsonput.h"
+#include "nearest.h"
+#include "settings.h"
+
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define KEYS_MAX 2
+#define ERROR_TEXT_MAX 400
+#define EVERY_KIND (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
+
+typedef struct request {
+    const request_world *world;
+    request_result *result;
+    const json_t *asked;
+    json_t *reply;
+} request;
+
+typedef struct request_key {
+    const char *name;
+    json_type type;
+    bool required;
+} request_key;
+
+typedef struct request_kind {
+    const char *name;
+    bool (*run)(request *r); /* false: refused */
+    bool whole_line;         /* may be as long as a line */
+    request_key keys[KEYS_MAX + 1];
+} request_kind;
+
+/* ---- Replies --------------------------------------------------------------------------------- */
+
+/* Always false, for the caller to return. */
+static bool __attribute__((format(printf, 2, 3))) refuse(request *r, const char *format, ...)
+{
+    char text[ERROR_TEXT_MAX];
+    va_list args;
+    va_start(args, format);
+    (void)vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    put_text(r->reply, "error", text);
+    return false;
+}
+
+static bool refuse_at(request *r, const char *error, int line, int column)
+{
+    (void)refuse(r, "%s", error);
+    put(r->reply, "line", json_integer(line));
+    put(r->reply, "column", json_integer(column));
+    return false;
+}
+
+/* The numbers of NAME:LINE:COLUMN: message. NAME may have colons of its own. */
+static void put_position(json_t *reply, const char *message)
+{
+    for (const char *colon = strchr(message, ':'); colon; colon = strchr(colon + 1, ':')) {
+        int line, column, length = 0;
+        if (sscanf(colon, ":%9d:%9d: %n", &line, &column, &length) == 2 && length > 0) {
+            put(reply, "line", json_integer(line));
+            put(reply, "column", json_integer(column));
+            return;
+        }
+    }
+}
+
+/* With what a loader wrote, a line per error. */
+static bool refuse_lines(request *r, char *text)
+{
+    json_t *errors = json_array();
+    char *rest = text;
+    for (char *line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest))
+        put_text_last(errors, line);
+    const char *first = json_string_value(json_array_get(errors, 0));
+    (void)refuse(r, "%s", first ? first : "refused without a reason");
+    put_position(r->reply, first ? first : "");
+    put(r->reply, "errors", errors);
+    return false;
+}
+
+/* ---- Arguments ------------------------------------------------------------------------------- */
+
+/* NULL when it is not given. */
+static const char *text_of(const request *r, const char *key)
+{
+    return json_string_value(json_object_get(r->asked, key));
+}
+
+/* The node that `node` names. */
+static bool find_node(request *r, unsigned *node)
+{
+    const cfg *config = live_config(r->world->config);
+    const char *name = text_of(r, "node");
+    nearest guess = {.word = name};
+    for (unsigned i = 0; i < config->node_count; i++) {
+        if (strcmp(config->nodes[i].name, name) == 0) {
+            *node = i;
+            return true;
+        }
+        nearest_consider(&guess, config->nodes[i].name);
+    }
+    return refuse(r, "there is no node '%.80s'%s%s%s", name, guess.best ? " (did you mean '" : "",
+                  guess.best ? guess.best : "", guess.best ? "'?)" : "");
+}
+
+/* The rule that `rule` names. */
+static bool find_rule(request *r, unsigned *rule)
+{
+    const char *name = text_of(r, "rule");
+    return live_find(r->world->config, rule, name) ||
+           refuse(r, "there is no rule '%.80s'", name);
+}
+
+/* ---- Looking --------------------------------------------------------------------------------- */
+
+static bool run_status(request *r)
+{
+    engine *e = r->world->engine;
+    engine_update(e);
+    put(r->reply, "status",
+        status_json(live_config(r->world->config), engine_bus(e), engine_ports(e),
+                    r->world->errors));
+    return true;
+}
+
+static bool run_faults(request *r)
+{
+    engine_update(r->world->engine);
+    put(r->reply, "faults", status_faults(r->world->config, engine_bus(r->world->engine)));
+    return true;
+}
+
+/* The kind of events that a word names, or 0. */
+static uint32_t kind_of(const char *word)
+{
+    for (unsigned kind = 0; word && kind < CW_EVENT_COUNT; kind++)
+        if ((EVERY_KIND >> kind & 1u) && strcmp(cw_event_name((cw_event_kind)kind), word) == 0)
+            return 1u << kind;
+    return 0;
+}
+
+static json_t *kinds_to_json(uint32_t kinds)
+{
+    json_t *array = json_array();
+    for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++)
+        if (kinds >> kind & 1u)
+            put_last(array, json_string(cw_event_name((cw_event_kind)kind)));
+    return array;
+}
+
+static bool refuse_kind(request *r, const char *word)
+{
+    json_t *all = kinds_to_json(EVERY_KIND);
+    char *list = json_dumps(all, 0);
+    (void)refuse(r, "there is no kind of event '%.40s'; there are %s", word ? word : "?",
+                 list ? list : "");
+    free(list);
+    json_decref(all);
+    return false;
+}
+
+static bool run_watch(request *r)
+{
+    const json_t *events = json_object_get(r->asked, "events");
+    uint32_t kinds = events ? 0 : EVERY_KIND;
+    for (size_t i = 0; i < json_array_size(events); i++) {
+        const char *word = json_string_value(json_array_get(events, i));
+        uint32_t kind = kind_of(word);
+        if (kind == 0)
+            return refuse_kind(r, word);
+        kinds |= kind;
+    }
+    engine_update(r->world->engine); /* what was before is not to be seen */
+    *r->result = (request_result){.watch_changed = true, .watch = kinds};
+    put(r->reply, "events", kinds_to_json(kinds));
+    return true;
+}
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+/* Rules that are being injected. Where one comes `after` another of them, that one is rule
+ * base + its place, and on the bus already. */
+typedef struct injection {
+    request *request;
+    cw_bus *bus;
+    const cfg_rules *rules;
+    size_t base;
+    size_t added;
+    unsigned index[CW_RULES_MAX]; /* where those that were added are on the bus */
+} injection;
+
+static bool add_rule(injection *in, size_t i)
+{
+    cw_rule rule = in->rules->rules[i];
+    if (rule.has_after && rule.after >= in->base)
+        rule.after = (uint16_t)in->index[rule.after - in->base];
+    cw_status status = cw_bus_add_rule(in->bus, &in->index[i], &rule);
+    if (status == CW_OK)
+        return true;
+    if (status == CW_FULL)
+        return refuse(in->request, "rule %s: no more room, a bus has at most %d rules", rule.name,
+                      CW_RULES_MAX);
+    return refuse(in->request, "rule %s: the bus does not take it", rule.name);
+}
+
+static bool add_rules(injection *in)
+{
+    if (in->rules->count > CW_RULES_MAX)
+        return refuse(in->request, "at most %d rules", CW_RULES_MAX);
+    while (in->added < in->rules->count && add_rule(in, in->added))
+        in->added++;
+    return in->added == in->rules->count;
+}
+
+/* Gives the rules their names, or takes them back. */
+static void settle(injection *in, json_t *names, bool good)
+{
+    live *config = in->request->world->config;
+    for (size_t i = 0; i < in->added; i++) {
+        if (good && live_put(config, in->index[i], &in->rules->rules[i]))
+            put_text_last(names, in->rules->rules[i].name);
+        else
+            (void)cw_bus_clear_rule(in->bus, in->index[i]);
+    }
+}
+
+/* All or none. */
+static bool inject_rules(request *r, const cfg_rules *rules)
+{
+    json_t *names = json_array();
+    injection in = {.request = r,
+                    .bus = engine_change(r->world->engine),
+                    .rules = rules,
+                    .base = live_config(r->world->config)->rule_count};
+    bool good = add_rules(&in);
+    settle(&in, names, good);
+    engine_update(r->world->engine);
+    if (good)
+        put(r->reply, "rules", json_incref(names));
+    json_decref(names);
+    return good;
+}
+
+static bool run_inject(request *r)
+{
+    const char *name = text_of(r, "name");
+    const json_t *text = json_object_get(r->asked, "text");
+    cfg_running running = live_running(r->world->config);
+    char *errors = NULL;
+    size_t length = 0;
+    FILE *stream = open_memstream(&errors, &length);
+    if (!stream)
+        return refuse(r, "out of memory");
+    cfg_rules *rules =
+        cfg_load_rules(json_string_value(text), json_string_length(text), name ? name : "inject",
+                       live_config(r->world->config), &running, stream);
+    (void)fclose(stream);
+    bool good = rules ? inject_rules(r, rules) : refuse_lines(r, errors);
+    cfg_free_rules(rules);
+    free(errors);
+    return good;
+}
+
+static void clear_rule(request *r, cw_bus *bus, json_t *cleared, unsigned index)
+{
+    put_text_last(cleared, live_config(r->world->config)->rules[index].name);
+    (void)cw_bus_clear_rule(bus, index);
+    live_remove(r->world->config, index);
+}
+
+/* One rule, or all, or all that were injected. */
+static bool run_clear(request *r)
+{
+    live *config = r->world->config;
+    unsigned only = 0;
+    bool one = text_of(r, "rule") != NULL;
+    bool injected = json_is_true(json_object_get(r->asked, "injected"));
+    if (one && injected)
+        return refuse(r, "either rule or injected");
+    if (one && !find_rule(r, &only))
+        return false;
+    cw_bus *bus = engine_change(r->world->engine);
+    json_t *cleared = json_array();
+    for (unsigned i = 0; i < live_config(config)->rule_count; i++)
+        if (live_config(config)->rules[i].name && (!one || i == only) &&
+            (!injected || live_is_injected(config, i)))
+            clear_rule(r, bus, cleared, i);
+    engine_update(r->world->engine);
+    put(r->reply, "rules", cleared);
+    return true;
+}
+
+static bool run_fire(request *r)
+{
+    unsigned index = 0;
+    if (!find_rule(r, &index))
+        return false;
+    bool manual = live_config(r->world->config)->rules[index].manual;
+    cw_status status = cw_bus_fire_rule(engine_change(r->world->engine), index);
+    engine_update(r->world->engine);
+    return status == CW_OK || refuse(r, "rule %s: %s", text_of(r, "rule"),
+                                     manual ? "its count is used up" : "it is not manual");
+}
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+static bool refuse_restart(request *r, const cw_bus *bus, unsigned node)
+{
+    const char *name = text_of(r, "node");
+    cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
+    cw_settings settings = {.which = 0};
+    (void)cw_node_get_stats(bus, node, &stats);
+    (void)cw_node_get_settings(bus, node, &settings);
+    if (stats.state != CW_STATE_BUS_OFF)
+        return refuse(r, "node %s: it is not bus-off but %s", name, cw_state_name(stats.state));
+    if (settings.restart_ticks != 0)
+        return refuse(r, "node %s: it restarts by itself, see restart-ms", name);
+    return refuse(r, "node %s: it is restarting already", name);
+}
+
+static bool run_restart(request *r)
+{
+    unsigned node = 0;
+    if (!find_node(r, &node))
+        return false;
+    cw_bus *bus = engine_change(r->world->engine);
+    bool good = cw_node_restart(bus, node) == CW_OK || refuse_restart(r, bus, node);
+    engine_update(r->world->engine);
+    return good;
+}
+
+static bool run_set(request *r)
+{
+    unsigned node = 0;
+    cw_settings settings = {.which = 0};
+    char error[SETTINGS_ERROR_MAX];
+    if (!find_node(r, &node))
+        return false;
+    if (!settings_from_json(&settings, error, json_object_get(r->asked, "settings")))
+        return refuse(r, "%s", error);
+    cw_bus *bus = engine_change(r->world->engine);
+    bool good = cw_node_set(bus, node, &settings) == CW_OK ||
+                refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
+    engine_update(r->world->engine);
+    (void)cw_node_get_settings(bus, node, &settings);
+    put(r->reply, "settings", settings_to_json(&settings));
+    return good;
+}
+
+/* ---- Configuration --------------------------------------------------------------------------- */
+
+static bool run_reload(request *r)
+{
+    char *errors = NULL;
+    size_t length = 0;
+    FILE *stream = open_memstream(&errors, &length);
+    if (!stream)
+        return refuse(r, "out of memory");
+    bool good = engine_reload(r->world->engine, stream);
+    (void)fclose(stream);
+    if (!good)
+        (void)refuse_lines(r, errors);
+    free(errors);
+    return good;
+}
+
+/* ---- Understanding --------------------------------------------------------------------------- */
+
+static const request_kind kinds[] = {
+    {"status", run_status, false, {{NULL, JSON_NULL, false}}},
+    {"faults", run_faults, false, {{NULL, JSON_NULL, false}}},
+    {"inject", run_inject, true, {{"text", JSON_STRING, true}, {"name", JSON_STRING, false}}},
+    {"clear", run_clear, false, {{"rule", JSON_STRING, false}, {"injected", JSON_TRUE, false}}},
+    {"fire", run_fire, false, {{"rule", JSON_STRING, true}}},
+    {"restart", run_restart, false, {{"node", JSON_STRING, true}}},
+    {"set", run_set, false, {{"node", JSON_STRING, true}, {"settings", JSON_OBJECT, true}}},
+    {"watch", run_watch, false, {{"events", JSON_ARRAY, false}}},
+    {"reload", run_reload, false, {{NULL, JSON_NULL, false}}},
+};
+
+#define KINDS (sizeof kinds / sizeof kinds[0])
+
+/* Looks at a line without parsing it: whether it is too deep or has too many values. Returns what
+ * is wrong, with *at, or NULL. */
+static const char *check_shape(const char *line, size_t length, size_t *at)
+{
+    unsigned depth = 0, values = 0;
+    bool in_text = false;
+    for (size_t i = 0; i < length; i++) {
+        char c = line[i];
+        *at = i;
+        if (in_text && c == '\\') {
+            i++;
+        } else if (c == '"') {
+            in_text = !in_text;
+        } else if (!in_text) {
+            bool opens = c == '[' || c == '{';
+            depth += opens;
+            depth -= (c == ']' || c == '}') && depth > 0;
+            values += opens || c == ',' || c == ':';
+        }
+        if (depth > REQUEST_DEPTH_MAX)
+            return "nested too deep";
+        if (values > REQUEST_VALUES_MAX)
+            return "too many values";
+    }
+    return NULL;
+}
+
+/* The request as an object, or NULL after refusing. */
+static json_t *parse(request *r, const char *line, size_t length)
+{
+    json_error_t error;
+    size_t at = 0;
+    const char *wrong = check_shape(line, length, &at);
+    if (wrong) {
+        (void)refuse_at(r, wrong, 1, (int)at + 1);
+        return NULL;
+    }
+    json_t *asked = json_loadb(line, length, JSON_REJECT_DUPLICATES, &error);
+    if (!asked)
+        (void)refuse_at(r, error.text, error.line, error.column);
+    else if (!json_is_object(asked))
+        (void)refuse(r, "a request is an object");
+    if (json_is_object(asked))
+        return asked;
+    json_decref(asked);
+    return NULL;
+}
+
+/* The id goes back as it came. */
+static bool take_id(request *r)
+{
+    json_t *id = json_object_get(r->asked, "id");
+    if (id && !json_is_string(id) && !json_is_integer(id))
+        return refuse(r, "id: expected a text or a whole number");
+    if (id)
+        put(r->reply, "id", json_incref(id));
+    return true;
+}
+
+static const request_kind *find_kind(request *r)
+{
+    const char *name = text_of(r, "request");
+    nearest guess = {.word = name};
+    for (size_t i = 0; name && i < KINDS; i++) {
+        if (strcmp(kinds[i].name, name) == 0)
+            return &kinds[i];
+        nearest_consider(&guess, kinds[i].name);
+    }
+    if (!name)
+        (void)refuse(r, "request: expected a text, the name of the request");
+    else
+        (void)refuse(r, "there is no request '%.40s'%s%s%s", name,
+                     guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                     guess.best ? "'?)" : "");
+    return NULL;
+}
+
+static const request_key *find_key(const request_kind *kind, const char *name)
+{
+    for (const request_key *key = kind->keys; key->name; key++)
+        if (strcmp(key->name, name) == 0)
+            return key;
+    return NULL;
+}
+
+/* JSON_TRUE stands for both. */
+static bool has_type(const json_t *value, json_type type)
+{
+    return json_typeof(value) == type || (type == JSON_TRUE && json_is_false(value));
+}
+
+static bool check_keys(request *r, const request_kind *kind)
+{
+    static const char *const types[] = {[JSON_OBJECT] = "an object", [JSON_ARRAY] = "a list",
+                                        [JSON_STRING] = "a text", [JSON_TRUE] = "true or false"};
+    json_t *members = (json_t *)(uintptr_t)r->asked; /* the iterator takes no const */
+    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
+        const char *name = json_object_iter_key(i);
+        const request_key *key = find_key(kind, name);
+        if (strcmp(name, "id") == 0 || strcmp(name, "request") == 0)
+            continue;
+        if (!key)
+            return refuse(r, "%s: there is no key '%.40s'", kind->name, name);
+        if (!has_type(json_object_iter_value(i), key->type))
+            return refuse(r, "%s: expected %s", name, types[key->type]);
+    }
+    for (const request_key *key = kind->keys; key->name; key++)
+        if (key->required && !json_object_get(r->asked, key->name))
+            return refuse(r, "%s: the key '%s' is missing", kind->name, key->name);
+    return true;
+}
+
+static bool run(request *r, size_t length)
+{
+    const request_kind *kind = take_id(r) ? find_kind(r) : NULL;
+    if (!kind)
+        return false;
+    if (length > REQUEST_BYTES_MAX && !kind->whole_line)
+        return refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
+    return check_keys(r, kind) && kind->run(r);
+}
+
+json_t *request_answer(const request_world *world, request_result *result, const char *line,
+                       size_t length)
+{
+    request r = {.world = world, .result = result, .reply = json_object()};
+    put_bool(r.reply, "ok", false); /* its place in the reply is at the beginning */
+    json_t *asked = parse(&r, line, length);
+    r.asked = asked;
+    if (asked)
+        put_bool(r.reply, "ok", run(&r, length));
+    json_decref(asked);
+    return r.reply;
+}

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control_requests.h - what can be asked for at the control socket.
+ */
+#ifndef CANWIRE_CONTROL_REQUESTS_H
+#define CANWIRE_CONTROL_REQUESTS_H
+
+#include "engine.h"
+#include "live.h"
+#include "status.h"
+
+#include <jansson.h>
+
+#define REQUEST_BYTES_MAX (1u << 16) /* of all but inject, which has the whole line */
+#define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
+#define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing costs next to nothing */
+
+/* What requests work on. */
+typedef struct request_world {
+    live *config;
+    engine *engine;
+    const status_errors *errors;
+} request_world;
+
+/* What a request did beyond its reply. */
+typedef struct request_result {
+    bool watch_changed;
+    uint32_t watch; /* 1u << cw_event_kind for each kind that the client wants to see from now on */
+} request_result;
+
+/* Carries out a request, a line of JSON; returns the reply, to be released by the caller. *result
+ * starts all zero. */
+json_t *request_answer(const request_world *world, request_result *result, const char *line,
+                       size_t length);
+
+#endif

@@ -1,0 +1,456 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control_server.c - a Unix stream socket with many clients that write lines and get lines.
+ *
+ * Lines are not handled where they are read but in turns, one turn before each wait of the loop: a
+ * line of each client, until TURN_MAX_S have gone. While lines wait an idle watcher keeps the loop
+ * from waiting. So neither many lines nor many clients hold up the bus, and all get their share.
+ */
+#include "control_server.h"
+
+#include "buffer.h"
+#include "log.h"
+
+#include <errno.h>
+#include <grp.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#define GROUP "canwire"
+#define BACKLOG 64
+#define ACCEPTS_MAX 16     /* at one wake-up */
+#define READ_BYTES 65536u  /* at one wake-up */
+#define TURN_MAX_S 0.002
+#define PAUSE_S 1.0        /* after accept() failed for want of resources */
+#define LOG_LINES_PER_S 10 /* about clients, who must not fill the log */
+
+struct server_client {
+    server *server;
+    int fd; /* -1: nobody */
+    ev_io reader;
+    ev_io writer;
+    buffer in;
+    buffer out;
+    size_t searched; /* bytes of `in` that hold no end of a line */
+    bool line_waits; /* the end of the first line is at `searched` */
+    bool end;        /* the client will write no more */
+    bool doomed;     /* to be disconnected */
+};
+
+struct server {
+    struct ev_loop *loop;
+    const server_calls *calls;
+    void *user;
+    char *path;
+    struct stat socket; /* of the path when it was made */
+    int fd;
+    ev_io acceptor;
+    ev_timer pause;
+    ev_prepare turn;
+    ev_idle busy;
+    unsigned first; /* client whose turn comes first */
+    ev_tstamp log_second;
+    unsigned log_lines;
+    server_client clients[SERVER_CLIENTS_MAX];
+};
+
+/* ---- Log ------------------------------------------------------------------------------------- */
+
+/* Whether a line about a client may be logged. */
+static bool may_log(server *s)
+{
+    ev_tstamp now = ev_now(s->loop);
+    if (now < s->log_second || now >= s->log_second + 1.0) {
+        if (s->log_lines > LOG_LINES_PER_S)
+            log_info("control: %u more messages about clients left out",
+                     s->log_lines - LOG_LINES_PER_S);
+        s->log_second = now;
+        s->log_lines = 0;
+    }
+    return ++s->log_lines <= LOG_LINES_PER_S;
+}
+
+/* ---- Output ---------------------------------------------------------------------------------- */
+
+static void close_client(server_client *c)
+{
+    server *s = c->server;
+    ev_io_stop(s->loop, &c->reader);
+    ev_io_stop(s->loop, &c->writer);
+    (void)close(c->fd);
+    buffer_free(&c->in);
+    buffer_free(&c->out);
+    *c = (server_client){.server = s, .fd = -1};
+    s->calls->closed(s->user, server_client_number(c));
+}
+
+/* Writes what the socket takes. */
+static void flush(server_client *c)
+{
+    while (buffer_length(&c->out) > 0) {
+        ssize_t count = send(c->fd, buffer_first(&c->out), buffer_length(&c->out),
+                             MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (count > 0) {
+            buffer_take(&c->out, (size_t)count);
+        } else if (errno != EINTR) {
+            c->doomed = c->doomed || errno != EAGAIN;
+            return;
+        }
+    }
+}
+
+static void on_writable(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)events;
+    server_client *c = io->data;
+    flush(c);
+    if (c->doomed || (c->end && !c->line_waits && buffer_length(&c->out) == 0)) {
+        close_client(c);
+    } else if (buffer_length(&c->out) == 0) {
+        ev_io_stop(loop, &c->writer);
+        c->server->calls->drained(c->server->user, c);
+    }
+}
+
+void server_write(server_client *client, const char *text, size_t length)
+{
+    if (client->doomed)
+        return;
+    if (buffer_length(&client->out) + length > SERVER_OUTPUT_MAX ||
+        !buffer_append(&client->out, text, length)) {
+        if (may_log(client->server))
+            log_warning("control: a client that does not read its replies is disconnected");
+        client->doomed = true;
+    }
+    ev_io_start(client->server->loop, &client->writer); /* it also sees to the doomed */
+}
+
+size_t server_room(const server_client *client)
+{
+    size_t waiting = buffer_length(&client->out);
+    return waiting < SERVER_STREAM_MAX ? SERVER_STREAM_MAX - waiting : 0;
+}
+
+/* ---- Input ----------------------------------------------------------------------------------- */
+
+/* Tells a client why it is disconnected, if it has room for that. */
+static void dismiss(server_client *c, const char *why)
+{
+    server_write(c, why, strlen(why));
+    flush(c);
+    close_client(c);
+}
+
+/* Looks for the end of a line in what has come since the last look. */
+static void find_line(server_client *c)
+{
+    size_t length = buffer_length(&c->in);
+    if (c->line_waits || length == c->searched)
+        return;
+    const char *start = buffer_first(&c->in);
+    const char *end = memchr(start + c->searched, '\n', length - c->searched);
+    c->line_waits = end != NULL;
+    c->searched = end ? (size_t)(end - start) : length;
+}
+
+/* After bytes have come or gone. While a line waits no more is read: the client has to wait. */
+static void look_at_input(server_client *c)
+{
+    server *s = c->server;
+    find_line(c);
+    if (c->searched > SERVER_LINE_MAX) {
+        dismiss(c, s->calls->too_long);
+    } else if (c->line_waits) {
+        ev_io_stop(s->loop, &c->reader);
+        ev_prepare_start(s->loop, &s->turn);
+        ev_idle_start(s->loop, &s->busy);
+    } else if (!c->end) {
+        ev_io_start(s->loop, &c->reader);
+    } else if (buffer_length(&c->out) == 0) {
+        close_client(c);
+    } else {
+        ev_io_stop(s->loop, &c->reader);
+    }
+}
+
+static void on_readable(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)loop;
+    (void)events;
+    server_client *c = io->data;
+    if (!buffer_reserve(&c->in, READ_BYTES)) {
+        close_client(c);
+        return;
+    }
+    ssize_t count = recv(c->fd, c->in.data + c->in.end, READ_BYTES, MSG_DONTWAIT);
+    if (count < 0 && (errno == EAGAIN || errno == EINTR))
+        return;
+    if (count < 0) {
+        close_client(c);
+        return;
+    }
+    c->in.end += (size_t)count;
+    c->end = count == 0;
+    look_at_input(c);
+}
+
+static void handle_line(server_client *c)
+{
+    server *s = c->server;
+    char *line = buffer_first(&c->in);
+    size_t length = c->searched;
+    line[length] = '\0';
+    s->calls->line(s->user, c, line, length);
+    buffer_take(&c->in, length + 1);
+    c->searched = 0;
+    c->line_waits = false;
+    flush(c);
+    if (c->doomed)
+        close_client(c);
+    else
+        look_at_input(c);
+}
+
+static void on_turn(struct ev_loop *loop, ev_prepare *watcher, int events)
+{
+    (void)events;
+    server *s = watcher->data;
+    ev_tstamp end = ev_time() + TURN_MAX_S;
+    unsigned i;
+    for (i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        server_client *c = &s->clients[(s->first + i) % SERVER_CLIENTS_MAX];
+        if (c->fd < 0 || !c->line_waits)
+            continue;
+        handle_line(c);
+        if (ev_time() >= end)
+            break;
+    }
+    s->first = (s->first + i + 1) % SERVER_CLIENTS_MAX;
+    for (i = 0; i < SERVER_CLIENTS_MAX; i++)
+        if (s->clients[i].line_waits)
+            return;
+    ev_prepare_stop(loop, &s->turn);
+    ev_idle_stop(loop, &s->busy);
+}
+
+/* That it is there is enough. */
+static void on_busy(struct ev_loop *loop, ev_idle *watcher, int events)
+{
+    (void)loop;
+    (void)watcher;
+    (void)events;
+}
+
+/* ---- New clients ----------------------------------------------------------------------------- */
+
+static void log_peer(server *s, int fd, const char *what)
+{
+    struct ucred peer = {.pid = 0};
+    socklen_t size = sizeof peer;
+    if (may_log(s) && getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
+        log_info("control: %s: uid %jd, pid %jd", what, (intmax_t)peer.uid, (intmax_t)peer.pid);
+}
+
+static void admit(server *s, int fd)
+{
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        server_client *c = &s->clients[i];
+        if (c->fd >= 0)
+            continue;
+        c->fd = fd;
+        ev_io_init(&c->reader, on_readable, fd, EV_READ);
+        ev_io_init(&c->writer, on_writable, fd, EV_WRITE);
+        c->reader.data = c;
+        c->writer.data = c;
+        ev_io_start(s->loop, &c->reader);
+        log_peer(s, fd, "client");
+        return;
+    }
+    log_peer(s, fd, "too many clients, one is refused");
+    (void)send(fd, s->calls->too_many, strlen(s->calls->too_many), MSG_NOSIGNAL | MSG_DONTWAIT);
+    (void)close(fd);
+}
+
+/* Without resources the socket would stay readable and the loop spin. */
+static void pause_accepting(server *s)
+{
+    if (may_log(s))
+        log_warning("control: a client has to wait: %s", strerror(errno));
+    ev_io_stop(s->loop, &s->acceptor);
+    ev_timer_set(&s->pause, PAUSE_S, 0.0);
+    ev_timer_start(s->loop, &s->pause);
+}
+
+static void on_client(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)loop;
+    (void)events;
+    server *s = io->data;
+    for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
+        int fd = accept4(s->fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+        if (fd >= 0) {
+            admit(s, fd);
+        } else if (errno != EINTR && errno != ECONNABORTED) {
+            if (errno != EAGAIN)
+                pause_accepting(s);
+            return;
+        }
+    }
+}
+
+static void on_pause_over(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)events;
+    server *s = timer->data;
+    ev_io_start(loop, &s->acceptor);
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+/* Whether a socket is at the path that nobody listens at. */
+static bool is_stale(const struct sockaddr_un *address)
+{
+    struct stat found;
+    if (lstat(address->sun_path, &found) != 0 || !S_ISSOCK(found.st_mode))
+        return false;
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
+                 errno == ECONNREFUSED;
+    if (fd >= 0)
+        (void)close(fd);
+    return stale;
+}
+
+/* Returns 0 or an errno. The mask makes the socket 0660 from its first moment on. */
+static int bind_once(int fd, const struct sockaddr_un *address)
+{
+    mode_t mask = umask(S_IXUSR | S_IXGRP | S_IRWXO);
+    int result = bind(fd, (const struct sockaddr *)address, sizeof *address);
+    int error = result == 0 ? 0 : errno;
+    (void)umask(mask);
+    return error;
+}
+
+static bool bind_path(server *s)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(s->path) >= sizeof address.sun_path) {
+        log_error("control %s: the path is too long for a socket", s->path);
+        return false;
+    }
+    memcpy(address.sun_path, s->path, strlen(s->path));
+    int error = bind_once(s->fd, &address);
+    if (error == EADDRINUSE && is_stale(&address)) {
+        log_info("control %s: replacing the socket of a canwired that is gone", s->path);
+        (void)unlink(s->path);
+        error = bind_once(s->fd, &address);
+    }
+    if (error == EADDRINUSE)
+        log_error("control %s: in use; is another canwired running for this bus?", s->path);
+    else if (error == ENOENT)
+        log_error("control %s: the directory does not exist", s->path);
+    else if (error != 0)
+        log_error("control %s: %s", s->path, strerror(error));
+    return error == 0 && lstat(s->path, &s->socket) == 0;
+}
+
+/* Without the group the socket is for the daemon's own user and group. */
+static void give_to_group(const server *s)
+{
+    const struct group *group = getgrnam(GROUP);
+    if (group && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
+        log_warning("control %s: cannot give it to the group " GROUP ": %s", s->path,
+                    strerror(errno));
+}
+
+static bool listen_at_path(server *s)
+{
+    s->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s->fd < 0) {
+        log_error("control %s: %s", s->path, strerror(errno));
+        return false;
+    }
+    if (!bind_path(s))
+        return false;
+    give_to_group(s);
+    if (listen(s->fd, BACKLOG) == 0)
+        return true;
+    log_error("control %s: %s", s->path, strerror(errno));
+    return false;
+}
+
+static void prepare_watchers(server *s)
+{
+    ev_io_init(&s->acceptor, on_client, s->fd, EV_READ);
+    ev_init(&s->pause, on_pause_over);
+    ev_prepare_init(&s->turn, on_turn);
+    ev_idle_init(&s->busy, on_busy);
+    s->acceptor.data = s;
+    s->pause.data = s;
+    s->turn.data = s;
+}
+
+server *server_start(struct ev_loop *loop, const char *path, const server_calls *calls, void *user)
+{
+    server *s = calloc(1, sizeof *s);
+    char *copy = strdup(path);
+    if (!s || !copy) {
+        log_error("out of memory");
+        free(s);
+        free(copy);
+        return NULL;
+    }
+    *s = (server){.loop = loop, .calls = calls, .user = user, .path = copy, .fd = -1};
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        s->clients[i] = (server_client){.server = s, .fd = -1};
+    bool good = listen_at_path(s);
+    prepare_watchers(s);
+    if (!good) {
+        server_stop(s);
+        return NULL;
+    }
+    ev_io_start(loop, &s->acceptor);
+    return s;
+}
+
+/* Not the socket of a daemon that has taken the place. */
+static void remove_socket(const server *s)
+{
+    struct stat now;
+    if (s->socket.st_ino != 0 && lstat(s->path, &now) == 0 && now.st_ino == s->socket.st_ino &&
+        now.st_dev == s->socket.st_dev)
+        (void)unlink(s->path);
+}
+
+void server_stop(server *s)
+{
+    if (!s)
+        return;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        if (s->clients[i].fd >= 0)
+            close_client(&s->clients[i]);
+    ev_io_stop(s->loop, &s->acceptor);
+    ev_timer_stop(s->loop, &s->pause);
+    ev_prepare_stop(s->loop, &s->turn);
+    ev_idle_stop(s->loop, &s->busy);
+    remove_socket(s);
+    if (s->fd >= 0)
+        (void)close(s->fd);
+    free(s->path);
+    free(s);
+}
+
+unsigned server_client_number(const server_client *client)
+{
+    return (unsigned)(client - client->server->clients);
+}
+
+server_client *server_client_at(server *s, unsigned number)
+{
+    return s->clients[number].fd >= 0 ? &s->clients[number] : NULL;
+}

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control_server.h - a Unix stream socket with many clients that write lines and get lines.
+ *
+ * It knows nothing of what the lines say. Whatever clients do, it never waits for one of them and
+ * never works on them for longer than a few milliseconds before the loop turns to the bus again.
+ */
+#ifndef CANWIRE_CONTROL_SERVER_H
+#define CANWIRE_CONTROL_SERVER_H
+
+#include <ev.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#define SERVER_CLIENTS_MAX 64        /* at a time; a further one gets an error line */
+#define SERVER_LINE_MAX (1u << 20)   /* bytes of a line, without its end */
+#define SERVER_OUTPUT_MAX (1u << 20) /* bytes that wait for a client; then it is disconnected */
+#define SERVER_STREAM_MAX (1u << 18) /* bytes that wait, beyond which no news are added */
+
+typedef struct server server;
+typedef struct server_client server_client;
+
+/* What the server tells; it must not be stopped from here. */
+typedef struct server_calls {
+    /* A line, without its end but with a 0 behind it, that may be written to. */
+    void (*line)(void *user, server_client *client, char *line, size_t length);
+    /* Nothing waits for this client any more. */
+    void (*drained)(void *user, server_client *client);
+    void (*closed)(void *user, unsigned client);
+    /* What a client is told that is refused or disconnected: a line with its end. */
+    const char *too_many;
+    const char *too_long;
+} server_calls;
+
+/* Listens at path, with mode 0660 and the group `canwire` where there is one. A socket that nobody
+ * listens at is replaced. `calls` and `user` must live longer. NULL after logging why. */
+server *server_start(struct ev_loop *loop, const char *path, const server_calls *calls, void *user);
+
+/* Disconnects all and removes the socket, if it is still ours. NULL is fine. */
+void server_stop(server *s);
+
+/* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */
+unsigned server_client_number(const server_client *client);
+
+/* The client of a number, or NULL. */
+server_client *server_client_at(server *s, unsigned number);
+
+/* Bytes that may be added before SERVER_STREAM_MAX wait for the client. */
+size_t server_room(const server_client *client);
+
+/* Writes to the client, now or when it reads. A client for which too much waits already is
+ * disconnected. */
+void server_write(server_client *client, const char *text, size_t length);
+
+#endif

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * settings.h - the settings of a node that can change while the bus runs, as JSON.
+ *
+ * Keys are those of a node in the configuration: modes, restart-ms, queue, order, warning-limit.
+ */
+#ifndef CANWIRE_SETTINGS_H
+#define CANWIRE_SETTINGS_H
+
+#include "canwire.h"
+
+#include <jansson.h>
+
+#define SETTINGS_ERROR_MAX 200
+
+/* Reads an object; values may be texts as in KEY=VALUE. False, with *out unchanged, after saying in
+ * error what is wrong and what is allowed. */
+bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object);
+
+/* All settings, whatever `which` says. */
+json_t *settings_to_json(const cw_settings *settings);
+
+#endif

@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status.c - a running bus as JSON.
+ */
+#include "status.h"
+
+#include "jsonput.h"
+#include "output.h"
+#include "settings.h"
+
+#include <unistd.h>
+
+static const char *const action_names[CW_ACTION_COUNT] = {
+    [CW_ACTION_FLIP] = "flip",
+    [CW_ACTION_FORCE] = "force",
+    [CW_ACTION_GLITCH] = "glitch",
+    [CW_ACTION_STUCK] = "stuck",
+    [CW_ACTION_NOISE] = "noise",
+    [CW_ACTION_NO_ACK] = "no-ack",
+    [CW_ACTION_DISCONNECT] = "disconnect",
+    [CW_ACTION_PARTITION] = "partition",
+    [CW_ACTION_WRONG_CRC] = "wrong-crc",
+    [CW_ACTION_BUS_OFF] = "bus-off",
+    [CW_ACTION_ERROR_FLAG] = "error-flag",
+    [CW_ACTION_RESTART] = "restart",
+    [CW_ACTION_COUNTERS] = "counters",
+    [CW_ACTION_OVERLOAD] = "overload",
+    [CW_ACTION_SET] = "set",
+    [CW_ACTION_DROP] = "drop",
+    [CW_ACTION_DELAY] = "delay",
+    [CW_ACTION_DUPLICATE] = "duplicate",
+    [CW_ACTION_REORDER] = "reorder",
+    [CW_ACTION_CHANGE] = "change",
+    [CW_ACTION_SEND] = "send",
+    [CW_ACTION_BABBLE] = "babble",
+    [CW_ACTION_LOAD] = "load",
+    [CW_ACTION_REPLY] = "reply",
+};
+
+void status_count(status_errors *errors, const cw_event *event)
+{
+    if (event->kind != CW_EVENT_ERROR)
+        return;
+    uint64_t *counters = event->error.role == CW_ROLE_TRANSMITTER ? errors->tx : errors->rx;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        counters[i] += event->nodes >> i & 1u;
+}
+
+/* What went on between the node and its ECU. */
+static json_t *interface_json(port *own_port)
+{
+    port_stats stats;
+    json_t *object = json_object();
+    port_get_stats(own_port, &stats);
+    put_count(object, "written", stats.written);
+    put_count(object, "write_failed", stats.write_failed);
+    put_count(object, "kernel_dropped", stats.kernel_dropped);
+    put_count(object, "errors_left_out", stats.errors_left_out);
+    put_count(object, "errors_ignored", stats.errors_ignored);
+    return object;
+}
+
+static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node, port *own_port,
+                         const status_errors *errors)
+{
+    cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
+    cw_settings settings = {.which = 0};
+    (void)cw_node_get_stats(bus, node, &stats);
+    (void)cw_node_get_settings(bus, node, &settings);
+    json_t *object = output_node_stats(&config->nodes[node], &stats);
+    put_count(object, "rx_errors", errors->rx[node]);
+    put_count(object, "tx_errors", errors->tx[node]);
+    put(object, "settings", settings_to_json(&settings));
+    put(object, "interface", own_port ? interface_json(own_port) : json_null());
+    return object;
+}
+
+json_t *status_json(const cfg *config, const cw_bus *bus, port *const *ports,
+                    const status_errors *errors)
+{
+    json_t *object = json_object();
+    json_t *nodes = json_array();
+    put_text(object, "version", CANWIRE_VERSION);
+    put_count(object, "pid", (uint64_t)getpid());
+    put_text(object, "file", config->file);
+    put(object, "bus", output_bus_stats(config, bus));
+    for (unsigned i = 0; i < config->node_count; i++)
+        put_last(nodes, node_json(config, bus, i, ports[i], errors));
+    put(object, "nodes", nodes);
+    return object;
+}
+
+static json_t *fault_json(const live *rules, const cw_bus *bus, unsigned index)
+{
+    const cw_rule *rule = &live_config(rules)->rules[index];
+    cw_rule_stats stats = {.matches = 0};
+    (void)cw_rule_get_stats(bus, index, &stats);
+    json_t *object = output_rule_stats(live_config(rules), bus, index);
+    put_count(object, "misses", stats.matches - stats.hits);
+    put_bool(object, "active", stats.active);
+    put_bool(object, "over", stats.over);
+    put_text(object, "action", action_names[rule->action]);
+    put_bool(object, "manual", rule->manual);
+    put_bool(object, "injected", live_is_injected(rules, index));
+    return object;
+}
+
+json_t *status_faults(const live *rules, const cw_bus *bus)
+{
+    const cfg *config = live_config(rules);
+    json_t *array = json_array();
+    for (unsigned i = 0; i < config->rule_count; i++)
+        if (config->rules[i].name)
+            put_last(array, fault_json(rules, bus, i));
+    return array;
+}
