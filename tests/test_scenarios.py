@@ -31,7 +31,7 @@ nodes:
   - name: b
 """
 
-# The flip acts on what a listener samples: it shows which frames were drawn and changes nothing else.
+# The flip acts on what a listener samples: it shows which frames were drawn, and no more happens.
 RANDOM = """
 bus: { name: random, bitrate: 500000 }
 seed: 7
@@ -217,6 +217,20 @@ def test_a_bus_without_traffic(write):
     silent = "bus: { name: silent, bitrate: 500000 }\nnodes: [ { name: a } ]\n"
     assert stats(write(silent))["bus"]["bits"] == 11
     assert events(write(silent)) == []
+
+
+def many_at_once(frames, offset):
+    sends = f"      - {{ send: 123#, offset: {offset} }}\n" * frames
+    return (
+        "bus: { name: many, bitrate: 500000 }\nnodes:\n"
+        f"  - name: a\n    queue: 4096\n    traffic:\n{sends}  - name: b\n"
+    )
+
+
+@pytest.mark.parametrize("offset", ["0s", "25ns", "2us"])
+def test_more_releases_at_once_than_can_be_noted_down(write, offset):
+    sender = node_stats(stats(write(many_at_once(1500, offset))), "a")
+    assert sender["tx_frames"] == sender["queue_peak"] == 1500
 
 
 # ---- Seed ----------------------------------------------------------------------------------------

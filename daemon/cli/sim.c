@@ -96,8 +96,8 @@ static uint64_t quiet_end(const sim *s)
 static void hand_in_due(sim *s, uint64_t tick)
 {
     while (release_next_tick(s->plan) == tick) {
-        if (release_hand_in(s->plan, s->bus) == CW_FULL)
-            advance(s, cw_bus_inbox_first(s->bus));
+        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
+            advance(s, cw_bus_inbox_first(s->bus) + s->config->bit_ticks - 1);
         else
             s->last_activity = tick;
     }

@@ -153,7 +153,8 @@ static void check_pair(const cw_frame *a, const cw_frame *b)
 
 static unsigned make_contenders(cw_frame *frames)
 {
-    static const uint32_t prefixes[PAIR_PREFIXES] = {0, 1, 0x7FF, 0x7FE, 0x123, 0x555, 0x0F8, 0x400};
+    static const uint32_t prefixes[PAIR_PREFIXES] = {0,     1,     0x7FF, 0x7FE,
+                                                     0x123, 0x555, 0x0F8, 0x400};
     static const uint32_t extensions[PAIR_EXTENSIONS] = {0, 1, 0x3FFFF, 0x15555, 0x20000};
     unsigned n = 0;
     for (unsigned p = 0; p < PAIR_PREFIXES; p++)
@@ -840,8 +841,8 @@ static void listen_only_hears_all_and_drives_nothing(void **state)
     rig_free(r);
 }
 
-/* The sender stays without ACK. It spoils its own frame by an active flag in the ACK delimiter; once
- * it is passive its flag is recessive, and the listener, which sees its own ACK, takes the frame. */
+/* The sender stays without ACK. It spoils its own frame by an active flag in the ACK delimiter;
+ * once it is passive its flag is recessive, and the listener, seeing an ACK, takes the frame. */
 static void a_listener_does_not_acknowledge(void **state)
 {
     (void)state;
@@ -1273,8 +1274,8 @@ static void a_flip_at_a_node_undoes_one_of_the_wire(void **state)
     rig_free(r);
 }
 
-/* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c); each
- * further one is a bit of its flag sampled recessive: a bit error with REC +8 (R5). */
+/* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c);
+ * each further one is a bit of its flag sampled recessive: a bit error with REC +8 (R5). */
 static void a_flip_of_many_bits(void **state)
 {
     (void)state;

@@ -285,7 +285,7 @@ static void decoding_what_was_encoded_gives_the_same_frame(void **state)
     }
 }
 
-/* F5: SRR dominant, r0 and r1 recessive, in all combinations; CRC and stuffing with these levels. */
+/* F5: SRR dominant, r0 and r1 recessive, in all combinations; CRC and stuffing by these levels. */
 static void receivers_take_srr_and_reserved_bits_at_either_level(void **state)
 {
     (void)state;
