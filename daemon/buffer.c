@@ -14,7 +14,7 @@
 /* Moving is paid for by the bytes taken before: it waits until they are half of the memory. */
 static void move_to_front(buffer *self)
 {
-    if (self->begin < self->size / 2)
+    if (self->begin == 0 || self->begin < self->size / 2)
         return;
     memmove(self->data, buffer_first(self), buffer_length(self));
     self->end -= self->begin;
@@ -43,7 +43,8 @@ bool buffer_append(buffer *self, const char *bytes, size_t count)
 {
     if (!buffer_reserve(self, count))
         return false;
-    memcpy(self->data + self->end, bytes, count);
+    if (count > 0)
+        memcpy(self->data + self->end, bytes, count);
     self->end += count;
     return true;
 }

@@ -18,5 +18,14 @@ enum cli_exit {
 int cli_check(int argc, char **argv);
 int cli_bits(int argc, char **argv);
 int cli_sim(int argc, char **argv);
+int cli_status(int argc, char **argv);
+int cli_faults(int argc, char **argv);
+int cli_inject(int argc, char **argv);
+int cli_clear(int argc, char **argv);
+int cli_fire(int argc, char **argv);
+int cli_restart(int argc, char **argv);
+int cli_set(int argc, char **argv);
+int cli_watch(int argc, char **argv);
+int cli_reload(int argc, char **argv);
 
 #endif

@@ -22,6 +22,15 @@ static const command commands[] = {
     {"check", "validate a configuration file", cli_check},
     {"bits", "show the wire bits of a frame, annotated by field", cli_bits},
     {"sim", "run a configuration in virtual time, without sockets", cli_sim},
+    {"status", "show a running bus and its nodes", cli_status},
+    {"watch", "show what happens on a bus, live", cli_watch},
+    {"faults", "list the fault rules on a bus", cli_faults},
+    {"inject", "put fault rules onto a bus", cli_inject},
+    {"clear", "take fault rules away", cli_clear},
+    {"fire", "let a manual fault rule act", cli_fire},
+    {"restart", "get a node out of bus-off", cli_restart},
+    {"set", "change settings of a node", cli_set},
+    {"reload", "go over to what the configuration says now", cli_reload},
 };
 
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])

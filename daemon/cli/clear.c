@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * clear.c - canwire clear and canwire fire: ends a fault rule, or lets a manual one act.
+ */
+#include "client.h"
+#include "command.h"
+#include "jsonput.h"
+
+static const char clear_help[] =
+    "Ends what a fault rule does and takes it away; without RULE all rules, configured ones too.\n"
+    "\n"
+    "      --injected   without RULE: only rules that were injected\n";
+
+static const char fire_help[] = "Lets a rule with `manual: yes` act once, as if its `after` had hit.\n\n";
+
+int cli_clear(int argc, char **argv)
+{
+    bool injected = false;
+    int first = 0;
+    const command c = {.usage = "canwire clear BUS [RULE] [--injected]",
+                       .help = clear_help,
+                       .words_min = 1,
+                       .words_max = 2,
+                       .options = {{.name = "injected", .flag = &injected}}};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    json_t *request = client_request("clear");
+    if (first + 1 < argc)
+        put_text(request, "rule", argv[first + 1]);
+    if (injected)
+        put_bool(request, "injected", true);
+    return client_tell(argv[first], request);
+}
+
+int cli_fire(int argc, char **argv)
+{
+    int first = 0;
+    const command c = {.usage = "canwire fire BUS RULE",
+                       .help = fire_help,
+                       .words_min = 2,
+                       .words_max = 2};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    json_t *request = client_request("fire");
+    put_text(request, "rule", argv[first + 1]);
+    return client_tell(argv[first], request);
+}

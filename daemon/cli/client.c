@@ -1,0 +1,214 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * client.c - asks a running canwired at its control socket.
+ */
+#include "client.h"
+
+#include "cli.h"
+#include "jsonput.h"
+
+#include <errno.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#define FOLDER_DEFAULT "/run/canwire"
+#define PATIENCE_S 30 /* for a reply */
+
+static void __attribute__((format(printf, 2, 3))) complain(const client *c, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    fprintf(stderr, "canwire: bus %s: ", c->bus);
+    vfprintf(stderr, format, args);
+    fputc('\n', stderr);
+    va_end(args);
+}
+
+/* ---- Connecting ------------------------------------------------------------------------------ */
+
+const char *client_folder(void)
+{
+    const char *folder = getenv("CANWIRE_RUN");
+    return folder && *folder ? folder : FOLDER_DEFAULT;
+}
+
+static bool is_path(const char *bus)
+{
+    return strchr(bus, '/') != NULL;
+}
+
+static bool find_socket(const client *c, struct sockaddr_un *address)
+{
+    int length;
+    address->sun_family = AF_UNIX;
+    if (is_path(c->bus))
+        length = snprintf(address->sun_path, sizeof address->sun_path, "%s", c->bus);
+    else
+        length = snprintf(address->sun_path, sizeof address->sun_path, "%s/%s.sock",
+                          client_folder(), c->bus);
+    if (length >= 0 && (size_t)length < sizeof address->sun_path)
+        return true;
+    complain(c, "the path of its socket is too long");
+    return false;
+}
+
+static void complain_unreachable(const client *c, const char *path, int error)
+{
+    char unit[64] = "canwired";
+    if (!is_path(c->bus))
+        (void)snprintf(unit, sizeof unit, "canwired@%.40s", c->bus);
+    if (error == ENOENT)
+        complain(c, "no such bus (is %s running?)", unit);
+    else if (error == ECONNREFUSED)
+        complain(c, "nobody listens at %s (is %s running?)", path, unit);
+    else if (error == EACCES)
+        complain(c, "%s: %s (are you in the group canwire?)", path, strerror(error));
+    else
+        complain(c, "%s: %s", path, strerror(error));
+}
+
+/* A canwired that is stopped or hangs must not make us hang. */
+static void set_patience(int fd, int seconds)
+{
+    const struct timeval patience = {.tv_sec = seconds};
+    (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+}
+
+bool client_open(client *c, const char *bus)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    *c = (client){.bus = bus, .fd = -1};
+    if (!find_socket(c, &address))
+        return false;
+    c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (c->fd >= 0)
+        set_patience(c->fd, PATIENCE_S);
+    if (c->fd < 0 || connect(c->fd, (const struct sockaddr *)&address, sizeof address) != 0) {
+        complain_unreachable(c, address.sun_path, errno);
+        client_close(c);
+        return false;
+    }
+    c->in = fdopen(c->fd, "r");
+    if (c->in)
+        return true;
+    complain(c, "%s", strerror(errno));
+    client_close(c);
+    return false;
+}
+
+void client_close(client *c)
+{
+    if (c->in)
+        (void)fclose(c->in);
+    else if (c->fd >= 0)
+        (void)close(c->fd);
+    free(c->line);
+    *c = (client){.bus = c->bus, .fd = -1};
+}
+
+/* ---- Asking ---------------------------------------------------------------------------------- */
+
+/* What cannot be sent may have been answered already: the reply then says why. */
+static bool send_all(const client *c, const char *text, size_t length)
+{
+    for (size_t sent = 0; sent < length;) {
+        ssize_t count = send(c->fd, text + sent, length - sent, MSG_NOSIGNAL);
+        if (count < 0 && errno == EPIPE)
+            return true;
+        if (count < 0 && errno != EINTR) {
+            complain(c, "%s", errno == EAGAIN ? "it does not take requests" : strerror(errno));
+            return false;
+        }
+        sent += count > 0 ? (size_t)count : 0;
+    }
+    return true;
+}
+
+static bool send_request(const client *c, const json_t *request)
+{
+    char *text = json_dumps(request, JSON_COMPACT);
+    bool good = text && send_all(c, text, strlen(text)) && send_all(c, "\n", 1);
+    free(text);
+    return good;
+}
+
+static const char *read_line(client *c)
+{
+    ssize_t length = getline(&c->line, &c->line_size, c->in);
+    return length > 0 ? c->line : NULL;
+}
+
+const char *client_next(client *c)
+{
+    set_patience(c->fd, 0);
+    return read_line(c);
+}
+
+/* Messages of the loader stand for themselves: they name file, line and column. */
+static void print_refusal(const client *c, const json_t *reply)
+{
+    const json_t *errors = json_object_get(reply, "errors");
+    const char *error = json_string_value(json_object_get(reply, "error"));
+    for (size_t i = 0; i < json_array_size(errors); i++)
+        fprintf(stderr, "%s\n", json_string_value(json_array_get(errors, i)));
+    if (json_array_size(errors) == 0)
+        complain(c, "%s", error ? error : "refused without a reason");
+}
+
+static json_t *read_reply(client *c)
+{
+    errno = 0;
+    const char *line = read_line(c);
+    json_t *reply = line ? json_loads(line, 0, NULL) : NULL;
+    if (!line)
+        complain(c, "%s", errno == EAGAIN ? "it does not answer" : "it ended the connection");
+    else if (!json_is_object(reply))
+        complain(c, "what it answers is no JSON object");
+    else if (json_is_true(json_object_get(reply, "ok")))
+        return reply;
+    else
+        print_refusal(c, reply);
+    json_decref(reply);
+    return NULL;
+}
+
+json_t *client_ask(client *c, json_t *request)
+{
+    bool sent = send_request(c, request);
+    json_decref(request);
+    return sent ? read_reply(c) : NULL;
+}
+
+json_t *client_ask_once(const char *bus, json_t *request)
+{
+    client c;
+    json_t *reply = NULL;
+    if (client_open(&c, bus)) {
+        reply = client_ask(&c, request);
+        client_close(&c);
+    } else {
+        json_decref(request);
+    }
+    return reply;
+}
+
+int client_tell(const char *bus, json_t *request)
+{
+    json_t *reply = client_ask_once(bus, request);
+    int status = reply ? CLI_OK : CLI_BAD_INPUT;
+    json_decref(reply);
+    return status;
+}
+
+json_t *client_request(const char *name)
+{
+    json_t *request = json_object();
+    put_text(request, "request", name);
+    return request;
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * command.c - the command line of the subcommands that talk to a bus.
+ */
+#include "command.h"
+
+#include <getopt.h>
+#include <stdio.h>
+
+#define OPTION_BASE 256 /* of getopt's values for our options, beyond all letters */
+
+static void print_help(const command *c)
+{
+    printf("usage: %s\n\n%s"
+           "  -h, --help   this text\n"
+           "\n"
+           "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
+           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, 2 wrong usage.\n",
+           c->usage, c->help);
+}
+
+static int refuse(const command *c)
+{
+    fprintf(stderr, "usage: %s\n", c->usage);
+    return CLI_USAGE;
+}
+
+static void fill_in(struct option known[COMMAND_FLAGS_MAX + 2], const command *c)
+{
+    int i;
+    for (i = 0; c->options[i].name; i++)
+        known[i] = (struct option){c->options[i].name,
+                                   c->options[i].text ? required_argument : no_argument, NULL,
+                                   OPTION_BASE + i};
+    known[i++] = (struct option){"help", no_argument, NULL, 'h'};
+    known[i] = (struct option){NULL, 0, NULL, 0};
+}
+
+static bool take_option(const command *c, int value)
+{
+    const command_option *option = &c->options[value - OPTION_BASE];
+    if (option->text)
+        return option->text(c->user, optarg);
+    *option->flag = true;
+    return true;
+}
+
+int command_parse(const command *c, int *first, int argc, char **argv)
+{
+    struct option known[COMMAND_FLAGS_MAX + 2];
+    int value;
+    fill_in(known, c);
+    optind = 0; /* start anew, whoever used getopt before */
+    while ((value = getopt_long(argc, argv, c->options_first ? "+h" : "h", known, NULL)) != -1) {
+        if (value == 'h') {
+            print_help(c);
+            return CLI_OK;
+        }
+        if (value < OPTION_BASE || !take_option(c, value))
+            return refuse(c);
+    }
+    int words = argc - optind;
+    if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))
+        return refuse(c);
+    *first = optind;
+    return -1;
+}

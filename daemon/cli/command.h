@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * command.h - the command line of the subcommands that talk to a bus.
+ */
+#ifndef CANWIRE_COMMAND_H
+#define CANWIRE_COMMAND_H
+
+#include "cli.h"
+
+#include <stdbool.h>
+
+#define COMMAND_FLAGS_MAX 4
+
+/* An option: a flag, or with `text` one that takes an argument and may be given again. */
+typedef struct command_option {
+    const char *name;
+    bool *flag;
+    bool (*text)(void *user, const char *argument); /* false: wrong usage */
+} command_option;
+
+typedef struct command {
+    const char *usage; /* "canwire NAME ARGUMENTS" */
+    const char *help;  /* what it does, and its options */
+    int words_min;     /* arguments that are no options */
+    int words_max;     /* -1: any number */
+    bool options_first; /* what follows the first word is no option, whatever it begins with */
+    command_option options[COMMAND_FLAGS_MAX + 1];
+    void *user; /* for the options */
+} command;
+
+/* Reads a command line. Returns -1 to go on with argv[*first] to argv[argc - 1], else the exit
+ * status. */
+int command_parse(const command *c, int *first, int argc, char **argv);
+
+#endif

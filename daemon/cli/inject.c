@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * inject.c - canwire inject: puts fault rules onto a running bus.
+ */
+#include "buffer.h"
+#include "client.h"
+#include "command.h"
+#include "jsonput.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define TEXT_MAX (1u << 20)
+#define READ_BYTES 65536u
+
+static const char help[] =
+    "Puts fault rules onto a running bus and prints their names. All of them are taken or none.\n"
+    "\n"
+    "  FILE   with rules or a profile; - is standard input\n"
+    "  YAML   instead: a rule, '{name: x, when: {frame: \"123\"}, do: {flip: \"crc[3]\"}}', a list of\n"
+    "         rules or {faults: [...]}\n"
+    "\n"
+    "      --with KEY=VALUE   sets a parameter of a profile; may be given again\n"
+    "\n"
+    "Options come before BUS. Errors are told as FILE:LINE:COLUMN: message.\n"
+    "\n";
+
+/* What is sent. */
+typedef struct injection {
+    const char *name; /* of the text, for messages */
+    buffer text;
+    buffer with; /* lines for the end of the text */
+} injection;
+
+/* KEY=VALUE becomes a line of the map `with`. */
+static bool add_parameter(void *user, const char *argument)
+{
+    injection *in = user;
+    const char *equals = strchr(argument, '=');
+    if (!equals || equals == argument) {
+        fprintf(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
+        return false;
+    }
+    bool good = buffer_length(&in->with) > 0 || buffer_append(&in->with, "\nwith:\n", 7);
+    return good && buffer_append(&in->with, "  ", 2) &&
+           buffer_append(&in->with, argument, (size_t)(equals - argument)) &&
+           buffer_append(&in->with, ": ", 2) &&
+           buffer_append(&in->with, equals + 1, strlen(equals + 1)) &&
+           buffer_append(&in->with, "\n", 1);
+}
+
+/* Up to what is too much; the bus would refuse it anyway. */
+static bool read_all(buffer *text, FILE *in)
+{
+    while (buffer_length(text) <= TEXT_MAX && buffer_reserve(text, READ_BYTES)) {
+        size_t count = fread(text->data + text->end, 1, READ_BYTES, in);
+        text->end += count;
+        if (count == 0)
+            return !ferror(in);
+    }
+    errno = EFBIG;
+    return false;
+}
+
+static bool read_file(injection *in, const char *file)
+{
+    FILE *stream = strcmp(file, "-") == 0 ? stdin : fopen(file, "re");
+    bool good = stream && read_all(&in->text, stream);
+    if (!good)
+        fprintf(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
+    if (stream && stream != stdin)
+        (void)fclose(stream);
+    return good;
+}
+
+static bool file_exists(const char *word)
+{
+    struct stat found;
+    return strcmp(word, "-") == 0 || stat(word, &found) == 0;
+}
+
+/* Without any of what YAML of rules has, it must be the name of a file. */
+static bool looks_like_file(const char *word)
+{
+    return strpbrk(word, ":{[\n") == NULL;
+}
+
+static bool read_text(injection *in, const char *word)
+{
+    bool is_file = file_exists(word) || looks_like_file(word);
+    in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
+    if (is_file ? !read_file(in, word) : !buffer_append(&in->text, word, strlen(word)))
+        return false;
+    return buffer_append(&in->text, in->with.data, buffer_length(&in->with));
+}
+
+static int send_text(const char *bus, const injection *in)
+{
+    json_t *request = client_request("inject");
+    put_text(request, "name", in->name);
+    put(request, "text", text_to_json(buffer_first(&in->text), buffer_length(&in->text)));
+    json_t *reply = client_ask_once(bus, request);
+    const json_t *rules = json_object_get(reply, "rules");
+    for (size_t i = 0; i < json_array_size(rules); i++)
+        puts(json_string_value(json_array_get(rules, i)));
+    int status = reply ? CLI_OK : CLI_BAD_INPUT;
+    json_decref(reply);
+    return status;
+}
+
+int cli_inject(int argc, char **argv)
+{
+    injection in = {.name = NULL};
+    int first = 0;
+    const command c = {.usage = "canwire inject [--with KEY=VALUE]... BUS FILE|YAML",
+                       .help = help,
+                       .words_min = 2,
+                       .words_max = 2,
+                       .options_first = true,
+                       .options = {{.name = "with", .text = add_parameter}},
+                       .user = &in};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status < 0)
+        status = read_text(&in, argv[first + 1]) ? send_text(argv[first], &in) : CLI_BAD_INPUT;
+    buffer_free(&in.text);
+    buffer_free(&in.with);
+    return status;
+}

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * restart.c - canwire restart: gets a node out of bus-off.
+ */
+#include "client.h"
+#include "command.h"
+#include "jsonput.h"
+
+static const char help[] =
+    "Restarts a node that is bus-off, as `ip link set DEVICE type can restart` does. It comes back\n"
+    "after 128 groups of 11 recessive bits. Refused for nodes with restart-ms: they come by\n"
+    "themselves.\n"
+    "\n";
+
+int cli_restart(int argc, char **argv)
+{
+    int first = 0;
+    const command c = {.usage = "canwire restart BUS NODE",
+                       .help = help,
+                       .words_min = 2,
+                       .words_max = 2};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    json_t *request = client_request("restart");
+    put_text(request, "node", argv[first + 1]);
+    return client_tell(argv[first], request);
+}

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * set.c - canwire set: changes settings of a node while the bus runs.
+ */
+#include "client.h"
+#include "command.h"
+#include "jsonput.h"
+
+#include <string.h>
+
+static const char usage[] = "canwire set BUS NODE KEY=VALUE...";
+
+static const char help[] =
+    "Changes settings of a node at once; the configuration's file stays as it is. Keys are those of\n"
+    "the configuration, as in `ip link set ... type can`:\n"
+    "\n"
+    "  loopback, listen-only, one-shot, berr-reporting, presume-ack   on or off\n"
+    "  restart-ms       0 to 4294967295; 0: never by itself\n"
+    "  queue            1 to 4096 frames\n"
+    "  order            priority or fifo\n"
+    "  warning-limit    1 to 255\n"
+    "\n";
+
+/* Puts KEY=VALUE into an object. */
+static bool put_setting(json_t *settings, char *word)
+{
+    char *equals = strchr(word, '=');
+    if (!equals || equals == word) {
+        fprintf(stderr, "canwire set: %s: expected KEY=VALUE\n", word);
+        return false;
+    }
+    *equals = '\0';
+    put_text(settings, word, equals + 1);
+    *equals = '=';
+    return true;
+}
+
+int cli_set(int argc, char **argv)
+{
+    int first = 0;
+    const command c = {.usage = usage, .help = help, .words_min = 3, .words_max = -1};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    json_t *settings = json_object();
+    for (int i = first + 2; i < argc; i++) {
+        if (!put_setting(settings, argv[i])) {
+            json_decref(settings);
+            return CLI_USAGE;
+        }
+    }
+    json_t *request = client_request("set");
+    put_text(request, "node", argv[first + 1]);
+    put(request, "settings", settings);
+    return client_tell(argv[first], request);
+}

@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * watch.c - canwire watch: what happens on a bus, while it happens.
+ */
+#include "client.h"
+#include "command.h"
+#include "jsonput.h"
+
+#include <string.h>
+
+static const char help[] =
+    "Shows what happens on a bus until it ends or you press Ctrl-C: a line per event and node, from\n"
+    "now on. When this reads too slowly, the bus does not wait; how many events were lost is told.\n"
+    "\n"
+    "  KIND         only events of these kinds: fault, drop, restart, arbitration-lost, error,\n"
+    "               overload, rx, tx, state\n"
+    "      --json   as lines of JSON, as the bus sends them\n";
+
+/* The members that a line of text begins with, in columns. */
+#define NODE_WIDTH 16
+#define KIND_WIDTH 16
+
+static void print_value(const char *key, const json_t *value)
+{
+    if (json_is_string(value))
+        printf(" %s %s", key, json_string_value(value));
+    else if (json_is_true(value))
+        printf(" %s", key);
+    else
+        printf(" %s %" JSON_INTEGER_FORMAT, key, json_integer_value(value));
+}
+
+static bool is_column(const char *key)
+{
+    return strcmp(key, "t") == 0 || strcmp(key, "node") == 0 || strcmp(key, "event") == 0;
+}
+
+/* Time, node and kind in columns, then what else there is, by name; a frame needs none. */
+static void print_event(json_t *event)
+{
+    const char *node = json_string_value(json_object_get(event, "node"));
+    const char *kind = json_string_value(json_object_get(event, "event"));
+    const char *frame = json_string_value(json_object_get(event, "frame"));
+    printf("%15.9f  %-*s %-*s", json_real_value(json_object_get(event, "t")), NODE_WIDTH,
+           node ? node : "-", frame || json_object_size(event) > 3 ? KIND_WIDTH : 0,
+           kind ? kind : "?");
+    if (frame)
+        printf(" %s", frame);
+    for (void *i = json_object_iter(event); i; i = json_object_iter_next(event, i)) {
+        const char *key = json_object_iter_key(i);
+        if (!is_column(key) && strcmp(key, "frame") != 0)
+            print_value(key, json_object_iter_value(i));
+    }
+    putchar('\n');
+}
+
+static void print_line(const char *line)
+{
+    json_t *event = json_loads(line, 0, NULL);
+    const json_t *lost = json_object_get(event, "lost");
+    if (lost)
+        printf("%15s  %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n", "",
+               json_integer_value(lost));
+    else if (json_is_object(event))
+        print_event(event);
+    json_decref(event);
+}
+
+/* Until the bus ends, which is no success: it was to be watched. */
+static int show_events(client *c, bool json)
+{
+    const char *line;
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    while (!ferror(stdout) && (line = client_next(c))) {
+        if (json)
+            fputs(line, stdout);
+        else
+            print_line(line);
+    }
+    if (!ferror(stdout))
+        fprintf(stderr, "canwire: bus %s: it has ended\n", c->bus);
+    return CLI_BAD_INPUT;
+}
+
+/* A watch of the kinds that are named, separated by blanks or commas. */
+static json_t *make_request(char **words, int count)
+{
+    json_t *request = client_request("watch");
+    json_t *kinds = json_array();
+    for (int i = 0; i < count; i++) {
+        char *rest = NULL;
+        for (char *w = strtok_r(words[i], ",", &rest); w; w = strtok_r(NULL, ",", &rest))
+            put_text_last(kinds, w);
+    }
+    if (count > 0)
+        put(request, "events", kinds);
+    else
+        json_decref(kinds);
+    return request;
+}
+
+int cli_watch(int argc, char **argv)
+{
+    bool json = false;
+    int first = 0;
+    client bus;
+    const command c = {.usage = "canwire watch BUS [KIND...] [--json]",
+                       .help = help,
+                       .words_min = 1,
+                       .words_max = -1,
+                       .options = {{.name = "json", .flag = &json}}};
+    int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    if (!client_open(&bus, argv[first]))
+        return CLI_BAD_INPUT;
+    json_t *reply = client_ask(&bus, make_request(argv + first + 1, argc - first - 1));
+    status = reply ? show_events(&bus, json) : CLI_BAD_INPUT;
+    json_decref(reply);
+    client_close(&bus);
+    return status;
+}
