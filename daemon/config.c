@@ -38,8 +38,7 @@ typedef struct cfg_owner {
 } cfg_owner;
 
 static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
-    read_mode, read_traffic, read_frame, read_every, read_lcm, read_lcm_url, read_lcm_events,
-    read_control;
+    read_mode, read_traffic, read_every, read_lcm, read_lcm_url, read_lcm_events, read_control;
 
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
@@ -48,12 +47,16 @@ static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
 static const schema_range traffic_count_range = {1, UINT64_MAX, sizeof(uint64_t)};
 
-static const uint8_t mode_one_shot = CW_MODE_ONE_SHOT;
-static const uint8_t mode_listen_only = CW_MODE_LISTEN_ONLY;
-static const uint8_t mode_loopback = CW_MODE_LOOPBACK;
-static const uint8_t mode_presume_ack = CW_MODE_PRESUME_ACK;
+static const schema_choice modes[] = {
+    {.name = "one-shot", .value = CW_MODE_ONE_SHOT},
+    {.name = "listen-only", .value = CW_MODE_LISTEN_ONLY},
+    {.name = "loopback", .value = CW_MODE_LOOPBACK},
+    {.name = "presume-ack", .value = CW_MODE_PRESUME_ACK},
+    {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
+    {.name = NULL},
+};
 
-static const schema_choice orders[] = {
+const schema_choice cfg_orders[] = {
     {.name = "priority", .value = CW_ORDER_PRIORITY},
     {.name = "fifo", .value = CW_ORDER_FIFO},
     {.name = NULL},
@@ -66,16 +69,17 @@ static const schema_choice pacings[] = {
     {.name = NULL},
 };
 
-/* In the order of reading: nodes need the bus, faults need the nodes. */
+/* In the order of reading: nodes need the bus, faults need the nodes and may name the rules of
+ * profiles. */
 static const schema_key file_keys[] = {
     {.name = "bus", .read = read_bus, .required = true},
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
     {.name = "nodes", .read = read_nodes, .required = true},
+    {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},
     {.name = "lcm", .read = read_lcm},
     {.name = "control", .read = read_control},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},
-    {.name = "profiles", .read = NULL},
     {.name = NULL},
 };
 
@@ -97,13 +101,11 @@ static const schema_key node_keys[] = {
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, restart_ms),
      .arg = &restart_range},
-    {.name = "berr-reporting",
-     .read = schema_read_bool,
-     .offset = offsetof(cfg_node, berr_reporting)},
-    {.name = "one-shot", .read = read_mode, .arg = &mode_one_shot},
-    {.name = "listen-only", .read = read_mode, .arg = &mode_listen_only},
-    {.name = "loopback", .read = read_mode, .arg = &mode_loopback},
-    {.name = "presume-ack", .read = read_mode, .arg = &mode_presume_ack},
+    {.name = "berr-reporting", .read = read_mode},
+    {.name = "one-shot", .read = read_mode},
+    {.name = "listen-only", .read = read_mode},
+    {.name = "loopback", .read = read_mode},
+    {.name = "presume-ack", .read = read_mode},
     {.name = "queue",
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, queue),
@@ -111,7 +113,7 @@ static const schema_key node_keys[] = {
     {.name = "order",
      .read = schema_read_choice,
      .offset = offsetof(cfg_node, order),
-     .arg = orders},
+     .arg = cfg_orders},
     {.name = "warning-limit",
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, warning_limit),
@@ -121,7 +123,10 @@ static const schema_key node_keys[] = {
 };
 
 static const schema_key traffic_keys[] = {
-    {.name = "send", .read = read_frame, .required = true},
+    {.name = "send",
+     .read = cfg_read_frame,
+     .offset = offsetof(cfg_traffic, frame),
+     .required = true},
     {.name = "every", .read = read_every, .offset = offsetof(cfg_traffic, every)},
     {.name = "offset", .read = cfg_read_time, .offset = offsetof(cfg_traffic, offset)},
     {.name = "count",
@@ -140,25 +145,42 @@ static const schema_key lcm_keys[] = {
     {.name = NULL},
 };
 
-static bool read_file(cfg_owner *owner, diag *errors);
+/* What a file may be. */
+typedef enum wanted { WANTED_CONFIGURATION, WANTED_ANY } wanted;
+
+static cfg_owner *make_owner(const char *file);
+static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted kind);
 
 cfg *cfg_load(const char *file, FILE *errors)
 {
-    diag found = {.file = file};
-    cfg_owner *owner = calloc(1, sizeof *owner);
+    diag found = {.file.name = file};
+    cfg_owner *owner = make_owner(file);
+    bool is_profile;
 
-    if (!owner) {
-        fprintf(errors, "%s: out of memory\n", file);
-        return NULL;
-    }
-    owner->config.file = arena_print(&owner->arena, "%s", file);
-    if (!owner->config.file)
+    if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_file(owner, &found))
+    else if (read_file(owner, &is_profile, &found, WANTED_CONFIGURATION))
         return &owner->config;
     diag_flush(&found, errors);
-    cfg_free(&owner->config);
+    cfg_free(owner ? &owner->config : NULL);
     return NULL;
+}
+
+bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
+{
+    diag found = {.file.name = file};
+    cfg_owner *owner = make_owner(file);
+    bool is_profile = false;
+    bool good = owner && read_file(owner, &is_profile, &found, WANTED_ANY);
+
+    if (!owner)
+        diag_add(&found, 0, 0, "out of memory");
+    diag_flush(&found, errors);
+    *rule_count = good ? owner->config.rule_count : 0;
+    *config = good && !is_profile ? &owner->config : NULL;
+    if (!*config)
+        cfg_free(owner ? &owner->config : NULL);
+    return good;
 }
 
 void cfg_free(cfg *config)
@@ -192,6 +214,29 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .nodes = nodes,
         .rules = config->rules,
     };
+}
+
+uint8_t cfg_mode(const char *name)
+{
+    const schema_choice *mode = modes;
+
+    while (strcmp(mode->name, name) != 0)
+        mode++;
+    return (uint8_t)mode->value;
+}
+
+char *cfg_resolve_path(schema *self, const char *file, const char *path)
+{
+    const char *slash = strrchr(file, '/');
+
+    size_t directory = path[0] == '/' || !slash ? 0 : (size_t)(slash - file) + 1;
+    char *resolved = schema_alloc(self, directory + strlen(path) + 1, 1);
+
+    if (resolved) {
+        memcpy(resolved, file, directory);
+        strcpy(resolved + directory, path);
+    }
+    return resolved;
 }
 
 char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
@@ -229,35 +274,87 @@ void cfg_read_span(schema *self, const schema_key *key, yaml_node_t *value, void
         schema_complain(self, value, "%s: the time must be more than 0", key->name);
 }
 
-/* Walks a document that was loaded; true when there was nothing to complain about. */
-static bool read_document(cfg_owner *owner, yaml_document_t *document, diag *errors)
+void cfg_read_ticks(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    schema walk = {
-        .errors = errors,
-        .arena = &owner->arena,
-        .document = document,
-        .user = &owner->config,
-    };
-    yaml_node_t *root = yaml_document_get_root_node(document);
+    uint64_t *ticks = schema_member(key, object);
+    cfg_time time = {0};
+    const char *text = schema_text(self, key, value, "a time such as 10ms");
 
-    owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
-    owner->config.bus_name = schema_copy(&walk, "can");
-    if (!root)
-        diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
-    else
-        schema_map(&walk, "configuration", root, file_keys, &owner->config);
-    return errors->count == 0;
+    if (text)
+        schema_problem(self, key, value, text_parse_time(&time, text));
+    *ticks = text_time_ticks(time, cfg_of(self)->bit_ticks);
 }
 
-static bool read_file(cfg_owner *owner, diag *errors)
+void cfg_read_ticks_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+    size_t errors = self->errors->count;
+
+    cfg_read_ticks(self, key, value, object);
+    if (self->errors->count == errors && *ticks == 0)
+        schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
+void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_frame(schema_member(key, object), text));
+}
+
+/* An empty configuration, or NULL without memory. */
+static cfg_owner *make_owner(const char *file)
+{
+    cfg_owner *owner = calloc(1, sizeof *owner);
+
+    if (!owner)
+        return NULL;
+    owner->config.file = arena_print(&owner->arena, "%s", file);
+    if (owner->config.file)
+        return owner;
+    cfg_free(&owner->config);
+    return NULL;
+}
+
+static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
+{
+    cfg_walk *walk = self->user;
+
+    *is_profile = cfg_is_profile(self, root);
+    walk->any_node = *is_profile;
+    if (*is_profile && kind == WANTED_CONFIGURATION)
+        schema_complain(self, root,
+                        "this is a fault profile; a configuration loads it with "
+                        "'profiles: [{ file: ... }]'");
+    else if (*is_profile)
+        cfg_read_profile(self, root);
+    else
+        schema_map(self, "configuration", root, file_keys, walk->config);
+}
+
+static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted kind)
 {
     yaml_document_t document;
+    cfg_walk walk = {.config = &owner->config};
+    schema self = {
+        .errors = errors,
+        .arena = &owner->arena,
+        .document = &document,
+        .user = &walk,
+    };
 
     if (!yaml_file_load(&document, owner->config.file, errors))
         return false;
-    bool good = read_document(owner, &document, errors);
+    owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
+    owner->config.bus_name = schema_copy(&self, "can");
+    yaml_node_t *root = yaml_document_get_root_node(&document);
+    if (!root)
+        diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
+    else
+        read_root(&self, root, is_profile, kind);
     yaml_document_delete(&document);
-    return good;
+    return errors->count == 0;
 }
 
 static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -332,7 +429,7 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
 static void check_distinct(schema *self, const schema_key *key, const yaml_node_t *value,
                            size_t offset, const char *text)
 {
-    const cfg *config = self->user;
+    const cfg *config = cfg_of(self);
 
     for (size_t i = 0; text && i < config->node_count; i++) {
         const cfg_node *node = &config->nodes[i];
@@ -386,20 +483,11 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
 static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
-    const uint8_t *mode = key->arg;
     bool on;
 
     if (schema_choose_bool(self, &on, key, value) && on)
-        node->modes |= *mode;
-}
-
-static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cfg_traffic *traffic = object;
-    const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
-
-    if (text)
-        schema_problem(self, key, value, text_parse_frame(&traffic->frame, text));
+        node->modes |= cfg_mode(key->name);
+    node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
 }
 
 static void read_every(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -486,21 +574,6 @@ static void read_lcm_events(schema *self, const schema_key *key, yaml_node_t *va
         lcm->events |= read_event_kind(self, key, schema_item(self, value, i));
 }
 
-/* A path relative to the directory of the file that names it. */
-static char *resolve_path(schema *self, const char *file, const char *path)
-{
-    const char *slash = strrchr(file, '/');
-
-    size_t directory = path[0] == '/' || !slash ? 0 : (size_t)(slash - file) + 1;
-    char *resolved = schema_alloc(self, directory + strlen(path) + 1, 1);
-
-    if (resolved) {
-        memcpy(resolved, file, directory);
-        strcpy(resolved + directory, path);
-    }
-    return resolved;
-}
-
 static void read_control(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -508,7 +581,7 @@ static void read_control(schema *self, const schema_key *key, yaml_node_t *value
 
     if (!text)
         return;
-    config->control = resolve_path(self, config->file, text);
+    config->control = cfg_resolve_path(self, config->file, text);
     if (config->control && strlen(config->control) > SOCKET_PATH_MAX)
         schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
                         key->name, SOCKET_PATH_MAX, strlen(config->control), config->control);

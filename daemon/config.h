@@ -26,7 +26,7 @@ typedef struct cfg_node {
     char *name;
     char *port; /* interface name, or NULL */
     uint8_t modes; /* CW_MODE_* */
-    bool berr_reporting;
+    bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;
     uint16_t queue;
     uint16_t warning_limit;
@@ -65,6 +65,11 @@ typedef struct cfg {
 
 /* Reads a file. Returns NULL after writing one line per error to errors. */
 cfg *cfg_load(const char *file, FILE *errors);
+
+/* Reads a file that is a configuration or a fault profile on its own; in a profile any name of a
+ * node will do. True when it is good: *config is then the configuration, to be freed, or NULL for
+ * a profile, and *rule_count its rules. Else one line per error has gone to errors. */
+bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors);
 
 /* Frees everything; NULL is fine. */
 void cfg_free(cfg *config);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * config_read.h - readers that the parts of the configuration share. schema.user is the cfg.
+ * config_read.h - readers that the parts of the configuration share. schema.user is a cfg_walk.
  */
 #ifndef CANWIRE_CONFIG_READ_H
 #define CANWIRE_CONFIG_READ_H
@@ -11,13 +11,65 @@
 #define NODE_NAME_MAX 32u                    /* of a bus too */
 #define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* what the library tells apart */
 
-schema_reader cfg_read_faults; /* object: the cfg, with its bit rate and nodes already read */
-schema_reader cfg_read_time;   /* member: cfg_time */
-schema_reader cfg_read_span;   /* the same, not 0 */
+/* What a walk reads into, and what the names in fault rules may stand for. */
+typedef struct cfg_walk {
+    cfg *config;
+    const char *prefix;         /* of the names of rules, or NULL */
+    size_t first_rule;          /* what `after` may name begins here in config->rules */
+    size_t list;                /* where the rules of the list that is read begin */
+    const cfg_running *running; /* what else it may name, and what comes first; or NULL */
+    bool any_node;              /* a node that is not there is made: a profile is checked alone */
+} cfg_walk;
+
+/* The configuration that a walk reads into. */
+static inline cfg *cfg_of(const schema *self)
+{
+    const cfg_walk *walk = self->user;
+    return walk->config;
+}
+
+schema_reader cfg_read_faults;    /* object: the cfg, with its bit rate and nodes already read */
+schema_reader cfg_read_profiles;  /* the same */
+schema_reader cfg_read_action;    /* `do`; object: a cw_rule whose `when` has been read */
+schema_reader cfg_read_time;      /* member: cfg_time */
+schema_reader cfg_read_span;      /* the same, not 0 */
+schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */
+schema_reader cfg_read_ticks_min; /* the same, not 0 */
+schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
+schema_reader cfg_read_frame;     /* member: cw_frame */
+schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
+
+/* The names of `order`. */
+extern const schema_choice cfg_orders[];
+
+/* The CW_MODE_* that a key such as one-shot stands for. */
+uint8_t cfg_mode(const char *name);
+
+/* What cfg_action_traits() knows of an action. */
+#define CFG_ACTION_ON_FRAMES 0x1u /* it needs a frame, whatever the rule waits for */
+#define CFG_ACTION_LASTS 0x2u     /* for a time, or until it is cleared */
+
+unsigned cfg_action_traits(const cw_rule *rule);
 
 /* A name, from letters, digits, '_', '.' and '-'; complains about others, but returns them, so that
  * what refers to them is still understood. NULL when there is no text. */
 char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
                     size_t length_max);
+
+/* The index of the node that a value names, or -1 after a complaint. */
+int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);
+
+/* Adds a list of rules to the configuration, or one rule. */
+void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value);
+
+/* A path relative to the directory of the file that names it, or NULL after a complaint. */
+char *cfg_resolve_path(schema *self, const char *file, const char *path);
+
+/* Whether a document is a profile and no configuration. */
+bool cfg_is_profile(schema *self, const yaml_node_t *root);
+
+/* Reads rules from the root of a profile, which may have its own `with`. With walk->any_node
+ * parameters without default stand for anything. */
+void cfg_read_profile(schema *self, yaml_node_t *root);
 
 #endif

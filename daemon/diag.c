@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * diag.c - collects the errors of one file and prints them in the order of the file.
+ * diag.c - collects the errors of a file and of those that it names, prints them in their order.
  */
 #include "diag.h"
 
 #include <stdarg.h>
 #include <stdlib.h>
+#include <string.h>
 
+static bool is_repeated(const diag *self, const diag_message *message);
 static int compare(const void *a, const void *b);
-static void print_message(const diag *self, const diag_message *message, FILE *out);
+static void print_message(const diag_message *message, FILE *out);
 
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
 {
@@ -19,25 +21,55 @@ void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
         return;
     }
     diag_message *message = &self->messages[self->count];
-    *message = (diag_message){.line = line, .column = column, .number = self->count};
+    *message = (diag_message){
+        .file = self->file,
+        .line = line,
+        .column = column,
+        .number = self->count,
+    };
     va_start(args, format);
     if (vasprintf(&message->text, format, args) < 0)
         message->text = NULL;
     va_end(args);
-    self->count++;
+    if (is_repeated(self, message))
+        free(message->text);
+    else
+        self->count++;
+}
+
+diag_file diag_enter(diag *self, const char *name, size_t number)
+{
+    diag_file before = self->file;
+
+    self->file = (diag_file){.name = name, .number = number};
+    return before;
 }
 
 void diag_flush(diag *self, FILE *out)
 {
     qsort(self->messages, self->count, sizeof self->messages[0], compare);
     for (size_t i = 0; i < self->count; i++) {
-        print_message(self, &self->messages[i], out);
+        print_message(&self->messages[i], out);
         free(self->messages[i].text);
     }
     if (self->overflow)
-        fprintf(out, "%s: there are more errors, only %d are shown\n", self->file, DIAG_MAX);
+        fprintf(out, "%s: there are more errors, only %d are shown\n", self->file.name, DIAG_MAX);
     self->count = 0;
     self->overflow = false;
+}
+
+/* A profile that is loaded twice has its errors twice. */
+static bool is_repeated(const diag *self, const diag_message *message)
+{
+    for (size_t i = 0; i < self->count; i++) {
+        const diag_message *other = &self->messages[i];
+
+        if (other->line == message->line && other->column == message->column && other->text &&
+            message->text && strcmp(other->text, message->text) == 0 &&
+            strcmp(other->file.name, message->file.name) == 0)
+            return true;
+    }
+    return false;
 }
 
 static int order(size_t a, size_t b)
@@ -49,19 +81,21 @@ static int compare(const void *a, const void *b)
 {
     const diag_message *x = a;
     const diag_message *y = b;
-    int result = order(x->line, y->line);
+    int result = order(x->file.number, y->file.number);
 
+    if (result == 0)
+        result = order(x->line, y->line);
     if (result == 0)
         result = order(x->column, y->column);
     return result != 0 ? result : order(x->number, y->number);
 }
 
-static void print_message(const diag *self, const diag_message *message, FILE *out)
+static void print_message(const diag_message *message, FILE *out)
 {
     const char *text = message->text ? message->text : "out of memory";
 
     if (message->line == 0)
-        fprintf(out, "%s: %s\n", self->file, text);
+        fprintf(out, "%s: %s\n", message->file.name, text);
     else
-        fprintf(out, "%s:%zu:%zu: %s\n", self->file, message->line, message->column, text);
+        fprintf(out, "%s:%zu:%zu: %s\n", message->file.name, message->line, message->column, text);
 }

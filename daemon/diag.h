@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * diag.h - collects the errors of one file and prints them in the order of the file.
+ * diag.h - collects the errors of a file and of those that it names, prints them in their order.
  */
 #ifndef CANWIRE_DIAG_H
 #define CANWIRE_DIAG_H
@@ -9,9 +9,16 @@
 #include <stddef.h>
 #include <stdio.h>
 
-#define DIAG_MAX 200 /* errors kept of one file */
+#define DIAG_MAX 200 /* errors kept */
+
+/* A file that messages are about; the files come in the order of their numbers. */
+typedef struct diag_file {
+    const char *name; /* lives until diag_flush() */
+    size_t number;
+} diag_file;
 
 typedef struct diag_message {
+    diag_file file;
     size_t line;   /* from 1; 0: about the file itself */
     size_t column; /* from 1, in characters */
     size_t number; /* keeps the order of messages about one place */
@@ -20,14 +27,18 @@ typedef struct diag_message {
 
 /* All zeros and a file name is an empty collection. */
 typedef struct diag {
-    const char *file;
+    diag_file file; /* of the messages to come */
     size_t count;
     bool overflow; /* there were more than DIAG_MAX */
     diag_message messages[DIAG_MAX];
 } diag;
 
+/* Adds a message, but not the same one twice. */
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
+
+/* The messages to come are about another file; returns the present one, to be set again. */
+diag_file diag_enter(diag *self, const char *name, size_t number);
 
 /* Writes a line per error, FILE:LINE:COLUMN: message, and forgets them. */
 void diag_flush(diag *self, FILE *out);

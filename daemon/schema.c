@@ -46,7 +46,7 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
     for (const schema_key *key = keys; key->name; key++) {
         yaml_node_t *value = schema_find(self, map, key->name);
 
-        if (value && key->read)
+        if (value && key->read && !schema_is_open(self, value))
             key->read(self, key, value, object);
         else if (!value && key->required && complete)
             schema_complain(self, map, "%s: the key '%s' is missing", what, key->name);
@@ -56,6 +56,23 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
 void *schema_member(const schema_key *key, void *object)
 {
     return (char *)object + key->offset;
+}
+
+bool schema_is_open(const schema *self, const yaml_node_t *value)
+{
+    const char *text = scalar_text(value);
+
+    return self->has_open && text && *text == SCHEMA_OPEN;
+}
+
+yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i)
+{
+    const yaml_node_pair_t *pair = map->data.mapping.pairs.start + i;
+
+    if (pair >= map->data.mapping.pairs.top)
+        return NULL;
+    *value = yaml_document_get_node(self->document, pair->value);
+    return yaml_document_get_node(self->document, pair->key);
 }
 
 yaml_node_t *schema_find(schema *self, const yaml_node_t *map, const char *name)

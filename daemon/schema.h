@@ -17,12 +17,14 @@
 #include <yaml.h>
 
 #define SCHEMA_KEYS_MAX 64 /* of one map */
+#define SCHEMA_OPEN '\x02' /* begins a text whose value is not known yet */
 
 typedef struct schema {
     diag *errors;
     arena *arena; /* owns the strings and arrays that are read */
     yaml_document_t *document;
-    void *user; /* for the readers */
+    void *user;    /* for the readers */
+    bool has_open; /* texts that begin with SCHEMA_OPEN are taken for anything */
 } schema;
 
 typedef struct schema_key schema_key;
@@ -59,6 +61,12 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
 
 /* The member of an object that a key stands for. */
 void *schema_member(const schema_key *key, void *object);
+
+/* Whether a value is not known yet; its key is then not read. */
+bool schema_is_open(const schema *self, const yaml_node_t *value);
+
+/* Key and value i of a map, or NULL at its end. */
+yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i);
 
 /* The value of a key, or NULL. */
 yaml_node_t *schema_find(schema *self, const yaml_node_t *map, const char *name);

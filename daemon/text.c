@@ -16,8 +16,10 @@
 #define BASE_ID_MAX 0x7FFu
 #define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define FILTER_ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG of the kernel's can_id */
-#define FRACTION_DIGITS_MAX 19u       /* 10^19 is the largest power of ten in 64 bits */
-#define OPEN_INDEX_COUNT 256u         /* for positions without an end of their own */
+#define ERROR_MASK_ALL 0x1FFFFFFFu    /* CAN_ERR_MASK */
+#define EXPONENT_DIGITS_MAX 3u
+#define FRACTION_DIGITS_MAX 19u /* 10^19 is the largest power of ten in 64 bits */
+#define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own */
 
 #define NS_PER_S UINT64_C(1000000000)
 
@@ -70,17 +72,31 @@ static const char time_problem[] =
 static const char uint_problem[] =
     "digits only: no sign, unit, prefix, separator, fraction or leading 0";
 static const char probability_problem[] =
-    "expected a decimal fraction from 0 to 1 such as 0.05, at most 19 decimals";
+    "expected a decimal fraction from 0 to 1 such as 0.05 or 1e-5, at most 19 decimals";
+static const char error_mask_problem[] =
+    "expected an error filter #MASK, 1 to 8 hexadecimal digits with a class of linux/can/error.h";
+static const char bytes_problem[] =
+    "expected 1 to 8 bytes of two hexadecimal digits such as DEAD..EF or DE AD x1, '.' or 'x' for "
+    "any digit, blanks only between bytes";
+static const char levels_problem[] =
+    "expected 1 to 64 levels such as 10x1: 1 recessive, 0 dominant, x as it is, not all x";
+static const char percent_problem[] = "expected a part such as 60%, from 0.1% to 100%";
 
+static unsigned hex_digit(char c);
+static uint32_t hex_value(const char *text, size_t digits);
+static bool identifier_valid(uint32_t id, size_t digits);
 static const char *parse_frame_id(cw_frame *frame, const char **text);
 static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
 static unsigned data_length(const cw_frame *frame);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
+static const char *parse_byte(text_bytes *bytes, const char *text);
 static bool add_digit(uint64_t *value, char c);
 static bool parse_decimal(decimal *out, const char **text);
-static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
+static bool parse_exponent(int *exponent, const char **text);
+static bool scale_fraction(decimal *number, int exponent);
 static wide power_of_ten(unsigned exponent);
+static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
 static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks);
 static cw_field find_field(const char *name, size_t length);
 static bool parse_index(uint16_t *index, cw_field field, const char *text);
@@ -134,6 +150,72 @@ const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, co
     return problem ? problem : parse_filters(out, count, max, text);
 }
 
+const char *text_parse_error_mask(uint32_t *mask, const char *text)
+{
+    size_t digits = *text == '#' ? strspn(text + 1, HEX_DIGITS) : 0;
+    uint32_t value = digits > 0 && digits <= MASK_DIGITS_MAX ? hex_value(text + 1, digits) : 0;
+
+    if (!(value & ERROR_MASK_ALL) || text[digits + 1] != '\0')
+        return error_mask_problem;
+    *mask = value & ERROR_MASK_ALL;
+    return NULL;
+}
+
+const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text)
+{
+    size_t digits = strspn(text, HEX_DIGITS);
+
+    if (digits > EXTENDED_DIGITS || text[digits] != '\0' ||
+        !identifier_valid(hex_value(text, digits), digits))
+        return identifier_problem;
+    *id = hex_value(text, digits);
+    *flags = digits == EXTENDED_DIGITS ? CW_FRAME_EXTENDED : 0;
+    return NULL;
+}
+
+const char *text_parse_bytes(text_bytes *out, const char *text)
+{
+    text_bytes bytes = {0};
+
+    while ((text = parse_byte(&bytes, text)) != NULL && *text != '\0')
+        text += strspn(text, " ");
+    if (!text)
+        return bytes_problem;
+    *out = bytes;
+    return NULL;
+}
+
+const char *text_parse_levels(text_levels *out, const char *text)
+{
+    size_t length = strlen(text);
+    text_levels levels = {.bits = (uint16_t)length};
+
+    if (length == 0 || length > CW_PATTERN_MAX || text[strspn(text, "01xX")] != '\0')
+        return levels_problem;
+    for (size_t i = 0; i < length; i++) {
+        levels.level |= (uint64_t)(text[i] == '1') << i;
+        levels.mask |= (uint64_t)(text[i] == '0' || text[i] == '1') << i;
+    }
+    if (levels.mask == 0)
+        return levels_problem;
+    *out = levels;
+    return NULL;
+}
+
+const char *text_parse_percent(uint16_t *permille, const char *text)
+{
+    decimal number;
+
+    if (!parse_decimal(&number, &text) || strcmp(text, "%") != 0 || number.digits > 1 ||
+        number.whole > 100)
+        return percent_problem;
+    uint64_t value = number.whole * 10 + number.fraction;
+    if (value == 0 || value > 1000)
+        return percent_problem;
+    *permille = (uint16_t)value;
+    return NULL;
+}
+
 const char *text_parse_uint(uint64_t *out, const char *text)
 {
     size_t digits = strspn(text, DECIMAL_DIGITS);
@@ -151,8 +233,10 @@ const char *text_parse_uint(uint64_t *out, const char *text)
 const char *text_parse_probability(uint64_t *out, const char *text)
 {
     decimal number;
+    int exponent;
 
-    if (!parse_decimal(&number, &text) || *text != '\0')
+    if (!parse_decimal(&number, &text) || !parse_exponent(&exponent, &text) || *text != '\0' ||
+        !scale_fraction(&number, exponent))
         return probability_problem;
     if (number.whole > 1 || (number.whole == 1 && number.digits > 0))
         return probability_problem;
@@ -388,6 +472,29 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
     return "more frame filters than fit (8 in a fault rule)";
 }
 
+/* One digit of a byte with wildcards, or false. */
+static bool parse_nibble(text_bytes *bytes, char c)
+{
+    bool any = c == '.' || c == 'x' || c == 'X';
+    unsigned digit = any ? 0 : hex_digit(c);
+    uint8_t *mask = &bytes->mask[bytes->length];
+    uint8_t *value = &bytes->value[bytes->length];
+
+    *mask = (uint8_t)(*mask * 16u + (any ? 0 : 0xF));
+    *value = (uint8_t)(*value * 16u + digit % 16);
+    return digit < 16;
+}
+
+/* Adds a byte; returns what follows, or NULL. */
+static const char *parse_byte(text_bytes *bytes, const char *text)
+{
+    if (bytes->length == CLASSIC_DATA_MAX || !parse_nibble(bytes, text[0]) ||
+        !parse_nibble(bytes, text[1]))
+        return NULL;
+    bytes->length++;
+    return text + 2;
+}
+
 /* Adds one decimal digit; false when the number leaves 64 bits. */
 static bool add_digit(uint64_t *value, char c)
 {
@@ -440,6 +547,49 @@ static wide power_of_ten(unsigned exponent)
     while (exponent-- > 0)
         power *= 10;
     return power;
+}
+
+/* Nothing, or "e-5"; without leading zeros. */
+static bool parse_exponent(int *exponent, const char **text)
+{
+    *exponent = 0;
+    if (**text != 'e' && **text != 'E')
+        return true;
+    ++*text;
+    bool negative = **text == '-';
+    if (**text == '-' || **text == '+')
+        ++*text;
+    size_t digits = strspn(*text, DECIMAL_DIGITS);
+    if (digits == 0 || digits > EXPONENT_DIGITS_MAX)
+        return false;
+    for (; digits > 0; digits--)
+        *exponent = *exponent * 10 + (*(*text)++ - '0');
+    if (negative)
+        *exponent = -*exponent;
+    return true;
+}
+
+/* Shifts the point of a number, as long as it stays within 0..1 and 19 decimals. */
+static bool scale_fraction(decimal *number, int exponent)
+{
+    wide digits = (wide)number->whole * power_of_ten(number->digits) + number->fraction;
+    int decimals = (int)number->digits - exponent;
+
+    for (; decimals > 0 && digits % 10 == 0; decimals--)
+        digits /= 10;
+    if (digits == 0)
+        decimals = 0;
+    if (decimals < 0 || decimals > (int)FRACTION_DIGITS_MAX)
+        return false;
+    wide scale = power_of_ten((unsigned)decimals);
+    if (digits > scale)
+        return false;
+    *number = (decimal){
+        .whole = (uint64_t)(digits / scale),
+        .fraction = (uint64_t)(digits % scale),
+        .digits = (unsigned)decimals,
+    };
+    return true;
 }
 
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit)

@@ -30,10 +30,40 @@ void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
  * (inverted), several separated by commas. *count is the number written, at most max. */
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 
+/* An error filter of can-utils, "#MASK": classes of linux/can/error.h that are asked for. */
+const char *text_parse_error_mask(uint32_t *mask, const char *text);
+
+/* An identifier alone, 3 digits (base) or 8 (extended); *flags is 0 or CW_FRAME_EXTENDED. */
+const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text);
+
+/* Data bytes with wildcards, "DEAD..EF" or "DE AD x1": each hexadecimal digit may be '.' or 'x',
+ * which stands for any; blanks may stand between bytes. 1 to 8 bytes. */
+typedef struct text_bytes {
+    uint8_t length;
+    uint8_t mask[8];  /* 1 where the bit is given */
+    uint8_t value[8]; /* 0 where it is not */
+} text_bytes;
+
+const char *text_parse_bytes(text_bytes *out, const char *text);
+
+/* Levels of bits in a row, "10x1": 1 recessive, 0 dominant, x as it is. 1 to CW_PATTERN_MAX bits,
+ * not all of them x. */
+typedef struct text_levels {
+    uint16_t bits;
+    uint64_t level; /* bit i is the i-th level */
+    uint64_t mask;  /* 1 where it is given */
+} text_levels;
+
+const char *text_parse_levels(text_levels *out, const char *text);
+
+/* A part of a whole, "60%" or "12.5%", as permille: 0.1% to 100%. */
+const char *text_parse_percent(uint16_t *permille, const char *text);
+
 /* A decimal integer 0..2^64-1: digits only, no leading 0. */
 const char *text_parse_uint(uint64_t *out, const char *text);
 
-/* A decimal fraction 0..1, as a fraction of 2^64 rounded down; 1 is UINT64_MAX. Exact. */
+/* A decimal fraction 0..1 such as 0.05 or 1e-5, as a fraction of 2^64 rounded down; 1 is
+ * UINT64_MAX. Exact, no floating point. */
 const char *text_parse_probability(uint64_t *out, const char *text);
 
 /* 10ms, 250us, 2s, 100bit, 1.5ms, 500ns, 1min, 1h. A number without unit only when it is 0. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * yamlfile.c - reads one YAML document from a file of bounded size.
+ * yamlfile.c - reads one YAML document from a file or text of bounded size.
  */
 #include "yamlfile.h"
 
@@ -9,7 +9,7 @@
 #include <string.h>
 
 typedef struct text_buffer {
-    unsigned char *bytes;
+    const unsigned char *bytes;
     size_t length;
 } text_buffer;
 
@@ -22,66 +22,75 @@ typedef struct scan {
     size_t depth;
 } scan;
 
-static bool read_file(text_buffer *text, const char *file, diag *errors);
+static unsigned char *read_file(size_t *length, const char *file, diag *errors);
 static bool has_no_nul(const text_buffer *text, diag *errors);
 static bool scan_events(const text_buffer *text, diag *errors);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
 
 bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors)
 {
-    text_buffer text = {0};
+    size_t length;
+    unsigned char *bytes = read_file(&length, file, errors);
+    bool loaded = bytes && yaml_text_load(document, (const char *)bytes, length, errors);
 
-    /* The events are scanned first: only so can limits hold before the document is built. */
-    bool loaded = read_file(&text, file, errors) && has_no_nul(&text, errors) &&
-                  scan_events(&text, errors) && load_document(document, &text, errors);
-    free(text.bytes);
+    free(bytes);
     return loaded;
 }
 
-/* Reads until the end or one byte over the limit; works for pipes too. */
-static bool read_stream(text_buffer *text, FILE *in, diag *errors)
-{
-    text->bytes = malloc(YAML_FILE_MAX + 1);
-    if (!text->bytes) {
-        diag_add(errors, 0, 0, "out of memory");
-        return false;
-    }
-    text->length = fread(text->bytes, 1, YAML_FILE_MAX + 1, in);
-    if (ferror(in)) {
-        diag_add(errors, 0, 0, "cannot read: %s", strerror(errno));
-        return false;
-    }
-    if (text->length > YAML_FILE_MAX) {
-        diag_add(errors, 0, 0, "the file is larger than %u MiB", YAML_FILE_MAX >> 20);
-        return false;
-    }
-    return true;
-}
-
 /* A byte order mark is no content; without it, offsets and columns are those that editors show. */
-static void strip_mark(text_buffer *text)
+static void skip_mark(text_buffer *text)
 {
     static const unsigned char mark[] = {0xEF, 0xBB, 0xBF};
 
     if (text->length < sizeof mark || memcmp(text->bytes, mark, sizeof mark) != 0)
         return;
     text->length -= sizeof mark;
-    memmove(text->bytes, text->bytes + sizeof mark, text->length);
+    text->bytes += sizeof mark;
 }
 
-static bool read_file(text_buffer *text, const char *file, diag *errors)
+bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors)
+{
+    text_buffer buffer = {.bytes = (const unsigned char *)text, .length = size};
+
+    if (size > YAML_FILE_MAX) {
+        diag_add(errors, 0, 0, "the file is larger than %u MiB", YAML_FILE_MAX >> 20);
+        return false;
+    }
+    skip_mark(&buffer);
+    /* The events are scanned first: only so can limits hold before the document is built. */
+    return has_no_nul(&buffer, errors) && scan_events(&buffer, errors) &&
+           load_document(document, &buffer, errors);
+}
+
+/* Reads until the end or one byte over the limit; works for pipes too. */
+static bool read_stream(unsigned char *bytes, size_t *length, FILE *in, diag *errors)
+{
+    if (!bytes) {
+        diag_add(errors, 0, 0, "out of memory");
+        return false;
+    }
+    *length = fread(bytes, 1, YAML_FILE_MAX + 1, in);
+    if (ferror(in))
+        diag_add(errors, 0, 0, "cannot read: %s", strerror(errno));
+    return !ferror(in);
+}
+
+/* The content, to be freed, or NULL after a message. */
+static unsigned char *read_file(size_t *length, const char *file, diag *errors)
 {
     FILE *in = fopen(file, "rbe");
 
     if (!in) {
         diag_add(errors, 0, 0, "cannot open: %s", strerror(errno));
-        return false;
+        return NULL;
     }
-    bool done = read_stream(text, in, errors);
+    unsigned char *bytes = malloc(YAML_FILE_MAX + 1);
+    bool done = read_stream(bytes, length, in, errors);
     fclose(in);
     if (done)
-        strip_mark(text);
-    return done;
+        return bytes;
+    free(bytes);
+    return NULL;
 }
 
 /* Complains about the byte at an offset, counting characters as libyaml does. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * yamlfile.h - reads one YAML document from a file of bounded size.
+ * yamlfile.h - reads one YAML document from a file or text of bounded size.
  */
 #ifndef CANWIRE_YAMLFILE_H
 #define CANWIRE_YAMLFILE_H
@@ -18,5 +18,8 @@
  * be a graph, even with cycles. False after a message to errors; *document is then not to be
  * deleted. */
 bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors);
+
+/* The same from a text in memory. */
+bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors);
 
 #endif
