@@ -5,6 +5,8 @@
 #include "model.h"
 #include "rig.h"
 
+#include "prng.h"
+
 #define EXTENDED CW_FRAME_EXTENDED
 #define REMOTE CW_FRAME_REMOTE
 #define ACK_FROM_END 9u        /* the ACK slot is the ninth wire bit from the end */
@@ -1213,6 +1215,40 @@ static void random_streams_of_rules_are_independent(void **state)
     rig_free(r);
 }
 
+/* The same draws on every machine and in every release: splitmix64, by its published values. */
+static void the_generator_is_splitmix64(void **state)
+{
+    (void)state;
+    cw_prng prng = {.state = 0};
+    assert_true(cw_prng_next(&prng) == UINT64_C(0xE220A8397B1DCDAF));
+    assert_true(cw_prng_next(&prng) == UINT64_C(0x6E789E6AA1B965F4));
+    assert_true(cw_prng_next(&prng) == UINT64_C(0x06C45D188009454F));
+}
+
+static uint64_t first_draw(uint64_t seed, const char *name)
+{
+    cw_prng prng;
+    cw_prng_init(&prng, seed, name);
+    return cw_prng_next(&prng);
+}
+
+/* Every byte of the name counts, up to the documented number. */
+static void a_stream_is_that_of_seed_and_name(void **state)
+{
+    (void)state;
+    char long_name[CW_RULE_NAME_MAX + 2];
+    memset(long_name, 'x', sizeof long_name);
+    long_name[CW_RULE_NAME_MAX + 1] = '\0';
+    uint64_t draw = first_draw(1, long_name);
+    long_name[CW_RULE_NAME_MAX] = 'y';
+    assert_true(draw == first_draw(1, long_name));
+    long_name[CW_RULE_NAME_MAX - 1] = 'y';
+    assert_true(draw != first_draw(1, long_name));
+    assert_true(first_draw(1, "ab") != first_draw(1, "ba"));
+    assert_true(first_draw(1, "ab") != first_draw(2, "ab"));
+    assert_true(first_draw(0, "") != first_draw(0, "a"));
+}
+
 /* Drawn only for matches that skip and every let through. */
 static void probability_is_drawn_last(void **state)
 {
@@ -1405,6 +1441,8 @@ int main(void)
         cmocka_unit_test(matches_need_frame_sender_and_time),
         cmocka_unit_test(an_inverted_filter_and_a_second_one),
         cmocka_unit_test(random_streams_of_rules_are_independent),
+        cmocka_unit_test(the_generator_is_splitmix64),
+        cmocka_unit_test(a_stream_is_that_of_seed_and_name),
         cmocka_unit_test(probability_is_drawn_last),
         cmocka_unit_test(two_flips_of_one_bit_cancel),
         cmocka_unit_test(a_flip_at_a_node_undoes_one_of_the_wire),
