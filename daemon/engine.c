@@ -126,9 +126,10 @@ static void advance(engine *e, uint64_t tick)
     handle_events(e);
 }
 
+/* The first frame of the inbox comes up at the latest in the bit that holds its tick. */
 static void make_room_in_inbox(engine *e)
 {
-    advance(e, cw_bus_inbox_first(e->bus));
+    advance(e, cw_bus_inbox_first(e->bus) + e->config->bit_ticks);
 }
 
 static void read_port(engine *e, unsigned node, const clock_pair *now)

@@ -218,7 +218,8 @@ static void watch_flag(flag_watch *w, bool now, uint64_t *frames)
     w->now = now;
 }
 
-/* Load and flags, by what the nodes are doing in this bit. */
+/* Load and flags, by what the nodes are doing in this bit. What a node in loopback does, and the
+ * flags of one that only listens, are not on the wire (M11, M15). */
 static void watch_wire(cw_bus *bus)
 {
     bool busy = false;
@@ -226,7 +227,11 @@ static void watch_wire(cw_bus *bus)
     bool overload = false;
     for (unsigned i = 0; i < bus->node_count; i++) {
         const cw_mac *m = &bus->nodes[i].mac;
+        if (m->modes & CW_MODE_LOOPBACK)
+            continue;
         busy = busy || cw_mac_is_busy(m);
+        if (m->modes & CW_MODE_LISTEN_ONLY)
+            continue;
         error = error || m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_ERROR_PASSIVE;
         overload = overload || m->phase == CW_MAC_OVERLOAD_FLAG;
     }

@@ -565,7 +565,8 @@ uint64_t cw_bus_now(const cw_bus *bus);
 /* Hands a frame to a node at a tick; before cw_bus_now() it counts as now. It takes part in the
  * first bit that starts at or after at_tick, and is dropped with an event when the node cannot
  * take it (queue full, bus-off, listen-only, bad frame). CW_FULL: the inbox is full; advance the
- * bus to cw_bus_inbox_first() and call again. CW_INVALID: no such node. */
+ * bus to one bit after cw_bus_inbox_first(), by when that frame has come up, and call again.
+ * CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
 /* Tick of the earliest frame that was handed in and has not come up yet, or CW_NEVER. */

@@ -27,7 +27,6 @@ static void enter(cw_mac *m, cw_mac_phase phase)
 static void integrate(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
-    m->may_join = false;
     enter(m, CW_MAC_INTEGRATING);
 }
 
@@ -59,7 +58,6 @@ void cw_mac_disconnect(cw_mac *m)
     if (is_bus_off(m))
         return;
     m->role = CW_ROLE_NONE;
-    m->may_join = false;
     enter(m, CW_MAC_OFF);
 }
 
@@ -125,7 +123,6 @@ static void go_bus_off(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
     m->offered = false;
-    m->may_join = false;
     enter(m, CW_MAC_BUS_OFF);
 }
 
@@ -229,8 +226,6 @@ static void begin_frame(cw_mac *m, cw_role role)
     m->index = 0;
     m->run = 0;
     m->crc = 0;
-    m->shift = 0;
-    m->last = CW_RECESSIVE;
     m->crc_error = false;
     m->overloads_in_row = 0;
     memset(&m->rx, 0, sizeof m->rx);
@@ -282,7 +277,7 @@ static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
 
 /* Reports an error in the present bit and starts the flag. The kind of the flag is that from
  * before the error's own increment (R9). */
-static void signal_error(cw_mac *m, cw_error_type type, unsigned tec_step, unsigned rec_step,
+static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned rec_step,
                          cw_mac_report *r)
 {
     bool passive = cw_confinement_passive(&m->confinement);
@@ -290,7 +285,7 @@ static void signal_error(cw_mac *m, cw_error_type type, unsigned tec_step, unsig
     r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m)};
     if (cw_mac_is_sending(m))
         give_up_one_shot(m, r);
-    if (tec_step)
+    if (tec_moves)
         cw_confinement_tx_error(&m->confinement);
     if (rec_step)
         cw_confinement_rx_error(&m->confinement, rec_step);
@@ -305,25 +300,25 @@ static void signal_error(cw_mac *m, cw_error_type type, unsigned tec_step, unsig
 static void detect(cw_mac *m, cw_error_type type, cw_mac_report *r)
 {
     if (is_transmitter(m))
-        signal_error(m, type, 8, 0, r);
+        signal_error(m, type, true, 0, r);
     else
-        signal_error(m, type, 0, 1, r);
+        signal_error(m, type, false, 1, r);
 }
 
 /* R4, R5: a bit error in the own active error flag or overload flag. */
 static void detect_in_flag(cw_mac *m, cw_mac_report *r)
 {
     if (is_transmitter(m))
-        signal_error(m, CW_ERROR_BIT, 8, 0, r);
+        signal_error(m, CW_ERROR_BIT, true, 0, r);
     else
-        signal_error(m, CW_ERROR_BIT, 0, 8, r);
+        signal_error(m, CW_ERROR_BIT, false, 8, r);
 }
 
 /* R3 i: the increment of a passive transmitter waits for a dominant bit in its flag. */
 static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
 {
     bool deferred = cw_confinement_passive(&m->confinement);
-    signal_error(m, CW_ERROR_ACK, deferred ? 0 : 8, 0, r);
+    signal_error(m, CW_ERROR_ACK, !deferred, 0, r);
     m->ack_deferred = deferred;
 }
 
@@ -532,7 +527,7 @@ static void lose_arbitration(cw_mac *m, cw_mac_report *r)
 /* R3 ii: a recessive stuff bit of the arbitration field that was overwritten. */
 static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
 {
-    signal_error(m, CW_ERROR_STUFF, 0, 0, r);
+    signal_error(m, CW_ERROR_STUFF, false, 0, r);
 }
 
 static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)

@@ -17,8 +17,10 @@ static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_fra
         n->stats.tx_frames++;
         n->stats.tx_bytes += cw_frame_length(about);
         n->stats.tx_bits += n->mac.tx.length;
-        bus->stats.frames++;
-        bus->stats.frame_bits += n->mac.tx.length;
+        if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
+            bus->stats.frames++;
+            bus->stats.frame_bits += n->mac.tx.length;
+        }
         cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
     }
     if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
