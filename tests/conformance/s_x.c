@@ -284,6 +284,12 @@ static const test_case cases[] = {
      NULL},
     {"X11", "overload=1 <" F ":eof6 r(ovl) " ACTIVE "<" F " r3", NULL},
     {"X11", "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "<" F " r3", NULL},
+    /* two in a row again: after a frame whose SOF replaced the third bit of intermission, and after
+     * the bus was idle */
+    {"X11", "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) D6 r8 r2 overload=2 <" F
+            ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "<" F " r3", NULL},
+    {"X11", "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "r9 overload=2 <" F
+            ":eof6 r(ovl) D6 r7 r(ovl) " ACTIVE "<" F " r3", NULL},
     {"X11", "overload=1 " RX_ERROR "D6 r7 r(ovl) " ACTIVE, NULL},
     {"X11",
      "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) overload=1 D6 r8 r3 <" F ":eof6 r(ovl) " ACTIVE,
