@@ -9,9 +9,7 @@
 static void force_error(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    bool dropped;
-    cw_mac_force_error(&n->mac, &dropped);
-    if (!dropped)
+    if (!cw_mac_force_error(&n->mac))
         return;
     cw_frame frame = n->queue.slots[n->offered_slot].frame;
     cw_remove_slot(bus, i, n->offered_slot);

@@ -226,7 +226,6 @@ static void begin_frame(cw_mac *m, cw_role role)
     m->index = 0;
     m->run = 0;
     m->crc = 0;
-    m->crc_error = false;
     m->overloads_in_row = 0;
     memset(&m->rx, 0, sizeof m->rx);
 }
@@ -322,12 +321,12 @@ static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
     m->ack_deferred = deferred;
 }
 
-void cw_mac_force_error(cw_mac *m, bool *dropped)
+bool cw_mac_force_error(cw_mac *m)
 {
     cw_mac_report report = {.what = 0};
     if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_INTEGRATING && !is_bus_off(m))
         detect(m, CW_ERROR_FORM, &report);
-    *dropped = report.what & CW_REPORT_DROPPED;
+    return report.what & CW_REPORT_DROPPED;
 }
 
 static void signal_overload(cw_mac *m, cw_mac_report *r)

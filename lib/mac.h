@@ -21,10 +21,10 @@ void cw_mac_disconnect(cw_mac *mac);
 /* Back on the bus: it integrates (M10). */
 void cw_mac_reconnect(cw_mac *mac);
 
-/* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3. The
- * frame being sent is given up in one-shot mode: then *dropped. Nothing happens when the controller
- * is not on the bus. */
-void cw_mac_force_error(cw_mac *mac, bool *dropped);
+/* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3. Nothing
+ * happens when the controller is not on the bus. Returns whether the frame being sent was given up
+ * (one-shot). */
+bool cw_mac_force_error(cw_mac *mac);
 
 /* Recessive bits, at least, that the controller takes without driving a dominant bit and without
  * anything to report; 0 when the next bit must be simulated. CW_QUIET_FOREVER: any number. */

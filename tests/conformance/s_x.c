@@ -222,6 +222,7 @@ static const test_case cases[] = {
     {"X4", "init=L r11 set=5,150 <" F ":crcdel d(form crcdel rx pas) r6 r8 r3", NULL},
     {"X4", "init=L r11 refuse=" F " r20 d6(stuff id3s rx act) r6 r8 r3", NULL},
     {"X4", "init=L r11 <" F " r3 modes= r7 -" F " r3 <" F " r3", NULL},
+    {"X5", "set=0,{252|253} " RX_ERROR_PASSIVE PASSIVE, NULL},
     {"X5", "set=0,254 " RX_ERROR_PASSIVE PASSIVE "<" F ":crcdel d(form crcdel rx pas) " PASSIVE,
      NULL},
     {"X5", "set=0,250 " RX_ERROR_PASSIVE "r6 d(tol R+4) r8 r3", NULL},
