@@ -9,7 +9,7 @@
  *   2. The controller: cw_mac, one CAN controller driven bit by bit (the test-bench interface).
  *   3. The bus: cw_bus, up to 64 nodes on one wire, in ticks, with queues, faults and statistics.
  *
- * Names like M6, E3, R8 are the rules of the protocol digest, which restates ISO 11898-1.
+ * Names like M6, E3, R8 are the rules of RULES.md, which restates ISO 11898-1.
  * Levels: dominant is 0 (false), recessive is 1 (true). Nothing here is thread safe; objects share
  * nothing, so different threads may use different objects.
  */
@@ -206,7 +206,7 @@ typedef enum cw_mac_phase {
     CW_MAC_PHASE_COUNT
 } cw_mac_phase;
 
-/* Fault confinement: the counters and what follows from them (section 5 of the digest). */
+/* Fault confinement: the counters and what follows from them (section 5 of RULES.md). */
 typedef struct cw_confinement {
     uint16_t tec;
     uint16_t rec;
