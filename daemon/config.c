@@ -239,11 +239,18 @@ char *cfg_resolve_path(schema *self, const char *file, const char *path)
     return resolved;
 }
 
-char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
-                    size_t length_max)
+bool cfg_name_valid(const char *name, size_t length_max)
 {
     static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
                                   "0123456789_.-";
+    size_t length = strlen(name);
+
+    return length > 0 && length <= length_max && strspn(name, allowed) == length;
+}
+
+char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
+                    size_t length_max)
+{
     char expected[80];
 
     snprintf(expected, sizeof expected, "a name of 1 to %zu letters, digits, '_', '.' or '-'",
@@ -251,7 +258,7 @@ char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *valu
     const char *text = schema_text(self, key, value, expected);
     if (!text)
         return NULL;
-    if (text[strspn(text, allowed)] != '\0' || strlen(text) > length_max)
+    if (!cfg_name_valid(text, length_max))
         schema_expected(self, key, value, expected);
     return schema_copy(self, text);
 }

@@ -6,7 +6,8 @@
 
 #include <string.h>
 
-#define SENDS_MAX CW_QUEUE_MAX /* frames that one hit doubles, or that overtake */
+#define COPIES_MAX 16u /* that one hit makes of a frame, as the library */
+#define OVERTAKING_MAX CW_QUEUE_MAX
 #define OVERLOAD_FRAMES_MAX 2u
 #define TEC_MAX 263u /* as cw_mac_set_counters() */
 #define REC_MAX 255u
@@ -19,7 +20,7 @@ typedef void action_settler(schema *self, yaml_node_t *map, cw_rule *rule);
 typedef struct action {
     const char *name;
     cw_action action;
-    unsigned traits;
+    bool needs_frame;       /* on the bus, whatever the rule waits for */
     const schema_key *keys; /* the action's own first */
     action_settler *settle; /* or NULL */
 } action;
@@ -40,7 +41,8 @@ static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
 static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
 static const schema_range rec_range = {0, REC_MAX, sizeof(uint16_t)};
 static const schema_range overload_range = {1, OVERLOAD_FRAMES_MAX, sizeof(uint32_t)};
-static const schema_range number_range = {1, SENDS_MAX, sizeof(uint32_t)};
+static const schema_range copies_range = {1, COPIES_MAX, sizeof(uint32_t)};
+static const schema_range overtaking_range = {1, OVERTAKING_MAX, sizeof(uint32_t)};
 static const schema_range dlc_range = {0, DLC_MAX, sizeof(uint8_t)};
 
 static const setting queue_setting = {{1, CW_QUEUE_MAX, sizeof(uint16_t)}, CW_SET_QUEUE};
@@ -159,8 +161,8 @@ static const schema_key drop_keys[] = {
     {.name = "drop", .read = schema_read_choice, MEMBER(side), .arg = sides}, AT, END};
 static const schema_key delay_keys[] = {
     {.name = "delay", .read = cfg_read_ticks_min, MEMBER(for_ticks)}, AT, SIDE, END};
-static const schema_key duplicate_keys[] = {NUMBER("duplicate", &number_range), AT, SIDE, END};
-static const schema_key reorder_keys[] = {NUMBER("reorder", &number_range), AT, SIDE, END};
+static const schema_key duplicate_keys[] = {NUMBER("duplicate", &copies_range), AT, SIDE, END};
+static const schema_key reorder_keys[] = {NUMBER("reorder", &overtaking_range), AT, SIDE, END};
 static const schema_key change_keys[] = {
     {.name = "change", .read = read_change, MEMBER(change)}, AT, SIDE, END};
 static const schema_key send_keys[] = {
@@ -184,35 +186,32 @@ static const schema_key change_part_keys[] = {
     END,
 };
 
-#define ON_FRAMES CFG_ACTION_ON_FRAMES
-#define LASTS CFG_ACTION_LASTS
-
 /* As design.md lists them. */
 static const action actions[] = {
-    {"flip", CW_ACTION_FLIP, ON_FRAMES, flip_keys, NULL},
-    {"force", CW_ACTION_FORCE, ON_FRAMES, force_keys, settle_force},
-    {"glitch", CW_ACTION_GLITCH, ON_FRAMES, glitch_keys, NULL},
-    {"stuck", CW_ACTION_STUCK, LASTS, stuck_keys, settle_stuck},
-    {"noise", CW_ACTION_NOISE, LASTS, noise_keys, NULL},
-    {"no-ack", CW_ACTION_NO_ACK, LASTS, no_ack_keys, NULL},
-    {"wrong-crc", CW_ACTION_WRONG_CRC, ON_FRAMES, wrong_crc_keys, settle_wrong_crc},
-    {"bus-off", CW_ACTION_BUS_OFF, 0, bus_off_keys, NULL},
-    {"error-flag", CW_ACTION_ERROR_FLAG, 0, error_flag_keys, NULL},
-    {"restart", CW_ACTION_RESTART, 0, restart_keys, NULL},
-    {"counters", CW_ACTION_COUNTERS, 0, counters_keys, settle_counters},
-    {"overload", CW_ACTION_OVERLOAD, 0, overload_keys, NULL},
-    {"set", CW_ACTION_SET, 0, set_keys, settle_set},
-    {"disconnect", CW_ACTION_DISCONNECT, LASTS, disconnect_keys, NULL},
-    {"partition", CW_ACTION_PARTITION, LASTS, partition_keys, NULL},
-    {"drop", CW_ACTION_DROP, ON_FRAMES, drop_keys, settle_side},
-    {"delay", CW_ACTION_DELAY, ON_FRAMES, delay_keys, settle_side},
-    {"duplicate", CW_ACTION_DUPLICATE, ON_FRAMES, duplicate_keys, settle_side},
-    {"reorder", CW_ACTION_REORDER, ON_FRAMES, reorder_keys, settle_side},
-    {"change", CW_ACTION_CHANGE, ON_FRAMES, change_keys, settle_change},
-    {"send", CW_ACTION_SEND, LASTS, send_keys, settle_send},
-    {"babble", CW_ACTION_BABBLE, LASTS, babble_keys, NULL},
-    {"load", CW_ACTION_LOAD, LASTS, load_keys, NULL},
-    {"reply", CW_ACTION_REPLY, ON_FRAMES, reply_keys, NULL},
+    {"flip", CW_ACTION_FLIP, true, flip_keys, NULL},
+    {"force", CW_ACTION_FORCE, true, force_keys, settle_force},
+    {"glitch", CW_ACTION_GLITCH, true, glitch_keys, NULL},
+    {"stuck", CW_ACTION_STUCK, false, stuck_keys, settle_stuck},
+    {"noise", CW_ACTION_NOISE, false, noise_keys, NULL},
+    {"no-ack", CW_ACTION_NO_ACK, false, no_ack_keys, NULL},
+    {"wrong-crc", CW_ACTION_WRONG_CRC, true, wrong_crc_keys, settle_wrong_crc},
+    {"bus-off", CW_ACTION_BUS_OFF, false, bus_off_keys, NULL},
+    {"error-flag", CW_ACTION_ERROR_FLAG, false, error_flag_keys, NULL},
+    {"restart", CW_ACTION_RESTART, false, restart_keys, NULL},
+    {"counters", CW_ACTION_COUNTERS, false, counters_keys, settle_counters},
+    {"overload", CW_ACTION_OVERLOAD, false, overload_keys, NULL},
+    {"set", CW_ACTION_SET, false, set_keys, settle_set},
+    {"disconnect", CW_ACTION_DISCONNECT, false, disconnect_keys, NULL},
+    {"partition", CW_ACTION_PARTITION, false, partition_keys, NULL},
+    {"drop", CW_ACTION_DROP, true, drop_keys, settle_side},
+    {"delay", CW_ACTION_DELAY, true, delay_keys, settle_side},
+    {"duplicate", CW_ACTION_DUPLICATE, true, duplicate_keys, settle_side},
+    {"reorder", CW_ACTION_REORDER, true, reorder_keys, settle_side},
+    {"change", CW_ACTION_CHANGE, true, change_keys, settle_change},
+    {"send", CW_ACTION_SEND, false, send_keys, settle_send},
+    {"babble", CW_ACTION_BABBLE, false, babble_keys, NULL},
+    {"load", CW_ACTION_LOAD, false, load_keys, NULL},
+    {"reply", CW_ACTION_REPLY, true, reply_keys, NULL},
 };
 
 #define ACTION_COUNT (sizeof actions / sizeof actions[0])
@@ -224,15 +223,15 @@ static void set_defaults(cw_rule *rule);
 void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
+    size_t errors = self->errors->count;
     const action *found = NULL;
 
     if (value->type == YAML_MAPPING_NODE)
         found = find_action(self, value);
-    if (!found) {
+    if (!found)
         complain_no_action(self, value, rule);
+    if (!found || self->errors->count > errors)
         return;
-    }
-    size_t errors = self->errors->count;
     rule->action = found->action;
     set_defaults(rule);
     schema_map(self, key->name, value, found->keys, rule);
@@ -240,15 +239,12 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
         found->settle(self, value, rule);
 }
 
-unsigned cfg_action_traits(const cw_rule *rule)
+bool cfg_action_needs_frame(cw_action what)
 {
-    /* A single frame does not last, whatever the table says of `send`. */
-    if (rule->action == CW_ACTION_SEND && rule->period_ticks == 0)
-        return 0;
     for (size_t i = 0; i < ACTION_COUNT; i++)
-        if (actions[i].action == rule->action)
-            return actions[i].traits;
-    return 0;
+        if (actions[i].action == what)
+            return actions[i].needs_frame;
+    return false;
 }
 
 /* What the keys of an action change. */

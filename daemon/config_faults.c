@@ -259,6 +259,10 @@ static int make_node(schema *self, const schema_key *key, const yaml_node_t *val
 {
     cfg *config = cfg_of(self);
 
+    if (!cfg_name_valid(name, NODE_NAME_MAX)) {
+        schema_expected(self, key, value, "the name of a node");
+        return -1;
+    }
     if (config->node_count == CW_NODES_MAX) {
         schema_complain(self, value, "%s: these are more than %d nodes", key->name, CW_NODES_MAX);
         return -1;
@@ -448,18 +452,12 @@ void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, 
         schema_problem(self, key, value, text_parse_probability(schema_member(key, object), text));
 }
 
-/* The value of a key of `when` or `do`, or NULL. */
-static yaml_node_t *find_in(schema *self, const yaml_node_t *map, const char *part,
-                            const char *name)
-{
-    const yaml_node_t *keys = schema_find(self, map, part);
-
-    return keys && keys->type == YAML_MAPPING_NODE ? schema_find(self, keys, name) : NULL;
-}
-
+/* The value of a key of `when`, or NULL. */
 static yaml_node_t *find_when(schema *self, const yaml_node_t *map, const char *name)
 {
-    return find_in(self, map, "when", name);
+    const yaml_node_t *when = schema_find(self, map, "when");
+
+    return when && when->type == YAML_MAPPING_NODE ? schema_find(self, when, name) : NULL;
 }
 
 static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_rule *rule)
@@ -473,26 +471,17 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
                         "not for both");
     else if (data)
         schema_complain(self, data, "data: error frames (#MASK) have no data to compare");
-    else if (cfg_action_traits(rule) & CFG_ACTION_ON_FRAMES)
+    else if (cfg_action_needs_frame(rule->action))
         schema_complain(self, frame,
                         "frame: what this rule does needs a frame on the bus, an "
                         "error frame (#MASK) is none");
 }
 
-/* Without a condition on frames the window of time is that of the action. */
-static void settle_duration(schema *self, const yaml_node_t *map, cw_rule *rule)
-{
-    if (rule->time_end != CW_NEVER && (cfg_action_traits(rule) & CFG_ACTION_LASTS) &&
-        !find_in(self, map, "do", "for"))
-        rule->for_ticks = rule->time_end - rule->time_begin;
-}
-
 /* What the rule waits for follows from what is written. */
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
-    bool on_frames = cfg_action_traits(rule) & CFG_ACTION_ON_FRAMES ||
-                     find_when(self, map, "frame") || find_when(self, map, "data") ||
-                     find_when(self, map, "from");
+    bool on_frames = cfg_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
+                     find_when(self, map, "data") || find_when(self, map, "from");
 
     if (rule->error_mask) {
         rule->trigger = CW_TRIGGER_ERROR;
@@ -503,6 +492,5 @@ static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
         rule->trigger = CW_TRIGGER_ARMED;
     } else {
         rule->trigger = CW_TRIGGER_TIME;
-        settle_duration(self, map, rule);
     }
 }

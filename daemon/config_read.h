@@ -45,16 +45,15 @@ extern const schema_choice cfg_orders[];
 /* The CW_MODE_* that a key such as one-shot stands for. */
 uint8_t cfg_mode(const char *name);
 
-/* What cfg_action_traits() knows of an action. */
-#define CFG_ACTION_ON_FRAMES 0x1u /* it needs a frame, whatever the rule waits for */
-#define CFG_ACTION_LASTS 0x2u     /* for a time, or until it is cleared */
-
-unsigned cfg_action_traits(const cw_rule *rule);
+/* Whether an action needs a frame on the bus, whatever the rule waits for. */
+bool cfg_action_needs_frame(cw_action what);
 
 /* A name, from letters, digits, '_', '.' and '-'; complains about others, but returns them, so that
  * what refers to them is still understood. NULL when there is no text. */
 char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
                     size_t length_max);
+
+bool cfg_name_valid(const char *name, size_t length_max);
 
 /* The index of the node that a value names, or -1 after a complaint. */
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);

@@ -91,6 +91,7 @@ static void good_files_are_accepted(void **state)
 {
     (void)state;
     assert_in_range(each_file(GOOD, check_good), 5, 1000);
+    assert_in_range(each_file("config/profiles/", check_good), 12, 1000);
     check_good("config/example.yaml");
 }
 
@@ -292,6 +293,352 @@ static void rule_defaults_act_always(void **state)
     assert_int_equal(rule->bits, 1);
     assert_int_equal(rule->at, 0);
     cfg_free(config);
+}
+
+/* The rule of that name. */
+static const cw_rule *rule_of(const cfg *config, const char *name)
+{
+    for (size_t i = 0; i < config->rule_count; i++)
+        if (strcmp(config->rules[i].name, name) == 0)
+            return &config->rules[i];
+    fail_msg("no rule %s", name);
+    return NULL;
+}
+
+static void rules_wait_for_what_is_written(void **state)
+{
+    static const struct {
+        const char *name;
+        cw_trigger trigger;
+        uint64_t begin;
+        uint64_t end;
+    } cases[] = {
+        {"list", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"errors", CW_TRIGGER_ERROR, 0, CW_NEVER},
+        {"states", CW_TRIGGER_TIME, 0, CW_NEVER},
+        {"sequence", CW_TRIGGER_ARMED, 0, CW_NEVER},
+        {"by-hand", CW_TRIGGER_ARMED, 0, CW_NEVER},
+        {"moment", CW_TRIGGER_TIME, 2 * TICKS_PER_S, CW_NEVER},
+        {"until", CW_TRIGGER_FRAME, 0, 5 * TICKS_PER_S},
+        {"armed-frame", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"force-bits", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"stuck-wire", CW_TRIGGER_TIME, TICKS_PER_S, 2 * TICKS_PER_S},
+        {"wrong-crc-alone", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"overload", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"drop-rx", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"delay", CW_TRIGGER_FRAME, 0, CW_NEVER},
+        {"send", CW_TRIGGER_TIME, 0, CW_NEVER},
+        {"reply", CW_TRIGGER_FRAME, 0, CW_NEVER},
+    };
+    cfg *config = load_good(GOOD "faults.yaml");
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        const cw_rule *rule = rule_of(config, cases[i].name);
+
+        if (rule->trigger != cases[i].trigger)
+            fail_msg("%s: trigger %d", cases[i].name, (int)rule->trigger);
+        assert_true(rule->time_begin == cases[i].begin && rule->time_end == cases[i].end);
+    }
+    cfg_free(config);
+}
+
+static void conditions_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_rule *list = rule_of(config, "list");
+    const cw_rule *errors = rule_of(config, "errors");
+    const cw_rule *states = rule_of(config, "states");
+    const cw_rule *sequence = rule_of(config, "sequence");
+
+    (void)state;
+    assert_int_equal(list->filter_count, 3);
+    assert_int_equal(list->filters[1].value, 0x456);
+    assert_true(list->filters[2].inverted);
+    assert_int_equal(list->data_length, 3);
+    assert_memory_equal(list->data_mask, "\xFF\xFF\x0F", 3);
+    assert_memory_equal(list->data_value, "\xDE\xAD\x01", 3);
+    assert_int_equal(list->hold_off, 400000);
+    assert_int_equal(errors->error_mask, 0xC);
+    assert_int_equal(errors->filter_count, 0);
+    assert_int_equal(errors->from, 2);
+    assert_int_equal(states->state_nodes, 3);
+    assert_int_equal(states->state_mask, 1u << CW_STATE_ERROR_PASSIVE | 1u << CW_STATE_BUS_OFF);
+    assert_true(sequence->has_after);
+    assert_string_equal(config->rules[sequence->after].name, "by-hand");
+    assert_int_equal(sequence->after_delay, 20 * 160);
+    assert_true(rule_of(config, "by-hand")->manual);
+    assert_true(rule_of(config, "armed-frame")->has_after);
+    cfg_free(config);
+}
+
+static void actions_on_bits_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_rule *bits = rule_of(config, "force-bits");
+    const cw_rule *time = rule_of(config, "force-time");
+    const cw_rule *glitch = rule_of(config, "glitch");
+
+    (void)state;
+    assert_int_equal(bits->action, CW_ACTION_FORCE);
+    assert_true(bits->level == CW_DOMINANT);
+    assert_int_equal(bits->field, CW_FIELD_DATA);
+    assert_int_equal(bits->index, 8);
+    assert_int_equal(bits->bits, 12);
+    assert_int_equal(bits->for_ticks, 0);
+    assert_int_equal(bits->at, 6);
+    assert_true(time->level == CW_RECESSIVE);
+    assert_int_equal(time->for_ticks, 80000);
+    assert_int_equal(glitch->action, CW_ACTION_GLITCH);
+    assert_int_equal(glitch->bits, 4);
+    assert_int_equal(glitch->pattern_level, 9);
+    assert_int_equal(glitch->pattern_mask, 11);
+    assert_int_equal(glitch->field, CW_FIELD_STUFF);
+    assert_int_equal(rule_of(config, "glitch-unquoted")->pattern_level, 6);
+    cfg_free(config);
+}
+
+static void lasting_actions_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_rule *wire = rule_of(config, "stuck-wire");
+    const cw_rule *tx = rule_of(config, "stuck-tx");
+    const cw_rule *rx = rule_of(config, "stuck-rx");
+    const cw_rule *noise = rule_of(config, "noise");
+    const cw_rule *groups = rule_of(config, "partition");
+
+    (void)state;
+    assert_int_equal(wire->action, CW_ACTION_STUCK);
+    assert_int_equal(wire->line, CW_LINE_WIRE);
+    assert_int_equal(wire->for_ticks, 0); /* the window ends it */
+    assert_int_equal(tx->line, CW_LINE_TX);
+    assert_int_equal(tx->node, 0);
+    assert_int_equal(tx->for_ticks, 8000000);
+    assert_int_equal(tx->dominant_timeout, 160000);
+    assert_int_equal(rx->line, CW_LINE_RX);
+    assert_int_equal(rx->node, 2);
+    assert_true(rx->level == CW_RECESSIVE);
+    assert_int_equal(rule_of(config, "stuck-node-called-wire")->node, 3);
+    assert_true(noise->error_rate == UINT64_C(184467440737095));
+    assert_int_equal(noise->at, 1);
+    assert_true(rule_of(config, "noise-always")->error_rate == UINT64_MAX);
+    assert_int_equal(rule_of(config, "no-ack")->nodes, 6);
+    assert_int_equal(rule_of(config, "disconnect")->nodes, 3);
+    assert_memory_equal(groups->group, "\0\0\1\2", 4);
+    cfg_free(config);
+}
+
+static void controller_actions_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_rule *moment = rule_of(config, "moment");
+    const cw_rule *until = rule_of(config, "until");
+    const cw_rule *crc = rule_of(config, "wrong-crc");
+    const cw_settings *set = &rule_of(config, "set-all")->settings;
+
+    (void)state;
+    assert_int_equal(moment->tec, 255);
+    assert_int_equal(moment->rec, CW_KEEP);
+    assert_int_equal(until->nodes, 5);
+    assert_int_equal(until->tec, 0);
+    assert_int_equal(until->rec, 127);
+    assert_int_equal(rule_of(config, "by-hand")->number, 2);
+    assert_int_equal(rule_of(config, "overload")->number, 1);
+    assert_int_equal(crc->nodes, 1);
+    assert_int_equal(crc->from, 1); /* only its own frames are matches */
+    assert_int_equal(rule_of(config, "wrong-crc-alone")->from, 3);
+    assert_int_equal(set->which,
+                     CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING);
+    assert_int_equal(set->modes_mask, 0x1F);
+    assert_int_equal(set->modes, CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING);
+    assert_int_equal(set->restart_ticks, 8000000);
+    assert_int_equal(set->queue, 32);
+    assert_int_equal(set->order, CW_ORDER_FIFO);
+    assert_int_equal(set->warning_limit, 10);
+    cfg_free(config);
+}
+
+static void host_actions_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_change *change = &rule_of(config, "change")->change;
+
+    (void)state;
+    assert_int_equal(rule_of(config, "drop-tx")->side, CW_SIDE_TX);
+    assert_int_equal(rule_of(config, "drop-rx")->side, CW_SIDE_RX);
+    assert_int_equal(rule_of(config, "delay")->side, CW_SIDE_TX);
+    assert_int_equal(rule_of(config, "delay")->for_ticks, 400000);
+    assert_int_equal(rule_of(config, "duplicate")->side, CW_SIDE_RX);
+    assert_int_equal(rule_of(config, "duplicate")->number, 2);
+    assert_int_equal(rule_of(config, "reorder")->side, CW_SIDE_RX);
+    assert_true(change->set_id && change->set_dlc);
+    assert_int_equal(change->id, 0x12345678);
+    assert_int_equal(change->id_flags, CW_FRAME_EXTENDED);
+    assert_int_equal(change->dlc, 15);
+    assert_memory_equal(change->set_mask, "\x0F\x00\xFF\x00\x00\x00\x00\x00", 8);
+    assert_memory_equal(change->set, "\x01\x00\xFF\x00\x00\x00\x00\x00", 8);
+    assert_memory_equal(change->and_mask, "\x0F\xFF\xFF\xFF\xFF\xFF\xFF\xFF", 8);
+    assert_memory_equal(change->or_mask, "\x00\x10\x00\x00\x00\x00\x00\x00", 8);
+    assert_memory_equal(change->xor_mask, "\xFF\x00\x00\x00\x00\x00\x00\x00", 8);
+    cfg_free(config);
+}
+
+static void traffic_actions_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+    const cw_rule *send = rule_of(config, "send");
+    const cw_rule *burst = rule_of(config, "burst");
+    const cw_rule *reply = rule_of(config, "reply");
+
+    (void)state;
+    assert_int_equal(send->frame.id, 0x123);
+    assert_int_equal(send->node, 1);
+    assert_int_equal(send->period_ticks, 0);
+    assert_int_equal(burst->period_ticks, 800000);
+    assert_int_equal(burst->time_end, 2 * TICKS_PER_S);
+    assert_int_equal(rule_of(config, "babble")->for_ticks, 4000000);
+    assert_int_equal(rule_of(config, "load")->load_permille, 625);
+    assert_int_equal(rule_of(config, "load")->node, 2);
+    assert_int_equal(reply->for_ticks, 80000);
+    assert_int_equal(reply->filters[0].mask, 0xC00007FF);
+    cfg_free(config);
+}
+
+static void profiles_take_parameters(void **state)
+{
+    cfg *config = load_good(GOOD "profiles.yaml");
+    const cw_rule *r = config->rules;
+
+    (void)state;
+    assert_int_equal(config->rule_count, 6);
+    assert_string_equal(r[0].name, "costs");
+    assert_string_equal(r[1].name, "first");
+    assert_int_equal(r[1].from, 1);
+    assert_int_equal(r[1].at, 2);
+    assert_int_equal(r[1].time_begin, TICKS_PER_S);
+    assert_int_equal(r[2].after, 1);
+    assert_int_equal(r[2].node, 0);
+    assert_string_equal(r[3].name, "again.first");
+    assert_int_equal(r[3].from, 2);
+    assert_int_equal(r[3].at, 1);
+    assert_int_equal(r[3].time_begin, TICKS_PER_S * 3 / 2);
+    assert_string_equal(r[4].name, "again.second");
+    assert_int_equal(r[4].after, 3);
+    assert_string_equal(r[5].name, "own");
+    assert_int_equal(r[5].after, 4);
+    cfg_free(config);
+}
+
+/* Rules from a text against config/profiles.yaml; on errors NULL, and *errors is what was said. */
+static cfg_rules *inject(char **errors, const char *text, const cfg_running *running)
+{
+    cfg *config = load_good(GOOD "profiles.yaml");
+    size_t length;
+    FILE *out = open_memstream(errors, &length);
+    cfg_rules *rules = cfg_load_rules(text, strlen(text), "text", config, running, out);
+
+    fclose(out);
+    assert_true((rules == NULL) == (length > 0));
+    cfg_free(config); /* the rules do not need it any more */
+    return rules;
+}
+
+static void rules_are_read_from_texts(void **state)
+{
+    static const char *const texts[] = {
+        "{ name: x, do: { bus-off: engine } }",
+        "{\"name\": \"x\", \"do\": {\"bus-off\": [\"engine\"]}}",
+        "- { name: x, do: { bus-off: engine } }",
+        "faults: [{ name: x, do: { bus-off: engine } }]",
+        "{ parameters: { v: }, with: { v: engine }, faults: [{ name: x, do: { bus-off: $v } }] }",
+        "{ parameters: { v: engine }, faults: [{ name: x, do: { bus-off: $v } }] }",
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(texts); i++) {
+        char *errors;
+        cfg_rules *rules = inject(&errors, texts[i], NULL);
+
+        if (!rules)
+            fail_msg("%s", errors);
+        assert_int_equal(rules->count, 1);
+        assert_string_equal(rules->rules[0].name, "x");
+        assert_int_equal(rules->rules[0].nodes, 1);
+        cfg_free_rules(rules);
+        free(errors);
+    }
+}
+
+static void bad_texts_are_refused(void **state)
+{
+    static const struct {
+        const char *text;
+        const char *error;
+    } cases[] = {
+        {"", "text:1:1: there is no rule"},
+        {"x", "text:1:1: expected a rule"},
+        {"{ bus: { bitrate: 1 } }", "text:1:1: expected a rule"},
+        {"{ name: x", "text:"},
+        {"{ name: x }", "text:1:1: rule: the key 'do' is missing"},
+        {"{ name: own, do: { flip: sof } }", "text:1:9: a rule 'own' is running already"},
+        {"{ name: x, do: { bus-off: none } }", "text:1:27: bus-off: there is no node 'none'"},
+        {"{ name: x, do: { flip: sof }, when: { after: { rule: y } } }",
+         "text:1:54: rule: there is no rule 'y'"},
+        {"{ parameters: { v: }, faults: [{ name: x, do: { bus-off: $v } }] }",
+         "text:1:1: with: the parameter 'v' of the profile needs a value"},
+        {"[{ name: x, do: { flip: sof }, when: { after: { rule: y } } },"
+         " { name: y, do: { flip: sof }, when: { after: { rule: x } } }]",
+         "text: there are rules that come after each other in a circle"},
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        char *errors;
+
+        assert_null(inject(&errors, cases[i].text, NULL));
+        if (strncmp(errors, cases[i].error, strlen(cases[i].error)) != 0)
+            fail_msg("expected %s\ngot %s", cases[i].error, errors);
+        free(errors);
+    }
+}
+
+/* What comes after a later rule is moved behind it; running rules keep their index. */
+static void injected_rules_come_in_an_order_that_can_be_added(void **state)
+{
+    static const char text[] =
+        "- { name: a, do: { flip: sof }, when: { after: { rule: b } } }\n"
+        "- { name: b, do: { flip: sof }, when: { after: { rule: c } } }\n"
+        "- { name: c, do: { flip: sof } }\n"
+        "- { name: d, do: { flip: sof }, when: { after: { rule: live } } }\n";
+    static const char *const names[] = {NULL, "other", "live"};
+    static const cfg_running running = {.count = COUNT(names), .names = names};
+    static const char *const order[] = {"c", "d", "b", "a"};
+    static const unsigned after[] = {0, 2, 3, 5};
+    char *errors;
+    cfg_rules *rules = inject(&errors, text, &running);
+
+    (void)state;
+    assert_non_null(rules);
+    assert_int_equal(rules->count, COUNT(order));
+    for (size_t i = 0; i < COUNT(order); i++) {
+        assert_string_equal(rules->rules[i].name, order[i]);
+        assert_int_equal(rules->rules[i].has_after, i > 0);
+        assert_int_equal(rules->rules[i].after, after[i]);
+    }
+    cfg_free_rules(rules);
+    free(errors);
+}
+
+static void a_profile_is_no_configuration(void **state)
+{
+    static const char path[] = "tests/config/profiles/two-rules.yaml";
+    char *text;
+    size_t length;
+    FILE *out = open_memstream(&text, &length);
+
+    (void)state;
+    assert_null(cfg_load(path, out));
+    fclose(out);
+    assert_non_null(strstr(text, ":1:1: this is a fault profile"));
+    free(text);
 }
 
 static void aliases_stand_for_their_values(void **state)
@@ -563,6 +910,18 @@ int main(void)
         cmocka_unit_test(traffic_is_read),
         cmocka_unit_test(rules_are_read),
         cmocka_unit_test(rule_defaults_act_always),
+        cmocka_unit_test(rules_wait_for_what_is_written),
+        cmocka_unit_test(conditions_are_read),
+        cmocka_unit_test(actions_on_bits_are_read),
+        cmocka_unit_test(lasting_actions_are_read),
+        cmocka_unit_test(controller_actions_are_read),
+        cmocka_unit_test(host_actions_are_read),
+        cmocka_unit_test(traffic_actions_are_read),
+        cmocka_unit_test(profiles_take_parameters),
+        cmocka_unit_test(rules_are_read_from_texts),
+        cmocka_unit_test(bad_texts_are_refused),
+        cmocka_unit_test(injected_rules_come_in_an_order_that_can_be_added),
+        cmocka_unit_test(a_profile_is_no_configuration),
         cmocka_unit_test(aliases_stand_for_their_values),
         cmocka_unit_test(bus_config_is_usable),
         cmocka_unit_test(bytes_that_are_no_text_are_refused),

@@ -224,6 +224,117 @@ static void bad_filters_are_refused(void **state)
     }
 }
 
+static void bytes_may_have_wildcards(void **state)
+{
+    static const struct {
+        const char *text;
+        unsigned length;
+        const char *mask;
+        const char *value;
+    } cases[] = {
+        {"DE", 1, "\xFF", "\xDE"},
+        {"dead..ef", 4, "\xFF\xFF\x00\xFF", "\xDE\xAD\x00\xEF"},
+        {"DE AD  x1", 3, "\xFF\xFF\x0F", "\xDE\xAD\x01"},
+        {"1.X2", 2, "\xF0\x0F", "\x10\x02"},
+        {"1122334455667788", 8, "\xFF\xFF\xFF\xFF\xFF\xFF\xFF\xFF",
+         "\x11\x22\x33\x44\x55\x66\x77\x88"},
+    };
+    static const char *const bad[] = {
+        "",   " ", "1", "112", "1 1", " 11", "11 ", "11\t22", "1G", "11,22", "112233445566778899",
+        "$$",
+    };
+    text_bytes bytes;
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        assert_null(text_parse_bytes(&bytes, cases[i].text));
+        assert_int_equal(bytes.length, cases[i].length);
+        assert_memory_equal(bytes.mask, cases[i].mask, bytes.length);
+        assert_memory_equal(bytes.value, cases[i].value, bytes.length);
+    }
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_bytes(&bytes, bad[i]))
+            fail_msg("'%s' was accepted", bad[i]);
+}
+
+static void levels_come_in_order(void **state)
+{
+    static const char longest[] =
+        "x111111111111111111111111111111111111111111111111111111111111110";
+    static const char *const bad[] = {"", "x", "xxx", "2", "1 0", "1.0"};
+    text_levels levels;
+
+    (void)state;
+    assert_null(text_parse_levels(&levels, "10xX1"));
+    assert_int_equal(levels.bits, 5);
+    assert_int_equal(levels.level, 0x11);
+    assert_int_equal(levels.mask, 0x13);
+    assert_int_equal(strlen(longest), CW_PATTERN_MAX);
+    assert_null(text_parse_levels(&levels, longest));
+    assert_true(levels.mask == ~UINT64_C(1));
+    assert_true(levels.level == (~UINT64_C(1) ^ UINT64_C(1) << 63));
+    assert_non_null(text_parse_levels(&levels, "x1111111111111111111111111111111111111111111111111"
+                                               "1111111111111110"));
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_levels(&levels, bad[i]))
+            fail_msg("'%s' was accepted", bad[i]);
+}
+
+static void parts_are_percent(void **state)
+{
+    static const struct {
+        const char *text;
+        uint16_t permille;
+    } cases[] = {{"60%", 600}, {"12.5%", 125}, {"0.1%", 1}, {"100%", 1000}, {"100.0%", 1000}};
+    static const char *const bad[] = {
+        "",    "60",     "%",    "0%",   "100.1%", "101%",
+        "-1%", "12.25%", "60 %", "060%", "60%%",   "184467440737095517%",
+    };
+    uint16_t permille;
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        assert_null(text_parse_percent(&permille, cases[i].text));
+        assert_int_equal(permille, cases[i].permille);
+    }
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_percent(&permille, bad[i]))
+            fail_msg("'%s' was accepted", bad[i]);
+}
+
+static void error_filters_are_classes(void **state)
+{
+    static const char *const bad[] = {"", "#", "4", "#0", "#E0000000", "#123456789", "#G", "#4 "};
+    uint32_t mask;
+
+    (void)state;
+    assert_null(text_parse_error_mask(&mask, "#4"));
+    assert_int_equal(mask, 4);
+    assert_null(text_parse_error_mask(&mask, "#FFFFFFFF"));
+    assert_int_equal(mask, 0x1FFFFFFF);
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_error_mask(&mask, bad[i]))
+            fail_msg("'%s' was accepted", bad[i]);
+}
+
+static void identifiers_stand_alone(void **state)
+{
+    static const char *const bad[] = {"", "12", "800", "20000000", "123#", "x23", "123456789"};
+    uint32_t id;
+    uint8_t flags;
+
+    (void)state;
+    assert_null(text_parse_id(&id, &flags, "7ff"));
+    assert_int_equal(id, 0x7FF);
+    assert_int_equal(flags, 0);
+    assert_null(text_parse_id(&id, &flags, "00000001"));
+    assert_int_equal(id, 1);
+    assert_int_equal(flags, CW_FRAME_EXTENDED);
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_id(&id, &flags, bad[i]))
+            fail_msg("'%s' was accepted", bad[i]);
+}
+
 static void integers_are_strict(void **state)
 {
     static const char *const bad[] = {
@@ -533,6 +644,11 @@ int main(void)
         cmocka_unit_test(filters_follow_can_utils),
         cmocka_unit_test(filters_are_separated_by_commas),
         cmocka_unit_test(bad_filters_are_refused),
+        cmocka_unit_test(bytes_may_have_wildcards),
+        cmocka_unit_test(levels_come_in_order),
+        cmocka_unit_test(parts_are_percent),
+        cmocka_unit_test(error_filters_are_classes),
+        cmocka_unit_test(identifiers_stand_alone),
         cmocka_unit_test(integers_are_strict),
         cmocka_unit_test(probabilities_are_exact),
         cmocka_unit_test(times_have_units),
