@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * mac.c - one CAN controller, bit by bit (rules M, E, O and R of the protocol digest).
+ * mac.c - one CAN controller, bit by bit (rules M, E, O and R of RULES.md).
  *
  * A bit has two phases. cw_mac_drive() says what the controller puts on the wire; cw_mac_sample()
  * takes what the wire carried and goes on to the next bit. Each phase of the controller has one

@@ -47,7 +47,7 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
     cw_fault_error(bus, i, e);
 }
 
-/* A frame accepted with a content that none of its transmitters sent (section 6 of the digest). */
+/* A frame accepted with a content that none of its transmitters sent (section 6 of RULES.md). */
 static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
 {
     bool sent = false;
