@@ -1,0 +1,264 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Each profile in a small scenario, in virtual time: what its comment says is what happens.
+
+Three ECUs at 500 kbit/s: the engine sends 123 each 2 ms, the gearbox 200 each 3 ms, the dash only
+listens. Without faults that are 150 and 100 frames in 300 ms.
+"""
+
+import collections
+import json
+import os
+import pathlib
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+CANWIRE = os.environ.get("CANWIRE", str(ROOT / "build/release/canwire"))
+PROFILES = ROOT / "config/profiles"
+TIMEOUT_S = 60
+ENGINE_FRAMES, GEARBOX_FRAMES = 150, 100
+BEGIN, END = 0.1, 0.15  # of the faults that have a time, by default
+
+SCENARIO = """
+bus: {{ name: profiles, bitrate: 500000 }}
+seed: 1
+nodes:
+  - {{ name: engine, restart-ms: 20, traffic: [ {{ send: 123#1122334455667788, every: 2ms }} ] }}
+  - {{ name: gearbox, restart-ms: 20, traffic: [ {{ send: 200#0102, every: 3ms, offset: 1ms }} ] }}
+  - {{ name: dash, restart-ms: 20{dash} }}
+profiles: [ {{ file: {file}, with: {{ {parameters} }} }} ]
+"""
+
+
+class Run:
+    """What a simulation told."""
+
+    def __init__(self, events, stats):
+        self.events = events
+        self.bus = stats["bus"]
+        self.nodes = {node["name"]: node for node in stats["nodes"]}
+        self.counts = collections.Counter((e.get("node"), e["event"]) for e in events)
+
+    def of(self, kind, node=None, begin=0.0, end=1.0):
+        return [e for e in self.events
+                if e["event"] == kind and node in (None, e.get("node")) and begin <= e["t"] < end]
+
+    def states(self, node):
+        return [e["state"] for e in self.of("state", node)]
+
+    def first(self, node, state):
+        return next(e["t"] for e in self.of("state", node) if e["state"] == state)
+
+    def nothing_lost(self):
+        return (self.counts["engine", "tx"], self.counts["gearbox", "tx"]) == (
+            ENGINE_FRAMES, GEARBOX_FRAMES)
+
+
+@pytest.fixture
+def play(tmp_path):
+    def run(name, parameters="", dash=""):
+        scenario = tmp_path / "scenario.yaml"
+        scenario.write_text(SCENARIO.format(
+            file=PROFILES / f"{name}.yaml", parameters=parameters, dash=dash))
+        events, stats = tmp_path / "events", tmp_path / "stats"
+        result = subprocess.run(
+            [CANWIRE, "sim", scenario, "--until", "300ms", "--events", events, "--stats", stats],
+            capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        assert result.returncode == 0, result.stderr
+        return Run([json.loads(line) for line in events.read_text().splitlines()],
+                   json.loads(stats.read_text()))
+    return run
+
+
+def test_every_profile_is_played():
+    with open(__file__, encoding="utf-8") as own:
+        text = own.read()
+    for profile in PROFILES.glob("*.yaml"):
+        assert f'"{profile.stem}"' in text, f"{profile.stem} has no run here"
+
+
+def test_noisy_harness(play):
+    run = play("noisy-harness")
+    hits = run.counts[None, "fault"]
+    assert 5 <= hits <= 30  # 15 expected of 150000 bits
+    assert run.nothing_lost()
+    assert not run.of("state")
+    assert run.bus["error_frames"] == hits
+    assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
+
+
+def test_loose_connector(play):
+    run = play("loose-connector", "victim: gearbox")
+    openings = run.of("fault")
+    assert 3 <= len(openings) <= 13
+    assert all(b["t"] - a["t"] >= 0.020 for a, b in zip(openings, openings[1:]))
+    assert run.nothing_lost()
+    # 3 ms without the engine's frames, each time
+    assert len(openings) <= ENGINE_FRAMES - run.counts["gearbox", "rx"] <= 3 * len(openings)
+    assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
+    for opening in openings:
+        quiet = opening["t"], opening["t"] + 0.003
+        assert not run.of("rx", "gearbox", *quiet) and not run.of("tx", "gearbox", *quiet)
+
+
+def test_shorted_bus(play):
+    run = play("shorted-bus")
+    for node in ("engine", "gearbox"):
+        assert run.first(node, "error-passive") < BEGIN + 16 * 2e-6 + 0.003
+        assert run.first(node, "bus-off") < BEGIN + 0.004
+        assert run.states(node).count("bus-off") == run.counts[node, "restart"] > 1
+    assert not run.of("error", "dash")
+    assert not run.of("tx", begin=BEGIN, end=END)
+    assert run.of("tx", "engine", begin=END) and run.of("tx", "gearbox", begin=END)
+
+
+def test_shorted_bus_dominant(play):
+    run = play("shorted-bus", "level: dominant, begin: 100100us")
+    assert run.first("dash", "error-passive") - 0.1001 == pytest.approx(130 * 2e-6, rel=0.1)
+    assert run.first("engine", "bus-off") - 0.1001 == pytest.approx(260 * 2e-6, rel=0.1)
+    assert "bus-off" not in run.states("dash") + run.states("gearbox")
+    assert not run.of("tx", begin=BEGIN, end=END)
+    assert run.of("tx", "engine", begin=END) and run.of("tx", "gearbox", begin=END)
+
+
+def test_tx_stuck_dominant(play):
+    run = play("tx-stuck-dominant", "victim: dash, begin: 100100us")
+    assert not run.of("tx", begin=BEGIN, end=END)
+    assert run.first("gearbox", "error-passive") - 0.1001 == pytest.approx(130 * 2e-6, rel=0.1)
+    assert run.first("engine", "bus-off") - 0.1001 == pytest.approx(260 * 2e-6, rel=0.1)
+    assert "bus-off" not in run.states("gearbox")
+    assert run.counts["engine", "restart"] == 1
+    assert run.counts["engine", "drop"] > 0
+    for node in ("engine", "gearbox"):
+        assert run.of("tx", node, begin=END)
+        assert run.nodes[node]["state"] == "error-active"
+
+
+def test_tx_stuck_dominant_with_timeout(play):
+    run = play("tx-stuck-dominant-timeout", "victim: dash")
+    assert run.states("gearbox")[:2] == ["error-warning", "error-passive"]
+    assert not run.of("tx", begin=BEGIN, end=0.102)
+    assert run.of("tx", begin=0.102, end=0.104)  # long before the pin is free
+    assert run.nothing_lost()
+    assert run.of("rx", "dash", begin=0.102, end=END)
+
+
+def test_tx_stuck_dominant_with_timeout_of_a_sender(play):
+    run = play("tx-stuck-dominant-timeout", "victim: gearbox")
+    assert not run.of("tx", "gearbox", begin=BEGIN, end=END)
+    assert run.of("rx", "gearbox", begin=0.102, end=END)
+    assert "bus-off" in run.states("gearbox")
+    assert run.counts["engine", "tx"] == ENGINE_FRAMES
+
+
+def test_missing_termination(play):
+    run = play("missing-termination", "far: dash, rate: 0.05")
+    assert run.counts[None, "fault"] == run.bus["error_frames"] > 5
+    assert {e["type"] for e in run.of("error", "dash")} <= {"stuff", "form"}
+    assert run.nothing_lost()
+    assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
+    assert not run.of("state")
+
+
+def test_deaf_ecu_that_listens(play):
+    run = play("deaf-ecu", "victim: dash")
+    assert not run.of("rx", "dash")
+    assert run.nothing_lost()
+    assert not run.of("error")
+
+
+def test_deaf_ecu_that_sends(play):
+    run = play("deaf-ecu", "victim: gearbox, begin: 100ms")
+    sent = run.of("error", "gearbox")[0]
+    assert (sent["type"], sent["field"]) == ("bit", "sof")
+    assert run.first("gearbox", "error-passive") - sent["t"] <= 16 * 2e-6
+    assert run.first("gearbox", "bus-off") - sent["t"] <= 0.001
+    assert not run.of("rx", "gearbox", begin=BEGIN)
+    assert run.counts["engine", "tx"] == ENGINE_FRAMES
+    assert any(e["type"] == "stuff" for e in run.of("error", "engine"))
+
+
+def test_wrong_bit_rate(play):
+    run = play("wrong-bit-rate", "victim: dash")
+    assert not run.of("rx", "dash")
+    assert run.first("dash", "error-passive") < 0.001
+    assert run.nodes["dash"]["state"] == "error-passive"
+    assert run.nothing_lost()
+    assert "error-warning" in run.states("engine")
+    assert "bus-off" not in run.states("engine") + run.states("gearbox")
+
+
+def test_wrong_bit_rate_of_a_sender(play):
+    run = play("wrong-bit-rate", "victim: gearbox")
+    assert run.first("gearbox", "bus-off") < 0.010
+    assert not run.of("tx", "gearbox") and not run.of("rx", "gearbox")
+    assert run.counts["engine", "tx"] == ENGINE_FRAMES
+
+
+def test_bus_off_attack(play):
+    run = play("bus-off-attack", 'frame: "123"')
+    hits = [e["t"] for e in run.of("fault")]
+    assert len(hits) == 32
+    assert hits[15] <= run.first("engine", "error-passive") < hits[16]
+    assert hits[31] <= run.first("engine", "bus-off") < hits[31] + 20e-6
+    assert {(e["type"], e["field"]) for e in run.of("error")} == {("form", "crc-delimiter")}
+    assert run.states("gearbox") + run.states("dash") == []
+    assert max(e["rec"] for e in run.of("error", "dash")) in range(25, 33)
+
+
+def test_babbling_idiot(play):
+    run = play("babbling-idiot", "idiot: dash")
+    idiot = run.of("tx", "dash")
+    busy = len(idiot) * (130 + 3)  # 000#0000000000000000 has 130 bits with all its stuff bits
+    assert 0.97 < busy * 2e-6 / 0.05 < 1.05
+    assert len(run.of("tx", "engine", begin=BEGIN + 0.001, end=END)) == 0
+    assert {e["why"] for e in run.of("drop")} == {"queue-full"}
+    assert not run.of("error")
+    waited = run.of("tx", "engine", begin=END, end=END + 0.01)
+    assert len(waited) >= 16  # the queue
+
+
+def test_cable_cut(play):
+    run = play("cable-cut", "victim: engine")
+    assert run.states("engine") == [
+        "error-warning", "error-passive", "error-warning", "error-active"]
+    assert {e["type"] for e in run.of("error", "engine")} == {"ack"}
+    assert max(e["tec"] for e in run.of("error", "engine")) == 128
+    assert not run.of("tx", "engine", begin=BEGIN, end=END)
+    assert run.of("tx", "engine", begin=END, end=END + 0.002)
+    assert run.counts["gearbox", "tx"] == GEARBOX_FRAMES
+    assert run.states("gearbox") == []
+
+
+def test_crc_blind_spot(play):
+    run = play("crc-blind-spot", "victim: gearbox",
+               dash=", traffic: [ { send: 32A#35403783970DB6A1, offset: 600us } ]")
+    frames = {e["node"]: e["frame"] for e in run.of("rx") if e["frame"].startswith("32A")}
+    assert frames["engine"] == "32A#35403783970DB6A1"
+    assert frames["gearbox"] != frames["engine"]
+    assert not run.of("error")
+    assert run.bus["undetected_errors"] == run.nodes["gearbox"]["undetected_errors"] == 1
+
+
+def test_message_doubling(play):
+    run = play("message-doubling")
+    assert run.counts["engine", "tx"] == ENGINE_FRAMES
+    assert len([e for e in run.of("rx", "dash") if e["frame"].startswith("123")]) == (
+        ENGINE_FRAMES + 1)
+    assert [(e["node"], e["type"], e["field"], e["tec"]) for e in run.of("error")] == [
+        ("engine", "form", "eof", 8)]
+    assert run.counts["dash", "overload"] == run.counts["gearbox", "overload"] == 1
+
+
+def test_overload_happy(play):
+    run = play("overload-happy", "victim: dash")
+    frames = ENGINE_FRAMES + GEARBOX_FRAMES
+    assert run.nothing_lost()
+    assert run.bus["overload_frames"] == 2 * frames
+    assert all(run.counts[node, "overload"] == 2 * frames for node in run.nodes)
+    assert not run.of("error") and not run.of("state")
+    plain = play("overload-happy", "victim: dash, frames: 1")
+    longer = (run.bus["busy_bits"] - plain.bus["busy_bits"]) / frames
+    assert 14 <= longer <= 16
