@@ -1,0 +1,1030 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_control.c - the control socket: requests, live events, and clients that mean harm.
+ *
+ * Server and clients are in this process, on a real socket in a folder of its own. The engine is a
+ * fake: a real bus whose time goes on with each engine_update().
+ */
+#include "control.h"
+#include "control_requests.h"
+#include "control_server.h"
+#include "status.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#define PATIENCE_TURNS 200000 /* of the loop, until something that must come counts as missing */
+#define UPDATE_BITS 2000
+#define TEXT_MAX (1u << 16)
+
+/* ---- The fake engine ------------------------------------------------------------------------- */
+
+struct engine {
+    const cfg *config;
+    void *memory;
+    cw_bus *bus;
+    engine_observer *observer;
+    void *observer_user;
+    const char *reload_errors; /* NULL: a reload is good */
+    port *ports[CW_NODES_MAX];
+};
+
+static void take_events(engine *e)
+{
+    cw_event event;
+    while (cw_bus_poll(e->bus, &event))
+        if (e->observer)
+            e->observer(e->observer_user, &event);
+}
+
+void engine_update(engine *e)
+{
+    uint64_t target = cw_bus_now(e->bus) + (uint64_t)UPDATE_BITS * e->config->bit_ticks;
+    while (cw_bus_advance(e->bus, target) == CW_FULL)
+        take_events(e);
+    take_events(e);
+}
+
+cw_bus *engine_change(engine *e)
+{
+    engine_update(e);
+    return e->bus;
+}
+
+const cw_bus *engine_bus(const engine *e)
+{
+    return e->bus;
+}
+
+port *const *engine_ports(const engine *e)
+{
+    return e->ports;
+}
+
+void engine_observe(engine *e, engine_observer *observer, void *user)
+{
+    e->observer = observer;
+    e->observer_user = user;
+}
+
+bool engine_reload(engine *e, FILE *errors)
+{
+    if (e->reload_errors)
+        fputs(e->reload_errors, errors);
+    return !e->reload_errors;
+}
+
+/* ---- A bus with a control socket ------------------------------------------------------------- */
+
+typedef struct rig {
+    char folder[32];
+    char path[64];
+    struct ev_loop *loop;
+    live *live;
+    engine engine;
+    control *control;
+} rig;
+
+static const char config_text[] =
+    "bus: { name: test, bitrate: 500000 }\n"
+    "nodes: [ { name: a, warning-limit: 90 }, { name: b }, { name: c, restart-ms: 100 } ]\n"
+    "faults:\n"
+    "  - { name: configured, when: { frame: \"7FF\" }, do: { flip: \"crc[3]\" } }\n";
+
+static cfg *load(const rig *r)
+{
+    char file[96];
+    snprintf(file, sizeof file, "%s/bus.yaml", r->folder);
+    FILE *out = fopen(file, "we");
+    assert_non_null(out);
+    fprintf(out, "%scontrol: %s\n", config_text, r->path);
+    fclose(out);
+    cfg *config = cfg_load(file, stderr);
+    assert_non_null(config);
+    unlink(file);
+    return config;
+}
+
+static void make_bus(engine *e, const cfg *config)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    cfg_bus_config(&bus_config, nodes, config);
+    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
+    e->config = config;
+    e->memory = malloc(cw_bus_size(&bus_config));
+    e->bus = cw_bus_init(e->memory, &bus_config);
+    assert_non_null(e->bus);
+}
+
+static int set_up(void **state)
+{
+    rig *r = calloc(1, sizeof *r);
+    strcpy(r->folder, "/tmp/test_control.XXXXXX");
+    assert_non_null(mkdtemp(r->folder));
+    snprintf(r->path, sizeof r->path, "%s/bus.sock", r->folder);
+    r->loop = ev_loop_new(0);
+    r->live = live_new(load(r));
+    make_bus(&r->engine, live_config(r->live));
+    r->control = control_start(r->loop, r->live, &r->engine);
+    assert_non_null(r->control);
+    engine_observe(&r->engine, control_event, r->control);
+    *state = r;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    rig *r = *state;
+    control_stop(r->control);
+    live_free(r->live);
+    free(r->engine.memory);
+    ev_loop_destroy(r->loop);
+    assert_int_equal(access(r->path, F_OK), -1); /* the socket went with the server */
+    assert_int_equal(rmdir(r->folder), 0);
+    free(r);
+    return 0;
+}
+
+static void turn(const rig *r)
+{
+    ev_run(r->loop, EVRUN_NOWAIT);
+}
+
+static void turns(const rig *r, unsigned count)
+{
+    for (unsigned i = 0; i < count; i++)
+        turn(r);
+}
+
+/* ---- Clients --------------------------------------------------------------------------------- */
+
+/* -1 when the server's queue is full. */
+static int try_to_connect(const rig *r)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    strcpy(address.sun_path, r->path);
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    assert_true(fd >= 0);
+    if (connect(fd, (struct sockaddr *)&address, sizeof address) == 0)
+        return fd;
+    close(fd);
+    return -1;
+}
+
+static int connect_client(const rig *r)
+{
+    int fd = try_to_connect(r);
+    assert_true(fd >= 0);
+    return fd;
+}
+
+/* Sends all of it while the server works; false when it hangs up. */
+static bool send_bytes(const rig *r, int fd, const char *bytes, size_t length)
+{
+    size_t sent = 0;
+    for (unsigned i = 0; sent < length && i < PATIENCE_TURNS; i++) {
+        ssize_t count = send(fd, bytes + sent, length - sent, MSG_NOSIGNAL);
+        if (count < 0 && errno != EAGAIN)
+            return false;
+        sent += count > 0 ? (size_t)count : 0;
+        turn(r);
+    }
+    assert_int_equal(sent, length);
+    return true;
+}
+
+static void send_text(const rig *r, int fd, const char *text)
+{
+    assert_true(send_bytes(r, fd, text, strlen(text)));
+}
+
+/* The next line, without its end; NULL when the server has hung up. Byte by byte: nothing that
+ * comes after the line is taken. */
+static const char *next_line(const rig *r, int fd)
+{
+    static char line[1u << 20];
+    size_t length = 0;
+    for (unsigned i = 0; i < PATIENCE_TURNS;) {
+        ssize_t count = recv(fd, line + length, 1, 0);
+        if (count == 0 || (count < 0 && errno != EAGAIN))
+            return NULL;
+        if (count < 0) {
+            turn(r);
+            i++;
+        } else if (line[length++] == '\n') {
+            line[length - 1] = '\0';
+            return line;
+        }
+        assert_true(length < sizeof line);
+    }
+    fail_msg("no line came");
+    return NULL;
+}
+
+static json_t *next_json(const rig *r, int fd)
+{
+    const char *line = next_line(r, fd);
+    assert_non_null(line);
+    json_t *value = json_loads(line, JSON_REJECT_DUPLICATES, NULL);
+    if (!value)
+        fail_msg("no JSON: %s", line);
+    return value;
+}
+
+static json_t *ask(const rig *r, int fd, const char *request)
+{
+    send_text(r, fd, request);
+    send_text(r, fd, "\n");
+    return next_json(r, fd);
+}
+
+static const char *text(const json_t *object, const char *key)
+{
+    return json_string_value(json_object_get(object, key));
+}
+
+static json_int_t number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+    if (!json_is_integer(value))
+        fail_msg("no number: %s", key);
+    return json_integer_value(value);
+}
+
+static bool is_on(const json_t *object, const char *key)
+{
+    return json_is_true(json_object_get(object, key));
+}
+
+/* Asks what must be granted. */
+static json_t *grant(const rig *r, int fd, const char *request)
+{
+    json_t *reply = ask(r, fd, request);
+    if (!is_on(reply, "ok"))
+        fail_msg("%s: %s", request, text(reply, "error"));
+    return reply;
+}
+
+static void tell(const rig *r, int fd, const char *request)
+{
+    json_decref(grant(r, fd, request));
+}
+
+/* Asks what must be refused, with these words in the error. */
+static void expect_refusal(const rig *r, int fd, const char *request, const char *words)
+{
+    json_t *reply = ask(r, fd, request);
+    const char *error = text(reply, "error");
+    if (!json_is_false(json_object_get(reply, "ok")) || !error || !strstr(error, words))
+        fail_msg("%.100s: expected \"%s\", got \"%s\"", request, words, error ? error : "no error");
+    json_decref(reply);
+}
+
+/* The server must still serve others. */
+static void expect_service(const rig *r)
+{
+    int fd = connect_client(r);
+    tell(r, fd, "{\"request\":\"faults\"}");
+    close(fd);
+    turns(r, 4);
+}
+
+/* ---- Requests -------------------------------------------------------------------------------- */
+
+static void put_bus_off(engine *e, unsigned node)
+{
+    const cw_rule rule = {.name = "off",
+                          .trigger = CW_TRIGGER_TIME,
+                          .time_end = CW_NEVER,
+                          .probability = UINT64_MAX,
+                          .action = CW_ACTION_BUS_OFF,
+                          .nodes = UINT64_C(1) << node};
+    unsigned index = 0;
+    assert_int_equal(cw_bus_add_rule(e->bus, &index, &rule), CW_OK);
+    engine_update(e);
+    assert_int_equal(cw_bus_clear_rule(e->bus, index), CW_OK);
+}
+
+static void id_goes_back(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    json_t *reply = grant(r, fd, "{\"id\":42,\"request\":\"faults\"}");
+    assert_int_equal(number(reply, "id"), 42);
+    json_decref(reply);
+    reply = ask(r, fd, "{\"id\":\"x\",\"request\":\"nothing\"}");
+    assert_string_equal(text(reply, "id"), "x");
+    assert_false(is_on(reply, "ok"));
+    json_decref(reply);
+    reply = grant(r, fd, "{\"request\":\"faults\"}");
+    assert_null(json_object_get(reply, "id"));
+    json_decref(reply);
+    close(fd);
+}
+
+static void status_tells_of_bus_and_nodes(void **state)
+{
+    rig *r = *state;
+    const cw_frame frame = {.id = 0x123, .dlc = 2};
+    int fd = connect_client(r);
+    cw_node_send(r->engine.bus, 0, &frame, 0);
+    json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
+    const json_t *status = json_object_get(reply, "status");
+    const json_t *bus = json_object_get(status, "bus");
+    const json_t *nodes = json_object_get(status, "nodes");
+    assert_string_equal(text(bus, "name"), "test");
+    assert_int_equal(number(bus, "bitrate"), 500000);
+    assert_int_equal(number(bus, "frames"), 1);
+    assert_int_equal(json_array_size(nodes), 3);
+    const json_t *a = json_array_get(nodes, 0);
+    assert_string_equal(text(a, "name"), "a");
+    assert_string_equal(text(a, "state"), "error-active");
+    assert_int_equal(number(a, "tx_frames"), 1);
+    assert_int_equal(number(json_object_get(a, "settings"), "warning-limit"), 90);
+    assert_true(json_is_null(json_object_get(a, "interface")));
+    const json_t *c = json_array_get(nodes, 2);
+    assert_int_equal(number(c, "rx_frames"), 1);
+    assert_int_equal(number(json_object_get(c, "settings"), "restart-ms"), 100);
+    json_decref(reply);
+    close(fd);
+}
+
+/* What `canwire status` prints, in the layout of iproute2. */
+static void status_prints_as_ip_does(void **state)
+{
+    rig *r = *state;
+    char printed[TEXT_MAX] = "";
+    int fd = connect_client(r);
+    tell(r, fd, "{\"request\":\"set\",\"node\":\"b\","
+                "\"settings\":{\"listen-only\":true,\"one-shot\":true}}");
+    json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
+    FILE *out = fmemopen(printed, sizeof printed, "w");
+    status_print(out, json_object_get(reply, "status"));
+    fclose(out);
+    json_decref(reply);
+    close(fd);
+    assert_non_null(strstr(printed, "test: bitrate 500000 up 0."));
+    assert_non_null(strstr(printed, "\n3: c: qlen 16 order priority\n"
+                                    "    can state ERROR-ACTIVE (berr-counter tx 0 rx 0) "
+                                    "restart-ms 100\n"
+                                    "\t  bitrate 500000 "));
+    assert_non_null(strstr(printed, "    can <LISTEN-ONLY,ONE-SHOT> state ERROR-ACTIVE ("));
+    assert_non_null(strstr(printed, "\n\t  re-started bus-errors arbit-lost error-warn error-pass "
+                                    "bus-off\n"
+                                    "\t  0          0          0          0          0          "
+                                    "0\n"));
+    assert_non_null(strstr(printed, "\n    RX:  bytes packets errors dropped  missed   mcast\n"
+                                    "             0       0      0       0       0       0\n"
+                                    "    TX:  bytes packets errors dropped carrier collsns\n"));
+}
+
+/* What is not there must not end the tool. */
+static void status_prints_what_is_no_status(void **state)
+{
+    (void)state;
+    char printed[TEXT_MAX] = "";
+    json_t *odd = json_loads("{\"bus\":7,\"nodes\":[{},3,null]}", 0, NULL);
+    FILE *out = fmemopen(printed, sizeof printed, "w");
+    status_print(out, odd);
+    status_print(out, NULL);
+    status_print_faults(out, odd);
+    fclose(out);
+    json_decref(odd);
+}
+
+static const char manual_rule[] =
+    "{\"request\":\"inject\",\"text\":\"- {name: by-hand, when: {manual: yes}, "
+    "do: {counters: b, tec: 100}}\\n"
+    "- {name: then, when: {after: {rule: by-hand, delay: 1bit}}, do: {bus-off: a}}\"}";
+
+static void rules_are_injected_fired_and_cleared(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    json_t *reply = grant(r, fd, manual_rule);
+    assert_int_equal(json_array_size(json_object_get(reply, "rules")), 2);
+    json_decref(reply);
+    tell(r, fd, "{\"request\":\"fire\",\"rule\":\"by-hand\"}");
+    reply = grant(r, fd, "{\"request\":\"faults\"}");
+    const json_t *faults = json_object_get(reply, "faults");
+    assert_int_equal(json_array_size(faults), 3);
+    assert_false(is_on(json_array_get(faults, 0), "injected"));
+    const json_t *by_hand = json_array_get(faults, 1);
+    assert_string_equal(text(by_hand, "name"), "by-hand");
+    assert_string_equal(text(by_hand, "action"), "counters");
+    assert_int_equal(number(by_hand, "hits"), 1);
+    assert_true(is_on(by_hand, "manual") && is_on(by_hand, "injected"));
+    assert_int_equal(number(json_array_get(faults, 2), "hits"), 1);
+    json_decref(reply);
+    cw_node_stats stats;
+    cw_node_get_stats(r->engine.bus, 0, &stats);
+    assert_int_equal(stats.state, CW_STATE_BUS_OFF);
+    expect_refusal(r, fd, "{\"request\":\"fire\",\"rule\":\"configured\"}", "not manual");
+    expect_refusal(r, fd, manual_rule, "by-hand"); /* the name is taken */
+    tell(r, fd, "{\"request\":\"clear\",\"rule\":\"by-hand\"}");
+    expect_refusal(r, fd, "{\"request\":\"clear\",\"rule\":\"by-hand\"}", "no rule 'by-hand'");
+    tell(r, fd, "{\"request\":\"clear\",\"injected\":true}");
+    reply = grant(r, fd, "{\"request\":\"clear\"}");
+    assert_int_equal(json_array_size(json_object_get(reply, "rules")), 1);
+    json_decref(reply);
+    tell(r, fd, manual_rule); /* name and place are free again */
+    close(fd);
+}
+
+static void bad_rules_are_refused_with_their_place(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    json_t *reply = ask(r, fd,
+                        "{\"request\":\"inject\",\"name\":\"x:y.yaml\",\"text\":"
+                        "\"- {name: good, when: {frame: \\\"123\\\"}, do: {flip: sof}}\\n"
+                        "- {name: bad, do: {bus-off: nobody}}\\n\"}");
+    assert_false(is_on(reply, "ok"));
+    assert_int_equal(number(reply, "line"), 2);
+    assert_true(number(reply, "column") > 10);
+    const char *first = json_string_value(json_array_get(json_object_get(reply, "errors"), 0));
+    assert_string_equal(first, text(reply, "error"));
+    assert_memory_equal(first, "x:y.yaml:2:", strlen("x:y.yaml:2:"));
+    json_decref(reply);
+    assert_int_equal(live_config(r->live)->rule_count, 1); /* not the good one either */
+    close(fd);
+}
+
+static void a_full_bus_takes_no_rules(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    for (unsigned i = 0; i + 2 < CW_RULES_MAX; i++) {
+        char request[200];
+        snprintf(request, sizeof request,
+                 "{\"request\":\"inject\",\"text\":\"- {name: r%u, when: {frame: \\\"123\\\"}, "
+                 "do: {flip: sof}}\"}",
+                 i);
+        tell(r, fd, request);
+    }
+    expect_refusal(r, fd, manual_rule, "no more room"); /* there is for one of two */
+    assert_int_equal(live_config(r->live)->rule_count, CW_RULES_MAX - 1);
+    tell(r, fd, "{\"request\":\"clear\",\"rule\":\"r7\"}");
+    tell(r, fd, manual_rule);
+    assert_int_equal(live_config(r->live)->rule_count, CW_RULES_MAX);
+    json_decref(grant(r, fd, "{\"request\":\"faults\"}")); /* the longest reply */
+    close(fd);
+}
+
+static void nodes_are_restarted(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    expect_refusal(r, fd, "{\"request\":\"restart\",\"node\":\"a\"}", "not bus-off but error-active");
+    put_bus_off(&r->engine, 0);
+    put_bus_off(&r->engine, 2);
+    tell(r, fd, "{\"request\":\"restart\",\"node\":\"a\"}");
+    expect_refusal(r, fd, "{\"request\":\"restart\",\"node\":\"c\"}", "by itself");
+    expect_refusal(r, fd, "{\"request\":\"restart\",\"node\":\"d\"}", "no node 'd'");
+    close(fd);
+}
+
+static void settings_are_changed(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    json_t *reply = grant(r, fd,
+                          "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":true,"
+                          "\"berr-reporting\":\"on\",\"restart-ms\":\"250\",\"queue\":3,"
+                          "\"order\":\"fifo\",\"warning-limit\":255}}");
+    const json_t *now = json_object_get(reply, "settings");
+    assert_true(is_on(now, "one-shot") && is_on(now, "berr-reporting"));
+    assert_false(is_on(now, "loopback"));
+    assert_int_equal(number(now, "restart-ms"), 250);
+    assert_int_equal(number(now, "queue"), 3);
+    assert_string_equal(text(now, "order"), "fifo");
+    assert_int_equal(number(now, "warning-limit"), 255);
+    json_decref(reply);
+    reply = grant(r, fd, "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":\"off\"}}");
+    now = json_object_get(reply, "settings");
+    assert_false(is_on(now, "one-shot"));
+    assert_true(is_on(now, "berr-reporting"));
+    json_decref(reply);
+    close(fd);
+}
+
+static void reload_tells_errors(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    tell(r, fd, "{\"request\":\"reload\"}");
+    r->engine.reload_errors = "bus.yaml:7:3: first\nbus.yaml:9:1: second\n";
+    json_t *reply = ask(r, fd, "{\"request\":\"reload\"}");
+    assert_int_equal(number(reply, "line"), 7);
+    assert_int_equal(number(reply, "column"), 3);
+    assert_int_equal(json_array_size(json_object_get(reply, "errors")), 2);
+    json_decref(reply);
+    close(fd);
+}
+
+/* ---- What is not understood ------------------------------------------------------------------ */
+
+typedef struct refusal {
+    const char *request;
+    const char *words; /* of the error */
+    bool placed;       /* the error has a position */
+} refusal;
+
+static const refusal refusals[] = {
+    {"{", "'}' expected", true},
+    {"x", "'[' or '{' expected", true},
+    {"{\"request\":\"status\"} x", "end of file expected", true},
+    {"[]", "object", false},
+    {"3", "expected", true},
+    {"{}", "request: expected a text", false},
+    {"{\"request\":7}", "request: expected a text", false},
+    {"{\"request\":\"sttus\"}", "did you mean 'status'", false},
+    {"{\"request\":\"\"}", "no request ''", false},
+    {"{\"request\":\"status\",\"id\":null}", "id: expected", false},
+    {"{\"request\":\"status\",\"id\":[1]}", "id: expected", false},
+    {"{\"request\":\"status\",\"node\":\"a\"}", "no key 'node'", false},
+    {"{\"request\":\"status\",\"request\":\"clear\"}", "duplicate", true},
+    {"{\"request\":\"restart\"}", "key 'node' is missing", false},
+    {"{\"request\":\"restart\",\"node\":1}", "node: expected a text", false},
+    {"{\"request\":\"restart\",\"node\":\"\xff\"}", "unable to decode byte", true},
+    {"{\"request\":\"restart\",\"node\":\"a\\u0000b\"}", "\\u0000", false},
+    {"{\"request\":\"clear\",\"injected\":1}", "true or false", false},
+    {"{\"request\":\"clear\",\"injected\":true,\"rule\":\"x\"}", "either", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":[]}", "settings: expected an object", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{}}", "no settings", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":0}}", "from 1 to 4096", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":-1}}", "from 1 to 4096", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":1.5}}", "from 1 to 4096", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"order\":\"lifo\"}}", "priority or fifo", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"loopback\":1}}", "on or off", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"restart\":1}}", "restart-ms", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"q\":1}}", "there are loopback", false},
+    {"{\"request\":\"watch\",\"events\":[\"txx\"]}", "kind of event 'txx'", false},
+    {"{\"request\":\"watch\",\"events\":[\"tolerated\"]}", "kind of event", false},
+    {"{\"request\":\"watch\",\"events\":[7]}", "kind of event", false},
+    {"{\"request\":\"inject\",\"text\":\"\"}", "", false},
+    {"[[[[[[[[[[]]]]]]]]]]", "nested too deep", true},
+    {"{\"a\":99999999999999999999}", "too big integer", true},
+};
+
+static void what_is_not_understood_is_refused(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    for (size_t i = 0; i < sizeof refusals / sizeof refusals[0]; i++) {
+        const refusal *row = &refusals[i];
+        expect_refusal(r, fd, row->request, row->words);
+        json_t *reply = ask(r, fd, row->request);
+        if (row->placed && (number(reply, "line") != 1 || number(reply, "column") < 1))
+            fail_msg("%s: no place", row->request);
+        json_decref(reply);
+    }
+    tell(r, fd, "{\"request\":\"status\"}"); /* the connection is good for more */
+    close(fd);
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static void send_frame(rig *r)
+{
+    const cw_frame frame = {.id = 0x123, .dlc = 1, .data = {0xAB}};
+    assert_int_equal(cw_node_send(r->engine.bus, 0, &frame, 0), CW_OK);
+    engine_update(&r->engine);
+}
+
+static void watchers_see_what_they_asked_for(void **state)
+{
+    rig *r = *state;
+    int all = connect_client(r), some = connect_client(r), none = connect_client(r);
+    tell(r, all, "{\"request\":\"watch\"}");
+    json_t *reply = grant(r, some, "{\"request\":\"watch\",\"events\":[\"tx\"]}");
+    assert_int_equal(json_array_size(json_object_get(reply, "events")), 1);
+    json_decref(reply);
+    tell(r, none, "{\"request\":\"watch\"}");
+    tell(r, none, "{\"request\":\"watch\",\"events\":[]}"); /* the last one counts */
+    send_frame(r);
+    assert_non_null(strstr(next_line(r, some), "\"node\":\"a\",\"event\":\"tx\",\"frame\":\"123#AB\""));
+    assert_non_null(strstr(next_line(r, all), "\"node\":\"b\",\"event\":\"rx\",\"frame\":\"123#AB\""));
+    assert_non_null(strstr(next_line(r, all), "\"node\":\"c\",\"event\":\"rx\""));
+    assert_non_null(strstr(next_line(r, all), "\"event\":\"tx\""));
+    tell(r, none, "{\"request\":\"faults\"}"); /* no event came before */
+    tell(r, some, "{\"request\":\"faults\"}"); /* replies come in between */
+    close(all);
+    close(some);
+    close(none);
+}
+
+static void injected_rules_have_their_names_in_events(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    tell(r, fd, "{\"request\":\"watch\",\"events\":[\"fault\"]}");
+    tell(r, fd, "{\"request\":\"inject\",\"text\":\"- {name: mine, when: {frame: \\\"123\\\", "
+                "count: 1}, do: {flip: \\\"crc[3]\\\"}}\"}");
+    send_frame(r);
+    assert_non_null(strstr(next_line(r, fd), "\"event\":\"fault\",\"rule\":\"mine\",\"hit\":1}"));
+    close(fd);
+}
+
+/* Events come all or are counted, and in the end their sum is right. */
+static void slow_watchers_lose_events_and_are_told(void **state)
+{
+    rig *r = *state;
+    int fd = connect_client(r);
+    uint64_t sent = 0, got = 0, lost = 0;
+    tell(r, fd, "{\"request\":\"watch\",\"events\":[\"tx\"]}");
+    for (; sent < 20000; sent++) {
+        send_frame(r);
+        if (sent % 64 == 0)
+            turn(r);
+    }
+    while (got + lost < sent) {
+        json_t *line = next_json(r, fd);
+        if (json_object_get(line, "lost"))
+            lost += (uint64_t)number(line, "lost");
+        else
+            got++;
+        json_decref(line);
+    }
+    assert_int_equal(got + lost, sent);
+    assert_true(lost > 0 && got > 1000);
+    send_frame(r);
+    assert_non_null(strstr(next_line(r, fd), "\"tx\""));
+    close(fd);
+}
+
+/* ---- Clients that mean harm ------------------------------------------------------------------ */
+
+static void requests_may_come_in_pieces_and_in_heaps(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    const char *request = "{\"request\":\"faults\"}\r\n";
+    for (const char *c = request; *c; c++)
+        assert_true(send_bytes(r, fd, c, 1));
+    json_decref(next_json(r, fd));
+    send_text(r, fd, "\n\n  \n{\"id\":1,\"request\":\"faults\"}\n{\"id\":2,\"request\":\"faults\"}\n\n");
+    for (int id = 1; id <= 2; id++) {
+        json_t *reply = next_json(r, fd);
+        assert_int_equal(number(reply, "id"), id);
+        json_decref(reply);
+    }
+    close(fd);
+}
+
+static void replies_come_before_the_end(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    for (int i = 0; i < 100; i++)
+        send_text(r, fd, "{\"request\":\"status\"}\n");
+    send_text(r, fd, "{\"request\":\"cle"); /* half a request is none */
+    shutdown(fd, SHUT_WR);
+    for (int i = 0; i < 100; i++)
+        json_decref(next_json(r, fd));
+    assert_null(next_line(r, fd));
+    close(fd);
+}
+
+static void half_lines_hold_up_nobody(void **state)
+{
+    const rig *r = *state;
+    int fds[SERVER_CLIENTS_MAX - 1];
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX - 1; i++) {
+        fds[i] = connect_client(r);
+        send_text(r, fds[i], "{\"request\":");
+    }
+    expect_service(r);
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX - 1; i++) {
+        send_text(r, fds[i], "\"faults\"}\n");
+        json_decref(next_json(r, fds[i]));
+        close(fds[i]);
+    }
+}
+
+static void long_lines_end_the_connection(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    size_t length = SERVER_LINE_MAX + SERVER_LINE_MAX / 2;
+    char *line = malloc(length);
+    memset(line, 'x', length);
+    (void)send_bytes(r, fd, line, length); /* it may hang up on the way */
+    assert_non_null(strstr(next_line(r, fd), "too long"));
+    assert_null(next_line(r, fd));
+    close(fd);
+    expect_service(r);
+    free(line);
+}
+
+/* Returns a request of this length; `filler` stands between head and tail. */
+static char *make_request(const char *head, char filler, const char *tail, size_t length)
+{
+    char *line = malloc(length + 1);
+    memset(line, filler, length);
+    memcpy(line, head, strlen(head));
+    strcpy(line + length - strlen(tail), tail);
+    return line;
+}
+
+static void only_inject_may_be_long(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    char *line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX + 1);
+    expect_refusal(r, fd, line, "longer than 65536 bytes");
+    free(line);
+    line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX);
+    tell(r, fd, line);
+    free(line);
+    line = make_request("{\"request\":\"inject\",\"text\":\"[{name: long, when: {frame: \\\"123\\\"}, "
+                        "do: {flip: sof}}]", ' ', "\"}", SERVER_LINE_MAX);
+    tell(r, fd, line);
+    free(line);
+    close(fd);
+}
+
+static void deep_and_wide_requests_are_refused(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    static const char fillers[] = "[{\",:";
+    for (const char *filler = fillers; *filler; filler++) {
+        char *line = make_request("{\"a\":", *filler, "}", SERVER_LINE_MAX);
+        expect_refusal(r, fd, line, "");
+        free(line);
+    }
+    char *line = make_request("{\"request\":\"status\",\"a\":[0", ',', "]}", REQUEST_BYTES_MAX);
+    expect_refusal(r, fd, line, "too many values");
+    free(line);
+    close(fd);
+}
+
+static void noise_is_refused(void **state)
+{
+    const rig *r = *state;
+    static char noise[REQUEST_BYTES_MAX];
+    uint32_t random = 1;
+    int fd = connect_client(r);
+    for (size_t i = 0; i < sizeof noise; i++) {
+        random = random * 1664525u + 1013904223u;
+        noise[i] = (char)(random >> 24);
+    }
+    noise[sizeof noise - 1] = '\n';
+    unsigned lines = 0;
+    for (size_t begin = 0, i = 0; i < sizeof noise; i++) {
+        if (noise[i] != '\n')
+            continue;
+        lines += strspn(noise + begin, " \t\r") < i - begin;
+        begin = i + 1;
+    }
+    assert_true(send_bytes(r, fd, noise, sizeof noise));
+    for (; lines > 0; lines--) {
+        json_t *reply = next_json(r, fd);
+        assert_false(is_on(reply, "ok"));
+        json_decref(reply);
+    }
+    tell(r, fd, "{\"request\":\"status\"}");
+    close(fd);
+}
+
+static void readers_who_do_not_read_are_disconnected(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    bool alive = true;
+    for (unsigned i = 0; alive && i < 20000; i++)
+        alive = send_bytes(r, fd, "{\"request\":\"status\"}\n", 21);
+    assert_false(alive);
+    close(fd);
+    expect_service(r);
+}
+
+static void one_too_many_is_told(void **state)
+{
+    const rig *r = *state;
+    int fds[SERVER_CLIENTS_MAX];
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        fds[i] = connect_client(r);
+        turn(r);
+    }
+    int fd = connect_client(r);
+    assert_non_null(strstr(next_line(r, fd), "too many connections"));
+    assert_null(next_line(r, fd));
+    close(fd);
+    close(fds[17]);
+    turns(r, 4);
+    expect_service(r); /* a place is free again */
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        if (i != 17)
+            close(fds[i]);
+}
+
+static void thousand_connections_do_no_harm(void **state)
+{
+    const rig *r = *state;
+    static int fds[1000];
+    struct rlimit limit = {.rlim_cur = 2048, .rlim_max = 4096};
+    getrlimit(RLIMIT_NOFILE, &limit);
+    limit.rlim_cur = limit.rlim_max < 4096 ? limit.rlim_max : 4096;
+    setrlimit(RLIMIT_NOFILE, &limit);
+    for (unsigned i = 0; i < 1000; i++) {
+        fds[i] = try_to_connect(r);
+        if (fds[i] >= 0)
+            (void)send(fds[i], "{\"request\":\"status\"}\n{", 22, MSG_NOSIGNAL);
+        if (i % 8 == 0)
+            turn(r);
+    }
+    turns(r, 100);
+    for (unsigned i = 0; i < 1000; i++)
+        if (fds[i] >= 0)
+            close(fds[i]);
+    turns(r, 100);
+    expect_service(r);
+}
+
+static int64_t now_us(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * INT64_C(1000000) + t.tv_nsec / 1000;
+}
+
+/* The bus must have its turn between any two requests of a client. */
+static void a_heap_of_requests_leaves_time_for_the_bus(void **state)
+{
+    const rig *r = *state;
+    int fds[16];
+    unsigned served = 0, wakeups = 0;
+    static char heap[2000 * 4 + 1];
+    for (unsigned i = 0; i < 2000; i++)
+        memcpy(heap + (size_t)4 * i, "[3]\n", 4);
+    for (unsigned i = 0; i < 16; i++) {
+        fds[i] = connect_client(r);
+        assert_int_equal(send(fds[i], heap, sizeof heap - 1, MSG_NOSIGNAL), sizeof heap - 1);
+    }
+    int64_t longest_us = 0;
+    while (served < 16 * 2000 && wakeups < PATIENCE_TURNS) {
+        char replies[65536];
+        int64_t start = now_us();
+        turn(r);
+        int64_t took = now_us() - start;
+        longest_us = took > longest_us ? took : longest_us;
+        wakeups++;
+        for (unsigned i = 0; i < 16; i++) {
+            ssize_t count = recv(fds[i], replies, sizeof replies, 0);
+            for (ssize_t k = 0; k < count; k++)
+                served += replies[k] == '\n';
+        }
+    }
+    assert_int_equal(served, 16 * 2000);
+    assert_true(wakeups >= 2000); /* one request of a client each */
+    print_message("longest turn %lld us\n", (long long)longest_us);
+    for (unsigned i = 0; i < 16; i++)
+        close(fds[i]);
+}
+
+/* ---- The socket itself ----------------------------------------------------------------------- */
+
+static void nobody_called(void *user, server_client *client, char *line, size_t length)
+{
+    (void)user;
+    (void)client;
+    (void)line;
+    (void)length;
+}
+
+static void nothing_drained(void *user, server_client *client)
+{
+    (void)user;
+    (void)client;
+}
+
+static void nothing_closed(void *user, unsigned client)
+{
+    (void)user;
+    (void)client;
+}
+
+static const server_calls no_calls = {nobody_called, nothing_drained, nothing_closed, "", ""};
+
+static void the_socket_is_for_the_group(void **state)
+{
+    const rig *r = *state;
+    struct stat found;
+    assert_int_equal(stat(r->path, &found), 0);
+    assert_true(S_ISSOCK(found.st_mode));
+    assert_int_equal(found.st_mode & 07777, 0660);
+}
+
+static void a_live_socket_is_not_taken(void **state)
+{
+    const rig *r = *state;
+    assert_null(server_start(r->loop, r->path, &no_calls, NULL));
+    expect_service(r);
+}
+
+static void a_stale_socket_is_replaced(void **state)
+{
+    const rig *r = *state;
+    char path[96];
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    snprintf(path, sizeof path, "%s/stale", r->folder);
+    strcpy(address.sun_path, path);
+    int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+    assert_int_equal(bind(fd, (struct sockaddr *)&address, sizeof address), 0);
+    close(fd); /* as when a daemon was killed */
+    server *s = server_start(r->loop, path, &no_calls, NULL);
+    assert_non_null(s);
+    server_stop(s);
+    assert_int_equal(access(path, F_OK), -1);
+}
+
+static void other_files_are_left_alone(void **state)
+{
+    const rig *r = *state;
+    char path[96];
+    snprintf(path, sizeof path, "%s/file", r->folder);
+    close(open(path, O_CREAT | O_WRONLY, 0600));
+    assert_null(server_start(r->loop, path, &no_calls, NULL));
+    assert_int_equal(unlink(path), 0);
+    snprintf(path, sizeof path, "%s/no/folder", r->folder);
+    assert_null(server_start(r->loop, path, &no_calls, NULL));
+    memset(path, 'x', sizeof path - 1);
+    assert_null(server_start(r->loop, "/tmp/a-path-that-is-longer-than-the-hundred-and-seven-bytes-"
+                                      "that-the-kernel-takes-for-the-path-of-a-socket-of-a-bus",
+                             &no_calls, NULL));
+}
+
+/* A socket that somebody else made at the same path stays. */
+static void only_the_own_socket_is_removed(void **state)
+{
+    const rig *r = *state;
+    char path[96];
+    snprintf(path, sizeof path, "%s/mine", r->folder);
+    server *first = server_start(r->loop, path, &no_calls, NULL);
+    assert_non_null(first);
+    assert_int_equal(unlink(path), 0);
+    server *second = server_start(r->loop, path, &no_calls, NULL);
+    assert_non_null(second);
+    server_stop(first);
+    assert_int_equal(access(path, F_OK), 0);
+    server_stop(second);
+    assert_int_equal(access(path, F_OK), -1);
+}
+
+#define CASE(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        CASE(id_goes_back),
+        CASE(status_tells_of_bus_and_nodes),
+        CASE(status_prints_as_ip_does),
+        CASE(status_prints_what_is_no_status),
+        CASE(rules_are_injected_fired_and_cleared),
+        CASE(bad_rules_are_refused_with_their_place),
+        CASE(a_full_bus_takes_no_rules),
+        CASE(nodes_are_restarted),
+        CASE(settings_are_changed),
+        CASE(reload_tells_errors),
+        CASE(what_is_not_understood_is_refused),
+        CASE(watchers_see_what_they_asked_for),
+        CASE(injected_rules_have_their_names_in_events),
+        CASE(slow_watchers_lose_events_and_are_told),
+        CASE(requests_may_come_in_pieces_and_in_heaps),
+        CASE(replies_come_before_the_end),
+        CASE(half_lines_hold_up_nobody),
+        CASE(long_lines_end_the_connection),
+        CASE(only_inject_may_be_long),
+        CASE(deep_and_wide_requests_are_refused),
+        CASE(noise_is_refused),
+        CASE(readers_who_do_not_read_are_disconnected),
+        CASE(one_too_many_is_told),
+        CASE(thousand_connections_do_no_harm),
+        CASE(a_heap_of_requests_leaves_time_for_the_bus),
+        CASE(the_socket_is_for_the_group),
+        CASE(a_live_socket_is_not_taken),
+        CASE(a_stale_socket_is_replaced),
+        CASE(other_files_are_left_alone),
+        CASE(only_the_own_socket_is_removed),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
