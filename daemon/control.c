@@ -8,6 +8,7 @@
 #include "control_server.h"
 #include "log.h"
 #include "output.h"
+#include "reload.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -149,6 +150,12 @@ static const server_calls calls = {
     .too_many = "{\"ok\":false,\"error\":\"too many connections\"}\n",
     .too_long = "{\"ok\":false,\"error\":\"the line is too long\"}\n",
 };
+
+void control_remap(control *c, const uint8_t from[CW_NODES_MAX])
+{
+    reload_remap(c->errors.rx, sizeof c->errors.rx[0], from);
+    reload_remap(c->errors.tx, sizeof c->errors.tx[0], from);
+}
 
 control *control_start(struct ev_loop *loop, live *config, engine *bus)
 {

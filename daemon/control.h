@@ -20,6 +20,9 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus);
 /* Disconnects everybody and removes the socket. NULL is fine. */
 void control_stop(control *c);
 
+/* The configuration has changed: nodes have other places. */
+void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
+
 /* To be called for each event of the bus; an engine_observer. */
 void control_event(void *self, const cw_event *event);
 

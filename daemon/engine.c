@@ -10,6 +10,7 @@
 
 #include "log.h"
 #include "release.h"
+#include "reload.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -18,10 +19,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#define INBOX_FRAMES 8192
-#define EVENT_RING 4096
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
-#define STOP_BITS 1000
+#define BOUNDARY_BITS 1000 /* to wait for the end of a frame */
 #define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
 #define NS_PER_S INT64_C(1000000000)
@@ -33,14 +32,15 @@ typedef struct port_watch {
 
 struct engine {
     struct ev_loop *loop;
-    const cfg *config;
+    live *live;
+    const cfg *config; /* what is in effect */
     publisher *publisher;
     engine_observer *observer;
     void *observer_user;
-    void *memory;
-    cw_bus *bus;
-    release_plan *plan;
-    port *ports[CW_NODES_MAX];
+    engine_changed *changed;
+    void *changed_user;
+    setup now;
+    reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
     ev_io timer;
     int timer_fd;
@@ -96,21 +96,28 @@ static uint64_t arrival_tick(const engine *e, const port_frame *frame, const clo
 
 /* ---- Bus and world --------------------------------------------------------------------------- */
 
+static bool reports_bus_errors(const engine *e, unsigned node)
+{
+    cw_settings settings;
+    return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK &&
+           (settings.modes & CW_MODE_BERR_REPORTING);
+}
+
 static void deliver(engine *e, unsigned node, const cw_event *event)
 {
     errframe error;
     if (event->kind == CW_EVENT_RX)
-        (void)port_write(e->ports[node], &event->frame); /* a failure is counted there */
-    else if (errframe_from_event(&error, event, e->config->nodes[node].berr_reporting))
-        (void)port_write_error(e->ports[node], &error, event->tick);
+        (void)port_write(e->now.ports[node], &event->frame); /* a failure is counted there */
+    else if (errframe_from_event(&error, event, reports_bus_errors(e, node)))
+        (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 
 static void handle_events(engine *e)
 {
     cw_event event;
-    while (cw_bus_poll(e->bus, &event)) {
+    while (cw_bus_poll(e->now.bus, &event)) {
         for (unsigned i = 0; i < e->config->node_count; i++)
-            if ((event.nodes >> i & 1u) && e->ports[i])
+            if ((event.nodes >> i & 1u) && e->now.ports[i])
                 deliver(e, i, &event);
         if (e->publisher)
             publisher_event(e->publisher, &event);
@@ -121,7 +128,7 @@ static void handle_events(engine *e)
 
 static void advance(engine *e, uint64_t tick)
 {
-    while (cw_bus_advance(e->bus, tick) == CW_FULL)
+    while (cw_bus_advance(e->now.bus, tick) == CW_FULL)
         handle_events(e);
     handle_events(e);
 }
@@ -129,17 +136,17 @@ static void advance(engine *e, uint64_t tick)
 /* The first frame of the inbox comes up at the latest in the bit that holds its tick. */
 static void make_room_in_inbox(engine *e)
 {
-    advance(e, cw_bus_inbox_first(e->bus) + e->config->bit_ticks);
+    advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
 }
 
 static void read_port(engine *e, unsigned node, const clock_pair *now)
 {
     bool more = true;
     for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
-        unsigned count = port_read(e->ports[node], e->batch, &more);
+        unsigned count = port_read(e->now.ports[node], e->batch, &more);
         for (unsigned i = 0; i < count; i++) {
             uint64_t tick = arrival_tick(e, &e->batch[i], now);
-            while (cw_node_send(e->bus, node, &e->batch[i].frame, tick) == CW_FULL)
+            while (cw_node_send(e->now.bus, node, &e->batch[i].frame, tick) == CW_FULL)
                 make_room_in_inbox(e);
         }
     }
@@ -148,14 +155,14 @@ static void read_port(engine *e, unsigned node, const clock_pair *now)
 static void read_ports(engine *e, const clock_pair *now)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
-        if (e->ports[i])
+        if (e->now.ports[i])
             read_port(e, i, now);
 }
 
 static void run_releases(engine *e, uint64_t now)
 {
-    while (release_next_tick(e->plan) <= now)
-        if (release_hand_in(e->plan, e->bus) == CW_FULL)
+    while (release_next_tick(e->now.plan) <= now)
+        if (release_hand_in(e->now.plan, e->now.bus) == CW_FULL)
             make_room_in_inbox(e);
 }
 
@@ -172,8 +179,8 @@ static int64_t pace(const engine *e, int64_t ns)
 /* When something happens next if no port has news; CW_NEVER: the bus rests, nothing is planned. */
 static uint64_t next_tick(const engine *e)
 {
-    uint64_t tick = cw_bus_next(e->bus);
-    uint64_t release = release_next_tick(e->plan);
+    uint64_t tick = cw_bus_next(e->now.bus);
+    uint64_t release = release_next_tick(e->now.plan);
     return release < tick ? release : tick;
 }
 
@@ -182,6 +189,8 @@ static void arm_timer(engine *e)
     uint64_t tick = next_tick(e);
     if (e->stopping && e->stop_tick < tick)
         tick = e->stop_tick;
+    if (e->next && e->next->deadline < tick)
+        tick = e->next->deadline;
     struct itimerspec at = {.it_value = {.tv_sec = 0}};
     if (tick != CW_NEVER) {
         int64_t ns = pace(e, monotonic_of(e, tick));
@@ -210,12 +219,118 @@ static void catch_up(engine *e, uint64_t now)
 /* Bit by bit up to now, so that the bus stops where the frame ends. */
 static void run_out(engine *e, uint64_t now)
 {
-    while (!cw_bus_idle(e->bus) && cw_bus_now(e->bus) < e->stop_tick &&
-           cw_bus_now(e->bus) + e->config->bit_ticks <= now)
-        advance(e, cw_bus_now(e->bus) + e->config->bit_ticks);
-    if (cw_bus_idle(e->bus) || cw_bus_now(e->bus) >= e->stop_tick)
+    while (!cw_bus_idle(e->now.bus) && cw_bus_now(e->now.bus) < e->stop_tick &&
+           cw_bus_now(e->now.bus) + e->config->bit_ticks <= now)
+        advance(e, cw_bus_now(e->now.bus) + e->config->bit_ticks);
+    if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick)
         ev_break(e->loop, EVBREAK_ALL);
 }
+
+/* ---- Reload ---------------------------------------------------------------------------------- */
+
+static void on_port(struct ev_loop *loop, ev_io *io, int events);
+static void wake(engine *e);
+
+static void watch_ports(engine *e)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (!e->now.ports[i])
+            continue;
+        e->watches[i].engine = e;
+        ev_io_init(&e->watches[i].io, on_port, port_fd(e->now.ports[i]), EV_READ);
+        ev_io_start(e->loop, &e->watches[i].io);
+    }
+}
+
+static void unwatch_ports(engine *e)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (e->now.ports[i])
+            ev_io_stop(e->loop, &e->watches[i].io);
+}
+
+/* Frames of nodes that are no more are dropped, with events. */
+static void flush_removed(engine *e, const reload *r)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        bool stays = false;
+        for (unsigned k = 0; k < r->config->node_count; k++)
+            stays = stays || r->from[k] == i;
+        while (!stays && cw_node_flush(e->now.bus, i) == CW_FULL)
+            handle_events(e);
+    }
+    handle_events(e);
+}
+
+static void keep_ports(setup *old, reload *r)
+{
+    for (unsigned i = 0; i < r->config->node_count; i++) {
+        if (!r->kept[i])
+            continue;
+        r->setup.ports[i] = old->ports[r->from[i]];
+        old->ports[r->from[i]] = NULL;
+    }
+}
+
+static void go_over(engine *e)
+{
+    reload *r = e->next;
+    e->next = NULL;
+    flush_removed(e, r);
+    if (cw_bus_take_over(r->setup.bus, e->now.bus, r->from) != CW_OK) {
+        log_error("%s: the bus cannot go over to the new configuration", r->config->file);
+        reload_free(r);
+        return;
+    }
+    unwatch_ports(e);
+    keep_ports(&e->now, r);
+    setup_free(&e->now);
+    e->now = r->setup;
+    r->setup = (setup){.memory = NULL};
+    release_skip_before(e->now.plan, cw_bus_now(e->now.bus));
+    live_replace(e->live, r->config);
+    r->config = NULL;
+    watch_ports(e);
+    log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
+    if (e->changed)
+        e->changed(e->changed_user, r->from);
+    reload_free(r);
+}
+
+/* Up to now bit by bit until a frame ends; then over to the next configuration. */
+static void run_to_boundary(engine *e, uint64_t now)
+{
+    while (e->next) {
+        if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->next->deadline) {
+            go_over(e);
+            return;
+        }
+        uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+        if (end > now)
+            return;
+        run_releases(e, end);
+        advance(e, end);
+    }
+}
+
+bool engine_reload(engine *e, FILE *errors)
+{
+    if (e->next || e->stopping) {
+        fprintf(errors, "%s: %s\n", e->config->file,
+                e->stopping ? "canwired is stopping" : "a reload is under way");
+        return false;
+    }
+    reload *r = reload_prepare(e->config, errors);
+    if (!r)
+        return false;
+    wake(e);
+    r->deadline = cw_bus_now(e->now.bus) + (uint64_t)BOUNDARY_BITS * e->config->bit_ticks;
+    e->next = r;
+    wake(e);
+    return true;
+}
+
+/* ---- Wake-ups -------------------------------------------------------------------------------- */
 
 static void wake(engine *e)
 {
@@ -225,6 +340,7 @@ static void wake(engine *e)
         run_out(e, now);
     } else {
         read_ports(e, &clocks);
+        run_to_boundary(e, now);
         catch_up(e, now);
     }
     arm_timer(e);
@@ -257,34 +373,13 @@ static bool open_ports(engine *e)
         const cfg_node *node = &e->config->nodes[i];
         if (!node->port)
             continue;
-        e->ports[i] = port_open(node->port, error);
-        if (!e->ports[i]) {
+        e->now.ports[i] = port_open(node->port, error);
+        if (!e->now.ports[i]) {
             log_error("node %s: port %s", node->name, error);
             good = false; /* go on, to name all that are missing */
-            continue;
         }
-        e->watches[i].engine = e;
-        ev_io_init(&e->watches[i].io, on_port, port_fd(e->ports[i]), EV_READ);
     }
     return good;
-}
-
-static bool make_bus(engine *e)
-{
-    cw_node_config nodes[CW_NODES_MAX];
-    cw_bus_config bus_config;
-    cfg_bus_config(&bus_config, nodes, e->config);
-    bus_config.inbox = INBOX_FRAMES;
-    bus_config.events = EVENT_RING;
-    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
-    e->memory = malloc(cw_bus_size(&bus_config));
-    e->plan = release_plan_new(e->config);
-    if (!e->memory || !e->plan) {
-        log_error("out of memory");
-        return false;
-    }
-    e->bus = cw_bus_init(e->memory, &bus_config);
-    return e->bus != NULL;
 }
 
 static bool make_timer(engine *e)
@@ -299,7 +394,7 @@ static bool make_timer(engine *e)
     return true;
 }
 
-engine *engine_start(struct ev_loop *loop, const cfg *config, publisher *sink)
+engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
 {
     engine *e = calloc(1, sizeof *e);
     if (!e) {
@@ -307,19 +402,20 @@ engine *engine_start(struct ev_loop *loop, const cfg *config, publisher *sink)
         return NULL;
     }
     e->loop = loop;
-    e->config = config;
+    e->live = config;
+    e->config = live_config(config);
     e->publisher = sink;
     e->timer_fd = -1;
-    bool ports = open_ports(e);
-    if (!ports || !make_bus(e) || !make_timer(e)) {
+    bool memory = setup_make(&e->now, e->config);
+    if (!memory)
+        log_error("out of memory");
+    if (!memory || !open_ports(e) || !make_timer(e)) {
         engine_free(e);
         return NULL;
     }
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
     ev_io_start(loop, &e->timer);
-    for (unsigned i = 0; i < config->node_count; i++)
-        if (e->ports[i])
-            ev_io_start(loop, &e->watches[i].io);
+    watch_ports(e);
     arm_timer(e);
     return e;
 }
@@ -330,10 +426,10 @@ void engine_stop(engine *e)
         return;
     wake(e); /* what has arrived up to now still counts */
     e->stopping = true;
-    e->stop_tick = cw_bus_now(e->bus) + (uint64_t)STOP_BITS * e->config->bit_ticks;
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        if (e->ports[i])
-            ev_io_stop(e->loop, &e->watches[i].io);
+    e->stop_tick = cw_bus_now(e->now.bus) + (uint64_t)BOUNDARY_BITS * e->config->bit_ticks;
+    reload_free(e->next);
+    e->next = NULL;
+    unwatch_ports(e);
     wake(e);
 }
 
@@ -341,17 +437,13 @@ void engine_free(engine *e)
 {
     if (!e)
         return;
-    for (unsigned i = 0; i < e->config->node_count; i++) {
-        if (e->ports[i])
-            ev_io_stop(e->loop, &e->watches[i].io);
-        port_close(e->ports[i]);
-    }
+    unwatch_ports(e);
     if (e->timer_fd >= 0) {
         ev_io_stop(e->loop, &e->timer);
         (void)close(e->timer_fd);
     }
-    release_plan_free(e->plan);
-    free(e->memory);
+    reload_free(e->next);
+    setup_free(&e->now);
     free(e);
 }
 
@@ -363,13 +455,13 @@ void engine_update(engine *e)
 cw_bus *engine_change(engine *e)
 {
     wake(e);
-    return e->bus;
+    return e->now.bus;
 }
 
-bool engine_reload(engine *e, FILE *errors)
+void engine_on_change(engine *e, engine_changed *changed, void *user)
 {
-    fprintf(errors, "%s: reload is not available yet\n", e->config->file);
-    return false;
+    e->changed = changed;
+    e->changed_user = user;
 }
 
 void engine_observe(engine *e, engine_observer *observer, void *user)
@@ -380,10 +472,10 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
 
 const cw_bus *engine_bus(const engine *e)
 {
-    return e->bus;
+    return e->now.bus;
 }
 
 port *const *engine_ports(const engine *e)
 {
-    return e->ports;
+    return e->now.ports;
 }

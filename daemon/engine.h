@@ -5,7 +5,7 @@
 #ifndef CANWIRE_ENGINE_H
 #define CANWIRE_ENGINE_H
 
-#include "config.h"
+#include "live.h"
 #include "port.h"
 #include "publish.h"
 
@@ -13,9 +13,9 @@
 
 typedef struct engine engine;
 
-/* Opens all ports and starts the bus at bus time 0. The config and the publisher (or NULL) must
- * live longer. NULL after logging why. */
-engine *engine_start(struct ev_loop *loop, const cfg *config, publisher *sink);
+/* Opens all ports and starts the bus at bus time 0. The configuration and the publisher (or NULL)
+ * must live longer. NULL after logging why. */
+engine *engine_start(struct ev_loop *loop, live *config, publisher *sink);
 
 /* Takes no more frames, lets the frame on the wire end, or 1000 bit times pass, then breaks the
  * loop. */
@@ -33,9 +33,15 @@ const cw_bus *engine_bus(const engine *e);
 /* The bus, brought up to now, to be changed; engine_update() has to follow. */
 cw_bus *engine_change(engine *e);
 
-/* Reads the configuration's file again and goes over to what it says. False, with nothing changed,
- * after writing a line per error. */
+/* Reads the configuration's file again; the bus goes over to what it says at the end of the frame on
+ * the wire, or after 1000 bit times. Nodes are matched by name and keep their state and queue; rules
+ * begin anew, injected ones are gone. False, with nothing changed, after writing a line per error. */
 bool engine_reload(engine *e, FILE *errors);
+
+/* Is told when the bus has gone over to another configuration, with the old node for each new one
+ * (CW_NO_NODE: none), for reload_remap(); one at most. */
+typedef void engine_changed(void *user, const uint8_t from[CW_NODES_MAX]);
+void engine_on_change(engine *e, engine_changed *changed, void *user);
 
 /* Is told of each event of the bus; one at most. It must not change the bus. */
 typedef void engine_observer(void *user, const cw_event *event);

@@ -16,11 +16,8 @@ struct live {
     char *injected[CW_RULES_MAX]; /* names of our own; NULL for rules of the file */
 };
 
-live *live_new(cfg *config)
+static void take(live *l, cfg *config)
 {
-    live *l = calloc(1, sizeof *l);
-    if (!l)
-        return NULL;
     assert(config->rule_count <= CW_RULES_MAX);
     for (size_t i = 0; i < config->rule_count; i++) {
         l->rules[i] = config->rules[i];
@@ -29,7 +26,22 @@ live *live_new(cfg *config)
     l->file = config;
     l->now = *config;
     l->now.rules = l->rules;
+}
+
+live *live_new(cfg *config)
+{
+    live *l = calloc(1, sizeof *l);
+    if (l)
+        take(l, config);
     return l;
+}
+
+void live_replace(live *l, cfg *config)
+{
+    while (l->now.rule_count > 0)
+        live_remove(l, (unsigned)l->now.rule_count - 1);
+    cfg_free(l->file);
+    take(l, config);
 }
 
 void live_free(live *l)

@@ -19,6 +19,10 @@ live *live_new(cfg *config);
 /* NULL is fine. */
 void live_free(live *l);
 
+/* Goes over to another configuration, which it takes over; the old one is freed, injected rules are
+ * forgotten. */
+void live_replace(live *l, cfg *config);
+
 /* What is in effect; always the same pointer. Entry i of its rules is rule i of the bus; where
  * there is none, its name is NULL. */
 const cfg *live_config(const live *l);

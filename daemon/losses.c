@@ -5,6 +5,7 @@
 #include "losses.h"
 
 #include "log.h"
+#include "reload.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -51,6 +52,11 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     }
     if (used > 0)
         log_warning("node %s: %s", name, line);
+}
+
+void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
+{
+    reload_remap(l->logged, sizeof l->logged[0], from);
 }
 
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports)

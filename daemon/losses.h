@@ -15,6 +15,9 @@ typedef struct losses {
     uint64_t logged[CW_NODES_MAX][LOSS_KINDS];
 } losses;
 
+/* The configuration has changed: nodes have other places. */
+void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
+
 /* One line for each node that has lost something since the last call. Drops that the
  * configuration asks for (one-shot, faults) and those of bus-off are no news and not logged. */
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports);

@@ -6,6 +6,7 @@
 
 #include "log.h"
 #include "output.h"
+#include "reload.h"
 
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
@@ -33,6 +34,7 @@ typedef struct message {
 
 struct publisher {
     const cfg *config;
+    char *url; /* the thread's: the configuration may change */
     char channel_bus[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
@@ -88,7 +90,7 @@ static bool has_route(const char *url)
 
 static lcm_t *try_connect(const publisher *p, bool *warned)
 {
-    const char *url = p->config->lcm.url;
+    const char *url = p->url;
     lcm_t *lcm = has_route(url) ? lcm_create(url) : NULL;
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
@@ -190,6 +192,7 @@ static void free_publisher(publisher *p)
     }
     if (p->event_stream)
         (void)fclose(p->event_stream);
+    free(p->url);
     free(p->event_text);
     free(p);
 }
@@ -200,11 +203,12 @@ publisher *publisher_start(const cfg *config)
     if (!p)
         return NULL;
     p->config = config;
+    p->url = strdup(config->lcm.url);
     name_channels(p);
     (void)pthread_mutex_init(&p->lock, NULL);
     (void)pthread_cond_init(&p->changed, NULL);
     p->event_stream = open_memstream(&p->event_text, &p->event_size);
-    if (!p->event_stream || pthread_create(&p->thread, NULL, run, p) != 0) {
+    if (!p->url || !p->event_stream || pthread_create(&p->thread, NULL, run, p) != 0) {
         free_publisher(p);
         return NULL;
     }
@@ -222,6 +226,11 @@ void publisher_stop(publisher *p)
     (void)pthread_mutex_unlock(&p->lock);
     (void)pthread_join(p->thread, NULL);
     free_publisher(p);
+}
+
+void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])
+{
+    reload_remap(p->last_tx_bits, sizeof p->last_tx_bits[0], from);
 }
 
 uint64_t publisher_dropped(publisher *p)

@@ -20,6 +20,9 @@ publisher *publisher_start(const cfg *config);
 /* Sends what is queued, waiting a second at most, and ends the thread. NULL is fine. */
 void publisher_stop(publisher *p);
 
+/* The configuration has changed: nodes have other places. */
+void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
+
 /* Queues one BUS message and a NODE message for every node. ports has an entry, or NULL, for each
  * node. */
 void publisher_stats(publisher *p, const cw_bus *bus, port *const *ports);

@@ -83,6 +83,38 @@ void release_plan_free(release_plan *plan)
     free(plan);
 }
 
+/* The first release at or after a tick; s->traffic->count when there is none. */
+static uint64_t first_from(const source *s, uint64_t tick, uint32_t bit_ticks)
+{
+    const cfg_traffic *t = s->traffic;
+    uint64_t low = 0;
+    uint64_t high = t->count;
+    while (low < high) {
+        uint64_t middle = low + (high - low) / 2;
+        if (text_time_ticks_sum(t->offset, middle, t->every, bit_ticks) < tick)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+void release_skip_before(release_plan *plan, uint64_t tick)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < plan->count; i++) {
+        source s = plan->heap[i];
+        s.done = first_from(&s, tick, plan->bit_ticks);
+        if (s.done == s.traffic->count)
+            continue;
+        s.tick = text_time_ticks_sum(s.traffic->offset, s.done, s.traffic->every, plan->bit_ticks);
+        plan->heap[kept++] = s;
+    }
+    plan->count = kept;
+    for (size_t i = plan->count / 2; i-- > 0;)
+        sift_down(plan, i);
+}
+
 uint64_t release_next_tick(const release_plan *plan)
 {
     return plan->count ? plan->heap[0].tick : CW_NEVER;

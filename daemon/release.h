@@ -16,6 +16,9 @@ release_plan *release_plan_new(const cfg *config);
 
 void release_plan_free(release_plan *plan);
 
+/* Passes over all releases before a tick: for a plan that joins a running bus. */
+void release_skip_before(release_plan *plan, uint64_t tick);
+
 /* Tick of the next release, CW_NEVER when all are done. */
 uint64_t release_next_tick(const release_plan *plan);
 

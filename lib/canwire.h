@@ -551,8 +551,9 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
  * of the old bus's node from[i] (CW_NO_NODE: a new node, it integrates), with the settings of the
  * new one. Rules start anew; frames that old rules held back go on their way. The new bus must be
  * at tick 0 and the events of the old one taken; the old one may be thrown away afterwards. Frames of nodes
- * that are no more are lost: see cw_node_flush(). CW_INVALID, with nothing changed: another bit
- * rate, no such node, a queue or an inbox too small for what waits. */
+ * that are no more are lost: see cw_node_flush(); frames for which a smaller queue has no room are
+ * dropped with an event. CW_INVALID, with nothing changed: another bit rate, no such node, an inbox
+ * too small for what waits. */
 cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED); it leaves the bus for good. CW_FULL:

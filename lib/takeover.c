@@ -4,30 +4,42 @@
  */
 #include "bus_private.h"
 
-static void take_over_queue(bus_node *n, const bus_node *old)
+static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
 {
-    for (unsigned i = 0; i < old->queue.count; i++) {
-        uint16_t from = old->queue.order[i];
-        const cw_queue_slot *slot = &old->queue.slots[from];
-        if (!cw_queue_put(&n->queue, &slot->frame, slot->handed_in))
-            continue; /* cannot be: checked before */
-        n->queue.slots[n->queue.newest].attempts = slot->attempts;
-        if (old->mac.offered && old->offered_slot == from)
-            n->offered_slot = n->queue.newest;
+    bus_node *n = &bus->nodes[i];
+    const cw_queue_slot *slot = &old->queue.slots[from];
+    if (!cw_queue_put(&n->queue, &slot->frame, slot->handed_in)) {
+        cw_push_drop(bus, i, &slot->frame, CW_DROP_QUEUE_FULL, bus->now);
+        return;
     }
+    n->queue.slots[n->queue.newest].attempts = slot->attempts;
+    if (old->mac.offered && old->offered_slot == from)
+        n->offered_slot = n->queue.newest;
+    bus->queued++;
+}
+
+/* The frame that is on the wire, or was last, has a place in any case. */
+static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
+{
+    if (old->mac.offered)
+        take_over_slot(bus, i, old, old->offered_slot);
+    for (unsigned k = 0; k < old->queue.count; k++)
+        if (!old->mac.offered || old->queue.order[k] != old->offered_slot)
+            take_over_slot(bus, i, old, old->queue.order[k]);
 }
 
 /* State and counters of the old node, settings of the new one. */
-static void take_over_node(bus_node *n, const bus_node *old)
+static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
 {
+    bus_node *n = &bus->nodes[i];
     unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
-    take_over_queue(n, old);
+    n->stats = old->stats;
+    take_over_queue(bus, i, old);
     n->mac = old->mac;
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->told_state = old->told_state;
-    n->stats = old->stats;
     n->restart_at = old->restart_at;
     cw_mac_reconnect(&n->mac);
     cw_mac_set_modes(&n->mac, modes);
@@ -63,8 +75,7 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
     for (unsigned i = 0; i < bus->node_count; i++) {
         if (from[i] == CW_NO_NODE)
             continue;
-        if (from[i] >= old->node_count ||
-            old->nodes[from[i]].queue.count > bus->nodes[i].queue.capacity)
+        if (from[i] >= old->node_count)
             return false;
     }
     return bus->bit_ticks == old->bit_ticks && bus->now == 0 &&
@@ -96,8 +107,7 @@ cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
         if (from[i] == CW_NO_NODE)
             continue;
         to[from[i]] = (uint8_t)i;
-        take_over_node(&bus->nodes[i], &old->nodes[from[i]]);
-        bus->queued += bus->nodes[i].queue.count;
+        take_over_node(bus, i, &old->nodes[from[i]]);
     }
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);

@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * reload.c - from one configuration to the next while the bus runs: what is prepared beforehand.
+ */
+#include "reload.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define INBOX_FRAMES 8192
+#define EVENT_RING 4096
+
+/* ---- Setups ---------------------------------------------------------------------------------- */
+
+bool setup_make(setup *s, const cfg *config)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    cfg_bus_config(&bus_config, nodes, config);
+    bus_config.inbox = INBOX_FRAMES;
+    bus_config.events = EVENT_RING;
+    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
+    *s = (setup){.memory = malloc(cw_bus_size(&bus_config)), .plan = release_plan_new(config)};
+    if (!s->memory || !s->plan)
+        return false;
+    s->bus = cw_bus_init(s->memory, &bus_config);
+    return s->bus != NULL;
+}
+
+void setup_free(setup *s)
+{
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        port_close(s->ports[i]);
+    release_plan_free(s->plan);
+    free(s->memory);
+    *s = (setup){.memory = NULL};
+}
+
+/* ---- What cannot change ---------------------------------------------------------------------- */
+
+static bool same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+static bool stays(bool same, const char *file, const char *what, FILE *errors)
+{
+    if (!same)
+        fprintf(errors, "%s: %s cannot change while the bus runs: restart canwired\n", file, what);
+    return same;
+}
+
+static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
+{
+    const char *file = new->file;
+    bool good = stays(same_text(new->bus_name, old->bus_name), file, "bus.name", errors);
+    good = stays(new->bitrate_bps == old->bitrate_bps, file, "bus.bitrate", errors) && good;
+    good = stays(same_text(new->control, old->control), file, "control", errors) && good;
+    good = stays(new->lcm.enabled == old->lcm.enabled, file, "lcm", errors) && good;
+    return stays(same_text(new->lcm.url, old->lcm.url), file, "lcm.url", errors) && good;
+}
+
+/* ---- Nodes and ports ------------------------------------------------------------------------- */
+
+static uint8_t find_node(const cfg *config, const char *name)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (strcmp(config->nodes[i].name, name) == 0)
+            return (uint8_t)i;
+    return CW_NO_NODE;
+}
+
+static bool open_port(reload *r, unsigned i, FILE *errors)
+{
+    char error[PORT_ERROR_TEXT_MAX];
+    const cfg_node *node = &r->config->nodes[i];
+    r->setup.ports[i] = port_open(node->port, error);
+    if (!r->setup.ports[i])
+        fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name, error);
+    return r->setup.ports[i] != NULL;
+}
+
+static bool match_nodes(reload *r, const cfg *old, FILE *errors)
+{
+    bool good = true;
+    memset(r->from, CW_NO_NODE, sizeof r->from);
+    for (unsigned i = 0; i < r->config->node_count; i++) {
+        const cfg_node *node = &r->config->nodes[i];
+        r->from[i] = find_node(old, node->name);
+        r->kept[i] = r->from[i] != CW_NO_NODE && node->port &&
+                     same_text(old->nodes[r->from[i]].port, node->port);
+        if (node->port && !r->kept[i])
+            good = open_port(r, i, errors) && good;
+    }
+    return good;
+}
+
+reload *reload_prepare(const cfg *old, FILE *errors)
+{
+    reload *r = calloc(1, sizeof *r);
+    if (!r) {
+        fprintf(errors, "%s: out of memory\n", old->file);
+        return NULL;
+    }
+    r->config = cfg_load(old->file, errors);
+    bool good = r->config && can_follow(r->config, old, errors);
+    if (good && !setup_make(&r->setup, r->config)) {
+        fprintf(errors, "%s: out of memory\n", old->file);
+        good = false;
+    }
+    if (good && match_nodes(r, old, errors))
+        return r;
+    reload_free(r);
+    return NULL;
+}
+
+void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX])
+{
+    unsigned char *elements = array;
+    unsigned char *old = malloc(CW_NODES_MAX * size);
+    if (old)
+        memcpy(old, array, CW_NODES_MAX * size);
+    memset(array, 0, CW_NODES_MAX * size);
+    for (unsigned i = 0; old && i < CW_NODES_MAX; i++)
+        if (from[i] != CW_NO_NODE)
+            memcpy(elements + i * size, old + from[i] * size, size);
+    free(old);
+}
+
+void reload_free(reload *r)
+{
+    if (!r)
+        return;
+    setup_free(&r->setup);
+    cfg_free(r->config);
+    free(r);
+}

@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * reload.h - from one configuration to the next while the bus runs: what is prepared beforehand.
+ *
+ * Everything that can fail (reading the file, opening ports, memory) is done here, before the bus is
+ * touched. Nodes are matched by name.
+ */
+#ifndef CANWIRE_RELOAD_H
+#define CANWIRE_RELOAD_H
+
+#include "config.h"
+#include "port.h"
+#include "release.h"
+
+/* A bus with all that it needs. */
+typedef struct setup {
+    void *memory; /* of the bus */
+    cw_bus *bus;
+    release_plan *plan;
+    port *ports[CW_NODES_MAX]; /* by node; NULL without */
+} setup;
+
+/* Makes bus and releases of a configuration, without ports. False when there is no memory; the
+ * setup is to be freed all the same. */
+bool setup_make(setup *s, const cfg *config);
+
+/* Closes the ports and frees all. */
+void setup_free(setup *s);
+
+/* What a bus is to go over to. */
+typedef struct reload {
+    cfg *config;
+    setup setup;               /* ports: only those that are new */
+    uint8_t from[CW_NODES_MAX]; /* by new node: the old one of that name, else CW_NO_NODE */
+    bool kept[CW_NODES_MAX];    /* by new node: has the port of the old one */
+    uint64_t deadline;          /* tick: no later than this, even in the middle of a frame */
+} reload;
+
+/* Reads the file of a configuration again. NULL after writing a line per error. */
+reload *reload_prepare(const cfg *old, FILE *errors);
+
+/* Moves what an array keeps of each node to the node's new place; what new nodes have is all zero. The
+ * array has CW_NODES_MAX elements of that size. */
+void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX]);
+
+/* Frees what has not been taken out of it. NULL is fine. */
+void reload_free(reload *r);
+
+#endif
