@@ -189,6 +189,13 @@ static bool start(service *s, struct ev_loop *loop)
             return false;
         engine_observe(s->engine, control_event, s->control);
     }
+    return true;
+}
+
+static bool run(service *s, struct ev_loop *loop)
+{
+    if (!start(s, loop))
+        return false;
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
@@ -252,15 +259,9 @@ int main(int argc, char **argv)
     int status = parse_options(&file, argc, argv);
     if (status >= 0)
         return status;
-    cfg *config = cfg_load(file, stderr);
-    if (!config)
+    service s = {.live = load(file)};
+    if (!s.live)
         return 1;
-    service s = {.live = live_new(config)};
-    if (!s.live) {
-        log_error("out of memory");
-        cfg_free(config);
-        return 1;
-    }
     s.config = live_config(s.live);
     struct ev_loop *loop = ev_default_loop(0);
     bool good = run(&s, loop);
