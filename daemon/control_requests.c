@@ -22,6 +22,7 @@
 typedef struct request {
     const request_world *world;
     request_result *result;
+    cw_bus *bus; /* up to now */
     const json_t *asked;
     json_t *reply;
 } request;
@@ -125,18 +126,15 @@ static bool find_rule(request *r, unsigned *rule)
 
 static bool run_status(request *r)
 {
-    engine *e = r->world->engine;
-    engine_update(e);
     put(r->reply, "status",
-        status_json(live_config(r->world->config), engine_bus(e), engine_ports(e),
+        status_json(live_config(r->world->config), r->bus, engine_ports(r->world->engine),
                     r->world->errors));
     return true;
 }
 
 static bool run_faults(request *r)
 {
-    engine_update(r->world->engine);
-    put(r->reply, "faults", status_faults(r->world->config, engine_bus(r->world->engine)));
+    put(r->reply, "faults", status_faults(r->world->config, r->bus));
     return true;
 }
 
@@ -180,7 +178,6 @@ static bool run_watch(request *r)
             return refuse_kind(r, word);
         kinds |= kind;
     }
-    engine_update(r->world->engine); /* what was before is not to be seen */
     *r->result = (request_result){.watch_changed = true, .watch = kinds};
     put(r->reply, "events", kinds_to_json(kinds));
     return true;
@@ -192,7 +189,6 @@ static bool run_watch(request *r)
  * base + its place, and on the bus already. */
 typedef struct injection {
     request *request;
-    cw_bus *bus;
     const cfg_rules *rules;
     size_t base;
     size_t added;
@@ -204,7 +200,7 @@ static bool add_rule(injection *in, size_t i)
     cw_rule rule = in->rules->rules[i];
     if (rule.has_after && rule.after >= in->base)
         rule.after = (uint16_t)in->index[rule.after - in->base];
-    cw_status status = cw_bus_add_rule(in->bus, &in->index[i], &rule);
+    cw_status status = cw_bus_add_rule(in->request->bus, &in->index[i], &rule);
     if (status == CW_OK)
         return true;
     if (status == CW_FULL)
@@ -230,7 +226,7 @@ static void settle(injection *in, json_t *names, bool good)
         if (good && live_put(config, in->index[i], &in->rules->rules[i]))
             put_text_last(names, in->rules->rules[i].name);
         else
-            (void)cw_bus_clear_rule(in->bus, in->index[i]);
+            (void)cw_bus_clear_rule(in->request->bus, in->index[i]);
     }
 }
 
@@ -238,13 +234,10 @@ static void settle(injection *in, json_t *names, bool good)
 static bool inject_rules(request *r, const cfg_rules *rules)
 {
     json_t *names = json_array();
-    injection in = {.request = r,
-                    .bus = engine_change(r->world->engine),
-                    .rules = rules,
-                    .base = live_config(r->world->config)->rule_count};
+    injection in = {
+        .request = r, .rules = rules, .base = live_config(r->world->config)->rule_count};
     bool good = add_rules(&in);
     settle(&in, names, good);
-    engine_update(r->world->engine);
     if (good)
         put(r->reply, "rules", json_incref(names));
     json_decref(names);
@@ -271,10 +264,10 @@ static bool run_inject(request *r)
     return good;
 }
 
-static void clear_rule(request *r, cw_bus *bus, json_t *cleared, unsigned index)
+static void clear_rule(request *r, json_t *cleared, unsigned index)
 {
     put_text_last(cleared, live_config(r->world->config)->rules[index].name);
-    (void)cw_bus_clear_rule(bus, index);
+    (void)cw_bus_clear_rule(r->bus, index);
     live_remove(r->world->config, index);
 }
 
@@ -289,13 +282,11 @@ static bool run_clear(request *r)
         return refuse(r, "either rule or injected");
     if (one && !find_rule(r, &only))
         return false;
-    cw_bus *bus = engine_change(r->world->engine);
     json_t *cleared = json_array();
     for (unsigned i = 0; i < live_config(config)->rule_count; i++)
         if (live_config(config)->rules[i].name && (!one || i == only) &&
             (!injected || live_is_injected(config, i)))
-            clear_rule(r, bus, cleared, i);
-    engine_update(r->world->engine);
+            clear_rule(r, cleared, i);
     put(r->reply, "rules", cleared);
     return true;
 }
@@ -306,21 +297,20 @@ static bool run_fire(request *r)
     if (!find_rule(r, &index))
         return false;
     bool manual = live_config(r->world->config)->rules[index].manual;
-    cw_status status = cw_bus_fire_rule(engine_change(r->world->engine), index);
-    engine_update(r->world->engine);
-    return status == CW_OK || refuse(r, "rule %s: %s", text_of(r, "rule"),
-                                     manual ? "its count is used up" : "it is not manual");
+    return cw_bus_fire_rule(r->bus, index) == CW_OK ||
+           refuse(r, "rule %s: %s", text_of(r, "rule"),
+                  manual ? "its count is used up" : "it is not manual");
 }
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-static bool refuse_restart(request *r, const cw_bus *bus, unsigned node)
+static bool refuse_restart(request *r, unsigned node)
 {
     const char *name = text_of(r, "node");
     cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
     cw_settings settings = {.which = 0};
-    (void)cw_node_get_stats(bus, node, &stats);
-    (void)cw_node_get_settings(bus, node, &settings);
+    (void)cw_node_get_stats(r->bus, node, &stats);
+    (void)cw_node_get_settings(r->bus, node, &settings);
     if (stats.state != CW_STATE_BUS_OFF)
         return refuse(r, "node %s: it is not bus-off but %s", name, cw_state_name(stats.state));
     if (settings.restart_ticks != 0)
@@ -331,12 +321,8 @@ static bool refuse_restart(request *r, const cw_bus *bus, unsigned node)
 static bool run_restart(request *r)
 {
     unsigned node = 0;
-    if (!find_node(r, &node))
-        return false;
-    cw_bus *bus = engine_change(r->world->engine);
-    bool good = cw_node_restart(bus, node) == CW_OK || refuse_restart(r, bus, node);
-    engine_update(r->world->engine);
-    return good;
+    return find_node(r, &node) &&
+           (cw_node_restart(r->bus, node) == CW_OK || refuse_restart(r, node));
 }
 
 static bool run_set(request *r)
@@ -348,13 +334,11 @@ static bool run_set(request *r)
         return false;
     if (!settings_from_json(&settings, error, json_object_get(r->asked, "settings")))
         return refuse(r, "%s", error);
-    cw_bus *bus = engine_change(r->world->engine);
-    bool good = cw_node_set(bus, node, &settings) == CW_OK ||
-                refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
-    engine_update(r->world->engine);
-    (void)cw_node_get_settings(bus, node, &settings);
+    if (cw_node_set(r->bus, node, &settings) != CW_OK)
+        return refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
+    (void)cw_node_get_settings(r->bus, node, &settings);
     put(r->reply, "settings", settings_to_json(&settings));
-    return good;
+    return true;
 }
 
 /* ---- Configuration --------------------------------------------------------------------------- */
@@ -509,7 +493,12 @@ static bool run(request *r, size_t length)
         return false;
     if (length > REQUEST_BYTES_MAX && !kind->whole_line)
         return refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
-    return check_keys(r, kind) && kind->run(r);
+    if (!check_keys(r, kind))
+        return false;
+    r->bus = engine_change(r->world->engine);
+    bool good = kind->run(r);
+    engine_update(r->world->engine);
+    return good;
 }
 
 json_t *request_answer(const request_world *world, request_result *result, const char *line,
