@@ -96,7 +96,7 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS)) $(CONFORMANCE) $(TOOL)
 	@$(CONFORMANCE)
 
 # What scripts/mutate builds and runs for each changed controller.
-MUTANT_TESTS := $(addprefix $(BUILD)/,test_bus test_codec) $(CONFORMANCE)
+MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_codec) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done

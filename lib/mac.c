@@ -178,6 +178,7 @@ const cw_frame *cw_mac_received(const cw_mac *m)
     return &m->rx;
 }
 
+/* Also behind the last CRC bit (F7); after that run stays as it is, below the limit. */
 static bool stuff_bit_due(const cw_mac *m)
 {
     return m->run == CW_STUFF_RUN;
@@ -427,8 +428,6 @@ static void end_crc(cw_mac *m, bool level, cw_mac_report *r)
     (void)level;
     (void)r;
     m->crc_error = !is_transmitter(m) && m->shift != m->crc;
-    if (!stuff_bit_due(m))
-        m->run = 0; /* else after the stuff bit behind the last CRC bit (F7) */
     go_to(m, CW_STEP_CRC_DELIMITER);
 }
 
@@ -543,7 +542,7 @@ static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
         return;
     }
     m->last = level;
-    m->run = m->step == CW_STEP_CRC_DELIMITER ? 0 : 1; /* behind the last CRC bit: the end of it */
+    m->run = 1;
     m->tx_next++;
 }
 

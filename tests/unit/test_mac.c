@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors. What it
+ * does on the wire is in tests/conformance.
+ */
+#include "canwire.h"
+#include "mac.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+static const cw_frame frame = {.id = 0x123, .dlc = 1, .data = {0x55}};
+
+/* Recessive bits as the bench sends them; returns the levels of the node as a count of dominant. */
+static unsigned play(cw_mac *mac, unsigned bits, bool level)
+{
+    cw_mac_report report;
+    unsigned dominant = 0;
+    for (unsigned i = 0; i < bits; i++) {
+        bool own = cw_mac_drive(mac);
+        dominant += !own;
+        cw_mac_sample(mac, own && level, &report);
+    }
+    return dominant;
+}
+
+static cw_mac idle_mac(unsigned modes)
+{
+    cw_mac mac;
+    cw_mac_init(&mac, modes, 96);
+    (void)play(&mac, CW_INTEGRATION_BITS, CW_RECESSIVE);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_IDLE);
+    return mac;
+}
+
+static void overload_requests_are_one_or_two(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_request_overload(&mac, 0), CW_INVALID);
+    assert_int_equal(cw_mac_request_overload(&mac, 1), CW_OK);
+    assert_int_equal(cw_mac_request_overload(&mac, 2), CW_OK);
+    assert_int_equal(cw_mac_request_overload(&mac, 3), CW_INVALID);
+}
+
+static void counters_have_their_ranges(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_set_counters(&mac, 264, 0), CW_INVALID);
+    assert_int_equal(cw_mac_set_counters(&mac, 0, 256), CW_INVALID);
+    assert_int_equal(cw_mac_tec(&mac), 0);
+    assert_int_equal(cw_mac_set_counters(&mac, 255, 255), CW_OK);
+    assert_int_equal(cw_mac_state(&mac), CW_STATE_ERROR_PASSIVE);
+    assert_int_equal(cw_mac_set_counters(&mac, 263, 0), CW_OK);
+    assert_int_equal(cw_mac_state(&mac), CW_STATE_BUS_OFF);
+}
+
+static void counters_below_the_limit_end_bus_off(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
+    assert_int_equal(cw_mac_set_counters(&mac, 10, 0), CW_OK);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_INTEGRATING);
+    /* but counters of a node that is on the bus leave it there */
+    mac = idle_mac(0);
+    assert_int_equal(cw_mac_set_counters(&mac, 10, 0), CW_OK);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_IDLE);
+}
+
+static void restart_is_for_bus_off_only(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_request_restart(&mac), CW_REFUSED);
+    assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_REFUSED);
+    assert_int_equal(cw_mac_request_restart(&mac), CW_OK);
+    assert_int_equal(cw_mac_request_restart(&mac), CW_REFUSED);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_REFUSED);
+}
+
+static void offers_are_checked(void **state)
+{
+    (void)state;
+    const cw_frame bad = {.id = 0x800};
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_offer(&mac, &bad), CW_INVALID);
+    cw_mac listening = idle_mac(CW_MODE_LISTEN_ONLY);
+    assert_int_equal(cw_mac_offer(&listening, &frame), CW_REFUSED);
+    assert_false(cw_mac_can_start(&listening));
+    assert_true(cw_mac_can_start(&mac));
+}
+
+/* Six dominant bits, and the counter of the role moves. */
+static void forced_error_of_an_idle_node(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_false(cw_mac_force_error(&mac));
+    assert_int_equal(cw_mac_rec(&mac), 1);
+    assert_int_equal(play(&mac, 20, CW_RECESSIVE), CW_FLAG_BITS);
+}
+
+static void forced_error_of_a_transmitter(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)play(&mac, 5, CW_RECESSIVE);
+    assert_false(cw_mac_force_error(&mac));
+    assert_int_equal(cw_mac_tec(&mac), 8);
+    assert_int_equal(play(&mac, CW_FLAG_BITS, CW_RECESSIVE), CW_FLAG_BITS);
+}
+
+static void forced_error_in_one_shot_gives_the_frame_up(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(CW_MODE_ONE_SHOT);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)play(&mac, 5, CW_RECESSIVE);
+    assert_true(cw_mac_force_error(&mac));
+    (void)play(&mac, CW_FLAG_BITS + CW_DELIMITER_BITS + 3, CW_RECESSIVE);
+    assert_int_equal(play(&mac, 50, CW_RECESSIVE), 0);
+}
+
+static void nothing_is_forced_off_the_bus(void **state)
+{
+    (void)state;
+    cw_mac integrating;
+    cw_mac_init(&integrating, 0, 96);
+    (void)cw_mac_force_error(&integrating);
+    assert_int_equal(cw_mac_rec(&integrating), 0);
+    cw_mac off = idle_mac(0);
+    cw_mac_disconnect(&off);
+    (void)cw_mac_force_error(&off);
+    assert_int_equal(play(&off, 20, CW_DOMINANT), 0);
+    assert_int_equal(cw_mac_rec(&off), 0);
+    cw_mac bus_off = idle_mac(0);
+    assert_int_equal(cw_mac_set_counters(&bus_off, 256, 0), CW_OK);
+    (void)cw_mac_force_error(&bus_off);
+    assert_int_equal(cw_mac_get_phase(&bus_off), CW_MAC_BUS_OFF);
+}
+
+static void a_disconnected_node_integrates_when_back(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)play(&mac, 5, CW_RECESSIVE);
+    cw_mac_disconnect(&mac);
+    assert_int_equal(play(&mac, 100, CW_RECESSIVE), 0);
+    cw_mac_reconnect(&mac);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_INTEGRATING);
+    assert_int_equal(play(&mac, CW_INTEGRATION_BITS, CW_RECESSIVE), 0);
+    assert_int_equal(play(&mac, 1, CW_RECESSIVE), 1); /* SOF: the frame was kept */
+    cw_mac idle = idle_mac(0);
+    cw_mac_reconnect(&idle);
+    assert_int_equal(cw_mac_get_phase(&idle), CW_MAC_IDLE);
+}
+
+static void bus_off_stays_bus_off_when_disconnected(void **state)
+{
+    (void)state;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
+    cw_mac_disconnect(&mac);
+    cw_mac_reconnect(&mac);
+    assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(overload_requests_are_one_or_two),
+        cmocka_unit_test(counters_have_their_ranges),
+        cmocka_unit_test(counters_below_the_limit_end_bus_off),
+        cmocka_unit_test(restart_is_for_bus_off_only),
+        cmocka_unit_test(offers_are_checked),
+        cmocka_unit_test(forced_error_of_an_idle_node),
+        cmocka_unit_test(forced_error_of_a_transmitter),
+        cmocka_unit_test(forced_error_in_one_shot_gives_the_frame_up),
+        cmocka_unit_test(nothing_is_forced_off_the_bus),
+        cmocka_unit_test(a_disconnected_node_integrates_when_back),
+        cmocka_unit_test(bus_off_stays_bus_off_when_disconnected),
+    };
+    return cmocka_run_group_tests_name("mac", tests, NULL, NULL);
+}
