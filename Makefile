@@ -73,11 +73,19 @@ check: ## static checks: shell scripts, undefined symbols of the library, format
 	@$(MAKE) --no-print-directory $(LIB)
 	@scripts/check $(LIB)
 
+SHARE := $(DESTDIR)$(PREFIX)/share
 install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
 	install -D -m 755 $(TOOL) $(DESTDIR)$(PREFIX)/bin/canwire
-	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/canwire config/*.yaml
-	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/canwire/lcm $(LCM_TYPES)
+	install -D -m 644 -t $(SHARE)/canwire config/*.yaml config/schema/*.json
+	install -D -m 644 -t $(SHARE)/canwire/profiles config/profiles/*.yaml
+	install -D -m 644 -t $(SHARE)/canwire/lcm $(LCM_TYPES)
+	install -D -m 644 -t $(SHARE)/doc/canwire README.md config/*.md lib/RULES.md
+	install -D -m 644 scripts/completion/canwire.bash \
+	  $(SHARE)/bash-completion/completions/canwire
+	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/doc/canwire config/control.md
+	install -D -m 644 scripts/completion/canwire.bash \
+	  $(DESTDIR)$(PREFIX)/share/bash-completion/completions/canwire
 	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service
 
 clean: ## remove everything that was built, the guest's image included

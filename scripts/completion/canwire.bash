@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+# shellcheck shell=bash
+#
+# canwire.bash - completes the command lines of canwire and canwired in bash.
+#
+# Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
+
+_canwire_commands="check bits sim status watch faults inject clear fire restart set reload help"
+
+# Words of $1 that begin as the word being typed.
+_canwire_words() {
+    mapfile -t COMPREPLY < <(compgen -W "$1" -- "$current")
+}
+
+_canwire_files() {
+    compopt -o filenames 2>/dev/null
+    mapfile -t COMPREPLY < <(compgen -f -- "$current")
+}
+
+_canwire_buses() {
+    local socket
+    for socket in "${CANWIRE_RUN:-/run/canwire}"/*.sock; do
+        [[ -S $socket ]] && basename "$socket" .sock
+    done
+}
+
+_canwire_nodes() {
+    "$tool" status "$1" 2>/dev/null | sed -n 's/^[0-9]\+: \([^@:]*\).*/\1/p'
+}
+
+_canwire_rules() {
+    "$tool" faults "$1" 2>/dev/null | awk 'NR > 1 { print $1 }'
+}
+
+# A bus by its name, or by the path of its socket.
+_canwire_bus() {
+    if [[ $current == */* ]]; then
+        _canwire_files
+    else
+        _canwire_words "$(_canwire_buses)"
+    fi
+}
+
+# Options of subcommand $1, with those that take an argument as NAME=.
+_canwire_options() {
+    case $1 in
+    check) echo --ports --help ;;
+    bits) echo --raw --help ;;
+    sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z]\+' | tr -d ' ' && echo --help ;;
+    status | faults | watch) echo --json --help ;;
+    inject) echo --with --help ;;
+    clear) echo --injected --help ;;
+    *) echo --help ;;
+    esac
+}
+
+# Sets $place to how many words that are no options stand before the one being typed, and $bus to
+# the first of them.
+_canwire_place() {
+    local i word
+    place=0
+    bus=
+    for ((i = 2; i < COMP_CWORD; i++)); do
+        word=${COMP_WORDS[i]}
+        case ${COMP_WORDS[i - 1]} in
+        --with | --until | --seed | --events | --log | --stats | --vcd) continue ;;
+        esac
+        [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
+        [[ -z $bus ]] && bus=$word
+        place=$((place + 1))
+    done
+}
+
+# Completes argument $place of subcommand $1.
+_canwire_argument() {
+    case $1:$place in
+    check:0 | sim:0 | inject:1) _canwire_files ;;
+    status:0 | watch:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | set:0 | reload:0)
+        _canwire_bus
+        ;;
+    clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;
+    restart:1 | set:1) _canwire_words "$(_canwire_nodes "$bus")" ;;
+    set:*) _canwire_settings ;;
+    watch:*)
+        _canwire_words "fault drop restart arbitration-lost error overload rx tx state"
+        ;;
+    help:0) _canwire_words "$_canwire_commands" ;;
+    esac
+}
+
+# KEY=VALUE; bash may have taken it apart at the '='.
+_canwire_settings() {
+    local key=${COMP_WORDS[COMP_CWORD - 1]}
+    if [[ $current == = || $key == = ]]; then
+        [[ $current == = ]] && current= || key=${COMP_WORDS[COMP_CWORD - 2]}
+        case $key in
+        order) _canwire_words "priority fifo" ;;
+        restart-ms | queue | warning-limit) COMPREPLY=() ;;
+        *) _canwire_words "on off" ;;
+        esac
+    else
+        compopt -o nospace 2>/dev/null
+        _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= restart-ms= \
+            queue= order= warning-limit="
+    fi
+}
+
+_canwire() {
+    local tool=${COMP_WORDS[0]} command=${COMP_WORDS[1]} current=${COMP_WORDS[COMP_CWORD]}
+    local place bus
+    COMPREPLY=()
+    if ((COMP_CWORD == 1)); then
+        _canwire_words "$_canwire_commands --help --version"
+        return
+    fi
+    case ${COMP_WORDS[COMP_CWORD - 1]} in
+    --events | --log | --stats | --vcd)
+        _canwire_files
+        return
+        ;;
+    --until | --seed | --with) return ;;
+    esac
+    if [[ $current == -* ]]; then
+        _canwire_words "$(_canwire_options "$command")"
+        return
+    fi
+    _canwire_place
+    _canwire_argument "$command"
+}
+
+_canwired() {
+    local current=${COMP_WORDS[COMP_CWORD]}
+    case ${COMP_WORDS[COMP_CWORD - 1]} in
+    -c | --config) _canwire_files ;;
+    *) _canwire_words "-c --config --help --version" ;;
+    esac
+}
+
+complete -F _canwire canwire
+complete -F _canwired canwired
