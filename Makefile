@@ -83,9 +83,6 @@ install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 644 -t $(SHARE)/doc/canwire README.md config/*.md lib/RULES.md
 	install -D -m 644 scripts/completion/canwire.bash \
 	  $(SHARE)/bash-completion/completions/canwire
-	install -D -m 644 -t $(DESTDIR)$(PREFIX)/share/doc/canwire config/control.md
-	install -D -m 644 scripts/completion/canwire.bash \
-	  $(DESTDIR)$(PREFIX)/share/bash-completion/completions/canwire
 	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service
 
 clean: ## remove everything that was built, the guest's image included
