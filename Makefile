@@ -80,7 +80,7 @@ install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 644 -t $(SHARE)/canwire config/*.yaml config/schema/*.json
 	install -D -m 644 -t $(SHARE)/canwire/profiles config/profiles/*.yaml
 	install -D -m 644 -t $(SHARE)/canwire/lcm $(LCM_TYPES)
-	install -D -m 644 -t $(SHARE)/doc/canwire README.md config/*.md lib/RULES.md
+	install -D -m 644 -t $(SHARE)/doc/canwire README.md lib/RULES.md $(wildcard config/*.md)
 	install -D -m 644 scripts/completion/canwire.bash \
 	  $(SHARE)/bash-completion/completions/canwire
 	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service

@@ -640,7 +640,6 @@ static void begin_reception(cw_mac *m, bool may_join, cw_mac_report *r)
 static void become_idle(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
-    m->overloads_in_row = 0;
     enter(m, CW_MAC_IDLE);
 }
 

@@ -3,7 +3,7 @@
  * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors. What it
  * does on the wire is in tests/conformance.
  */
-#include "canwire.h"
+#include "confinement.h"
 #include "mac.h"
 
 #include <setjmp.h>
@@ -175,6 +175,46 @@ static void bus_off_stays_bus_off_when_disconnected(void **state)
     assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
 }
 
+/* R9, R11, R13: the state follows the larger counter, up and down. */
+static void states_follow_the_counters(void **state)
+{
+    (void)state;
+    static const struct {
+        unsigned tec, rec;
+        cw_state after_set, after_tx, after_rx;
+    } rows[] = {
+        {95, 95, CW_STATE_ERROR_ACTIVE, CW_STATE_ERROR_ACTIVE, CW_STATE_ERROR_ACTIVE},
+        {96, 0, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_ACTIVE, CW_STATE_ERROR_WARNING},
+        {0, 96, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_ACTIVE},
+        {96, 96, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_WARNING},
+        {128, 0, CW_STATE_ERROR_PASSIVE, CW_STATE_ERROR_WARNING, CW_STATE_ERROR_PASSIVE},
+        {0, 128, CW_STATE_ERROR_PASSIVE, CW_STATE_ERROR_PASSIVE, CW_STATE_ERROR_WARNING},
+        {255, 0, CW_STATE_ERROR_PASSIVE, CW_STATE_ERROR_PASSIVE, CW_STATE_ERROR_PASSIVE},
+        {256, 0, CW_STATE_BUS_OFF, CW_STATE_BUS_OFF, CW_STATE_BUS_OFF},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        cw_confinement c = {.warning_limit = 96};
+        cw_confinement_set(&c, rows[i].tec, rows[i].rec);
+        assert_int_equal(c.state, rows[i].after_set);
+        cw_confinement_tx_success(&c);
+        assert_int_equal(c.state, rows[i].after_tx);
+        cw_confinement_set(&c, rows[i].tec, rows[i].rec);
+        cw_confinement_rx_success(&c);
+        assert_int_equal(c.state, rows[i].after_rx);
+    }
+}
+
+static void the_warning_limit_counts_at_once(void **state)
+{
+    (void)state;
+    cw_confinement c = {.warning_limit = 96};
+    cw_confinement_set(&c, 50, 0);
+    cw_confinement_set_warning_limit(&c, 50);
+    assert_int_equal(c.state, CW_STATE_ERROR_WARNING);
+    cw_confinement_set_warning_limit(&c, 51);
+    assert_int_equal(c.state, CW_STATE_ERROR_ACTIVE);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -189,6 +229,8 @@ int main(void)
         cmocka_unit_test(nothing_is_forced_off_the_bus),
         cmocka_unit_test(a_disconnected_node_integrates_when_back),
         cmocka_unit_test(bus_off_stays_bus_off_when_disconnected),
+        cmocka_unit_test(states_follow_the_counters),
+        cmocka_unit_test(the_warning_limit_counts_at_once),
     };
     return cmocka_run_group_tests_name("mac", tests, NULL, NULL);
 }
