@@ -24,8 +24,8 @@ typedef struct cfg_traffic {
 
 typedef struct cfg_node {
     char *name;
-    char *port; /* interface name, or NULL */
-    uint8_t modes; /* CW_MODE_* */
+    char *port;          /* interface name, or NULL */
+    uint8_t modes;       /* CW_MODE_* */
     bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;
     uint16_t queue;
@@ -42,8 +42,8 @@ typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK } cfg_pacing;
 
 /* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
 typedef struct cfg_lcm {
-    bool enabled; /* an `lcm` key is present */
-    char *url;    /* default "udpm://239.255.76.67:7667?ttl=0" */
+    bool enabled;    /* an `lcm` key is present */
+    char *url;       /* default "udpm://239.255.76.67:7667?ttl=0" */
     cfg_time period; /* default 1s */
     uint32_t events; /* default error, state, restart, overload, drop, fault */
 } cfg_lcm;

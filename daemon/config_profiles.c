@@ -202,20 +202,11 @@ static parameter *find_parameter(parameters *all, const char *name)
     return NULL;
 }
 
-/* Nothing, ~ and null stand for no value. */
-static bool is_null(const yaml_node_t *value)
-{
-    return value->type == YAML_SCALAR_NODE && value->data.scalar.style == YAML_PLAIN_SCALAR_STYLE &&
-           (value->data.scalar.length == 0 ||
-            strcmp((const char *)value->data.scalar.value, "~") == 0 ||
-            strcmp((const char *)value->data.scalar.value, "null") == 0);
-}
-
 static void read_value(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     parameter *found = object;
 
-    if (is_null(value))
+    if (schema_is_null(value))
         return;
     const char *text = schema_text(self, key, value, "a single value");
     if (text && strlen(text) > PARAMETER_VALUE_MAX)
@@ -258,7 +249,7 @@ static void read_parameters(schema *self, const schema_key *key, yaml_node_t *va
     yaml_node_t *name;
     yaml_node_t *of_name;
 
-    if (is_null(value))
+    if (schema_is_null(value))
         return;
     if (value->type != YAML_MAPPING_NODE) {
         schema_expected(self, key, value, "a map of parameters such as { victim: engine }");

@@ -65,6 +65,15 @@ bool schema_is_open(const schema *self, const yaml_node_t *value)
     return self->has_open && text && *text == SCHEMA_OPEN;
 }
 
+bool schema_is_null(const yaml_node_t *value)
+{
+    if (value->type != YAML_SCALAR_NODE || value->data.scalar.style != YAML_PLAIN_SCALAR_STYLE)
+        return false;
+
+    const char *text = (const char *)value->data.scalar.value;
+    return *text == '\0' || strcmp(text, "~") == 0 || strcmp(text, "null") == 0;
+}
+
 yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i)
 {
     const yaml_node_pair_t *pair = map->data.mapping.pairs.start + i;
@@ -307,9 +316,11 @@ static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
     return complete;
 }
 
-/* The text of a scalar without NUL, else NULL. */
+/* The text of a scalar without NUL, else NULL; "" for YAML's null. */
 static const char *scalar_text(const yaml_node_t *node)
 {
+    if (schema_is_null(node))
+        return "";
     if (node->type != YAML_SCALAR_NODE)
         return NULL;
 

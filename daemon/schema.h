@@ -65,6 +65,9 @@ void *schema_member(const schema_key *key, void *object);
 /* Whether a value is not known yet; its key is then not read. */
 bool schema_is_open(const schema *self, const yaml_node_t *value);
 
+/* Whether a value is YAML's null: nothing, ~ or null, without quotes. */
+bool schema_is_null(const yaml_node_t *value);
+
 /* Key and value i of a map, or NULL at its end. */
 yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i);
 

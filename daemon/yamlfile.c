@@ -23,6 +23,7 @@ typedef struct scan {
 } scan;
 
 static unsigned char *read_file(size_t *length, const char *file, diag *errors);
+static void skip_mark(text_buffer *text);
 static bool has_no_nul(const text_buffer *text, diag *errors);
 static bool scan_events(const text_buffer *text, diag *errors);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
@@ -37,17 +38,6 @@ bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors)
     return loaded;
 }
 
-/* A byte order mark is no content; without it, offsets and columns are those that editors show. */
-static void skip_mark(text_buffer *text)
-{
-    static const unsigned char mark[] = {0xEF, 0xBB, 0xBF};
-
-    if (text->length < sizeof mark || memcmp(text->bytes, mark, sizeof mark) != 0)
-        return;
-    text->length -= sizeof mark;
-    text->bytes += sizeof mark;
-}
-
 bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors)
 {
     text_buffer buffer = {.bytes = (const unsigned char *)text, .length = size};
@@ -60,6 +50,17 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, di
     /* The events are scanned first: only so can limits hold before the document is built. */
     return has_no_nul(&buffer, errors) && scan_events(&buffer, errors) &&
            load_document(document, &buffer, errors);
+}
+
+/* A byte order mark is no content; without it, offsets and columns are those that editors show. */
+static void skip_mark(text_buffer *text)
+{
+    static const unsigned char mark[] = {0xEF, 0xBB, 0xBF};
+
+    if (text->length < sizeof mark || memcmp(text->bytes, mark, sizeof mark) != 0)
+        return;
+    text->length -= sizeof mark;
+    text->bytes += sizeof mark;
 }
 
 /* Reads until the end or one byte over the limit; works for pipes too. */

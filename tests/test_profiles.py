@@ -211,8 +211,8 @@ def test_bus_off_attack(play):
 def test_babbling_idiot(play):
     run = play("babbling-idiot", "idiot: dash")
     idiot = run.of("tx", "dash")
-    busy = len(idiot) * (130 + 3)  # 000#0000000000000000 has 130 bits with all its stuff bits
-    assert 0.97 < busy * 2e-6 / 0.05 < 1.05
+    busy = len(idiot) * (124 + 3)  # with its stuff bits and the intermission
+    assert 0.97 < busy * 2e-6 / 0.05 < 1.02
     assert len(run.of("tx", "engine", begin=BEGIN + 0.001, end=END)) == 0
     assert {e["why"] for e in run.of("drop")} == {"queue-full"}
     assert not run.of("error")

@@ -1,0 +1,256 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""The JSON schema for editors and the loader (`canwire check`) agree.
+
+On all files of tests/config, config and config/profiles, and on thousands of files that differ from
+the good ones in one place. What only the loader can know (names that do not exist, duplicates) is
+listed in SEMANTIC; a bad file with nothing else in it says "only the loader" in a comment.
+
+Scalars are read as the loader does, which does not care for quotes: a number is what is written as
+one (a decimal integer without sign and leading 0). So a pattern of the schema is held against what
+is written, numbers included, and `on` is no boolean as it was in YAML 1.1.
+"""
+
+import json
+import os
+import pathlib
+import random
+import re
+import subprocess
+
+import jsonschema
+import pytest
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+CANWIRE = os.environ.get("CANWIRE", str(ROOT / "build/release/canwire"))
+CONFIG = ROOT / "tests/config"
+GOOD = sorted([*CONFIG.glob("good/*.yaml"), *CONFIG.glob("profiles/[nt]*.yaml"),
+               *ROOT.glob("config/profiles/*.yaml"), *ROOT.glob("config/*.yaml")])
+BAD = sorted(CONFIG.glob("bad/*.yaml"))
+SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())
+TIMEOUT_S = 60
+MUTANTS_MAX = 250  # of one file; drawn with a fixed seed
+DEPTH_MAX = 40
+
+# What the loader finds and the schema cannot.
+SEMANTIC = [
+    "there is no node", "there is no rule", "duplicate", "cannot come after itself",
+    "is in the list twice", "is in the map twice", "is named twice", "nothing is separated",
+    "wait for the same states", "another node", "needs a frame on the bus",
+    "error frames (#MASK)", "for error frames (#MASK), not for both", "more frame filters than fit",
+    "within 0.1 %", "whole nanoseconds", "too large", "window must end after", "cannot open",
+    "cannot read", "profiles: there are errors", "no fault profile", "has no parameter",
+    "of the profile needs a value", "there is no parameter", "has more than 63 characters",
+    "at most 107 bytes", "merge keys", "$$ stands for a dollar", "error frames (bit 20000000)",
+]
+
+
+class Integer(int):
+    """A number that still knows how it was written."""
+
+
+class Decimal(float):
+    """The same with a fraction or an exponent."""
+
+
+def convert(node, depth=0):
+    """A YAML node as JSON schema sees it; of duplicate keys the last one."""
+    assert depth < DEPTH_MAX, "a cycle"
+    if isinstance(node, yaml.MappingNode):
+        return {key.value if isinstance(key, yaml.ScalarNode) else "?": convert(value, depth + 1)
+                for key, value in node.value}
+    if isinstance(node, yaml.SequenceNode):
+        return [convert(value, depth + 1) for value in node.value]
+    return scalar(node.value, node.style is None)
+
+
+def scalar(text, plain):
+    if plain and text in ("", "~", "null"):
+        return None
+    if text in ("true", "false"):
+        return text == "true"
+    if re.fullmatch("0|[1-9][0-9]*", text):
+        result = Integer(text)
+    elif re.fullmatch(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]+)?", text):
+        result = Decimal(text)
+    else:
+        return text
+    result.text = text
+    return result
+
+
+def check_pattern(validator, pattern, instance, schema):
+    del validator, schema
+    text = getattr(instance, "text", instance)
+    if isinstance(text, str) and not re.search(pattern, text):
+        yield jsonschema.ValidationError(f"{text!r} does not match {pattern!r}")
+
+
+def is_integer(checker, instance):
+    del checker
+    return isinstance(instance, Integer)
+
+
+Validator = jsonschema.validators.extend(
+    jsonschema.Draft202012Validator, {"pattern": check_pattern},
+    type_checker=jsonschema.Draft202012Validator.TYPE_CHECKER.redefine("integer", is_integer))
+VALIDATOR = Validator(SCHEMA)
+
+
+def compose(text):
+    return yaml.compose(text, Loader=yaml.BaseLoader)
+
+
+def schema_accepts(node):
+    try:
+        return VALIDATOR.is_valid(convert(node))
+    except AssertionError:
+        return True  # not for a schema to see
+
+
+def loader_errors(path):
+    result = subprocess.run([CANWIRE, "check", path], capture_output=True, text=True,
+                            timeout=TIMEOUT_S, check=False)
+    assert result.returncode == (1 if result.stderr else 0), result
+    return result.stderr.splitlines()
+
+
+def relative(path):
+    return str(path.relative_to(ROOT))
+
+
+def test_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("path", GOOD, ids=relative)
+def test_good_files_are_good_for_both(path):
+    assert loader_errors(path) == []
+    VALIDATOR.validate(convert(compose(path.read_text())))
+
+
+@pytest.mark.parametrize("path", BAD, ids=relative)
+def test_bad_files_are_bad_for_both(path):
+    text = path.read_text()
+    assert loader_errors(path) != []
+    try:
+        node = compose(text)
+    except yaml.YAMLError:
+        return  # no YAML at all
+    if node is None:
+        return  # no document
+    assert schema_accepts(node) == ("only the loader" in text)
+
+
+def test_examples_of_the_reference_are_good(tmp_path):
+    text = (ROOT / "config/faults.md").read_text()
+    blocks = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    rules = [line for block in blocks for line in block.splitlines() if line.startswith("- { name")]
+    assert len(rules) > 15
+    nodes = ", ".join(f"{{ name: {name} }}" for name in ("engine", "gearbox", "dash", "load"))
+    path = tmp_path / "examples.yaml"
+    path.write_text("bus: { bitrate: 500000 }\nnodes: [ " + nodes + " ]\nfaults:\n"
+                    + "\n".join("  " + rule for rule in rules))
+    assert loader_errors(path) == []
+    VALIDATOR.validate(convert(compose(path.read_text())))
+
+
+# ---- Files that differ in one place ---------------------------------------------------------------
+
+REPLACEMENTS = ["", "-1", "x y", "0", "1.5", "0500", "99999999999999999999", "on", "dominant", "tx",
+                "123", "12345678", "crc[15]", "10ms", "2s..5s", "60%", "123#11", "#4", "$", "1e-5"]
+
+
+def write(node):
+    """The node as YAML again, on one line."""
+    if isinstance(node, yaml.MappingNode):
+        return "{" + ", ".join(f"{write(k)}: {write(v)}" for k, v in node.value) + "}"
+    if isinstance(node, yaml.SequenceNode):
+        return "[" + ", ".join(map(write, node.value)) + "]"
+    plain = node.style is None
+    return "~" if scalar(node.value, plain) is None else json.dumps(node.value)
+
+
+def text_node(text):
+    return yaml.ScalarNode("tag:yaml.org,2002:str", text, style='"')
+
+
+def places(node):
+    """Each change that can be made in a tree: the list of a node, and what it becomes.
+
+    What a parameter stands for only the loader knows, so that their values stay as they are."""
+    if isinstance(node, yaml.MappingNode):
+        yield from map_changes(node)
+        for i, (key, value) in enumerate(node.value):
+            if key.value in ("parameters", "with"):
+                continue
+            yield from value_changes(node.value, i, lambda new, key=key: (key, new))
+            yield from places(value)
+    elif isinstance(node, yaml.SequenceNode):
+        yield node.value, []
+        for i, value in enumerate(node.value):
+            yield node.value, node.value[:i] + node.value[i + 1:]
+            yield from value_changes(node.value, i, lambda new: new)
+            yield from places(value)
+
+
+def map_changes(node):
+    yield node.value, node.value + [(text_node("unknown"), text_node("x"))]
+    for i in range(len(node.value)):
+        yield node.value, node.value[:i] + node.value[i + 1:]
+
+
+def value_changes(items, i, make):
+    others = [text_node(text) for text in REPLACEMENTS]
+    others += [yaml.SequenceNode("", []), yaml.MappingNode("", []),
+               yaml.ScalarNode("", "", style=None)]
+    for other in others:
+        yield items, items[:i] + [make(other)] + items[i + 1:]
+
+
+def is_allowed(changed):
+    """A parameter where there are none is well for the schema, which is the same for profiles."""
+    return not any(item.value == "$" for pair in changed
+                   for item in (pair if isinstance(pair, tuple) else [pair]))
+
+
+def mutants(path):
+    """Texts that differ from a file in one place."""
+    root = compose(path.read_text())
+    is_profile = all(key.value != "bus" for key, _ in root.value)
+    changes = [(items, changed) for items, changed in places(root)
+               if is_profile or is_allowed(changed)]
+    chosen = random.Random(path.name).sample(changes, min(MUTANTS_MAX, len(changes)))
+    for items, changed in chosen:
+        before = items[:]
+        items[:] = changed
+        yield write(root)
+        items[:] = before
+
+
+def is_semantic(line):
+    return any(known in line for known in SEMANTIC)
+
+
+def disagreement(path, text):
+    path.write_text(text)
+    errors = loader_errors(path)
+    accepted = schema_accepts(compose(text))
+    if errors and accepted and not all(is_semantic(line) for line in errors):
+        return f"only the loader refuses: {text[:2000]}\n" + "\n".join(errors)
+    if not errors and not accepted:
+        return f"only the schema refuses: {text[:2000]}"
+    return None
+
+
+@pytest.mark.parametrize("path", GOOD, ids=relative)
+def test_files_that_differ_in_one_place_are_judged_alike(path):
+    if "cycle" in path.name or "aliases" in path.name:
+        pytest.skip("aliases are not written back")
+    mutant = path.with_name(f".mutant-{os.getpid()}.yaml")  # beside the files that it names
+    try:
+        found = [d for d in (disagreement(mutant, text) for text in mutants(path)) if d]
+    finally:
+        mutant.unlink(missing_ok=True)
+    assert not found, f"{len(found)} disagreements, first:\n{found[0]}"
