@@ -118,8 +118,7 @@ static bool find_node(request *r, unsigned *node)
 static bool find_rule(request *r, unsigned *rule)
 {
     const char *name = text_of(r, "rule");
-    return live_find(r->world->config, rule, name) ||
-           refuse(r, "there is no rule '%.80s'", name);
+    return live_find(r->world->config, rule, name) || refuse(r, "there is no rule '%.80s'", name);
 }
 
 /* ---- Looking --------------------------------------------------------------------------------- */
@@ -467,8 +466,10 @@ static bool has_type(const json_t *value, json_type type)
 
 static bool check_keys(request *r, const request_kind *kind)
 {
-    static const char *const types[] = {[JSON_OBJECT] = "an object", [JSON_ARRAY] = "a list",
-                                        [JSON_STRING] = "a text", [JSON_TRUE] = "true or false"};
+    static const char *const types[] = {[JSON_OBJECT] = "an object",
+                                        [JSON_ARRAY] = "a list",
+                                        [JSON_STRING] = "a text",
+                                        [JSON_TRUE] = "true or false"};
     json_t *members = (json_t *)(uintptr_t)r->asked; /* the iterator takes no const */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
         const char *name = json_object_iter_key(i);

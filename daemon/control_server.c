@@ -23,8 +23,8 @@
 
 #define GROUP "canwire"
 #define BACKLOG 64
-#define ACCEPTS_MAX 16     /* at one wake-up */
-#define READ_BYTES 65536u  /* at one wake-up */
+#define ACCEPTS_MAX 16    /* at one wake-up */
+#define READ_BYTES 65536u /* at one wake-up */
 #define TURN_MAX_S 0.002
 #define PAUSE_S 1.0        /* after accept() failed for want of resources */
 #define LOG_LINES_PER_S 10 /* about clients, who must not fill the log */
@@ -93,8 +93,8 @@ static void close_client(server_client *c)
 static void flush(server_client *c)
 {
     while (buffer_length(&c->out) > 0) {
-        ssize_t count = send(c->fd, buffer_first(&c->out), buffer_length(&c->out),
-                             MSG_NOSIGNAL | MSG_DONTWAIT);
+        ssize_t count =
+            send(c->fd, buffer_first(&c->out), buffer_length(&c->out), MSG_NOSIGNAL | MSG_DONTWAIT);
         if (count > 0) {
             buffer_take(&c->out, (size_t)count);
         } else if (errno != EINTR) {

@@ -28,10 +28,8 @@ typedef struct number_key {
 
 /* In the order in which `ip` shows them. */
 static const mode_key mode_keys[] = {
-    {"loopback", CW_MODE_LOOPBACK},
-    {"listen-only", CW_MODE_LISTEN_ONLY},
-    {"one-shot", CW_MODE_ONE_SHOT},
-    {"berr-reporting", CW_MODE_BERR_REPORTING},
+    {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
+    {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
     {"presume-ack", CW_MODE_PRESUME_ACK},
 };
 
@@ -124,9 +122,8 @@ static bool set_number(cw_settings *s, char *error, const number_key *key, const
 {
     uint64_t number = 0;
     if (!read_number(&number, value) || number < key->min || number > key->max) {
-        snprintf(error, SETTINGS_ERROR_MAX,
-                 "%s: expected a number from %" PRIu64 " to %" PRIu64, key->name, key->min,
-                 key->max);
+        snprintf(error, SETTINGS_ERROR_MAX, "%s: expected a number from %" PRIu64 " to %" PRIu64,
+                 key->name, key->min, key->max);
         return false;
     }
     put_number(s, key->which, number);

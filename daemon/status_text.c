@@ -90,27 +90,33 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }
 
+/* Of column i and what stands under it; the last one ends the line. */
+static int column_width(const column *columns, size_t count, size_t i)
+{
+    int width = (int)strlen(columns[i].title);
+    if (i + 1 == count)
+        return 0;
+    return width > TITLE_WIDTH ? width : TITLE_WIDTH;
+}
+
 static void print_columns(FILE *out, const json_t *values, const column *columns, size_t count)
 {
     for (size_t i = 0; i < count; i++)
-        fprintf(out, "%s%-*s", i == 0 ? "\t  " : " ", i + 1 < count ? TITLE_WIDTH : 0,
+        fprintf(out, "%s%-*s", i == 0 ? "\t  " : " ", column_width(columns, count, i),
                 columns[i].title);
     fputc('\n', out);
-    for (size_t i = 0; i < count; i++) {
-        int width = (int)strlen(columns[i].title);
-        fprintf(out, "%s%-*jd", i == 0 ? "\t  " : " ",
-                i + 1 == count ? 0 : width > TITLE_WIDTH ? width : TITLE_WIDTH,
+    for (size_t i = 0; i < count; i++)
+        fprintf(out, "%s%-*jd", i == 0 ? "\t  " : " ", column_width(columns, count, i),
                 number(values, columns[i].key));
-    }
     fputc('\n', out);
 }
 
 static void print_counters(FILE *out, const json_t *node)
 {
     static const column controller[] = {
-        {"re-started", "restarts"},     {"bus-errors", "bus_errors"},
+        {"re-started", "restarts"},         {"bus-errors", "bus_errors"},
         {"arbit-lost", "arbitration_lost"}, {"error-warn", "error_warning"},
-        {"error-pass", "error_passive"}, {"bus-off", "bus_off"},
+        {"error-pass", "error_passive"},    {"bus-off", "bus_off"},
     };
     static const column errors[] = {
         {"bit-err", "bit"}, {"stuff-err", "stuff"}, {"form-err", "form"},
@@ -141,8 +147,8 @@ static void print_traffic(FILE *out, const json_t *node)
     const json_t *interface = json_object_get(node, "interface");
     fputs("    RX:  bytes packets errors dropped  missed   mcast\n", out);
     fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "rx_bytes"),
-            number(node, "rx_frames"), number(node, "rx_errors"),
-            number(interface, "write_failed"), 0, 0);
+            number(node, "rx_frames"), number(node, "rx_errors"), number(interface, "write_failed"),
+            0, 0);
     fputs("    TX:  bytes packets errors dropped carrier collsns\n", out);
     fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "tx_bytes"),
             number(node, "tx_frames"), number(node, "tx_errors"),

@@ -11,7 +11,8 @@ static const char clear_help[] =
     "\n"
     "      --injected   without RULE: only rules that were injected\n";
 
-static const char fire_help[] = "Lets a rule with `manual: yes` act once, as if its `after` had hit.\n\n";
+static const char fire_help[] =
+    "Lets a rule with `manual: yes` act once, as if its `after` had hit.\n\n";
 
 int cli_clear(int argc, char **argv)
 {
@@ -36,10 +37,8 @@ int cli_clear(int argc, char **argv)
 int cli_fire(int argc, char **argv)
 {
     int first = 0;
-    const command c = {.usage = "canwire fire BUS RULE",
-                       .help = fire_help,
-                       .words_min = 2,
-                       .words_max = 2};
+    const command c = {
+        .usage = "canwire fire BUS RULE", .help = fire_help, .words_min = 2, .words_max = 2};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

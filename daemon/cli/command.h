@@ -19,10 +19,10 @@ typedef struct command_option {
 } command_option;
 
 typedef struct command {
-    const char *usage; /* "canwire NAME ARGUMENTS" */
-    const char *help;  /* what it does, and its options */
-    int words_min;     /* arguments that are no options */
-    int words_max;     /* -1: any number */
+    const char *usage;  /* "canwire NAME ARGUMENTS" */
+    const char *help;   /* what it does, and its options */
+    int words_min;      /* arguments that are no options */
+    int words_max;      /* -1: any number */
     bool options_first; /* what follows the first word is no option, whatever it begins with */
     command_option options[COMMAND_FLAGS_MAX + 1];
     void *user; /* for the options */

@@ -7,7 +7,8 @@
 #include "status.h"
 
 static const char help[] =
-    "Lists the fault rules on a bus, configured and injected, with how often they matched, hit and\n"
+    "Lists the fault rules on a bus, configured and injected, with how often they matched, hit "
+    "and\n"
     "were passed over, and whether they act now (active), may act (waiting, manual) or are over.\n"
     "\n"
     "      --json   as JSON\n";

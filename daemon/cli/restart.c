@@ -7,7 +7,8 @@
 #include "jsonput.h"
 
 static const char help[] =
-    "Restarts a node that is bus-off, as `ip link set DEVICE type can restart` does. It comes back\n"
+    "Restarts a node that is bus-off, as `ip link set DEVICE type can restart` does. It comes "
+    "back\n"
     "after 128 groups of 11 recessive bits. Refused for nodes with restart-ms: they come by\n"
     "themselves.\n"
     "\n";
@@ -15,10 +16,8 @@ static const char help[] =
 int cli_restart(int argc, char **argv)
 {
     int first = 0;
-    const command c = {.usage = "canwire restart BUS NODE",
-                       .help = help,
-                       .words_min = 2,
-                       .words_max = 2};
+    const command c = {
+        .usage = "canwire restart BUS NODE", .help = help, .words_min = 2, .words_max = 2};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

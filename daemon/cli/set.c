@@ -11,7 +11,8 @@
 static const char usage[] = "canwire set BUS NODE KEY=VALUE...";
 
 static const char help[] =
-    "Changes settings of a node at once; the configuration's file stays as it is. Keys are those of\n"
+    "Changes settings of a node at once; the configuration's file stays as it is. Keys are those "
+    "of\n"
     "the configuration, as in `ip link set ... type can`:\n"
     "\n"
     "  loopback, listen-only, one-shot, berr-reporting, presume-ack   on or off\n"

@@ -2,10 +2,10 @@
  *
  * status.c - canwire status: a bus and its nodes, or all buses.
  */
+#include "status.h"
 #include "client.h"
 #include "command.h"
 #include "jsonput.h"
-#include "status.h"
 
 #include <glob.h>
 #include <string.h>
@@ -13,12 +13,13 @@
 #define SUFFIX ".sock"
 #define PATTERN_MAX 4096
 
-static const char help[] =
-    "Shows per node what `ip -details -statistics link show` shows for a CAN device, and more: its\n"
-    "queue, overload frames, retransmissions, bus errors by type, dropped frames by reason. Without\n"
-    "BUS: all buses that run.\n"
-    "\n"
-    "      --json   as JSON; without BUS as a list\n";
+static const char help[] = "Shows per node what `ip -details -statistics link show` shows for a "
+                           "CAN device, and more: its\n"
+                           "queue, overload frames, retransmissions, bus errors by type, dropped "
+                           "frames by reason. Without\n"
+                           "BUS: all buses that run.\n"
+                           "\n"
+                           "      --json   as JSON; without BUS as a list\n";
 
 static json_t *ask(const char *bus)
 {

@@ -9,8 +9,10 @@
 #include <string.h>
 
 static const char help[] =
-    "Shows what happens on a bus until it ends or you press Ctrl-C: a line per event and node, from\n"
-    "now on. When this reads too slowly, the bus does not wait; how many events were lost is told.\n"
+    "Shows what happens on a bus until it ends or you press Ctrl-C: a line per event and node, "
+    "from\n"
+    "now on. When this reads too slowly, the bus does not wait; how many events were lost is "
+    "told.\n"
     "\n"
     "  KIND         only events of these kinds: fault, drop, restart, arbitration-lost, error,\n"
     "               overload, rx, tx, state\n"

@@ -372,8 +372,9 @@ static void status_prints_as_ip_does(void **state)
     rig *r = *state;
     char printed[TEXT_MAX] = "";
     int fd = connect_client(r);
-    tell(r, fd, "{\"request\":\"set\",\"node\":\"b\","
-                "\"settings\":{\"listen-only\":true,\"one-shot\":true}}");
+    tell(r, fd,
+         "{\"request\":\"set\",\"node\":\"b\","
+         "\"settings\":{\"listen-only\":true,\"one-shot\":true}}");
     json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
     FILE *out = fmemopen(printed, sizeof printed, "w");
     status_print(out, json_object_get(reply, "status"));
@@ -492,7 +493,8 @@ static void nodes_are_restarted(void **state)
 {
     rig *r = *state;
     int fd = connect_client(r);
-    expect_refusal(r, fd, "{\"request\":\"restart\",\"node\":\"a\"}", "not bus-off but error-active");
+    expect_refusal(r, fd, "{\"request\":\"restart\",\"node\":\"a\"}",
+                   "not bus-off but error-active");
     put_bus_off(&r->engine, 0);
     put_bus_off(&r->engine, 2);
     tell(r, fd, "{\"request\":\"restart\",\"node\":\"a\"}");
@@ -517,7 +519,8 @@ static void settings_are_changed(void **state)
     assert_string_equal(text(now, "order"), "fifo");
     assert_int_equal(number(now, "warning-limit"), 255);
     json_decref(reply);
-    reply = grant(r, fd, "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":\"off\"}}");
+    reply =
+        grant(r, fd, "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":\"off\"}}");
     now = json_object_get(reply, "settings");
     assert_false(is_on(now, "one-shot"));
     assert_true(is_on(now, "berr-reporting"));
@@ -572,7 +575,8 @@ static const refusal refusals[] = {
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":0}}", "from 1 to 4096", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":-1}}", "from 1 to 4096", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":1.5}}", "from 1 to 4096", false},
-    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"order\":\"lifo\"}}", "priority or fifo", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"order\":\"lifo\"}}", "priority or fifo",
+     false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"loopback\":1}}", "on or off", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"restart\":1}}", "restart-ms", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"q\":1}}", "there are loopback", false},
@@ -620,8 +624,10 @@ static void watchers_see_what_they_asked_for(void **state)
     tell(r, none, "{\"request\":\"watch\"}");
     tell(r, none, "{\"request\":\"watch\",\"events\":[]}"); /* the last one counts */
     send_frame(r);
-    assert_non_null(strstr(next_line(r, some), "\"node\":\"a\",\"event\":\"tx\",\"frame\":\"123#AB\""));
-    assert_non_null(strstr(next_line(r, all), "\"node\":\"b\",\"event\":\"rx\",\"frame\":\"123#AB\""));
+    assert_non_null(
+        strstr(next_line(r, some), "\"node\":\"a\",\"event\":\"tx\",\"frame\":\"123#AB\""));
+    assert_non_null(
+        strstr(next_line(r, all), "\"node\":\"b\",\"event\":\"rx\",\"frame\":\"123#AB\""));
     assert_non_null(strstr(next_line(r, all), "\"node\":\"c\",\"event\":\"rx\""));
     assert_non_null(strstr(next_line(r, all), "\"event\":\"tx\""));
     tell(r, none, "{\"request\":\"faults\"}"); /* no event came before */
@@ -636,8 +642,9 @@ static void injected_rules_have_their_names_in_events(void **state)
     rig *r = *state;
     int fd = connect_client(r);
     tell(r, fd, "{\"request\":\"watch\",\"events\":[\"fault\"]}");
-    tell(r, fd, "{\"request\":\"inject\",\"text\":\"- {name: mine, when: {frame: \\\"123\\\", "
-                "count: 1}, do: {flip: \\\"crc[3]\\\"}}\"}");
+    tell(r, fd,
+         "{\"request\":\"inject\",\"text\":\"- {name: mine, when: {frame: \\\"123\\\", "
+         "count: 1}, do: {flip: \\\"crc[3]\\\"}}\"}");
     send_frame(r);
     assert_non_null(strstr(next_line(r, fd), "\"event\":\"fault\",\"rule\":\"mine\",\"hit\":1}"));
     close(fd);
@@ -680,7 +687,8 @@ static void requests_may_come_in_pieces_and_in_heaps(void **state)
     for (const char *c = request; *c; c++)
         assert_true(send_bytes(r, fd, c, 1));
     json_decref(next_json(r, fd));
-    send_text(r, fd, "\n\n  \n{\"id\":1,\"request\":\"faults\"}\n{\"id\":2,\"request\":\"faults\"}\n\n");
+    send_text(r, fd,
+              "\n\n  \n{\"id\":1,\"request\":\"faults\"}\n{\"id\":2,\"request\":\"faults\"}\n\n");
     for (int id = 1; id <= 2; id++) {
         json_t *reply = next_json(r, fd);
         assert_int_equal(number(reply, "id"), id);
@@ -754,8 +762,10 @@ static void only_inject_may_be_long(void **state)
     line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX);
     tell(r, fd, line);
     free(line);
-    line = make_request("{\"request\":\"inject\",\"text\":\"[{name: long, when: {frame: \\\"123\\\"}, "
-                        "do: {flip: sof}}]", ' ', "\"}", SERVER_LINE_MAX);
+    line =
+        make_request("{\"request\":\"inject\",\"text\":\"[{name: long, when: {frame: \\\"123\\\"}, "
+                     "do: {flip: sof}}]",
+                     ' ', "\"}", SERVER_LINE_MAX);
     tell(r, fd, line);
     free(line);
     close(fd);
@@ -968,8 +978,9 @@ static void other_files_are_left_alone(void **state)
     snprintf(path, sizeof path, "%s/no/folder", r->folder);
     assert_null(server_start(r->loop, path, &no_calls, NULL));
     memset(path, 'x', sizeof path - 1);
-    assert_null(server_start(r->loop, "/tmp/a-path-that-is-longer-than-the-hundred-and-seven-bytes-"
-                                      "that-the-kernel-takes-for-the-path-of-a-socket-of-a-bus",
+    assert_null(server_start(r->loop,
+                             "/tmp/a-path-that-is-longer-than-the-hundred-and-seven-bytes-"
+                             "that-the-kernel-takes-for-the-path-of-a-socket-of-a-bus",
                              &no_calls, NULL));
 }
 
