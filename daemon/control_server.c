@@ -312,11 +312,16 @@ static void on_pause_over(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
+static bool is_socket(const char *path)
+{
+    struct stat found;
+    return lstat(path, &found) == 0 && S_ISSOCK(found.st_mode);
+}
+
 /* Whether a socket is at the path that nobody listens at. */
 static bool is_stale(const struct sockaddr_un *address)
 {
-    struct stat found;
-    if (lstat(address->sun_path, &found) != 0 || !S_ISSOCK(found.st_mode))
+    if (!is_socket(address->sun_path))
         return false;
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
@@ -336,6 +341,17 @@ static int bind_once(int fd, const struct sockaddr_un *address)
     return error;
 }
 
+static void log_bind_error(const char *path, int error)
+{
+    const char *why = strerror(error);
+    if (error == EADDRINUSE)
+        why = is_socket(path) ? "in use; is another canwired running for this bus?"
+                              : "there is something that is no socket";
+    else if (error == ENOENT)
+        why = "the directory does not exist";
+    log_error("control %s: %s", path, why);
+}
+
 static bool bind_path(server *s)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -350,13 +366,10 @@ static bool bind_path(server *s)
         (void)unlink(s->path);
         error = bind_once(s->fd, &address);
     }
-    if (error == EADDRINUSE)
-        log_error("control %s: in use; is another canwired running for this bus?", s->path);
-    else if (error == ENOENT)
-        log_error("control %s: the directory does not exist", s->path);
-    else if (error != 0)
-        log_error("control %s: %s", s->path, strerror(error));
-    return error == 0 && lstat(s->path, &s->socket) == 0;
+    if (error == 0)
+        return lstat(s->path, &s->socket) == 0;
+    log_bind_error(s->path, error);
+    return false;
 }
 
 /* Without the group the socket is for the daemon's own user and group. */
