@@ -16,6 +16,8 @@ OPTIMISE_debug := -O0 -g3
 OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
+OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
+  -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
 $(error VARIANT is debug, release or san)
 endif
@@ -35,6 +37,7 @@ PARTS_SOURCES := $(filter-out daemon/main.c,$(wildcard daemon/*.c))
 TOOL_SOURCES := $(wildcard daemon/cli/*.c)
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
+FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
 UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
 
 objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
@@ -45,7 +48,8 @@ CONFORMANCE := $(BUILD)/conformance
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all mutant mutant-run test test-unit demo bench check install clean help build
+.PHONY: all mutant mutant-run test test-unit demo bench check install clean help build \
+  fuzz fuzz-run
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
@@ -74,6 +78,11 @@ check: ## static checks: shell scripts, undefined symbols of the library, format
 	@scripts/check $(LIB)
 
 SHARE := $(DESTDIR)$(PREFIX)/share
+FUZZ ?= 60
+fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
+	@scripts/install-deps build test
+	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
+
 install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
 	install -D -m 755 $(TOOL) $(DESTDIR)$(PREFIX)/bin/canwire
@@ -94,11 +103,26 @@ help: ## this list
 	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR"
 
 # What scripts/test runs: unit tests of one variant and compiler.
-test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS)) $(CONFORMANCE) $(TOOL)
-	@for test in $(UNIT_TESTS); do echo "== $$test ($(VARIANT), $(CC))"; \
-	  CANWIRE=$(TOOL) $(BUILD)/$$test || exit 1; done
-	@echo "== conformance ($(VARIANT), $(CC))"
-	@$(CONFORMANCE)
+test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL)
+	@status=0; for test in $(UNIT_TESTS) conformance; do \
+	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
+	done; exit $$status
+	@$(foreach target,$(FUZZ_TARGETS),echo "== replay $(target) ($(VARIANT), $(CC))" && \
+	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) &&) true
+
+# Inputs to begin with: those of the target, with what was found once, and files for users.
+FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
+FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
+fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
+
+# What was found is left in build/fuzz/found/NAME, an input that breaks something beside it.
+FUZZ_EACH = $(shell expr $(FUZZ) / $(words $(FUZZ_TARGETS)) + 1)
+fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
+	@$(foreach target,$(FUZZ_TARGETS),echo "== $(target)" && mkdir -p $(BUILD)/found/$(target) && \
+	  $(BUILD)/$(target) -max_total_time=$(FUZZ_EACH) -timeout=30 -rss_limit_mb=4096 \
+	  -verbosity=0 -print_final_stats=1 -close_fd_mask=1 -use_value_profile=1 \
+	  -artifact_prefix=$(BUILD)/found/$(target)- $(BUILD)/found/$(target) \
+	  $(call fuzz_seeds,$(target)) &&) true
 
 # What scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_codec) $(CONFORMANCE)
@@ -128,6 +152,14 @@ $(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(PARTS) $(LIB)
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
+
+FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(PARTS) $(LIB)
+
+$(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
+	$(CC) $(ALL_CFLAGS) -fsanitize=fuzzer $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+
+$(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/lib/%.o: lib/%.c
 	@mkdir -p $(@D)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * check.c - canwire check: validates a configuration file, or lists its ports.
+ * check.c - canwire check: validates a configuration or a fault profile, or lists its ports.
  */
 #include "cli.h"
 
@@ -13,7 +13,7 @@
 static const char usage[] =
     "usage: canwire check [--ports] FILE\n"
     "\n"
-    "Validates a configuration file. Errors go to stderr, one a line, as\n"
+    "Validates a configuration or a fault profile. Errors go to stderr, one a line, as\n"
     "FILE:LINE:COLUMN: message. Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports   only print the interfaces that the nodes use, one a line\n";
@@ -67,15 +67,23 @@ static void print_summary(const cfg *config)
            config->rule_count, plural(config->rule_count));
 }
 
+static void print_profile(const char *file, size_t rules)
+{
+    printf("%s: ok (fault profile, %zu rule%s)\n", file, rules, plural(rules));
+}
+
 static int check_file(const char *file, bool ports)
 {
-    cfg *config = cfg_load(file, stderr);
+    cfg *config;
+    size_t rules;
 
-    if (!config)
+    if (!cfg_check(&config, &rules, file, stderr))
         return CLI_BAD_INPUT;
-    if (ports)
+    if (!config && !ports)
+        print_profile(file, rules);
+    else if (config && ports)
         print_ports(config);
-    else
+    else if (config)
         print_summary(config);
     cfg_free(config);
     return CLI_OK;

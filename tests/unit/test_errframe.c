@@ -34,7 +34,7 @@ typedef struct row {
 #define ERROR_EVENT(type_, role_, field_, index_, ...)                                             \
     {                                                                                              \
         .kind = CW_EVENT_ERROR, .tec = 8, .rec = 3,                                                \
-        .error = {.type = type_, .role = role_, .place = {field_, index_, __VA_ARGS__}}            \
+        .error = {.type = type_, .role = role_, .place = {.field = field_, .index = index_, __VA_ARGS__}} \
     }
 #define TX CW_ROLE_TRANSMITTER
 #define RX CW_ROLE_RECEIVER

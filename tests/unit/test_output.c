@@ -289,7 +289,7 @@ static void stats_keys_are_in_order(void **state)
                                             "delay",
                                             NULL};
     static const char *const drop_keys[] = {"queue-full", "one-shot", "bus-off", "listen-only",
-                                            "bad-frame",  "fault",    NULL};
+                                            "bad-frame",  "fault",    "removed", NULL};
     static const char *const error_keys[] = {"bit", "stuff", "form", "crc", "ack", NULL};
     static const char *const delay_keys[] = {"count",  "min_ns", "mean_ns", "max_ns",
                                              "p50_ns", "p99_ns", NULL};
