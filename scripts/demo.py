@@ -1,0 +1,388 @@
+# SPDX-License-Identifier: MIT
+"""The part of scripts/demo that runs where AF_CAN exists.
+
+engine, brakes and dash are can-utils on vcan0..2, canwired runs config/demo.yaml, and this script
+subscribes to its statistics over LCM.
+"""
+
+import contextlib
+import importlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import lcm
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / "config/demo.yaml"
+CAR_LOG = ROOT / "config/demo/car.log"
+CONTENTION_LOG = ROOT / "config/demo/contention.log"
+CANWIRED = ROOT / "build/release/canwired"
+BITRATE = 500000
+PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
+FLOOD_ID = "7F0"
+FLOOD = ["cangen", PORTS["dash"], "-I", FLOOD_ID, "-L", "8", "-g", "1", "-c", "8"]
+PATIENCE_S = 20
+CONTENTION_ATTEMPTS = 3  # on a busy machine writing may take longer than the bus is busy
+CONTENTION_MAX_S = 0.02
+
+
+class Frame(NamedTuple):
+    """A line of candump -L."""
+
+    time: float
+    text: str
+
+    @property
+    def identifier(self):
+        return self.text.partition("#")[0]
+
+
+class Write(NamedTuple):
+    """A frame, and when which ECU wrote it."""
+
+    time: float
+    text: str
+    sender: str
+
+    @property
+    def identifier(self):
+        return self.text.partition("#")[0]
+
+
+class Checks:
+    """What the demo claims; it fails when one does not hold."""
+
+    def __init__(self):
+        self.done, self.failed = 0, []
+
+    def check(self, holds, claim):
+        self.done += 1
+        if not holds:
+            self.failed.append(claim)
+
+
+def wait_until(condition, what):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline:
+            sys.exit(f"demo: waited {PATIENCE_S} s for {what}")
+        time.sleep(0.02)
+
+
+def heading(number, text):
+    print(f"\n\033[1m{number}. {text}\033[0m" if sys.stdout.isatty() else f"\n{number}. {text}")
+
+
+# ---- Programs ------------------------------------------------------------------------------------
+
+
+class Programs:
+    """Everything that is started; ended with the demo."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.running = []
+
+    def start(self, *command, **options):
+        self.running.append(subprocess.Popen(command, **options))
+        return self.running[-1]
+
+    def close(self):
+        for process in self.running:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+
+
+class Candump:
+    """A candump on an interface, and what it printed."""
+
+    def __init__(self, programs, interface):
+        self.log = programs.folder / interface
+        with self.log.open("w") as log:
+            programs.start("candump", "-L", "-r", str(16 << 20), interface, stdout=log)
+        self.read_bytes = 0
+        receivers = Path("/proc/net/can/rcvlist_all")
+        wait_until(lambda: f" {interface} " in receivers.read_text(), f"candump {interface}")
+
+    def size(self):
+        return self.log.stat().st_size
+
+    def take(self):
+        """The frames since the last call."""
+        with self.log.open() as log:
+            log.seek(self.read_bytes)
+            lines = log.read().splitlines()
+            self.read_bytes = log.tell()
+        return [Frame(float(t.strip("()")), text) for t, _, text in map(str.split, lines)]
+
+
+class LoadMeter:
+    """canbusload on an interface; remembers when it printed which line."""
+
+    def __init__(self, programs, interface):
+        command = ["stdbuf", "-oL", "canbusload", "-e", f"{interface}@{BITRATE}"]
+        self.process = programs.start(*command, stdout=subprocess.PIPE, text=True)
+        self.seconds = []  # (time, frames, percent)
+        threading.Thread(target=self.read, daemon=True).start()
+
+    def read(self):
+        for line in self.process.stdout:
+            words = line.split()
+            if len(words) >= 5 and "@" in words[0]:
+                self.seconds.append((time.time(), int(words[1]), int(words[4].rstrip("%"))))
+
+
+class Subscriber:
+    """Keeps all statistics that canwired publishes."""
+
+    def __init__(self, folder):
+        types = sorted((ROOT / "config/lcm").glob("*.lcm"))
+        subprocess.run(["lcm-gen", "-p", "--ppath", folder, *types], check=True)
+        sys.path.insert(0, str(folder))
+        self.types = importlib.import_module("canwire")
+        self.bus, self.nodes, self.events = [], {}, []
+        self.lcm = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+        for channel in ("BUS", "NODE", "EVENT"):
+            self.lcm.subscribe(f"CANWIRE\\.demo\\.{channel}", self.take).set_queue_capacity(1000)
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        while True:
+            self.lcm.handle_timeout(1000)
+
+    def take(self, channel, data):
+        if channel.endswith("BUS"):
+            self.bus.append(self.types.bus_stats_t.decode(data))
+        elif channel.endswith("NODE"):
+            node = self.types.node_stats_t.decode(data)
+            self.nodes[node.node] = node
+        else:
+            self.events.append(self.types.event_t.decode(data))
+
+    def load(self, begin, end):
+        """Percent of busy bits between two moments, and the share of real time that the bus ran."""
+        during = [m for m in self.bus if begin <= m.utime_us / 1e6 <= end]
+        if len(during) < 2:
+            return None
+        first, last = during[0], during[-1]
+        bits = last.bits - first.bits
+        real_ns = 1000 * (last.utime_us - first.utime_us)
+        return (
+            100 * (last.busy_bits - first.busy_bits) / max(bits, 1),
+            (last.bus_time_ns - first.bus_time_ns) / real_ns,
+        )
+
+
+# ---- The parts of the demo -----------------------------------------------------------------------
+
+
+class Demo:
+    def __init__(self, folder, programs):
+        self.checks = Checks()
+        self.programs = programs
+        self.statistics = Subscriber(folder)
+        self.dumps = {ecu: Candump(programs, port) for ecu, port in PORTS.items()}
+        self.sender = {f.partition("#")[0]: e for e, f in map(log_frame, read_log(CAR_LOG))}
+        self.sender[FLOOD_ID] = "dash"
+        self.daemon = programs.start(CANWIRED, "-c", CONFIG, stderr=(folder / "stderr").open("w"))
+        wait_until(lambda: self.statistics.bus, "the first statistics from LCM")
+        self.load = LoadMeter(programs, PORTS["tap"])
+        self.phases = []  # (name, begin, end) for the loads
+
+    def settle(self):
+        """Waits until the bus and all candumps have come to rest."""
+
+        def quiet():
+            before = [d.size() for d in self.dumps.values()], len(self.statistics.bus)
+            time.sleep(0.35)  # three messages of statistics
+            at_rest = [d.size() for d in self.dumps.values()] == before[0]
+            return at_rest and self.statistics.bus[-1].pending == 0
+
+        wait_until(quiet, "the end of the traffic")
+
+    # -- 1 --
+
+    def contention(self):
+        heading(1, "A contended start: dash keeps the bus busy, and all three write meanwhile")
+        for _ in range(CONTENTION_ATTEMPTS):
+            writes, on_bus = self.contend()
+            if writes[-1].time - writes[0].time < CONTENTION_MAX_S:
+                break
+        burst_id = writes[0].identifier
+        late = [w for w in writes if w.identifier != burst_id]
+        seen = [f for f in on_bus if f.identifier != burst_id]
+        print(f"   {len(writes) - len(late)} frames {burst_id} of dash, then")
+        print("   written at     by      frame               seen at       by      frame")
+        sender = {w.text: w.sender for w in late}
+        for w, f in zip(late, seen):
+            print(
+                f"   +{1000 * (w.time - writes[0].time):6.3f} ms     {w.sender:6}  {w.text:12}"
+                f"      +{1000 * (f.time - writes[0].time):6.3f} ms    {sender[f.text]:6}  {f.text}"
+            )
+        order = sorted((w.text for w in writes), key=arbitration_key)
+        self.checks.check([f.text for f in on_bus] == order, "contending frames come by priority")
+
+    def contend(self):
+        """What was written, and what was on the bus."""
+        play(self.programs, CONTENTION_LOG, "engine", "brakes", "dash").wait()
+        self.settle()
+        dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
+        writes = []
+        for ecu, text in map(log_frame, read_log(CONTENTION_LOG)):
+            at = next(f.time for f in dumps[ecu] if f.text == text)  # vcan shows it before it is sent
+            writes.append(Write(at, text, ecu))
+        return writes, dumps["tap"]
+
+    # -- 2 and 3 --
+
+    def drive(self, name, flood):
+        begin = time.time()
+        dropped = self.dropped("dash")
+        if flood:
+            generator = self.programs.start(*FLOOD)
+        players = [play(self.programs, CAR_LOG, ecu) for ecu in ("engine", "brakes")]
+        for player in players:
+            self.checks.check(player.wait() == 0, f"canplayer ends well ({name})")
+        self.phases.append((name, begin, time.time()))
+        if flood:
+            generator.send_signal(signal.SIGINT)
+            generator.wait()
+        self.settle()
+        dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
+        counts = {ecu: Counter(f.identifier for f in frames) for ecu, frames in dumps.items()}
+        self.print_counts(counts)
+        if not flood:
+            print("   first frames of candump vcan2 (dash):")
+            for frame in dumps["dash"][:3]:
+                print(f"   ({frame.time:.6f}) vcan2 {frame.text}")
+        self.check_counts(counts, name, self.dropped("dash") - dropped if flood else 0)
+
+    def dropped(self, ecu):
+        return self.statistics.nodes[ecu].dropped_queue_full
+
+    def print_counts(self, counts):
+        print("   identifier  from    " + "".join(f"{ecu:>9}" for ecu in PORTS))
+        for identifier in sorted(self.sender, key=arbitration_key):
+            sender = self.sender[identifier]
+            if not counts[sender][identifier]:
+                continue
+            cells = (
+                f"({counts[ecu][identifier]})" if ecu == sender else str(counts[ecu][identifier])
+                for ecu in PORTS
+            )
+            print(f"   {identifier:10}  {sender:6}  " + "".join(f"{cell:>9}" for cell in cells))
+
+    def check_counts(self, counts, name, dropped):
+        for identifier, sender in self.sender.items():
+            written = counts[sender][identifier]
+            got = {counts[ecu][identifier] for ecu in PORTS if ecu != sender}
+            lost = dropped if identifier == FLOOD_ID else 0
+            claim = f"{identifier}: {written} written, {lost} dropped, {got} received ({name})"
+            self.checks.check(got == {written - lost}, claim)
+            self.checks.check(written or identifier == FLOOD_ID, f"{identifier} is played ({name})")
+
+    # -- 4 and 5 --
+
+    def loads(self):
+        print("                   canbusload       canwired (LCM), same second")
+        shown = 0
+        for name, begin, end in self.phases:
+            for at, frames, percent in self.load.seconds:
+                own = self.statistics.load(at - 1, at)
+                if begin > at - 1 or at > end or not own:
+                    continue
+                load, pace = own
+                slow = f"  (bus at {100 * pace:.0f} % of real time)" if pace < 0.97 else ""
+                print(f"   {name:14} {percent:3} %  {frames:5}/s   {load:5.1f} %{slow}")
+                shown += 1
+        self.checks.check(shown >= 2, "there are whole seconds to compare loads of")
+
+    def numbers(self):
+        bus = self.statistics.bus[-1]
+        print(
+            "   node         sent  received  dropped  lost arb.   delay ms: mean    p99    max"
+            "  state"
+        )
+        for ecu in PORTS:
+            n = self.statistics.nodes[ecu]
+            delays = (n.delay_mean_ns, n.delay_p99_ns, n.delay_max_ns)
+            print(
+                f"   {ecu:8} {n.tx_frames:8} {n.rx_frames:9} {n.dropped_queue_full:8}"
+                f" {n.arbitration_lost:10}           "
+                + " ".join(f"{ns / 1e6:6.2f}" for ns in delays)
+                + f"  {n.state}"
+            )
+        print(
+            f"   bus: {bus.frames} frames, {bus.error_frames} error frames, busy "
+            f"{100 * bus.busy_bits / bus.bits:.1f} % of {bus.bus_time_ns / 1e9:.1f} s"
+        )
+        nodes = self.statistics.nodes.values()
+        self.checks.check(bus.frames == sum(n.tx_frames for n in nodes), "sent frames add up")
+        self.checks.check(bus.frames == self.statistics.nodes["tap"].rx_frames, "tap got them all")
+        self.checks.check(bus.error_frames == 0, "no error frames")
+        self.checks.check(not self.statistics.events, "no events of errors")
+
+    def stop(self):
+        self.daemon.send_signal(signal.SIGTERM)
+        self.checks.check(self.daemon.wait(PATIENCE_S) == 0, "canwired ends well")
+
+
+def read_log(path):
+    return [line for line in path.read_text().splitlines() if line.startswith("(")]
+
+
+def log_frame(line):
+    """ECU and frame of a line of a log."""
+    _, ecu, frame = line.split()
+    return ecu, frame
+
+
+def play(programs, log, *ecus):
+    assignments = [f"{PORTS[ecu]}={ecu}" for ecu in ecus]
+    at_once = ["-t"] if log == CONTENTION_LOG else []
+    return programs.start("canplayer", *at_once, "-I", log, *assignments)
+
+
+def arbitration_key(frame):
+    """The bits of the identifier as arbitration sees them."""
+    identifier = frame.partition("#")[0]
+    number = int(identifier, 16)
+    return f"{number >> 18:011b}1{number & 0x3FFFF:018b}" if len(identifier) == 8 else f"{number:011b}0"
+
+
+def main():
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
+        folder = Path(name)
+        subprocess.run([ROOT / "scripts/vcan", "up", CONFIG], check=True)
+        stack.callback(subprocess.run, [ROOT / "scripts/vcan", "down", CONFIG], check=True)
+        programs = Programs(folder)
+        stack.callback(programs.close)
+        print("canwire: three ECUs on one simulated CAN bus, 500 kbit/s (config/demo.yaml)")
+        print("engine on vcan0, brakes on vcan1, dash on vcan2; tap on vcan3 only listens")
+        demo = Demo(folder, programs)
+        demo.contention()
+        heading(2, "The car drives: canplayer is engine and brakes. What each candump received:")
+        demo.drive("car", flood=False)
+        heading(3, f"The same, while dash floods with {FLOOD_ID} (cangen, 8 frames each ms)")
+        demo.drive("car and flood", flood=True)
+        heading(4, "Bus load")
+        demo.loads()
+        heading(5, "Statistics from LCM")
+        demo.numbers()
+        demo.stop()
+    for claim in demo.checks.failed:
+        print(f"FAILED: {claim}")
+    print(f"\n{demo.checks.done - len(demo.checks.failed)} of {demo.checks.done} checks hold.")
+    return 1 if demo.checks.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
