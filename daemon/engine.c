@@ -13,6 +13,7 @@
 #include "reload.h"
 
 #include <errno.h>
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/timerfd.h>
@@ -40,6 +41,7 @@ struct engine {
     engine_changed *changed;
     void *changed_user;
     setup now;
+    uint64_t released; /* tick: what was to be released up to then has been */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
     ev_io timer;
@@ -164,6 +166,8 @@ static void run_releases(engine *e, uint64_t now)
     while (release_next_tick(e->now.plan) <= now)
         if (release_hand_in(e->now.plan, e->now.bus) == CW_FULL)
             make_room_in_inbox(e);
+    if (now > e->released)
+        e->released = now;
 }
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
@@ -249,6 +253,16 @@ static void unwatch_ports(engine *e)
             ev_io_stop(e->loop, &e->watches[i].io);
 }
 
+static void flush_node(engine *e, unsigned node)
+{
+    cw_node_stats stats;
+    while (cw_node_flush(e->now.bus, node) == CW_FULL)
+        handle_events(e);
+    if (cw_node_get_stats(e->now.bus, node, &stats) == CW_OK && stats.dropped[CW_DROP_REMOVED] > 0)
+        log_warning("node %s: %" PRIu64 " dropped, it is no more", e->config->nodes[node].name,
+                    stats.dropped[CW_DROP_REMOVED]);
+}
+
 /* Frames of nodes that are no more are dropped, with events. */
 static void flush_removed(engine *e, const reload *r)
 {
@@ -256,8 +270,8 @@ static void flush_removed(engine *e, const reload *r)
         bool stays = false;
         for (unsigned k = 0; k < r->config->node_count; k++)
             stays = stays || r->from[k] == i;
-        while (!stays && cw_node_flush(e->now.bus, i) == CW_FULL)
-            handle_events(e);
+        if (!stays)
+            flush_node(e, i);
     }
     handle_events(e);
 }
@@ -265,10 +279,11 @@ static void flush_removed(engine *e, const reload *r)
 static void keep_ports(setup *old, reload *r)
 {
     for (unsigned i = 0; i < r->config->node_count; i++) {
-        if (!r->kept[i])
+        uint8_t from = r->port_from[i];
+        if (from == CW_NO_NODE)
             continue;
-        r->setup.ports[i] = old->ports[r->from[i]];
-        old->ports[r->from[i]] = NULL;
+        r->setup.ports[i] = old->ports[from];
+        old->ports[from] = NULL;
     }
 }
 
@@ -287,7 +302,7 @@ static void go_over(engine *e)
     setup_free(&e->now);
     e->now = r->setup;
     r->setup = (setup){.memory = NULL};
-    release_skip_before(e->now.plan, cw_bus_now(e->now.bus));
+    release_skip_before(e->now.plan, e->released + 1);
     live_replace(e->live, r->config);
     r->config = NULL;
     watch_ports(e);

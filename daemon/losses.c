@@ -42,7 +42,8 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     char line[LINE_BYTES] = "";
     size_t used = 0;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
-        uint64_t news = now[kind] - logged[kind];
+        bool anew = now[kind] < logged[kind]; /* the node got another port */
+        uint64_t news = now[kind] - (anew ? 0 : logged[kind]);
         logged[kind] = now[kind];
         if (news == 0 || !texts[kind] || used >= LINE_BYTES)
             continue;

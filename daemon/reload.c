@@ -70,6 +70,14 @@ static uint8_t find_node(const cfg *config, const char *name)
     return CW_NO_NODE;
 }
 
+static uint8_t find_port(const cfg *config, const char *interface)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (same_text(config->nodes[i].port, interface))
+            return (uint8_t)i;
+    return CW_NO_NODE;
+}
+
 static bool open_port(reload *r, unsigned i, FILE *errors)
 {
     char error[PORT_ERROR_TEXT_MAX];
@@ -80,16 +88,20 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
     return r->setup.ports[i] != NULL;
 }
 
+/* A port goes on whatever its node is called: a second socket on an interface would take what the
+ * first one writes for frames of the ECU. */
 static bool match_nodes(reload *r, const cfg *old, FILE *errors)
 {
     bool good = true;
     memset(r->from, CW_NO_NODE, sizeof r->from);
+    memset(r->port_from, CW_NO_NODE, sizeof r->port_from);
     for (unsigned i = 0; i < r->config->node_count; i++) {
         const cfg_node *node = &r->config->nodes[i];
         r->from[i] = find_node(old, node->name);
-        r->kept[i] = r->from[i] != CW_NO_NODE && node->port &&
-                     same_text(old->nodes[r->from[i]].port, node->port);
-        if (node->port && !r->kept[i])
+        if (!node->port)
+            continue;
+        r->port_from[i] = find_port(old, node->port);
+        if (r->port_from[i] == CW_NO_NODE)
             good = open_port(r, i, errors) && good;
     }
     return good;

@@ -30,10 +30,10 @@ void setup_free(setup *s);
 /* What a bus is to go over to. */
 typedef struct reload {
     cfg *config;
-    setup setup;               /* ports: only those that are new */
-    uint8_t from[CW_NODES_MAX]; /* by new node: the old one of that name, else CW_NO_NODE */
-    bool kept[CW_NODES_MAX];    /* by new node: has the port of the old one */
-    uint64_t deadline;          /* tick: no later than this, even in the middle of a frame */
+    setup setup;                     /* ports: only those that are new */
+    uint8_t from[CW_NODES_MAX];      /* by new node: the old one of that name, else CW_NO_NODE */
+    uint8_t port_from[CW_NODES_MAX]; /* by new node: the old one on that port, else CW_NO_NODE */
+    uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */
 } reload;
 
 /* Reads the file of a configuration again. NULL after writing a line per error. */
