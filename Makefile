@@ -106,9 +106,8 @@ help: ## this list
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL)
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
-	done; exit $$status
-	@$(foreach target,$(FUZZ_TARGETS),echo "== replay $(target) ($(VARIANT), $(CC))" && \
-	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) &&) true
+	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
+	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) exit $$status
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
