@@ -140,17 +140,27 @@ static void tell_news(cw_bus *bus)
         cw_tell_state(bus, i);
 }
 
-static void run_all_due(cw_bus *bus)
+static void run_due_nodes(cw_bus *bus)
 {
-    cw_fault_run_due(bus);
     bool restarts = bus->next_restart <= bus->now;
-    if (restarts || cw_bus_inbox_first(bus) <= bus->now)
-        for (unsigned i = 0; i < bus->node_count; i++)
-            cw_run_due_node(bus, i);
+    if (!restarts && cw_bus_inbox_first(bus) > bus->now)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        cw_run_due_node(bus, i);
     if (restarts)
         cw_find_next_restart(bus);
-    if (bus->news)
-        tell_news(bus);
+}
+
+/* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
+ * has, nothing is left to be told of this tick. */
+static void run_all_due(cw_bus *bus)
+{
+    do {
+        cw_fault_run_due(bus);
+        run_due_nodes(bus);
+        if (bus->news)
+            tell_news(bus);
+    } while (bus->news || bus->faults.next_due <= bus->now);
 }
 
 /* ---- One bit: drive -------------------------------------------------------------------------- */
@@ -274,17 +284,13 @@ static void step(cw_bus *bus)
     if (bus->faults.awake_count)
         cw_fault_sampled(bus, &levels);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
-    bool news = sample_all(bus, levels.sampled, reports) || bus->news;
+    bool news = sample_all(bus, levels.sampled, reports);
     end_bit(bus);
     if (bus->faults.awake_count)
         cw_fault_emit(bus);
-    cw_fault_run_due(bus);
-    if (!news && !bus->news)
-        return;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; news && i < bus->node_count; i++)
         cw_settle_node(bus, i, &reports[i]);
-    if (bus->news)
-        tell_news(bus);
+    run_all_due(bus);
 }
 
 /* ---- Idle time ------------------------------------------------------------------------------- */
@@ -326,22 +332,24 @@ static void skip(cw_bus *bus, uint64_t bits)
     bus->stats.bits += bits;
     bus->recessive_bits += bits;
     cw_load_add(&bus->load, bits, false);
+    run_all_due(bus);
 }
 
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
 {
-    for (;;) {
+    if (!cw_ring_has_room(bus))
+        return CW_FULL;
+    run_all_due(bus);
+    while (tick >= bus->now && tick - bus->now >= bus->bit_ticks) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
-        run_all_due(bus);
-        if (tick < bus->now || tick - bus->now < bus->bit_ticks)
-            return CW_OK;
         uint64_t bits = quiet_bits(bus, tick);
         if (bits > 0)
             skip(bus, bits);
         else
             step(bus);
     }
+    return CW_OK;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */

@@ -115,17 +115,18 @@ bool cw_ring_has_room(const cw_bus *bus);
 /* The least size of the ring with which the bus never stands still. */
 unsigned cw_ring_least(const cw_bus_config *config);
 
+/* The event may be filled in until the next one is put in. */
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes);
 
 /* At the present tick, with the node's counters. */
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
 
-/* A hit of a rule. It is put before the events of nodes at the same tick. */
+/* A hit of a rule. */
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
 
 void cw_push_drop(cw_bus *bus, unsigned node, const cw_frame *frame, cw_drop why, uint64_t tick);
 
-/* A frame for a host; joins the newest event when that is the same frame for another node. */
+/* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * events.c - the ring of events: bounded, in time order, nothing lost.
+ * events.c - the ring of events: bounded, nothing lost, in the order of time, then faults before nodes,
+ * nodes in their order, and kinds (see cw_event_kind).
  *
  * Before each bit the bus asks for room for the worst that can happen in it.
  */
 #include "bus_private.h"
 
-#include <assert.h>
-#include <string.h>
 
 /* Events that one node can have in one bit besides drops of frames. */
 #define EVENTS_PER_NODE 8u
@@ -43,21 +42,70 @@ static cw_event *newest_event(event_ring *ring)
     return event_at(ring, ring->count - 1);
 }
 
-cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
+static uint64_t lowest(uint64_t nodes)
+{
+    return nodes & (~nodes + 1);
+}
+
+/* Those nodes of an event for which it comes behind a new one at the same tick: faults in the order
+ * of the rules, then nodes, then kinds. UINT64_MAX: all of it. */
+static uint64_t nodes_behind(const cw_event *e, const cw_event *added)
+{
+    if (e->tick != added->tick)
+        return 0;
+    if (added->kind == CW_EVENT_FAULT)
+        return e->kind != CW_EVENT_FAULT || e->rule > added->rule ? UINT64_MAX : 0;
+    if (e->kind == CW_EVENT_FAULT)
+        return 0;
+    uint64_t self = lowest(added->nodes);
+    uint64_t higher = ~(self | (self - 1));
+    return e->nodes & (e->kind > added->kind ? higher | self : higher);
+}
+
+static void open_gap(event_ring *ring, unsigned place)
+{
+    for (unsigned i = ring->count++; i > place; i--)
+        *event_at(ring, i) = *event_at(ring, i - 1);
+}
+
+/* Where a new event belongs. One for several nodes, of which it has to come in between, becomes two. */
+static unsigned find_place(event_ring *ring, const cw_event *added)
+{
+    unsigned place = ring->count;
+    uint64_t behind = 0;
+    while (place > 0 && (behind = nodes_behind(event_at(ring, place - 1), added)) != 0) {
+        cw_event *before = event_at(ring, place - 1);
+        bool all = behind == UINT64_MAX || behind == before->nodes;
+        if (!all && ring->count + 1 < ring->capacity) {
+            open_gap(ring, place);
+            *event_at(ring, place) = *before;
+            event_at(ring, place)->nodes = behind;
+            before->nodes &= ~behind;
+            break;
+        }
+        place--;
+    }
+    return place;
+}
+
+static cw_event *insert(cw_bus *bus, const cw_event *added)
 {
     event_ring *ring = &bus->ring;
-    cw_event *e = &bus->lost_event;
-    if (ring->count < ring->capacity) {
-        ring->count++;
-        e = newest_event(ring);
-    } else {
+    if (ring->count == ring->capacity) {
         bus->stats.events_lost++;
+        bus->lost_event = *added;
+        return &bus->lost_event;
     }
-    memset(e, 0, sizeof *e);
-    e->kind = kind;
-    e->tick = tick;
-    e->nodes = nodes;
-    return e;
+    unsigned place = find_place(ring, added);
+    open_gap(ring, place);
+    *event_at(ring, place) = *added;
+    return event_at(ring, place);
+}
+
+cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
+{
+    const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
+    return insert(bus, &event);
 }
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
@@ -68,27 +116,14 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
     return e;
 }
 
-static bool comes_behind_fault(const cw_event *e, uint64_t tick, unsigned rule)
-{
-    return e->tick == tick && (e->kind != CW_EVENT_FAULT || e->rule > rule);
-}
-
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
 {
-    cw_event *e = cw_push_event(bus, CW_EVENT_FAULT, tick, 0);
-    e->rule = (uint16_t)rule;
-    e->hit = (uint32_t)bus->faults.faults[rule].hits;
+    const cw_event event = {.kind = CW_EVENT_FAULT,
+                            .tick = tick,
+                            .rule = (uint16_t)rule,
+                            .hit = (uint32_t)bus->faults.faults[rule].hits};
+    (void)insert(bus, &event);
     bus->stats.faults++;
-    if (e == &bus->lost_event)
-        return;
-    for (unsigned i = bus->ring.count - 1; i > 0; i--) {
-        cw_event *before = event_at(&bus->ring, i - 1);
-        if (!comes_behind_fault(before, tick, rule))
-            return;
-        cw_event swapped = *before;
-        *before = *event_at(&bus->ring, i);
-        *event_at(&bus->ring, i) = swapped;
-    }
 }
 
 void cw_push_drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why, uint64_t tick)
@@ -105,7 +140,7 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame)
     bus->nodes[i].stats.rx_bytes += cw_frame_length(frame);
     cw_event *e = bus->ring.count ? newest_event(&bus->ring) : NULL;
     bool joins = e && e->kind == CW_EVENT_RX && e->tick == bus->now &&
-                 !(e->nodes & cw_node_bit(i)) && cw_frame_equal(&e->frame, frame);
+                 e->nodes < cw_node_bit(i) && cw_frame_equal(&e->frame, frame);
     if (joins)
         e->nodes |= cw_node_bit(i);
     else

@@ -8,6 +8,8 @@
 
 #include <string.h>
 
+#define NO_RULE UINT16_MAX
+
 static cw_fault *fault_at(cw_bus *bus, unsigned rule)
 {
     return &bus->faults.faults[rule];
@@ -36,6 +38,12 @@ static bool is_window_action(cw_action action)
 {
     return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
            (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
+}
+
+/* Changes who is on which wire, or who acknowledges. */
+static bool is_topology_action(cw_action action)
+{
+    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
 }
 
 /* ---- Frames and filters ---------------------------------------------------------------------- */
@@ -218,15 +226,42 @@ void cw_fault_due(cw_bus *bus, uint64_t tick)
     bus->faults.next_due = cw_least(bus->faults.next_due, tick);
 }
 
+static bool add_arming(cw_bus *bus, unsigned rule, uint64_t tick)
+{
+    cw_fault *f = fault_at(bus, rule);
+    if (f->armings == CW_ARMINGS_MAX)
+        return false;
+    unsigned place = f->armings++;
+    for (; place > 0 && f->arm_at[place - 1] > tick; place--)
+        f->arm_at[place] = f->arm_at[place - 1];
+    f->arm_at[place] = tick;
+    cw_fault_due(bus, tick);
+    return true;
+}
+
+static void remove_first_arming(cw_fault *f)
+{
+    f->armings--;
+    memmove(&f->arm_at[0], &f->arm_at[1], f->armings * sizeof f->arm_at[0]);
+}
+
+/* When the next arming takes place. Rules without delay can make a ring: it goes round once in a
+ * bit. */
+static uint64_t next_arming(const cw_fault *f)
+{
+    if (f->armings == 0)
+        return CW_NEVER;
+    bool again = f->armed_at != CW_NEVER && f->arm_at[0] <= f->armed_at;
+    return again ? f->armed_at + 1 : f->arm_at[0];
+}
+
 /* Rules that come after this one are armed, at once or later. */
 static void arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
 {
     for (unsigned i = 0; i < bus->faults.count; i++) {
-        cw_fault *f = fault_at(bus, i);
-        if (!f->used || !f->rule.has_after || f->rule.after != rule || f->arm_at != CW_NEVER)
-            continue;
-        f->arm_at = told + f->rule.after_delay;
-        cw_fault_due(bus, f->arm_at);
+        const cw_fault *f = fault_at(bus, i);
+        if (f->used && f->rule.has_after && f->rule.after == rule)
+            (void)add_arming(bus, i, told + f->rule.after_delay);
     }
 }
 
@@ -238,7 +273,8 @@ void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
     arm_followers(bus, rule, told);
 }
 
-bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+/* All that makes a match a hit, up to the hit itself. */
+static bool takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
     cw_fault *f = fault_at(bus, rule);
     const cw_rule *r = &f->rule;
@@ -255,6 +291,13 @@ bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
         return false;
     if (needs_arming(r))
         f->armed--;
+    return true;
+}
+
+bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+{
+    if (!takes_match(bus, rule, start, told))
+        return false;
     cw_fault_count_hit(bus, rule, told);
     return true;
 }
@@ -308,7 +351,7 @@ static void begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
     cw_fault_due(bus, f->next_at);
     if (cw_fault_needs_bits(f))
         cw_fault_wake(bus, rule);
-    cw_fault_apply_topology(bus);
+    bus->faults.rewired = bus->faults.rewired || is_topology_action(f->rule.action);
 }
 
 void cw_fault_end_action(cw_bus *bus, unsigned rule)
@@ -318,16 +361,17 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule)
     f->scope = 0;
     f->bound = 0;
     f->bits_left = 0;
+    f->to_act = false;
     f->active_until = CW_NEVER;
     cw_fault_let_go(bus, rule);
-    cw_fault_apply_topology(bus);
+    if (is_topology_action(f->rule.action))
+        cw_fault_apply_topology(bus);
 }
 
-/* scope: the node whose transmission was the match, if any. */
-static void act(cw_bus *bus, unsigned rule, uint64_t scope)
+static void act(cw_bus *bus, unsigned rule)
 {
     if (is_window_action(fault_at(bus, rule)->rule.action))
-        begin_window(bus, rule, scope);
+        begin_window(bus, rule, 0);
     else
         cw_fault_command(bus, rule);
 }
@@ -346,25 +390,32 @@ static void encode_offer(bus_node *n, const cw_frame *frame, bool wrong_crc)
  * flips, so its begin is none. */
 static bool begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    cw_fault *f = fault_at(bus, rule);
-    if (f->rule.action != CW_ACTION_NOISE)
-        return cw_fault_match(bus, rule, start, told);
-    if (is_gated(bus, f, start))
-        return false;
-    f->armed -= needs_arming(&f->rule);
-    return true;
+    if (fault_at(bus, rule)->rule.action == CW_ACTION_NOISE)
+        return takes_match(bus, rule, start, told);
+    return cw_fault_match(bus, rule, start, told);
 }
 
-/* A rule that acts at the beginning of a transmission; at most one hit in a bit. */
+/* The rule has a hit and acts when this bit has been settled. */
+static void act_later(cw_bus *bus, unsigned rule, uint64_t tick)
+{
+    fault_at(bus, rule)->to_act = true;
+    cw_fault_due(bus, tick);
+}
+
+/* A rule that acts at the beginning of a transmission; at most one hit in a bit. What lasts for a
+ * time acts in this bit already, for all nodes alike: some have not driven yet. */
 static void match_transmission(cw_bus *bus, unsigned rule, unsigned node)
 {
     cw_fault *f = fault_at(bus, rule);
+    uint64_t told = bus->now + bus->bit_ticks;
     bool again = f->hit_now;
-    if (!again && !begins(bus, rule, bus->now, bus->now + bus->bit_ticks))
+    if (!again && !begins(bus, rule, bus->now, told))
         return;
     f->hit_now = f->rule.action != CW_ACTION_NOISE;
-    if (!again || is_window_action(f->rule.action))
-        act(bus, rule, cw_node_bit(node));
+    if (is_window_action(f->rule.action))
+        begin_window(bus, rule, cw_node_bit(node));
+    else
+        act_later(bus, rule, told);
     cw_fault_wake(bus, rule); /* to tell the hit at the end of the bit */
 }
 
@@ -436,23 +487,30 @@ static uint32_t error_class(const cw_event *e)
     return 0;
 }
 
+/* One rule and errors of these classes. The same error at several nodes is one match. */
+static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t classes)
+{
+    cw_fault *f = fault_at(bus, rule);
+    const cw_rule *r = &f->rule;
+    if (!f->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
+        !cw_fault_names(r->from, cw_node_bit(node)) || f->error_at == bus->now)
+        return;
+    f->error_at = bus->now;
+    if (!begins(bus, rule, bus->now, bus->now))
+        return;
+    if (r->action != CW_ACTION_NOISE)
+        cw_push_fault(bus, rule, bus->now);
+    act_later(bus, rule, bus->now);
+}
+
 /* The event lies in the ring, which moves when a fault is told: look at it before. */
 void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)
 {
-    if (bus->faults.error_rules == 0)
-        return;
     uint32_t classes = error_class(event);
-    for (unsigned rule = 0; rule < bus->faults.count; rule++) {
-        const cw_fault *f = fault_at(bus, rule);
-        const cw_rule *r = &f->rule;
-        if (!f->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
-            !cw_fault_names(r->from, cw_node_bit(node)))
-            continue;
-        if (!cw_fault_match(bus, rule, bus->now, bus->now))
-            continue;
-        cw_push_fault(bus, rule, bus->now);
-        act(bus, rule, 0);
-    }
+    if (event->kind == CW_EVENT_STATE && bus->faults.off)
+        cw_fault_apply_topology(bus); /* out of bus-off is not back on the bus */
+    for (unsigned rule = 0; bus->faults.error_rules && rule < bus->faults.count; rule++)
+        match_error(bus, rule, node, classes);
 }
 
 /* ---- What is due ----------------------------------------------------------------------------- */
@@ -463,12 +521,14 @@ static void fire(cw_bus *bus, unsigned rule)
         return;
     if (fault_at(bus, rule)->rule.action != CW_ACTION_NOISE)
         cw_push_fault(bus, rule, bus->now);
-    act(bus, rule, 0);
+    act(bus, rule);
 }
 
 static void arm(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = fault_at(bus, rule);
+    remove_first_arming(f);
+    f->armed_at = bus->now;
     f->armed++;
     if (f->rule.trigger == CW_TRIGGER_ARMED)
         fire(bus, rule);
@@ -479,19 +539,21 @@ static bool run_rule(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = fault_at(bus, rule);
     bool ends = f->active && f->active_until <= bus->now;
+    bool acts = f->to_act;
     bool fires = f->fire_at <= bus->now;
-    bool arms = f->arm_at <= bus->now;
+    bool arms = next_arming(f) <= bus->now;
     if (ends)
         cw_fault_end_action(bus, rule);
+    f->to_act = false;
+    if (acts)
+        act(bus, rule);
     if (fires) {
         f->fire_at = CW_NEVER;
         fire(bus, rule);
     }
-    if (arms) {
-        f->arm_at = CW_NEVER;
+    if (arms)
         arm(bus, rule);
-    }
-    return ends || fires || arms;
+    return ends || acts || fires || arms;
 }
 
 static void find_next_due(cw_bus *bus)
@@ -501,24 +563,25 @@ static void find_next_due(cw_bus *bus)
         const cw_fault *f = fault_at(bus, rule);
         if (!f->used)
             continue;
-        next = cw_least(next, cw_least(f->fire_at, f->arm_at));
+        next = cw_least(next, cw_least(f->fire_at, next_arming(f)));
         if (f->active)
             next = cw_least(next, cw_least(f->active_until, f->next_at));
     }
     bus->faults.next_due = cw_least(next, cw_fault_next_held(bus));
 }
 
-/* Rules may arm each other at the same tick: again until nothing is due, but a ring of rules
- * without delay goes round once in a bit. */
+/* Until nothing is due any more: rules may arm each other at the same tick, each one once. */
 static void run_rules(cw_bus *bus)
 {
     bool again = true;
-    for (unsigned round = 0; again && round < 2; round++) {
+    while (again) {
         again = false;
         for (unsigned rule = 0; rule < bus->faults.count; rule++)
             if (fault_at(bus, rule)->used)
                 again = run_rule(bus, rule) || again;
     }
+    if (bus->faults.rewired)
+        cw_fault_apply_topology(bus);
 }
 
 void cw_fault_run_due(cw_bus *bus)
@@ -601,8 +664,8 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
     if (place == set->count)
         set->count++;
     cw_fault *f = &set->faults[place];
-    *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .arm_at = CW_NEVER,
-                    .active_until = CW_NEVER, .next_at = CW_NEVER};
+    *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
+                    .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
     f->rule.name = NULL; /* not ours to keep */
     if (f->rule.every == 0)
         f->rule.every = 1;
@@ -641,12 +704,21 @@ static void disown_frames(cw_bus *bus, unsigned rule)
     }
 }
 
+/* Rules that came after a rule that is no more come after none, whatever gets its index. */
+static void abandon_followers(cw_bus *bus, unsigned rule)
+{
+    for (unsigned i = 0; i < bus->faults.count; i++)
+        if (bus->faults.faults[i].rule.after == rule)
+            bus->faults.faults[i].rule.after = NO_RULE;
+}
+
 cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
 {
     if (!is_rule(bus, index))
         return CW_INVALID;
     cw_fault_end_action(bus, index);
     disown_frames(bus, index);
+    abandon_followers(bus, index);
     index_remove(&bus->faults, index);
     list_remove(bus->faults.awake, &bus->faults.awake_count, index);
     bus->faults.faults[index].used = false;
@@ -659,12 +731,9 @@ cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
 {
     if (!is_rule(bus, index))
         return CW_INVALID;
-    cw_fault *f = fault_at(bus, index);
-    if (!f->rule.manual || cw_fault_is_over(f))
-        return CW_REFUSED;
-    f->arm_at = bus->now;
-    cw_fault_due(bus, bus->now);
-    return CW_OK;
+    const cw_fault *f = fault_at(bus, index);
+    bool ready = f->rule.manual && !cw_fault_is_over(f);
+    return ready && add_arming(bus, index, bus->now) ? CW_OK : CW_REFUSED;
 }
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)

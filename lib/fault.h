@@ -13,6 +13,8 @@
 #include "canwire.h"
 #include "prng.h"
 
+#define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
+
 typedef struct cw_fault {
     cw_rule rule;
     cw_prng prng;
@@ -20,6 +22,7 @@ typedef struct cw_fault {
     bool awake;           /* in the awake list: looked at in every bit */
     bool active;          /* acting, see active_until */
     bool hit_now;         /* hit in the bit in progress; it becomes an event at its end */
+    bool to_act;          /* hit, and it acts at the end of the bit */
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
@@ -31,8 +34,11 @@ typedef struct cw_fault {
     uint64_t hits;
     uint64_t passed;      /* matches since skip was used up */
     uint64_t last_hit;    /* tick */
-    uint64_t fire_at;     /* TIME and ARMED: tick when it acts, or CW_NEVER */
-    uint64_t arm_at;      /* tick of a pending arming, or CW_NEVER */
+    uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */
+    uint64_t arm_at[CW_ARMINGS_MAX]; /* ticks of the armings under way, sorted */
+    unsigned armings;
+    uint64_t armed_at;    /* tick of the last arming; one at a tick */
+    uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
     uint64_t active_until; /* tick; CW_NEVER: till cleared */
     uint64_t next_at;     /* SEND: tick of the next frame */
     uint64_t dominant_ticks; /* STUCK on a TX: how long it has been dominant */
@@ -60,6 +66,8 @@ typedef struct cw_fault_set {
     unsigned reply_rules;
     unsigned error_rules;
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
+    uint64_t off;           /* nodes that DISCONNECT rules keep off the bus */
+    bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
 
@@ -104,7 +112,7 @@ static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
 /* Rules, armings, traffic and ends of actions that are due now. */
 void cw_fault_run_due(cw_bus *bus);
 
-/* Errors, state changes and lost arbitrations of a node, for rules that wait for them. */
+/* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
 void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event);
 
 /* Hits of the bit that has ended. */
@@ -120,7 +128,7 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule);
 
 /* ---- fault_level.c --------------------------------------------------------------------------- */
 
-/* Levels that nodes put onto the wire: stuck TX lines. */
+/* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
 void cw_fault_driven(cw_bus *bus, cw_levels *levels);
 
 /* Levels that nodes see, from those of their wires. */
@@ -148,8 +156,8 @@ bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame);
 /* A node received a frame that rules may answer. */
 void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* A frame of that node and side has come by: frames that wait behind it may go. */
-void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side);
+/* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
+void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
 
 /* Frames that were held back and are due now. */
 void cw_fault_release_held(cw_bus *bus);

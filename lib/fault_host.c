@@ -18,26 +18,31 @@ static bool hold(cw_bus *bus, const held_frame *frame)
     return true;
 }
 
-static void deliver_held(cw_bus *bus, const held_frame *h)
+static void deliver_held(cw_bus *bus, const held_frame *h, uint64_t tick)
 {
     if (h->side == CW_SIDE_TX)
-        cw_queue_frame(bus, h->node, &h->frame, bus->now, 0);
+        cw_queue_frame(bus, h->node, &h->frame, tick, 0);
     else
         cw_push_rx(bus, h->node, &h->frame);
 }
 
-/* In the order in which they were held back. */
-void cw_fault_release_held(cw_bus *bus)
+/* Those that are due by now, in the order in which they were held back. */
+static void release(cw_bus *bus, uint64_t tick)
 {
     unsigned kept = 0;
     for (unsigned i = 0; i < bus->held_count; i++) {
         held_frame h = bus->held[i];
         if (h.due <= bus->now)
-            deliver_held(bus, &h);
+            deliver_held(bus, &h, tick);
         else
             bus->held[kept++] = h;
     }
     bus->held_count = kept;
+}
+
+void cw_fault_release_held(cw_bus *bus)
+{
+    release(bus, bus->now);
 }
 
 uint64_t cw_fault_next_held(const cw_bus *bus)
@@ -58,17 +63,18 @@ void cw_fault_let_go(cw_bus *bus, unsigned rule)
     }
 }
 
-void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side)
+void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
 {
+    bool due = false;
     for (unsigned i = 0; i < bus->held_count; i++) {
         held_frame *h = &bus->held[i];
-        if (h->node != node || h->side != side || h->behind == 0)
+        if (h->node != node || h->side != side || h->behind == 0 || --h->behind > 0)
             continue;
-        if (--h->behind == 0) {
-            h->due = bus->now;
-            cw_fault_due(bus, bus->now);
-        }
+        h->due = bus->now;
+        due = true;
     }
+    if (due)
+        release(bus, tick);
 }
 
 /* ---- Actions --------------------------------------------------------------------------------- */
@@ -127,13 +133,22 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     return !held || !hold(bus, &h);
 }
 
-/* Nodes whose frame is on the wire. */
-static uint64_t senders(const cw_bus *bus)
+/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this very
+ * bit, so that they do not send any more. */
+static uint64_t senders(const cw_bus *bus, unsigned receiver)
 {
+    uint64_t self = cw_node_bit(receiver);
     uint64_t nodes = 0;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (cw_mac_is_sending(&bus->nodes[i].mac))
+    if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
+        return self;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_mac *m = &bus->nodes[i].mac;
+        if (m->role == CW_ROLE_TRANSMITTER && !(m->modes & CW_MODE_LOOPBACK))
             nodes |= cw_node_bit(i);
+    }
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if (bus->groups[g] & self)
+            nodes &= bus->groups[g];
     return nodes;
 }
 
@@ -141,7 +156,7 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
 {
     const cw_frame original = *frame;
     uint64_t self = cw_node_bit(node);
-    uint64_t from = side == CW_SIDE_TX ? self : senders(bus);
+    uint64_t from = side == CW_SIDE_TX ? self : senders(bus, node);
     cw_candidates c;
     unsigned rule;
     cw_candidates_begin(&c, bus, &original);
@@ -191,7 +206,8 @@ void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame)
     while (cw_candidates_next(&c, &rule, bus)) {
         const cw_rule *r = &bus->faults.faults[rule].rule;
         if (r->action == CW_ACTION_REPLY && r->node == node &&
-            cw_fault_names(r->from, senders(bus)) && cw_fault_match(bus, rule, bus->now, bus->now))
+            cw_fault_names(r->from, senders(bus, node)) &&
+            cw_fault_match(bus, rule, bus->now, bus->now))
             reply(bus, rule, node);
     }
 }

@@ -40,6 +40,9 @@ void cw_fault_driven(cw_bus *bus, cw_levels *levels)
             set_level(&levels->driven, cw_node_bit(f->rule.node),
                       stuck_tx_level(f, bus->bit_ticks));
     }
+    if (bus->faults.rewired)
+        cw_fault_apply_topology(bus);
+    set_level(&levels->driven, bus->faults.off, CW_RECESSIVE);
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -156,8 +159,6 @@ static void apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
 {
     cw_fault *f = &bus->faults.faults[rule];
     uint64_t flipped = 0;
-    if (cw_fault_is_over(f))
-        return;
     if (f->rule.at == 0)
         flipped = draw(f) ? ALL_NODES : 0;
     for (unsigned node = 0; f->rule.at && node < bus->node_count; node++)
@@ -168,6 +169,8 @@ static void apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
         return;
     f->hit_now = true;
     cw_fault_count_hit(bus, rule, bus->now + bus->bit_ticks);
+    if (cw_fault_is_over(f))
+        cw_fault_end_action(bus, rule);
 }
 
 /* Whom a rule's level concerns; 0 when not in this pass. */
@@ -285,11 +288,14 @@ void cw_fault_apply_topology(cw_bus *bus)
     uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT);
     for (unsigned i = 0; i < bus->node_count; i++) {
         cw_mac *m = &bus->nodes[i].mac;
-        m->no_ack = no_ack & cw_node_bit(i);
-        if ((off & cw_node_bit(i)) && m->phase != CW_MAC_OFF)
+        uint64_t self = cw_node_bit(i);
+        m->no_ack = no_ack & self;
+        if ((off & self) && m->phase != CW_MAC_OFF)
             cw_mac_disconnect(m);
-        else if (!(off & cw_node_bit(i)))
+        else if (!(off & self) && (bus->faults.off & self))
             cw_mac_reconnect(m);
     }
+    bus->faults.off = off;
+    bus->faults.rewired = false;
     apply_partition(bus);
 }

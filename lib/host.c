@@ -77,7 +77,7 @@ static void take_first(cw_bus *bus)
     bus->nodes[entry.node].stats.handed_in++;
     if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
         cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
-    cw_fault_passed(bus, entry.node, CW_SIDE_TX);
+    cw_fault_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
 }
 
 void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
@@ -179,7 +179,7 @@ static void restart(cw_bus *bus, unsigned i)
         return;
     flush_queue(bus, i, CW_DROP_BUS_OFF);
     n->stats.restarts++;
-    (void)cw_push_node_event(bus, CW_EVENT_RESTART, i);
+    cw_fault_error(bus, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
 }
 
 void cw_find_next_restart(cw_bus *bus)

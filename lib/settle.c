@@ -72,7 +72,7 @@ static void report_rx(cw_bus *bus, unsigned i)
     }
     if (cw_fault_hand_out(bus, i, &frame))
         cw_push_rx(bus, i, &frame);
-    cw_fault_passed(bus, i, CW_SIDE_RX);
+    cw_fault_passed(bus, i, CW_SIDE_RX, bus->now);
 }
 
 void cw_tell_state(cw_bus *bus, unsigned i)
@@ -103,7 +103,6 @@ void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     bus_node *n = &bus->nodes[i];
     cw_frame about = {.id = 0};
     settle_frame(bus, i, r, &about);
-    cw_run_due_node(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         report_arbitration_lost(bus, i, r->lost_bit, &about);
     if (r->what & CW_REPORT_ERROR)
