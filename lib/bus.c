@@ -46,10 +46,23 @@ static void *carve(arena *a, size_t count, size_t size)
     return a->base ? a->base + offset : NULL;
 }
 
+uint16_t cw_queue_room(const cw_bus_config *c, unsigned node)
+{
+    uint16_t room = c->nodes[node].queue;
+    for (unsigned i = 0; i < c->rule_count; i++) {
+        const cw_rule *r = &c->rules[i];
+        bool sets = r->action == CW_ACTION_SET && (r->nodes & cw_node_bit(node)) &&
+                    (r->settings.which & CW_SET_QUEUE) && r->settings.queue <= CW_QUEUE_MAX;
+        if (sets && r->settings.queue > room)
+            room = r->settings.queue;
+    }
+    return room;
+}
+
 static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
-        uint16_t capacity = c->nodes[i].queue;
+        uint16_t capacity = cw_queue_room(c, i);
         cw_queue_slot *slots = carve(a, capacity, sizeof *slots);
         uint16_t *order = carve(a, capacity, sizeof *order);
         if (nodes)

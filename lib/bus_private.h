@@ -148,6 +148,13 @@ void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
 
 void cw_find_next_restart(cw_bus *bus);
 
+bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
+
+/* ---- bus.c ----------------------------------------------------------------------------------- */
+
+/* Room in the queue of a node: for what its configuration and rules from the start may set. */
+uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
+
 /* ---- settle.c -------------------------------------------------------------------------------- */
 
 /* Events and statistics of one node at the end of a bit, in the order of cw_event_kind. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * events.c - the ring of events: bounded, nothing lost, in the order of time, then faults before nodes,
- * nodes in their order, and kinds (see cw_event_kind).
+ * events.c - the ring of events: bounded, nothing lost, in the order of time, then faults before
+ * nodes, nodes in their order, and kinds (see cw_event_kind).
  *
  * Before each bit the bus asks for room for the worst that can happen in it.
  */
@@ -28,7 +28,7 @@ unsigned cw_ring_least(const cw_bus_config *c)
     unsigned events = c->node_count * EVENTS_PER_NODE + 2u * c->rule_count + 2u * c->rule_room +
                       2u * c->inbox + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
-        events += c->nodes[i].queue;
+        events += cw_queue_room(c, i);
     return events;
 }
 
@@ -68,7 +68,7 @@ static void open_gap(event_ring *ring, unsigned place)
         *event_at(ring, i) = *event_at(ring, i - 1);
 }
 
-/* Where a new event belongs. One for several nodes, of which it has to come in between, becomes two. */
+/* Where a new event belongs. One for several nodes becomes two when it has to come in between. */
 static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;

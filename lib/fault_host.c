@@ -133,8 +133,8 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     return !held || !hold(bus, &h);
 }
 
-/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this very
- * bit, so that they do not send any more. */
+/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this
+ * very bit, so that they do not send any more. */
 static uint64_t senders(const cw_bus *bus, unsigned receiver)
 {
     uint64_t self = cw_node_bit(receiver);

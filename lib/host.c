@@ -200,7 +200,7 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-static bool settings_valid(const bus_node *n, const cw_settings *s)
+bool cw_settings_valid(const bus_node *n, const cw_settings *s)
 {
     bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
@@ -228,7 +228,7 @@ static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 
 cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
 {
-    if (i >= bus->node_count || !settings_valid(&bus->nodes[i], s))
+    if (i >= bus->node_count || !cw_settings_valid(&bus->nodes[i], s))
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
     if (s->which & CW_SET_MODES)

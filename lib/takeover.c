@@ -103,6 +103,8 @@ cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;
     bus->stats = old->stats;
+    bus->error_flag = old->error_flag;
+    bus->overload_flag = old->overload_flag;
     for (unsigned i = 0; i < bus->node_count; i++) {
         if (from[i] == CW_NO_NODE)
             continue;
