@@ -5,6 +5,7 @@ Written from the protocol, not from the library: what the tests expect must not 
 code that they test.
 """
 
+import functools
 import socket
 import struct
 from typing import NamedTuple
@@ -84,6 +85,7 @@ def stuff_bit_count(bits):
     return count
 
 
+@functools.cache
 def wire_bits(frame):
     """Bits from SOF to EOF, stuff bits included."""
     reserved = [0, 0] if frame.can_id & EXTENDED else [0]
