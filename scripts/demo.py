@@ -28,7 +28,7 @@ BITRATE = 500000
 PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
 FLOOD_ID = "7F0"
 FLOOD = ["cangen", PORTS["dash"], "-I", FLOOD_ID, "-L", "8", "-g", "1", "-c", "8"]
-PATIENCE_S = 20
+PATIENCE_S = 40
 CONTENTION_ATTEMPTS = 3  # on a busy machine writing may take longer than the bus is busy
 CONTENTION_MAX_S = 0.02
 
@@ -237,7 +237,7 @@ class Demo:
         dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
         writes = []
         for ecu, text in map(log_frame, read_log(CONTENTION_LOG)):
-            at = next(f.time for f in dumps[ecu] if f.text == text)  # vcan shows it before it is sent
+            at = next(f.time for f in dumps[ecu] if f.text == text)  # vcan's own echo
             writes.append(Write(at, text, ecu))
         return writes, dumps["tap"]
 
@@ -259,7 +259,10 @@ class Demo:
         dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
         counts = {ecu: Counter(f.identifier for f in frames) for ecu, frames in dumps.items()}
         self.print_counts(counts)
-        if not flood:
+        if flood:
+            lost = self.dropped("dash") - dropped
+            print(f"   (in brackets: written by itself; {lost} of dash did not fit into its queue)")
+        else:
             print("   first frames of candump vcan2 (dash):")
             for frame in dumps["dash"][:3]:
                 print(f"   ({frame.time:.6f}) vcan2 {frame.text}")
@@ -303,7 +306,7 @@ class Demo:
                 slow = f"  (bus at {100 * pace:.0f} % of real time)" if pace < 0.97 else ""
                 print(f"   {name:14} {percent:3} %  {frames:5}/s   {load:5.1f} %{slow}")
                 shown += 1
-        self.checks.check(shown >= 2, "there are whole seconds to compare loads of")
+        self.checks.check(shown >= 1, "there is a whole second to compare loads of")
 
     def numbers(self):
         bus = self.statistics.bus[-1]
@@ -355,7 +358,9 @@ def arbitration_key(frame):
     """The bits of the identifier as arbitration sees them."""
     identifier = frame.partition("#")[0]
     number = int(identifier, 16)
-    return f"{number >> 18:011b}1{number & 0x3FFFF:018b}" if len(identifier) == 8 else f"{number:011b}0"
+    if len(identifier) == 8:
+        return f"{number >> 18:011b}1{number & 0x3FFFF:018b}"
+    return f"{number:011b}0"
 
 
 def main():
@@ -373,7 +378,7 @@ def main():
         demo.drive("car", flood=False)
         heading(3, f"The same, while dash floods with {FLOOD_ID} (cangen, 8 frames each ms)")
         demo.drive("car and flood", flood=True)
-        heading(4, "Bus load")
+        heading(4, "Bus load (canbusload rounds down, and goes by real time)")
         demo.loads()
         heading(5, "Statistics from LCM")
         demo.numbers()
