@@ -192,8 +192,9 @@ def test_tshark_reads_them(vcan, canwired, can_socket, errors, tmp_path):
     vcan(2)
     canwired(FAULTY.format(restart=20, berr="on"))
     capture = tmp_path / "capture.pcapng"
-    with subprocess.Popen(["dumpcap", "-i", "vcan0", "-w", capture],
-                          stderr=subprocess.PIPE, text=True) as dumpcap:
+    dumpcap = subprocess.Popen(["dumpcap", "-i", "vcan0", "-w", capture],
+                               stderr=subprocess.PIPE, text=True)
+    try:
         while "File:" not in dumpcap.stderr.readline():
             assert dumpcap.poll() is None
         reader = errors("vcan0")
@@ -201,9 +202,11 @@ def test_tshark_reads_them(vcan, canwired, can_socket, errors, tmp_path):
         frames = []
         while pack(RESTARTED) not in frames:
             frames += reader.take(1)
-        # each packet takes more than 16 bytes; dumpcap writes after a while
+        # each packet takes more than 64 bytes; dumpcap writes after a while
         wait_until(lambda: capture.stat().st_size > 64 * len(frames), "the capture")
+    finally:
         dumpcap.terminate()
+        dumpcap.communicate(timeout=30)
     names = ("flags.err", "err.prot", "err.buserror", "err.prot.type.bit", "err.prot.type.tx",
              "err.prot.location", "err.ctrl.tx_warning", "err.ctrl.tx_passive", "err.busoff",
              "err.restarted", "err.ctrl.active", "len")
