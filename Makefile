@@ -119,7 +119,7 @@ FUZZ_EACH = $(shell expr $(FUZZ) / $(words $(FUZZ_TARGETS)) + 1)
 fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	@$(foreach target,$(FUZZ_TARGETS),echo "== $(target)" && mkdir -p $(BUILD)/found/$(target) && \
 	  $(BUILD)/$(target) -max_total_time=$(FUZZ_EACH) -timeout=30 -rss_limit_mb=4096 \
-	  -verbosity=0 -print_final_stats=1 -close_fd_mask=1 -use_value_profile=1 \
+	  -verbosity=0 -print_final_stats=1 -print_funcs=0 -close_fd_mask=1 -use_value_profile=1 \
 	  -artifact_prefix=$(BUILD)/found/$(target)- $(BUILD)/found/$(target) \
 	  $(call fuzz_seeds,$(target)) &&) true
 

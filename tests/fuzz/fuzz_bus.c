@@ -213,6 +213,8 @@ static void advance(pair *p, uint64_t bits)
         bits = BITS_MAX - p->bits;
     p->bits += (unsigned)bits;
     uint64_t end = cw_bus_now(p->whole.bus) + bits * p->config.bit_ticks;
+    fuzz_bus_poll(&p->whole); /* what settings and the like have dropped */
+    fuzz_bus_poll(&p->bitwise);
     bool rests = cw_bus_next(p->whole.bus) == CW_NEVER;
     uint64_t events = p->whole.events;
     fuzz_bus_advance(&p->whole, end);
@@ -290,8 +292,6 @@ static void take_over(pair *p, fuzz_input *in)
             flush(p, i);
     REQUIRE(fuzz_bus_take_over(&p->whole, &p->config, from) == CW_OK);
     REQUIRE(fuzz_bus_take_over(&p->bitwise, &p->config, from) == CW_OK);
-    fuzz_bus_poll(&p->whole); /* drops of queues that are smaller now */
-    fuzz_bus_poll(&p->bitwise);
 }
 
 static void operate(pair *p, fuzz_input *in)

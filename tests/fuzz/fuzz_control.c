@@ -19,7 +19,8 @@
 #include <unistd.h>
 
 #define CLIENTS 3u
-#define UPDATE_BITS 500u
+#define UPDATE_BITS 100u
+#define RULES_MAX 32u
 #define TURNS_MAX 4000u /* of the loop, until something that must come counts as missing */
 
 /* Bytes that JSON text does not have. */
@@ -157,7 +158,7 @@ static void make_bus(engine *e, const cfg *config)
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
     cfg_bus_config(&bus_config, nodes, config);
-    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
+    bus_config.rule_room = RULES_MAX;
     e->config = config;
     e->memory = malloc(cw_bus_size(&bus_config));
     e->bus = cw_bus_init(e->memory, &bus_config);
