@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * takeover.c - a bus goes on as another one with other nodes and rules: the reload of a configuration.
+ * takeover.c - a bus goes on as another one with other nodes and rules, to reload a configuration.
  */
 #include "bus_private.h"
+
+#include "confinement.h"
 
 static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
 {
@@ -28,6 +30,19 @@ static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
             take_over_slot(bus, i, old, old->queue.order[k]);
 }
 
+/* As cw_node_set() would do it: a changed restart-ms counts from now, a
+ * listener drops its queue. */
+static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
+{
+    static const cw_settings no_change = {.which = CW_SET_MODES};
+    bus_node *n = &bus->nodes[i];
+    n->restart_at = old->restart_at;
+    if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
+        n->restart_at = n->restart_ticks ? bus->now + n->restart_ticks : CW_NEVER;
+    if (n->mac.modes & CW_MODE_LISTEN_ONLY)
+        (void)cw_node_set(bus, i, &no_change);
+}
+
 /* State and counters of the old node, settings of the new one. */
 static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
 {
@@ -40,10 +55,10 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->told_state = old->told_state;
-    n->restart_at = old->restart_at;
     cw_mac_reconnect(&n->mac);
     cw_mac_set_modes(&n->mac, modes);
-    n->mac.confinement.warning_limit = (uint16_t)warning_limit;
+    cw_confinement_set_warning_limit(&n->mac.confinement, warning_limit);
+    apply_settings(bus, i, old);
 }
 
 static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
