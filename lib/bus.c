@@ -197,6 +197,8 @@ static void note_start(cw_bus *bus, unsigned i)
     cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     if (slot->attempts++ > 0)
         n->stats.retransmissions++;
+    if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: nothing of it is on the wire */
+        return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
     cw_fault_transmission(bus, i, &slot->frame);

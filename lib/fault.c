@@ -442,7 +442,8 @@ void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame)
         } else if (r->action != CW_ACTION_WRONG_CRC) {
             match_transmission(bus, rule, node);
         } else if (cw_fault_names(r->nodes, self) &&
-                   cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks)) {
+                   (f->hit_now ||
+                    cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))) {
             f->hit_now = true;
             wrong_crc = true;
             cw_fault_wake(bus, rule);

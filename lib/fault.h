@@ -26,8 +26,11 @@ typedef struct cw_fault {
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
-    uint32_t bits_done;   /* of a position action under way */
-    uint32_t bits_left;
+    bool rx_hit;          /* what was decided at rx_tick */
+    uint64_t bits_done;   /* of a position action under way */
+    uint64_t bits_left;
+    uint64_t wire;        /* ... nodes on the wires that it acts on, when it acts on wires */
+    uint64_t rx_tick;     /* host rules on the RX side: one decision for all receivers of a frame */
     uint64_t bound;       /* nodes whose present transmission the rule looks at */
     uint64_t scope;
     uint64_t matches;

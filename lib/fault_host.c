@@ -116,7 +116,6 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     const cw_rule *r = &bus->faults.faults[rule].rule;
     held_frame h = {.due = CW_NEVER, .rule = (uint16_t)rule, .node = (uint8_t)node,
                     .side = r->side, .frame = *frame};
-    cw_push_fault(bus, rule, tick);
     if (r->action == CW_ACTION_DROP) {
         drop_frame(bus, node, frame, tick);
         return false;
@@ -152,6 +151,20 @@ static uint64_t senders(const cw_bus *bus, unsigned receiver)
     return nodes;
 }
 
+/* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
+static bool is_hit(cw_bus *bus, unsigned rule, cw_side side, uint64_t tick)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    bool decided = side == CW_SIDE_RX && f->rx_tick == tick;
+    if (!decided) {
+        f->rx_tick = tick;
+        f->rx_hit = cw_fault_match(bus, rule, tick, tick);
+    }
+    if (f->rx_hit && !decided)
+        cw_push_fault(bus, rule, tick);
+    return f->rx_hit;
+}
+
 static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick)
 {
     const cw_frame original = *frame;
@@ -164,7 +177,7 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
         const cw_rule *r = &bus->faults.faults[rule].rule;
         bool host = r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE;
         if (!host || r->side != side || !cw_fault_names(r->from, from) ||
-            !cw_fault_names(r->at, self) || !cw_fault_match(bus, rule, tick, tick))
+            !cw_fault_names(r->at, self) || !is_hit(bus, rule, side, tick))
             continue;
         if (!act_on_frame(bus, rule, node, frame, tick))
             return false;

@@ -101,10 +101,20 @@ static bool is_reached(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac
     return cw_mac_own_bit(mac, &n) && cw_bits_is_at(&mac->tx, n, rule->field, rule->index);
 }
 
-/* A transmission is over for a rule when its node has become a receiver or is idle. */
-static bool any_reached(const cw_bus *bus, cw_fault *f)
+/* The nodes that share a wire with this one. */
+static uint64_t wire_of(const cw_bus *bus, unsigned node)
 {
-    bool reached = false;
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if (bus->groups[g] & cw_node_bit(node))
+            return bus->groups[g];
+    return cw_node_bit(node);
+}
+
+/* The wires on which the named bit is reached, as nodes. A transmission is over for a rule when its
+ * node has become a receiver or is idle. */
+static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
+{
+    uint64_t reached = 0;
     for (unsigned node = 0; node < bus->node_count; node++) {
         const cw_mac *mac = &bus->nodes[node].mac;
         if (!(f->bound & cw_node_bit(node)))
@@ -112,26 +122,27 @@ static bool any_reached(const cw_bus *bus, cw_fault *f)
         if (mac->role != CW_ROLE_TRANSMITTER)
             f->bound &= ~cw_node_bit(node);
         else if (is_reached(bus, &f->rule, mac))
-            reached = true;
+            reached |= wire_of(bus, node);
     }
     return reached;
 }
 
-static uint32_t action_bits(const cw_bus *bus, const cw_rule *rule)
+static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
 {
     if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
         return rule->bits;
-    return (uint32_t)((rule->for_ticks + bus->bit_ticks - 1) / bus->bit_ticks);
+    return rule->for_ticks / bus->bit_ticks + (rule->for_ticks % bus->bit_ticks != 0);
 }
 
 /* A new hit while an action is under way begins it again. */
 static void look_for_position(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = &bus->faults.faults[rule];
-    if (f->bound == 0 || !any_reached(bus, f) ||
-        !cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
+    uint64_t wires = f->bound ? wires_reached(bus, f) : 0;
+    if (wires == 0 || !cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
         return;
     f->hit_now = true;
+    f->wire = wires;
     f->bits_done = 0;
     f->bits_left = action_bits(bus, &f->rule);
 }
@@ -140,7 +151,7 @@ static void look_for_position(cw_bus *bus, unsigned rule)
 
 static void apply_position(const cw_fault *f, uint64_t *levels, uint64_t nodes)
 {
-    unsigned i = f->bits_done;
+    uint64_t i = f->bits_done;
     if (f->rule.action == CW_ACTION_FLIP)
         *levels ^= nodes;
     else if (f->rule.action == CW_ACTION_FORCE)
@@ -173,7 +184,8 @@ static void apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
         cw_fault_end_action(bus, rule);
 }
 
-/* Whom a rule's level concerns; 0 when not in this pass. */
+/* Whom a rule's level concerns; 0 when not in this pass. A bit at a position is one of the wire that
+ * its transmitter is on. */
 static uint64_t concerned(const cw_fault *f, bool wire)
 {
     const cw_rule *r = &f->rule;
@@ -182,9 +194,11 @@ static uint64_t concerned(const cw_fault *f, bool wire)
             return wire ? ALL_NODES : 0;
         return r->line == CW_LINE_RX && !wire ? cw_node_bit(r->node) : 0;
     }
-    if (wire)
-        return r->at == 0 ? ALL_NODES : 0;
-    return r->at;
+    if (!wire)
+        return r->at;
+    if (r->at != 0)
+        return 0;
+    return r->action == CW_ACTION_NOISE ? ALL_NODES : f->wire;
 }
 
 static void apply_rule(cw_bus *bus, unsigned rule, uint64_t *levels, bool wire)

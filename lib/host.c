@@ -211,8 +211,10 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 {
     bus_node *n = &bus->nodes[i];
     n->restart_ticks = ticks;
-    if (ticks && n->mac.phase == CW_MAC_BUS_OFF)
-        cw_schedule_restart(bus, i, bus->now + ticks);
+    if (n->mac.phase != CW_MAC_BUS_OFF)
+        return;
+    n->restart_at = ticks ? bus->now + ticks : CW_NEVER;
+    cw_find_next_restart(bus);
 }
 
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)

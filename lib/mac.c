@@ -141,7 +141,10 @@ cw_status cw_mac_set_counters(cw_mac *m, unsigned tec, unsigned rec)
         return CW_INVALID;
     bool was_off = m->confinement.state == CW_STATE_BUS_OFF;
     cw_confinement_set(&m->confinement, tec, rec);
-    if (!check_bus_off(m) && was_off)
+    bool is_off = m->confinement.state == CW_STATE_BUS_OFF;
+    if (is_off && !was_off) /* else it goes on waiting or counting */
+        go_bus_off(m);
+    if (was_off && !is_off)
         integrate(m);
     return CW_OK;
 }

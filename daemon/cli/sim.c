@@ -63,6 +63,8 @@ static void write_events(sim *s)
 {
     cw_event event;
     while (cw_bus_poll(s->bus, &event)) {
+        if (event.tick > s->until)
+            continue;
         if (event.kind == CW_EVENT_TX)
             s->last_activity = event.tick;
         if (s->events)
@@ -92,7 +94,8 @@ static uint64_t quiet_end(const sim *s)
     return s->last_activity + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
 }
 
-/* Hands in all releases of one tick, which the bus has reached. */
+/* Hands in all releases of one tick, which the bus has not reached, so that their events come among
+ * the others of that tick. */
 static void hand_in_due(sim *s, uint64_t tick)
 {
     while (release_next_tick(s->plan) == tick) {
@@ -113,8 +116,8 @@ static bool run_releases(sim *s)
         if (tick > s->until)
             break;
         /* a tx on the way moves the end of the quiet time, so it is asked for again */
-        while (cw_bus_now(s->bus) + s->config->bit_ticks <= tick) {
-            uint64_t target = least(tick, quiet_end(s));
+        while (cw_bus_now(s->bus) + s->config->bit_ticks < tick) {
+            uint64_t target = least(tick - 1, quiet_end(s));
             if (target < cw_bus_now(s->bus) + s->config->bit_ticks)
                 return false;
             advance(s, target);
@@ -141,10 +144,14 @@ static void run_out(sim *s)
 static void run(sim *s)
 {
     bool goes_on = run_releases(s);
-    if (s->until != CW_NEVER)
-        advance(s, s->until);
-    else if (goes_on)
-        run_out(s);
+    if (s->until == CW_NEVER) {
+        if (goes_on)
+            run_out(s);
+        return;
+    }
+    advance(s, s->until);
+    if (cw_bus_inbox_first(s->bus) <= s->until) /* in the middle of a bit, which has to be run */
+        advance(s, s->until + s->config->bit_ticks);
 }
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
