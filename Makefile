@@ -67,12 +67,12 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@$(MAKE) --no-print-directory build
 	@scripts/demo
 
-bench: ## what things cost, in ns and instructions
+bench: ## what the engine costs, in ns
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build $(BUILD)/bench
 	@$(BUILD)/bench
 
-check: ## static checks: shell scripts, undefined symbols of the library, formatting
+check: ## static checks: what the library needs of the outside, shell scripts
 	@scripts/install-deps all
 	@$(MAKE) --no-print-directory $(LIB)
 	@scripts/check $(LIB)
