@@ -20,7 +20,6 @@ typedef struct pair {
     fuzz_bus whole;
     fuzz_bus bitwise;
     cw_node_config nodes[NODES_MAX];
-    cw_rule rules[RULES_FIRST_MAX];
     cw_bus_config config;
     unsigned bits;
 } pair;
@@ -40,7 +39,7 @@ static uint64_t some_ticks(fuzz_input *in, uint32_t bit_ticks)
         return (uint64_t)(kind - 63) * bit_ticks;
     if (kind < 224)
         return (uint64_t)fuzz_u8(in) * 16 * bit_ticks + kind % 3;
-    return kind == 255 ? CW_NEVER : fuzz_u32(in);
+    return kind == 255 ? CW_NEVER / 2 : fuzz_u32(in);
 }
 
 static uint64_t some_nodes(fuzz_input *in)
@@ -54,10 +53,11 @@ static void read_when(cw_rule *r, fuzz_input *in, uint32_t bit_ticks)
     unsigned what = fuzz_u8(in);
     r->trigger = (cw_trigger)(what % 4);
     r->filter_count = what >> 2 & 1u;
-    if (r->filter_count)
-        r->filters[0] = (cw_filter){.value = fuzz_below(in, 0x800),
-                                    .mask = fuzz_below(in, 0x800),
-                                    .inverted = what >> 3 & 1u};
+    if (r->filter_count) {
+        r->filters[0].value = fuzz_below(in, 0x800);
+        r->filters[0].mask = fuzz_below(in, 0x800);
+        r->filters[0].inverted = what >> 3 & 1u;
+    }
     if (what >> 4 & 1u) {
         r->has_after = true;
         r->after = (uint16_t)fuzz_below(in, RULES_FIRST_MAX + 1);
@@ -169,10 +169,11 @@ static void read_nodes(pair *p, fuzz_input *in)
         p->nodes[i] = (cw_node_config){
             .modes = what & 0x80 ? what & 0x1Fu : 0,
             .order = what >> 5 & 1u ? CW_ORDER_FIFO : CW_ORDER_PRIORITY,
-            .queue = (uint16_t)(1 + fuzz_below(in, 8)),
-            .warning_limit = (uint16_t)(1 + fuzz_below(in, 255)),
-            .restart_ticks = what >> 6 & 1u ? some_ticks(in, p->config.bit_ticks) : 0,
         };
+        p->nodes[i].queue = (uint16_t)(1 + fuzz_below(in, 8));
+        p->nodes[i].warning_limit = (uint16_t)(1 + fuzz_below(in, 255));
+        if (what >> 6 & 1u)
+            p->nodes[i].restart_ticks = some_ticks(in, p->config.bit_ticks);
     }
 }
 
@@ -180,13 +181,11 @@ static void read_nodes(pair *p, fuzz_input *in)
 static void read_config(pair *p, fuzz_input *in)
 {
     static const uint32_t bit_ticks[] = {160, 80, 1, 7, 8000};
-    p->config = (cw_bus_config){.bit_ticks = bit_ticks[fuzz_below(in, 5)],
-                                .seed = fuzz_u8(in),
-                                .inbox = (uint16_t)(1 + fuzz_below(in, 32)),
-                                .events = (uint16_t)fuzz_below(in, 512),
-                                .rule_room = RULES_FIRST_MAX + RULE_ROOM,
-                                .nodes = p->nodes,
-                                .rules = p->rules};
+    p->config = (cw_bus_config){.rule_room = RULES_FIRST_MAX + RULE_ROOM, .nodes = p->nodes};
+    p->config.bit_ticks = bit_ticks[fuzz_below(in, 5)];
+    p->config.seed = fuzz_u8(in);
+    p->config.inbox = (uint16_t)(1 + fuzz_below(in, 32));
+    p->config.events = (uint16_t)fuzz_below(in, 512);
     read_nodes(p, in);
 }
 
