@@ -400,6 +400,8 @@ bool cw_bus_idle(const cw_bus *bus)
 uint64_t cw_bus_next(const cw_bus *bus)
 {
     uint64_t bits = CW_QUIET_FOREVER;
+    if (bus->news)
+        return bus->now;
     for (unsigned i = 0; i < bus->node_count; i++)
         bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, bus->nodes[i].queue.count > 0));
     if (bits == CW_QUIET_FOREVER && !cw_bus_idle(bus))
