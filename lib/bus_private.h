@@ -102,6 +102,12 @@ static inline uint64_t cw_node_bit(unsigned i)
     return UINT64_C(1) << i;
 }
 
+/* So many ticks after another; what would be beyond the end of time does not come. */
+static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
+{
+    return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
+}
+
 static inline uint64_t cw_least(uint64_t a, uint64_t b)
 {
     return a < b ? a : b;

@@ -262,7 +262,7 @@ static void arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
     for (unsigned i = 0; i < bus->faults.count; i++) {
         const cw_fault *f = fault_at(bus, i);
         if (f->used && f->rule.has_after && f->rule.after == rule)
-            (void)add_arming(bus, i, told + f->rule.after_delay);
+            (void)add_arming(bus, i, cw_after(told, f->rule.after_delay));
     }
 }
 
@@ -332,7 +332,7 @@ static void fall_asleep(cw_bus *bus)
 static uint64_t window_end(const cw_bus *bus, const cw_rule *rule)
 {
     if (rule->for_ticks)
-        return bus->now + rule->for_ticks;
+        return cw_after(bus->now, rule->for_ticks);
     return rule->trigger == CW_TRIGGER_TIME ? rule->time_end : CW_NEVER;
 }
 

@@ -125,7 +125,7 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     if (r->action == CW_ACTION_DUPLICATE)
         pass_copies(bus, node, frame, r, tick);
     if (r->action == CW_ACTION_DELAY)
-        h.due = tick + r->for_ticks;
+        h.due = cw_after(tick, r->for_ticks);
     if (r->action == CW_ACTION_REORDER)
         h.behind = r->number + 1; /* itself comes by first */
     bool held = r->action == CW_ACTION_DELAY || (r->action == CW_ACTION_REORDER && r->number > 0);
@@ -201,7 +201,7 @@ bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame)
 static void reply(cw_bus *bus, unsigned rule, unsigned node)
 {
     const cw_rule *r = &bus->faults.faults[rule].rule;
-    const held_frame h = {.due = bus->now + r->for_ticks, .rule = (uint16_t)rule,
+    const held_frame h = {.due = cw_after(bus->now, r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
     cw_push_fault(bus, rule, bus->now);
     bus->nodes[node].stats.handed_in++;

@@ -34,7 +34,7 @@ static void send_periodically(cw_bus *bus, unsigned rule)
         return;
     }
     while (f->next_at <= bus->now) /* a period below a bit time is one frame a bit */
-        f->next_at += f->rule.period_ticks;
+        f->next_at = cw_after(f->next_at, f->rule.period_ticks);
     cw_fault_due(bus, f->next_at);
 }
 

@@ -213,7 +213,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     n->restart_ticks = ticks;
     if (n->mac.phase != CW_MAC_BUS_OFF)
         return;
-    n->restart_at = ticks ? bus->now + ticks : CW_NEVER;
+    n->restart_at = ticks ? cw_after(bus->now, ticks) : CW_NEVER;
     cw_find_next_restart(bus);
 }
 

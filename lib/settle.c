@@ -93,7 +93,7 @@ void cw_tell_state(cw_bus *bus, unsigned i)
     if (after == CW_STATE_BUS_OFF) {
         n->stats.bus_off++;
         if (n->restart_ticks)
-            cw_schedule_restart(bus, i, bus->now + n->restart_ticks);
+            cw_schedule_restart(bus, i, cw_after(bus->now, n->restart_ticks));
     }
     cw_fault_error(bus, i, e);
 }

@@ -38,7 +38,7 @@ static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
     bus_node *n = &bus->nodes[i];
     n->restart_at = old->restart_at;
     if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
-        n->restart_at = n->restart_ticks ? bus->now + n->restart_ticks : CW_NEVER;
+        n->restart_at = n->restart_ticks ? cw_after(bus->now, n->restart_ticks) : CW_NEVER;
     if (n->mac.modes & CW_MODE_LISTEN_ONLY)
         (void)cw_node_set(bus, i, &no_change);
 }

@@ -39,7 +39,7 @@ static uint64_t some_ticks(fuzz_input *in, uint32_t bit_ticks)
         return (uint64_t)(kind - 63) * bit_ticks;
     if (kind < 224)
         return (uint64_t)fuzz_u8(in) * 16 * bit_ticks + kind % 3;
-    return kind == 255 ? CW_NEVER / 2 : fuzz_u32(in);
+    return kind == 255 ? CW_NEVER : fuzz_u32(in);
 }
 
 static uint64_t some_nodes(fuzz_input *in)
