@@ -256,7 +256,10 @@ class Listener:
         assert "stopped: " in stderr
 
         def complete():
-            if not self.bus or f"stopped: {self.bus[-1].frames} frames" not in stderr:
+            if not self.bus:
+                return False
+            last = self.bus[-1]
+            if f"stopped: {last.frames} frames, {last.error_frames} error frames" not in stderr:
                 return False
             end_ns = self.bus[-1].bus_time_ns
             return {m.node for m in self.nodes if m.bus_time_ns == end_ns} == {
