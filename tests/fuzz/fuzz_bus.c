@@ -206,14 +206,20 @@ static void same(const pair *p)
     REQUIRE(cw_bus_recessive_bits(p->whole.bus) == cw_bus_recessive_bits(p->bitwise.bus));
 }
 
+/* What settings and the like have dropped. */
+static void poll(pair *p)
+{
+    fuzz_bus_poll(&p->whole);
+    fuzz_bus_poll(&p->bitwise);
+}
+
 static void advance(pair *p, uint64_t bits)
 {
     if (p->bits + bits > BITS_MAX)
         bits = BITS_MAX - p->bits;
     p->bits += (unsigned)bits;
     uint64_t end = cw_bus_now(p->whole.bus) + bits * p->config.bit_ticks;
-    fuzz_bus_poll(&p->whole); /* what settings and the like have dropped */
-    fuzz_bus_poll(&p->bitwise);
+    poll(p);
     bool rests = cw_bus_next(p->whole.bus) == CW_NEVER;
     uint64_t events = p->whole.events;
     fuzz_bus_advance(&p->whole, end);
@@ -263,8 +269,7 @@ static void set(pair *p, fuzz_input *in)
 static void flush(pair *p, unsigned node)
 {
     REQUIRE(cw_node_flush(p->whole.bus, node) == cw_node_flush(p->bitwise.bus, node));
-    fuzz_bus_poll(&p->whole);
-    fuzz_bus_poll(&p->bitwise);
+    poll(p);
 }
 
 static void restart(pair *p, unsigned node)
@@ -289,6 +294,7 @@ static void take_over(pair *p, fuzz_input *in)
     for (unsigned i = 0; i < old_nodes; i++)
         if (!(kept >> i & 1u))
             flush(p, i);
+    poll(p);
     REQUIRE(fuzz_bus_take_over(&p->whole, &p->config, from) == CW_OK);
     REQUIRE(fuzz_bus_take_over(&p->bitwise, &p->config, from) == CW_OK);
 }
