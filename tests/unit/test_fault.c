@@ -216,30 +216,56 @@ static void a_stopped_rule_can_act_again(void **state)
     }
 }
 
-/* What a cleared rule has put into a queue is sent, and is not taken for that of its successor. */
-static void frames_of_a_cleared_rule_are_sent(void **state)
+/* A follower that stands before the rule comes after it no more, either. */
+static void a_rule_before_the_cleared_one_is_left_alone(void **state)
 {
     (void)state;
     rig *r = rig_new(2);
+    cw_rule *follower = rig_rule(r, probe("follower", CW_TRIGGER_ARMED));
+    follower->has_after = true;
+    follower->after = 1;
+    rig_rule(r, probe("old", CW_TRIGGER_TIME));
+    rig_start(r);
+    rig_run_bits(r, 10);
+    assert_int_equal(hits(r, 0), 1);
+    assert_int_equal(cw_bus_clear_rule(r->bus, 1), CW_OK);
+    assert_int_equal(add(r, probe("new", CW_TRIGGER_TIME)), 1);
+    rig_run_bits(r, 20);
+    assert_int_equal(hits(r, 1), 1);
+    assert_int_equal(hits(r, 0), 1);
+    rig_free(r);
+}
+
+/* What a cleared rule has put into a queue is sent, and is not taken for that of its successor. */
+static void check_frames_of_a_cleared_rule(uint8_t node)
+{
+    rig *r = rig_new(2);
     cw_rule babble = new_rule("babble", CW_TRIGGER_TIME, CW_ACTION_BABBLE);
-    babble.node = 1;
+    babble.node = node;
     r->config.rule_room = 1;
     rig_start(r);
     assert_int_equal(add(r, babble), 0);
     rig_run_bits(r, 20);
-    assert_int_equal(rig_stats(r, 1).queue, 1);
+    assert_int_equal(rig_stats(r, node).queue, 1);
     assert_int_equal(cw_bus_clear_rule(r->bus, 0), CW_OK);
     babble.name = "other";
     babble.frame.id = 0x7F1;
     assert_int_equal(add(r, babble), 0);
     rig_run_bits(r, 21);
-    assert_int_equal(rig_stats(r, 1).queue, 2); /* at once: it has none on the way yet */
+    assert_int_equal(rig_stats(r, node).queue, 2); /* at once: it has none on the way yet */
     rig_run_bits(r, 500);
-    assert_int_equal(rig_stats(r, 1).queue, 1);
+    assert_int_equal(rig_stats(r, node).queue, 1);
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->frame.id, 0x7F0);
-    for (size_t i = 1; i < rig_count(r, CW_EVENT_TX, 1); i++)
+    for (size_t i = 1; i < rig_count(r, CW_EVENT_TX, node); i++)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->frame.id, 0x7F1);
     rig_free(r);
+}
+
+static void frames_of_a_cleared_rule_are_sent(void **state)
+{
+    (void)state;
+    check_frames_of_a_cleared_rule(0);
+    check_frames_of_a_cleared_rule(1);
 }
 
 /* Frames that a rule holds back go on their way when it is cleared. */
@@ -418,6 +444,36 @@ static void a_manual_rule_on_frames_takes_one_match(void **state)
     rig_free(r);
 }
 
+/* Armings take place at their times, whoever came first. */
+static void armings_take_place_in_time_order(void **state)
+{
+    (void)state;
+    static const unsigned expected[] = {30, 50, 110, 130};
+    rig *r = rig_new(2);
+    cw_rule *first = rig_rule(r, probe("first", CW_TRIGGER_ARMED));
+    first->manual = true;
+    cw_rule *both = rig_rule(r, probe("both", CW_TRIGGER_ARMED));
+    both->manual = true;
+    both->has_after = true;
+    both->after = 0;
+    both->after_delay = 100 * BIT;
+    rig_start(r);
+    for (unsigned bit = 10; bit <= 50; bit += 20) { /* armed at 110, 130; by hand at 30, 50 */
+        rig_run_bits(r, bit);
+        if (bit < 50)
+            assert_int_equal(cw_bus_fire_rule(r->bus, 0), CW_OK);
+        if (bit > 10)
+            assert_int_equal(cw_bus_fire_rule(r->bus, 1), CW_OK);
+    }
+    rig_run_bits(r, 300);
+    assert_int_equal(hits(r, 1), 4);
+    unsigned n = 0;
+    for (size_t i = 0; i < r->count; i++)
+        if (r->events[i].kind == CW_EVENT_FAULT && r->events[i].rule == 1)
+            assert_int_equal(r->events[i].tick, expected[n++] * (uint64_t)BIT);
+    rig_free(r);
+}
+
 /* Armings under way are bounded; what does not fit is lost, and told to him who fires. */
 static void armings_are_bounded(void **state)
 {
@@ -536,6 +592,29 @@ static void rules_on_one_frame_act_in_their_order(void **state)
     assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->frame.data[0], 0x33 ^ 0x40 ^ 0x50);
     for (unsigned i = 0; i < 6; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, i)->rule, i);
+    rig_free(r);
+}
+
+static void a_change_reaches_all_bytes(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_frame frame = rig_frame(0x123, 0, 8);
+    cw_rule *rule = rig_rule(r, new_rule("change", CW_TRIGGER_FRAME, CW_ACTION_CHANGE));
+    for (unsigned i = 0; i < 8; i++) {
+        rule->change.set_mask[i] = 0xF0;
+        rule->change.set[i] = 0xA5;
+        rule->change.and_mask[i] = (uint8_t)~(1u << i);
+        rule->change.or_mask[i] = 0x02;
+        rule->change.xor_mask[i] = (uint8_t)i;
+        unsigned byte = 0xA0 | (frame.data[i] & 0x0F);
+        frame.data[i] = (uint8_t)(((byte & ~(1u << i)) | 0x02) ^ i);
+    }
+    const cw_frame sent = rig_frame(0x123, 0, 8);
+    rig_start(r);
+    rig_send(r, 0, &sent, 0);
+    rig_run_bits(r, 200);
+    assert_true(cw_frame_equal(&rig_nth(r, CW_EVENT_RX, 0)->frame, &frame));
     rig_free(r);
 }
 
@@ -663,6 +742,150 @@ static void the_sender_may_have_an_error_in_the_last_bit(void **state)
     rig_run_bits(r, 300);
     assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 0);
     assert_int_equal(hits(r, 1), 2); /* one a frame, whoever receives it */
+    rig_free(r);
+}
+
+/* Bits go on when the frame, and so what the rule is bound to, is long over. A time that is no
+ * whole number of bits is rounded up. */
+static void bits_last_as_long_as_they_are_told_to(void **state)
+{
+    (void)state;
+    static const struct {
+        uint16_t bits;
+        uint64_t ticks;
+        unsigned expected;
+    } cases[] = {{1, 0, 1},       {3, 0, 3},           {300, 0, 300},    {0, 1, 1},
+                 {0, BIT, 1},     {0, BIT + 1, 2},     {0, 2 * BIT, 2},  {0, 200 * BIT, 200}};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        rig *r = rig_new(3);
+        r->nodes[2].modes = CW_MODE_LISTEN_ONLY; /* whom it does not disturb */
+        cw_rule *rule = rig_rule(r, new_rule("force", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
+        rule->level = CW_RECESSIVE;
+        rule->field = CW_FIELD_EOF;
+        rule->index = 6;
+        rule->bits = cases[i].bits;
+        rule->for_ticks = cases[i].ticks;
+        rule->at = NODE(2);
+        rig_start(r);
+        rig_send(r, 0, &frame, 0);
+        unsigned acting = 0;
+        for (unsigned bit = 1; bit < 500; bit++) {
+            rig_run_bits(r, bit);
+            acting += rule_stats(r, 0).active;
+        }
+        assert_int_equal(acting + 1, cases[i].expected); /* in the last one it is over at its end */
+        assert_int_equal(cw_bus_next(r->bus), CW_NEVER); /* nothing to look at any more */
+        rig_free(r);
+    }
+}
+
+/* What begins with a frame and lasts for a time ends when it is over, with no other rule about. */
+static void what_begins_with_a_frame_ends_in_time(void **state)
+{
+    (void)state;
+    static const cw_action actions[] = {CW_ACTION_STUCK, CW_ACTION_NOISE, CW_ACTION_NO_ACK,
+                                        CW_ACTION_DISCONNECT, CW_ACTION_PARTITION, CW_ACTION_BABBLE,
+                                        CW_ACTION_LOAD};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    for (size_t i = 0; i < sizeof actions / sizeof actions[0]; i++) {
+        rig *r = rig_new(3);
+        r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
+        cw_rule *rule = rig_rule(r, new_rule("lasting", CW_TRIGGER_FRAME, actions[i]));
+        exactly(rule, 0x123);
+        rule->count = 1;
+        rule->for_ticks = 150 * BIT + 1;
+        rule->line = CW_LINE_RX;
+        rule->at = rule->nodes = NODE(2);
+        rule->node = 2;
+        rule->group[2] = 1;
+        rig_start(r);
+        rig_send(r, 0, &frame, 0);
+        rig_run_bits(r, JOIN + 151 - 1);
+        assert_true(rule_stats(r, 0).active);
+        rig_run_bits(r, JOIN + 151);
+        assert_false(rule_stats(r, 0).active);
+        rig_run_bits(r, 2000);
+        assert_int_equal(cw_bus_next(r->bus), CW_NEVER);
+        rig_free(r);
+    }
+}
+
+/* A rule on errors needs no other rule about. */
+static void a_rule_on_errors_alone(void **state)
+{
+    (void)state;
+    rig *r = rig_new(1);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    cw_rule *rule = rig_rule(r, new_rule("once", CW_TRIGGER_ERROR, CW_ACTION_SET));
+    rule->error_mask = 0x20; /* no ACK */
+    rule->nodes = NODE(0);
+    rule->settings = (cw_settings){.which = CW_SET_MODES, .modes_mask = CW_MODE_PRESUME_ACK,
+                                   .modes = CW_MODE_PRESUME_ACK};
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 500);
+    assert_int_equal(hits(r, 0), 1);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    rig_free(r);
+}
+
+/* A follower of noise comes its delay after the end of the inverted bit. */
+static void noise_is_followed_from_the_end_of_its_bit(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+    noise->time_begin = 100 * BIT;
+    noise->error_rate = UINT64_MAX;
+    noise->at = NODE(1);
+    noise->count = 1;
+    cw_rule *after = rig_rule(r, probe("after", CW_TRIGGER_ARMED));
+    after->has_after = true;
+    after->after_delay = 10 * BIT;
+    rig_start(r);
+    rig_run_bits(r, 200);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, 101 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, 111 * BIT);
+    rig_free(r);
+}
+
+/* The flag of the node that asks is over a bit before the others': the delimiter begins with the
+ * first recessive bit. */
+static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
+{
+    (void)state;
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig *r = rig_new(2);
+    cw_rule *ask = rig_rule(r, new_rule("ask", CW_TRIGGER_TIME, CW_ACTION_OVERLOAD));
+    ask->nodes = NODE(0);
+    cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
+    mark->level = CW_RECESSIVE;
+    mark->field = CW_FIELD_OVERLOAD_DELIMITER;
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 300);
+    uint64_t end = rig_nth(r, CW_EVENT_TX, 0)->tick;
+    assert_int_equal(hits(r, 1), 1);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, end + (6 + 1 + 1) * BIT);
+    rig_free(r);
+}
+
+/* What a single node sees is not on the wire. */
+static void a_stuck_rx_is_not_on_the_wire(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    r->nodes[1].modes = CW_MODE_LISTEN_ONLY; /* it signals to itself only */
+    cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
+    stuck->line = CW_LINE_RX;
+    stuck->node = 1;
+    stuck->time_begin = 50 * BIT;
+    rig_start(r);
+    rig_run_bits(r, 200);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, 1), 1);
+    assert_int_equal(cw_bus_recessive_bits(r->bus), 200);
     rig_free(r);
 }
 
@@ -1250,6 +1473,9 @@ static void a_flushed_node_is_gone(void **state)
     cw_rule *late = rig_rule(r, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
     late->for_ticks = 1000 * BIT;
     late->count = 1;
+    cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
+    away->nodes = NODE(1);
+    away->for_ticks = 100 * BIT; /* its end must not bring the flushed node back */
     rig_start(r);
     for (unsigned i = 0; i < 4; i++)
         rig_send(r, 2, &frame, i == 3 ? 500 * BIT : i); /* held, on the wire, waiting, to come */
@@ -1273,21 +1499,30 @@ int main(void)
         cmocka_unit_test(a_rule_added_at_run_time_acts_from_then_on),
         cmocka_unit_test(a_cleared_rule_is_gone),
         cmocka_unit_test(a_stopped_rule_can_act_again),
+        cmocka_unit_test(a_rule_before_the_cleared_one_is_left_alone),
         cmocka_unit_test(frames_of_a_cleared_rule_are_sent),
         cmocka_unit_test(held_frames_go_on_when_the_rule_is_cleared),
         cmocka_unit_test(bad_rules_are_refused),
         cmocka_unit_test(rules_at_the_limits_are_good),
         cmocka_unit_test(a_manual_rule_acts_when_fired),
         cmocka_unit_test(a_manual_rule_on_frames_takes_one_match),
+        cmocka_unit_test(armings_take_place_in_time_order),
         cmocka_unit_test(armings_are_bounded),
         cmocka_unit_test(a_ring_of_rules_goes_round_once_in_a_bit),
         cmocka_unit_test(many_exact_identifiers_meet_their_own_frames),
         cmocka_unit_test(rules_on_one_frame_act_in_their_order),
+        cmocka_unit_test(a_change_reaches_all_bytes),
         cmocka_unit_test(commands_at_the_end_of_a_frame),
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
         cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
+        cmocka_unit_test(bits_last_as_long_as_they_are_told_to),
+        cmocka_unit_test(what_begins_with_a_frame_ends_in_time),
+        cmocka_unit_test(a_rule_on_errors_alone),
+        cmocka_unit_test(noise_is_followed_from_the_end_of_its_bit),
+        cmocka_unit_test(the_overload_delimiter_begins_when_the_wire_is_free),
+        cmocka_unit_test(a_stuck_rx_is_not_on_the_wire),
         cmocka_unit_test(noise_with_count_and_skip),
         cmocka_unit_test(settings_are_changed_and_read),
         cmocka_unit_test(a_queue_limit_is_for_new_frames),
