@@ -772,6 +772,13 @@ cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
     return ready && add_arming(bus, index, bus->now) ? CW_OK : CW_REFUSED;
 }
 
+/* Its time window is over, or its one moment has come. */
+static bool has_passed(const cw_bus *bus, const cw_fault *f)
+{
+    bool once = f->rule.trigger == CW_TRIGGER_TIME && f->fire_at == CW_NEVER && !f->active;
+    return bus->now >= f->rule.time_end || once;
+}
+
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)
 {
     if (!is_rule(bus, rule))
@@ -780,6 +787,6 @@ cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *sta
     *stats = (cw_rule_stats){.matches = f->matches,
                              .hits = f->hits,
                              .active = f->active || f->bits_left > 0,
-                             .over = cw_fault_is_over(f)};
+                             .over = cw_fault_is_over(f) || has_passed(bus, f)};
     return CW_OK;
 }
