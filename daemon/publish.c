@@ -23,6 +23,7 @@
 #include <unistd.h>
 
 #define QUEUE_MESSAGES 4096
+#define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
 #define RETRY_S 2
 #define CHANNEL_MAX 64
 
@@ -241,8 +242,9 @@ uint64_t publisher_dropped(publisher *p)
 /* Takes over data, which may be NULL when there was no memory. */
 static void enqueue(publisher *p, const char *channel, void *data, int size)
 {
+    unsigned limit = channel == p->channel_event ? QUEUE_EVENTS : QUEUE_MESSAGES;
     (void)pthread_mutex_lock(&p->lock);
-    bool room = data && size >= 0 && p->count < QUEUE_MESSAGES;
+    bool room = data && size >= 0 && p->count < limit;
     if (room) {
         p->queue[(p->first + p->count) % QUEUE_MESSAGES] =
             (message){.channel = channel, .data = data, .size = (unsigned)size};

@@ -16,7 +16,7 @@ TX_OVERFLOW, TX_WARNING, RX_PASSIVE, TX_PASSIVE, ACTIVE = 0x02, 0x08, 0x10, 0x20
 
 ALONE = """
 bus: {{ name: errors, bitrate: 500000 }}
-lcm: {{ period: 50ms }}
+lcm: {{ period: 50ms, events: [state] }} # single errors would be a flood
 nodes:
   - {{ name: engine, port: vcan0, berr-reporting: {berr} }}
 """
