@@ -385,7 +385,9 @@ static void rules_at_the_limits_are_good(void **state)
         RULE(TIME, OVERLOAD, .number = 2),
         SET(.which = CW_SET_QUEUE | CW_SET_WARNING, .queue = 16, .warning_limit = 255),
         RULE(ARMED, BUS_OFF, .has_after = true, .after = 8),
+        RULE(TIME, SET, .nodes = NODE(5), .settings = {.which = CW_SET_QUEUE, .queue = 32}),
     };
+    r->nodes[5].queue = 32;
     r->config.rule_room = sizeof good / sizeof good[0];
     rig_start(r);
     for (size_t i = 0; i < sizeof good / sizeof good[0]; i++)
@@ -743,6 +745,86 @@ static void the_sender_may_have_an_error_in_the_last_bit(void **state)
     assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 0);
     assert_int_equal(hits(r, 1), 2); /* one a frame, whoever receives it */
     rig_free(r);
+}
+
+/* A rule is bound to one transmission: not to the next one, even right behind it. */
+static void a_rule_is_bound_to_its_own_frame(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
+    mark->level = CW_RECESSIVE;
+    mark->field = CW_FIELD_EOF;
+    exactly(mark, 0x101);
+    rig_start(r);
+    for (unsigned i = 0; i < 4; i++) {
+        const cw_frame frame = rig_frame(0x100 + i, 0, 0);
+        rig_send(r, 0, &frame, 0);
+    }
+    rig_run_bits(r, 400);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 4);
+    assert_int_equal(hits(r, 0), 1);
+    rig_free(r);
+}
+
+/* Nor to any when it has been stopped. */
+static void a_stopped_rule_lets_go_of_the_frame(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    (void)rig_flip(r, "end", CW_FIELD_EOF, 6);
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, JOIN + 20);
+    assert_int_equal(cw_bus_stop_rule(r->bus, 0), CW_OK);
+    rig_run_bits(r, 100);
+    assert_int_equal(hits(r, 0), 0);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    rig_free(r);
+}
+
+/* A pattern starts over with each hit. */
+static void each_hit_of_a_glitch_starts_its_pattern(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
+    cw_rule *rule = rig_rule(r, new_rule("glitch", CW_TRIGGER_FRAME, CW_ACTION_GLITCH));
+    rule->field = CW_FIELD_EOF;
+    rule->bits = 3;
+    rule->pattern_mask = 7;
+    rule->pattern_level = 5; /* only the middle bit is `d` */
+    rule->at = NODE(2);
+    rig_start(r);
+    send_every(r, &frame, 100, 3);
+    rig_run_bits(r, 400);
+    assert_int_equal(hits(r, 0), 3);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, 2), 3);
+    for (unsigned i = 0; i < 3; i++)
+        assert_int_equal(rig_nth(r, CW_EVENT_ERROR, i)->error.place.index, 1);
+    rig_free(r);
+}
+
+/* On a partitioned bus a bit is one of its transmitter's wire. */
+static void bits_are_on_the_wire_of_their_frame(void **state)
+{
+    (void)state;
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    for (unsigned sender = 0; sender < 4; sender += 2) {
+        rig *r = rig_new(4);
+        cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+        cut->group[2] = cut->group[3] = 1;
+        cw_rule *flip = rig_flip(r, "flip", CW_FIELD_EOF, 2);
+        flip->count = 1;
+        rig_start(r);
+        rig_send(r, sender, &frame, 0);
+        rig_run_bits(r, 300);
+        for (unsigned node = 0; node < 4; node++)
+            assert_int_equal(rig_count(r, CW_EVENT_ERROR, (int)node), node / 2 == sender / 2);
+        rig_free(r);
+    }
 }
 
 /* Bits go on when the frame, and so what the rule is bound to, is long over. A time that is no
@@ -1426,6 +1508,29 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
     rig_free(r);
 }
 
+/* A wrong CRC on the wire stays wrong; the repetition is right. */
+static void a_wrong_crc_is_taken_over(void **state)
+{
+    (void)state;
+    static const uint8_t same[] = {0, 1};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig *old = rig_new(2);
+    cw_rule *wrong = rig_rule(old, new_rule("wrong", CW_TRIGGER_FRAME, CW_ACTION_WRONG_CRC));
+    wrong->nodes = NODE(0);
+    rig_start(old);
+    rig_send(old, 0, &frame, 0);
+    rig_run_bits(old, JOIN + 10);
+    rig *r = successor(2);
+    rig_start(r);
+    assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
+    rig_run_bits(r, 300);
+    assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->error.type, CW_ERROR_ACK);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, 0), 1);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    rig_free(old);
+    rig_free(r);
+}
+
 /* Rules start anew: what the old ones did is over, what they held back goes on. */
 static void old_rules_end_when_taken_over(void **state)
 {
@@ -1517,6 +1622,10 @@ int main(void)
         cmocka_unit_test(a_disconnected_node_stays_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
         cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
+        cmocka_unit_test(a_rule_is_bound_to_its_own_frame),
+        cmocka_unit_test(a_stopped_rule_lets_go_of_the_frame),
+        cmocka_unit_test(each_hit_of_a_glitch_starts_its_pattern),
+        cmocka_unit_test(bits_are_on_the_wire_of_their_frame),
         cmocka_unit_test(bits_last_as_long_as_they_are_told_to),
         cmocka_unit_test(what_begins_with_a_frame_ends_in_time),
         cmocka_unit_test(a_rule_on_errors_alone),
@@ -1533,6 +1642,7 @@ int main(void)
         cmocka_unit_test(a_bus_that_takes_over_goes_on),
         cmocka_unit_test(nodes_are_matched_when_taking_over),
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
+        cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(a_flushed_node_is_gone),
     };
