@@ -358,13 +358,18 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
     while (tick >= bus->now && tick - bus->now >= bus->bit_ticks) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
-        uint64_t bits = quiet_bits(bus, tick);
+        uint64_t bits = bus->stepping ? 0 : quiet_bits(bus, tick);
         if (bits > 0)
             skip(bus, bits);
         else
             step(bus);
     }
     return CW_OK;
+}
+
+void cw_bus_set_stepping(cw_bus *bus, bool stepping)
+{
+    bus->stepping = stepping;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */

@@ -89,6 +89,7 @@ struct cw_bus {
     held_frame *held;
     unsigned held_count;
     bool wire; /* level of the last bit, all wires together */
+    bool stepping; /* nothing is skipped */
     bool news; /* a rule or a setting has changed something at a controller */
     uint64_t seed;
     uint64_t driven; /* of the bit in progress, see cw_levels */

@@ -582,6 +582,10 @@ uint64_t cw_bus_next(const cw_bus *bus);
  * might not hold another bit; poll, then call again. Nothing is lost. */
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
 
+/* Simulates every node in every bit and skips nothing, from the next bit on. The results are the
+ * same; it is the reference, and what looks at single bits needs it. Off after cw_bus_init(). */
+void cw_bus_set_stepping(cw_bus *bus, bool stepping);
+
 /* Takes the oldest event; false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 

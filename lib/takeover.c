@@ -115,6 +115,7 @@ cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         to[i] = CW_NO_NODE;
     bus->now = old->now;
+    bus->stepping = old->stepping;
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;
     bus->stats = old->stats;

@@ -4,20 +4,14 @@
  */
 #include "cli.h"
 
-#include "config.h"
 #include "output.h"
-#include "release.h"
+#include "sim_run.h"
 #include "summary.h"
 
 #include <errno.h>
 #include <getopt.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define INBOX_FRAMES 1024
-#define EVENT_RING 4096
-#define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
-#define END_RECESSIVE_BITS 11 /* after the last frame */
 
 typedef struct sim_options {
     const char *file;
@@ -26,22 +20,20 @@ typedef struct sim_options {
     const char *events;
     const char *log;
     const char *stats;
+    bool step;
 } sim_options;
 
 typedef struct sim {
     cfg *config;
-    void *memory;
-    cw_bus *bus;
-    release_plan *plan;
+    sim_run run;
     FILE *events; /* NULL: not wanted */
     FILE *log;
     FILE *stats;
-    uint64_t until;         /* tick, or CW_NEVER */
-    uint64_t last_activity; /* tick of the last tx or release */
 } sim;
 
 static const char usage[] =
-    "usage: canwire sim FILE [--until TIME] [--seed N] [--events F] [--log F] [--stats F]\n";
+    "usage: canwire sim FILE [--until TIME] [--seed N] [--events F] [--log F] [--stats F]\n"
+    "       [--step]\n";
 
 static const char help[] =
     "\n"
@@ -53,106 +45,10 @@ static const char help[] =
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --stats F      statistics as JSON, at the end\n"
+    "  --step         simulate every node in every bit: slower, the same results\n"
     "\n"
     "F may be - for standard output. Without any of the three a summary is printed.\n"
     "Exit status: 0, 1 bad input, 2 wrong usage.\n";
-
-/* ---- The run --------------------------------------------------------------------------------- */
-
-static void write_events(sim *s)
-{
-    cw_event event;
-    while (cw_bus_poll(s->bus, &event)) {
-        if (event.tick > s->until)
-            continue;
-        if (event.kind == CW_EVENT_TX)
-            s->last_activity = event.tick;
-        if (s->events)
-            output_event(s->events, s->config, &event);
-        if (s->log)
-            output_log(s->log, s->config, &event);
-    }
-}
-
-static void advance(sim *s, uint64_t tick)
-{
-    while (cw_bus_advance(s->bus, tick) == CW_FULL)
-        write_events(s);
-    write_events(s);
-}
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
-}
-
-/* When a run without --until gives up waiting for something to happen. */
-static uint64_t quiet_end(const sim *s)
-{
-    if (s->until != CW_NEVER)
-        return CW_NEVER;
-    return s->last_activity + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
-}
-
-/* Hands in all releases of one tick, which the bus has not reached, so that their events come among
- * the others of that tick. */
-static void hand_in_due(sim *s, uint64_t tick)
-{
-    while (release_next_tick(s->plan) == tick) {
-        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
-            advance(s, cw_bus_inbox_first(s->bus) + s->config->bit_ticks - 1);
-        else
-            s->last_activity = tick;
-    }
-}
-
-/* Up to the last release; false when the run is over before. */
-static bool run_releases(sim *s)
-{
-    for (;;) {
-        uint64_t tick = release_next_tick(s->plan);
-        if (tick == CW_NEVER)
-            return true;
-        if (tick > s->until)
-            break;
-        /* a tx on the way moves the end of the quiet time, so it is asked for again */
-        while (cw_bus_now(s->bus) + s->config->bit_ticks < tick) {
-            uint64_t target = least(tick - 1, quiet_end(s));
-            if (target < cw_bus_now(s->bus) + s->config->bit_ticks)
-                return false;
-            advance(s, target);
-        }
-        if (tick > quiet_end(s))
-            return false;
-        hand_in_due(s, tick);
-    }
-    return true;
-}
-
-static bool traffic_is_over(const sim *s)
-{
-    return cw_bus_pending(s->bus) == 0 && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
-}
-
-/* Bit by bit, so that the run ends in the very bit that the documentation names. */
-static void run_out(sim *s)
-{
-    while (!traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
-        advance(s, cw_bus_now(s->bus) + s->config->bit_ticks);
-}
-
-static void run(sim *s)
-{
-    bool goes_on = run_releases(s);
-    if (s->until == CW_NEVER) {
-        if (goes_on)
-            run_out(s);
-        return;
-    }
-    advance(s, s->until);
-    if (cw_bus_inbox_first(s->bus) <= s->until) /* in the middle of a bit, which has to be run */
-        advance(s, s->until + s->config->bit_ticks);
-}
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -168,7 +64,6 @@ static bool has_endless_traffic(const cfg *config)
 static bool set_until(sim *s, const char *text)
 {
     cfg_time until;
-    s->until = CW_NEVER;
     if (text) {
         const char *wrong = text_parse_time(&until, text);
         if (wrong) {
@@ -177,7 +72,7 @@ static bool set_until(sim *s, const char *text)
         }
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
-        s->until = text_time_ticks_sum(until, 1, beyond, s->config->bit_ticks) - 1;
+        s->run.until = text_time_ticks_sum(until, 1, beyond, s->config->bit_ticks) - 1;
     } else if (has_endless_traffic(s->config)) {
         fprintf(stderr,
                 "canwire sim: %s: traffic without `count` never ends: give `count` or --until TIME\n",
@@ -224,27 +119,32 @@ static bool close_output(FILE *out, const char *name)
     return good;
 }
 
-static bool make_bus(sim *s)
+static void write_event(void *user, const cw_event *event)
 {
-    cw_node_config nodes[CW_NODES_MAX];
-    cw_bus_config bus_config;
-    cfg_bus_config(&bus_config, nodes, s->config);
-    bus_config.inbox = INBOX_FRAMES;
-    bus_config.events = EVENT_RING;
-    s->memory = malloc(cw_bus_size(&bus_config));
-    s->plan = release_plan_new(s->config);
-    if (!s->memory || !s->plan) {
+    const sim *s = user;
+    if (s->events)
+        output_event(s->events, s->config, event);
+    if (s->log)
+        output_log(s->log, s->config, event);
+}
+
+static bool make_bus(sim *s, bool step)
+{
+    const sim_sink writer = {.user = s, .event = write_event};
+    if (!sim_open(&s->run, s->config)) {
         fprintf(stderr, "canwire sim: out of memory\n");
         return false;
     }
-    s->bus = cw_bus_init(s->memory, &bus_config);
-    return s->bus != NULL;
+    cw_bus_set_stepping(s->run.bus, step);
+    sim_add_sink(&s->run, &writer);
+    return true;
 }
 
 static bool set_up(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
-    return s->config && set_seed(s->config, o->seed) && set_until(s, o->until) && make_bus(s) &&
+    return s->config && set_seed(s->config, o->seed) && make_bus(s, o->step) &&
+           set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
            open_output(&s->stats, o->stats);
 }
@@ -252,9 +152,9 @@ static bool set_up(sim *s, const sim_options *o)
 static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
-        output_stats(s->stats, s->config, s->bus);
+        output_stats(s->stats, s->config, s->run.bus);
     if (!s->stats && !s->events && !s->log)
-        summary_print(stdout, s->config, s->bus);
+        summary_print(stdout, s->config, s->run.bus);
     bool good = close_output(s->events, o->events);
     good = close_output(s->log, o->log) && good;
     return close_output(s->stats, o->stats) && good;
@@ -262,8 +162,7 @@ static bool finish(sim *s, const sim_options *o)
 
 static void tear_down(sim *s)
 {
-    release_plan_free(s->plan);
-    free(s->memory);
+    sim_close(&s->run);
     cfg_free(s->config);
 }
 
@@ -275,8 +174,8 @@ static int parse_options(sim_options *o, int argc, char **argv)
     static const struct option options[] = {
         {"until", required_argument, NULL, 'u'}, {"seed", required_argument, NULL, 's'},
         {"events", required_argument, NULL, 'e'}, {"log", required_argument, NULL, 'l'},
-        {"stats", required_argument, NULL, 't'},  {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
+        {"stats", required_argument, NULL, 't'},  {"step", no_argument, NULL, 'S'},
+        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
@@ -295,6 +194,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
             break;
         case 't':
             o->stats = optarg;
+            break;
+        case 'S':
+            o->step = true;
             break;
         case 'h':
             fputs(usage, stdout);
@@ -322,7 +224,7 @@ int cli_sim(int argc, char **argv)
     sim s = {.config = NULL};
     bool good = set_up(&s, &options);
     if (good)
-        run(&s);
+        sim_go(&s.run);
     if (good)
         good = finish(&s, &options);
     tear_down(&s);

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_run.h - a bus in virtual time: releases handed in, time advanced, events and bits passed on.
+ */
+#ifndef CANWIRE_SIM_RUN_H
+#define CANWIRE_SIM_RUN_H
+
+#include "config.h"
+#include "release.h"
+
+#define SIM_SINKS_MAX 16
+
+/* Something that looks on. Both functions may be NULL; neither may change the bus. */
+typedef struct sim_sink {
+    void *user;
+    void (*event)(void *user, const cw_event *event); /* each event, in order */
+    void (*bit)(void *user, const cw_bus *bus); /* at the end of each bit; after its events */
+} sim_sink;
+
+typedef struct sim_run {
+    cfg *config; /* not owned */
+    void *memory;
+    cw_bus *bus;
+    release_plan *plan;
+    uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
+    uint64_t last_activity; /* tick of the last tx or release */
+    bool stopped;           /* see sim_stop() */
+    bool bit_by_bit;        /* some sink looks at every bit, or may stop the run */
+    unsigned sink_count;
+    sim_sink sinks[SIM_SINKS_MAX];
+} sim_run;
+
+/* Makes the bus of a configuration, at time 0; the configuration must live longer. False when
+ * memory is short or the bus cannot be made. To be closed in either case. */
+bool sim_open(sim_run *s, cfg *config);
+
+void sim_close(sim_run *s);
+
+/* Adds a sink, at most SIM_SINKS_MAX; a copy is kept. */
+void sim_add_sink(sim_run *s, const sim_sink *sink);
+
+/* Runs to the end: `until`, else until all traffic is done and 11 recessive bits have passed, or
+ * after 10 s of bus time without a tx or a release. */
+void sim_go(sim_run *s);
+
+/* To be called before sim_go() when a sink may stop the run: the bus then never runs ahead of the
+ * events. Costs speed. */
+void sim_may_stop(sim_run *s);
+
+/* For sinks: the run ends with the bit of the event that is being passed on, at its tick; the other
+ * events of that tick are still passed on. */
+void sim_stop(sim_run *s, uint64_t tick);
+
+#endif
