@@ -22,7 +22,7 @@
 typedef struct request {
     const request_world *world;
     request_result *result;
-    cw_bus *bus; /* up to now */
+    inputs *inputs; /* of the bus, up to now */
     const json_t *asked;
     json_t *reply;
 } request;
@@ -126,14 +126,14 @@ static bool find_rule(request *r, unsigned *rule)
 static bool run_status(request *r)
 {
     put(r->reply, "status",
-        status_json(live_config(r->world->config), r->bus, engine_ports(r->world->engine),
+        status_json(live_config(r->world->config), r->inputs->bus, engine_ports(r->world->engine),
                     r->world->errors));
     return true;
 }
 
 static bool run_faults(request *r)
 {
-    put(r->reply, "faults", status_faults(r->world->config, r->bus));
+    put(r->reply, "faults", status_faults(r->world->config, r->inputs->bus));
     return true;
 }
 
@@ -184,90 +184,39 @@ static bool run_watch(request *r)
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
-/* Rules that are being injected. Where one comes `after` another of them, that one is rule
- * base + its place, and on the bus already. */
-typedef struct injection {
-    request *request;
-    const cfg_rules *rules;
-    size_t base;
-    size_t added;
-    unsigned index[CW_RULES_MAX]; /* where those that were added are on the bus */
-} injection;
-
-static bool add_rule(injection *in, size_t i)
-{
-    cw_rule rule = in->rules->rules[i];
-    if (rule.has_after && rule.after >= in->base)
-        rule.after = (uint16_t)in->index[rule.after - in->base];
-    cw_status status = cw_bus_add_rule(in->request->bus, &in->index[i], &rule);
-    if (status == CW_OK)
-        return true;
-    if (status == CW_FULL)
-        return refuse(in->request, "rule %s: no more room, a bus has at most %d rules", rule.name,
-                      CW_RULES_MAX);
-    return refuse(in->request, "rule %s: the bus does not take it", rule.name);
-}
-
-static bool add_rules(injection *in)
-{
-    if (in->rules->count > CW_RULES_MAX)
-        return refuse(in->request, "at most %d rules", CW_RULES_MAX);
-    while (in->added < in->rules->count && add_rule(in, in->added))
-        in->added++;
-    return in->added == in->rules->count;
-}
-
-/* Gives the rules their names, or takes them back. */
-static void settle(injection *in, json_t *names, bool good)
-{
-    live *config = in->request->world->config;
-    for (size_t i = 0; i < in->added; i++) {
-        if (good && live_put(config, in->index[i], &in->rules->rules[i]))
-            put_text_last(names, in->rules->rules[i].name);
-        else
-            (void)cw_bus_clear_rule(in->request->bus, in->index[i]);
-    }
-}
-
-/* All or none. */
-static bool inject_rules(request *r, const cfg_rules *rules)
+static json_t *names_of(const cfg_rules *rules)
 {
     json_t *names = json_array();
-    injection in = {
-        .request = r, .rules = rules, .base = live_config(r->world->config)->rule_count};
-    bool good = add_rules(&in);
-    settle(&in, names, good);
-    if (good)
-        put(r->reply, "rules", json_incref(names));
-    json_decref(names);
-    return good;
+    for (size_t i = 0; i < rules->count; i++)
+        put_text_last(names, rules->rules[i].name);
+    return names;
 }
 
 static bool run_inject(request *r)
 {
     const char *name = text_of(r, "name");
     const json_t *text = json_object_get(r->asked, "text");
-    cfg_running running = live_running(r->world->config);
     char *errors = NULL;
     size_t length = 0;
     FILE *stream = open_memstream(&errors, &length);
     if (!stream)
         return refuse(r, "out of memory");
-    cfg_rules *rules =
-        cfg_load_rules(json_string_value(text), json_string_length(text), name ? name : "inject",
-                       live_config(r->world->config), &running, stream);
+    cfg_rules *rules = inputs_inject(r->inputs, json_string_value(text), json_string_length(text),
+                                     name ? name : "inject", stream);
     (void)fclose(stream);
-    bool good = rules ? inject_rules(r, rules) : refuse_lines(r, errors);
+    if (rules)
+        put(r->reply, "rules", names_of(rules));
+    else
+        (void)refuse_lines(r, errors);
     cfg_free_rules(rules);
     free(errors);
-    return good;
+    return rules != NULL;
 }
 
 static void clear_rule(request *r, json_t *cleared, unsigned index)
 {
     put_text_last(cleared, live_config(r->world->config)->rules[index].name);
-    (void)cw_bus_clear_rule(r->bus, index);
-    live_remove(r->world->config, index);
+    inputs_clear(r->inputs, index);
 }
 
 /* One rule, or all, or all that were injected. */
@@ -296,7 +245,7 @@ static bool run_fire(request *r)
     if (!find_rule(r, &index))
         return false;
     bool manual = live_config(r->world->config)->rules[index].manual;
-    return cw_bus_fire_rule(r->bus, index) == CW_OK ||
+    return inputs_fire(r->inputs, index) == CW_OK ||
            refuse(r, "rule %s: %s", text_of(r, "rule"),
                   manual ? "its count is used up" : "it is not manual");
 }
@@ -308,8 +257,8 @@ static bool refuse_restart(request *r, unsigned node)
     const char *name = text_of(r, "node");
     cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
     cw_settings settings = {.which = 0};
-    (void)cw_node_get_stats(r->bus, node, &stats);
-    (void)cw_node_get_settings(r->bus, node, &settings);
+    (void)cw_node_get_stats(r->inputs->bus, node, &stats);
+    (void)cw_node_get_settings(r->inputs->bus, node, &settings);
     if (stats.state != CW_STATE_BUS_OFF)
         return refuse(r, "node %s: it is not bus-off but %s", name, cw_state_name(stats.state));
     if (settings.restart_ticks != 0)
@@ -321,7 +270,7 @@ static bool run_restart(request *r)
 {
     unsigned node = 0;
     return find_node(r, &node) &&
-           (cw_node_restart(r->bus, node) == CW_OK || refuse_restart(r, node));
+           (inputs_restart(r->inputs, node) == CW_OK || refuse_restart(r, node));
 }
 
 static bool run_set(request *r)
@@ -333,9 +282,9 @@ static bool run_set(request *r)
         return false;
     if (!settings_from_json(&settings, error, json_object_get(r->asked, "settings")))
         return refuse(r, "%s", error);
-    if (cw_node_set(r->bus, node, &settings) != CW_OK)
+    if (inputs_set(r->inputs, node, &settings) != CW_OK)
         return refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
-    (void)cw_node_get_settings(r->bus, node, &settings);
+    (void)cw_node_get_settings(r->inputs->bus, node, &settings);
     put(r->reply, "settings", settings_to_json(&settings));
     return true;
 }
@@ -496,7 +445,7 @@ static bool run(request *r, size_t length)
         return refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
     if (!check_keys(r, kind))
         return false;
-    r->bus = engine_change(r->world->engine);
+    r->inputs = engine_change(r->world->engine);
     bool good = kind->run(r);
     engine_update(r->world->engine);
     return good;

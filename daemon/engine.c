@@ -41,6 +41,7 @@ struct engine {
     engine_changed *changed;
     void *changed_user;
     setup now;
+    inputs inputs; /* of now.bus */
     uint64_t released; /* tick: what was to be released up to then has been */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
@@ -114,8 +115,9 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 
-static void handle_events(engine *e)
+static void handle_events(void *user)
 {
+    engine *e = user;
     cw_event event;
     while (cw_bus_poll(e->now.bus, &event)) {
         for (unsigned i = 0; i < e->config->node_count; i++)
@@ -130,9 +132,7 @@ static void handle_events(engine *e)
 
 static void advance(engine *e, uint64_t tick)
 {
-    while (cw_bus_advance(e->now.bus, tick) == CW_FULL)
-        handle_events(e);
-    handle_events(e);
+    inputs_advance(&e->inputs, tick);
 }
 
 /* The first frame of the inbox comes up at the latest in the bit that holds its tick. */
@@ -148,7 +148,7 @@ static void read_port(engine *e, unsigned node, const clock_pair *now)
         unsigned count = port_read(e->now.ports[node], e->batch, &more);
         for (unsigned i = 0; i < count; i++) {
             uint64_t tick = arrival_tick(e, &e->batch[i], now);
-            while (cw_node_send(e->now.bus, node, &e->batch[i].frame, tick) == CW_FULL)
+            while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
                 make_room_in_inbox(e);
         }
     }
@@ -164,7 +164,7 @@ static void read_ports(engine *e, const clock_pair *now)
 static void run_releases(engine *e, uint64_t now)
 {
     while (release_next_tick(e->now.plan) <= now)
-        if (release_hand_in(e->now.plan, e->now.bus) == CW_FULL)
+        if (inputs_release(&e->inputs, e->now.plan) == CW_FULL)
             make_room_in_inbox(e);
     if (now > e->released)
         e->released = now;
@@ -253,27 +253,15 @@ static void unwatch_ports(engine *e)
             ev_io_stop(e->loop, &e->watches[i].io);
 }
 
-static void flush_node(engine *e, unsigned node)
+/* Nodes that are no more lose what they had to send. */
+static void log_removed(const engine *e)
 {
     cw_node_stats stats;
-    while (cw_node_flush(e->now.bus, node) == CW_FULL)
-        handle_events(e);
-    if (cw_node_get_stats(e->now.bus, node, &stats) == CW_OK && stats.dropped[CW_DROP_REMOVED] > 0)
-        log_warning("node %s: %" PRIu64 " dropped, it is no more", e->config->nodes[node].name,
-                    stats.dropped[CW_DROP_REMOVED]);
-}
-
-/* Frames of nodes that are no more are dropped, with events. */
-static void flush_removed(engine *e, const reload *r)
-{
-    for (unsigned i = 0; i < e->config->node_count; i++) {
-        bool stays = false;
-        for (unsigned k = 0; k < r->config->node_count; k++)
-            stays = stays || r->from[k] == i;
-        if (!stays)
-            flush_node(e, i);
-    }
-    handle_events(e);
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (cw_node_get_stats(e->now.bus, i, &stats) == CW_OK &&
+            stats.dropped[CW_DROP_REMOVED] > 0)
+            log_warning("node %s: %" PRIu64 " dropped, it is no more", e->config->nodes[i].name,
+                        stats.dropped[CW_DROP_REMOVED]);
 }
 
 static void keep_ports(setup *old, reload *r)
@@ -291,12 +279,12 @@ static void go_over(engine *e)
 {
     reload *r = e->next;
     e->next = NULL;
-    flush_removed(e, r);
-    if (cw_bus_take_over(r->setup.bus, e->now.bus, r->from) != CW_OK) {
+    if (inputs_take_over(&e->inputs, r->setup.bus, r->config, r->from) != CW_OK) {
         log_error("%s: the bus cannot go over to the new configuration", r->config->file);
         reload_free(r);
         return;
     }
+    log_removed(e);
     unwatch_ports(e);
     keep_ports(&e->now, r);
     setup_free(&e->now);
@@ -422,6 +410,7 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
     e->publisher = sink;
     e->timer_fd = -1;
     bool memory = setup_make(&e->now, e->config);
+    inputs_init(&e->inputs, config, e->now.bus, handle_events, e);
     if (!memory)
         log_error("out of memory");
     if (!memory || !open_ports(e) || !make_timer(e)) {
@@ -467,10 +456,15 @@ void engine_update(engine *e)
     wake(e);
 }
 
-cw_bus *engine_change(engine *e)
+inputs *engine_change(engine *e)
 {
     wake(e);
-    return e->now.bus;
+    return &e->inputs;
+}
+
+inputs *engine_inputs(engine *e)
+{
+    return &e->inputs;
 }
 
 void engine_on_change(engine *e, engine_changed *changed, void *user)

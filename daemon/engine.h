@@ -5,6 +5,7 @@
 #ifndef CANWIRE_ENGINE_H
 #define CANWIRE_ENGINE_H
 
+#include "inputs.h"
 #include "live.h"
 #include "port.h"
 #include "publish.h"
@@ -31,7 +32,10 @@ void engine_update(engine *e);
 const cw_bus *engine_bus(const engine *e);
 
 /* The bus, brought up to now, to be changed; engine_update() has to follow. */
-cw_bus *engine_change(engine *e);
+inputs *engine_change(engine *e);
+
+/* The same as it is, to look on. */
+inputs *engine_inputs(engine *e);
 
 /* Reads the configuration's file again; the bus goes over to what it says at the end of the frame on
  * the wire, or after 1000 bit times. Nodes are matched by name and keep their state and queue; rules

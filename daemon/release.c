@@ -120,6 +120,13 @@ uint64_t release_next_tick(const release_plan *plan)
     return plan->count ? plan->heap[0].tick : CW_NEVER;
 }
 
+const cw_frame *release_first(const release_plan *plan, unsigned *node)
+{
+    assert(plan->count > 0);
+    *node = plan->heap[0].node;
+    return &plan->heap[0].traffic->frame;
+}
+
 /* The first source goes on to its next release, or away. */
 static void go_on(release_plan *plan)
 {

@@ -22,6 +22,10 @@ void release_skip_before(release_plan *plan, uint64_t tick);
 /* Tick of the next release, CW_NEVER when all are done. */
 uint64_t release_next_tick(const release_plan *plan);
 
+/* The frame of the next release and its node. There must be one; it is good until the next
+ * release_hand_in(). */
+const cw_frame *release_first(const release_plan *plan, unsigned *node);
+
 /* Hands the next release to its node. Returns what cw_node_send() says; on CW_FULL nothing has
  * changed. There must be one. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);

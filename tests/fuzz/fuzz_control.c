@@ -37,14 +37,16 @@ struct engine {
     const cfg *config;
     void *memory;
     cw_bus *bus;
+    inputs inputs;
     engine_observer *observer;
     void *user;
     port *ports[CW_NODES_MAX];
     bool reload_fails;
 };
 
-static void take_events(engine *e)
+static void take_events(void *user)
 {
+    engine *e = user;
     cw_event event;
     while (cw_bus_poll(e->bus, &event))
         e->observer(e->user, &event);
@@ -53,15 +55,13 @@ static void take_events(engine *e)
 void engine_update(engine *e)
 {
     uint64_t end = cw_bus_now(e->bus) + UPDATE_BITS * (uint64_t)e->config->bit_ticks;
-    while (cw_bus_advance(e->bus, end) == CW_FULL)
-        take_events(e);
-    take_events(e);
+    inputs_advance(&e->inputs, end);
 }
 
-cw_bus *engine_change(engine *e)
+inputs *engine_change(engine *e)
 {
     engine_update(e);
-    return e->bus;
+    return &e->inputs;
 }
 
 const cw_bus *engine_bus(const engine *e)
@@ -153,16 +153,18 @@ static cfg *load(const char *socket_path)
     return config;
 }
 
-static void make_bus(engine *e, const cfg *config)
+static void make_bus(engine *e, live *config_of)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
+    const cfg *config = live_config(config_of);
     cfg_bus_config(&bus_config, nodes, config);
     bus_config.rule_room = RULES_MAX;
     e->config = config;
     e->memory = malloc(cw_bus_size(&bus_config));
     e->bus = cw_bus_init(e->memory, &bus_config);
     REQUIRE(e->bus != NULL);
+    inputs_init(&e->inputs, config_of, e->bus, take_events, e);
 }
 
 static int connect_client(const rig *r)
@@ -178,7 +180,7 @@ static void start(rig *r)
     *r = (rig){.address = {.sun_family = AF_UNIX}, .loop = ev_loop_new(0)};
     (void)snprintf(r->address.sun_path, sizeof r->address.sun_path, "%s/bus.sock", folder);
     r->live = live_new(load(r->address.sun_path));
-    make_bus(&r->engine, live_config(r->live));
+    make_bus(&r->engine, r->live);
     r->control = control_start(r->loop, r->live, &r->engine);
     REQUIRE(r->control != NULL);
     r->engine.observer = control_event;

@@ -39,14 +39,16 @@ struct engine {
     const cfg *config;
     void *memory;
     cw_bus *bus;
+    inputs inputs;
     engine_observer *observer;
     void *observer_user;
     const char *reload_errors; /* NULL: a reload is good */
     port *ports[CW_NODES_MAX];
 };
 
-static void take_events(engine *e)
+static void take_events(void *user)
 {
+    engine *e = user;
     cw_event event;
     while (cw_bus_poll(e->bus, &event))
         if (e->observer)
@@ -56,15 +58,13 @@ static void take_events(engine *e)
 void engine_update(engine *e)
 {
     uint64_t target = cw_bus_now(e->bus) + (uint64_t)UPDATE_BITS * e->config->bit_ticks;
-    while (cw_bus_advance(e->bus, target) == CW_FULL)
-        take_events(e);
-    take_events(e);
+    inputs_advance(&e->inputs, target);
 }
 
-cw_bus *engine_change(engine *e)
+inputs *engine_change(engine *e)
 {
     engine_update(e);
-    return e->bus;
+    return &e->inputs;
 }
 
 const cw_bus *engine_bus(const engine *e)
@@ -121,16 +121,18 @@ static cfg *load(const rig *r)
     return config;
 }
 
-static void make_bus(engine *e, const cfg *config)
+static void make_bus(engine *e, live *config_of)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
+    const cfg *config = live_config(config_of);
     cfg_bus_config(&bus_config, nodes, config);
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
     e->config = config;
     e->memory = malloc(cw_bus_size(&bus_config));
     e->bus = cw_bus_init(e->memory, &bus_config);
     assert_non_null(e->bus);
+    inputs_init(&e->inputs, config_of, e->bus, take_events, e);
 }
 
 static int set_up(void **state)
@@ -141,7 +143,7 @@ static int set_up(void **state)
     snprintf(r->path, sizeof r->path, "%s/bus.sock", r->folder);
     r->loop = ev_loop_new(0);
     r->live = live_new(load(r));
-    make_bus(&r->engine, live_config(r->live));
+    make_bus(&r->engine, r->live);
     r->control = control_start(r->loop, r->live, &r->engine);
     assert_non_null(r->control);
     engine_observe(&r->engine, control_event, r->control);
