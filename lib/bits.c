@@ -5,7 +5,7 @@
 #include "bits.h"
 
 /* Own population count: the compiler's builtin may call into libgcc, and lib needs nobody. */
-static unsigned count_word(uint64_t w)
+unsigned cw_count_bits(uint64_t w)
 {
     w -= (w >> 1) & UINT64_C(0x5555555555555555);
     w = (w & UINT64_C(0x3333333333333333)) + ((w >> 2) & UINT64_C(0x3333333333333333));
@@ -17,6 +17,6 @@ unsigned cw_bitset_count_upto(const uint64_t set[CW_BIT_WORDS], unsigned n)
 {
     unsigned count = 0;
     for (unsigned word = 0; word < n / 64; word++)
-        count += count_word(set[word]);
-    return count + count_word(set[n / 64] & (UINT64_MAX >> (63 - n % 64)));
+        count += cw_count_bits(set[word]);
+    return count + cw_count_bits(set[n / 64] & (UINT64_MAX >> (63 - n % 64)));
 }

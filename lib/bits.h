@@ -20,6 +20,9 @@ static inline void cw_bitset_add(uint64_t set[CW_BIT_WORDS], unsigned n)
     set[n / 64] |= UINT64_C(1) << (n % 64);
 }
 
+/* Members of a word. */
+unsigned cw_count_bits(uint64_t word);
+
 /* How many of the members are at or below n. */
 unsigned cw_bitset_count_upto(const uint64_t set[CW_BIT_WORDS], unsigned n);
 

@@ -128,6 +128,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_bus *bus = lay_out(&a, config);
     bus->bit_ticks = config->bit_ticks;
     bus->node_count = config->node_count;
+    bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
     bus->seed = config->seed;
     bus->next_restart = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
@@ -208,7 +209,12 @@ static void note_start(cw_bus *bus, unsigned i)
 static uint64_t drive_all(cw_bus *bus)
 {
     uint64_t levels = UINT64_MAX;
-    for (unsigned i = 0; i < bus->node_count; i++) {
+    if (bus->followers && cw_mac_can_start(&bus->common))
+        cw_leave(bus, bus->waiting);
+    if (bus->followers && cw_mac_drive(&bus->common) == CW_DOMINANT)
+        levels &= ~bus->followers;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
         bus_node *n = &bus->nodes[i];
         if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
             offer_first(n);
@@ -243,40 +249,82 @@ static void watch_flag(flag_watch *w, bool now, uint64_t *frames)
     w->now = now;
 }
 
-/* Load and flags, by what the nodes are doing in this bit. What a node in loopback does, and the
- * flags of one that only listens, are not on the wire (M11, M15). */
+typedef struct wire_view {
+    bool busy;
+    bool error;
+    bool overload;
+} wire_view;
+
+/* What a node in loopback does, and the flags of one that only listens, are not on the wire (M11,
+ * M15). */
+static void view_mac(wire_view *view, const cw_mac *m)
+{
+    if (m->modes & CW_MODE_LOOPBACK)
+        return;
+    view->busy = view->busy || cw_mac_is_busy(m);
+    if (m->modes & CW_MODE_LISTEN_ONLY)
+        return;
+    view->error = view->error || m->phase == CW_MAC_ERROR_ACTIVE ||
+                  m->phase == CW_MAC_ERROR_PASSIVE;
+    view->overload = view->overload || m->phase == CW_MAC_OVERLOAD_FLAG;
+}
+
+/* Load and flags, by what the nodes are doing in this bit. */
 static void watch_wire(cw_bus *bus)
 {
-    bool busy = false;
-    bool error = false;
-    bool overload = false;
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        if (m->modes & CW_MODE_LOOPBACK)
-            continue;
-        busy = busy || cw_mac_is_busy(m);
-        if (m->modes & CW_MODE_LISTEN_ONLY)
-            continue;
-        error = error || m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_ERROR_PASSIVE;
-        overload = overload || m->phase == CW_MAC_OVERLOAD_FLAG;
-    }
-    watch_flag(&bus->error_flag, error, &bus->stats.error_frames);
-    watch_flag(&bus->overload_flag, overload, &bus->stats.overload_frames);
-    bus->stats.busy_bits += busy;
-    cw_load_add(&bus->load, 1, busy);
+    wire_view view = {.busy = false};
+    if (bus->followers)
+        view_mac(&view, &bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
+        view_mac(&view, &bus->nodes[cw_lowest_node(rest)].mac);
+    watch_flag(&bus->error_flag, view.error, &bus->stats.error_frames);
+    watch_flag(&bus->overload_flag, view.overload, &bus->stats.overload_frames);
+    bus->stats.busy_bits += view.busy;
+    cw_load_add(&bus->load, 1, view.busy);
 }
 
 /* ---- One bit --------------------------------------------------------------------------------- */
 
-/* Returns whether there is anything to settle. */
-static bool sample_all(cw_bus *bus, uint64_t levels, cw_mac_report *reports)
+typedef struct bit_reports {
+    uint64_t together; /* nodes for which `common` holds */
+    bool news;         /* there is something to settle */
+    cw_mac_report common;
+    cw_mac_report own[CW_NODES_MAX];
+} bit_reports;
+
+static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
 {
     unsigned what = 0;
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        cw_mac_sample(&bus->nodes[i].mac, levels >> i & 1u, &reports[i]);
-        what |= reports[i].what;
+    cw_split_followers(bus, levels);
+    reports->together = bus->followers;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_mac_sample(&bus->nodes[i].mac, levels >> i & 1u, &reports->own[i]);
+        what |= reports->own[i].what;
     }
-    return what & ~CW_REPORT_STARTED;
+    reports->news = what & ~CW_REPORT_STARTED;
+    if (bus->followers && cw_sample_common(bus, levels, &reports->common))
+        reports->news = true;
+}
+
+static void settle(cw_bus *bus, const bit_reports *reports)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        bool together = reports->together >> i & 1u;
+        cw_settle_node(bus, i, together ? &reports->common : &reports->own[i]);
+    }
+}
+
+/* Nodes that have come to where the others are: between frames, or as losers of an arbitration. */
+static void gather(cw_bus *bus, const bit_reports *reports)
+{
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bool lost = !(reports->together >> i & 1u) &&
+                    (reports->own[i].what & CW_REPORT_ARBITRATION_LOST);
+        if (lost || bus->nodes[i].mac.phase == CW_MAC_IDLE)
+            cw_join(bus, i);
+    }
 }
 
 static void end_bit(cw_bus *bus)
@@ -288,7 +336,7 @@ static void end_bit(cw_bus *bus)
 
 static void step(cw_bus *bus)
 {
-    cw_mac_report reports[CW_NODES_MAX];
+    bit_reports reports;
     cw_levels levels = {.driven = drive_all(bus)};
     watch_wire(bus);
     if (bus->faults.awake_count)
@@ -299,12 +347,14 @@ static void step(cw_bus *bus)
     if (bus->faults.awake_count)
         cw_fault_sampled(bus, &levels);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
-    bool news = sample_all(bus, levels.sampled, reports);
+    sample_all(bus, levels.sampled, &reports);
     end_bit(bus);
     if (bus->faults.awake_count)
         cw_fault_emit(bus);
-    for (unsigned i = 0; news && i < bus->node_count; i++)
-        cw_settle_node(bus, i, &reports[i]);
+    if (reports.news)
+        settle(bus, &reports);
+    if (!bus->stepping)
+        gather(bus, &reports);
     run_all_due(bus);
 }
 
@@ -328,19 +378,25 @@ static uint64_t quiet_bits(const cw_bus *bus, uint64_t tick)
     bits = cw_least(bits, bits_between(bus, bus->now, bus->faults.next_due, true));
     if (bus->faults.awake_count)
         return 0;
-    for (unsigned i = 0; bits > 0 && i < bus->node_count; i++) {
-        const bus_node *n = &bus->nodes[i];
-        if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
+    for (uint64_t rest = bus->waiting; rest; rest &= rest - 1)
+        if (cw_mac_can_start(cw_mac_of(bus, cw_lowest_node(rest))))
             return 0;
-        bits = cw_least(bits, cw_mac_quiet_bits(&n->mac));
-    }
+    if (bus->followers)
+        bits = cw_least(bits, cw_mac_quiet_bits(&bus->common));
+    for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
+        bits = cw_least(bits, cw_mac_quiet_bits(&bus->nodes[cw_lowest_node(rest)].mac));
     return bits;
 }
 
 static void skip(cw_bus *bus, uint64_t bits)
 {
-    for (unsigned i = 0; i < bus->node_count; i++)
+    if (bus->followers)
+        cw_mac_skip(&bus->common, bits);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
         cw_mac_skip(&bus->nodes[i].mac, bits);
+        cw_join(bus, i);
+    }
     bus->error_flag.now = false;
     bus->overload_flag.now = false;
     bus->now += bits * bus->bit_ticks;
@@ -370,6 +426,8 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
 void cw_bus_set_stepping(cw_bus *bus, bool stepping)
 {
     bus->stepping = stepping;
+    if (stepping)
+        cw_leave(bus, bus->all);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -391,10 +449,10 @@ size_t cw_bus_pending(const cw_bus *bus)
 
 bool cw_bus_idle(const cw_bus *bus)
 {
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (cw_mac_is_busy(&bus->nodes[i].mac))
-            return false;
-    return true;
+    bool busy = bus->followers && cw_mac_is_busy(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
+        busy = cw_mac_is_busy(&bus->nodes[cw_lowest_node(rest)].mac);
+    return !busy;
 }
 
 /* When nobody knows when a frame or a flag ends, look again after this many bits; when faults are at
@@ -407,8 +465,13 @@ uint64_t cw_bus_next(const cw_bus *bus)
     uint64_t bits = CW_QUIET_FOREVER;
     if (bus->news)
         return bus->now;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, bus->nodes[i].queue.count > 0));
+    if (bus->followers)
+        bits = cw_mac_horizon(&bus->common, (bus->waiting & bus->followers) != 0);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bool waits = bus->waiting >> i & 1u;
+        bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, waits));
+    }
     if (bits == CW_QUIET_FOREVER && !cw_bus_idle(bus))
         bits = LOOK_AGAIN_BITS;
     if (bus->faults.awake_count)

@@ -3,6 +3,7 @@
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
  *   bus.c      set-up, time: one bit after the other, idle time skipped
+ *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
  *   settle.c   reports of the controllers to events and statistics
@@ -88,6 +89,10 @@ struct cw_bus {
     event_ring ring;
     held_frame *held;
     unsigned held_count;
+    uint64_t all;       /* nodes */
+    uint64_t followers; /* nodes that are where `common` is, see lockstep.c */
+    uint64_t waiting;   /* nodes with frames in their queues */
+    cw_mac common;
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped */
     bool news; /* a rule or a setting has changed something at a controller */
@@ -101,6 +106,12 @@ struct cw_bus {
 static inline uint64_t cw_node_bit(unsigned i)
 {
     return UINT64_C(1) << i;
+}
+
+/* Of a set that is not empty. */
+static inline unsigned cw_lowest_node(uint64_t nodes)
+{
+    return (unsigned)__builtin_ctzll(nodes);
 }
 
 /* So many ticks after another; what would be beyond the end of time does not come. */
@@ -151,6 +162,9 @@ void cw_run_due_node(cw_bus *bus, unsigned node);
 
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
+/* To be called when frames have come to or left the queue of a node. */
+void cw_queue_changed(cw_bus *bus, unsigned node);
+
 void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
 
 void cw_find_next_restart(cw_bus *bus);
@@ -161,6 +175,27 @@ bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
 
 /* Room in the queue of a node: for what its configuration and rules from the start may set. */
 uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
+
+/* ---- lockstep.c ------------------------------------------------------------------------------ */
+
+/* The controller of a node, shared or its own. */
+const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
+
+/* The node's own controller, to do something to it. */
+cw_mac *cw_own_mac(cw_bus *bus, unsigned node);
+
+/* These nodes have controllers of their own from now on. */
+void cw_leave(cw_bus *bus, uint64_t nodes);
+
+/* The node becomes a follower if it is where the others are. */
+void cw_join(cw_bus *bus, unsigned node);
+
+/* Followers that sample another level than most of them leave. */
+void cw_split_followers(cw_bus *bus, uint64_t levels);
+
+/* Ends the bit for all followers, which see the same level. Returns whether there is anything to
+ * settle. */
+bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 
 /* ---- settle.c -------------------------------------------------------------------------------- */
 

@@ -554,7 +554,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
  * that are no more are lost: see cw_node_flush(); frames for which a smaller queue has no room are
  * dropped with an event. CW_INVALID, with nothing changed: another bit rate, no such node, an inbox
  * too small for what waits. */
-cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);
+cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED); it leaves the bus for good. CW_FULL:
  * poll events, then call again. */

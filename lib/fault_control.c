@@ -9,7 +9,7 @@
 static void force_error(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    if (!cw_mac_force_error(&n->mac))
+    if (!cw_mac_force_error(cw_own_mac(bus, i)))
         return;
     cw_frame frame = n->queue.slots[n->offered_slot].frame;
     cw_remove_slot(bus, i, n->offered_slot);
@@ -25,7 +25,7 @@ static void set_counters(cw_mac *mac, const cw_rule *rule)
 
 static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
-    cw_mac *mac = &bus->nodes[i].mac;
+    cw_mac *mac = cw_own_mac(bus, i);
     switch (rule->action) {
     case CW_ACTION_BUS_OFF:
         (void)cw_mac_set_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));

@@ -301,8 +301,12 @@ void cw_fault_apply_topology(cw_bus *bus)
     uint64_t no_ack = named_by_active(bus, CW_ACTION_NO_ACK);
     uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        cw_mac *m = &bus->nodes[i].mac;
         uint64_t self = cw_node_bit(i);
+        bool changes = (bus->nodes[i].mac.no_ack != ((no_ack & self) != 0)) ||
+                       ((off | bus->faults.off) & self);
+        if (!changes)
+            continue;
+        cw_mac *m = cw_own_mac(bus, i);
         m->no_ack = no_ack & self;
         if ((off & self) && m->phase != CW_MAC_OFF)
             cw_mac_disconnect(m);

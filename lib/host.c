@@ -39,6 +39,14 @@ uint64_t cw_bus_inbox_first(const cw_bus *bus)
     return bus->inbox.count ? inbox_at(&bus->inbox, 0)->at_tick : CW_NEVER;
 }
 
+void cw_queue_changed(cw_bus *bus, unsigned i)
+{
+    if (bus->nodes[i].queue.count > 0)
+        bus->waiting |= cw_node_bit(i);
+    else
+        bus->waiting &= ~cw_node_bit(i);
+}
+
 /* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
 static cw_drop refusal(const bus_node *n, const cw_frame *frame)
 {
@@ -60,6 +68,7 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
         return;
     }
     bus->queued++;
+    cw_queue_changed(bus, i);
     n->queue.slots[n->queue.newest].source = (uint16_t)source;
     if (source)
         bus->faults.faults[source - 1].outstanding++;
@@ -94,6 +103,7 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
         bus->faults.faults[source - 1].outstanding--;
     cw_queue_remove(&n->queue, slot);
     bus->queued--;
+    cw_queue_changed(bus, i);
 }
 
 /* All but the frame on the wire. */
@@ -142,7 +152,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
         return CW_INVALID;
     if (!cw_ring_has_room(bus))
         return CW_FULL;
-    cw_mac *m = &bus->nodes[i].mac;
+    cw_mac *m = cw_own_mac(bus, i);
     m->offered = false;
     m->role = CW_ROLE_NONE;
     m->phase = CW_MAC_OFF;
@@ -220,7 +230,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     bus_node *n = &bus->nodes[i];
-    cw_mac_set_modes(&n->mac, (n->mac.modes & ~(unsigned)s->modes_mask) |
+    cw_mac_set_modes(cw_own_mac(bus, i), (n->mac.modes & ~(unsigned)s->modes_mask) |
                                   (s->modes & (unsigned)s->modes_mask));
     if (n->mac.modes & CW_MODE_LISTEN_ONLY) {
         n->mac.offered = false;
@@ -241,8 +251,9 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
         n->queue_limit = s->queue;
     if (s->which & CW_SET_ORDER)
         cw_queue_set_order(&n->queue, s->order);
+    cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
-        cw_confinement_set_warning_limit(&n->mac.confinement, s->warning_limit);
+        cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
     bus->news = true;
     return CW_OK;
 }

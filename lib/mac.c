@@ -920,6 +920,43 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
     return CW_QUIET_FOREVER;
 }
 
+/* Idle controllers have no past: begin_frame() sets all that a frame needs. */
+bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
+{
+    if (a->phase != b->phase || a->role != b->role || is_transmitter(a))
+        return false;
+    if (a->phase == CW_MAC_IDLE)
+        return true;
+    return a->step == b->step && a->index == b->index && a->count == b->count &&
+           a->run == b->run && a->last == b->last && a->before_step == b->before_step &&
+           a->before_index == b->before_index && a->may_join == b->may_join &&
+           a->crc == b->crc && a->crc_error == b->crc_error && a->shift == b->shift &&
+           a->ack_deferred == b->ack_deferred && memcmp(&a->rx, &b->rx, sizeof a->rx) == 0;
+}
+
+void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
+{
+    assert(!is_transmitter(there));
+    m->phase = there->phase;
+    m->role = there->role;
+    m->step = there->step;
+    m->index = there->index;
+    m->before_step = there->before_step;
+    m->before_index = there->before_index;
+    m->count = there->count;
+    m->run = there->run;
+    m->last = there->last;
+    m->driven = there->driven;
+    m->started = false;
+    m->may_join = there->may_join;
+    m->crc_error = there->crc_error;
+    m->ack_deferred = there->ack_deferred;
+    m->crc = there->crc;
+    m->shift = there->shift;
+    m->overloads_in_row = there->overloads_in_row;
+    m->rx = there->rx;
+}
+
 bool cw_mac_is_busy(const cw_mac *m)
 {
     return m->phase >= CW_MAC_FRAME && m->phase <= CW_MAC_INTERMISSION;

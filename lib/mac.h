@@ -37,6 +37,14 @@ void cw_mac_skip(cw_mac *mac, uint64_t bits);
  * nothing is put in; CW_QUIET_FOREVER when it is not up to it. waiting: a frame waits to be sent. */
 uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
 
+/* Whether both are at the same point of the same frame or between frames, both not as transmitters,
+ * so that the same levels take them the same way but for counters, modes and what they want to send. */
+bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
+
+/* Goes to the point where another controller is, which is no transmitter. Counters, modes and the
+ * offered frame stay. */
+void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
+
 /* Whether the bit that comes next belongs to a frame, its intermission or to error signalling. */
 bool cw_mac_is_busy(const cw_mac *mac);
 

@@ -65,7 +65,7 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
 static void report_rx(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    cw_frame frame = *cw_mac_received(&n->mac);
+    cw_frame frame = *cw_mac_received(cw_mac_of(bus, i));
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;

@@ -18,6 +18,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
     if (old->mac.offered && old->offered_slot == from)
         n->offered_slot = n->queue.newest;
     bus->queued++;
+    cw_queue_changed(bus, i);
 }
 
 /* The frame that is on the wire, or was last, has a place in any case. */
@@ -107,11 +108,12 @@ static void start_rules(cw_bus *bus)
     }
 }
 
-cw_status cw_bus_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
+cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
 {
     uint8_t to[CW_NODES_MAX];
     if (!fits(bus, old, from))
         return CW_INVALID;
+    cw_leave(old, old->all);
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         to[i] = CW_NO_NODE;
     bus->now = old->now;

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * lockstep.c - one controller for all nodes that do the same.
+ *
+ * Receivers without errors of their own take every bit in the same way. They follow one shared
+ * controller, so that a bit costs the same for 2 nodes and for 64. A follower keeps its counters,
+ * modes and frames; only the point of the frame at which it is, is the shared one's. It gets its own
+ * controller back as soon as it does something different: it begins to transmit, samples another
+ * level than the others, becomes error passive, or somebody does something to it.
+ */
+#include "bus_private.h"
+
+#include "bits.h"
+#include "confinement.h"
+
+/* The shared controller's own counters mean nothing: its REC begins each bit here, and how it moves
+ * is how those of its followers do. Neither limit is in reach. */
+#define REC_BASE 64u
+
+/* ---- Leaving --------------------------------------------------------------------------------- */
+
+void cw_leave(cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes & bus->followers; rest; rest &= rest - 1)
+        cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &bus->common);
+    bus->followers &= ~nodes;
+}
+
+cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
+{
+    cw_leave(bus, cw_node_bit(i));
+    return &bus->nodes[i].mac;
+}
+
+const cw_mac *cw_mac_of(const cw_bus *bus, unsigned i)
+{
+    return bus->followers >> i & 1u ? &bus->common : &bus->nodes[i].mac;
+}
+
+/* ---- Joining --------------------------------------------------------------------------------- */
+
+/* Nothing about the node makes it answer to a level in another way than the others. */
+static bool is_ordinary(const cw_mac *m)
+{
+    bool on_bus = m->phase >= CW_MAC_IDLE && m->phase <= CW_MAC_INTERMISSION;
+    return on_bus && m->role != CW_ROLE_TRANSMITTER && !m->no_ack && m->overloads_wanted == 0 &&
+           !(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK)) &&
+           !cw_confinement_passive(&m->confinement) && m->told_state == m->confinement.state;
+}
+
+static void begin_common(cw_bus *bus, const cw_mac *first)
+{
+    cw_mac_init(&bus->common, 0, CW_REC_MAX);
+    cw_mac_go_to_point(&bus->common, first);
+}
+
+void cw_join(cw_bus *bus, unsigned i)
+{
+    cw_mac *m = &bus->nodes[i].mac;
+    if (bus->stepping || !is_ordinary(m))
+        return;
+    if (bus->followers == 0)
+        begin_common(bus, m);
+    else if (!cw_mac_same_point(m, &bus->common))
+        return;
+    m->phase = CW_MAC_IDLE; /* for those who look for transmitters */
+    m->role = CW_ROLE_NONE;
+    bus->followers |= cw_node_bit(i);
+}
+
+/* ---- One bit --------------------------------------------------------------------------------- */
+
+void cw_split_followers(cw_bus *bus, uint64_t levels)
+{
+    uint64_t high = bus->followers & levels;
+    uint64_t low = bus->followers & ~levels;
+    if (high && low)
+        cw_leave(bus, cw_count_bits(high) < cw_count_bits(low) ? high : low);
+}
+
+/* What the bit did to the shared REC; returns whether a state has changed by it. */
+static bool move_counters(cw_bus *bus, int steps)
+{
+    bool changed = false;
+    uint64_t passive = 0;
+    for (uint64_t rest = bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_mac *m = &bus->nodes[i].mac;
+        if (steps > 0)
+            cw_confinement_rx_error(&m->confinement, (unsigned)steps);
+        else
+            cw_confinement_rx_success(&m->confinement);
+        changed = changed || m->told_state != m->confinement.state;
+        m->told_state = m->confinement.state;
+        if (cw_confinement_passive(&m->confinement))
+            passive |= cw_node_bit(i);
+    }
+    cw_leave(bus, passive);
+    return changed;
+}
+
+bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report)
+{
+    bus->common.confinement.rec = REC_BASE;
+    cw_mac_sample(&bus->common, levels & bus->followers, report);
+    int steps = (int)bus->common.confinement.rec - (int)REC_BASE;
+    bool changed = steps != 0 && move_counters(bus, steps);
+    return changed || report->what != 0;
+}
