@@ -184,12 +184,12 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     return object;
 }
 
-static json_t *stats_of_drops(const cw_node_stats *stats)
+static json_t *stats_of_drops(const uint64_t dropped[CW_DROP_COUNT])
 {
     json_t *object = json_object();
 
     for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
-        put_count(object, cw_drop_name((cw_drop)i), stats->dropped[i]);
+        put_count(object, cw_drop_name((cw_drop)i), dropped[i]);
     }
     return object;
 }
@@ -231,12 +231,16 @@ static json_t *stats_of_delay(const cw_delay *delay)
 static void put_traffic(json_t *object, const cw_node_stats *stats)
 {
     put_count(object, "handed_in", stats->handed_in);
+    put_count(object, "made_by_rules", stats->made_by_rules);
     put_count(object, "tx_frames", stats->tx_frames);
     put_count(object, "tx_bytes", stats->tx_bytes);
     put_count(object, "tx_bits", stats->tx_bits);
     put_count(object, "rx_frames", stats->rx_frames);
     put_count(object, "rx_bytes", stats->rx_bytes);
-    put(object, "dropped", stats_of_drops(stats));
+    put_count(object, "rx_accepted", stats->rx_accepted);
+    put_count(object, "rx_made_by_rules", stats->rx_made_by_rules);
+    put(object, "dropped", stats_of_drops(stats->dropped));
+    put(object, "rx_dropped", stats_of_drops(stats->rx_dropped));
     put_count(object, "arbitration_lost", stats->arbitration_lost);
     put_count(object, "retransmissions", stats->retransmissions);
 }
@@ -265,8 +269,11 @@ json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
     put_count(object, "rec", stats->rec);
     put_traffic(object, stats);
     put_troubles(object, stats);
+    put_count(object, "inbox", stats->inbox);
     put_count(object, "queue", stats->queue);
     put_count(object, "queue_peak", stats->queue_peak);
+    put_count(object, "held", stats->held);
+    put_count(object, "rx_held", stats->rx_held);
     put(object, "delay", stats_of_delay(&stats->delay));
     return object;
 }

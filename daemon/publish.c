@@ -319,7 +319,7 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
 {
     m->tec = s->tec;
     m->rec = s->rec;
-    m->handed_in = (int64_t)s->handed_in;
+    m->handed_in = (int64_t)(s->handed_in + s->made_by_rules);
     m->tx_frames = (int64_t)s->tx_frames;
     m->tx_bytes = (int64_t)s->tx_bytes;
     m->tx_bits = (int64_t)s->tx_bits;
@@ -331,6 +331,8 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     m->dropped_listen_only = (int64_t)s->dropped[CW_DROP_LISTEN_ONLY];
     m->dropped_bad_frame = (int64_t)s->dropped[CW_DROP_BAD_FRAME];
     m->dropped_fault = (int64_t)s->dropped[CW_DROP_FAULT];
+    for (unsigned why = 0; why < CW_DROP_COUNT; why++)
+        m->dropped_rx += (int64_t)s->rx_dropped[why];
     m->arbitration_lost = (int64_t)s->arbitration_lost;
     m->retransmissions = (int64_t)s->retransmissions;
     m->bit_errors = (int64_t)s->errors[CW_ERROR_BIT];
@@ -370,7 +372,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     if (own_port) {
         port_stats ps;
         port_get_stats(own_port, &ps);
-        m.dropped_rx = (int64_t)ps.write_failed;
+        m.dropped_rx += (int64_t)ps.write_failed;
         m.dropped_kernel = (int64_t)ps.kernel_dropped;
         m.error_frames_left_out = (int64_t)ps.errors_left_out;
         m.error_frames_ignored = (int64_t)ps.errors_ignored;

@@ -495,7 +495,9 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
         return CW_INVALID;
     const bus_node *n = &bus->nodes[i];
     *stats = n->stats;
+    stats->inbox = n->inbox;
     stats->queue = n->queue.count;
+    cw_fault_count_held(bus, i, &stats->held, &stats->rx_held);
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
     stats->state = cw_mac_state(&n->mac);

@@ -29,6 +29,7 @@ typedef struct bus_node {
     uint64_t restart_at;   /* tick of the next restart request, or CW_NEVER */
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
+    uint32_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
     cw_node_stats stats;
@@ -142,7 +143,9 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
 /* A hit of a rule. */
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
 
-void cw_push_drop(cw_bus *bus, unsigned node, const cw_frame *frame, cw_drop why, uint64_t tick);
+/* side: where the frame was going, onto the bus or to the host. */
+void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, cw_drop why,
+                  uint64_t tick);
 
 /* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame);

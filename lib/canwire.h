@@ -645,12 +645,17 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 
 typedef struct cw_node_stats {
     uint64_t handed_in;      /* frames by cw_node_send() that have come up */
+    uint64_t made_by_rules;  /* frames that rules made for it to send: SEND, BABBLE, LOAD, REPLY,
+                                DUPLICATE */
     uint64_t tx_frames;
     uint64_t tx_bytes;
     uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
-    uint64_t rx_frames;
+    uint64_t rx_frames;      /* given to its host */
     uint64_t rx_bytes;
-    uint64_t dropped[CW_DROP_COUNT];
+    uint64_t rx_accepted;    /* that its controller received */
+    uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
+    uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
+    uint64_t rx_dropped[CW_DROP_COUNT]; /* on their way to the host; QUEUE_FULL: by the event ring */
     uint64_t arbitration_lost;
     uint64_t retransmissions; /* attempts after the first one of a frame */
     uint64_t errors[CW_ERROR_COUNT];
@@ -660,8 +665,11 @@ typedef struct cw_node_stats {
     uint64_t bus_off;
     uint64_t restarts;
     uint64_t undetected_errors; /* frames accepted with content that nobody sent */
+    uint32_t inbox;          /* frames by cw_node_send() that have not come up yet */
     uint32_t queue;          /* frames waiting or being sent now */
     uint32_t queue_peak;
+    uint32_t held;           /* frames that rules hold back on their way onto the bus now ... */
+    uint32_t rx_held;        /* ... and on their way to the host */
     uint16_t tec;
     uint16_t rec;
     cw_state state;
@@ -685,6 +693,11 @@ typedef struct cw_bus_stats {
 } cw_bus_stats;
 
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
+
+/* Whether no frame of the node is unaccounted for: handed_in and made_by_rules are the sum of
+ * tx_frames, queue, held and dropped; rx_accepted and rx_made_by_rules that of rx_frames, rx_held and
+ * rx_dropped. */
+bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);

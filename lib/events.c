@@ -126,25 +126,36 @@ void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
     bus->stats.faults++;
 }
 
-void cw_push_drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why, uint64_t tick)
+void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, cw_drop why,
+                  uint64_t tick)
 {
     cw_event *e = cw_push_event(bus, CW_EVENT_DROP, tick, cw_node_bit(i));
     e->why = why;
     e->frame = *frame;
-    bus->nodes[i].stats.dropped[why]++;
+    cw_node_stats *stats = &bus->nodes[i].stats;
+    if (side == CW_SIDE_TX)
+        stats->dropped[why]++;
+    else
+        stats->rx_dropped[why]++;
 }
 
 void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
-    bus->nodes[i].stats.rx_frames++;
-    bus->nodes[i].stats.rx_bytes += cw_frame_length(frame);
+    cw_node_stats *stats = &bus->nodes[i].stats;
     cw_event *e = bus->ring.count ? newest_event(&bus->ring) : NULL;
     bool joins = e && e->kind == CW_EVENT_RX && e->tick == bus->now &&
                  e->nodes < cw_node_bit(i) && cw_frame_equal(&e->frame, frame);
     if (joins)
         e->nodes |= cw_node_bit(i);
     else
-        cw_push_node_event(bus, CW_EVENT_RX, i)->frame = *frame;
+        e = cw_push_node_event(bus, CW_EVENT_RX, i);
+    if (e == &bus->lost_event) {
+        stats->rx_dropped[CW_DROP_QUEUE_FULL]++;
+        return;
+    }
+    e->frame = *frame;
+    stats->rx_frames++;
+    stats->rx_bytes += cw_frame_length(frame);
 }
 
 bool cw_bus_poll(cw_bus *bus, cw_event *event)

@@ -162,6 +162,9 @@ void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame);
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
 void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
 
+/* How many frames of a node rules hold back on each side. */
+void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
+
 /* Frames that were held back and are due now. */
 void cw_fault_release_held(cw_bus *bus);
 

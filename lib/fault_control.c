@@ -13,7 +13,7 @@ static void force_error(cw_bus *bus, unsigned i)
         return;
     cw_frame frame = n->queue.slots[n->offered_slot].frame;
     cw_remove_slot(bus, i, n->offered_slot);
-    cw_push_drop(bus, i, &frame, CW_DROP_ONE_SHOT, bus->now);
+    cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, bus->now);
 }
 
 static void set_counters(cw_mac *mac, const cw_rule *rule)

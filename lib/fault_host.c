@@ -53,6 +53,17 @@ uint64_t cw_fault_next_held(const cw_bus *bus)
     return next;
 }
 
+void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx)
+{
+    *tx = 0;
+    *rx = 0;
+    for (unsigned i = 0; i < bus->held_count; i++) {
+        const held_frame *h = &bus->held[i];
+        if (h->node == node)
+            (*(h->side == CW_SIDE_TX ? tx : rx))++;
+    }
+}
+
 void cw_fault_let_go(cw_bus *bus, unsigned rule)
 {
     for (unsigned i = 0; i < bus->held_count; i++) {
@@ -94,19 +105,18 @@ static void change_frame(cw_frame *frame, const cw_change *c)
     }
 }
 
-static void drop_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick)
-{
-    cw_push_drop(bus, node, frame, CW_DROP_FAULT, tick);
-}
-
 static void pass_copies(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_rule *rule,
                         uint64_t tick)
 {
+    cw_node_stats *stats = &bus->nodes[node].stats;
     for (unsigned i = 0; i < rule->number; i++) {
-        if (rule->side == CW_SIDE_TX)
+        if (rule->side == CW_SIDE_TX) {
+            stats->made_by_rules++;
             cw_queue_frame(bus, node, frame, tick, 0);
-        else
+        } else {
+            stats->rx_made_by_rules++;
             cw_push_rx(bus, node, frame);
+        }
     }
 }
 
@@ -117,7 +127,7 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     held_frame h = {.due = CW_NEVER, .rule = (uint16_t)rule, .node = (uint8_t)node,
                     .side = r->side, .frame = *frame};
     if (r->action == CW_ACTION_DROP) {
-        drop_frame(bus, node, frame, tick);
+        cw_push_drop(bus, node, r->side, frame, CW_DROP_FAULT, tick);
         return false;
     }
     if (r->action == CW_ACTION_CHANGE)
@@ -204,7 +214,7 @@ static void reply(cw_bus *bus, unsigned rule, unsigned node)
     const held_frame h = {.due = cw_after(bus->now, r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
     cw_push_fault(bus, rule, bus->now);
-    bus->nodes[node].stats.handed_in++;
+    bus->nodes[node].stats.made_by_rules++;
     if (!hold(bus, &h))
         cw_queue_frame(bus, node, &h.frame, bus->now, 0);
 }

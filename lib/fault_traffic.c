@@ -11,7 +11,7 @@
 static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
 {
     unsigned node = bus->faults.faults[rule].rule.node;
-    bus->nodes[node].stats.handed_in++;
+    bus->nodes[node].stats.made_by_rules++;
     cw_queue_frame(bus, node, frame, bus->now, rule + 1);
 }
 

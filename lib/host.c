@@ -31,6 +31,7 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
         *inbox_at(box, place) = *inbox_at(box, place - 1);
     *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
+    bus->nodes[i].inbox++;
     return CW_OK;
 }
 
@@ -64,7 +65,8 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
     bus_node *n = &bus->nodes[i];
     cw_drop why = refusal(n, frame);
     if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {
-        cw_push_drop(bus, i, frame, why != CW_DROP_COUNT ? why : CW_DROP_QUEUE_FULL, tick);
+        cw_push_drop(bus, i, CW_SIDE_TX, frame,
+                     why != CW_DROP_COUNT ? why : CW_DROP_QUEUE_FULL, tick);
         return;
     }
     bus->queued++;
@@ -83,6 +85,7 @@ static void take_first(cw_bus *bus)
     inbox_entry entry = *inbox_at(box, 0);
     box->first = (box->first + 1) % box->capacity;
     box->count--;
+    bus->nodes[entry.node].inbox--;
     bus->nodes[entry.node].stats.handed_in++;
     if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
         cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
@@ -112,7 +115,7 @@ static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
     bus_node *n = &bus->nodes[i];
     while (n->queue.count > 0) {
         uint16_t slot = cw_queue_first(&n->queue);
-        cw_push_drop(bus, i, &n->queue.slots[slot].frame, why, bus->now);
+        cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, bus->now);
         cw_remove_slot(bus, i, slot);
     }
 }
@@ -128,7 +131,8 @@ static void flush_inbox(cw_bus *bus, unsigned i)
             continue;
         }
         bus->nodes[i].stats.handed_in++;
-        cw_push_drop(bus, i, &entry.frame, CW_DROP_REMOVED, bus->now);
+        bus->nodes[i].inbox--;
+        cw_push_drop(bus, i, CW_SIDE_TX, &entry.frame, CW_DROP_REMOVED, bus->now);
     }
     box->count = kept;
 }
@@ -141,7 +145,7 @@ static void flush_held(cw_bus *bus, unsigned i)
         if (held.node != i)
             bus->held[kept++] = held;
         else
-            cw_push_drop(bus, i, &held.frame, CW_DROP_REMOVED, bus->now);
+            cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, bus->now);
     }
     bus->held_count = kept;
 }

@@ -26,7 +26,7 @@ static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_fra
     if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
         cw_remove_slot(bus, i, n->offered_slot);
     if (r->what & CW_REPORT_DROPPED)
-        cw_push_drop(bus, i, about, CW_DROP_ONE_SHOT, bus->now);
+        cw_push_drop(bus, i, CW_SIDE_TX, about, CW_DROP_ONE_SHOT, bus->now);
 }
 
 static void report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit, const cw_frame *frame)
@@ -66,6 +66,7 @@ static void report_rx(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_frame frame = *cw_mac_received(cw_mac_of(bus, i));
+    n->stats.rx_accepted++;
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;

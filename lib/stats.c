@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * stats.c - delay histograms and the load of the last second.
+ * stats.c - delay histograms, the load of the last second, the balance of frames.
  */
 #include "stats.h"
 
@@ -109,4 +109,21 @@ unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after)
 {
     uint64_t bits = after->bits - before->bits;
     return bits ? (unsigned)((after->busy_bits - before->busy_bits) * 1000 / bits) : 0;
+}
+
+/* ---- Balance --------------------------------------------------------------------------------- */
+
+static uint64_t sum_of_drops(const uint64_t dropped[CW_DROP_COUNT])
+{
+    uint64_t sum = 0;
+    for (unsigned why = 0; why < CW_DROP_COUNT; why++)
+        sum += dropped[why];
+    return sum;
+}
+
+bool cw_node_stats_balance(const cw_node_stats *s)
+{
+    uint64_t in = s->tx_frames + s->queue + s->held + sum_of_drops(s->dropped);
+    uint64_t out = s->rx_frames + s->rx_held + sum_of_drops(s->rx_dropped);
+    return s->handed_in + s->made_by_rules == in && s->rx_accepted + s->rx_made_by_rules == out;
 }

@@ -315,6 +315,20 @@ def test_a_summary_when_nothing_else_is_wanted(write):
     assert [line.split()[0] for line in out.splitlines()[-2:]] == ["a", "b"]
 
 
+def assert_balance(node):
+    """Every frame of a node was sent, waits, or was dropped for a named reason."""
+    assert node["handed_in"] + node["made_by_rules"] == (
+        node["tx_frames"] + node["queue"] + node["held"] + sum(node["dropped"].values())), node
+    assert node["rx_accepted"] + node["rx_made_by_rules"] == (
+        node["rx_frames"] + node["rx_held"] + sum(node["rx_dropped"].values())), node
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_no_frame_is_unaccounted_for(path):
+    for node in stats(path, *arguments_of(path))["nodes"]:
+        assert_balance(node)
+
+
 def test_statistics_have_bus_nodes_and_rules(write):
     report = stats(write(RANDOM))
     assert list(report) == ["bus", "nodes", "rules"]

@@ -61,7 +61,6 @@ typedef struct fuzz_bus {
     cw_bus *bus;
     unsigned nodes;
     uint32_t bit_ticks;
-    bool balanced;      /* no rule makes copies of frames, or holds back or drops received ones */
     uint64_t last_tick; /* of an event */
     uint64_t count[FUZZ_KINDS]; /* events, once for each node they concern */
     uint64_t events;
@@ -72,15 +71,12 @@ typedef struct fuzz_bus {
     char label;   /* ... behind this */
 } fuzz_bus;
 
-/* False when the configuration is invalid. The rules in it must be told to fuzz_bus_rule(). */
+/* False when the configuration is invalid. */
 bool fuzz_bus_open(fuzz_bus *b, const cw_bus_config *config);
 
 /* Goes over to another bus, see cw_bus_take_over(); with CW_INVALID nothing has changed. */
 cw_status fuzz_bus_take_over(fuzz_bus *b, const cw_bus_config *config, const uint8_t *from);
 void fuzz_bus_close(fuzz_bus *b);
-
-/* Notes whether frames still balance with a rule that is on the bus. */
-void fuzz_bus_rule(fuzz_bus *b, const cw_rule *rule);
 
 /* Takes and checks all events: in time order, of nodes that exist, with counters in range. */
 void fuzz_bus_poll(fuzz_bus *b);

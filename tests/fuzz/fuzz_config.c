@@ -105,8 +105,6 @@ static void simulate(const cfg *config)
     if (size > MEMORY_MAX)
         return;
     REQUIRE(fuzz_bus_open(&b, &bus_config));
-    for (size_t i = 0; i < config->rule_count; i++)
-        fuzz_bus_rule(&b, &config->rules[i]);
     unsigned bits = (unsigned)(WORK / config->node_count);
     uint64_t end = (uint64_t)(bits < BITS ? bits : BITS) * config->bit_ticks;
     run_releases(&b, config, end);

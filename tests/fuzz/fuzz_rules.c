@@ -59,7 +59,6 @@ static void add_rules(fuzz_bus *b, const cfg_rules *rules, size_t base)
         if (rule.has_after && rule.after >= base)
             rule.after = (uint16_t)index[rule.after - base];
         REQUIRE(cw_bus_add_rule(b->bus, &index[i], &rule) == CW_OK);
-        fuzz_bus_rule(b, &rule);
         if (rule.manual)
             REQUIRE(cw_bus_fire_rule(b->bus, index[i]) == CW_OK);
     }

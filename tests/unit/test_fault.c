@@ -1292,29 +1292,35 @@ static uint64_t held_at(const rig *r, unsigned node, cw_side side)
     return n;
 }
 
-static uint64_t all_dropped(const cw_node_stats *stats)
+static uint64_t all_dropped(const uint64_t dropped[CW_DROP_COUNT])
 {
     uint64_t n = 0;
     for (unsigned why = 0; why < CW_DROP_COUNT; why++)
-        n += stats->dropped[why];
+        n += dropped[why];
     return n;
 }
 
 static void check_sender(const rig *r, uint64_t copies)
 {
     const cw_node_stats s = rig_stats(r, 0);
-    assert_int_equal(s.handed_in + copies,
-                     s.tx_frames + s.queue + all_dropped(&s) + held_at(r, 0, CW_SIDE_TX));
+    assert_int_equal(s.made_by_rules, copies);
+    assert_int_equal(s.held, held_at(r, 0, CW_SIDE_TX));
+    assert_int_equal(s.handed_in + copies, s.tx_frames + s.queue + all_dropped(s.dropped) + s.held);
+    assert_true(cw_node_stats_balance(&s));
 }
 
 /* What node 0 has sent, and what its receiver, node 1, has got of it. */
 static void check_receiver(const rig *r, uint64_t copies)
 {
     const cw_node_stats s = rig_stats(r, 1);
+    assert_true(cw_node_stats_balance(&s));
+    assert_int_equal(all_dropped(s.dropped), 0);
     if (!cw_bus_idle(r->bus))
         return; /* a frame may be between the two */
-    assert_int_equal(rig_stats(r, 0).tx_frames + copies,
-                     s.rx_frames + all_dropped(&s) + held_at(r, 1, CW_SIDE_RX));
+    assert_int_equal(rig_stats(r, 0).tx_frames, s.rx_accepted);
+    assert_int_equal(s.rx_made_by_rules, copies);
+    assert_int_equal(s.rx_held, held_at(r, 1, CW_SIDE_RX));
+    assert_int_equal(s.rx_accepted + copies, s.rx_frames + all_dropped(s.rx_dropped) + s.rx_held);
 }
 
 static void host_rules(rig *r, cw_side side)
@@ -1377,6 +1383,94 @@ static void frames_held_back_are_bounded(void **state)
     rig_run_bits(r, 1100);
     assert_int_equal(rig_stats(r, 0).tx_frames + rig_stats(r, 0).queue, CW_HELD_FRAMES + 3);
     rig_free(r);
+}
+
+/* Frames that rules make are counted apart from those of the host. */
+static void frames_that_rules_make_are_counted_apart(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    cw_rule *once = rig_rule(r, new_rule("send", CW_TRIGGER_TIME, CW_ACTION_SEND));
+    once->node = 0;
+    once->frame = rig_frame(0x700, 0, 1);
+    cw_rule *answer = rig_rule(r, new_rule("reply", CW_TRIGGER_FRAME, CW_ACTION_REPLY));
+    answer->node = 1;
+    answer->frame = rig_frame(0x456, 0, 2);
+    answer->from = NODE(0);
+    cw_rule *twice = rig_rule(r, new_rule("twice", CW_TRIGGER_FRAME, CW_ACTION_DUPLICATE));
+    twice->filters[0] = (cw_filter){.value = 0x123, .mask = 0x7FF};
+    twice->filter_count = 1;
+    twice->number = 1;
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 2000);
+    const cw_node_stats sender = rig_stats(r, 0);
+    const cw_node_stats replier = rig_stats(r, 1);
+    assert_int_equal(sender.handed_in, 1);
+    assert_int_equal(sender.made_by_rules, 2); /* 700, and 123 once more */
+    assert_int_equal(sender.tx_frames, 3);
+    assert_int_equal(replier.handed_in, 0);
+    assert_int_equal(replier.made_by_rules, 3);
+    assert_true(cw_node_stats_balance(&sender) && cw_node_stats_balance(&replier));
+    rig_free(r);
+}
+
+/* Rules that make more copies in one bit than there is room for events. */
+static void frames_that_the_event_ring_cannot_hold_are_counted(void **state)
+{
+    (void)state;
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig *r = rig_new(8);
+    for (unsigned i = 0; i < RIG_RULES_MAX; i++) {
+        static const char *const names[RIG_RULES_MAX] = {"a", "b", "c", "d", "e", "f", "g", "h"};
+        cw_rule *copies = rig_rule(r, new_rule(names[i], CW_TRIGGER_FRAME, CW_ACTION_DUPLICATE));
+        copies->side = CW_SIDE_RX;
+        copies->number = 16;
+    }
+    for (unsigned i = 0; i < 8; i++)
+        r->nodes[i].queue = 1;
+    r->config.events = 0;
+    r->config.inbox = 1;
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 100);
+    uint64_t lost = 0;
+    for (unsigned i = 1; i < 8; i++) {
+        const cw_node_stats s = rig_stats(r, i);
+        assert_int_equal(rig_count(r, CW_EVENT_RX, (int)i), s.rx_frames);
+        assert_int_equal(s.rx_accepted + s.rx_made_by_rules, 1 + 16 * RIG_RULES_MAX);
+        assert_true(cw_node_stats_balance(&s));
+        lost += s.rx_dropped[CW_DROP_QUEUE_FULL];
+    }
+    assert_in_range(lost, 1, 7 * 16 * RIG_RULES_MAX);
+    assert_true(rig_bus_stats(r).events_lost >= lost);
+    rig_free(r);
+}
+
+static void statistics_that_do_not_balance_are_known(void **state)
+{
+    (void)state;
+    static const struct {
+        cw_node_stats stats;
+        bool balance;
+    } cases[] = {
+        {{.handed_in = 0}, true},
+        {{.handed_in = 5, .made_by_rules = 2, .tx_frames = 3, .queue = 1, .held = 1,
+          .dropped = {[CW_DROP_FAULT] = 2}}, true},
+        {{.handed_in = 1}, false},
+        {{.made_by_rules = 1}, false},
+        {{.tx_frames = 1}, false},
+        {{.dropped = {[CW_DROP_REMOVED] = 1}}, false},
+        {{.rx_accepted = 2, .rx_made_by_rules = 3, .rx_frames = 3, .rx_held = 1,
+          .rx_dropped = {[CW_DROP_FAULT] = 1}}, true},
+        {{.rx_accepted = 1}, false},
+        {{.rx_frames = 1}, false},
+        {{.handed_in = 1, .rx_frames = 1}, false},
+        {{.handed_in = 1, .rx_dropped = {[CW_DROP_FAULT] = 1}}, false},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_int_equal(cw_node_stats_balance(&cases[i].stats), cases[i].balance);
 }
 
 /* ---- Another bus takes over ------------------------------------------------------------------ */
@@ -1639,6 +1733,9 @@ int main(void)
         cmocka_unit_test(events_are_in_order),
         cmocka_unit_test(no_frame_is_lost_at_the_host_side),
         cmocka_unit_test(frames_held_back_are_bounded),
+        cmocka_unit_test(frames_that_rules_make_are_counted_apart),
+        cmocka_unit_test(frames_that_the_event_ring_cannot_hold_are_counted),
+        cmocka_unit_test(statistics_that_do_not_balance_are_known),
         cmocka_unit_test(a_bus_that_takes_over_goes_on),
         cmocka_unit_test(nodes_are_matched_when_taking_over),
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),

@@ -194,6 +194,7 @@ static void assert_frames_are_conserved(const rig *r)
         for (unsigned why = 0; why < CW_DROP_COUNT; why++)
             dropped += s.dropped[why];
         assert_int_equal(s.handed_in, s.tx_frames + s.queue + dropped);
+        assert_true(cw_node_stats_balance(&s));
         assert_in_range(s.queue, 0, s.queue_peak);
         assert_int_equal(s.delay.count, s.tx_frames);
         assert_int_equal(rig_count(r, CW_EVENT_DROP, (int)i), dropped);
