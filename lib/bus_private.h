@@ -64,6 +64,7 @@ typedef struct held_frame {
     uint8_t node;
     cw_side side;
     cw_frame frame;
+    frame_origin origin;
 } held_frame;
 
 /* The first flag of one kind since the last SOF of a transmitter. */
@@ -148,7 +149,7 @@ void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *fram
                   uint64_t tick);
 
 /* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
-void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame);
+void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
 

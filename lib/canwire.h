@@ -535,6 +535,8 @@ typedef struct cw_event {
     uint8_t lost_bit; /* ARBITRATION_LOST */
     uint16_t rule;  /* FAULT: index of the rule */
     uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
+    uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire */
+    uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
     cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
 } cw_event;
 

@@ -139,11 +139,11 @@ void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, 
         stats->rx_dropped[why]++;
 }
 
-void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame)
+void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
 {
     cw_node_stats *stats = &bus->nodes[i].stats;
     cw_event *e = bus->ring.count ? newest_event(&bus->ring) : NULL;
-    bool joins = e && e->kind == CW_EVENT_RX && e->tick == bus->now &&
+    bool joins = e && e->kind == CW_EVENT_RX && e->tick == bus->now && e->from == origin->from &&
                  e->nodes < cw_node_bit(i) && cw_frame_equal(&e->frame, frame);
     if (joins)
         e->nodes |= cw_node_bit(i);
@@ -154,6 +154,8 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame)
         return;
     }
     e->frame = *frame;
+    e->from = origin->from;
+    e->handed_in = origin->handed_in;
     stats->rx_frames++;
     stats->rx_bytes += cw_frame_length(frame);
 }

@@ -49,6 +49,12 @@ typedef struct cw_fault {
     uint64_t bits_base;
 } cw_fault;
 
+/* Where a received frame is from, see cw_event. All 0 for frames on their way to the wire. */
+typedef struct frame_origin {
+    uint64_t from;
+    uint64_t handed_in;
+} frame_origin;
+
 /* An exact identifier and the rule that waits for it. */
 typedef struct cw_fault_key {
     uint32_t id; /* with CW_FILTER_EXTENDED */
@@ -154,10 +160,11 @@ void cw_fault_command(cw_bus *bus, unsigned rule);
 bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
 
 /* The same for a frame on its way to a host. */
-bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame);
+bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame,
+                       const frame_origin *origin);
 
-/* A node received a frame that rules may answer. */
-void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame);
+/* A node received a frame, of these nodes, that rules may answer. */
+void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from);
 
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
 void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);

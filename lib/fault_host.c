@@ -23,7 +23,7 @@ static void deliver_held(cw_bus *bus, const held_frame *h, uint64_t tick)
     if (h->side == CW_SIDE_TX)
         cw_queue_frame(bus, h->node, &h->frame, tick, 0);
     else
-        cw_push_rx(bus, h->node, &h->frame);
+        cw_push_rx(bus, h->node, &h->frame, &h->origin);
 }
 
 /* Those that are due by now, in the order in which they were held back. */
@@ -106,7 +106,7 @@ static void change_frame(cw_frame *frame, const cw_change *c)
 }
 
 static void pass_copies(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_rule *rule,
-                        uint64_t tick)
+                        uint64_t tick, const frame_origin *origin)
 {
     cw_node_stats *stats = &bus->nodes[node].stats;
     for (unsigned i = 0; i < rule->number; i++) {
@@ -115,17 +115,18 @@ static void pass_copies(cw_bus *bus, unsigned node, const cw_frame *frame, const
             cw_queue_frame(bus, node, frame, tick, 0);
         } else {
             stats->rx_made_by_rules++;
-            cw_push_rx(bus, node, frame);
+            cw_push_rx(bus, node, frame, origin);
         }
     }
 }
 
 /* One rule and one frame. Returns true when the frame goes on. */
-static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *frame, uint64_t tick)
+static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *frame, uint64_t tick,
+                         const frame_origin *origin)
 {
     const cw_rule *r = &bus->faults.faults[rule].rule;
     held_frame h = {.due = CW_NEVER, .rule = (uint16_t)rule, .node = (uint8_t)node,
-                    .side = r->side, .frame = *frame};
+                    .side = r->side, .frame = *frame, .origin = *origin};
     if (r->action == CW_ACTION_DROP) {
         cw_push_drop(bus, node, r->side, frame, CW_DROP_FAULT, tick);
         return false;
@@ -133,32 +134,13 @@ static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *fr
     if (r->action == CW_ACTION_CHANGE)
         change_frame(frame, &r->change);
     if (r->action == CW_ACTION_DUPLICATE)
-        pass_copies(bus, node, frame, r, tick);
+        pass_copies(bus, node, frame, r, tick, origin);
     if (r->action == CW_ACTION_DELAY)
         h.due = cw_after(tick, r->for_ticks);
     if (r->action == CW_ACTION_REORDER)
         h.behind = r->number + 1; /* itself comes by first */
     bool held = r->action == CW_ACTION_DELAY || (r->action == CW_ACTION_REORDER && r->number > 0);
     return !held || !hold(bus, &h);
-}
-
-/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this
- * very bit, so that they do not send any more. */
-static uint64_t senders(const cw_bus *bus, unsigned receiver)
-{
-    uint64_t self = cw_node_bit(receiver);
-    uint64_t nodes = 0;
-    if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
-        return self;
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        if (m->role == CW_ROLE_TRANSMITTER && !(m->modes & CW_MODE_LOOPBACK))
-            nodes |= cw_node_bit(i);
-    }
-    for (unsigned g = 0; g < bus->group_count; g++)
-        if (bus->groups[g] & self)
-            nodes &= bus->groups[g];
-    return nodes;
 }
 
 /* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
@@ -175,11 +157,12 @@ static bool is_hit(cw_bus *bus, unsigned rule, cw_side side, uint64_t tick)
     return f->rx_hit;
 }
 
-static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick)
+static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
+                      const frame_origin *origin)
 {
     const cw_frame original = *frame;
     uint64_t self = cw_node_bit(node);
-    uint64_t from = side == CW_SIDE_TX ? self : senders(bus, node);
+    uint64_t from = side == CW_SIDE_TX ? self : origin->from;
     cw_candidates c;
     unsigned rule;
     cw_candidates_begin(&c, bus, &original);
@@ -189,7 +172,7 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
         if (!host || r->side != side || !cw_fault_names(r->from, from) ||
             !cw_fault_names(r->at, self) || !is_hit(bus, rule, side, tick))
             continue;
-        if (!act_on_frame(bus, rule, node, frame, tick))
+        if (!act_on_frame(bus, rule, node, frame, tick, origin))
             return false;
     }
     return true;
@@ -197,13 +180,15 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
 
 bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
 {
-    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick);
+    static const frame_origin none = {.from = 0};
+    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
 }
 
-bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame)
+bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
 {
-    cw_fault_reply(bus, node, frame);
-    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_RX, bus->now);
+    cw_fault_reply(bus, node, frame, origin->from);
+    return bus->faults.host_rules == 0 ||
+           run_rules(bus, node, frame, CW_SIDE_RX, bus->now, origin);
 }
 
 /* ---- Replies --------------------------------------------------------------------------------- */
@@ -219,7 +204,7 @@ static void reply(cw_bus *bus, unsigned rule, unsigned node)
         cw_queue_frame(bus, node, &h.frame, bus->now, 0);
 }
 
-void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame)
+void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from)
 {
     cw_candidates c;
     unsigned rule;
@@ -229,7 +214,7 @@ void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame)
     while (cw_candidates_next(&c, &rule, bus)) {
         const cw_rule *r = &bus->faults.faults[rule].rule;
         if (r->action == CW_ACTION_REPLY && r->node == node &&
-            cw_fault_names(r->from, senders(bus, node)) &&
+            cw_fault_names(r->from, from) &&
             cw_fault_match(bus, rule, bus->now, bus->now))
             reply(bus, rule, node);
     }

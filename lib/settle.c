@@ -5,7 +5,8 @@
 #include "bus_private.h"
 
 /* The frame that a report is about has left the queue, or will be tried again. */
-static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_frame *about)
+static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_frame *about,
+                         uint64_t *handed_in)
 {
     const unsigned own = CW_REPORT_ARBITRATION_LOST | CW_REPORT_TX | CW_REPORT_DROPPED;
     bus_node *n = &bus->nodes[i];
@@ -13,6 +14,7 @@ static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_fra
         return;
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     *about = slot->frame;
+    *handed_in = slot->handed_in;
     if (r->what & CW_REPORT_TX) {
         n->stats.tx_frames++;
         n->stats.tx_bytes += cw_frame_length(about);
@@ -62,6 +64,43 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
+static void report_tx(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t handed_in)
+{
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
+    e->frame = *frame;
+    e->from = cw_node_bit(i);
+    e->handed_in = handed_in;
+}
+
+/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this
+ * very bit, so that they do not send any more. */
+static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
+{
+    uint64_t self = cw_node_bit(receiver);
+    uint64_t nodes = 0;
+    if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
+        return self;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_mac *m = &bus->nodes[i].mac;
+        if (m->role == CW_ROLE_TRANSMITTER && !(m->modes & CW_MODE_LOOPBACK))
+            nodes |= cw_node_bit(i);
+    }
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if (bus->groups[g] & self)
+            nodes &= bus->groups[g];
+    return nodes;
+}
+
+static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
+{
+    frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
+    for (uint64_t rest = origin.from; rest; rest &= rest - 1) {
+        const bus_node *n = &bus->nodes[cw_lowest_node(rest)];
+        origin.handed_in = cw_least(origin.handed_in, n->queue.slots[n->offered_slot].handed_in);
+    }
+    return origin;
+}
+
 static void report_rx(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
@@ -71,8 +110,9 @@ static void report_rx(cw_bus *bus, unsigned i)
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;
     }
-    if (cw_fault_hand_out(bus, i, &frame))
-        cw_push_rx(bus, i, &frame);
+    const frame_origin origin = find_origin(bus, i);
+    if (cw_fault_hand_out(bus, i, &frame, &origin))
+        cw_push_rx(bus, i, &frame, &origin);
     cw_fault_passed(bus, i, CW_SIDE_RX, bus->now);
 }
 
@@ -103,7 +143,8 @@ void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
     bus_node *n = &bus->nodes[i];
     cw_frame about = {.id = 0};
-    settle_frame(bus, i, r, &about);
+    uint64_t handed_in = 0;
+    settle_frame(bus, i, r, &about, &handed_in);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         report_arbitration_lost(bus, i, r->lost_bit, &about);
     if (r->what & CW_REPORT_ERROR)
@@ -117,6 +158,6 @@ void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if (r->what & CW_REPORT_RX)
         report_rx(bus, i);
     if (r->what & CW_REPORT_TX)
-        cw_push_node_event(bus, CW_EVENT_TX, i)->frame = about;
+        report_tx(bus, i, &about, handed_in);
     cw_tell_state(bus, i);
 }

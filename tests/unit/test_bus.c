@@ -226,6 +226,37 @@ static void equal_frames_go_as_one(void **state)
     rig_free(r);
 }
 
+/* Frames tell whose they are and since when, for those who sent and those who received them. */
+static void frames_tell_where_they_are_from(void **state)
+{
+    (void)state;
+    rig *r = rig_new(4);
+    cw_frame f = rig_frame(0x123, 0, 2);
+    cw_frame own = rig_frame(0x200, 0, 0);
+    r->nodes[3].modes = CW_MODE_LOOPBACK;
+    rig_start(r);
+    rig_send(r, 1, &f, 100);
+    rig_send(r, 0, &f, 300);
+    rig_send(r, 3, &own, 50);
+    rig_run_bits(r, 300);
+    for (size_t i = 0; i < r->count; i++) {
+        const cw_event *e = &r->events[i];
+        if (e->nodes == NODE(3)) {
+            assert_int_equal(e->from, NODE(3));
+            assert_int_equal(e->handed_in, 50);
+        } else if (e->kind == CW_EVENT_RX) { /* the same frame of both */
+            assert_int_equal(e->from, NODE(0) | NODE(1));
+            assert_int_equal(e->handed_in, 100);
+        } else {
+            assert_int_equal(e->from, e->nodes);
+            assert_int_equal(e->handed_in, e->nodes == NODE(0) ? 300 : 100);
+        }
+    }
+    assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 2);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
+    rig_free(r);
+}
+
 static int compare_wire(const void *a, const void *b)
 {
     const cw_frame *fa = a;
@@ -1408,6 +1439,7 @@ int main(void)
         cmocka_unit_test(every_pairing_is_won_by_the_dominant_bit),
         cmocka_unit_test(same_identifier_with_other_data_is_a_bit_error),
         cmocka_unit_test(equal_frames_go_as_one),
+        cmocka_unit_test(frames_tell_where_they_are_from),
         cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
         cmocka_unit_test(a_lonely_node_becomes_passive_and_never_bus_off),
         cmocka_unit_test(overflow_is_dropped_at_the_tick_of_its_hand_in),

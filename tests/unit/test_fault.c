@@ -291,6 +291,9 @@ static void held_frames_go_on_when_the_rule_is_cleared(void **state)
         assert_int_equal(cw_bus_pending(r->bus), 0);
         if (side == CW_SIDE_RX)
             assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->tick, 1000 * BIT);
+        assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->from, NODE(0));
+        assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->handed_in,
+                         rig_nth(r, CW_EVENT_TX, 0)->handed_in);
         rig_free(r);
     }
 }
