@@ -342,10 +342,12 @@ static void step(cw_bus *bus)
     if (bus->faults.awake_count)
         cw_fault_driven(bus, &levels);
     bus->driven = levels.driven;
-    levels.sampled = wired_and(bus, levels.driven);
+    levels.clean = levels.wire = levels.sampled = wired_and(bus, levels.driven);
     bus->wire = levels.sampled == UINT64_MAX;
     if (bus->faults.awake_count)
         cw_fault_sampled(bus, &levels);
+    if (bus->stepping)
+        cw_view_note(bus, &levels);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
     sample_all(bus, levels.sampled, &reports);
     end_bit(bus);

@@ -7,6 +7,7 @@
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
  *   settle.c   reports of the controllers to events and statistics
+ *   view.c     the last bit, for traces
  *   fault*.c   rules: fault.c when they act, fault_level.c, fault_control.c, fault_host.c,
  *              fault_traffic.c what they do
  */
@@ -74,6 +75,20 @@ typedef struct flag_watch {
     uint64_t length; /* bits of it so far, the present one not included */
 } flag_watch;
 
+/* What of cw_bit_view is known only while the bit is simulated. */
+typedef struct bit_note {
+    uint64_t end; /* tick; 0: there is none */
+    cw_levels levels;
+    uint64_t sampled; /* by the controllers, behind what their modes hide */
+    uint64_t wanted;  /* levels that would be driven without faults */
+    struct {
+        cw_place place;
+        uint8_t phase;
+        uint8_t role;
+        uint8_t wire;
+    } nodes[CW_NODES_MAX];
+} bit_note;
+
 struct cw_bus {
     uint32_t bit_ticks;
     unsigned node_count;
@@ -103,6 +118,7 @@ struct cw_bus {
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     cw_fault_set faults;
+    bit_note note;
 };
 
 static inline uint64_t cw_node_bit(unsigned i)
@@ -200,6 +216,11 @@ void cw_split_followers(cw_bus *bus, uint64_t levels);
 /* Ends the bit for all followers, which see the same level. Returns whether there is anything to
  * settle. */
 bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
+
+/* ---- view.c ---------------------------------------------------------------------------------- */
+
+/* Notes the bit in progress, after all nodes drove and before they sample. */
+void cw_view_note(cw_bus *bus, const cw_levels *levels);
 
 /* ---- settle.c -------------------------------------------------------------------------------- */
 

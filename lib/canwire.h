@@ -624,6 +624,39 @@ bool cw_bus_idle(const cw_bus *bus);
 /* Frames in all queues and the inbox. */
 size_t cw_bus_pending(const cw_bus *bus);
 
+/* ---- The last bit, for traces ---------------------------------------------------------------- */
+
+/* One node in a bit. */
+typedef struct cw_bit_node {
+    cw_place place;     /* as the node counts it; CW_FIELD_NONE when idle, integrating or off */
+    cw_mac_phase phase; /* in this bit */
+    cw_role role;       /* in this bit: a node that loses arbitration in it is its transmitter */
+    uint8_t wire;       /* number of its wire: 0, and up to 63 where the bus is partitioned */
+    cw_state state;     /* after the bit, like the counters */
+    uint16_t tec;
+    uint16_t rec;
+} cw_bit_node;
+
+/* A bit of bus time. In the sets of levels bit i is node i's, 1 where it is recessive, also beyond
+ * the last node; in the sets of faults it is 1 where rules changed the level in this bit. */
+typedef struct cw_bit_view {
+    uint64_t start;       /* ticks */
+    uint64_t end;
+    uint64_t driven;      /* what each node puts onto its wire */
+    uint64_t wire;        /* what the wire that it is on carries */
+    uint64_t sampled;     /* what its controller takes; its own bits in loopback (M11, M15) */
+    uint64_t tx_faults;   /* between controller and wire: driven is changed */
+    uint64_t wire_faults; /* wire is not the wired-AND of what is driven */
+    uint64_t rx_faults;   /* between wire and controller */
+    unsigned node_count;
+    unsigned wire_count;
+    cw_bit_node nodes[CW_NODES_MAX]; /* the first node_count */
+} cw_bit_view;
+
+/* The bit that ended at cw_bus_now(). CW_REFUSED, leaving *view alone, when it was not simulated by
+ * itself: see cw_bus_set_stepping(). */
+cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view);
+
 /* ---- Statistics: counted since tick 0, read by value ----------------------------------------- */
 
 /* Transmit delay, hand-in to end of frame. Bucket b counts delays of

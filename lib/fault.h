@@ -83,6 +83,8 @@ typedef struct cw_fault_set {
 /* Levels of one bit: bit i of a set is node i's, recessive where 1. */
 typedef struct cw_levels {
     uint64_t driven;
+    uint64_t clean; /* of the wire that the node is on, by what is driven */
+    uint64_t wire;  /* ... with what faults make of it */
     uint64_t sampled;
 } cw_levels;
 

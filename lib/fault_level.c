@@ -237,7 +237,8 @@ void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
     }
     for (unsigned i = 0; i < set->awake_count; i++)
         apply_rule(bus, set->awake[i], &levels->sampled, true);
-    bus->wire = levels->sampled == ALL_NODES;
+    levels->wire = levels->sampled;
+    bus->wire = levels->wire == ALL_NODES;
     for (unsigned i = 0; i < set->awake_count; i++) {
         cw_fault *f = awake_fault(bus, i);
         apply_rule(bus, set->awake[i], &levels->sampled, false);

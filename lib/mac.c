@@ -808,9 +808,7 @@ static step_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
     [CW_MAC_RECOVERING] = sample_recovering,
 };
 
-/* What the controller sees: bus monitoring routes its own dominant bits back (M11), loopback
- * nothing but its own bits (M15). */
-static bool visible_level(const cw_mac *m, bool level)
+bool cw_mac_visible(const cw_mac *m, bool level)
 {
     if (m->modes & CW_MODE_LOOPBACK)
         return m->driven;
@@ -823,7 +821,7 @@ void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
 {
     report->what = m->started ? CW_REPORT_STARTED : 0;
     m->started = false;
-    sample_phase[m->phase](m, visible_level(m, level), report);
+    sample_phase[m->phase](m, cw_mac_visible(m, level), report);
     if (m->confinement.state != m->told_state) {
         m->told_state = m->confinement.state;
         report->what |= CW_REPORT_STATE;

@@ -48,6 +48,10 @@ void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 /* Whether the bit that comes next belongs to a frame, its intermission or to error signalling. */
 bool cw_mac_is_busy(const cw_mac *mac);
 
+/* The level that the controller takes when the wire carries this one: bus monitoring routes its own
+ * dominant bits back (M11), loopback nothing but its own bits (M15). */
+bool cw_mac_visible(const cw_mac *mac, bool level);
+
 /* Whether the own frame on the wire has bits left; then the wire bit that comes next in it. */
 bool cw_mac_own_bit(const cw_mac *mac, unsigned *n);
 
