@@ -164,9 +164,11 @@ bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporti
         set_tolerated(out, event);
         return berr_reporting;
     case CW_EVENT_FAULT:
+    case CW_EVENT_LINK:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
+    case CW_EVENT_SKIP:
     case CW_EVENT_COUNT:
         break;
     }

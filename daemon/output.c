@@ -8,6 +8,7 @@
 #include "text.h"
 
 #include <assert.h>
+#include <inttypes.h>
 #include <string.h>
 
 #define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
@@ -21,7 +22,7 @@ void output_event(FILE *out, const cfg *config, const cw_event *event)
     if (event->kind == CW_EVENT_TOLERATED) {
         return;
     }
-    if (event->kind == CW_EVENT_FAULT) {
+    if (event->kind == CW_EVENT_FAULT || event->kind == CW_EVENT_SKIP) {
         write_line(out, config, event, NULL);
         return;
     }
@@ -108,6 +109,9 @@ static void write_details(FILE *out, const cfg *config, const cw_event *event)
         write_name(out, "rule", config->rules[event->rule].name);
         fprintf(out, ",\"hit\":%lu", (unsigned long)event->hit);
         break;
+    case CW_EVENT_LINK:
+        fprintf(out, ",\"state\":\"%s\"", event->up ? "up" : "down");
+        break;
     case CW_EVENT_DROP:
         write_frame(out, &event->frame);
         fprintf(out, ",\"why\":\"%s\"", cw_drop_name(event->why));
@@ -126,6 +130,9 @@ static void write_details(FILE *out, const cfg *config, const cw_event *event)
     case CW_EVENT_STATE:
         fprintf(out, ",\"state\":\"%s\"", cw_state_name(event->state));
         write_counters(out, event);
+        break;
+    case CW_EVENT_SKIP:
+        fprintf(out, ",\"skipped_ns\":%" PRIu64, text_ticks_ns(event->ticks));
         break;
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:

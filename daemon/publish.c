@@ -327,7 +327,7 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     m->rx_bytes = (int64_t)s->rx_bytes;
     m->dropped_queue_full = (int64_t)s->dropped[CW_DROP_QUEUE_FULL];
     m->dropped_one_shot = (int64_t)s->dropped[CW_DROP_ONE_SHOT];
-    m->dropped_bus_off = (int64_t)s->dropped[CW_DROP_BUS_OFF];
+    m->dropped_bus_off = (int64_t)(s->dropped[CW_DROP_BUS_OFF] + s->dropped[CW_DROP_LINK_DOWN]);
     m->dropped_listen_only = (int64_t)s->dropped[CW_DROP_LISTEN_ONLY];
     m->dropped_bad_frame = (int64_t)s->dropped[CW_DROP_BAD_FRAME];
     m->dropped_fault = (int64_t)s->dropped[CW_DROP_FAULT];

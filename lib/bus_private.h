@@ -109,6 +109,7 @@ struct cw_bus {
     uint64_t all;       /* nodes */
     uint64_t followers; /* nodes that are where `common` is, see lockstep.c */
     uint64_t waiting;   /* nodes with frames in their queues */
+    uint64_t detached;  /* nodes that their hosts have taken off the bus */
     cw_mac common;
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped */

@@ -500,6 +500,7 @@ typedef enum cw_drop {
     CW_DROP_BAD_FRAME,
     CW_DROP_FAULT,
     CW_DROP_REMOVED, /* the node is no longer part of the bus */
+    CW_DROP_LINK_DOWN, /* the host has taken the node off the bus */
     CW_DROP_COUNT
 } cw_drop;
 
@@ -508,6 +509,7 @@ const char *cw_drop_name(cw_drop why);
 /* In the order in which events of one node at one tick come; faults before all nodes. */
 typedef enum cw_event_kind {
     CW_EVENT_FAULT = 0,
+    CW_EVENT_LINK, /* the host has put the node on the bus or taken it off */
     CW_EVENT_DROP,
     CW_EVENT_RESTART,
     CW_EVENT_ARBITRATION_LOST,
@@ -517,6 +519,7 @@ typedef enum cw_event_kind {
     CW_EVENT_RX,
     CW_EVENT_TX,
     CW_EVENT_STATE,
+    CW_EVENT_SKIP, /* the host has let time pass without the bus; the bus itself makes none */
     CW_EVENT_COUNT
 } cw_event_kind;
 
@@ -524,7 +527,7 @@ const char *cw_event_name(cw_event_kind kind);
 
 typedef struct cw_event {
     uint64_t tick;  /* end of the bit, or when a dropped frame was handed in */
-    uint64_t nodes; /* whom it concerns; several only for RX of the same frame; 0 for FAULT */
+    uint64_t nodes; /* whom it concerns; several only for RX of the same frame; 0: the bus */
     cw_event_kind kind;
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
     uint16_t rec;
@@ -533,6 +536,8 @@ typedef struct cw_event {
     cw_state state_before; /* STATE */
     cw_drop why;    /* DROP */
     uint8_t lost_bit; /* ARBITRATION_LOST */
+    bool up;        /* LINK */
+    uint64_t ticks; /* SKIP: how long */
     uint16_t rule;  /* FAULT: index of the rule */
     uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
     uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire */
@@ -590,6 +595,16 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping);
 
 /* Takes the oldest event; false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
+
+/* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on again.
+ * Off it neither drives nor samples; its frames, those that come later too, are dropped with events
+ * (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it integrates. Frames
+ * that rules hold back stay. All nodes are on at first; nothing happens when it is so already.
+ * CW_FULL: poll events, then call again. CW_INVALID: no such node. */
+cw_status cw_node_attach(cw_bus *bus, unsigned node, bool on);
+
+/* Whether a node is on; false also when there is no such node. */
+bool cw_node_attached(const cw_bus *bus, unsigned node);
 
 /* Restart by hand (R12). CW_REFUSED when not bus-off, already restarting or restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);

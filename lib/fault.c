@@ -478,11 +478,13 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_RESTART:
         return 0x100;
     case CW_EVENT_FAULT:
+    case CW_EVENT_LINK:
     case CW_EVENT_DROP:
     case CW_EVENT_TOLERATED:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
+    case CW_EVENT_SKIP:
     case CW_EVENT_COUNT:
         break;
     }

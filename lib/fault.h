@@ -75,7 +75,7 @@ typedef struct cw_fault_set {
     unsigned reply_rules;
     unsigned error_rules;
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
-    uint64_t off;           /* nodes that DISCONNECT rules keep off the bus */
+    uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
@@ -146,7 +146,7 @@ void cw_fault_driven(cw_bus *bus, cw_levels *levels);
 void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
 
 /* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
- * rules say; and undoes it. */
+ * rules and the hosts say; and undoes it. */
 void cw_fault_apply_topology(cw_bus *bus);
 
 /* Whether the rule has to be looked at in the next bit. */

@@ -300,7 +300,7 @@ static void apply_partition(cw_bus *bus)
 void cw_fault_apply_topology(cw_bus *bus)
 {
     uint64_t no_ack = named_by_active(bus, CW_ACTION_NO_ACK);
-    uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT);
+    uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT) | bus->detached;
     for (unsigned i = 0; i < bus->node_count; i++) {
         uint64_t self = cw_node_bit(i);
         bool changes = (bus->nodes[i].mac.no_ack != ((no_ack & self) != 0)) ||

@@ -19,7 +19,8 @@ static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
 static bool can_take(const cw_bus *bus, const cw_fault *f)
 {
     const bus_node *n = &bus->nodes[f->rule.node];
-    return f->outstanding == 0 && !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
+    return f->outstanding == 0 && cw_node_attached(bus, f->rule.node) &&
+           !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
            cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
 }
 

@@ -49,10 +49,13 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
 }
 
 /* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
-static cw_drop refusal(const bus_node *n, const cw_frame *frame)
+static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
 {
+    const bus_node *n = &bus->nodes[i];
     if (!cw_frame_valid(frame))
         return CW_DROP_BAD_FRAME;
+    if (bus->detached & cw_node_bit(i))
+        return CW_DROP_LINK_DOWN;
     if (n->mac.modes & CW_MODE_LISTEN_ONLY)
         return CW_DROP_LISTEN_ONLY;
     if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
@@ -63,7 +66,7 @@ static cw_drop refusal(const bus_node *n, const cw_frame *frame)
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
-    cw_drop why = refusal(n, frame);
+    cw_drop why = refusal(bus, i, frame);
     if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {
         cw_push_drop(bus, i, CW_SIDE_TX, frame,
                      why != CW_DROP_COUNT ? why : CW_DROP_QUEUE_FULL, tick);
@@ -164,6 +167,40 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     flush_inbox(bus, i);
     flush_held(bus, i);
     return CW_OK;
+}
+
+/* ---- On and off the bus ---------------------------------------------------------------------- */
+
+/* As when the controller has been reset and stopped. */
+static void detach(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_mac_init(cw_own_mac(bus, i), n->mac.modes, n->mac.confinement.warning_limit);
+    n->restart_at = CW_NEVER;
+    cw_find_next_restart(bus);
+    flush_queue(bus, i, CW_DROP_LINK_DOWN);
+}
+
+cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (cw_node_attached(bus, i) == on)
+        return CW_OK;
+    if (!cw_ring_has_room(bus))
+        return CW_FULL;
+    cw_push_event(bus, CW_EVENT_LINK, bus->now, cw_node_bit(i))->up = on;
+    bus->detached ^= cw_node_bit(i);
+    if (!on)
+        detach(bus, i);
+    cw_fault_apply_topology(bus);
+    bus->news = true;
+    return CW_OK;
+}
+
+bool cw_node_attached(const cw_bus *bus, unsigned i)
+{
+    return i < bus->node_count && !(bus->detached & cw_node_bit(i));
 }
 
 /* ---- Restart (R12) --------------------------------------------------------------------------- */

@@ -63,7 +63,7 @@ const char *cw_drop_name(cw_drop why)
 {
     static const char *const names[CW_DROP_COUNT] = {"queue-full",  "one-shot",  "bus-off",
                                                      "listen-only", "bad-frame", "fault",
-                                                     "removed"};
+                                                     "removed",     "link-down"};
     assert(why < CW_DROP_COUNT);
     return names[why];
 }
@@ -71,8 +71,8 @@ const char *cw_drop_name(cw_drop why)
 const char *cw_event_name(cw_event_kind kind)
 {
     static const char *const names[CW_EVENT_COUNT] = {
-        "fault",     "drop",     "restart", "arbitration-lost", "error",
-        "tolerated", "overload", "rx",      "tx",               "state",
+        "fault",     "link",     "drop", "restart", "arbitration-lost", "error",
+        "tolerated", "overload", "rx",   "tx",      "state",            "skip",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];

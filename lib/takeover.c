@@ -128,7 +128,10 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
             continue;
         to[from[i]] = (uint8_t)i;
         take_over_node(bus, i, &old->nodes[from[i]]);
+        if (!cw_node_attached(old, from[i]))
+            bus->detached |= cw_node_bit(i);
     }
+    cw_fault_apply_topology(bus);
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);

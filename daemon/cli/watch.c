@@ -14,8 +14,8 @@ static const char help[] =
     "now on. When this reads too slowly, the bus does not wait; how many events were lost is "
     "told.\n"
     "\n"
-    "  KIND         only events of these kinds: fault, drop, restart, arbitration-lost, error,\n"
-    "               overload, rx, tx, state\n"
+    "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
+    "               error, overload, rx, tx, state, skip\n"
     "      --json   as lines of JSON, as the bus sends them\n";
 
 /* The members that a line of text begins with, in columns. */

@@ -82,7 +82,7 @@ _canwire_argument() {
     restart:1 | set:1) _canwire_words "$(_canwire_nodes "$bus")" ;;
     set:*) _canwire_settings ;;
     watch:*)
-        _canwire_words "fault drop restart arbitration-lost error overload rx tx state"
+        _canwire_words "fault link drop restart arbitration-lost error overload rx tx state skip"
         ;;
     help:0) _canwire_words "$_canwire_commands" ;;
     esac

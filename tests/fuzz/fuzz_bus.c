@@ -268,9 +268,24 @@ static void flush(pair *p, unsigned node)
     poll(p);
 }
 
+static void attach(pair *p, unsigned node, bool on)
+{
+    REQUIRE(cw_node_attach(p->whole.bus, node, on) == cw_node_attach(p->bitwise.bus, node, on));
+    REQUIRE(cw_node_attached(p->whole.bus, node) == cw_node_attached(p->bitwise.bus, node));
+    poll(p);
+}
+
 static void restart(pair *p, unsigned node)
 {
     REQUIRE(cw_node_restart(p->whole.bus, node) == cw_node_restart(p->bitwise.bus, node));
+}
+
+static void restart_or_attach(pair *p, unsigned what)
+{
+    if (what < NODES_MAX)
+        restart(p, what);
+    else
+        attach(p, what % NODES_MAX, what < 2 * NODES_MAX);
 }
 
 /* Old nodes in another order, some left out, some new. */
@@ -314,7 +329,7 @@ static void operate(pair *p, fuzz_input *in)
     else if (op <= 11)
         REQUIRE(cw_bus_fire_rule(p->whole.bus, which) == cw_bus_fire_rule(p->bitwise.bus, which));
     else if (op == 12)
-        restart(p, fuzz_below(in, NODES_MAX));
+        restart_or_attach(p, fuzz_below(in, 3 * NODES_MAX));
     else if (op < 15)
         add_rule(p, in);
     else if (fuzz_bool(in))

@@ -166,6 +166,7 @@ static void hash_event(fuzz_bus *b, const cw_event *e)
         e->state_before,
         e->why,
         e->lost_bit,
+        e->up,
         e->rule,
         e->hit,
         e->frame.id,

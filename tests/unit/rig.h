@@ -190,6 +190,8 @@ static inline void rig_line(char *line, const cw_event *e)
         rig_append(line, " %u %u", e->rule, e->hit);
     if (e->kind == CW_EVENT_DROP)
         rig_append(line, " %s", cw_drop_name(e->why));
+    if (e->kind == CW_EVENT_LINK)
+        rig_append(line, " %s", e->up ? "up" : "down");
     if (e->kind == CW_EVENT_ARBITRATION_LOST)
         rig_append(line, " %u", e->lost_bit);
     if (e->kind == CW_EVENT_DROP || e->kind == CW_EVENT_ARBITRATION_LOST ||

@@ -145,6 +145,18 @@ static const line_case lines[] = {
      output_event,
      {.kind = CW_EVENT_FAULT, .rule = 1, .hit = 4294967295u},
      "{\"t\":0.000000000,\"event\":\"fault\",\"rule\":\"crc-flip\",\"hit\":4294967295}\n"},
+    {"link",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_LINK},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"link\",\"state\":\"down\"}\n"},
+    {"link that is back",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_LINK, .up = true},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"link\",\"state\":\"up\"}\n"},
+    {"skip",
+     output_event,
+     {.tick = 80000000, .kind = CW_EVENT_SKIP, .ticks = 3 * 80000000ull},
+     "{\"t\":1.000000000,\"event\":\"skip\",\"skipped_ns\":3000000000}\n"},
     {"tolerated writes nothing", output_event, {.nodes = ENGINE, .kind = CW_EVENT_TOLERATED}, ""},
     {"log of a node with port",
      output_log,
@@ -296,7 +308,7 @@ static void stats_keys_are_in_order(void **state)
                                             "delay",
                                             NULL};
     static const char *const drop_keys[] = {"queue-full", "one-shot", "bus-off", "listen-only",
-                                            "bad-frame",  "fault",    "removed", NULL};
+                                            "bad-frame",  "fault",    "removed", "link-down", NULL};
     static const char *const error_keys[] = {"bit", "stuff", "form", "crc", "ack", NULL};
     static const char *const delay_keys[] = {"count",  "min_ns", "mean_ns", "max_ns",
                                              "p50_ns", "p99_ns", NULL};
