@@ -13,9 +13,12 @@
 #include <string.h>
 
 #define INTERFACE_NAME_MAX 15u /* IFNAMSIZ - 1 */
-#define SOCKET_PATH_MAX 107u   /* sun_path with its final 0 has 108 bytes */
-#define TRAFFIC_MAX 4096u      /* entries of one node */
-#define LCM_EVENTS_MAX 64u     /* words in one list */
+#define INTERFACE_EXPECTED                                                                         \
+    "the name of an interface, at most 15 bytes without '/', ':' and white space"
+#define NETNS_NAME_MAX 64u
+#define SOCKET_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
+#define TRAFFIC_MAX 4096u    /* entries of one node */
+#define LCM_EVENTS_MAX 64u   /* words in one list */
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
 #define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
@@ -38,7 +41,8 @@ typedef struct cfg_owner {
 } cfg_owner;
 
 static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
-    read_mode, read_traffic, read_every, read_lcm, read_lcm_url, read_lcm_events, read_control;
+    read_peer, read_peer_name, read_netns, read_mode, read_traffic, read_every, read_lcm,
+    read_lcm_url, read_lcm_events, read_control;
 
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
@@ -93,10 +97,11 @@ static const schema_key bus_keys[] = {
     {.name = NULL},
 };
 
-/* `traffic` after `port`, which it excludes. */
+/* `traffic` after `port`, which it excludes; `peer` after `port`, which it needs. */
 static const schema_key node_keys[] = {
     {.name = "name", .read = read_node_name, .required = true},
     {.name = "port", .read = read_port},
+    {.name = "peer", .read = read_peer},
     {.name = "restart-ms",
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, restart_ms),
@@ -119,6 +124,12 @@ static const schema_key node_keys[] = {
      .offset = offsetof(cfg_node, warning_limit),
      .arg = &warning_range},
     {.name = "traffic", .read = read_traffic},
+    {.name = NULL},
+};
+
+static const schema_key peer_keys[] = {
+    {.name = "name", .read = read_peer_name, .required = true},
+    {.name = "netns", .read = read_netns},
     {.name = NULL},
 };
 
@@ -432,30 +443,18 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
                   &config->nodes[config->node_count]);
 }
 
-/* Complains when a node read before has the same text at the key's member. */
-static void check_distinct(schema *self, const schema_key *key, const yaml_node_t *value,
-                           size_t offset, const char *text)
-{
-    const cfg *config = cfg_of(self);
-
-    for (size_t i = 0; text && i < config->node_count; i++) {
-        const cfg_node *node = &config->nodes[i];
-        const char *other = *(char *const *)((const char *)node + offset);
-
-        if (other && strcmp(other, text) == 0) {
-            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
-                            key->name, text, node->line);
-            return;
-        }
-    }
-}
-
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
+    const cfg *config = cfg_of(self);
     cfg_node *node = object;
 
     node->name = cfg_read_name(self, key, value, NODE_NAME_MAX);
-    check_distinct(self, key, value, offsetof(cfg_node, name), node->name);
+    for (size_t i = 0; node->name && i < config->node_count; i++)
+        if (config->nodes[i].name && strcmp(config->nodes[i].name, node->name) == 0) {
+            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
+                            key->name, node->name, config->nodes[i].line);
+            return;
+        }
 }
 
 /* What the kernel takes for the name of an interface. */
@@ -469,22 +468,85 @@ static bool interface_name_valid(const char *name)
     return true;
 }
 
+/* A copy of the name of an interface, or NULL where there is no text. */
+static char *read_interface(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    const char *text = schema_text(self, key, value, INTERFACE_EXPECTED);
+
+    if (!text)
+        return NULL;
+    if (strncmp(text, "unix:", strlen("unix:")) == 0)
+        schema_complain(self, value, "%s: unix:PATH is not supported yet; expected %s", key->name,
+                        INTERFACE_EXPECTED);
+    else if (!interface_name_valid(text))
+        schema_expected(self, key, value, INTERFACE_EXPECTED);
+    return schema_copy(self, text);
+}
+
+static bool same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* Whether a node has an interface of this name in this namespace, NULL: that of the ports. */
+static bool has_interface(const cfg_node *node, const char *name, const char *netns)
+{
+    return (!netns && node->port && strcmp(node->port, name) == 0) ||
+           (node->peer && strcmp(node->peer, name) == 0 && same_text(node->netns, netns));
+}
+
+/* Complains when a node read before has this interface already. */
+static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
+                            const char *name, const char *netns)
+{
+    const cfg *config = cfg_of(self);
+
+    for (size_t i = 0; name && i < config->node_count; i++)
+        if (has_interface(&config->nodes[i], name, netns)) {
+            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
+                            key->name, name, config->nodes[i].line);
+            return;
+        }
+}
+
 static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const char expected[] =
-        "the name of an interface, at most 15 bytes without '/', ':' and white space";
+    cfg_node *node = object;
+
+    node->port = read_interface(self, key, value);
+    check_interface(self, key, value, node->port, NULL);
+}
+
+static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    if (!node->port)
+        schema_complain(self, value, "%s: only a node with port has a peer", key->name);
+    schema_map(self, key->name, value, peer_keys, node);
+    check_interface(self, key, value, node->peer, node->netns);
+    if (!node->netns && node->peer && same_text(node->peer, node->port))
+        schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
+}
+
+static void read_peer_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    node->peer = read_interface(self, key, value);
+}
+
+static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "the name of a network namespace as in `ip netns`";
     cfg_node *node = object;
     const char *text = schema_text(self, key, value, expected);
 
     if (!text)
         return;
-    if (strncmp(text, "unix:", strlen("unix:")) == 0)
-        schema_complain(self, value, "%s: unix:PATH is not supported yet; expected %s", key->name,
-                        expected);
-    else if (!interface_name_valid(text))
+    if (strlen(text) > NETNS_NAME_MAX || strpbrk(text, "/ \t\r\n") || text[0] == '.')
         schema_expected(self, key, value, expected);
-    node->port = schema_copy(self, text);
-    check_distinct(self, key, value, offsetof(cfg_node, port), node->port);
+    node->netns = schema_copy(self, text);
 }
 
 static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -25,6 +25,8 @@ typedef struct cfg_traffic {
 typedef struct cfg_node {
     char *name;
     char *port;          /* interface name, or NULL */
+    char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
+    char *netns;         /* network namespace that the peer is in; NULL: that of the port */
     uint8_t modes;       /* CW_MODE_* */
     bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;

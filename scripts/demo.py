@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "config/demo.yaml"
 CAR_LOG = ROOT / "config/demo/car.log"
 CONTENTION_LOG = ROOT / "config/demo/contention.log"
+CANWIRE = ROOT / "build/release/canwire"
 CANWIRED = ROOT / "build/release/canwired"
 BITRATE = 500000
 PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
@@ -363,11 +364,15 @@ def arbitration_key(frame):
     return f"{number:011b}0"
 
 
+def vcan(verb):
+    subprocess.run([CANWIRE, "vcan", verb, CONFIG], check=True, stdout=subprocess.DEVNULL)
+
+
 def main():
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        subprocess.run([ROOT / "scripts/vcan", "up", CONFIG], check=True)
-        stack.callback(subprocess.run, [ROOT / "scripts/vcan", "down", CONFIG], check=True)
+        vcan("up")
+        stack.callback(vcan, "down")
         programs = Programs(folder)
         stack.callback(programs.close)
         print("canwire: three ECUs on one simulated CAN bus, 500 kbit/s (config/demo.yaml)")

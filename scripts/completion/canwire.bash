@@ -5,7 +5,7 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check bits sim status watch faults inject clear fire restart set reload help"
+_canwire_commands="check vcan bits sim status watch faults inject clear fire restart set reload help"
 
 # Words of $1 that begin as the word being typed.
 _canwire_words() {
@@ -74,7 +74,8 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    check:0 | sim:0 | inject:1) _canwire_files ;;
+    check:0 | sim:0 | inject:1 | vcan:1) _canwire_files ;;
+    vcan:0) _canwire_words "up down" ;;
     status:0 | watch:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | set:0 | reload:0)
         _canwire_bus
         ;;

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Checks the place that scripts/guest provides, and scripts/vcan in it. Needs nothing built.
+# Checks the place that scripts/guest provides. Needs nothing built.
 set -uo pipefail
 
 cd -- "$(dirname -- "${BASH_SOURCE[0]}")/../.." || exit 1
@@ -100,43 +100,7 @@ nested() {
         scripts/guest -q ip link add vcan0 type vcan
 }
 
-vcan() {
-    # shellcheck disable=SC2016 # expanded by the script that this writes
-    printf '#!/bin/sh\n[ "$1 $2" = "check --ports" ] && cat "$3"\n' >"$work/canwire"
-    chmod +x "$work/canwire"
-    export CANWIRE=$work/canwire
-    printf '%s\n' vcan0 unix:/run/x vxa vcan7 >"$work/good"
-    printf '%s\n' vcan8 dum0 vcan9 >"$work/bad"
-    : >"$work/empty"
-
-    check_run "no arguments" 2 scripts/vcan
-    check_run "bad verb" 2 scripts/vcan sideways "$work/good"
-    check_run "no file" 2 scripts/vcan up
-    check_run "too many" 2 scripts/vcan up "$work/good" "$work/good"
-    check_run "missing file" 1 scripts/vcan up "$work/none"
-    check_run "no ports" 0 scripts/vcan up "$work/empty"
-    CANWIRE=$work/no-tool check_run "missing tool" 1 scripts/vcan up "$work/good"
-
-    ip link add vxa type vxcan peer name vxb
-    ip link add dum0 type dummy && ip link set dum0 alias "not a vcan  "
-    check_run "up" 0 scripts/vcan up "$work/good"
-    check "up is quiet" "" "$(cat "$work/out" "$work/err")"
-    check "made" "dum0 lo vcan0 vcan7 vxa vxb " "$(links)"
-    check "set up" 3 "$(ip -o link show up | grep -c 'vcan0\|vcan7\|vxa@')"
-    check_run "up again" 0 scripts/vcan up "$work/good"
-    check_run "up, refused" 1 scripts/vcan up "$work/bad"
-    check "why" "vcan: dum0 exists and is not a vcan or vxcan interface" "$(<"$work/err")"
-    check "refused before anything was made" "dum0 lo vcan0 vcan7 vxa vxb " "$(links)"
-    check_run "down" 0 scripts/vcan down "$work/good"
-    check "removed" "dum0 lo " "$(links)"
-    check_run "down again" 0 scripts/vcan down "$work/good"
-    ip link add vcan9 type vcan
-    check_run "down, with another kind" 1 scripts/vcan down "$work/bad"
-    check "the other kind stays" "dum0 lo " "$(links)"
-    ip link delete dum0
-}
-
-for part in the_place frames nested vcan; do
+for part in the_place frames nested; do
     before=$failed
     "$part"
     if ((failed > before)); then echo "in $part: $((failed - before)) failed"; fi

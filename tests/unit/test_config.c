@@ -209,6 +209,7 @@ static void node_keys_are_read(void **state)
     assert_int_equal(config->node_count, 3);
     assert_string_equal(engine->name, "engine");
     assert_string_equal(engine->port, "vcan0");
+    assert_null(engine->peer);
     assert_int_equal(engine->restart_ms, 100);
     assert_true(engine->berr_reporting);
     assert_int_equal(engine->modes, CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK |
@@ -216,6 +217,9 @@ static void node_keys_are_read(void **state)
     assert_int_equal(engine->queue, 4096);
     assert_int_equal(engine->order, CW_ORDER_FIFO);
     assert_int_equal(engine->warning_limit, 255);
+    assert_string_equal(gearbox->port, "vxcan1");
+    assert_string_equal(gearbox->peer, "can0");
+    assert_string_equal(gearbox->netns, "gearbox");
     assert_int_equal(gearbox->modes, 0);
     assert_false(gearbox->berr_reporting);
     assert_int_equal(gearbox->warning_limit, 1);

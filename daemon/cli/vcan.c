@@ -1,0 +1,337 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * vcan.c - canwire vcan: makes and removes the interfaces of a configuration.
+ *
+ * What it has made is known by its alias, "canwire FILE", so that it removes that and no more,
+ * whatever has become of the file. The alias also tells the peer: another peer, another pair.
+ */
+#include "cli.h"
+
+#include "config.h"
+#include "links.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <getopt.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define NETNS_FOLDER "/run/netns/" /* where `ip netns` keeps them */
+#define OWNER_MAX 160u             /* so that an alias also has room for the peer */
+#define PEER_BYTES 96u             /* ": NAME in NETNS" */
+
+static const char usage[] = "usage: canwire vcan up|down FILE\n";
+
+static const char help[] =
+    "\n"
+    "Makes or removes the network interfaces that the configuration FILE names.\n"
+    "\n"
+    "  up     makes those that are missing and sets all up: vcan, or for a node with a\n"
+    "         peer a pair of vxcan with the other end in the network namespace of the peer\n"
+    "  down   removes what `up` has made for FILE, which need not be there any more\n"
+    "\n"
+    "  -h, --help   this text\n"
+    "\n"
+    "An interface that is there already is used when it is of the right kind, and never\n"
+    "removed; one of another kind is refused, before anything is made. What `up` has made\n"
+    "bears \"canwire FILE\" as its alias (`ip link show`). When a peer has changed, its pair\n"
+    "is made anew. Namespaces have to be there: `ip netns add NAME`. Needs root, or\n"
+    "CAP_NET_ADMIN.\n"
+    "\n"
+    "Exit status: 0, 1 bad input or refused, 2 wrong usage.\n";
+
+static const struct option options[] = {
+    {"help", no_argument, NULL, 'h'},
+    {NULL, 0, NULL, 0},
+};
+
+/* What has to be done about the port of a node. */
+typedef enum step { STEP_NONE = 0, STEP_SET_UP, STEP_MAKE, STEP_REPLACE } step;
+
+typedef struct plan {
+    links *links;
+    const char *owner; /* "canwire FILE" */
+    const cfg *config;
+    step steps[CW_NODES_MAX];
+    bool made[CW_NODES_MAX];
+} plan;
+
+static int run(const char *verb, const char *file);
+
+int cli_vcan(int argc, char **argv)
+{
+    int option;
+
+    optind = 0; /* start anew, whoever used getopt before */
+    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+        if (option == 'h') {
+            fputs(usage, stdout);
+            fputs(help, stdout);
+            return CLI_OK;
+        }
+        fputs(usage, stderr);
+        return CLI_USAGE;
+    }
+    const char *verb = argc - optind == 2 ? argv[optind] : "";
+    if (strcmp(verb, "up") == 0 || strcmp(verb, "down") == 0)
+        return run(verb, argv[optind + 1]);
+    fputs(usage, stderr);
+    return CLI_USAGE;
+}
+
+/* Begins a message, and ends it with what the kernel or the system says. */
+static bool complain(const char *what, const char *why)
+{
+    fprintf(stderr, "canwire vcan: %s: %s\n", what, why);
+    return false;
+}
+
+static const char *remedy(int number)
+{
+    switch (number) {
+    case EPERM:
+        return " (run it as root)";
+    case EOPNOTSUPP:
+        return " (this kernel has no vcan or vxcan: modprobe vcan vxcan)";
+    default:
+        return "";
+    }
+}
+
+static bool complain_link(const plan *p, const char *verb, const char *name, int number)
+{
+    fprintf(stderr, "canwire vcan: cannot %s %s: %s%s\n", verb, name, links_error(p->links),
+            remedy(number));
+    return false;
+}
+
+/* ---- Who has made an interface --------------------------------------------------------------- */
+
+/* FILE from the root on; what it is a link to does not matter, and it need not be there. */
+static bool resolve(char out[PATH_MAX], const char *file)
+{
+    char folder[PATH_MAX];
+    char real[PATH_MAX];
+    const char *slash = strrchr(file, '/');
+    const char *base = slash ? slash + 1 : file;
+    int length =
+        snprintf(folder, sizeof folder, "%.*s", slash ? (int)(base - file) : 1, slash ? file : ".");
+
+    if (length >= (int)sizeof folder || !realpath(folder, real))
+        return complain(file, strerror(length >= (int)sizeof folder ? ENAMETOOLONG : errno));
+    if (snprintf(out, PATH_MAX, "canwire %s/%s", strcmp(real, "/") ? real : "", base) <=
+        (int)OWNER_MAX)
+        return true;
+    return complain(file, "the path is too long for the alias of an interface");
+}
+
+static void print_peer(char out[PEER_BYTES], const cfg_node *node)
+{
+    (void)snprintf(out, PEER_BYTES, "%s%s%s%s", node->peer ? ": " : "",
+                   node->peer ? node->peer : "", node->netns ? " in " : "",
+                   node->netns ? node->netns : "");
+}
+
+static void print_alias(char out[LINKS_ALIAS_BYTES], const char *owner, const cfg_node *node)
+{
+    char peer[PEER_BYTES];
+
+    print_peer(peer, node);
+    (void)snprintf(out, LINKS_ALIAS_BYTES, "%.*s%s", (int)OWNER_MAX, owner, peer);
+}
+
+static bool is_ours(const char *owner, const link_info *info)
+{
+    size_t length = strlen(owner);
+
+    return strncmp(info->alias, owner, length) == 0 &&
+           (info->alias[length] == '\0' || strncmp(info->alias + length, ": ", 2) == 0);
+}
+
+/* ---- Up -------------------------------------------------------------------------------------- */
+
+/* What is to be done about an interface that is there. */
+static bool judge(step *out, const plan *p, const cfg_node *node, const link_info *info)
+{
+    char alias[LINKS_ALIAS_BYTES];
+    bool pair = strcmp(info->kind, "vxcan") == 0;
+
+    print_alias(alias, p->owner, node);
+    *out = info->up ? STEP_NONE : STEP_SET_UP;
+    if (is_ours(p->owner, info) && strcmp(info->alias, alias) != 0)
+        *out = STEP_REPLACE;
+    else if (!pair && node->peer)
+        return complain(node->port, "it exists and is no vxcan interface, but has a peer in FILE");
+    else if (!pair && strcmp(info->kind, "vcan") != 0)
+        return complain(node->port, "it exists and is no vcan or vxcan interface");
+    return true;
+}
+
+static int open_netns(const cfg_node *node)
+{
+    char path[sizeof NETNS_FOLDER + NAME_MAX];
+
+    (void)snprintf(path, sizeof path, NETNS_FOLDER "%s", node->netns);
+    return open(path, O_RDONLY | O_CLOEXEC);
+}
+
+/* Looks, and changes nothing. */
+static bool plan_port(plan *p, size_t i)
+{
+    const cfg_node *node = &p->config->nodes[i];
+    link_info info;
+    int number = links_find(p->links, &info, node->port);
+
+    if (number != 0 && number != ENODEV)
+        return complain_link(p, "look at", node->port, number);
+    p->steps[i] = STEP_MAKE;
+    if (number == 0 && !judge(&p->steps[i], p, node, &info))
+        return false;
+    if (!node->netns)
+        return true;
+    int fd = open_netns(node);
+    if (fd < 0) {
+        fprintf(stderr, "canwire vcan: network namespace %s: %s%s\n", node->netns, strerror(errno),
+                errno == ENOENT ? " (make it: ip netns add NAME)" : "");
+        return false;
+    }
+    (void)close(fd);
+    return true;
+}
+
+static int make_pair(plan *p, const cfg_node *node)
+{
+    int fd = node->netns ? open_netns(node) : -1;
+    if (node->netns && fd < 0)
+        return errno; /* gone since it was looked at */
+    int number = links_make_vxcan(p->links, node->port, node->peer, fd);
+
+    if (fd >= 0)
+        (void)close(fd);
+    return number;
+}
+
+static bool make(plan *p, size_t i)
+{
+    const cfg_node *node = &p->config->nodes[i];
+    char alias[LINKS_ALIAS_BYTES];
+    char peer[PEER_BYTES];
+    int number = node->peer ? make_pair(p, node) : links_make_vcan(p->links, node->port);
+
+    print_peer(peer, node);
+    if (number != 0) {
+        char name[IF_NAMESIZE + PEER_BYTES];
+        (void)snprintf(name, sizeof name, "%s%s", node->port, peer);
+        return complain_link(p, "make", name, number);
+    }
+    p->made[i] = true;
+    print_alias(alias, p->owner, node);
+    number = links_set(p->links, node->port, alias);
+    if (number != 0)
+        return complain_link(p, "set the alias of", node->port, number);
+    printf("made %s%s\n", node->port, peer);
+    return true;
+}
+
+static bool carry_out(plan *p, size_t i)
+{
+    const char *port = p->config->nodes[i].port;
+    int number = 0;
+
+    if (p->steps[i] == STEP_REPLACE)
+        number = links_remove(p->links, port);
+    if (number != 0 && number != ENODEV)
+        return complain_link(p, "remove", port, number);
+    if (p->steps[i] == STEP_MAKE || p->steps[i] == STEP_REPLACE)
+        return make(p, i);
+    if (p->steps[i] == STEP_SET_UP)
+        number = links_set(p->links, port, NULL);
+    return number == 0 || complain_link(p, "set up", port, number);
+}
+
+static void take_back(plan *p)
+{
+    for (size_t i = 0; i < p->config->node_count; i++)
+        if (p->made[i] && links_remove(p->links, p->config->nodes[i].port) == 0)
+            printf("removed %s again\n", p->config->nodes[i].port);
+}
+
+static bool bring_up(plan *p)
+{
+    bool good = true;
+
+    for (size_t i = 0; i < p->config->node_count; i++)
+        if (p->config->nodes[i].port)
+            good = plan_port(p, i) && good;
+    for (size_t i = 0; good && i < p->config->node_count; i++)
+        if (p->config->nodes[i].port && !carry_out(p, i)) {
+            take_back(p);
+            return false;
+        }
+    return good;
+}
+
+/* ---- Down ------------------------------------------------------------------------------------ */
+
+typedef struct name_list {
+    const char *owner;
+    size_t count;
+    char (*names)[IF_NAMESIZE];
+    bool no_memory;
+} name_list;
+
+static bool collect(void *user, const link_info *info)
+{
+    name_list *list = user;
+
+    if (!is_ours(list->owner, info))
+        return true;
+    void *longer = realloc(list->names, (list->count + 1) * sizeof list->names[0]);
+    list->no_memory = !longer;
+    if (!longer)
+        return false;
+    list->names = longer;
+    memcpy(list->names[list->count++], info->name, IF_NAMESIZE);
+    return true;
+}
+
+/* All that can be removed. */
+static bool bring_down(const plan *p)
+{
+    name_list list = {.owner = p->owner};
+    int number = links_each(p->links, collect, &list);
+    bool good = number == 0 && !list.no_memory;
+
+    if (!good)
+        (void)complain("interfaces", list.no_memory ? "out of memory" : links_error(p->links));
+    for (size_t i = 0; i < list.count; i++) {
+        number = links_remove(p->links, list.names[i]);
+        if (number == 0)
+            printf("removed %s\n", list.names[i]);
+        else if (number != ENODEV) /* the other end of one that was removed */
+            good = complain_link(p, "remove", list.names[i], number);
+    }
+    free(list.names);
+    return good;
+}
+
+static int run(const char *verb, const char *file)
+{
+    char owner[PATH_MAX];
+    bool up = strcmp(verb, "up") == 0;
+    cfg *config = up ? cfg_load(file, stderr) : NULL;
+
+    if ((up && !config) || !resolve(owner, file)) {
+        cfg_free(config);
+        return CLI_BAD_INPUT;
+    }
+    plan p = {.links = links_open(), .owner = owner, .config = config};
+    bool good = p.links || complain("netlink", strerror(errno));
+    good = good && (up ? bring_up(&p) : bring_down(&p));
+    links_close(p.links);
+    cfg_free(config);
+    return good ? CLI_OK : CLI_BAD_INPUT;
+}

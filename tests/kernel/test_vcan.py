@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: MIT
+"""canwire vcan: the interfaces of a configuration are made and removed, others stay as they are."""
+
+import ctypes
+import json
+import os
+import socket
+import subprocess
+
+import pytest
+
+from canbits import Frame
+from conftest import ROOT, CanSocket, ip
+
+CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
+LIBC = ctypes.CDLL(None, use_errno=True)
+CLONE_NEWNET = 0x40000000
+HEAD = "bus: { name: rig, bitrate: 500000 }\nnodes:\n"
+PAIR = HEAD + "  - { name: a, port: v0 }\n  - { name: b, port: v1 }\n"
+PEERS = HEAD + (
+    "  - { name: a, port: v0, peer: { name: can0, netns: ecu1 } }\n"
+    "  - { name: b, port: v1, peer: { name: can0, netns: ecu2 } }\n"
+    "  - { name: c, port: v2, peer: { name: v3 } }\n"
+)
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """rig("up", TEXT) runs canwire vcan; what it leaves goes with the test."""
+    file = tmp_path / "rig.yaml"
+
+    def run(verb, text=None, status=0, **more):
+        if text is not None:
+            file.write_text(text)
+        done = subprocess.run(
+            [CANWIRE, "vcan", verb, more.pop("name", file)],
+            capture_output=True, text=True, check=False, **more,
+        )
+        assert done.returncode == status, done
+        return done.stderr if status else done.stdout
+
+    run.file = file
+    yield run
+    for link in links():
+        if link != "lo":
+            subprocess.run(["ip", "link", "del", link], check=False, stderr=subprocess.DEVNULL)
+
+
+@pytest.fixture
+def netns():
+    """netns("ecu1", …) makes network namespaces."""
+    made = []
+
+    def make(*names):
+        for name in names:
+            subprocess.run(["ip", "netns", "add", name], check=True)
+            made.append(name)
+
+    yield make
+    for name in made:
+        subprocess.run(["ip", "netns", "del", name], check=True)
+
+
+def links(netns=None):
+    """name: what `ip` tells of it."""
+    where = ["-n", netns] if netns else []
+    text = subprocess.run(
+        ["ip", *where, "-json", "-details", "link", "show"],
+        check=True, stdout=subprocess.PIPE, text=True,
+    ).stdout
+    return {link["ifname"]: link for link in json.loads(text)}
+
+
+def kind(link):
+    return link["linkinfo"]["info_kind"]
+
+
+def is_up(link):
+    return "UP" in link["flags"]
+
+
+def enter(path):
+    with open(path, encoding="ascii") as namespace:
+        assert LIBC.setns(namespace.fileno(), CLONE_NEWNET) == 0, os.strerror(ctypes.get_errno())
+
+
+def socket_in(netns):
+    """A CAN socket in a namespace: this thread goes there and comes back."""
+    with open("/proc/thread-self/ns/net", encoding="ascii") as here:
+        enter(f"/run/netns/{netns}")
+        try:
+            return CanSocket("can0")
+        finally:
+            enter(f"/proc/self/fd/{here.fileno()}")
+
+
+def test_ports_become_vcan_and_go_again(rig):
+    assert rig("up", PAIR) == "made v0\nmade v1\n"
+    for name in ("v0", "v1"):
+        link = links()[name]
+        assert (kind(link), is_up(link), link["ifalias"]) == ("vcan", True, f"canwire {rig.file}")
+    assert rig("up") == ""
+    assert rig("down") == "removed v0\nremoved v1\n"
+    assert set(links()) == {"lo"}
+    assert rig("down") == ""
+
+
+def test_peers_come_into_their_namespaces_and_carry_frames(rig, netns, canwired):
+    netns("ecu1", "ecu2")
+    assert "made v0: can0 in ecu1\n" in rig("up", PEERS)
+    assert set(links()) == {"lo", "v0", "v1", "v2", "v3"}
+    for name, where in (("can0", "ecu1"), ("can0", "ecu2"), ("v3", None)):
+        link = links(where)[name]
+        assert (kind(link), is_up(link)) == ("vxcan", True)
+    canwired(PEERS)
+    one, two = socket_in("ecu1"), socket_in("ecu2")
+    one.send(Frame.parse("123#DEADBEEF"))
+    assert two.receive(1) == [Frame.parse("123#DEADBEEF")]
+    one.close()
+    two.close()
+    rig("down")
+    assert set(links()) == {"lo"}
+    assert set(links("ecu1")) == {"lo"}
+
+
+def test_what_was_there_is_used_and_stays(rig):
+    ip("link add v0 type vcan", "link add v1 type vxcan peer name other")
+    assert rig("up", PAIR) == ""
+    assert is_up(links()["v0"]) and is_up(links()["v1"])
+    assert "ifalias" not in links()["v0"]
+    assert rig("down") == ""
+    assert set(links()) == {"lo", "v0", "v1", "other"}
+
+
+def test_an_interface_that_is_down_is_set_up(rig):
+    rig("up", PAIR)
+    ip("link set v1 down")
+    assert rig("up") == ""
+    assert is_up(links()["v1"])
+    assert "v1" in rig("down"), "its alias is gone"
+
+
+@pytest.mark.parametrize(
+    "text, made, reason",
+    [
+        (PAIR, "link add v1 type dummy", "v1: it exists and is no vcan or vxcan interface"),
+        (PEERS.replace("ecu1", "ns1").replace("ecu2", "ns1").replace("v1, peer: { name: can0",
+                                                                     "v1, peer: { name: can1"),
+         "link add v2 type vcan", "v2: it exists and is no vxcan interface, but has a peer"),
+        (PEERS, "link add dum0 type dummy", "network namespace ecu1: No such file or directory"),
+    ],
+    ids=["other-kind", "no-pair", "no-namespace"],
+)
+def test_nothing_is_made_when_something_is_in_the_way(rig, netns, text, made, reason):
+    netns("ns1")
+    ip(made)
+    before = set(links())
+    assert reason in rig("up", text, status=1)
+    assert set(links()) == before
+
+
+def test_what_was_made_goes_again_when_the_rest_cannot_be(rig, netns):
+    netns("ecu1", "ecu2")
+    subprocess.run(["ip", "-n", "ecu2", "link", "add", "can0", "type", "vcan"], check=True)
+    error = rig("up", PEERS, status=1)
+    assert "cannot make v1: can0 in ecu2: " in error, error
+    assert set(links()) == {"lo"}
+    assert set(links("ecu1")) == {"lo"}
+
+
+def test_a_changed_peer_makes_the_pair_anew(rig, netns):
+    netns("ecu1", "ecu2")
+    rig("up", PEERS)
+    index = links()["v2"]["ifindex"]
+    assert rig("up", PEERS.replace("can0, netns: ecu1", "can7, netns: ecu1")) == (
+        "made v0: can7 in ecu1\n"
+    )
+    assert set(links("ecu1")) == {"lo", "can7"}
+    assert links()["v2"]["ifindex"] == index
+    assert rig("up", PAIR) == "made v0\nmade v1\n", "peers that are no more"
+    assert kind(links()["v0"]) == "vcan"
+
+
+def test_down_knows_what_it_made_whatever_became_of_the_file(rig, tmp_path):
+    rig("up", PAIR)
+    rig.file.write_text("no configuration\n")
+    assert rig("down") == "removed v0\nremoved v1\n"
+    rig("up", PAIR)
+    rig.file.unlink()
+    assert rig("down", name="rig.yaml", cwd=tmp_path) == "removed v0\nremoved v1\n"
+
+
+def test_down_leaves_what_another_file_made(rig, tmp_path):
+    other = tmp_path / "rig.yaml2"
+    other.write_text(PAIR.replace("v0", "w0").replace("v1", "w1"))
+    rig("up", PAIR)
+    rig("up", name=other)
+    rig("down")
+    assert set(links()) == {"lo", "w0", "w1"}
+    rig("down", name=other)
+
+
+def test_who_may_not_is_told(rig):
+    def become_nobody():
+        os.setgroups([])
+        os.setgid(65534)
+        os.setuid(65534)
+
+    os.chmod(rig.file.parent.parent, 0o755)  # pytest's, for root alone
+    os.chmod(rig.file.parent.parent.parent, 0o755)
+    os.chmod(rig.file.parent, 0o755)
+    error = rig("up", PAIR, status=1, preexec_fn=become_nobody)
+    assert "cannot make v0: Operation not permitted (run it as root)" in error, error
+    assert set(links()) == {"lo"}
+
+
+def test_bad_input_is_refused(rig, tmp_path):
+    assert f"{rig.file}:1:" in rig("up", "bus: 1\n", status=1)
+    assert "too long" in rig("up", PAIR, status=1, name=deep(tmp_path, PAIR))
+    assert "usage" in rig("sideways", PAIR, status=2)
+    assert set(links()) == {"lo"}
+
+
+def deep(folder, text):
+    path = folder / ("x" * 200) / "rig.yaml"
+    path.parent.mkdir()
+    path.write_text(text)
+    return path
+
+
+def test_a_kernel_socket_of_the_namespace_is_its_own(rig, netns):
+    """The peer is not in the namespace of the port."""
+    netns("ecu1", "ecu2")
+    rig("up", PEERS)
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as s:
+        with pytest.raises(OSError):
+            s.bind(("can0",))
