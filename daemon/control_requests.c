@@ -125,9 +125,10 @@ static bool find_rule(request *r, unsigned *rule)
 
 static bool run_status(request *r)
 {
+    report beyond;
+    engine_report(r->world->engine, &beyond);
     put(r->reply, "status",
-        status_json(live_config(r->world->config), r->inputs->bus, engine_ports(r->world->engine),
-                    r->world->errors));
+        status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors));
     return true;
 }
 

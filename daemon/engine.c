@@ -8,6 +8,7 @@
  */
 #include "engine.h"
 
+#include "conserve.h"
 #include "log.h"
 #include "release.h"
 #include "reload.h"
@@ -41,6 +42,7 @@ struct engine {
     engine_changed *changed;
     void *changed_user;
     setup now;
+    conserve books;
     inputs inputs; /* of now.bus */
     uint64_t released; /* tick: what was to be released up to then has been */
     reload *next; /* what it is to go over to, or NULL */
@@ -109,7 +111,12 @@ static bool reports_bus_errors(const engine *e, unsigned node)
 static void deliver(engine *e, unsigned node, const cw_event *event)
 {
     errframe error;
-    if (event->kind == CW_EVENT_RX)
+    bool received = event->kind == CW_EVENT_RX;
+    if (!e->now.ports[node] && received)
+        conserve_missed(&e->books, node, e->config->nodes[node].port != NULL);
+    else if (!e->now.ports[node])
+        return;
+    else if (received)
         (void)port_write(e->now.ports[node], &event->frame); /* a failure is counted there */
     else if (errframe_from_event(&error, event, reports_bus_errors(e, node)))
         (void)port_write_error(e->now.ports[node], &error, event->tick);
@@ -121,7 +128,7 @@ static void handle_events(void *user)
     cw_event event;
     while (cw_bus_poll(e->now.bus, &event)) {
         for (unsigned i = 0; i < e->config->node_count; i++)
-            if ((event.nodes >> i & 1u) && e->now.ports[i])
+            if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
         if (e->publisher)
             publisher_event(e->publisher, &event);
@@ -163,9 +170,14 @@ static void read_ports(engine *e, const clock_pair *now)
 
 static void run_releases(engine *e, uint64_t now)
 {
-    while (release_next_tick(e->now.plan) <= now)
-        if (inputs_release(&e->inputs, e->now.plan) == CW_FULL)
+    while (release_next_tick(e->now.plan) <= now) {
+        unsigned node;
+        (void)release_first(e->now.plan, &node);
+        if (inputs_release(&e->inputs, e->now.plan) == CW_OK)
+            e->books.nodes[node].released++;
+        else
             make_room_in_inbox(e);
+    }
     if (now > e->released)
         e->released = now;
 }
@@ -275,6 +287,17 @@ static void keep_ports(setup *old, reload *r)
     }
 }
 
+/* Every port ends with its old node and begins with its new one, which may be the same. */
+static void carry_books_over(engine *e, const reload *r)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        conserve_closing(&e->books, i, e->now.ports[i]);
+    conserve_remap(&e->books, r->from);
+    for (unsigned i = 0; i < r->config->node_count; i++)
+        if (r->port_from[i] != CW_NO_NODE)
+            conserve_opened(&e->books, i, e->now.ports[r->port_from[i]]);
+}
+
 static void go_over(engine *e)
 {
     reload *r = e->next;
@@ -286,6 +309,7 @@ static void go_over(engine *e)
     }
     log_removed(e);
     unwatch_ports(e);
+    carry_books_over(e, r);
     keep_ports(&e->now, r);
     setup_free(&e->now);
     e->now = r->setup;
@@ -484,7 +508,17 @@ const cw_bus *engine_bus(const engine *e)
     return e->now.bus;
 }
 
-port *const *engine_ports(const engine *e)
+void engine_report(const engine *e, report *out)
 {
-    return e->now.ports;
+    memset(out, 0, sizeof *out);
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        port *own = e->now.ports[i];
+        conserve_get_stats(&out->nodes[i].interface, &e->books, i, own);
+        out->nodes[i].conserved = conserve_balances(&e->books, e->now.bus, i, own);
+    }
+}
+
+unsigned engine_check_books(const engine *e)
+{
+    return conserve_check(&e->books, e->config, e->now.bus, e->now.ports);
 }

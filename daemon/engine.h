@@ -9,6 +9,7 @@
 #include "live.h"
 #include "port.h"
 #include "publish.h"
+#include "report.h"
 
 #include <ev.h>
 
@@ -51,7 +52,10 @@ void engine_on_change(engine *e, engine_changed *changed, void *user);
 typedef void engine_observer(void *user, const cw_event *event);
 void engine_observe(engine *e, engine_observer *observer, void *user);
 
-/* One a node, NULL for nodes without port. */
-port *const *engine_ports(const engine *e);
+/* What is to be shown beyond the bus itself. */
+void engine_report(const engine *e, report *out);
+
+/* Logs an error for each node with frames that are unaccounted for; returns their number. */
+unsigned engine_check_books(const engine *e);
 
 #endif

@@ -23,19 +23,17 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 2] = "error frames left out",
 };
 
-static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node, port *own_port)
+static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
+                    const port_stats *interface)
 {
     cw_node_stats stats;
-    port_stats from_port = {.written = 0};
     if (cw_node_get_stats(bus, node, &stats) != CW_OK)
         return;
-    if (own_port)
-        port_get_stats(own_port, &from_port);
     for (unsigned kind = 0; kind < CW_DROP_COUNT; kind++)
         now[kind] = stats.dropped[kind];
-    now[CW_DROP_COUNT] = from_port.write_failed;
-    now[CW_DROP_COUNT + 1] = from_port.kernel_dropped;
-    now[CW_DROP_COUNT + 2] = from_port.errors_left_out;
+    now[CW_DROP_COUNT] = interface->write_failed;
+    now[CW_DROP_COUNT + 1] = interface->kernel_dropped;
+    now[CW_DROP_COUNT + 2] = interface->errors_left_out;
 }
 
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS], const char *name)
@@ -43,8 +41,7 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     char line[LINE_BYTES] = "";
     size_t used = 0;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
-        bool anew = now[kind] < logged[kind]; /* the node got another port */
-        uint64_t news = now[kind] - (anew ? 0 : logged[kind]);
+        uint64_t news = now[kind] - logged[kind];
         logged[kind] = now[kind];
         if (news == 0 || !texts[kind] || used >= LINE_BYTES)
             continue;
@@ -61,11 +58,11 @@ void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
     reload_remap(l->logged, sizeof l->logged[0], from);
 }
 
-void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports)
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond)
 {
     for (unsigned i = 0; i < config->node_count; i++) {
         uint64_t now[LOSS_KINDS] = {0};
-        collect(now, bus, i, ports[i]);
+        collect(now, bus, i, &beyond->nodes[i].interface);
         log_node(l->logged[i], now, config->nodes[i].name);
     }
 }

@@ -6,7 +6,7 @@
 #define CANWIRE_LOSSES_H
 
 #include "config.h"
-#include "port.h"
+#include "report.h"
 
 #define LOSS_KINDS (CW_DROP_COUNT + 3)
 
@@ -20,6 +20,6 @@ void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 
 /* One line for each node that has lost something since the last call. Drops that the
  * configuration asks for (one-shot, faults) and those of bus-off are no news and not logged. */
-void losses_log(losses *l, const cfg *config, const cw_bus *bus, port *const *ports);
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond);
 
 #endif

@@ -119,7 +119,9 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     (void)events;
     service *s = timer->data;
     engine_update(s->engine);
-    publisher_stats(s->publisher, engine_bus(s->engine), engine_ports(s->engine));
+    report beyond;
+    engine_report(s->engine, &beyond);
+    publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
 }
 
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
@@ -128,7 +130,9 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
     (void)events;
     service *s = timer->data;
     engine_update(s->engine);
-    losses_log(&s->losses, s->config, engine_bus(s->engine), engine_ports(s->engine));
+    report beyond;
+    engine_report(s->engine, &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
     cw_bus_stats stats;
     cw_bus_get_stats(engine_bus(s->engine), &stats);
     (void)sd_notifyf(0,
@@ -201,9 +205,12 @@ static bool run(service *s, struct ev_loop *loop)
              s->config->bitrate_bps);
     (void)sd_notify(0, "READY=1");
     ev_run(loop, 0);
+    report beyond;
+    engine_report(s->engine, &beyond);
     if (s->publisher)
-        publisher_stats(s->publisher, engine_bus(s->engine), engine_ports(s->engine));
-    losses_log(&s->losses, s->config, engine_bus(s->engine), engine_ports(s->engine));
+        publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    (void)engine_check_books(s->engine);
     report_end(s);
     return true;
 }

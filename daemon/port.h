@@ -19,10 +19,14 @@ typedef struct port_frame {
     int64_t realtime_ns; /* CLOCK_REALTIME of arrival; 0: unknown */
 } port_frame;
 
+/* Counters, all of them uint64_t. */
 typedef struct port_stats {
-    uint64_t written;        /* frames given to the ECU's interface */
+    uint64_t read;           /* frames that were read for the bus */
+    uint64_t written;        /* frames given to the ECU's interface; error frames not counted */
     uint64_t write_failed;   /* frames that the kernel did not take */
     uint64_t kernel_dropped; /* frames lost in the kernel before they could be read */
+    uint64_t errors_written; /* error frames given to the ECU's interface */
+    uint64_t errors_failed;  /* error frames that the kernel did not take */
     uint64_t errors_left_out; /* error frames not written because there were too many */
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
 } port_stats;

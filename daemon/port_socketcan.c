@@ -174,6 +174,7 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more)
         if (take_message(p, &frames[count], (unsigned)i))
             count++;
     *more = received == PORT_BATCH;
+    p->stats.read += count;
     return count;
 }
 
@@ -191,13 +192,11 @@ static void to_socketcan(struct can_frame *out, const cw_frame *in)
     memcpy(out->data, in->data, cw_frame_length(in));
 }
 
-static bool write_frame(port *p, const struct can_frame *frame)
+static bool write_frame(port *p, const struct can_frame *frame, uint64_t *written,
+                        uint64_t *failed)
 {
     bool good = send(p->fd, frame, sizeof *frame, MSG_DONTWAIT) == sizeof *frame;
-    if (good)
-        p->stats.written++;
-    else
-        p->stats.write_failed++;
+    (*(good ? written : failed))++;
     return good;
 }
 
@@ -205,7 +204,7 @@ bool port_write(port *p, const cw_frame *frame)
 {
     struct can_frame out;
     to_socketcan(&out, frame);
-    return write_frame(p, &out);
+    return write_frame(p, &out, &p->stats.written, &p->stats.write_failed);
 }
 
 bool port_write_error(port *p, const errframe *frame, uint64_t tick)
@@ -214,7 +213,7 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick)
         return false;
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
-    return write_frame(p, &out);
+    return write_frame(p, &out, &p->stats.errors_written, &p->stats.errors_failed);
 }
 
 void port_get_stats(port *p, port_stats *stats)

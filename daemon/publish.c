@@ -351,7 +351,7 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
 }
 
 static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_stats *s, unsigned i,
-                         port *own_port)
+                         const port_stats *interface)
 {
     const cfg_node *node = &p->config->nodes[i];
     uint64_t bits = bus->bits - p->last_bus.bits;
@@ -369,18 +369,14 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     p->last_tx_bits[i] = s->tx_bits;
     set_counters(&m, s);
     set_delay(&m, &s->delay);
-    if (own_port) {
-        port_stats ps;
-        port_get_stats(own_port, &ps);
-        m.dropped_rx += (int64_t)ps.write_failed;
-        m.dropped_kernel = (int64_t)ps.kernel_dropped;
-        m.error_frames_left_out = (int64_t)ps.errors_left_out;
-        m.error_frames_ignored = (int64_t)ps.errors_ignored;
-    }
+    m.dropped_rx += (int64_t)interface->write_failed;
+    m.dropped_kernel = (int64_t)interface->kernel_dropped;
+    m.error_frames_left_out = (int64_t)interface->errors_left_out;
+    m.error_frames_ignored = (int64_t)interface->errors_ignored;
     PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
 }
 
-void publisher_stats(publisher *p, const cw_bus *bus, port *const *ports)
+void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 {
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
@@ -388,7 +384,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, port *const *ports)
     for (unsigned i = 0; i < p->config->node_count; i++) {
         cw_node_stats node;
         if (cw_node_get_stats(bus, i, &node) == CW_OK)
-            publish_node(p, &stats, &node, i, ports[i]);
+            publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
     }
     p->last_bus = stats;
 }

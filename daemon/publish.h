@@ -10,7 +10,7 @@
 #define CANWIRE_PUBLISH_H
 
 #include "config.h"
-#include "port.h"
+#include "report.h"
 
 typedef struct publisher publisher;
 
@@ -23,9 +23,8 @@ void publisher_stop(publisher *p);
 /* The configuration has changed: nodes have other places. */
 void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
 
-/* Queues one BUS message and a NODE message for every node. ports has an entry, or NULL, for each
- * node. */
-void publisher_stats(publisher *p, const cw_bus *bus, port *const *ports);
+/* Queues one BUS message and a NODE message for every node. */
+void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 
 /* Queues an EVENT message for every node that it concerns, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);

@@ -47,21 +47,22 @@ void status_count(status_errors *errors, const cw_event *event)
 }
 
 /* What went on between the node and its ECU. */
-static json_t *interface_json(port *own_port)
+static json_t *interface_json(const port_stats *stats)
 {
-    port_stats stats;
     json_t *object = json_object();
-    port_get_stats(own_port, &stats);
-    put_count(object, "written", stats.written);
-    put_count(object, "write_failed", stats.write_failed);
-    put_count(object, "kernel_dropped", stats.kernel_dropped);
-    put_count(object, "errors_left_out", stats.errors_left_out);
-    put_count(object, "errors_ignored", stats.errors_ignored);
+    put_count(object, "read", stats->read);
+    put_count(object, "written", stats->written);
+    put_count(object, "write_failed", stats->write_failed);
+    put_count(object, "kernel_dropped", stats->kernel_dropped);
+    put_count(object, "errors_written", stats->errors_written);
+    put_count(object, "errors_failed", stats->errors_failed);
+    put_count(object, "errors_left_out", stats->errors_left_out);
+    put_count(object, "errors_ignored", stats->errors_ignored);
     return object;
 }
 
-static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node, port *own_port,
-                         const status_errors *errors)
+static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
+                         const report_node *own, const status_errors *errors)
 {
     cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
     cw_settings settings = {.which = 0};
@@ -71,11 +72,13 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node, po
     put_count(object, "rx_errors", errors->rx[node]);
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
-    put(object, "interface", own_port ? interface_json(own_port) : json_null());
+    put(object, "interface",
+        config->nodes[node].port ? interface_json(&own->interface) : json_null());
+    put_bool(object, "conserved", own->conserved);
     return object;
 }
 
-json_t *status_json(const cfg *config, const cw_bus *bus, port *const *ports,
+json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors)
 {
     json_t *object = json_object();
@@ -85,7 +88,7 @@ json_t *status_json(const cfg *config, const cw_bus *bus, port *const *ports,
     put_text(object, "file", config->file);
     put(object, "bus", output_bus_stats(config, bus));
     for (unsigned i = 0; i < config->node_count; i++)
-        put_last(nodes, node_json(config, bus, i, ports[i], errors));
+        put_last(nodes, node_json(config, bus, i, &beyond->nodes[i], errors));
     put(object, "nodes", nodes);
     return object;
 }

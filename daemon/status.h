@@ -6,7 +6,7 @@
 #define CANWIRE_STATUS_H
 
 #include "live.h"
-#include "port.h"
+#include "report.h"
 
 #include <jansson.h>
 #include <stdio.h>
@@ -20,9 +20,9 @@ typedef struct status_errors {
 /* Counts an event if it is an error. */
 void status_count(status_errors *errors, const cw_event *event);
 
-/* The bus, its nodes and their interfaces, as config/control.md tells. ports has an entry, or NULL,
- * for each node. To be released by the caller. */
-json_t *status_json(const cfg *config, const cw_bus *bus, port *const *ports,
+/* The bus, its nodes and their interfaces, as config/control.md tells. To be released by the
+ * caller. */
+json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors);
 
 /* The rules that are on the bus. To be released by the caller. */

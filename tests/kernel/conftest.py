@@ -134,6 +134,7 @@ class Daemon:
     def stderr(self):
         text = self.errors.read_text()
         assert "Sanitizer" not in text and "runtime error:" not in text, text
+        assert "unaccounted for" not in text, text
         return text
 
     def read_notifications(self):
