@@ -6,6 +6,7 @@
 
 #include "output.h"
 #include "sim_run.h"
+#include "sim_trace.h"
 #include "summary.h"
 
 #include <errno.h>
@@ -20,6 +21,9 @@ typedef struct sim_options {
     const char *events;
     const char *log;
     const char *stats;
+    const char *vcd;
+    const char *from;
+    const char *to;
     bool step;
 } sim_options;
 
@@ -29,11 +33,12 @@ typedef struct sim {
     FILE *events; /* NULL: not wanted */
     FILE *log;
     FILE *stats;
+    sim_trace trace;
 } sim;
 
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--seed N] [--events F] [--log F] [--stats F]\n"
-    "       [--step]\n";
+    "       [--vcd F] [--from TIME] [--to TIME] [--step]\n";
 
 static const char help[] =
     "\n"
@@ -45,9 +50,12 @@ static const char help[] =
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --stats F      statistics as JSON, at the end\n"
+    "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
+    "  --from TIME    of these only the bits from this bus time on\n"
+    "  --to TIME      ... up to this one\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
     "\n"
-    "F may be - for standard output. Without any of the three a summary is printed.\n"
+    "F may be - for standard output. Without any output a summary is printed.\n"
     "Exit status: 0, 1 bad input, 2 wrong usage.\n";
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
@@ -135,8 +143,19 @@ static bool make_bus(sim *s, bool step)
         fprintf(stderr, "canwire sim: out of memory\n");
         return false;
     }
-    cw_bus_set_stepping(s->run.bus, step);
+    s->run.step = step;
     sim_add_sink(&s->run, &writer);
+    return true;
+}
+
+/* Behind what else looks on: what has to do with events comes before what has to do with bits. */
+static bool start_trace(sim *s, const sim_options *o)
+{
+    if (!sim_trace_window(&s->trace, o->from, o->to, s->config, "canwire sim"))
+        return false;
+    if (!open_output(&s->trace.vcd_out, o->vcd))
+        return false;
+    sim_trace_start(&s->trace, &s->run);
     return true;
 }
 
@@ -146,22 +165,25 @@ static bool set_up(sim *s, const sim_options *o)
     return s->config && set_seed(s->config, o->seed) && make_bus(s, o->step) &&
            set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
-           open_output(&s->stats, o->stats);
+           open_output(&s->stats, o->stats) && start_trace(s, o);
 }
 
 static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
         output_stats(s->stats, s->config, s->run.bus);
-    if (!s->stats && !s->events && !s->log)
+    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out)
         summary_print(stdout, s->config, s->run.bus);
-    bool good = close_output(s->events, o->events);
+    bool good = sim_trace_finish(&s->trace, "canwire sim");
+    good = close_output(s->trace.vcd_out, o->vcd) && good;
+    good = close_output(s->events, o->events) && good;
     good = close_output(s->log, o->log) && good;
     return close_output(s->stats, o->stats) && good;
 }
 
 static void tear_down(sim *s)
 {
+    sim_trace_close(&s->trace);
     sim_close(&s->run);
     cfg_free(s->config);
 }
@@ -175,7 +197,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"until", required_argument, NULL, 'u'}, {"seed", required_argument, NULL, 's'},
         {"events", required_argument, NULL, 'e'}, {"log", required_argument, NULL, 'l'},
         {"stats", required_argument, NULL, 't'},  {"step", no_argument, NULL, 'S'},
-        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0},
+        {"vcd", required_argument, NULL, 'v'},    {"from", required_argument, NULL, 'f'},
+        {"to", required_argument, NULL, 'o'},     {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
@@ -195,6 +219,15 @@ static int parse_options(sim_options *o, int argc, char **argv)
         case 't':
             o->stats = optarg;
             break;
+        case 'v':
+            o->vcd = optarg;
+            break;
+        case 'f':
+            o->from = optarg;
+            break;
+        case 'o':
+            o->to = optarg;
+            break;
         case 'S':
             o->step = true;
             break;
@@ -209,6 +242,10 @@ static int parse_options(sim_options *o, int argc, char **argv)
     }
     if (optind + 1 != argc) {
         fputs(usage, stderr);
+        return 2;
+    }
+    if ((o->from || o->to) && !o->vcd) {
+        fprintf(stderr, "canwire sim: --from and --to are for --vcd\n%s", usage);
         return 2;
     }
     o->file = argv[optind];

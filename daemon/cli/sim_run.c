@@ -43,20 +43,16 @@ void sim_add_sink(sim_run *s, const sim_sink *sink)
 {
     assert(s->sink_count < SIM_SINKS_MAX);
     s->sinks[s->sink_count++] = *sink;
-    if (!sink->bit)
-        return;
-    s->bit_by_bit = true;
-    cw_bus_set_stepping(s->bus, true);
 }
 
 void sim_may_stop(sim_run *s)
 {
-    s->bit_by_bit = true;
+    s->may_stop = true;
 }
 
 void sim_stop(sim_run *s, uint64_t tick)
 {
-    assert(s->bit_by_bit);
+    assert(s->may_stop);
     s->stopped = true;
     s->until = tick;
 }
@@ -84,27 +80,65 @@ static void advance_bus(sim_run *s, uint64_t tick)
     pass_on_events(s);
 }
 
-static void pass_on_bit(sim_run *s)
-{
-    for (unsigned i = 0; i < s->sink_count; i++)
-        if (s->sinks[i].bit)
-            s->sinks[i].bit(s->sinks[i].user, s->bus);
-}
-
-static void advance(sim_run *s, uint64_t tick)
-{
-    const uint32_t bit_ticks = s->config->bit_ticks;
-    while (s->bit_by_bit && !s->stopped && cw_bus_now(s->bus) + bit_ticks <= tick) {
-        advance_bus(s, cw_bus_now(s->bus) + bit_ticks);
-        pass_on_bit(s);
-    }
-    if (!s->stopped)
-        advance_bus(s, tick);
-}
-
 static uint64_t least(uint64_t a, uint64_t b)
 {
     return a < b ? a : b;
+}
+
+/* Start of the first bit from now on that a sink wants, or CW_NEVER. */
+static uint64_t wanted_from(const sim_run *s, const sim_sink *sink)
+{
+    const uint64_t now = cw_bus_now(s->bus);
+    uint64_t first = sink->bits_from - sink->bits_from % s->config->bit_ticks;
+    uint64_t start = first > now ? first : now;
+    bool over = sink->bits_to != 0 && start >= sink->bits_to;
+    return sink->bit && !over ? start : CW_NEVER;
+}
+
+/* ... that any sink wants. */
+static uint64_t next_wanted(const sim_run *s)
+{
+    uint64_t start = CW_NEVER;
+    for (unsigned i = 0; i < s->sink_count; i++)
+        start = least(start, wanted_from(s, &s->sinks[i]));
+    return start;
+}
+
+static void set_stepping(sim_run *s, bool stepping)
+{
+    if (stepping != s->stepping)
+        cw_bus_set_stepping(s->bus, stepping);
+    s->stepping = stepping;
+}
+
+/* One bit, which may have been wanted. */
+static void advance_bit(sim_run *s)
+{
+    uint64_t start = cw_bus_now(s->bus);
+    bool wanted[SIM_SINKS_MAX];
+    for (unsigned i = 0; i < s->sink_count; i++)
+        wanted[i] = wanted_from(s, &s->sinks[i]) == start;
+    advance_bus(s, start + s->config->bit_ticks);
+    for (unsigned i = 0; i < s->sink_count; i++)
+        if (wanted[i])
+            s->sinks[i].bit(s->sinks[i].user, s->bus);
+}
+
+/* Bits that nobody looks at are left to the bus, which may skip them. */
+static void advance(sim_run *s, uint64_t tick)
+{
+    const uint32_t bit_ticks = s->config->bit_ticks;
+    while (!s->stopped && cw_bus_now(s->bus) + bit_ticks <= tick) {
+        uint64_t wanted = next_wanted(s);
+        bool now = wanted == cw_bus_now(s->bus);
+        set_stepping(s, s->step || now);
+        if (now || s->may_stop)
+            advance_bit(s);
+        else
+            advance_bus(s, least(tick, wanted));
+    }
+    if (!s->stopped)
+        advance_bus(s, tick);
 }
 
 /* When a run to the end of the traffic gives up waiting for something to happen. */

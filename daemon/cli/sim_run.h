@@ -15,6 +15,8 @@ typedef struct sim_sink {
     void *user;
     void (*event)(void *user, const cw_event *event); /* each event, in order */
     void (*bit)(void *user, const cw_bus *bus); /* at the end of each bit; after its events */
+    uint64_t bits_from; /* ticks: only bits that end after this */
+    uint64_t bits_to;   /* ... and start before this; 0: no end. Others are not stepped for it */
 } sim_sink;
 
 typedef struct sim_run {
@@ -24,8 +26,10 @@ typedef struct sim_run {
     release_plan *plan;
     uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
     uint64_t last_activity; /* tick of the last tx or release */
+    bool step;              /* every bit is simulated, whether somebody looks at it or not */
     bool stopped;           /* see sim_stop() */
-    bool bit_by_bit;        /* some sink looks at every bit, or may stop the run */
+    bool may_stop;
+    bool stepping;          /* what the bus was told last */
     unsigned sink_count;
     sim_sink sinks[SIM_SINKS_MAX];
 } sim_run;

@@ -63,7 +63,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --with | --until | --seed | --events | --log | --stats | --vcd) continue ;;
+        --with | --until | --seed | --from | --to | --events | --log | --stats | --vcd) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -119,7 +119,7 @@ _canwire() {
         _canwire_files
         return
         ;;
-    --until | --seed | --with) return ;;
+    --until | --seed | --from | --to | --with) return ;;
     esac
     if [[ $current == -* ]]; then
         _canwire_words "$(_canwire_options "$command")"

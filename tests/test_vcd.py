@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: MIT
+"""`canwire sim --vcd`: the dump says what was on the wire, and other programs read it.
+
+Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire.
+"""
+
+import bisect
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
+TIMEOUT_S = 60
+UNITS = 20  # of the dump in a bit at 500 kbit/s: 100 ns
+JOIN = 11  # the first SOF
+
+FRAMES = ["123#DEADBEEF", "7FF#R4", "000#", "12345678#00FF00FF", "1FFFFFFF#R", "555#0000000000000000",
+          "001#1122334455667788_F", "100#F8F8F8F83C"]
+
+ONE_BAD_BIT = """
+bus: { name: powertrain, bitrate: 500000 }
+nodes:
+  - name: engine
+    traffic: [ { send: 123#DEADBEEF } ]
+  - name: gearbox
+  - name: dash
+faults:
+  - name: one-bad-bit
+    when: { frame: "123", count: 1 }
+    do: { flip: "crc[3]", at: [gearbox] }
+"""
+
+ARBITRATION = """
+bus: { name: small, bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 123#DEADBEEF } ]
+  - name: b
+    traffic: [ { send: 12C# } ]
+"""
+
+
+def several(frames, bitrate=500000):
+    sends = "".join(f"      - {{ send: {f}, offset: {i}ms }}\n" for i, f in enumerate(frames))
+    return (f"bus: {{ name: several, bitrate: {bitrate} }}\nnodes:\n  - name: a\n"
+            f"    traffic:\n{sends}  - name: b\n")
+
+
+def run(*arguments, status=0):
+    result = subprocess.run([CANWIRE, *map(str, arguments)], capture_output=True, text=True,
+                            timeout=TIMEOUT_S, check=False)
+    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
+    return result
+
+
+class Vcd:
+    """A dump, parsed strictly: unknown words are errors. Times are in its own units."""
+
+    def __init__(self, text):
+        header, body = text.split("$enddefinitions $end\n")
+        self.scale = re.search(r"\$timescale (\d+ [munpf]?s) \$end", header).group(1)
+        self.scope = re.search(r"\$scope module (\S+) \$end", header).group(1)
+        self.types, self.ids = {}, {}
+        for kind, size, key, name in re.findall(r"\$var (\S+) (\d+) (\S+) (\S+) \$end", header):
+            assert name not in self.ids and key not in self.ids.values()
+            assert int(size) == {"wire": 1, "string": 1, "integer": 32}[kind]
+            self.types[key], self.ids[name] = kind, key
+        self.changes = {key: [] for key in self.types}
+        self.times = []
+        for line in body.splitlines():
+            self.take(line)
+        self.end = self.times[-1]
+
+    def take(self, line):
+        if line.startswith("#"):
+            assert not self.times or int(line[1:]) > self.times[-1]
+            self.times.append(int(line[1:]))
+            return
+        if line in ("$dumpvars", "$end"):
+            return
+        change = re.fullmatch(r"([01])(\S+)|b([01]+) (\S+)|s(\S*) (\S+)", line)
+        assert change, line
+        level, wire, number, integer, text, string = change.groups()
+        if wire:
+            key, value, kind = wire, int(level), "wire"
+        elif integer:
+            key, value, kind = integer, int(number, 2), "integer"
+        else:
+            key, value, kind = string, text, "string"
+        assert self.types[key] == kind
+        self.changes[key].append((self.times[-1], value))
+
+    def values(self, name):
+        """[(time, value)] of a variable, from the start of the dump on."""
+        return self.changes[self.ids[name]]
+
+    def at(self, name, time):
+        changes = self.values(name)
+        return changes[bisect.bisect(changes, time, key=lambda change: change[0]) - 1][1]
+
+    def bits(self, name, first, count, units=UNITS):
+        """As text: the values amid so many bits."""
+        return "".join(str(self.at(name, (first + i) * units + units // 2)) for i in range(count))
+
+
+@pytest.fixture(name="write")
+def fixture_write(tmp_path):
+    def write(text, name="bus.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def dump(path, *arguments):
+    return Vcd(run("sim", path, "--vcd", "-", *arguments).stdout)
+
+
+def raw(frame):
+    """What `canwire bits` says, with the ACK that another node gives."""
+    bits = run("bits", frame, "--raw").stdout.strip()
+    return bits[:-9] + "0" + bits[-8:]
+
+
+def stuff_bits(frame):
+    return int(re.search(r"(\d+) of them stuff", run("bits", frame).stdout).group(1))
+
+
+# ---- What it says --------------------------------------------------------------------------------
+
+
+def test_the_wire_is_that_of_canwire_bits(write):
+    vcd = dump(write(several(FRAMES)))
+    for i, frame in enumerate(FRAMES):
+        bits = raw(frame)
+        first = JOIN if i == 0 else i * 500
+        for level in ("wire", "a.sampled", "b.sampled"):
+            assert vcd.bits(level, first, len(bits)) == bits, frame
+        assert vcd.bits("wire", first - JOIN, JOIN) == "1" * JOIN
+        assert vcd.bits("a.driven", first, len(bits)) == bits[:-9] + "1" + bits[-8:]
+        assert vcd.bits("b.driven", first, len(bits)) == "1" * (len(bits) - 9) + "0" + "1" * 8
+        for node in "ab":
+            assert vcd.bits(f"{node}.stuff", first, len(bits)).count("1") == stuff_bits(frame)
+    assert vcd.scope == "several"
+
+
+def test_fields_follow_each_other(write):
+    vcd = dump(write(several(["123#DEADBEEF"])))
+    for node in "ab":
+        changes = vcd.values(f"{node}.field")
+        assert [name for _, name in changes] == [
+            "integrating", "sof", "id", "rtr", "ide", "r0", "dlc", "data[0]", "data[1]", "data[2]",
+            "data[3]", "crc", "crc-delimiter", "ack-slot", "ack-delimiter", "eof", "intermission"]
+        assert [time // UNITS for time, _ in changes] == [
+            0, 11, 12, 23, 24, 25, 26, 30, 38, 46, 55, 63, 79, 80, 81, 82, 89]
+    assert vcd.end == (11 + 78 + 3) * UNITS
+
+
+def test_a_fault_an_error_and_counters(write):
+    vcd = dump(write(ONE_BAD_BIT))
+    hit = 67 * UNITS  # crc[3], behind a stuff bit
+    assert vcd.values("rule") == [(0, ""), (hit, "one-bad-bit"), (hit + UNITS, "")]
+    assert vcd.values("fault") == [(0, 0), (hit, 1), (hit + UNITS, 0)]
+    assert vcd.at("wire", hit) == vcd.at("dash.sampled", hit) != vcd.at("gearbox.sampled", hit)
+    assert vcd.values("gearbox.error") == [(0, ""), (81 * UNITS, "crc"), (82 * UNITS, "")]
+    assert vcd.values("engine.error") == [(0, ""), (82 * UNITS, "form"), (83 * UNITS, "")]
+    assert [n for _, n in vcd.values("gearbox.field")][-20:][:3] == [
+        "error-flag", "error-wait", "error-delimiter"]
+    assert vcd.values("engine.tec") == [(0, 0), (83 * UNITS, 8), (178 * UNITS, 7)]
+    assert vcd.values("gearbox.rec")[:2] == [(0, 0), (82 * UNITS, 1)]
+    assert vcd.values("engine.state") == [(0, "error-active")]
+
+
+def test_states_change_at_the_end_of_a_bit(write):
+    path = write(several(["555#"]).replace("  - name: b\n", """  - name: b
+faults:
+  - { name: preset, when: { time: 10us }, do: { counters: a, tec: 130 } }
+"""))
+    vcd = dump(path)
+    assert vcd.values("a.state") == [(0, "error-active"), (100, "error-passive")]
+    assert vcd.values("a.tec")[:2] == [(0, 0), (100, 130)]
+    assert vcd.values("rule") == [(0, ""), (100, "preset"), (120, "")]
+
+
+def test_rules_of_one_bit_stand_together(write):
+    names = "abcdefghijklmnopqrstuvwxyz012345678901234567890123456789"
+    rules = "".join(f"  - {{ name: {i}{names}, when: {{ time: 10us }}, do: {{ counters: a, tec: {i} }} }}\n"
+                    for i in range(6))
+    vcd = dump(write(several(["555#"]) + "faults:\n" + rules))
+    told = vcd.at("rule", 100)
+    assert told.startswith(f"0{names}+1{names}+") and told.endswith("+") and len(told) < 256
+
+
+def test_arbitration_is_seen_in_the_levels(write):
+    vcd = dump(write(ARBITRATION))
+    lost = (12 + 7) * UNITS  # id[7]: 123 is 00100100011, 12C is 00100101100
+    assert (vcd.at("a.driven", lost), vcd.at("b.driven", lost), vcd.at("wire", lost)) == (0, 1, 0)
+    assert vcd.bits("b.driven", 20, 30) == "1" * 30
+
+
+def test_wires_of_a_partitioned_bus(write):
+    vcd = dump(write(several(["555#"]) + "faults:\n  - { name: cut, when: { time: 2us }, "
+                     "do: { partition: [[a], [b]], for: 1ms } }\n"), "--until", "60us")
+    assert vcd.at("wire", JOIN * UNITS) == vcd.at("a.sampled", JOIN * UNITS) == 0
+    assert [value for _, value in vcd.values("b.sampled")] == [1]
+    assert vcd.values("rule") == [(0, ""), (20, "cut"), (40, "")]
+
+
+@pytest.mark.parametrize("bitrate, scale, units", [
+    (1000000, "100 ns", 10), (800000, "10 ns", 125), (500000, "100 ns", 20), (125000, "100 ns", 80),
+    (83333, "1 us", 12), (10000, "10 us", 10), (5000, "10 us", 20), (761905, "100 ps", 13125),
+])
+def test_a_bit_is_a_whole_number_of_units(write, bitrate, scale, units):
+    vcd = dump(write(several(["555#55"], bitrate)))
+    assert vcd.scale == scale
+    assert vcd.values("a.field")[1] == (JOIN * units, "sof")
+    assert vcd.bits("wire", JOIN, 50, units) == raw("555#55")[:50]
+
+
+# ---- How much, and from where to where -----------------------------------------------------------
+
+
+def test_idle_time_costs_nothing(write):
+    path = write(several(["555#55"]))
+    short, long = (run("sim", path, "--vcd", "-", "--until", t).stdout for t in ("1ms", "1001ms"))
+    assert short.splitlines()[:-1] == long.splitlines()[:-1]
+    assert (short.splitlines()[-1], long.splitlines()[-1]) == ("#10000", "#10010000")
+
+
+@pytest.mark.parametrize("begin, end", [("0s", "100us"), ("50us", "164us"), ("164us", "200us"),
+                                        ("51us", "163us"), ("131us", "1s"), ("2us", "4us")])
+def test_a_window_is_that_part_of_the_whole(write, begin, end):
+    path = write(ONE_BAD_BIT)
+    whole, part = dump(path), dump(path, "--from", begin, "--to", end)
+    first = int(begin[:-2] if begin.endswith("us") else 0) // 2 * UNITS
+    last = min((int(end[:-2]) + 1) // 2 * UNITS if end.endswith("us") else whole.end, whole.end)
+    assert (part.times[0], part.end) == (first, last)
+    for name in whole.ids:
+        # counters and states of the last bit come at its end, levels of the next one do not
+        after = name.split(".")[-1] in ("tec", "rec", "state")
+        wanted = [(t, v) for t, v in whole.values(name) if first < t < last + after]
+        assert part.values(name) == [(first, whole.at(name, first))] + wanted, name
+
+
+def test_the_window_does_not_change_the_run(write):
+    path = write(several(FRAMES))
+    plain = run("sim", path, "--events", "-", "--stats", "-").stdout
+    windowed = run("sim", path, "--events", "-", "--stats", "-", "--vcd", "/dev/null", "--from",
+                   "1ms", "--to", "1100us").stdout
+    assert windowed == plain
+
+
+def test_the_dump_repeats(write):
+    path = write(ONE_BAD_BIT)
+    assert len({run("sim", path, "--vcd", "-").stdout for _ in range(2)}) == 1
+
+
+@pytest.mark.parametrize("window", [("--from", "2us", "--to", "2us"), ("--from", "3us", "--to", "2us"),
+                                    ("--from", "soon"), ("--to", "5"), ("--to", "0s")])
+def test_a_bad_window_is_status_one(write, window):
+    assert window[0] in run("sim", write(ARBITRATION), "--vcd", "-", *window, status=1).stderr
+
+
+def test_a_window_behind_the_end_is_status_one(write):
+    result = run("sim", write(ARBITRATION), "--vcd", "-", "--from", "1s", status=1)
+    assert "--from" in result.stderr and result.stdout == ""
+
+
+def test_a_window_of_nothing_is_status_two(write):
+    assert "usage:" in run("sim", write(ARBITRATION), "--from", "1us", status=2).stderr
+
+
+def test_an_output_that_cannot_be_written_is_status_one(write, tmp_path):
+    path = write(ARBITRATION)
+    assert "nowhere" in run("sim", path, "--vcd", tmp_path / "nowhere/f", status=1).stderr
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    assert "/dev/full" in run("sim", path, "--vcd", "/dev/full", status=1).stderr
+
+
+# ---- Other programs ------------------------------------------------------------------------------
+
+
+def need(program, package):
+    if not shutil.which(program):
+        pytest.skip(f"{program} is not installed (package {package})")
+
+
+def decoded(path, line, bitrate):
+    """Frames as sigrok's decoder tells them: identifier, then data bytes or the DLC of a remote."""
+    out = subprocess.run(
+        ["sigrok-cli", "-l", "1", "-i", str(path), "-P",
+         f"can:can_rx={line}:nominal_bitrate={bitrate}"],
+        capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
+    frames = []
+    for text in out.splitlines():
+        text = text.removeprefix("can-1: ")
+        if text == "Start of frame":
+            frames.append({"data": [], "remote": False})
+        elif found := re.fullmatch(r"(Full )?Identifier: \d+ \(0x([0-9a-f]+)\)", text):
+            frames[-1]["id"] = int(found.group(2), 16)
+        elif found := re.fullmatch(r"Data byte \d: 0x([0-9a-f]+)", text):
+            frames[-1]["data"].append(int(found.group(1), 16))
+        elif text.startswith("Remote transmission request: remote"):
+            frames[-1]["remote"] = True
+        elif found := re.fullmatch(r"CRC-15 sequence: 0x([0-9a-f]+)", text):
+            frames[-1]["crc"] = int(found.group(1), 16)
+        elif text == "ACK slot: ACK":
+            frames[-1]["ack"] = True
+    return frames
+
+
+def test_sigrok_decodes_the_wire(write, tmp_path):
+    need("sigrok-cli", "sigrok-cli")
+    # its decoder takes the CRC for data when the DLC is over 8, or not 0 in a remote frame
+    frames_sent = [frame.replace("#R4", "#R").replace("_F", "") for frame in FRAMES]
+    for bitrate in (500000, 1000000, 83333):
+        run("sim", write(several(frames_sent, bitrate)), "--vcd", tmp_path / "f.vcd")
+        for line in ("wire", "b.sampled"):
+            frames = decoded(tmp_path / "f.vcd", line, bitrate)
+            assert len(frames) == len(frames_sent)
+            for frame, got in zip(frames_sent, frames):
+                identifier, data = frame.split("#")
+                remote = data.startswith("R")
+                payload = [] if remote else list(bytes.fromhex(data))
+                crc = int(re.search(r"crc +([0-9A-F]{4})", run("bits", frame).stdout).group(1), 16)
+                assert (got["id"], got["data"], got["remote"]) == (int(identifier, 16), payload, remote)
+                assert got["crc"] == crc and got["ack"]
+
+
+def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):
+    need("sigrok-cli", "sigrok-cli")
+    run("sim", write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
+    shown = subprocess.run(["sigrok-cli", "-l", "1", "-i", tmp_path / "f.vcd", "--show"], text=True,
+                           capture_output=True, timeout=TIMEOUT_S, check=True).stdout
+    levels = [f"{n}.{what}" for n in ("engine", "gearbox", "dash")
+              for what in ("driven", "sampled", "stuff")]
+    assert re.findall(r"- (?:\S+powertrain\.)?(\S+): logic", shown) == ["wire", *levels, "fault"]
+
+
+def test_gtkwave_reads_what_was_written(write, tmp_path):
+    need("vcd2fst", "gtkwave, which is not among scripts/install-deps: it brings a desktop")
+    run("sim", write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
+    subprocess.run(["vcd2fst", "f.vcd", "f.fst"], cwd=tmp_path, timeout=TIMEOUT_S, check=True)
+    back = subprocess.run(["fst2vcd", "f.fst"], cwd=tmp_path, text=True, capture_output=True,
+                          timeout=TIMEOUT_S, check=True).stdout
+    written = Vcd((tmp_path / "f.vcd").read_text())
+    # it writes its own header and other identifiers
+    names = dict(re.findall(r"\$var \S+ \d+ (\S+) (\S+) \$end", back))
+    text = re.sub(r"\$var string 0", "$var string 1", back)
+    text = re.sub(r"\$timescale\s+(\d+)(\S+)\s+\$end", r"$timescale \1 \2 $end", text)
+    read = Vcd(text)
+    assert sorted(names.values()) == sorted(written.ids)
+    for name in written.ids:
+        assert read.values(name) == written.values(name), name
