@@ -157,6 +157,17 @@ void control_remap(control *c, const uint8_t from[CW_NODES_MAX])
     reload_remap(c->errors.tx, sizeof c->errors.tx[0], from);
 }
 
+static bool reload_engine(void *user, FILE *errors)
+{
+    return engine_reload(user, errors);
+}
+
+void control_on_reload(control *c, control_reload *call, void *user)
+{
+    c->world.reload = call;
+    c->world.reload_user = user;
+}
+
 control *control_start(struct ev_loop *loop, live *config, engine *bus)
 {
     control *c = calloc(1, sizeof *c);
@@ -165,6 +176,7 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus)
         return NULL;
     }
     c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
+    control_on_reload(c, reload_engine, bus);
     c->stream = open_memstream(&c->text, &c->text_length);
     if (!c->stream)
         log_error("out of memory");

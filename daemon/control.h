@@ -11,11 +11,16 @@
 #include "live.h"
 
 #include <ev.h>
+#include <stdio.h>
 
 typedef struct control control;
 
 /* Listens at the configuration's `control`. The others must live longer. NULL after logging why. */
 control *control_start(struct ev_loop *loop, live *config, engine *bus);
+
+/* Requests for a reload call this instead of engine_reload(). */
+typedef bool control_reload(void *user, FILE *errors);
+void control_on_reload(control *c, control_reload *call, void *user);
 
 /* Disconnects everybody and removes the socket. NULL is fine. */
 void control_stop(control *c);

@@ -299,7 +299,7 @@ static bool run_reload(request *r)
     FILE *stream = open_memstream(&errors, &length);
     if (!stream)
         return refuse(r, "out of memory");
-    bool good = engine_reload(r->world->engine, stream);
+    bool good = r->world->reload(r->world->reload_user, stream);
     (void)fclose(stream);
     if (!good)
         (void)refuse_lines(r, errors);

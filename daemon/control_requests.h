@@ -15,11 +15,16 @@
 #define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
 #define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing costs next to nothing */
 
+/* Does what engine_reload() does, with what belongs to it. */
+typedef bool request_reload(void *user, FILE *errors);
+
 /* What requests work on. */
 typedef struct request_world {
     live *config;
     engine *engine;
     const status_errors *errors;
+    request_reload *reload;
+    void *reload_user;
 } request_world;
 
 /* What a request did beyond its reply. */

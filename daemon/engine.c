@@ -272,8 +272,8 @@ static void log_removed(const engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (cw_node_get_stats(e->now.bus, i, &stats) == CW_OK &&
             stats.dropped[CW_DROP_REMOVED] > 0)
-            log_warning("node %s: %" PRIu64 " dropped, it is no more", e->config->nodes[i].name,
-                        stats.dropped[CW_DROP_REMOVED]);
+            log_node_warning(e->config->nodes[i].name, "%" PRIu64 " dropped, it is no more",
+                             stats.dropped[CW_DROP_REMOVED]);
 }
 
 static void keep_ports(setup *old, reload *r)
@@ -402,7 +402,7 @@ static bool open_ports(engine *e)
             continue;
         e->now.ports[i] = port_open(node->port, error);
         if (!e->now.ports[i]) {
-            log_error("node %s: port %s", node->name, error);
+            log_node_error(node->name, "port %s", error);
             good = false; /* go on, to name all that are missing */
         }
     }

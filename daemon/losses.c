@@ -50,7 +50,7 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
         used += length > 0 ? (size_t)length : 0;
     }
     if (used > 0)
-        log_warning("node %s: %s", name, line);
+        log_node_warning(name, "%s", line);
 }
 
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])

@@ -7,7 +7,9 @@
 #include "engine.h"
 #include "log.h"
 #include "losses.h"
+#include "notify.h"
 #include "publish.h"
+#include "watchdog.h"
 
 #include <ev.h>
 #include <getopt.h>
@@ -15,10 +17,9 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <systemd/sd-daemon.h>
-#include <time.h>
 
 #define STATUS_PERIOD_S 1.0 /* of the line in `systemctl status` */
+#define TROUBLE_BYTES 300   /* of what it says about nodes and about a refused reload, each */
 
 typedef struct service {
     live *live;
@@ -26,7 +27,10 @@ typedef struct service {
     publisher *publisher;
     engine *engine;
     control *control;
+    notifier *notifier;
+    watchdog watchdog;
     losses losses;
+    char refused[TROUBLE_BYTES]; /* why the last reload was refused, or empty */
     ev_signal terminate;
     ev_signal interrupt;
     ev_signal hangup;
@@ -39,7 +43,8 @@ static const char usage[] = "usage: canwired -c FILE\n";
 
 static const char help[] =
     "\n"
-    "Runs the CAN bus that FILE describes, in the foreground, until SIGTERM or SIGINT. SIGHUP reads\n"
+    "Runs the CAN bus that FILE describes, in the foreground, until SIGTERM or SIGINT. SIGHUP "
+    "reads\n"
     "FILE again.\n"
     "\n"
     "  -c, --config FILE   configuration (see canwire check)\n"
@@ -53,9 +58,12 @@ static void on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
     (void)loop;
     (void)events;
     service *s = watcher->data;
-    (void)sd_notify(0, "STOPPING=1\nSTATUS=Letting the frame on the wire end");
+    notify_stopping(s->notifier);
+    notify_status(s->notifier, "Letting the frame on the wire end");
     engine_stop(s->engine);
 }
+
+/* ---- Reload ---------------------------------------------------------------------------------- */
 
 /* One log line per line of the errors. */
 static void log_lines(char *text)
@@ -65,32 +73,47 @@ static void log_lines(char *text)
         log_error("%s", line);
 }
 
-static uint64_t monotonic_us(void)
+/* The service manager is told when the bus has gone over, or now that it does not. */
+static bool try_reload(service *s, char **text)
 {
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return (uint64_t)t.tv_sec * 1000000 + (uint64_t)t.tv_nsec / 1000;
+    size_t size = 0;
+    notify_reloading(s->notifier);
+    s->refused[0] = '\0';
+    FILE *errors = open_memstream(text, &size);
+    bool good = errors && engine_reload(s->engine, errors);
+    if (errors)
+        (void)fclose(errors);
+    if (good)
+        return true;
+    const char *why = errors && *text ? *text : "out of memory";
+    (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
+                   why);
+    notify_ready(s->notifier);
+    return false;
 }
 
 static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
     (void)events;
-    service *s = watcher->data;
     char *text = NULL;
-    size_t size = 0;
-    (void)sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%" PRIu64, monotonic_us());
-    FILE *errors = open_memstream(&text, &size);
-    bool good = errors && engine_reload(s->engine, errors);
-    if (errors)
-        (void)fclose(errors);
-    if (!good && text)
-        log_lines(text);
-    if (!good) {
+    if (!try_reload(watcher->data, &text)) {
+        if (text)
+            log_lines(text);
         log_error("reload: nothing was changed");
-        (void)sd_notify(0, "READY=1"); /* else when the bus has gone over */
     }
     free(text);
+}
+
+/* A request at the control socket: its client is told the errors. */
+static bool on_reload_request(void *user, FILE *errors)
+{
+    char *text = NULL;
+    bool good = try_reload(user, &text);
+    if (!good)
+        fputs(text ? text : "out of memory\n", errors);
+    free(text);
+    return good;
 }
 
 static double seconds(cfg_time time, uint32_t bit_ticks)
@@ -110,8 +133,10 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         s->statistics.repeat = seconds(s->config->lcm.period, s->config->bit_ticks);
         ev_timer_again(s->loop, &s->statistics);
     }
-    (void)sd_notify(0, "READY=1");
+    notify_ready(s->notifier);
 }
+
+/* ---- Statistics and status ------------------------------------------------------------------- */
 
 static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
 {
@@ -124,24 +149,44 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
 }
 
+/* ", engine bus-off" and so on, as far as there is room. */
+static void print_trouble(char out[TROUBLE_BYTES], const service *s)
+{
+    size_t used = 0;
+    out[0] = '\0';
+    for (unsigned i = 0; i < s->config->node_count && used < TROUBLE_BYTES; i++) {
+        cw_node_stats stats;
+        if (cw_node_get_stats(engine_bus(s->engine), i, &stats) != CW_OK ||
+            stats.state == CW_STATE_ERROR_ACTIVE)
+            continue;
+        int length = snprintf(out + used, TROUBLE_BYTES - used, ", %s %s", s->config->nodes[i].name,
+                              cw_state_name(stats.state));
+        used += length > 0 ? (size_t)length : 0;
+    }
+}
+
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
     service *s = timer->data;
+    char trouble[TROUBLE_BYTES];
+    cw_bus_stats stats;
     engine_update(s->engine);
     report beyond;
     engine_report(s->engine, &beyond);
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
-    cw_bus_stats stats;
     cw_bus_get_stats(engine_bus(s->engine), &stats);
-    (void)sd_notifyf(0,
-                     "STATUS=%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64
-                     " frames, %" PRIu64 " error frames",
-                     s->config->bus_name, s->config->node_count, s->config->bitrate_bps,
-                     stats.load_permille / 10u, stats.load_permille % 10u, stats.frames,
-                     stats.error_frames);
+    print_trouble(trouble, s);
+    notify_status(s->notifier,
+                  "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
+                  " error frames%s%s",
+                  s->config->bus_name, s->config->node_count, s->config->bitrate_bps,
+                  stats.load_permille / 10u, stats.load_permille % 10u, stats.frames,
+                  stats.error_frames, trouble, s->refused);
 }
+
+/* ---- Start and end --------------------------------------------------------------------------- */
 
 static void start_watchers(service *s, struct ev_loop *loop)
 {
@@ -191,6 +236,7 @@ static bool start(service *s, struct ev_loop *loop)
         s->control = control_start(loop, s->live, s->engine);
         if (!s->control)
             return false;
+        control_on_reload(s->control, on_reload_request, s);
         engine_observe(s->engine, control_event, s->control);
     }
     return true;
@@ -203,7 +249,8 @@ static bool run(service *s, struct ev_loop *loop)
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
-    (void)sd_notify(0, "READY=1");
+    notify_ready(s->notifier);
+    watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
     ev_run(loop, 0);
     report beyond;
     engine_report(s->engine, &beyond);
@@ -247,11 +294,28 @@ static int parse_options(const char **file, int argc, char **argv)
     return -1;
 }
 
+static cfg *load_config(const char *file)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *errors = open_memstream(&text, &size);
+    cfg *config = errors ? cfg_load(file, errors) : NULL;
+    if (errors)
+        (void)fclose(errors);
+    if (text)
+        log_as_is(text);
+    else
+        log_error("out of memory");
+    free(text);
+    return config;
+}
+
 static live *load(const char *file)
 {
-    cfg *config = cfg_load(file, stderr);
+    cfg *config = load_config(file);
     if (!config)
         return NULL;
+    log_set_bus(config->bus_name);
     live *l = live_new(config);
     if (l)
         return l;
@@ -271,11 +335,13 @@ int main(int argc, char **argv)
         return 1;
     s.config = live_config(s.live);
     struct ev_loop *loop = ev_default_loop(0);
+    s.notifier = notify_open(loop);
     bool good = run(&s, loop);
     control_stop(s.control);
     engine_free(s.engine);
     publisher_stop(s.publisher);
     live_free(s.live);
+    notify_close(s.notifier);
     ev_loop_destroy(loop);
     return good ? 0 : 1;
 }

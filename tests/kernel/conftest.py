@@ -115,21 +115,35 @@ def can_socket():
 
 
 class Daemon:
-    """A canwired, with the notification socket that systemd would give it."""
+    """A canwired, with the notification socket that systemd would give it.
 
-    def __init__(self, folder, text):
+    crowded: there is no room in the socket until listen() is called."""
+
+    def __init__(self, folder, text, crowded=False, **environment):
         self.config = folder / "bus.yaml"
         self.config.write_text(text)
         self.errors = folder / "stderr"
         self.notifications = []
         self.notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.notify.bind(str(folder / "notify"))
-        threading.Thread(target=self.read_notifications, daemon=True).start()
-        environment = dict(os.environ, NOTIFY_SOCKET=str(folder / "notify"))
+        if crowded:
+            self.crowd()
+        else:
+            self.listen()
+        environment = dict(os.environ, NOTIFY_SOCKET=str(folder / "notify"), **environment)
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen(
                 [CANWIRED, "-c", self.config], stderr=errors, env=environment
             )
+
+    def crowd(self):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as crowd:
+            with pytest.raises(BlockingIOError):
+                while True:
+                    crowd.sendto(b"CROWD=1", self.notify.getsockname())
+
+    def listen(self):
+        threading.Thread(target=self.read_notifications, daemon=True).start()
 
     def stderr(self):
         text = self.errors.read_text()
@@ -138,7 +152,7 @@ class Daemon:
         return text
 
     def read_notifications(self):
-        """As systemd does, all the time: a full socket would hold up the sender."""
+        """As systemd does, all the time."""
         while text := self.notify.recv(4096).decode():
             self.notifications += text.splitlines()
 
@@ -173,13 +187,13 @@ class Daemon:
 
 @pytest.fixture
 def launch(tmp_path):
-    """launch(TEXT) starts canwired with this configuration and does not wait."""
+    """launch(TEXT) starts canwired with this configuration and does not wait. More: see Daemon."""
     launched = []
 
-    def start(text):
+    def start(text, **more):
         folder = tmp_path / f"canwired{len(launched)}"
         folder.mkdir()
-        launched.append(Daemon(folder, text))
+        launched.append(Daemon(folder, text, **more))
         return launched[-1]
 
     yield start
@@ -191,8 +205,8 @@ def launch(tmp_path):
 def canwired(launch):
     """canwired(TEXT) starts canwired and waits until it is ready."""
 
-    def start(text):
-        daemon = launch(text)
+    def start(text, **more):
+        daemon = launch(text, **more)
         daemon.wait_ready()
         return daemon
 
