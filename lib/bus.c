@@ -133,7 +133,9 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->next_restart = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
+    bus->wanted = UINT32_MAX;
     cw_load_init(&bus->load, config->bit_ticks);
+    cw_contest_init(&bus->contest, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(&bus->nodes[i], &config->nodes[i]);
     for (unsigned i = 0; i < config->rule_count; i++) {
@@ -156,19 +158,21 @@ static void tell_news(cw_bus *bus)
 
 static void run_due_nodes(cw_bus *bus)
 {
-    bool restarts = bus->next_restart <= bus->now;
-    if (!restarts && cw_bus_inbox_first(bus) > bus->now)
+    if (bus->next_restart > bus->now) {
+        cw_take_inbox_before(bus, bus->now + 1); /* sorted by node, too */
         return;
+    }
     for (unsigned i = 0; i < bus->node_count; i++)
         cw_run_due_node(bus, i);
-    if (restarts)
-        cw_find_next_restart(bus);
+    cw_find_next_restart(bus);
 }
 
 /* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
  * has, nothing is left to be told of this tick. */
 static void run_all_due(cw_bus *bus)
 {
+    if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
+        cw_leap_end(bus);
     do {
         cw_fault_run_due(bus);
         run_due_nodes(bus);
@@ -180,11 +184,15 @@ static void run_all_due(cw_bus *bus)
 /* ---- One bit: drive -------------------------------------------------------------------------- */
 
 /* The frame is chosen anew at each start (M1), but encoded only when it is another one. */
-static void offer_first(bus_node *n)
+void cw_offer_first(bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
-    if (n->mac.offered && n->offered_slot == slot)
-        return;
+    if (!n->mac.offered || n->offered_slot != slot)
+        cw_offer_slot(n, slot);
+}
+
+void cw_offer_slot(bus_node *n, uint16_t slot)
+{
     n->offered_slot = slot;
     n->wrong_crc = false;
     cw_status status = cw_mac_offer(&n->mac, &n->queue.slots[slot].frame);
@@ -196,6 +204,7 @@ static void note_start(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_share_lost(bus, i);
     if (slot->attempts++ > 0)
         n->stats.retransmissions++;
     if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: nothing of it is on the wire */
@@ -217,7 +226,7 @@ static uint64_t drive_all(cw_bus *bus)
         unsigned i = cw_lowest_node(rest);
         bus_node *n = &bus->nodes[i];
         if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
-            offer_first(n);
+            cw_offer_first(n);
         if (cw_mac_drive(&n->mac) == CW_DOMINANT)
             levels &= ~cw_node_bit(i);
         if (n->mac.started)
@@ -337,6 +346,7 @@ static void end_bit(cw_bus *bus)
 static void step(cw_bus *bus)
 {
     bit_reports reports;
+    bus->crowd.valid = false;
     cw_levels levels = {.driven = drive_all(bus)};
     watch_wire(bus);
     if (bus->faults.awake_count)
@@ -357,7 +367,6 @@ static void step(cw_bus *bus)
         settle(bus, &reports);
     if (!bus->stepping)
         gather(bus, &reports);
-    run_all_due(bus);
 }
 
 /* ---- Idle time ------------------------------------------------------------------------------- */
@@ -396,7 +405,10 @@ static void skip(cw_bus *bus, uint64_t bits)
         cw_mac_skip(&bus->common, bits);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        cw_mac_skip(&bus->nodes[i].mac, bits);
+        cw_mac *m = &bus->nodes[i].mac;
+        unsigned phase = m->phase;
+        cw_mac_skip(m, bits);
+        bus->crowd.valid = bus->crowd.valid && m->phase == phase;
         cw_join(bus, i);
     }
     bus->error_flag.now = false;
@@ -405,7 +417,22 @@ static void skip(cw_bus *bus, uint64_t bits)
     bus->stats.bits += bits;
     bus->recessive_bits += bits;
     cw_load_add(&bus->load, bits, false);
-    run_all_due(bus);
+}
+
+/* Some bits, at least one. */
+static void go_on(cw_bus *bus, uint64_t tick)
+{
+    if (bus->leap.active) {
+        cw_leap_on(bus, tick);
+        return;
+    }
+    if (!bus->stepping && cw_leap_begin(bus, tick))
+        return;
+    uint64_t bits = bus->stepping ? 0 : quiet_bits(bus, tick);
+    if (bits > 0)
+        skip(bus, bits);
+    else
+        step(bus);
 }
 
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
@@ -416,11 +443,8 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
     while (tick >= bus->now && tick - bus->now >= bus->bit_ticks) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
-        uint64_t bits = bus->stepping ? 0 : quiet_bits(bus, tick);
-        if (bits > 0)
-            skip(bus, bits);
-        else
-            step(bus);
+        go_on(bus, tick);
+        run_all_due(bus);
     }
     return CW_OK;
 }
@@ -428,8 +452,15 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
 void cw_bus_set_stepping(cw_bus *bus, bool stepping)
 {
     bus->stepping = stepping;
-    if (stepping)
-        cw_leave(bus, bus->all);
+    if (!stepping)
+        return;
+    cw_leap_end(bus);
+    cw_leave(bus, bus->all);
+}
+
+void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
+{
+    bus->wanted = kinds;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -441,7 +472,7 @@ uint64_t cw_bus_now(const cw_bus *bus)
 
 uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 {
-    return bus->recessive_bits;
+    return bus->leap.active ? cw_leap_recessive_bits(bus) : bus->recessive_bits;
 }
 
 size_t cw_bus_pending(const cw_bus *bus)
@@ -451,6 +482,8 @@ size_t cw_bus_pending(const cw_bus *bus)
 
 bool cw_bus_idle(const cw_bus *bus)
 {
+    if (bus->leap.active)
+        return false;
     bool busy = bus->followers && cw_mac_is_busy(&bus->common);
     for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
         busy = cw_mac_is_busy(&bus->nodes[cw_lowest_node(rest)].mac);
@@ -462,11 +495,12 @@ bool cw_bus_idle(const cw_bus *bus)
 #define LOOK_AGAIN_BITS 6u
 #define LOOK_AT_FAULTS_BITS 100u
 
-uint64_t cw_bus_next(const cw_bus *bus)
+/* Bits until a controller may have something to report. */
+static uint64_t horizon(const cw_bus *bus)
 {
     uint64_t bits = CW_QUIET_FOREVER;
-    if (bus->news)
-        return bus->now;
+    if (bus->leap.active)
+        return cw_leap_horizon(bus);
     if (bus->followers)
         bits = cw_mac_horizon(&bus->common, (bus->waiting & bus->followers) != 0);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
@@ -474,6 +508,14 @@ uint64_t cw_bus_next(const cw_bus *bus)
         bool waits = bus->waiting >> i & 1u;
         bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, waits));
     }
+    return bits;
+}
+
+uint64_t cw_bus_next(const cw_bus *bus)
+{
+    if (bus->news)
+        return bus->now;
+    uint64_t bits = horizon(bus);
     if (bits == CW_QUIET_FOREVER && !cw_bus_idle(bus))
         bits = LOOK_AGAIN_BITS;
     if (bus->faults.awake_count)
@@ -497,6 +539,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
         return CW_INVALID;
     const bus_node *n = &bus->nodes[i];
     *stats = n->stats;
+    cw_share_stats(bus, i, stats);
     stats->inbox = n->inbox;
     stats->queue = n->queue.count;
     cw_fault_count_held(bus, i, &stats->held, &stats->rx_held);

@@ -3,6 +3,7 @@
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
  *   bus.c      set-up, time: one bit after the other, idle time skipped
+ *   leap.c     clean frames in one go; contest.c who wins them, and what it costs the others
  *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
@@ -15,6 +16,7 @@
 #define CANWIRE_BUS_PRIVATE_H
 
 #include "canwire.h"
+#include "contest.h"
 #include "fault.h"
 #include "mac.h"
 #include "queue.h"
@@ -33,6 +35,9 @@ typedef struct bus_node {
     uint32_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
+    uint64_t lost_before;  /* what had been shared out, see cw_contest */
+    uint64_t rx_frames_before;
+    uint64_t rx_bytes_before;
     cw_node_stats stats;
 } bus_node;
 
@@ -89,6 +94,33 @@ typedef struct bit_note {
     } nodes[CW_NODES_MAX];
 } bit_note;
 
+/* Who does what while all nodes are idle; to be found anew when a controller has changed. */
+typedef struct cw_crowd {
+    bool valid;
+    bool calm;          /* each node is idle, or away until somebody does something to it */
+    uint64_t riders;    /* idle nodes, which will receive the next frame or send it */
+    uint64_t away;      /* off or bus-off */
+    uint64_t starters;  /* riders that may transmit */
+    uint64_t answerers; /* riders that acknowledge */
+    uint64_t counting;  /* answerers whose REC a good frame lowers (R8) */
+    uint64_t one_shot;
+} cw_crowd;
+
+/* A clean frame on its way, see leap.c. */
+typedef struct cw_leap {
+    bool active;
+    uint8_t node;         /* the transmitter */
+    uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
+    uint16_t stop;        /* a rule looks at this bit */
+    uint16_t length;      /* SOF to EOF */
+    const cw_bits *bits;
+    uint64_t riders;
+    uint64_t contenders;  /* nodes that began to transmit */
+    uint64_t undecided;   /* of these, those that have not lost yet and will */
+    uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
+    uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
+} cw_leap;
+
 struct cw_bus {
     uint32_t bit_ticks;
     unsigned node_count;
@@ -111,11 +143,16 @@ struct cw_bus {
     uint64_t waiting;   /* nodes with frames in their queues */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     cw_mac common;
+    cw_crowd crowd;
+    cw_leap leap;
+    cw_contest contest;
+    uint32_t wanted;    /* kinds of events, as bits */
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped */
     bool news; /* a rule or a setting has changed something at a controller */
     uint64_t seed;
     uint64_t driven; /* of the bit in progress, see cw_levels */
+    cw_event unwanted_event; /* written to when nobody wants it */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     cw_fault_set faults;
@@ -154,6 +191,12 @@ unsigned cw_ring_least(const cw_bus_config *config);
 
 /* The event may be filled in until the next one is put in. */
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes);
+
+/* Whether anybody sees events of a kind. */
+static inline bool cw_wants_event(const cw_bus *bus, cw_event_kind kind)
+{
+    return bus->wanted >> kind & 1u;
+}
 
 /* At the present tick, with the node's counters. */
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
@@ -197,6 +240,26 @@ bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
 /* Room in the queue of a node: for what its configuration and rules from the start may set. */
 uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
 
+/* The frame of a node's queue that goes first, or the one in a slot, encoded and ready to be sent. */
+void cw_offer_first(bus_node *node);
+void cw_offer_slot(bus_node *node, uint16_t slot);
+
+/* ---- leap.c ---------------------------------------------------------------------------------- */
+
+/* Begins to leap over the frame that comes next and goes as far as the end of it, the next moment
+ * at which something happens, or tick. False: nothing is done, bits are to be simulated singly. */
+bool cw_leap_begin(cw_bus *bus, uint64_t tick);
+
+/* Goes on in a leap; at least one bit lies before tick. */
+void cw_leap_on(cw_bus *bus, uint64_t tick);
+
+/* Puts all controllers where they are by now; does nothing when no leap is under way. */
+void cw_leap_end(cw_bus *bus);
+
+/* In a leap: recessive bits up to now, and bits until the next event. */
+uint64_t cw_leap_recessive_bits(const cw_bus *bus);
+uint64_t cw_leap_horizon(const cw_bus *bus);
+
 /* ---- lockstep.c ------------------------------------------------------------------------------ */
 
 /* The controller of a node, shared or its own. */
@@ -227,6 +290,15 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels);
 
 /* Events and statistics of one node at the end of a bit, in the order of cw_event_kind. */
 void cw_settle_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
+
+/* The node has lost arbitration at a bit with the frame of its offered slot. */
+void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
+
+/* The node has sent the frame of its offered slot. */
+void cw_settle_sent(cw_bus *bus, unsigned node);
+
+/* The node has received a frame. */
+void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* A state that has changed since it was last told. */
 void cw_tell_state(cw_bus *bus, unsigned node);

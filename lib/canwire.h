@@ -593,6 +593,11 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
  * same; it is the reference, and what looks at single bits needs it. Off after cw_bus_init(). */
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
 
+/* Which kinds of events are kept for cw_bus_poll(), as bits 1u << cw_event_kind; the others only count
+ * in the statistics. All of them after cw_bus_init(). Leaving out lost arbitrations makes a bus with
+ * many busy nodes faster. */
+void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
+
 /* Takes the oldest event; false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 

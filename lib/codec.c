@@ -203,3 +203,52 @@ bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned ind
     cw_place place = cw_bits_place(bits, n);
     return place.field == field && place.index == index;
 }
+
+unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
+{
+    unsigned n = u;
+    for (unsigned moved; (moved = u + cw_bitset_count_upto(bits->stuff, n)) != n;)
+        n = moved;
+    return n;
+}
+
+static bool find_stuff_bit(const cw_bits *bits, unsigned *n, unsigned index)
+{
+    for (*n = 0; *n < bits->length; (*n)++)
+        if (cw_bitset_get(bits->stuff, *n) && index-- == 0)
+            return true;
+    return false;
+}
+
+/* As find_step(), for a position; *u is moved behind the row when it is not in there. */
+static bool find_place(unsigned *u, const cw_bits *bits, const uint8_t *row, size_t steps,
+                       cw_field field, unsigned index)
+{
+    for (size_t i = 0; i < steps; i++) {
+        unsigned length = row[i] == CW_STEP_DATA ? bits->data_bits : cw_steps[row[i]].length;
+        cw_place first = cw_step_place((cw_step)row[i], 0, bits->extended);
+        if (first.field == field && index >= first.index && index < first.index + length) {
+            *u += index - first.index;
+            return true;
+        }
+        *u += length;
+    }
+    return false;
+}
+
+bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index)
+{
+    unsigned u = 0;
+    *n = index;
+    if (field == CW_FIELD_BIT)
+        return index < bits->length;
+    if (field == CW_FIELD_STUFF)
+        return find_stuff_bit(bits, n, index);
+    bool head = bits->extended ? find_place(&u, bits, extended_steps, sizeof extended_steps, field,
+                                            index)
+                               : find_place(&u, bits, base_steps, sizeof base_steps, field, index);
+    if (!head && !find_place(&u, bits, tail_steps, sizeof tail_steps, field, index))
+        return false;
+    *n = cw_bits_wire_index(bits, u);
+    return true;
+}

@@ -62,6 +62,12 @@ static inline uint16_t cw_crc_next(uint16_t crc, bool bit)
     return (feedback ? shifted ^ 0x4599u : shifted) & 0x7FFFu;
 }
 
+/* The wire bit that is the u-th one, from 0, of those that are no stuff bits. */
+unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
+
+/* Finds the wire bit that cw_bits_is_at() a position; false when the frame has none. */
+bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);
+
 /* As cw_bits_encode(), with some bits of the CRC sequence inverted. */
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
 

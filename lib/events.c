@@ -91,6 +91,10 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
 static cw_event *insert(cw_bus *bus, const cw_event *added)
 {
     event_ring *ring = &bus->ring;
+    if (!cw_wants_event(bus, added->kind)) {
+        bus->unwanted_event = *added;
+        return &bus->unwanted_event;
+    }
     if (ring->count == ring->capacity) {
         bus->stats.events_lost++;
         bus->lost_event = *added;

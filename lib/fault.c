@@ -274,8 +274,7 @@ void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
     arm_followers(bus, rule, told);
 }
 
-/* All that makes a match a hit, up to the hit itself. */
-static bool takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
     cw_fault *f = fault_at(bus, rule);
     const cw_rule *r = &f->rule;
@@ -297,7 +296,7 @@ static bool takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t tol
 
 bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    if (!takes_match(bus, rule, start, told))
+    if (!cw_fault_takes_match(bus, rule, start, told))
         return false;
     cw_fault_count_hit(bus, rule, told);
     return true;
@@ -314,8 +313,7 @@ void cw_fault_wake(cw_bus *bus, unsigned rule)
     list_add(bus->faults.awake, &bus->faults.awake_count, rule);
 }
 
-/* Takes rules that have nothing to do any more out of the awake list. */
-static void fall_asleep(cw_bus *bus)
+void cw_fault_fall_asleep(cw_bus *bus)
 {
     cw_fault_set *set = &bus->faults;
     unsigned kept = 0;
@@ -392,7 +390,7 @@ static void encode_offer(bus_node *n, const cw_frame *frame, bool wrong_crc)
 static bool begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
     if (fault_at(bus, rule)->rule.action == CW_ACTION_NOISE)
-        return takes_match(bus, rule, start, told);
+        return cw_fault_takes_match(bus, rule, start, told);
     return cw_fault_match(bus, rule, start, told);
 }
 
@@ -460,7 +458,7 @@ void cw_fault_emit(cw_bus *bus)
             cw_push_fault(bus, bus->faults.awake[i], bus->now);
         f->hit_now = false;
     }
-    fall_asleep(bus);
+    cw_fault_fall_asleep(bus);
 }
 
 /* ---- Errors ---------------------------------------------------------------------------------- */
@@ -681,6 +679,7 @@ static void count_kinds(cw_bus *bus)
     set->reply_rules = 0;
     set->error_rules = 0;
     set->copies = 0;
+    set->known = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_fault *f = &set->faults[i];
         set->host_rules += f->used && is_host_action(f->rule.action);

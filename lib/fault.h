@@ -76,6 +76,9 @@ typedef struct cw_fault_set {
     unsigned error_rules;
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
+    uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
+    uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
+    uint64_t early;         /* ... and those where it may do so before arbitration is lost */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
@@ -136,6 +139,32 @@ void cw_fault_wake(cw_bus *bus, unsigned rule);
 void cw_fault_due(cw_bus *bus, uint64_t tick);
 
 void cw_fault_end_action(cw_bus *bus, unsigned rule);
+
+/* As cw_fault_match(), up to the hit itself: a match that is none is counted, a hit is not. */
+bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* Takes rules that have nothing to do any more out of the awake list. */
+void cw_fault_fall_asleep(cw_bus *bus);
+
+/* ---- fault_leap.c ---------------------------------------------------------------------------- */
+
+/* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
+ * them only those where it may do so before they lose. */
+uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
+
+/* Whether some rule may act at or before the SOF of the next frames of these nodes. */
+bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
+
+#define CW_NO_STOP UINT16_MAX
+
+/* In a leap: the first wire bit, from `from` on, that a rule looks at, or CW_NO_STOP. */
+uint16_t cw_fault_next_stop(const cw_bus *bus, unsigned from);
+
+/* In a leap, at a bit that a rule looks at: true when it is no hit. The match is counted then. */
+bool cw_fault_lets_pass(cw_bus *bus, unsigned bit);
+
+/* No transmission is under way any more. */
+void cw_fault_unbind(cw_bus *bus);
 
 /* ---- fault_level.c --------------------------------------------------------------------------- */
 

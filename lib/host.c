@@ -46,6 +46,8 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
         bus->waiting |= cw_node_bit(i);
     else
         bus->waiting &= ~cw_node_bit(i);
+    bus->faults.known &= ~cw_node_bit(i);
+    cw_contest_update(bus, i);
 }
 
 /* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
@@ -66,6 +68,9 @@ static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
+    if (bus->leap.active && bus->leap.at == 1 && tick <= bus->now)
+        cw_leap_end(bus); /* it may join the frame that has just begun (M6) */
+    cw_share_lost(bus, i);
     cw_drop why = refusal(bus, i, frame);
     if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {
         cw_push_drop(bus, i, CW_SIDE_TX, frame,
@@ -104,6 +109,7 @@ void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
 void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
 {
     bus_node *n = &bus->nodes[i];
+    cw_share_lost(bus, i);
     uint16_t source = n->queue.slots[slot].source;
     if (source && bus->faults.faults[source - 1].outstanding)
         bus->faults.faults[source - 1].outstanding--;
@@ -226,7 +232,7 @@ static void restart(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     n->restart_at = CW_NEVER;
-    if (cw_mac_request_restart(&n->mac) != CW_OK)
+    if (cw_mac_request_restart(cw_own_mac(bus, i)) != CW_OK)
         return;
     flush_queue(bus, i, CW_DROP_BUS_OFF);
     n->stats.restarts++;
@@ -290,6 +296,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
         set_restart(bus, i, s->restart_ticks);
     if (s->which & CW_SET_QUEUE)
         n->queue_limit = s->queue;
+    cw_share_lost(bus, i);
     if (s->which & CW_SET_ORDER)
         cw_queue_set_order(&n->queue, s->order);
     cw_queue_changed(bus, i);

@@ -28,6 +28,8 @@ void cw_leave(cw_bus *bus, uint64_t nodes)
 
 cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
 {
+    cw_leap_end(bus);
+    bus->crowd.valid = false;
     cw_leave(bus, cw_node_bit(i));
     return &bus->nodes[i].mac;
 }

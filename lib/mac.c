@@ -955,6 +955,13 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     m->rx = there->rx;
 }
 
+void cw_mac_become_transmitter(cw_mac *m, unsigned bits)
+{
+    m->role = CW_ROLE_TRANSMITTER;
+    m->tx_next = (uint8_t)bits;
+    m->may_join = false;
+}
+
 bool cw_mac_is_busy(const cw_mac *m)
 {
     return m->phase >= CW_MAC_FRAME && m->phase <= CW_MAC_INTERMISSION;

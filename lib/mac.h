@@ -45,6 +45,10 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
  * offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 
+/* A controller at a point as a receiver turns out to be the transmitter of its offered frame, of
+ * which so many bits are on the wire. */
+void cw_mac_become_transmitter(cw_mac *mac, unsigned bits);
+
 /* Whether the bit that comes next belongs to a frame, its intermission or to error signalling. */
 bool cw_mac_is_busy(const cw_mac *mac);
 

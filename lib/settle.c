@@ -4,38 +4,49 @@
  */
 #include "bus_private.h"
 
-/* The frame that a report is about has left the queue, or will be tried again. */
-static void settle_frame(cw_bus *bus, unsigned i, const cw_mac_report *r, cw_frame *about,
-                         uint64_t *handed_in)
+/* The slot's contents stay readable until the next frame is put in. */
+static const cw_queue_slot *offered_slot(const bus_node *n)
 {
-    const unsigned own = CW_REPORT_ARBITRATION_LOST | CW_REPORT_TX | CW_REPORT_DROPPED;
-    bus_node *n = &bus->nodes[i];
-    if (!(r->what & own))
-        return;
-    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
-    *about = slot->frame;
-    *handed_in = slot->handed_in;
-    if (r->what & CW_REPORT_TX) {
-        n->stats.tx_frames++;
-        n->stats.tx_bytes += cw_frame_length(about);
-        n->stats.tx_bits += n->mac.tx.length;
-        if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
-            bus->stats.frames++;
-            bus->stats.frame_bits += n->mac.tx.length;
-        }
-        cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
-    }
-    if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
-        cw_remove_slot(bus, i, n->offered_slot);
-    if (r->what & CW_REPORT_DROPPED)
-        cw_push_drop(bus, i, CW_SIDE_TX, about, CW_DROP_ONE_SHOT, bus->now);
+    return &n->queue.slots[n->offered_slot];
 }
 
-static void report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit, const cw_frame *frame)
+static void count_sent(cw_bus *bus, bus_node *n)
+{
+    const cw_queue_slot *slot = offered_slot(n);
+    n->stats.tx_frames++;
+    n->stats.tx_bytes += cw_frame_length(&slot->frame);
+    n->stats.tx_bits += n->mac.tx.length;
+    if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
+        bus->stats.frames++;
+        bus->stats.frame_bits += n->mac.tx.length;
+    }
+    cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
+}
+
+void cw_settle_sent(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    count_sent(bus, n);
+    cw_remove_slot(bus, i, n->offered_slot);
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
+    e->frame = offered_slot(n)->frame;
+    e->from = cw_node_bit(i);
+    e->handed_in = offered_slot(n)->handed_in;
+}
+
+/* A frame that is given up, by a one-shot node. */
+static void settle_given_up(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_remove_slot(bus, i, n->offered_slot);
+    cw_push_drop(bus, i, CW_SIDE_TX, &offered_slot(n)->frame, CW_DROP_ONE_SHOT, bus->now);
+}
+
+void cw_tell_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
     e->lost_bit = bit;
-    e->frame = *frame;
+    e->frame = offered_slot(&bus->nodes[i])->frame;
     bus->nodes[i].stats.arbitration_lost++;
     bus->stats.arbitration_lost++;
     cw_fault_error(bus, i, e);
@@ -64,20 +75,14 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
-static void report_tx(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t handed_in)
-{
-    cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
-    e->frame = *frame;
-    e->from = cw_node_bit(i);
-    e->handed_in = handed_in;
-}
-
 /* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this
  * very bit, so that they do not send any more. */
 static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
 {
     uint64_t self = cw_node_bit(receiver);
     uint64_t nodes = 0;
+    if (bus->leap.active)
+        return cw_node_bit(bus->leap.node);
     if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
         return self;
     for (unsigned i = 0; i < bus->node_count; i++) {
@@ -101,10 +106,10 @@ static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
     return origin;
 }
 
-static void report_rx(cw_bus *bus, unsigned i)
+void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 {
     bus_node *n = &bus->nodes[i];
-    cw_frame frame = *cw_mac_received(cw_mac_of(bus, i));
+    cw_frame frame = *received;
     n->stats.rx_accepted++;
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
@@ -141,23 +146,21 @@ void cw_tell_state(cw_bus *bus, unsigned i)
 
 void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
-    bus_node *n = &bus->nodes[i];
-    cw_frame about = {.id = 0};
-    uint64_t handed_in = 0;
-    settle_frame(bus, i, r, &about, &handed_in);
+    if (r->what & CW_REPORT_DROPPED)
+        settle_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
-        report_arbitration_lost(bus, i, r->lost_bit, &about);
+        cw_tell_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
         report_error(bus, i, &r->error);
     if (r->what & CW_REPORT_TOLERATED)
         cw_push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
     if (r->what & CW_REPORT_OVERLOAD) {
         (void)cw_push_node_event(bus, CW_EVENT_OVERLOAD, i);
-        n->stats.overloads++;
+        bus->nodes[i].stats.overloads++;
     }
     if (r->what & CW_REPORT_RX)
-        report_rx(bus, i);
+        cw_receive(bus, i, cw_mac_received(cw_mac_of(bus, i)));
     if (r->what & CW_REPORT_TX)
-        report_tx(bus, i, &about, handed_in);
+        cw_settle_sent(bus, i);
     cw_tell_state(bus, i);
 }

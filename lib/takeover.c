@@ -113,11 +113,15 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     uint8_t to[CW_NODES_MAX];
     if (!fits(bus, old, from))
         return CW_INVALID;
+    cw_leap_end(old);
     cw_leave(old, old->all);
+    cw_set_contenders(old, 0);
+    cw_set_listeners(old, 0);
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         to[i] = CW_NO_NODE;
     bus->now = old->now;
     bus->stepping = old->stepping;
+    bus->wanted = old->wanted;
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;
     bus->stats = old->stats;

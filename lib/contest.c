@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * contest.c - who wins the bus, and what taking part costs those who do not.
+ *
+ * The frames that go first of all nodes play a tournament by their arbitration fields: a node that
+ * gets another frame plays its matches again, all others stay as they are. What every node that
+ * waits, or every node that listens, counts for a clean frame is counted once for all of them and
+ * shared out when somebody looks or when a node stops taking part.
+ */
+#include "bus_private.h"
+
+#include "codec.h"
+
+/* ---- The tournament -------------------------------------------------------------------------- */
+
+/* An entry: the key, a bit for a tie, the node. */
+#define NO_ENTRY UINT64_MAX
+#define KEY_SHIFT 8
+#define TIE 0x80u
+#define NODE_MASK 0x3Fu
+
+uint32_t cw_arbitration_key(const cw_frame *frame)
+{
+    uint32_t remote = frame->flags & CW_FRAME_REMOTE ? 1 : 0;
+    if (!(frame->flags & CW_FRAME_EXTENDED))
+        return frame->id << 21 | remote << 20;
+    return (frame->id >> 18) << 21 | 3u << 19 | (frame->id & 0x3FFFFu) << 1 | remote;
+}
+
+static uint64_t entry_of(const cw_bus *bus, unsigned i)
+{
+    const cw_queue *q = &bus->nodes[i].queue;
+    if (q->count == 0)
+        return NO_ENTRY;
+    return (uint64_t)cw_arbitration_key(&q->slots[q->order[0]].frame) << KEY_SHIFT | i;
+}
+
+static uint64_t play(uint64_t a, uint64_t b)
+{
+    uint64_t winner = a < b ? a : b;
+    return (a ^ b) >> KEY_SHIFT || winner == NO_ENTRY ? winner : winner | TIE;
+}
+
+void cw_contest_init(cw_contest *c, unsigned nodes)
+{
+    *c = (cw_contest){.leaves = 1};
+    while (c->leaves < nodes)
+        c->leaves *= 2;
+    for (unsigned i = 0; i < 2 * c->leaves; i++)
+        c->entries[i] = NO_ENTRY;
+}
+
+void cw_contest_update(cw_bus *bus, unsigned i)
+{
+    cw_contest *c = &bus->contest;
+    uint64_t entry = entry_of(bus, i);
+    unsigned place = c->leaves + i;
+    if (c->entries[place] == entry)
+        return;
+    c->entries[place] = entry;
+    for (place /= 2; place > 0; place /= 2)
+        c->entries[place] = play(c->entries[2 * place], c->entries[2 * place + 1]);
+}
+
+/* Among some of those who wait; the others may not take part. */
+static uint64_t play_among(const cw_bus *bus, uint64_t nodes)
+{
+    uint64_t winner = NO_ENTRY;
+    for (; nodes; nodes &= nodes - 1)
+        winner = play(winner, bus->contest.entries[bus->contest.leaves + cw_lowest_node(nodes)]);
+    return winner;
+}
+
+bool cw_contest_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
+{
+    uint64_t entry = nodes == bus->waiting ? bus->contest.entries[1] : play_among(bus, nodes);
+    *winner = entry & NODE_MASK;
+    return !(entry & TIE);
+}
+
+uint32_t cw_contest_key(const cw_bus *bus, unsigned i)
+{
+    return (uint32_t)(bus->contest.entries[bus->contest.leaves + i] >> KEY_SHIFT);
+}
+
+/* ---- Shares ---------------------------------------------------------------------------------- */
+
+/* Attempts of a node that were lost since the last sharing out. */
+static uint64_t lost_share(const cw_bus *bus, unsigned i)
+{
+    bool takes_part = bus->contest.contenders >> i & 1u;
+    return takes_part ? bus->contest.lost - bus->nodes[i].lost_before : 0;
+}
+
+/* The first attempt of a frame is none of its retransmissions. */
+static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
+{
+    const cw_queue *q = &bus->nodes[i].queue;
+    return attempts && q->slots[q->order[0]].attempts == 0 ? attempts - 1 : attempts;
+}
+
+static void add_received(const cw_bus *bus, const bus_node *n, cw_node_stats *stats)
+{
+    uint64_t frames = bus->contest.rx_frames - n->rx_frames_before;
+    stats->rx_accepted += frames;
+    stats->rx_frames += frames;
+    stats->rx_bytes += bus->contest.rx_bytes - n->rx_bytes_before;
+}
+
+void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
+{
+    const bus_node *n = &bus->nodes[i];
+    uint64_t lost = lost_share(bus, i);
+    stats->arbitration_lost += lost;
+    stats->retransmissions += retransmissions(bus, i, lost);
+    if (!(bus->contest.listeners >> i & 1u))
+        return;
+    add_received(bus, n, stats);
+}
+
+void cw_share_lost(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    uint64_t lost = lost_share(bus, i);
+    n->lost_before = bus->contest.lost;
+    if (lost == 0)
+        return;
+    n->stats.arbitration_lost += lost;
+    n->stats.retransmissions += retransmissions(bus, i, lost);
+    n->queue.slots[n->queue.order[0]].attempts += (uint32_t)lost;
+}
+
+void cw_set_contenders(cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes ^ bus->contest.contenders; rest; rest &= rest - 1)
+        cw_share_lost(bus, cw_lowest_node(rest));
+    bus->contest.contenders = nodes;
+}
+
+static void share_received(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    if (bus->contest.listeners >> i & 1u)
+        add_received(bus, n, &n->stats);
+    n->rx_frames_before = bus->contest.rx_frames;
+    n->rx_bytes_before = bus->contest.rx_bytes;
+}
+
+void cw_set_listeners(cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes ^ bus->contest.listeners; rest; rest &= rest - 1)
+        share_received(bus, cw_lowest_node(rest));
+    bus->contest.listeners = nodes;
+}
+
+void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes)
+{
+    bus->contest.rx_frames++;
+    bus->contest.rx_bytes += bytes;
+    bus->nodes[sender].rx_frames_before++; /* it is no listener of its own frame */
+    bus->nodes[sender].rx_bytes_before += bytes;
+}

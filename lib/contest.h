@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * contest.h - who wins the bus, and what taking part costs those who do not.
+ */
+#ifndef CANWIRE_CONTEST_H
+#define CANWIRE_CONTEST_H
+
+#include "canwire.h"
+
+/* Zeroed by cw_contest_init(). */
+typedef struct cw_contest {
+    uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are the nodes */
+    unsigned leaves;
+    uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
+    uint64_t lost;
+    uint64_t listeners;  /* nodes that have received all of these since their rx_*_before */
+    uint64_t rx_frames;
+    uint64_t rx_bytes;
+} cw_contest;
+
+void cw_contest_init(cw_contest *contest, unsigned nodes);
+
+/* The arbitration field as a number; the lower one wins. Bit 31 - n is the bit that the SJA1000
+ * counts as n. */
+uint32_t cw_arbitration_key(const cw_frame *frame);
+
+/* The frame that goes first at a node may be another one now. */
+void cw_contest_update(cw_bus *bus, unsigned node);
+
+/* Whose frame wins among these nodes, all of which have one. False when two are equal up to the end
+ * of the arbitration field. */
+bool cw_contest_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
+
+/* The key of the frame that goes first at a node. */
+uint32_t cw_contest_key(const cw_bus *bus, unsigned node);
+
+/* Adds what is still to be shared out to a copy of a node's statistics. */
+void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
+
+/* Gives a node its share of lost attempts; before its first frame changes or is tried otherwise. */
+void cw_share_lost(cw_bus *bus, unsigned node);
+
+/* Who takes part from now on. */
+void cw_set_contenders(cw_bus *bus, uint64_t nodes);
+void cw_set_listeners(cw_bus *bus, uint64_t nodes);
+
+/* A frame that all listeners but its sender, which is one, have received. */
+void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes);
+
+#endif

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fault_leap.c - what fault rules want of a frame that could be leapt over.
+ *
+ * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes a
+ * hit. So a leap goes up to that bit, and over it when the rule passes over the match.
+ */
+#include "bus_private.h"
+
+#include "codec.h"
+
+/* ---- Rules and the frames that wait ---------------------------------------------------------- */
+
+static bool acts_on_wire(const cw_rule *r)
+{
+    bool host_side = (r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE) ||
+                     r->action == CW_ACTION_REPLY;
+    return !host_side;
+}
+
+static const cw_frame *next_frame(const bus_node *n)
+{
+    return &n->queue.slots[cw_queue_first(&n->queue)].frame;
+}
+
+/* The next rule on the wire for a frame of that node. */
+static const cw_fault *next_rule(cw_candidates *c, const cw_bus *bus, unsigned node)
+{
+    unsigned rule;
+    while (cw_candidates_next(c, &rule, bus)) {
+        const cw_fault *f = &bus->faults.faults[rule];
+        if (acts_on_wire(&f->rule) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
+            !cw_fault_is_over(f))
+            return f;
+    }
+    return NULL;
+}
+
+/* Its bit of a frame is one that a node which loses arbitration does not come to. */
+static bool acts_late(const cw_rule *r)
+{
+    bool position = r->action == CW_ACTION_FLIP || r->action == CW_ACTION_FORCE ||
+                    r->action == CW_ACTION_GLITCH;
+    return position && r->field >= CW_FIELD_R1 && r->field <= CW_FIELD_OVERLOAD_DELIMITER;
+}
+
+static void watch(cw_bus *bus, unsigned node)
+{
+    cw_fault_set *set = &bus->faults;
+    uint64_t self = cw_node_bit(node);
+    const cw_fault *f;
+    cw_candidates c;
+    set->watched &= ~self;
+    set->early &= ~self;
+    cw_candidates_begin(&c, bus, next_frame(&bus->nodes[node]));
+    while ((f = next_rule(&c, bus, node))) {
+        set->watched |= self;
+        if (!acts_late(&f->rule))
+            set->early |= self;
+    }
+}
+
+uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+{
+    cw_fault_set *set = &bus->faults;
+    if (set->exact_count + set->wild_count == 0)
+        return 0;
+    for (uint64_t rest = nodes & ~set->known; rest; rest &= rest - 1)
+        watch(bus, cw_lowest_node(rest));
+    set->known |= nodes;
+    return nodes & (set->early | (set->watched & cw_node_bit(winner)));
+}
+
+/* ---- Rules that act at once ------------------------------------------------------------------ */
+
+/* Its time is not within the longest frame from now on. */
+static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
+{
+    uint64_t end = cw_after(bus->now, (uint64_t)CW_BITS_MAX * bus->bit_ticks);
+    return r->time_end <= bus->now || r->time_begin >= end;
+}
+
+static bool has_later_position(const cw_rule *r)
+{
+    bool position = r->action == CW_ACTION_FLIP || r->action == CW_ACTION_FORCE ||
+                    r->action == CW_ACTION_GLITCH;
+    bool sof = r->field == CW_FIELD_SOF || (r->field == CW_FIELD_BIT && r->index == 0);
+    return position && !sof;
+}
+
+bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        const cw_fault *f;
+        cw_candidates c;
+        cw_candidates_begin(&c, bus, next_frame(&bus->nodes[i]));
+        while ((f = next_rule(&c, bus, i)))
+            if (!has_later_position(&f->rule) && !is_out_of_time(bus, &f->rule))
+                return true;
+    }
+    return false;
+}
+
+/* ---- Bits that rules look at ----------------------------------------------------------------- */
+
+/* The wire bit of a node's transmission that a rule looks at; false when that bit does not come. */
+static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned node)
+{
+    const cw_leap *leap = &bus->leap;
+    bool loser = node != leap->node;
+    if (r->field >= CW_FIELD_ERROR_FLAG && r->field <= CW_FIELD_OVERLOAD_DELIMITER)
+        return false; /* not in a clean frame */
+    if (r->field == CW_FIELD_INTERMISSION || r->field == CW_FIELD_SUSPEND) {
+        *n = leap->length;
+        return !loser;
+    }
+    return cw_bits_find(&bus->nodes[node].mac.tx, n, r->field, r->index) &&
+           (!loser || *n <= leap->lost_at[node]);
+}
+
+/* The first bit from `from` on that one rule looks at. */
+static unsigned rule_stop(const cw_bus *bus, const cw_fault *f, unsigned from)
+{
+    unsigned stop = CW_NO_STOP;
+    uint64_t nodes = f->bound & bus->leap.contenders;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned n;
+        if (find_bit(bus, &n, &f->rule, cw_lowest_node(rest)) && n >= from && n < stop)
+            stop = n;
+    }
+    return stop;
+}
+
+uint16_t cw_fault_next_stop(const cw_bus *bus, unsigned from)
+{
+    const cw_fault_set *set = &bus->faults;
+    unsigned stop = CW_NO_STOP;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const cw_fault *f = &set->faults[set->awake[i]];
+        if (is_out_of_time(bus, &f->rule) || cw_fault_is_over(f))
+            continue;
+        unsigned n = rule_stop(bus, f, from);
+        stop = n < stop ? n : stop;
+    }
+    return (uint16_t)stop;
+}
+
+/* The only rule that looks at a bit; false when there are more. *rule stays when there is none. */
+static bool find_only_rule(const cw_bus *bus, unsigned *rule, unsigned bit)
+{
+    const cw_fault_set *set = &bus->faults;
+    unsigned found = 0;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        if (rule_stop(bus, &set->faults[set->awake[i]], bit) != bit)
+            continue;
+        found++;
+        *rule = set->awake[i];
+    }
+    return found <= 1;
+}
+
+bool cw_fault_lets_pass(cw_bus *bus, unsigned bit)
+{
+    unsigned rule = CW_RULES_MAX;
+    if (bit >= bus->leap.length || !find_only_rule(bus, &rule, bit))
+        return false;
+    if (rule == CW_RULES_MAX)
+        return true;
+    cw_fault *f = &bus->faults.faults[rule];
+    const cw_fault before = *f;
+    if (!cw_fault_takes_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
+        return true;
+    *f = before; /* it is a hit: as if nobody had asked, the bit itself will */
+    return false;
+}
+
+void cw_fault_unbind(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++)
+        bus->faults.faults[bus->faults.awake[i]].bound = 0;
+    cw_fault_fall_asleep(bus);
+}
