@@ -34,7 +34,8 @@ unsigned cw_ring_least(const cw_bus_config *c)
 
 static cw_event *event_at(event_ring *ring, unsigned i)
 {
-    return &ring->events[(ring->first + i) % ring->capacity];
+    unsigned place = ring->first + i;
+    return &ring->events[place < ring->capacity ? place : place - ring->capacity];
 }
 
 static cw_event *newest_event(event_ring *ring)
@@ -73,6 +74,8 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
     uint64_t behind = 0;
+    if (place == 0 || event_at(ring, place - 1)->tick < added->tick)
+        return place;
     while (place > 0 && (behind = nodes_behind(event_at(ring, place - 1), added)) != 0) {
         cw_event *before = event_at(ring, place - 1);
         bool all = behind == UINT64_MAX || behind == before->nodes;
@@ -170,7 +173,7 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     if (ring->count == 0)
         return false;
     *event = ring->events[ring->first];
-    ring->first = (ring->first + 1) % ring->capacity;
+    ring->first = ring->first + 1 < ring->capacity ? ring->first + 1 : 0;
     ring->count--;
     return true;
 }

@@ -292,13 +292,23 @@ static unsigned next_moment(const cw_bus *bus)
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
-static void pass(cw_bus *bus, unsigned bits)
+static void count_bits(cw_bus *bus, unsigned bits)
 {
-    bus->leap.at = (uint16_t)(bus->leap.at + bits);
-    bus->now += (uint64_t)bits * bus->bit_ticks;
     bus->stats.bits += bits;
     bus->stats.busy_bits += bits;
     cw_load_add(&bus->load, bits, true);
+}
+
+static void move(cw_bus *bus, unsigned bits)
+{
+    bus->leap.at = (uint16_t)(bus->leap.at + bits);
+    bus->now += (uint64_t)bits * bus->bit_ticks;
+}
+
+static void pass(cw_bus *bus, unsigned bits)
+{
+    move(bus, bits);
+    count_bits(bus, bits);
 }
 
 /* Whole bits up to a tick, no more than that many. */
@@ -361,15 +371,15 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
 static void leap_over(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
-    unsigned ack = leap->length - ACK_BEFORE_END;
-    pass(bus, ack);
+    move(bus, leap->length - ACK_BEFORE_END);
     if (bus->crowd.counting)
         lower_counters(bus);
-    pass(bus, ACK_BEFORE_END - RX_BEFORE_END);
+    move(bus, ACK_BEFORE_END - RX_BEFORE_END);
     receive(bus);
-    pass(bus, RX_BEFORE_END);
+    move(bus, RX_BEFORE_END);
     finish_transmission(bus);
-    pass(bus, CW_INTERMISSION_BITS);
+    move(bus, CW_INTERMISSION_BITS);
+    count_bits(bus, leap->at);
     end_slot(bus);
 }
 
@@ -481,6 +491,18 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
     cw_mac_become_transmitter(&n->mac, bus->leap.at);
 }
 
+/* Those who were to lose may do well after all, so rules on their later bits count again. */
+static void bind_rest(cw_bus *bus)
+{
+    const cw_fault_set *set = &bus->faults;
+    uint64_t nodes = bus->leap.undecided & set->watched & ~set->early;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        const bus_node *n = &bus->nodes[i];
+        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
+    }
+}
+
 void cw_leap_end(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
@@ -496,6 +518,7 @@ void cw_leap_end(cw_bus *bus)
         cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
     for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &point);
+    bind_rest(bus);
     bus->crowd.valid = false;
 }
 

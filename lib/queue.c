@@ -29,6 +29,8 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
 {
     unsigned low = 0;
     unsigned high = q->count;
+    if (high == 0 || q->slots[q->order[high - 1]].key <= key)
+        return high;
     while (low < high) {
         unsigned middle = (low + high) / 2;
         if (q->slots[q->order[middle]].key <= key)

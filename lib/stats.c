@@ -20,12 +20,12 @@ uint64_t cw_delay_bucket_ticks(unsigned bucket)
 
 static unsigned bucket_of(uint64_t ticks)
 {
-    unsigned octave = 0;
-    while (octave < CW_DELAY_BUCKETS / 4 - 1 && ticks >> (octave + DELAY_SHIFT + 1) != 0)
-        octave++;
-    uint64_t quarter = ticks >> (octave + DELAY_SHIFT - 2);
-    if (quarter < 4)
+    const unsigned last = CW_DELAY_BUCKETS / 4 - 1;
+    if (ticks >> DELAY_SHIFT == 0)
         return 0;
+    unsigned octave = 63u - (unsigned)__builtin_clzll(ticks) - DELAY_SHIFT;
+    octave = octave < last ? octave : last;
+    uint64_t quarter = ticks >> (octave + DELAY_SHIFT - 2);
     return octave * 4 + (quarter < 8 ? (unsigned)quarter - 4 : 3);
 }
 
@@ -61,31 +61,33 @@ void cw_load_init(cw_load *load, uint32_t bit_ticks)
     *load = (cw_load){.slice_bits = CW_CLOCK_HZ / CW_LOAD_SLICES / bit_ticks};
     if (load->slice_bits == 0)
         load->slice_bits = 1;
+    load->slice_left = load->slice_bits;
 }
 
-static void next_slice(cw_load *load, uint64_t number)
+/* The slice is full; whole slices without anything busy are passed over at once. */
+static void next_slices(cw_load *load, uint64_t number)
 {
-    uint64_t passed = number - load->slice_number;
-    if (passed > CW_LOAD_SLICES)
-        passed = CW_LOAD_SLICES;
+    uint64_t passed = number < CW_LOAD_SLICES ? number : CW_LOAD_SLICES;
+    load->slice_number += number;
     for (uint64_t i = 0; i < passed; i++)
-        load->busy[(number - i) % CW_LOAD_SLICES] = 0;
-    load->slice_number = number;
+        load->busy[(load->slice_number - i) % CW_LOAD_SLICES] = 0;
 }
 
 void cw_load_add(cw_load *load, uint64_t bits, bool busy)
 {
-    while (bits > 0) {
-        uint64_t number = load->bits / load->slice_bits;
-        if (number != load->slice_number)
-            next_slice(load, number);
-        uint64_t room = load->slice_bits - load->bits % load->slice_bits;
-        uint64_t part = busy && bits > room ? room : bits; /* idle time needs no slicing */
+    load->bits += bits;
+    while (bits > load->slice_left) {
         if (busy)
-            load->busy[number % CW_LOAD_SLICES] += (uint32_t)part;
-        load->bits += part;
-        bits -= part;
+            load->busy[load->slice_number % CW_LOAD_SLICES] += (uint32_t)load->slice_left;
+        bits -= load->slice_left;
+        uint64_t whole = busy ? 0 : (bits - 1) / load->slice_bits;
+        next_slices(load, 1 + whole);
+        bits -= whole * load->slice_bits;
+        load->slice_left = load->slice_bits;
     }
+    load->slice_left -= bits;
+    if (busy)
+        load->busy[load->slice_number % CW_LOAD_SLICES] += (uint32_t)bits;
 }
 
 unsigned cw_load_second_permille(const cw_load *load)

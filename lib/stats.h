@@ -15,6 +15,7 @@ void cw_delay_add(cw_delay *delay, uint64_t ticks);
 typedef struct cw_load {
     uint64_t slice_bits;  /* bits of one slice, at least 1 */
     uint64_t bits;        /* bits seen */
+    uint64_t slice_left;   /* bits that the present slice still takes */
     uint64_t slice_number; /* of the present slice since bit 0 */
     uint32_t busy[CW_LOAD_SLICES];
 } cw_load;
