@@ -493,7 +493,7 @@ bool cw_bus_idle(const cw_bus *bus)
 /* When nobody knows when a frame or a flag ends, look again after this many bits; when faults are at
  * work on the wire, after more. */
 #define LOOK_AGAIN_BITS 6u
-#define LOOK_AT_FAULTS_BITS 100u
+#define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
 
 /* Bits until a controller may have something to report. */
 static uint64_t horizon(const cw_bus *bus)

@@ -109,6 +109,7 @@ typedef struct cw_crowd {
 /* A clean frame on its way, see leap.c. */
 typedef struct cw_leap {
     bool active;
+    bool broken;          /* it must end with the bit in progress */
     uint8_t node;         /* the transmitter */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
     uint16_t stop;        /* a rule looks at this bit */
@@ -255,6 +256,9 @@ void cw_leap_on(cw_bus *bus, uint64_t tick);
 
 /* Puts all controllers where they are by now; does nothing when no leap is under way. */
 void cw_leap_end(cw_bus *bus);
+
+/* In a leap a node gets a frame to send. */
+void cw_leap_frame_came(cw_bus *bus, unsigned node, uint64_t tick);
 
 /* In a leap: recessive bits up to now, and bits until the next event. */
 uint64_t cw_leap_recessive_bits(const cw_bus *bus);

@@ -68,8 +68,8 @@ static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
-    if (bus->leap.active && bus->leap.at == 1 && tick <= bus->now)
-        cw_leap_end(bus); /* it may join the frame that has just begun (M6) */
+    if (bus->leap.active)
+        cw_leap_frame_came(bus, i, tick);
     cw_share_lost(bus, i);
     cw_drop why = refusal(bus, i, frame);
     if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {

@@ -342,19 +342,28 @@ static void end_slot(cw_bus *bus)
         cw_fault_unbind(bus);
 }
 
-/* A rule looks at the next bit. It may let it pass; else single bits go on from here. */
+/* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
-    if (!cw_fault_lets_pass(bus, bus->leap.at))
+    if (bus->leap.broken || !cw_fault_lets_pass(bus, bus->leap.at))
         cw_leap_end(bus);
     else
         bus->leap.stop = cw_fault_next_stop(bus, bus->leap.at + 1u);
 }
 
+/* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
+ * begun (M6). */
+void cw_leap_frame_came(cw_bus *bus, unsigned i, uint64_t tick)
+{
+    bool loopback = bus->nodes[i].mac.modes & CW_MODE_LOOPBACK;
+    bool may_join = bus->leap.at == 1 && tick <= bus->now;
+    bus->leap.broken = bus->leap.broken || loopback || may_join;
+}
+
 void cw_leap_on(cw_bus *bus, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
-    if (leap->at == leap->stop) {
+    if (leap->broken || leap->at == leap->stop) {
         look_at_stop(bus);
         return;
     }
@@ -405,6 +414,7 @@ static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
     bus_node *n = &bus->nodes[winner];
     encode(n);
     bus->leap.active = true;
+    bus->leap.broken = false;
     bus->leap.node = (uint8_t)winner;
     bus->leap.at = 0;
     bus->leap.stop = NO_BIT;

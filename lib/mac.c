@@ -885,6 +885,14 @@ static uint64_t bits_to_frame_end(const cw_mac *m)
     return left > 1 ? left - 1u : left;
 }
 
+/* Of a receiver behind the CRC. In the last bit of EOF there is nothing more to come. */
+static uint64_t bits_to_reception(const cw_mac *m)
+{
+    if (m->step == CW_STEP_EOF)
+        return m->index < CW_EOF_BITS - 1 ? CW_EOF_BITS - 1u - m->index : CW_QUIET_FOREVER;
+    return CW_STEP_EOF - m->step + CW_EOF_BITS - 1u;
+}
+
 uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
 {
     const uint64_t next_frame = waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
@@ -892,6 +900,10 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
     case CW_MAC_FRAME:
         if (is_transmitter(m))
             return bits_to_frame_end(m);
+        if (m->step >= CW_STEP_CRC_DELIMITER)
+            return bits_to_reception(m);
+        if (m->may_join && waiting)
+            return CW_FRAME_BITS_MIN - 2;
         return CW_QUIET_FOREVER; /* the transmitter knows */
     case CW_MAC_RECOVERING:
         return cw_mac_quiet_bits(m) + 1;
