@@ -45,6 +45,7 @@ LIB := $(BUILD)/libcanwire.a
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 CONFORMANCE := $(BUILD)/conformance
+DIFFERENTIAL := $(BUILD)/differential
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
@@ -103,11 +104,17 @@ help: ## this list
 	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR"
 
 # What scripts/test runs: unit tests of one variant and compiler.
-test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL)
+# Bits of the differential test: fewer where each costs more.
+DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
+
+test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
+  $(DIFFERENTIAL)
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
 	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
-	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) exit $$status
+	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
+	echo "== differential ($(VARIANT), $(CC))"; \
+	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; exit $$status
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
@@ -144,6 +151,9 @@ $(TOOL): $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+
+$(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(PARTS) $(LIB)

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * compare.c - all that can be read of two buses, side by side.
+ */
+#include "differential.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+/* Where the differences of one comparison are noted. */
+typedef struct comparison {
+    FILE *out; /* NULL: nothing is written */
+    const char *of;
+    unsigned number;
+    bool same;
+} comparison;
+
+static void same(comparison *c, const char *what, uint64_t fast, uint64_t reference)
+{
+    if (fast == reference)
+        return;
+    c->same = false;
+    if (c->out)
+        fprintf(c->out, "%s %u, %s: fast %" PRIu64 ", reference %" PRIu64 "\n", c->of, c->number,
+                what, fast, reference);
+}
+
+#define SAME(field) same(c, #field, (uint64_t)a->field, (uint64_t)b->field)
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+/* All fields are compared, those without a meaning for the kind of event are zero. */
+bool diff_same_event(const cw_event *a, const cw_event *b)
+{
+    comparison of_event = {.same = true};
+    comparison *c = &of_event;
+    SAME(tick);
+    SAME(nodes);
+    SAME(kind);
+    SAME(tec);
+    SAME(rec);
+    SAME(error.type);
+    SAME(error.role);
+    SAME(error.place.field);
+    SAME(error.place.index);
+    SAME(error.place.stuff);
+    SAME(error.place.extended);
+    SAME(error.flag);
+    SAME(state);
+    SAME(state_before);
+    SAME(why);
+    SAME(lost_bit);
+    SAME(rule);
+    SAME(hit);
+    SAME(frame.id);
+    SAME(frame.flags);
+    SAME(frame.dlc);
+    unsigned length = cw_frame_length(&a->frame);
+    return c->same && memcmp(a->frame.data, b->frame.data, length) == 0;
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
+static void compare_bus_stats(comparison *c, const cw_bus *fast, const cw_bus *reference)
+{
+    cw_bus_stats fast_stats;
+    cw_bus_stats reference_stats;
+    cw_bus_get_stats(fast, &fast_stats);
+    cw_bus_get_stats(reference, &reference_stats);
+    const cw_bus_stats *a = &fast_stats;
+    const cw_bus_stats *b = &reference_stats;
+    SAME(ticks);
+    SAME(bits);
+    SAME(busy_bits);
+    SAME(frames);
+    SAME(frame_bits);
+    SAME(error_frames);
+    SAME(overload_frames);
+    SAME(arbitration_lost);
+    SAME(undetected_errors);
+    SAME(faults);
+    SAME(events_lost);
+    SAME(pending);
+    SAME(load_permille);
+}
+
+static void compare_delays(comparison *c, const cw_delay *a, const cw_delay *b)
+{
+    SAME(count);
+    SAME(sum_ticks);
+    SAME(min_ticks);
+    SAME(max_ticks);
+    for (unsigned i = 0; i < CW_DELAY_BUCKETS; i++)
+        SAME(bucket[i]);
+}
+
+static void compare_node_stats(comparison *c, const cw_node_stats *a, const cw_node_stats *b)
+{
+    SAME(handed_in);
+    SAME(tx_frames);
+    SAME(tx_bytes);
+    SAME(tx_bits);
+    SAME(rx_frames);
+    SAME(rx_bytes);
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
+        SAME(dropped[i]);
+    SAME(arbitration_lost);
+    SAME(retransmissions);
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
+        SAME(errors[i]);
+    SAME(overloads);
+    SAME(error_warning);
+    SAME(error_passive);
+    SAME(bus_off);
+    SAME(restarts);
+    SAME(undetected_errors);
+    SAME(queue);
+    SAME(queue_peak);
+    SAME(tec);
+    SAME(rec);
+    SAME(state);
+    compare_delays(c, &a->delay, &b->delay);
+}
+
+static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
+{
+    SAME(which);
+    SAME(modes_mask);
+    SAME(modes);
+    SAME(order);
+    SAME(queue);
+    SAME(warning_limit);
+    SAME(restart_ticks);
+}
+
+/* Returns false when there is no such node. */
+static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *reference)
+{
+    cw_node_stats stats[2];
+    cw_settings settings[2];
+    cw_status status = cw_node_get_stats(fast, c->number, &stats[0]);
+    same(c, "status", status, cw_node_get_stats(reference, c->number, &stats[1]));
+    if (status != CW_OK)
+        return false;
+    compare_node_stats(c, &stats[0], &stats[1]);
+    status = cw_node_get_settings(fast, c->number, &settings[0]);
+    same(c, "status", status, cw_node_get_settings(reference, c->number, &settings[1]));
+    compare_settings(c, &settings[0], &settings[1]);
+    return true;
+}
+
+static void compare_rule(comparison *c, const cw_bus *fast, const cw_bus *reference)
+{
+    cw_rule_stats fast_stats = {.hits = 0};
+    cw_rule_stats reference_stats = {.hits = 0};
+    cw_status status = cw_rule_get_stats(fast, c->number, &fast_stats);
+    same(c, "status", status, cw_rule_get_stats(reference, c->number, &reference_stats));
+    const cw_rule_stats *a = &fast_stats;
+    const cw_rule_stats *b = &reference_stats;
+    SAME(matches);
+    SAME(hits);
+    SAME(active);
+    SAME(over);
+}
+
+bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules, FILE *out)
+{
+    comparison of_buses = {.out = out, .of = "bus", .same = true};
+    comparison *c = &of_buses;
+    same(c, "now", cw_bus_now(fast), cw_bus_now(reference));
+    same(c, "pending", cw_bus_pending(fast), cw_bus_pending(reference));
+    same(c, "idle", cw_bus_idle(fast), cw_bus_idle(reference));
+    same(c, "recessive bits", cw_bus_recessive_bits(fast), cw_bus_recessive_bits(reference));
+    same(c, "first of the inbox", cw_bus_inbox_first(fast), cw_bus_inbox_first(reference));
+    compare_bus_stats(c, fast, reference);
+    c->of = "node";
+    while (compare_node(c, fast, reference))
+        c->number++;
+    c->of = "rule";
+    for (c->number = 0; c->number < rules; c->number++)
+        compare_rule(c, fast, reference);
+    return c->same;
+}

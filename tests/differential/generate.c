@@ -1,0 +1,502 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * generate.c - makes a scenario from a seed: a style, buses, traffic, operations.
+ */
+#include "differential.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Styles ---------------------------------------------------------------------------------- */
+
+#define ACTION(name) (1u << CW_ACTION_##name)
+#define POSITIONS (ACTION(FLIP) | ACTION(FORCE) | ACTION(GLITCH))
+#define LEVELS (ACTION(STUCK) | ACTION(NOISE) | ACTION(NO_ACK))
+#define TOPOLOGY (ACTION(DISCONNECT) | ACTION(PARTITION))
+#define CONTROL                                                                        \
+    (ACTION(WRONG_CRC) | ACTION(BUS_OFF) | ACTION(ERROR_FLAG) | ACTION(RESTART) |      \
+     ACTION(COUNTERS) | ACTION(OVERLOAD) | ACTION(SET))
+#define HOST                                                                           \
+    (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
+#define TRAFFIC (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY))
+#define ALL_ACTIONS (ACTION(COUNT) - 1)
+
+typedef struct style {
+    const char *name;
+    unsigned weight;        /* scenarios in about 100 */
+    unsigned bits_least;
+    unsigned bits_most;
+    unsigned rules_most;
+    uint32_t actions;
+    unsigned rarity;        /* see diff_maker */
+    unsigned modes;         /* permille of nodes with modes */
+    unsigned ops;           /* operations in 10000 bits, besides traffic */
+    unsigned checks;        /* comparisons in 10000 bits */
+    bool small;             /* rings and inboxes */
+} style;
+
+static const style styles[DIFF_STYLES] = {
+    {"clean", 9, 10000, 150000, 0, 0, 1, 0, 0, 2, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 30, 1, 3, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 50, 1, 300, false},
+    {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 0, 1,
+     10, false},
+    {"bits", 12, 4000, 60000, 12,
+     POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 50, 2, 40,
+     false},
+    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 100, 10, 40, false},
+    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 50, 5, 40, false},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 50, 5, 30, false},
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 10, 30, false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 100, 100, 40, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 100, 1, 1, true},
+    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 200, 60, 60, true},
+};
+
+const char *diff_style_name(unsigned number)
+{
+    return styles[number].name;
+}
+
+static unsigned random_style(diff_random *r)
+{
+    unsigned all = 0;
+    for (unsigned i = 0; i < DIFF_STYLES; i++)
+        all += styles[i].weight;
+    unsigned drawn = (unsigned)diff_below(r, all);
+    unsigned i = 0;
+    for (; drawn >= styles[i].weight; i++)
+        drawn -= styles[i].weight;
+    return i;
+}
+
+/* ---- The bus --------------------------------------------------------------------------------- */
+
+typedef struct generator {
+    diff_maker maker;
+    diff_scenario *scenario;
+    const style *style;
+    unsigned names; /* of rules, used so far */
+} generator;
+
+static unsigned random_node_count(diff_random *r)
+{
+    unsigned drawn = (unsigned)diff_below(r, 100);
+    if (drawn < 30)
+        return (unsigned)diff_between(r, 2, 3);
+    if (drawn < 75)
+        return (unsigned)diff_between(r, 4, 8);
+    if (drawn < 88)
+        return (unsigned)diff_between(r, 9, 20);
+    return drawn < 92 ? (unsigned)diff_between(r, 21, 63) : CW_NODES_MAX;
+}
+
+static uint32_t random_bit_ticks(diff_random *r)
+{
+    static const uint16_t usual[] = {80, 100, 160, 320, 640, 1600};
+    static const uint16_t odd[] = {1, 2, 3, 7, 97, 8000};
+    return diff_chance(r, 850) ? usual[diff_below(r, 6)] : odd[diff_below(r, 6)];
+}
+
+static cw_node_config random_node(generator *g)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    cw_node_config node = {.order = CW_ORDER_PRIORITY, .queue = 16, .warning_limit = 96};
+    if (diff_chance(r, g->style->modes))
+        node.modes = (uint8_t)diff_random_modes(m);
+    if (diff_chance(r, 300))
+        node.order = CW_ORDER_FIFO;
+    if (diff_chance(r, 500))
+        node.queue = (uint16_t)diff_magnitude(r, 1, 32);
+    if (diff_chance(r, 200))
+        node.warning_limit = (uint16_t)diff_magnitude(r, 1, 255);
+    if (diff_chance(r, 600))
+        node.restart_ticks = diff_random_ticks(m, 1, 3000);
+    return node;
+}
+
+static void add_plan_rule(generator *g, diff_plan *plan)
+{
+    plan->rules[plan->config.rule_count++] =
+        (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
+}
+
+/* Whether the library takes the configuration. */
+static bool is_accepted(diff_plan *plan)
+{
+    cw_rule rules[DIFF_RULES_MAX];
+    const cw_bus_config *config = diff_fill_in(plan, rules);
+    size_t size = cw_bus_size(config);
+    void *memory = size ? malloc(size) : NULL;
+    bool accepted = memory && cw_bus_init(memory, config);
+    free(memory);
+    return accepted;
+}
+
+/* Rules that the library refuses make the whole configuration invalid: they are left out. */
+static void random_rules(generator *g, diff_plan *plan, unsigned count)
+{
+    g->maker.rules = count;
+    plan->config.rule_room = (uint16_t)(count + diff_below(&g->maker.random, 6));
+    for (unsigned i = 0; i < count; i++) {
+        add_plan_rule(g, plan);
+        plan->config.rule_room--;
+        if (is_accepted(plan))
+            continue;
+        plan->config.rule_count--;
+        plan->config.rule_room++;
+    }
+}
+
+static unsigned random_rule_count(generator *g)
+{
+    diff_random *r = &g->maker.random;
+    unsigned most = g->style->rules_most;
+    return (unsigned)(diff_chance(r, 300) ? most : diff_between(r, most > 0, most));
+}
+
+static void random_plan(generator *g, diff_plan *plan)
+{
+    diff_random *r = &g->maker.random;
+    *plan = (diff_plan){.config = {.bit_ticks = (uint32_t)g->maker.bit,
+                                   .seed = diff_draw(r),
+                                   .node_count = (uint8_t)g->maker.nodes,
+                                   .inbox = (uint16_t)diff_magnitude(r, 64, 4096),
+                                   .events = (uint16_t)diff_magnitude(r, 64, 8192)}};
+    if (g->style->small) {
+        plan->config.inbox = (uint16_t)diff_magnitude(r, 1, 64);
+        plan->config.events = 0;
+    }
+    for (unsigned i = 0; i < g->maker.nodes; i++)
+        plan->nodes[i] = random_node(g);
+    random_rules(g, plan, random_rule_count(g));
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+/* Identifiers that go together for long: neighbours, base and extended with the same first bits. */
+static cw_frame related_frame(diff_random *r, const cw_frame *to)
+{
+    cw_frame f = *to;
+    bool extended = f.flags & CW_FRAME_EXTENDED;
+    switch (diff_below(r, 4)) {
+    case 0:
+        f.id ^= 1u << diff_below(r, extended ? 29 : 11);
+        break;
+    case 1:
+        f.flags ^= CW_FRAME_REMOTE;
+        break;
+    case 2:
+        f.id = extended ? f.id >> 18 : (f.id << 18) | (uint32_t)(diff_draw(r) & 0x3FFFF);
+        f.flags ^= CW_FRAME_EXTENDED;
+        break;
+    default:
+        f.dlc = (uint8_t)diff_below(r, 9);
+        break;
+    }
+    return f;
+}
+
+static cw_frame new_frame(diff_random *r)
+{
+    static const uint32_t ids[] = {0x000, 0x7FF, 0x123, 0x555, 0x001, 0x7F0};
+    cw_frame f = {.id = ids[diff_below(r, 6)], .dlc = (uint8_t)diff_below(r, 9)};
+    if (diff_chance(r, 600))
+        f.id = (uint32_t)diff_below(r, 0x800);
+    if (diff_chance(r, 300)) {
+        f.flags |= CW_FRAME_EXTENDED;
+        f.id = (uint32_t)diff_below(r, 0x20000000);
+    }
+    if (diff_chance(r, 80))
+        f.flags |= CW_FRAME_REMOTE;
+    if (diff_chance(r, 30))
+        f.dlc = (uint8_t)diff_between(r, 9, 15);
+    return f;
+}
+
+static void random_frames(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    unsigned related = diff_chance(r, 500) ? 700 : 100;
+    m->frame_count = (unsigned)diff_between(r, 1, sizeof m->frames / sizeof m->frames[0]);
+    for (unsigned i = 0; i < m->frame_count; i++)
+        m->frames[i] = i > 0 && diff_chance(r, related)
+                           ? related_frame(r, &m->frames[diff_below(r, i)])
+                           : new_frame(r);
+}
+
+/* ---- Traffic --------------------------------------------------------------------------------- */
+
+static unsigned random_node_number(generator *g)
+{
+    return (unsigned)diff_below(&g->maker.random, g->maker.nodes);
+}
+
+/* Handed in when it is to come up, long before, or too late. */
+static void send(generator *g, unsigned node, const cw_frame *frame, uint64_t at_tick)
+{
+    diff_random *r = &g->maker.random;
+    diff_op op = {.kind = DIFF_SEND, .tick = at_tick, .target = node,
+                  .send = {.frame = *frame, .at_tick = at_tick}};
+    uint64_t lead = diff_magnitude(r, 1, 600 * g->maker.bit);
+    if (g->style->small || diff_chance(r, 500))
+        op.tick = lead < at_tick ? at_tick - lead : 0;
+    else if (diff_chance(r, 100))
+        op.tick = at_tick + lead;
+    diff_add_op(g->scenario, &op);
+}
+
+static uint64_t random_tick(generator *g)
+{
+    diff_maker *m = &g->maker;
+    uint64_t tick = diff_below(&m->random, m->bits) * m->bit;
+    switch (diff_below(&m->random, 4)) {
+    case 0:
+        return tick;
+    case 1:
+        return tick + 1;
+    case 2:
+        return tick + m->bit - 1;
+    default:
+        return tick + diff_below(&m->random, m->bit);
+    }
+}
+
+/* One frame of a node again and again. */
+static void periodic(generator *g, uint64_t frames)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    cw_frame frame = diff_random_frame(m);
+    unsigned node = random_node_number(g);
+    uint64_t period = m->bits * m->bit / (frames + 1);
+    uint64_t jitter = diff_chance(r, 500) ? 0 : period / 4;
+    bool same = diff_chance(r, 300);
+    for (uint64_t i = 0, tick = diff_below(r, period + 1); i < frames; i++, tick += period) {
+        if (!same)
+            frame = diff_random_frame(m);
+        send(g, node, &frame, tick + diff_below(r, jitter + 1));
+    }
+}
+
+/* Many frames of one node at a time. */
+static void bursts(generator *g, uint64_t frames)
+{
+    diff_random *r = &g->maker.random;
+    while (frames > 0) {
+        unsigned node = random_node_number(g);
+        uint64_t tick = random_tick(g);
+        uint64_t burst = diff_between(r, 1, 20);
+        for (; frames > 0 && burst > 0; frames--, burst--) {
+            const cw_frame frame = diff_random_frame(&g->maker);
+            send(g, node, &frame, tick);
+        }
+    }
+}
+
+/* Frames of several nodes that meet: in one bit, just before or after it, within SOF and the
+ * arbitration of each other. */
+static void meetings(generator *g, uint64_t frames)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    while (frames > 0) {
+        uint64_t tick = random_tick(g);
+        uint64_t spread = diff_chance(r, 300) ? 1 : diff_magnitude(r, 1, 40 * m->bit);
+        cw_frame frame = diff_random_frame(m);
+        bool same = diff_chance(r, 250);
+        uint64_t party = diff_between(r, 2, m->nodes > 2 ? m->nodes : 2);
+        for (; frames > 0 && party > 0; frames--, party--) {
+            if (!same)
+                frame = diff_random_frame(m);
+            send(g, random_node_number(g), &frame, tick + diff_below(r, spread));
+        }
+    }
+}
+
+static void scattered(generator *g, uint64_t frames)
+{
+    for (; frames > 0; frames--) {
+        const cw_frame frame = diff_random_frame(&g->maker);
+        send(g, random_node_number(g), &frame, random_tick(g));
+    }
+}
+
+static void bad_frames(generator *g, uint64_t frames)
+{
+    diff_random *r = &g->maker.random;
+    for (; frames > 0; frames--) {
+        cw_frame frame = diff_random_frame(&g->maker);
+        if (diff_chance(r, 500))
+            frame.id |= 0x20000000u;
+        else if (diff_chance(r, 500))
+            frame.flags |= CW_FRAME_FD;
+        else
+            frame.dlc = (uint8_t)diff_between(r, 16, 255);
+        send(g, (unsigned)diff_below(r, g->maker.nodes + 1), &frame, random_tick(g));
+    }
+}
+
+/* From an almost empty bus to one that has more than it can carry. */
+static void random_traffic(generator *g)
+{
+    static void (*const patterns[])(generator *, uint64_t) = {periodic, periodic, bursts,
+                                                              meetings, scattered};
+    diff_random *r = &g->maker.random;
+    uint64_t frames = g->maker.bits / diff_magnitude(r, 60, diff_chance(r, 700) ? 240 : 4000);
+    while (frames > 0) {
+        uint64_t part = diff_between(r, 1, frames > 400 ? 400 : frames);
+        patterns[diff_below(r, 5)](g, part);
+        frames -= part;
+    }
+    if (g->style->ops >= 10 && diff_chance(r, 400))
+        bad_frames(g, diff_between(r, 1, 6));
+}
+
+/* ---- Operations ------------------------------------------------------------------------------ */
+
+static void add_take_over(generator *g, uint64_t tick)
+{
+    diff_maker *m = &g->maker;
+    diff_scenario *s = g->scenario;
+    diff_op op = {.kind = DIFF_TAKE_OVER, .tick = tick, .target = s->plan_count};
+    unsigned before = m->nodes;
+    uint64_t kept = 0;
+    if (s->plan_count == DIFF_PLANS_MAX)
+        return;
+    if (diff_chance(&m->random, 500))
+        m->nodes = random_node_count(&m->random);
+    random_plan(g, &s->plans[s->plan_count++]);
+    for (unsigned i = 0; i < CW_NODES_MAX; i++) {
+        unsigned from = diff_chance(&m->random, 700) ? i : random_node_number(g);
+        bool free = from < before && !(kept >> from & 1u) && !diff_chance(&m->random, 100);
+        op.from[i] = i < m->nodes && free ? (uint8_t)from : CW_NO_NODE;
+        kept |= op.from[i] == CW_NO_NODE ? 0 : UINT64_C(1) << from;
+    }
+    for (unsigned i = 0; i < before; i++)
+        if (!(kept >> i & 1u) && diff_chance(&m->random, 900))
+            diff_add_op(s, &(diff_op){.kind = DIFF_FLUSH, .tick = tick, .target = i});
+    diff_add_op(s, &op);
+}
+
+static void add_rule(generator *g, uint64_t tick)
+{
+    diff_scenario *s = g->scenario;
+    if (s->added_count == DIFF_RULES_MAX || g->style->rules_most == 0)
+        return;
+    diff_add_op(s, &(diff_op){.kind = DIFF_ADD_RULE, .tick = tick, .target = s->added_count});
+    s->added[s->added_count++] =
+        (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
+}
+
+static void add_operation(generator *g, uint64_t tick)
+{
+    diff_random *r = &g->maker.random;
+    unsigned drawn = (unsigned)diff_below(r, 100);
+    diff_op op = {.tick = tick, .at_once = diff_chance(r, 100)};
+    unsigned rule = (unsigned)diff_below(r, g->maker.rules + 3);
+    if (drawn < 10)
+        op.kind = DIFF_RESTART;
+    else if (drawn < 34)
+        op.kind = drawn < 18 ? DIFF_CLEAR_RULE : drawn < 24 ? DIFF_STOP_RULE : DIFF_FIRE_RULE;
+    else if (drawn < 55)
+        op.kind = DIFF_SET;
+    else if (drawn < 56)
+        op.kind = DIFF_FLUSH;
+    else if (drawn < 70)
+        op.kind = DIFF_STEPPING;
+    else if (drawn < 95)
+        return add_rule(g, tick);
+    else
+        return add_take_over(g, tick);
+    op.target = op.kind >= DIFF_CLEAR_RULE && op.kind <= DIFF_FIRE_RULE ? rule
+                                                                       : random_node_number(g);
+    if (op.kind == DIFF_SET)
+        op.settings = diff_random_settings(&g->maker);
+    if (op.kind == DIFF_STEPPING)
+        op.stepping = diff_chance(r, 300);
+    diff_add_op(g->scenario, &op);
+}
+
+/* In the order of time, as take-overs change what later operations are about. */
+static void random_operations(generator *g)
+{
+    uint64_t count = g->maker.bits * g->style->ops / 10000;
+    uint64_t step = g->maker.bits * g->maker.bit / (count + 1);
+    for (uint64_t i = 0; i < count; i++)
+        add_operation(g, i * step + diff_below(&g->maker.random, step));
+}
+
+static void random_checks(generator *g)
+{
+    for (uint64_t i = g->maker.bits * g->style->checks / 10000; i > 0; i--)
+        diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = random_tick(g)});
+}
+
+/* Bit after bit for a while. */
+static void check_each_bit(generator *g)
+{
+    uint64_t tick = random_tick(g);
+    for (unsigned i = 0; i < 150; i++, tick += g->maker.bit)
+        diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = tick});
+}
+
+static void merge(diff_op *to, const diff_op *a, size_t a_count, const diff_op *b, size_t b_count)
+{
+    while (a_count > 0 || b_count > 0) {
+        bool first = b_count == 0 || (a_count > 0 && a->tick <= b->tick);
+        *to++ = first ? *a++ : *b++;
+        a_count -= first;
+        b_count -= !first;
+    }
+}
+
+/* By tick; those of one tick stay in their order. */
+static void sort_ops(diff_op *ops, size_t count, diff_op *room)
+{
+    if (count < 2)
+        return;
+    size_t half = count / 2;
+    sort_ops(ops, half, room);
+    sort_ops(ops + half, count - half, room);
+    merge(room, ops, half, ops + half, count - half);
+    memcpy(ops, room, count * sizeof ops[0]);
+}
+
+static void random_lengths(diff_scenario *s, diff_maker *m, const style *of)
+{
+    static const diff_slicing references[] = {DIFF_WHOLE, DIFF_WHOLE, DIFF_BITS, DIFF_MIXED};
+    static const uint16_t drains[] = {1000, 700, 20, 0};
+    diff_random *r = &m->random;
+    m->nodes = random_node_count(r);
+    m->bit = random_bit_ticks(r);
+    m->bits = diff_magnitude(r, of->bits_least, of->bits_most);
+    s->end = m->bits * m->bit;
+    s->fast = diff_chance(r, 500) ? DIFF_WHOLE : (diff_slicing)diff_below(r, DIFF_SLICING_COUNT);
+    s->reference = references[diff_below(r, 4)];
+    s->drains = of->small && diff_chance(r, 500) ? 0 : drains[diff_below(r, 4)];
+    s->peeks = diff_chance(r, 300);
+}
+
+void diff_generate(diff_scenario *s, uint64_t seed)
+{
+    generator g = {.scenario = s};
+    diff_maker *m = &g.maker;
+    diff_random_init(&m->random, seed);
+    *s = (diff_scenario){.seed = seed, .style = random_style(&m->random), .plan_count = 1};
+    g.style = &styles[s->style];
+    random_lengths(s, m, g.style);
+    m->actions = g.style->actions;
+    m->rarity = g.style->rarity;
+    random_frames(m);
+    random_plan(&g, &s->plans[0]);
+    random_traffic(&g);
+    random_operations(&g);
+    random_checks(&g);
+    if (g.style->checks >= 10 && diff_chance(&m->random, 500))
+        check_each_bit(&g);
+    diff_op *room = diff_allocate(NULL, s->op_count * sizeof s->ops[0]);
+    sort_ops(s->ops, s->op_count, room);
+    free(room);
+}

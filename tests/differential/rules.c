@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rules.c - random fault rules and settings: what users write, and what nobody would.
+ */
+#include "differential.h"
+
+#include <string.h>
+
+/* ---- Small things ---------------------------------------------------------------------------- */
+
+uint64_t diff_random_nodes(diff_maker *m)
+{
+    uint64_t all = UINT64_MAX >> (CW_NODES_MAX - m->nodes);
+    uint64_t one = UINT64_C(1) << diff_below(&m->random, m->nodes);
+    if (diff_chance(&m->random, 600))
+        return one;
+    return (diff_draw(&m->random) & all) | one;
+}
+
+uint64_t diff_random_ticks(diff_maker *m, uint64_t bits_least, uint64_t bits_most)
+{
+    uint64_t ticks = diff_magnitude(&m->random, bits_least, bits_most) * m->bit;
+    return diff_chance(&m->random, 500) ? ticks : ticks + diff_below(&m->random, m->bit);
+}
+
+unsigned diff_random_modes(diff_maker *m)
+{
+    unsigned modes = 0;
+    if (diff_chance(&m->random, 150))
+        modes |= CW_MODE_ONE_SHOT;
+    if (diff_chance(&m->random, 70))
+        modes |= CW_MODE_LISTEN_ONLY;
+    if (diff_chance(&m->random, 60))
+        modes |= CW_MODE_LOOPBACK;
+    if (diff_chance(&m->random, 100))
+        modes |= CW_MODE_PRESUME_ACK;
+    if (diff_chance(&m->random, 200))
+        modes |= CW_MODE_BERR_REPORTING;
+    return modes;
+}
+
+cw_settings diff_random_settings(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    cw_settings s = {.which = (uint8_t)(1u << diff_below(r, 5))};
+    if (diff_chance(r, 300))
+        s.which = (uint8_t)diff_below(r, 32);
+    s.modes_mask = (uint8_t)(diff_chance(r, 600) ? 0x1F : diff_below(r, 32));
+    s.modes = (uint8_t)(diff_chance(r, 500) ? 0 : diff_random_modes(m));
+    s.order = diff_chance(r, 500) ? CW_ORDER_FIFO : CW_ORDER_PRIORITY;
+    s.queue = (uint16_t)diff_between(r, 1, diff_chance(r, 100) ? 40 : 8);
+    s.warning_limit = (uint16_t)diff_between(r, diff_chance(r, 50) ? 0 : 1, 255);
+    s.restart_ticks = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 1, 3000);
+    return s;
+}
+
+static void random_data(diff_random *r, uint8_t *data, unsigned length)
+{
+    static const uint8_t patterns[] = {0x00, 0xFF, 0x55, 0xF0, 0x1F, 0x83};
+    unsigned kind = (unsigned)diff_below(r, 12);
+    for (unsigned i = 0; i < length; i++)
+        data[i] = kind < sizeof patterns ? patterns[kind] : (uint8_t)diff_draw(r);
+}
+
+cw_frame diff_random_frame(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    cw_frame frame = m->frames[diff_below(r, m->frame_count)];
+    if (diff_chance(r, 200))
+        frame.dlc = (uint8_t)diff_below(r, diff_chance(r, 100) ? 16 : 9);
+    memset(frame.data, 0, sizeof frame.data);
+    random_data(r, frame.data, cw_frame_length(&frame));
+    return frame;
+}
+
+/* ---- When ------------------------------------------------------------------------------------ */
+
+static uint32_t filter_value(const cw_frame *frame)
+{
+    uint32_t value = frame->id;
+    if (frame->flags & CW_FRAME_EXTENDED)
+        value |= CW_FILTER_EXTENDED;
+    if (frame->flags & CW_FRAME_REMOTE)
+        value |= CW_FILTER_REMOTE;
+    return value;
+}
+
+static cw_filter random_filter(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    const cw_frame *frame = &m->frames[diff_below(r, m->frame_count)];
+    cw_filter f = {.value = filter_value(frame), .mask = CW_FILTER_EXTENDED | 0x1FFFFFFFu};
+    if (!(frame->flags & CW_FRAME_EXTENDED) && diff_chance(r, 700))
+        f.mask = CW_FILTER_EXTENDED | 0x7FFu;
+    if (diff_chance(r, 300))
+        f.mask |= CW_FILTER_REMOTE;
+    if (diff_chance(r, 150))
+        f.mask &= (uint32_t)diff_draw(r);
+    f.inverted = diff_chance(r, 60);
+    return f;
+}
+
+static void random_filters(diff_maker *m, cw_rule *rule)
+{
+    rule->filter_count = diff_chance(&m->random, 800) ? 1 : 0;
+    if (diff_chance(&m->random, 80))
+        rule->filter_count = (uint8_t)diff_between(&m->random, 2, CW_RULE_FILTERS_MAX);
+    for (unsigned i = 0; i < rule->filter_count; i++)
+        rule->filters[i] = random_filter(m);
+    if (!diff_chance(&m->random, 100))
+        return;
+    rule->data_length = (uint8_t)diff_between(&m->random, 1, 8);
+    for (unsigned i = 0; i < rule->data_length; i++)
+        rule->data_mask[i] = diff_chance(&m->random, 300) ? (uint8_t)diff_draw(&m->random) & 0x11 : 0;
+    random_data(&m->random, rule->data_value, rule->data_length);
+}
+
+static void random_window(diff_maker *m, cw_rule *rule)
+{
+    rule->time_end = CW_NEVER;
+    if (!diff_chance(&m->random, 250) && rule->trigger != CW_TRIGGER_TIME)
+        return;
+    rule->time_begin = diff_below(&m->random, m->bits * m->bit);
+    if (diff_chance(&m->random, 300))
+        rule->time_begin -= rule->time_begin % m->bit;
+    if (diff_chance(&m->random, 600))
+        rule->time_end = rule->time_begin + diff_random_ticks(m, 1, m->bits);
+}
+
+static void random_choice(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    rule->probability = UINT64_MAX;
+    rule->every = 1;
+    if (diff_chance(r, 200))
+        rule->skip = (uint32_t)diff_below(r, 6);
+    if (diff_chance(r, 300))
+        rule->every = (uint32_t)diff_below(r, 8);
+    if (diff_chance(r, 400))
+        rule->count = (uint32_t)diff_between(r, 1, 10);
+    if (diff_chance(r, 300))
+        rule->probability = UINT64_MAX / diff_between(r, 1, 20);
+    if (diff_chance(r, 200))
+        rule->hold_off = diff_random_ticks(m, 1, 2000);
+    if (m->rarity > 1 && diff_chance(r, 500))
+        rule->every = (uint32_t)diff_between(r, 1, 2 * m->rarity);
+    else if (m->rarity > 1)
+        rule->probability = UINT64_MAX / m->rarity;
+}
+
+static bool needs_frame(cw_action a)
+{
+    return a <= CW_ACTION_GLITCH || a == CW_ACTION_WRONG_CRC || a == CW_ACTION_REPLY ||
+           (a >= CW_ACTION_DROP && a <= CW_ACTION_CHANGE);
+}
+
+static void random_trigger(diff_maker *m, cw_rule *rule)
+{
+    static const cw_trigger often[] = {CW_TRIGGER_FRAME, CW_TRIGGER_FRAME, CW_TRIGGER_FRAME,
+                                       CW_TRIGGER_TIME,  CW_TRIGGER_TIME,  CW_TRIGGER_ARMED,
+                                       CW_TRIGGER_ARMED, CW_TRIGGER_ERROR};
+    static const uint32_t classes[] = {0x002, 0x088, 0x020, 0x004, 0x040, 0x100, 0x1EE};
+    diff_random *r = &m->random;
+    rule->trigger = often[diff_below(r, 8)];
+    if (needs_frame(rule->action))
+        rule->trigger = CW_TRIGGER_FRAME;
+    if (rule->trigger == CW_TRIGGER_ERROR)
+        rule->error_mask = classes[diff_below(r, 7)];
+    if (rule->trigger == CW_TRIGGER_ARMED || diff_chance(r, 60)) {
+        rule->has_after = m->rules > 0 && diff_chance(r, 600);
+        rule->manual = !rule->has_after || diff_chance(r, 200);
+        rule->after = (uint16_t)diff_below(r, m->rules);
+        rule->after_delay = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 1, 500);
+    }
+}
+
+static void random_when(diff_maker *m, cw_rule *rule)
+{
+    random_trigger(m, rule);
+    random_filters(m, rule);
+    random_window(m, rule);
+    random_choice(m, rule);
+    if (diff_chance(&m->random, 300))
+        rule->from = diff_random_nodes(m);
+    if (diff_chance(&m->random, 80)) {
+        rule->state_nodes = diff_random_nodes(m);
+        rule->state_mask = (uint8_t)diff_between(&m->random, 1, 15);
+    }
+}
+
+/* ---- Do -------------------------------------------------------------------------------------- */
+
+/* Bits of a field; the last index may be beyond the frame at hand. */
+static unsigned field_bits(cw_field field)
+{
+    switch (field) {
+    case CW_FIELD_ID:
+        return 29;
+    case CW_FIELD_DLC:
+        return 4;
+    case CW_FIELD_DATA:
+        return 64;
+    case CW_FIELD_CRC:
+        return 15;
+    case CW_FIELD_EOF:
+        return 7;
+    case CW_FIELD_INTERMISSION:
+        return 3;
+    case CW_FIELD_SUSPEND:
+    case CW_FIELD_ERROR_DELIMITER:
+    case CW_FIELD_OVERLOAD_DELIMITER:
+        return 8;
+    case CW_FIELD_ERROR_FLAG:
+    case CW_FIELD_OVERLOAD_FLAG:
+        return 8;
+    case CW_FIELD_STUFF:
+        return 6;
+    case CW_FIELD_BIT:
+        return 140;
+    case CW_FIELD_NONE:
+    case CW_FIELD_SOF:
+    case CW_FIELD_SRR:
+    case CW_FIELD_IDE:
+    case CW_FIELD_RTR:
+    case CW_FIELD_R1:
+    case CW_FIELD_R0:
+    case CW_FIELD_CRC_DELIMITER:
+    case CW_FIELD_ACK_SLOT:
+    case CW_FIELD_ACK_DELIMITER:
+    case CW_FIELD_COUNT:
+        break;
+    }
+    return 1;
+}
+
+static void random_position(diff_maker *m, cw_rule *rule)
+{
+    static const cw_field seldom[] = {CW_FIELD_SUSPEND, CW_FIELD_OVERLOAD_FLAG,
+                                      CW_FIELD_OVERLOAD_DELIMITER, CW_FIELD_R1, CW_FIELD_STUFF};
+    diff_random *r = &m->random;
+    rule->field = (cw_field)diff_between(r, CW_FIELD_SOF, CW_FIELD_COUNT - 1);
+    if (diff_chance(r, 200))
+        rule->field = seldom[diff_below(r, sizeof seldom / sizeof seldom[0])];
+    rule->index = (uint16_t)diff_below(r, field_bits(rule->field));
+    rule->bits = (uint16_t)(diff_chance(r, 700) ? 1 : diff_magnitude(r, 1, 40));
+    rule->level = diff_chance(r, 500);
+    if (rule->action == CW_ACTION_FORCE && diff_chance(r, 200))
+        rule->for_ticks = diff_random_ticks(m, 1, 30);
+    if (rule->action == CW_ACTION_GLITCH) {
+        rule->pattern_level = diff_draw(r);
+        rule->pattern_mask = diff_chance(r, 500) ? UINT64_MAX : diff_draw(r);
+        rule->bits = (uint16_t)diff_magnitude(r, 1, CW_PATTERN_MAX);
+    }
+}
+
+static void random_levels(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    bool destroys = rule->action == CW_ACTION_STUCK || rule->action == CW_ACTION_DISCONNECT;
+    rule->line = (cw_line)diff_below(r, 3);
+    rule->level = diff_chance(r, 500);
+    rule->for_ticks = diff_chance(r, 100) ? 0 : diff_random_ticks(m, 1, destroys ? 400 : 2000);
+    if (diff_chance(r, 400))
+        rule->dominant_timeout = diff_random_ticks(m, 1, 300);
+    rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 100000);
+    for (unsigned i = 0; i < m->nodes; i++)
+        rule->group[i] = (uint8_t)diff_below(r, diff_between(r, 1, 4));
+}
+
+static void random_counters(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    rule->tec = (uint16_t)(diff_chance(r, 300) ? CW_KEEP : diff_below(r, 264));
+    rule->rec = (uint16_t)(diff_chance(r, 300) ? CW_KEEP : diff_below(r, 256));
+    rule->number = (uint32_t)diff_between(r, 1, 2);
+    rule->settings = diff_random_settings(m);
+}
+
+static void random_change(diff_maker *m, cw_change *c)
+{
+    diff_random *r = &m->random;
+    const cw_frame *frame = &m->frames[diff_below(r, m->frame_count)];
+    c->set_id = diff_chance(r, 300);
+    c->set_dlc = diff_chance(r, 300);
+    c->id = frame->id;
+    c->id_flags = frame->flags & CW_FRAME_EXTENDED;
+    c->dlc = (uint8_t)diff_below(r, diff_chance(r, 100) ? 18 : 9);
+    memset(c->and_mask, 0xFF, sizeof c->and_mask);
+    for (unsigned i = 0; i < 8; i++)
+        if (diff_chance(r, 200))
+            c->xor_mask[i] = (uint8_t)diff_draw(r);
+    c->set_mask[diff_below(r, 8)] = 0xFF;
+    c->set[diff_below(r, 8)] = (uint8_t)diff_draw(r);
+    c->or_mask[diff_below(r, 8)] = (uint8_t)diff_draw(r);
+    c->and_mask[diff_below(r, 8)] = (uint8_t)diff_draw(r);
+}
+
+static void random_host(diff_maker *m, cw_rule *rule)
+{
+    rule->side = diff_chance(&m->random, 500) ? CW_SIDE_TX : CW_SIDE_RX;
+    rule->for_ticks = diff_random_ticks(m, 1, 1000);
+    rule->number = (uint32_t)diff_below(&m->random, 4);
+    random_change(m, &rule->change);
+}
+
+static void random_traffic(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    rule->frame = diff_random_frame(m);
+    rule->for_ticks = diff_random_ticks(m, 1, 3000);
+    if (rule->action == CW_ACTION_REPLY)
+        rule->for_ticks = diff_chance(r, 400) ? 0 : diff_random_ticks(m, 1, 300);
+    rule->period_ticks = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 20, 3000);
+    rule->load_permille = (uint16_t)diff_below(r, 1001);
+}
+
+static void random_do(diff_maker *m, cw_rule *rule)
+{
+    rule->node = (uint8_t)diff_below(&m->random, m->nodes);
+    rule->nodes = diff_random_nodes(m);
+    rule->bits = 1;
+    if (rule->action <= CW_ACTION_GLITCH)
+        random_position(m, rule);
+    else if (rule->action <= CW_ACTION_PARTITION)
+        random_levels(m, rule);
+    else if (rule->action <= CW_ACTION_SET)
+        random_counters(m, rule);
+    else if (rule->action <= CW_ACTION_CHANGE)
+        random_host(m, rule);
+    else
+        random_traffic(m, rule);
+    if (diff_chance(&m->random, 400))
+        rule->at = diff_random_nodes(m);
+}
+
+static cw_action random_action(diff_maker *m)
+{
+    cw_action action;
+    do
+        action = (cw_action)diff_below(&m->random, CW_ACTION_COUNT);
+    while (!(m->actions >> action & 1u));
+    return action;
+}
+
+cw_rule diff_random_rule(diff_maker *m)
+{
+    cw_rule rule = {.action = random_action(m)};
+    random_when(m, &rule);
+    random_do(m, &rule);
+    if (rule.action == CW_ACTION_OVERLOAD && diff_chance(&m->random, 300)) {
+        rule.filter_count = 0; /* after each frame */
+        rule.data_length = 0;
+        rule.from = 0;
+    }
+    return rule;
+}

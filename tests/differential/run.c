@@ -1,0 +1,481 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run.c - a scenario on two buses, the fast one and the reference.
+ *
+ * Both are brought to the tick of an operation in slices of their own, their events are taken and
+ * compared, then both are told the same.
+ */
+#include "differential.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CONTEXT 8u /* events shown before and after the first one that differs */
+
+typedef struct side {
+    const char *name;
+    cw_bus *bus;
+    void *memory;
+    diff_slicing slicing;
+    diff_random random;
+    bool peeks;
+    cw_event *events; /* since the last operation */
+    size_t count;
+    size_t room;
+    bool drained;  /* the ring has no events */
+    uint64_t full; /* times that the ring was full */
+} side;
+
+typedef struct pair {
+    const diff_scenario *scenario;
+    diff_scenario plans; /* a copy, to fill in */
+    diff_coverage *coverage;
+    FILE *out;
+    diff_verdict *verdict;
+    side fast;
+    side reference;
+    uint32_t bit_ticks;
+    unsigned rule_count; /* indices of rules that may be in use */
+    cw_rule rules[2 * DIFF_RULES_MAX];
+    cw_event history[CONTEXT];
+    uint64_t events; /* compared so far */
+} pair;
+
+/* ---- What differs ---------------------------------------------------------------------------- */
+
+static void found(pair *p, uint64_t tick)
+{
+    if (p->verdict->differs)
+        return;
+    p->verdict->differs = true;
+    p->verdict->tick = tick;
+}
+
+static void write_side(const side *s, size_t from, FILE *out)
+{
+    fprintf(out, "%s:\n", s->name);
+    if (from >= s->count)
+        fprintf(out, "  no further event up to tick %" PRIu64 "\n", cw_bus_now(s->bus));
+    for (size_t i = from; i < s->count && i < from + CONTEXT; i++)
+        diff_write_event(out, &s->events[i]);
+}
+
+static void write_event_difference(const pair *p, size_t at)
+{
+    FILE *out = p->out;
+    fprintf(out, "event %" PRIu64 " differs; before it:\n", p->events + at);
+    for (uint64_t i = p->events > CONTEXT ? p->events - CONTEXT : 0; i < p->events; i++)
+        if (i + CONTEXT >= p->events + at)
+            diff_write_event(out, &p->history[i % CONTEXT]);
+    for (size_t i = at > CONTEXT ? at - CONTEXT : 0; i < at; i++)
+        diff_write_event(out, &p->reference.events[i]);
+    write_side(&p->fast, at, out);
+    write_side(&p->reference, at, out);
+}
+
+static uint64_t event_tick(const side *s, size_t at)
+{
+    return at < s->count ? s->events[at].tick : CW_NEVER;
+}
+
+static void events_differ(pair *p, size_t at)
+{
+    uint64_t a = event_tick(&p->fast, at);
+    uint64_t b = event_tick(&p->reference, at);
+    if (p->out)
+        write_event_difference(p, at);
+    found(p, a < b ? a : b);
+}
+
+static void statuses_same(pair *p, const char *what, cw_status fast, cw_status reference)
+{
+    p->coverage->refusals[fast]++;
+    if (fast == reference)
+        return;
+    if (p->out)
+        fprintf(p->out, "status of %s: fast %d, reference %d\n", what, (int)fast, (int)reference);
+    found(p, cw_bus_now(p->reference.bus));
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static void take_events(side *s, size_t most)
+{
+    cw_event e;
+    for (; most > 0 && cw_bus_poll(s->bus, &e); most--) {
+        if (s->count == s->room) {
+            s->room = s->room ? 2 * s->room : 256;
+            s->events = diff_allocate(s->events, s->room * sizeof s->events[0]);
+        }
+        s->events[s->count++] = e;
+    }
+}
+
+static const cw_rule *rule_of(const pair *p, const cw_event *e)
+{
+    bool known = e->kind == CW_EVENT_FAULT && e->rule < p->rule_count;
+    return known ? &p->rules[e->rule] : NULL;
+}
+
+static void compare_events(pair *p)
+{
+    size_t most = p->fast.count > p->reference.count ? p->fast.count : p->reference.count;
+    if (p->verdict->differs)
+        return;
+    for (size_t i = 0; i < most; i++) {
+        bool both = i < p->fast.count && i < p->reference.count;
+        if (!both || !diff_same_event(&p->fast.events[i], &p->reference.events[i])) {
+            events_differ(p, i);
+            return;
+        }
+        diff_cover_event(p->coverage, &p->fast.events[i], rule_of(p, &p->fast.events[i]));
+    }
+    for (size_t i = most > CONTEXT ? most - CONTEXT : 0; i < most; i++)
+        p->history[(p->events + i) % CONTEXT] = p->fast.events[i];
+    p->events += most;
+    p->fast.count = 0;
+    p->reference.count = 0;
+}
+
+/* ---- Advance --------------------------------------------------------------------------------- */
+
+static uint64_t slice_end(pair *p, side *s, uint64_t target)
+{
+    uint64_t now = cw_bus_now(s->bus);
+    uint64_t left = target > now ? target - now : 0;
+    uint64_t ticks = left;
+    switch (s->slicing) {
+    case DIFF_BITS:
+        ticks = p->bit_ticks;
+        break;
+    case DIFF_SHORT:
+        ticks = diff_between(&s->random, 1, 12 * (uint64_t)p->bit_ticks);
+        break;
+    case DIFF_MIXED:
+        ticks = left ? diff_magnitude(&s->random, 1, left) : 0;
+        break;
+    case DIFF_NEXT:
+        ticks = cw_bus_next(s->bus);
+        ticks = ticks > now + p->bit_ticks ? ticks - now : p->bit_ticks;
+        break;
+    case DIFF_WHOLE:
+    case DIFF_SLICING_COUNT:
+        break;
+    }
+    return ticks < left ? now + ticks : target;
+}
+
+/* Events that come by themselves; after anything else they may come as they like. */
+static bool is_foreseeable(const cw_event *e)
+{
+    return e->kind == CW_EVENT_RX || e->kind == CW_EVENT_TX || e->kind == CW_EVENT_RESTART;
+}
+
+/* Frames and restarts do not come before the tick that cw_bus_next() has told, unless something
+ * unforeseen happens; when it has told that the bus rests, nothing comes. */
+static void check_next(pair *p, const side *s, size_t from, uint64_t next)
+{
+    for (size_t i = from; i < s->count; i++) {
+        const cw_event *e = &s->events[i];
+        if (e->kind == CW_EVENT_ARBITRATION_LOST && next != CW_NEVER)
+            continue;
+        if (e->tick >= next || (next != CW_NEVER && !is_foreseeable(e)))
+            return;
+        if (p->out) {
+            fprintf(p->out, "%s: cw_bus_next() was %" PRIu64 ", but:\n", s->name, next);
+            diff_write_event(p->out, e);
+        }
+        found(p, e->tick);
+        return;
+    }
+}
+
+/* Reading changes nothing. */
+static void peek(const side *s)
+{
+    cw_node_stats node;
+    cw_bus_stats bus;
+    cw_settings settings;
+    cw_bus_get_stats(s->bus, &bus);
+    (void)cw_bus_next(s->bus);
+    (void)cw_bus_idle(s->bus);
+    for (unsigned i = 0; cw_node_get_stats(s->bus, i, &node) == CW_OK; i++)
+        (void)cw_node_get_settings(s->bus, i, &settings);
+}
+
+/* One call, and more of it while the ring is full. Returns false when it does not go on. */
+static bool advance_through(pair *p, side *s, uint64_t end)
+{
+    while (cw_bus_advance(s->bus, end) != CW_OK) {
+        size_t had = s->count;
+        s->full++;
+        take_events(s, s->slicing == DIFF_WHOLE ? SIZE_MAX : diff_between(&s->random, 1, 300));
+        if (s->count == had)
+            return false;
+    }
+    uint64_t now = cw_bus_now(s->bus);
+    return end <= now || end - now < p->bit_ticks;
+}
+
+static void drain(pair *p, side *s, size_t before, uint64_t next)
+{
+    take_events(s, SIZE_MAX);
+    s->drained = true;
+    check_next(p, s, before, next);
+}
+
+static void advance_slice(pair *p, side *s, uint64_t end)
+{
+    size_t before = s->count;
+    uint64_t next = s->drained ? cw_bus_next(s->bus) : 0;
+    s->drained = false;
+    if (!advance_through(p, s, end)) {
+        if (p->out)
+            fprintf(p->out, "%s does not go on to tick %" PRIu64 "\n", s->name, end);
+        found(p, cw_bus_now(s->bus));
+    }
+    if (diff_chance(&s->random, p->scenario->drains))
+        drain(p, s, before, next);
+    if (s->peeks)
+        peek(s);
+}
+
+static void advance_side(pair *p, side *s, uint64_t target)
+{
+    uint64_t now = cw_bus_now(s->bus);
+    /* the same slices whatever came before, so that operations can be left out */
+    diff_random_init(&s->random, now ^ target << 20);
+    do {
+        advance_slice(p, s, slice_end(p, s, target));
+        now = cw_bus_now(s->bus);
+    } while (!p->verdict->differs && target > now && target - now >= p->bit_ticks);
+}
+
+/* All events up to now. */
+static void settle(pair *p)
+{
+    drain(p, &p->fast, p->fast.count, 0);
+    drain(p, &p->reference, p->reference.count, 0);
+    compare_events(p);
+}
+
+static void advance(pair *p, uint64_t tick)
+{
+    advance_side(p, &p->reference, tick);
+    advance_side(p, &p->fast, tick);
+    if (p->scenario->drains)
+        settle(p);
+}
+
+static void check(pair *p)
+{
+    p->coverage->comparisons++;
+    if (!diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out))
+        found(p, cw_bus_now(p->reference.bus));
+}
+
+/* ---- Buses ----------------------------------------------------------------------------------- */
+
+static void *make_bus(cw_bus **bus, const cw_bus_config *config)
+{
+    size_t size = cw_bus_size(config);
+    *bus = NULL;
+    if (size == 0)
+        return NULL;
+    void *memory = diff_allocate(NULL, size);
+    memset(memory, 0xA5, size); /* nothing may depend on it */
+    *bus = cw_bus_init(memory, config);
+    if (*bus)
+        return memory;
+    free(memory);
+    return NULL;
+}
+
+static void know_rules(pair *p, const cw_bus_config *config)
+{
+    p->rule_count = (unsigned)config->rule_count + config->rule_room;
+    memset(p->rules, 0, sizeof p->rules);
+    for (unsigned i = 0; i < config->rule_count; i++)
+        p->rules[i] = config->rules[i];
+}
+
+static cw_status side_take_over(side *s, const cw_bus_config *config, const uint8_t *from)
+{
+    cw_bus *bus;
+    void *memory = make_bus(&bus, config);
+    if (!bus)
+        return CW_REFUSED;
+    cw_status status = cw_bus_take_over(bus, s->bus, from);
+    if (status == CW_OK) {
+        free(s->memory);
+        s->memory = memory;
+        s->bus = bus;
+    } else {
+        free(memory);
+    }
+    return status;
+}
+
+static void take_over(pair *p, const diff_op *op)
+{
+    cw_rule rules[DIFF_RULES_MAX];
+    const cw_bus_config *config = diff_fill_in(&p->plans.plans[op->target], rules);
+    cw_status status = side_take_over(&p->fast, config, op->from);
+    statuses_same(p, "take-over", status, side_take_over(&p->reference, config, op->from));
+    cw_bus_set_stepping(p->reference.bus, true);
+    if (status == CW_OK)
+        know_rules(p, config);
+}
+
+/* ---- Operations ------------------------------------------------------------------------------ */
+
+static void add_rule(pair *p, const diff_op *op)
+{
+    unsigned a = 0;
+    unsigned b = 0;
+    cw_rule rule = p->scenario->added[op->target].rule;
+    rule.name = diff_name(p->scenario->added[op->target].name);
+    cw_status status = cw_bus_add_rule(p->fast.bus, &a, &rule);
+    statuses_same(p, "cw_bus_add_rule", status, cw_bus_add_rule(p->reference.bus, &b, &rule));
+    if (a != b)
+        found(p, cw_bus_now(p->reference.bus));
+    if (status == CW_OK && a < p->rule_count)
+        p->rules[a] = rule;
+}
+
+#define BOTH(call, ...) \
+    statuses_same(p, #call, call(p->fast.bus, __VA_ARGS__), call(p->reference.bus, __VA_ARGS__))
+
+static void operate(pair *p, const diff_op *op)
+{
+    p->coverage->ops[op->kind]++;
+    switch (op->kind) {
+    case DIFF_SEND:
+        BOTH(cw_node_send, op->target, &op->send.frame, op->send.at_tick);
+        break;
+    case DIFF_RESTART:
+        BOTH(cw_node_restart, op->target);
+        break;
+    case DIFF_ADD_RULE:
+        add_rule(p, op);
+        break;
+    case DIFF_CLEAR_RULE:
+        BOTH(cw_bus_clear_rule, op->target);
+        break;
+    case DIFF_STOP_RULE:
+        BOTH(cw_bus_stop_rule, op->target);
+        break;
+    case DIFF_FIRE_RULE:
+        BOTH(cw_bus_fire_rule, op->target);
+        break;
+    case DIFF_SET:
+        BOTH(cw_node_set, op->target, &op->settings);
+        break;
+    case DIFF_FLUSH:
+        BOTH(cw_node_flush, op->target);
+        break;
+    case DIFF_TAKE_OVER:
+        take_over(p, op);
+        break;
+    case DIFF_STEPPING:
+        cw_bus_set_stepping(p->fast.bus, op->stepping);
+        break;
+    case DIFF_CHECK:
+    case DIFF_OP_COUNT:
+        check(p);
+        break;
+    }
+}
+
+/* A frame for later changes nothing yet. All else may make events at the present tick, whose place
+ * among those of the same tick depends on which have been taken: all of them have. */
+static bool is_for_later(const pair *p, const diff_op *op)
+{
+    return op->kind == DIFF_SEND && op->send.at_tick > cw_bus_now(p->reference.bus);
+}
+
+static void run_operation(pair *p, const diff_op *op)
+{
+    if (!op->at_once)
+        advance(p, op->tick);
+    if (!is_for_later(p, op))
+        settle(p);
+    if (p->verdict->differs)
+        return;
+    operate(p, op);
+    if (op->kind != DIFF_SEND)
+        settle(p);
+}
+
+static void run_operations(pair *p)
+{
+    const diff_scenario *s = p->scenario;
+    for (unsigned i = 0; i < s->op_count && !p->verdict->differs; i++)
+        run_operation(p, &s->ops[i]);
+    if (!p->verdict->differs)
+        advance(p, s->end);
+    settle(p);
+    if (!p->verdict->differs)
+        check(p);
+}
+
+/* ---- Run ------------------------------------------------------------------------------------- */
+
+static void count(pair *p)
+{
+    cw_bus_stats stats;
+    cw_bus_get_stats(p->reference.bus, &stats);
+    p->coverage->scenarios++;
+    p->coverage->bits += stats.bits;
+    p->coverage->frames += stats.frames;
+    p->coverage->error_frames += stats.error_frames;
+    for (unsigned i = 0; i < p->scenario->plan_count; i++)
+        p->coverage->nodes[p->scenario->plans[i].config.node_count]++;
+    p->coverage->style_bits[p->scenario->style] += stats.bits;
+    p->coverage->style_frames[p->scenario->style] += stats.frames;
+    p->coverage->ring_full += p->fast.full;
+}
+
+static bool start(side *s, const char *name, const cw_bus_config *config)
+{
+    s->name = name;
+    s->drained = true;
+    s->memory = make_bus(&s->bus, config);
+    return s->bus != NULL;
+}
+
+static void end_side(side *s)
+{
+    free(s->memory);
+    free(s->events);
+}
+
+void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *out)
+{
+    cw_rule rules[DIFF_RULES_MAX];
+    pair *p = diff_allocate(NULL, sizeof *p);
+    memset(p, 0, sizeof *p);
+    *v = (diff_verdict){.differs = false};
+    p->scenario = s;
+    p->plans = *s;
+    p->coverage = c;
+    p->out = out;
+    p->verdict = v;
+    const cw_bus_config *config = diff_fill_in(&p->plans.plans[0], rules);
+    bool started = start(&p->fast, "fast", config);
+    started = start(&p->reference, "reference", config) && started;
+    if (started) {
+        p->bit_ticks = config->bit_ticks;
+        p->fast.slicing = s->fast;
+        p->fast.peeks = s->peeks;
+        p->reference.slicing = s->reference;
+        cw_bus_set_stepping(p->reference.bus, true);
+        know_rules(p, config);
+        run_operations(p);
+        count(p);
+    }
+    end_side(&p->fast);
+    end_side(&p->reference);
+    free(p);
+}
