@@ -50,6 +50,10 @@ bool diff_same_event(const cw_event *a, const cw_event *b)
     SAME(state_before);
     SAME(why);
     SAME(lost_bit);
+    SAME(up);
+    SAME(ticks);
+    SAME(from);
+    SAME(handed_in);
     SAME(rule);
     SAME(hit);
     SAME(frame.id);
@@ -97,13 +101,18 @@ static void compare_delays(comparison *c, const cw_delay *a, const cw_delay *b)
 static void compare_node_stats(comparison *c, const cw_node_stats *a, const cw_node_stats *b)
 {
     SAME(handed_in);
+    SAME(made_by_rules);
     SAME(tx_frames);
     SAME(tx_bytes);
     SAME(tx_bits);
     SAME(rx_frames);
     SAME(rx_bytes);
+    SAME(rx_accepted);
+    SAME(rx_made_by_rules);
     for (unsigned i = 0; i < CW_DROP_COUNT; i++)
         SAME(dropped[i]);
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
+        SAME(rx_dropped[i]);
     SAME(arbitration_lost);
     SAME(retransmissions);
     for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
@@ -114,8 +123,11 @@ static void compare_node_stats(comparison *c, const cw_node_stats *a, const cw_n
     SAME(bus_off);
     SAME(restarts);
     SAME(undetected_errors);
+    SAME(inbox);
     SAME(queue);
     SAME(queue_peak);
+    SAME(held);
+    SAME(rx_held);
     SAME(tec);
     SAME(rec);
     SAME(state);
@@ -143,10 +155,55 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     if (status != CW_OK)
         return false;
     compare_node_stats(c, &stats[0], &stats[1]);
+    same(c, "balance", cw_node_stats_balance(&stats[0]), true);
+    same(c, "attached", cw_node_attached(fast, c->number),
+         cw_node_attached(reference, c->number));
     status = cw_node_get_settings(fast, c->number, &settings[0]);
     same(c, "status", status, cw_node_get_settings(reference, c->number, &settings[1]));
     compare_settings(c, &settings[0], &settings[1]);
     return true;
+}
+
+static void compare_bit_node(comparison *c, const cw_bit_node *a, const cw_bit_node *b)
+{
+    SAME(place.field);
+    SAME(place.index);
+    SAME(place.stuff);
+    SAME(place.extended);
+    SAME(phase);
+    SAME(role);
+    SAME(wire);
+    SAME(state);
+    SAME(tec);
+    SAME(rec);
+}
+
+/* The reference has simulated each bit by itself; the fast bus need not have. */
+static void compare_bits(comparison *c, const cw_bus *fast, const cw_bus *reference)
+{
+    cw_bit_view fast_view;
+    cw_bit_view reference_view;
+    cw_status status = cw_bus_get_bit(reference, &reference_view);
+    if (cw_bus_get_bit(fast, &fast_view) != CW_OK)
+        return;
+    const cw_bit_view *a = &fast_view;
+    const cw_bit_view *b = &reference_view;
+    same(c, "bit is known", true, status == CW_OK);
+    if (status != CW_OK)
+        return;
+    SAME(start);
+    SAME(end);
+    SAME(driven);
+    SAME(wire);
+    SAME(sampled);
+    SAME(tx_faults);
+    SAME(wire_faults);
+    SAME(rx_faults);
+    SAME(node_count);
+    SAME(wire_count);
+    c->of = "bit of node";
+    for (c->number = 0; c->number < b->node_count; c->number++)
+        compare_bit_node(c, &a->nodes[c->number], &b->nodes[c->number]);
 }
 
 static void compare_rule(comparison *c, const cw_bus *fast, const cw_bus *reference)
@@ -179,5 +236,7 @@ bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules
     c->of = "rule";
     for (c->number = 0; c->number < rules; c->number++)
         compare_rule(c, fast, reference);
+    c->of = "bit";
+    compare_bits(c, fast, reference);
     return c->same;
 }

@@ -59,6 +59,8 @@ typedef enum diff_op_kind {
     DIFF_FIRE_RULE,
     DIFF_SET,
     DIFF_FLUSH,
+    DIFF_ATTACH,
+    DIFF_SET_EVENTS,
     DIFF_TAKE_OVER,
     DIFF_STEPPING, /* of the fast bus */
     DIFF_CHECK,    /* all that can be read is compared */
@@ -76,7 +78,8 @@ typedef struct diff_op {
             uint64_t at_tick;
         } send;
         cw_settings settings;
-        bool stepping;
+        bool on;        /* STEPPING, ATTACH */
+        uint32_t kinds; /* SET_EVENTS */
         uint8_t from[CW_NODES_MAX]; /* TAKE_OVER */
     };
 } diff_op;

@@ -390,32 +390,44 @@ static void add_rule(generator *g, uint64_t tick)
         (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
 }
 
+static diff_op_kind random_op_kind(diff_random *r)
+{
+    static const struct {
+        diff_op_kind kind;
+        unsigned weight;
+    } often[] = {{DIFF_RESTART, 10},   {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
+                 {DIFF_STOP_RULE, 6},  {DIFF_FIRE_RULE, 10}, {DIFF_SET, 20},
+                 {DIFF_FLUSH, 1},      {DIFF_ATTACH, 12},    {DIFF_SET_EVENTS, 3},
+                 {DIFF_STEPPING, 12},  {DIFF_TAKE_OVER, 4}};
+    unsigned drawn = (unsigned)diff_below(r, 110);
+    unsigned i = 0;
+    for (; drawn >= often[i].weight; i++)
+        drawn -= often[i].weight;
+    return often[i].kind;
+}
+
 static void add_operation(generator *g, uint64_t tick)
 {
     diff_random *r = &g->maker.random;
-    unsigned drawn = (unsigned)diff_below(r, 100);
-    diff_op op = {.tick = tick, .at_once = diff_chance(r, 100)};
-    unsigned rule = (unsigned)diff_below(r, g->maker.rules + 3);
-    if (drawn < 10)
-        op.kind = DIFF_RESTART;
-    else if (drawn < 34)
-        op.kind = drawn < 18 ? DIFF_CLEAR_RULE : drawn < 24 ? DIFF_STOP_RULE : DIFF_FIRE_RULE;
-    else if (drawn < 55)
-        op.kind = DIFF_SET;
-    else if (drawn < 56)
-        op.kind = DIFF_FLUSH;
-    else if (drawn < 70)
-        op.kind = DIFF_STEPPING;
-    else if (drawn < 95)
-        return add_rule(g, tick);
-    else
-        return add_take_over(g, tick);
-    op.target = op.kind >= DIFF_CLEAR_RULE && op.kind <= DIFF_FIRE_RULE ? rule
-                                                                       : random_node_number(g);
+    diff_op op = {.kind = random_op_kind(r), .tick = tick, .at_once = diff_chance(r, 100)};
+    bool on_rule = op.kind >= DIFF_CLEAR_RULE && op.kind <= DIFF_FIRE_RULE;
+    if (op.kind == DIFF_ADD_RULE) {
+        add_rule(g, tick);
+        return;
+    }
+    if (op.kind == DIFF_TAKE_OVER) {
+        add_take_over(g, tick);
+        return;
+    }
+    op.target = on_rule ? (unsigned)diff_below(r, g->maker.rules + 3) : random_node_number(g);
     if (op.kind == DIFF_SET)
         op.settings = diff_random_settings(&g->maker);
     if (op.kind == DIFF_STEPPING)
-        op.stepping = diff_chance(r, 300);
+        op.on = diff_chance(r, 300);
+    if (op.kind == DIFF_ATTACH)
+        op.on = diff_chance(r, 650);
+    if (op.kind == DIFF_SET_EVENTS) /* all but a few kinds */
+        op.kinds = (uint32_t)(UINT32_MAX & ~(diff_draw(r) & diff_draw(r) & diff_draw(r)));
     diff_add_op(g->scenario, &op);
 }
 

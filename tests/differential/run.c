@@ -375,11 +375,18 @@ static void operate(pair *p, const diff_op *op)
     case DIFF_FLUSH:
         BOTH(cw_node_flush, op->target);
         break;
+    case DIFF_ATTACH:
+        BOTH(cw_node_attach, op->target, op->on);
+        break;
+    case DIFF_SET_EVENTS:
+        cw_bus_set_events(p->fast.bus, op->kinds);
+        cw_bus_set_events(p->reference.bus, op->kinds);
+        break;
     case DIFF_TAKE_OVER:
         take_over(p, op);
         break;
     case DIFF_STEPPING:
-        cw_bus_set_stepping(p->fast.bus, op->stepping);
+        cw_bus_set_stepping(p->fast.bus, op->on);
         break;
     case DIFF_CHECK:
     case DIFF_OP_COUNT:

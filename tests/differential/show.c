@@ -45,6 +45,10 @@ void diff_write_event(FILE *out, const cw_event *e)
     if (e->kind == CW_EVENT_DROP || e->kind == CW_EVENT_ARBITRATION_LOST ||
         e->kind == CW_EVENT_RX || e->kind == CW_EVENT_TX)
         write_frame_short(out, &e->frame);
+    if (e->kind == CW_EVENT_RX || e->kind == CW_EVENT_TX)
+        fprintf(out, " from %" PRIx64 " handed in %" PRIu64, e->from, e->handed_in);
+    if (e->kind == CW_EVENT_LINK)
+        fputs(e->up ? " up" : " down", out);
     fputc('\n', out);
 }
 
@@ -289,6 +293,12 @@ static void write_call(FILE *out, const diff_scenario *s, const diff_op *op)
     case DIFF_FLUSH:
         fprintf(out, "cw_node_flush(bus, %u);\n", op->target);
         break;
+    case DIFF_ATTACH:
+        fprintf(out, "cw_node_attach(bus, %u, %s);\n", op->target, op->on ? "true" : "false");
+        break;
+    case DIFF_SET_EVENTS:
+        fprintf(out, "cw_bus_set_events(bus, 0x%" PRIX32 ");\n", op->kinds);
+        break;
     case DIFF_TAKE_OVER:
         fprintf(out, "/* to config_%u: */ cw_bus_take_over(next, bus, (uint8_t[]){", op->target);
         for (unsigned i = 0; i < s->plans[op->target].config.node_count; i++)
@@ -296,7 +306,7 @@ static void write_call(FILE *out, const diff_scenario *s, const diff_op *op)
         fputs("});\n", out);
         break;
     case DIFF_STEPPING:
-        fprintf(out, "cw_bus_set_stepping(fast, %s);\n", op->stepping ? "true" : "false");
+        fprintf(out, "cw_bus_set_stepping(fast, %s);\n", op->on ? "true" : "false");
         break;
     case DIFF_CHECK:
     case DIFF_OP_COUNT:

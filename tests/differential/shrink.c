@@ -228,7 +228,7 @@ static void remove_from_rule(cw_rule *r, unsigned at)
 static bool is_about_node(const diff_op *op)
 {
     return op->kind == DIFF_SEND || op->kind == DIFF_RESTART || op->kind == DIFF_SET ||
-           op->kind == DIFF_FLUSH;
+           op->kind == DIFF_FLUSH || op->kind == DIFF_ATTACH;
 }
 
 /* Only of a bus that is the same throughout. */
