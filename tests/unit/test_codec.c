@@ -2,10 +2,12 @@
  *
  * test_codec.c - frames to wire bits and back (F1..F8), against a model of its own.
  */
+#include "bitwise.h"
 #include "model.h"
 #include "rig.h"
 
 #define FRAMES 20000
+#define BITWISE_FRAMES 300000
 #define FLIP_FRAMES 300
 #define SEED UINT64_C(0x1234567)
 
@@ -32,6 +34,82 @@ static void random_frames_encode_as_the_model_does(void **state)
         assert_string_equal(text, m.wire);
         assert_int_equal(bits.crc, strtoul(m.plain + strlen(m.plain) - 15, NULL, 2));
     }
+}
+
+/* ---- Encoding against one that goes bit by bit ----------------------------------------------- */
+
+/* In every part of cw_bits: also what is behind the last bit is the same. */
+static void check_bitwise(const cw_frame *f, uint16_t inverted)
+{
+    cw_bits bits;
+    cw_bits expected = bitwise_encode(f, inverted);
+    memset(&bits, 0xA5, sizeof bits);
+    assert_int_equal(cw_bits_encode_crc(&bits, f, inverted), CW_OK);
+    assert_memory_equal(bits.level, expected.level, sizeof bits.level);
+    assert_memory_equal(bits.stuff, expected.stuff, sizeof bits.stuff);
+    assert_int_equal(bits.crc, expected.crc);
+    assert_int_equal(bits.length, expected.length);
+    assert_int_equal(bits.data_bits, expected.data_bits);
+    assert_int_equal(bits.extended, expected.extended);
+}
+
+/* What is behind the data field must not count. */
+static void random_frames_encode_as_bit_by_bit(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 7};
+    for (unsigned i = 0; i < BITWISE_FRAMES; i++) {
+        cw_frame f = rig_random_frame(&random);
+        for (unsigned byte = cw_frame_length(&f); byte < 10; byte++)
+            f.data[byte] = (uint8_t)rig_runs(&random);
+        check_bitwise(&f, 0);
+        check_bitwise(&f, (uint16_t)rig_below(&random, 0x8000));
+    }
+}
+
+/* Rows of equal bits from each bit of the frame on, of each length and level. */
+static void rows_of_equal_bits_encode_as_bit_by_bit(void **state)
+{
+    (void)state;
+    static const uint64_t around[] = {0, UINT64_MAX, UINT64_C(0x5555555555555555)};
+    for (unsigned i = 0; i < 3 * 4 * 9 * 64 * 2; i++) {
+        unsigned from = i % 64, length = i / 64 % 9, kind = i / 576 % 4, level = i / 2304 % 2;
+        uint64_t row = UINT64_MAX >> from;
+        cw_frame f = {.flags = (uint8_t)kind, .dlc = (uint8_t)length};
+        for (unsigned bits = 1; bits <= 64 - from; bits++) {
+            uint64_t ones = row & ~(bits + from < 64 ? UINT64_MAX >> (from + bits) : 0);
+            uint64_t data = level ? around[i / 4608] | ones : around[i / 4608] & ~ones;
+            f.id = (uint32_t)data & (kind & CW_FRAME_EXTENDED ? 0x1FFFFFFFu : 0x7FFu);
+            for (unsigned byte = 0; byte < 8; byte++)
+                f.data[byte] = (uint8_t)(data >> (56 - 8 * byte));
+            check_bitwise(&f, 0);
+        }
+    }
+}
+
+static void every_base_identifier_encodes_as_bit_by_bit(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < 0x800 * 16 * 2; i++) {
+        cw_frame f = {.id = i % 0x800, .dlc = (uint8_t)(i / 0x800 % 16)};
+        f.flags = i / 0x8000 ? CW_FRAME_REMOTE : 0;
+        check_bitwise(&f, 0);
+    }
+}
+
+/* Among them CRCs that end in five equal bits, with a stuff bit before the delimiter (F7). */
+static void every_crc_encodes_as_bit_by_bit(void **state)
+{
+    (void)state;
+    unsigned stuffed_ends = 0;
+    for (unsigned inverted = 0; inverted < 0x8000; inverted++) {
+        cw_bits bits;
+        const cw_frame f = rig_frame(0x123, inverted & 1u ? CW_FRAME_EXTENDED : 0, 2);
+        check_bitwise(&f, (uint16_t)inverted);
+        assert_int_equal(cw_bits_encode_crc(&bits, &f, (uint16_t)inverted), CW_OK);
+        stuffed_ends += cw_bits_place(&bits, bits.length - MODEL_TAIL_BITS - 1u).stuff;
+    }
+    assert_in_range(stuffed_ends, 1000, 4000);
 }
 
 /* F7, counting stuff bits as equal bits. */
@@ -359,6 +437,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_frames_encode_as_the_model_does),
+        cmocka_unit_test(random_frames_encode_as_bit_by_bit),
+        cmocka_unit_test(rows_of_equal_bits_encode_as_bit_by_bit),
+        cmocka_unit_test(every_base_identifier_encodes_as_bit_by_bit),
+        cmocka_unit_test(every_crc_encodes_as_bit_by_bit),
         cmocka_unit_test(never_more_than_five_equal_bits_up_to_the_crc),
         cmocka_unit_test(length_is_the_closed_formula),
         cmocka_unit_test(every_bit_has_its_place),

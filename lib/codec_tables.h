@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * codec_tables.h - CRC and stuffing of whole bytes, for the encoder.
+ */
+#ifndef CANWIRE_CODEC_TABLES_H
+#define CANWIRE_CODEC_TABLES_H
+
+#include <stdint.h>
+
+#define CW_CRC_TABLE_BYTES 13 /* of the longest frame, SOF to data: 39 bits and 8 bytes */
+#define CW_STUFF_STATES 8
+
+/* [n][b]: CRC of the byte b with n zero bytes behind it (F6). The CRC of a row of bytes is the
+ * exclusive or of those of its bytes. */
+extern const uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256];
+
+/* Stuffing (F7). What a byte becomes depends on the level of the bit before it and on how many of
+ * that level were in a row, 1 to 4: a run of five is followed by its stuff bit at once. That state is
+ * 256 * (4 * level + run - 1); both tables are indexed by state + byte. */
+#define CW_STUFF_FIRST 0u /* one dominant bit: the pad that the encoder begins with is not stuffed */
+
+/* The wire bits, the last of them in bit 63, and how many they are, 8 to 10, in bits 0..3. */
+extern const uint64_t cw_stuff_table[CW_STUFF_STATES * 256];
+
+/* The state after the byte. */
+extern const uint16_t cw_stuff_next[CW_STUFF_STATES * 256];
+
+#endif
