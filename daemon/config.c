@@ -25,6 +25,7 @@
 
 #define QUEUE_DEFAULT 16u
 #define WARNING_LIMIT_DEFAULT 96u
+#define CATCH_UP_DEFAULT_NS 1000000000u
 #define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
 #define LCM_PERIOD_DEFAULT_NS 1000000000u
 #define LCM_EVENTS_DEFAULT                                                                         \
@@ -73,6 +74,12 @@ static const schema_choice pacings[] = {
     {.name = NULL},
 };
 
+static const schema_choice missing_ports[] = {
+    {.name = "fail", .value = CFG_MISSING_PORT_FAIL},
+    {.name = "wait", .value = CFG_MISSING_PORT_WAIT},
+    {.name = NULL},
+};
+
 /* In the order of reading: nodes need the bus, faults need the nodes and may name the rules of
  * profiles. */
 static const schema_key file_keys[] = {
@@ -84,6 +91,11 @@ static const schema_key file_keys[] = {
     {.name = "lcm", .read = read_lcm},
     {.name = "control", .read = read_control},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},
+    {.name = "missing-port",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg, missing_port),
+     .arg = missing_ports},
+    {.name = "catch-up", .read = cfg_read_span, .offset = offsetof(cfg, catch_up)},
     {.name = NULL},
 };
 
@@ -366,6 +378,7 @@ static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted k
         return false;
     owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
     owner->config.bus_name = schema_copy(&self, "can");
+    owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
     yaml_node_t *root = yaml_document_get_root_node(&document);
     if (!root)
         diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");

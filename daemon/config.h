@@ -40,6 +40,9 @@ typedef struct cfg_node {
 
 typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK } cfg_pacing;
 
+/* What to do at the start, and at a reload, about a port whose interface is not there. */
+typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;
+
 #define CFG_PACING_TICK_NS 1000000u /* how far `tick` pacing coalesces wake-ups */
 
 /* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
@@ -63,6 +66,8 @@ typedef struct cfg {
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
     cfg_pacing pacing;
+    cfg_missing_port missing_port;
+    cfg_time catch_up; /* how far the bus may fall behind; default 1s */
 } cfg;
 
 /* Reads a file. Returns NULL after writing one line per error to errors. */

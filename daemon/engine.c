@@ -6,12 +6,9 @@
  * time, advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift the
  * bus. The timer is an absolute timerfd, since libev's own have the granularity of a millisecond.
  */
-#include "engine.h"
+#include "engine_private.h"
 
-#include "conserve.h"
 #include "log.h"
-#include "release.h"
-#include "reload.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -22,38 +19,9 @@
 #include <unistd.h>
 
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
-#define BOUNDARY_BITS 1000 /* to wait for the end of a frame */
 #define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
 #define NS_PER_S INT64_C(1000000000)
-
-typedef struct port_watch {
-    ev_io io; /* first: the callback gets a pointer to it */
-    engine *engine;
-} port_watch;
-
-struct engine {
-    struct ev_loop *loop;
-    live *live;
-    const cfg *config; /* what is in effect */
-    publisher *publisher;
-    engine_observer *observer;
-    void *observer_user;
-    engine_changed *changed;
-    void *changed_user;
-    setup now;
-    conserve books;
-    inputs inputs; /* of now.bus */
-    uint64_t released; /* tick: what was to be released up to then has been */
-    reload *next; /* what it is to go over to, or NULL */
-    port_watch watches[CW_NODES_MAX];
-    ev_io timer;
-    int timer_fd;
-    int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
-    bool stopping;
-    uint64_t stop_tick; /* no later than this */
-    port_frame batch[PORT_BATCH];
-};
 
 /* ---- Clocks ---------------------------------------------------------------------------------- */
 
@@ -161,6 +129,12 @@ static void read_port(engine *e, unsigned node, const clock_pair *now)
     }
 }
 
+void engine_read_rest(engine *e, unsigned node)
+{
+    clock_pair now = read_clocks();
+    read_port(e, node, &now);
+}
+
 static void read_ports(engine *e, const clock_pair *now)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -168,7 +142,7 @@ static void read_ports(engine *e, const clock_pair *now)
             read_port(e, i, now);
 }
 
-static void run_releases(engine *e, uint64_t now)
+void engine_run_releases(engine *e, uint64_t now)
 {
     while (release_next_tick(e->now.plan) <= now) {
         unsigned node;
@@ -227,7 +201,7 @@ static void catch_up(engine *e, uint64_t now)
     do {
         uint64_t next = next_tick(e);
         tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
-        run_releases(e, tick);
+        engine_run_releases(e, tick);
         advance(e, tick);
     } while (tick < now && clock_ns(CLOCK_MONOTONIC) < deadline_ns);
 }
@@ -242,121 +216,6 @@ static void run_out(engine *e, uint64_t now)
         ev_break(e->loop, EVBREAK_ALL);
 }
 
-/* ---- Reload ---------------------------------------------------------------------------------- */
-
-static void on_port(struct ev_loop *loop, ev_io *io, int events);
-static void wake(engine *e);
-
-static void watch_ports(engine *e)
-{
-    for (unsigned i = 0; i < e->config->node_count; i++) {
-        if (!e->now.ports[i])
-            continue;
-        e->watches[i].engine = e;
-        ev_io_init(&e->watches[i].io, on_port, port_fd(e->now.ports[i]), EV_READ);
-        ev_io_start(e->loop, &e->watches[i].io);
-    }
-}
-
-static void unwatch_ports(engine *e)
-{
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        if (e->now.ports[i])
-            ev_io_stop(e->loop, &e->watches[i].io);
-}
-
-/* Nodes that are no more lose what they had to send. */
-static void log_removed(const engine *e)
-{
-    cw_node_stats stats;
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        if (cw_node_get_stats(e->now.bus, i, &stats) == CW_OK &&
-            stats.dropped[CW_DROP_REMOVED] > 0)
-            log_node_warning(e->config->nodes[i].name, "%" PRIu64 " dropped, it is no more",
-                             stats.dropped[CW_DROP_REMOVED]);
-}
-
-static void keep_ports(setup *old, reload *r)
-{
-    for (unsigned i = 0; i < r->config->node_count; i++) {
-        uint8_t from = r->port_from[i];
-        if (from == CW_NO_NODE)
-            continue;
-        r->setup.ports[i] = old->ports[from];
-        old->ports[from] = NULL;
-    }
-}
-
-/* Every port ends with its old node and begins with its new one, which may be the same. */
-static void carry_books_over(engine *e, const reload *r)
-{
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        conserve_closing(&e->books, i, e->now.ports[i]);
-    conserve_remap(&e->books, r->from);
-    for (unsigned i = 0; i < r->config->node_count; i++)
-        if (r->port_from[i] != CW_NO_NODE)
-            conserve_opened(&e->books, i, e->now.ports[r->port_from[i]]);
-}
-
-static void go_over(engine *e)
-{
-    reload *r = e->next;
-    e->next = NULL;
-    if (inputs_take_over(&e->inputs, r->setup.bus, r->config, r->from) != CW_OK) {
-        log_error("%s: the bus cannot go over to the new configuration", r->config->file);
-        reload_free(r);
-        return;
-    }
-    log_removed(e);
-    unwatch_ports(e);
-    carry_books_over(e, r);
-    keep_ports(&e->now, r);
-    setup_free(&e->now);
-    e->now = r->setup;
-    r->setup = (setup){.memory = NULL};
-    release_skip_before(e->now.plan, e->released + 1);
-    live_replace(e->live, r->config);
-    r->config = NULL;
-    watch_ports(e);
-    log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
-    if (e->changed)
-        e->changed(e->changed_user, r->from);
-    reload_free(r);
-}
-
-/* Up to now bit by bit until a frame ends; then over to the next configuration. */
-static void run_to_boundary(engine *e, uint64_t now)
-{
-    while (e->next) {
-        if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->next->deadline) {
-            go_over(e);
-            return;
-        }
-        uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
-        if (end > now)
-            return;
-        run_releases(e, end);
-        advance(e, end);
-    }
-}
-
-bool engine_reload(engine *e, FILE *errors)
-{
-    if (e->next || e->stopping) {
-        fprintf(errors, "%s: %s\n", e->config->file,
-                e->stopping ? "canwired is stopping" : "a reload is under way");
-        return false;
-    }
-    reload *r = reload_prepare(e->config, errors);
-    if (!r)
-        return false;
-    wake(e);
-    r->deadline = cw_bus_now(e->now.bus) + (uint64_t)BOUNDARY_BITS * e->config->bit_ticks;
-    e->next = r;
-    wake(e);
-    return true;
-}
-
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
 static void wake(engine *e)
@@ -367,7 +226,7 @@ static void wake(engine *e)
         run_out(e, now);
     } else {
         read_ports(e, &clocks);
-        run_to_boundary(e, now);
+        engine_run_to_boundary(e, now);
         catch_up(e, now);
     }
     arm_timer(e);
@@ -378,6 +237,21 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
     (void)loop;
     (void)events;
     wake(((port_watch *)io)->engine);
+}
+
+void engine_watch_port(engine *e, unsigned node)
+{
+    if (!e->now.ports[node])
+        return;
+    e->watches[node].engine = e;
+    ev_io_init(&e->watches[node].io, on_port, port_fd(e->now.ports[node]), EV_READ);
+    ev_io_start(e->loop, &e->watches[node].io);
+}
+
+void engine_unwatch_port(engine *e, unsigned node)
+{
+    if (e->now.ports[node])
+        ev_io_stop(e->loop, &e->watches[node].io);
 }
 
 static void on_timer(struct ev_loop *loop, ev_io *io, int events)
@@ -391,23 +265,6 @@ static void on_timer(struct ev_loop *loop, ev_io *io, int events)
 }
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
-
-static bool open_ports(engine *e)
-{
-    bool good = true;
-    char error[PORT_ERROR_TEXT_MAX];
-    for (unsigned i = 0; i < e->config->node_count; i++) {
-        const cfg_node *node = &e->config->nodes[i];
-        if (!node->port)
-            continue;
-        e->now.ports[i] = port_open(node->port, error);
-        if (!e->now.ports[i]) {
-            log_node_error(node->name, "port %s", error);
-            good = false; /* go on, to name all that are missing */
-        }
-    }
-    return good;
-}
 
 static bool make_timer(engine *e)
 {
@@ -437,15 +294,23 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
     inputs_init(&e->inputs, config, e->now.bus, handle_events, e);
     if (!memory)
         log_error("out of memory");
-    if (!memory || !open_ports(e) || !make_timer(e)) {
+    if (!memory || !engine_open_ports(e) || !make_timer(e) || !engine_watch_links(e)) {
         engine_free(e);
         return NULL;
     }
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
     ev_io_start(loop, &e->timer);
-    watch_ports(e);
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_watch_port(e, i);
     arm_timer(e);
     return e;
+}
+
+static void unwatch_all(engine *e)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_unwatch_port(e, i);
+    engine_unwatch_links(e);
 }
 
 void engine_stop(engine *e)
@@ -454,10 +319,10 @@ void engine_stop(engine *e)
         return;
     wake(e); /* what has arrived up to now still counts */
     e->stopping = true;
-    e->stop_tick = cw_bus_now(e->now.bus) + (uint64_t)BOUNDARY_BITS * e->config->bit_ticks;
+    e->stop_tick = cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
     reload_free(e->next);
     e->next = NULL;
-    unwatch_ports(e);
+    unwatch_all(e);
     wake(e);
 }
 
@@ -465,7 +330,7 @@ void engine_free(engine *e)
 {
     if (!e)
         return;
-    unwatch_ports(e);
+    unwatch_all(e);
     if (e->timer_fd >= 0) {
         ev_io_stop(e->loop, &e->timer);
         (void)close(e->timer_fd);
@@ -513,6 +378,7 @@ void engine_report(const engine *e, report *out)
     memset(out, 0, sizeof *out);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         port *own = e->now.ports[i];
+        out->nodes[i].link = e->links.state[i];
         conserve_get_stats(&out->nodes[i].interface, &e->books, i, own);
         out->nodes[i].conserved = conserve_balances(&e->books, e->now.bus, i, own);
     }

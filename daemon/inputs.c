@@ -170,6 +170,16 @@ cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings)
     return status;
 }
 
+void inputs_attach(inputs *in, unsigned node, bool on)
+{
+    if (cw_node_attached(in->bus, node) == on)
+        return;
+    while (cw_node_attach(in->bus, node, on) == CW_FULL)
+        in->drain(in->drain_user);
+    note(in, (input){.kind = INPUT_ATTACH, .node = node, .on = on});
+    in->drain(in->drain_user);
+}
+
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
 /* Frames of nodes that are no more are dropped, with events. */

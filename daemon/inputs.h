@@ -19,6 +19,7 @@ typedef enum input_kind {
     INPUT_FIRE,     /* a rule is armed by hand: rule */
     INPUT_RESTART,  /* a node leaves bus-off: node */
     INPUT_SET,      /* settings of a node change: node, settings */
+    INPUT_ATTACH,   /* a node is taken off the bus or put on again: node, on */
     INPUT_RELOAD,   /* the bus goes over to another configuration: config */
     INPUT_COUNT
 } input_kind;
@@ -37,6 +38,7 @@ typedef struct input {
     bool refused;     /* INPUT_INJECT: the bus did not take the rules */
     const char *rule;
     const cw_settings *settings;
+    bool on;
     const cfg *config; /* the new one */
 } input;
 
@@ -87,6 +89,9 @@ cw_status inputs_restart(inputs *in, unsigned node);
 
 /* cw_node_set() */
 cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
+
+/* cw_node_attach(), with all events taken */
+void inputs_attach(inputs *in, unsigned node, bool on);
 
 /* Drops the frames of nodes that are no more, with events, and lets another bus take over
  * (cw_bus_take_over()); config is what it is made of. The names of the nodes become those of that

@@ -31,10 +31,16 @@ typedef struct port_stats {
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
 } port_stats;
 
+/* Whether there is such an interface, of whatever kind. */
+bool port_exists(const char *interface);
+
 /* Opens a vcan or vxcan interface. NULL after writing why, with the remedy, to error. */
 port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX]);
 
 void port_close(port *p);
+
+/* Of the interface that it was opened on, which may have another name or be gone by now. */
+unsigned port_index(const port *p);
 
 /* Readable when frames wait. */
 int port_fd(const port *p);

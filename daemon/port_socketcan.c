@@ -25,6 +25,7 @@
 
 struct port {
     int fd;
+    unsigned index;
     port_stats stats;
     errframe_limit limit;
     /* of one read */
@@ -52,19 +53,23 @@ static bool set_options(int fd)
            set_option(fd, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, (int)CAN_ERR_MASK);
 }
 
-static bool bind_to(int fd, const char *interface)
+static bool bind_to(port *p, const char *interface)
 {
     struct sockaddr_can address = {.can_family = AF_CAN};
-    address.can_ifindex = (int)if_nametoindex(interface);
-    if (address.can_ifindex == 0)
+    p->index = if_nametoindex(interface);
+    address.can_ifindex = (int)p->index;
+    if (p->index == 0)
         return false;
-    return bind(fd, (const struct sockaddr *)&address, sizeof address) == 0;
+    return bind(p->fd, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
-static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, int number)
+/* found: there is such an interface. */
+static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool found, int number)
 {
     const char *remedy = "";
-    if (number == ENODEV)
+    if (number == ENODEV && found)
+        remedy = " for CAN: it is another kind of interface";
+    else if (number == ENODEV)
         remedy = " (make it: ip link add NAME type vcan; ip link set NAME up)";
     else if (number == EAFNOSUPPORT)
         remedy = " (this kernel has no CAN: modprobe can-raw vcan)";
@@ -80,17 +85,22 @@ static void prepare_messages(port *p)
     }
 }
 
+bool port_exists(const char *interface)
+{
+    return if_nametoindex(interface) != 0;
+}
+
 port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = calloc(1, sizeof *p);
     if (!p) {
-        explain(error, interface, ENOMEM);
+        explain(error, interface, false, ENOMEM);
         return NULL;
     }
     prepare_messages(p);
     p->fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
-    if (p->fd < 0 || !set_options(p->fd) || !bind_to(p->fd, interface)) {
-        explain(error, interface, errno);
+    if (p->fd < 0 || !set_options(p->fd) || !bind_to(p, interface)) {
+        explain(error, interface, p->index != 0, errno);
         port_close(p);
         return NULL;
     }
@@ -104,6 +114,11 @@ void port_close(port *p)
     if (p->fd >= 0)
         (void)close(p->fd);
     free(p);
+}
+
+unsigned port_index(const port *p)
+{
+    return p->index;
 }
 
 int port_fd(const port *p)
@@ -173,7 +188,9 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more)
     for (int i = 0; i < received; i++)
         if (take_message(p, &frames[count], (unsigned)i))
             count++;
-    *more = received == PORT_BATCH;
+    /* what has happened to the interface is told once; frames may wait behind it */
+    bool error = received < 0 && errno != EAGAIN && errno != EINTR;
+    *more = received == PORT_BATCH || error;
     p->stats.read += count;
     return count;
 }

@@ -78,19 +78,45 @@ static uint8_t find_port(const cfg *config, const char *interface)
     return CW_NO_NODE;
 }
 
+static bool may_be_missing(const cfg *config, const char *interface)
+{
+    return config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(interface);
+}
+
 static bool open_port(reload *r, unsigned i, FILE *errors)
 {
     char error[PORT_ERROR_TEXT_MAX];
     const cfg_node *node = &r->config->nodes[i];
+    if (may_be_missing(r->config, node->port))
+        return true;
     r->setup.ports[i] = port_open(node->port, error);
     if (!r->setup.ports[i])
         fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name, error);
     return r->setup.ports[i] != NULL;
 }
 
+/* An interface is opened once, so a port that a reload under way has opened is lent. */
+static port *borrow_port(const reload *pending, const char *interface)
+{
+    uint8_t node = pending ? find_port(pending->config, interface) : CW_NO_NODE;
+    return node == CW_NO_NODE ? NULL : pending->setup.ports[node];
+}
+
+/* Ports that were borrowed are kept, or given back. */
+static void settle_borrowed(reload *r, reload *pending, bool keep)
+{
+    for (unsigned i = 0; pending && i < CW_NODES_MAX; i++)
+        for (unsigned k = 0; r->setup.ports[i] && k < CW_NODES_MAX; k++)
+            if (pending->setup.ports[k] == r->setup.ports[i]) {
+                port **loser = keep ? &pending->setup.ports[k] : &r->setup.ports[i];
+                *loser = NULL;
+                break;
+            }
+}
+
 /* A port goes on whatever its node is called: a second socket on an interface would take what the
  * first one writes for frames of the ECU. */
-static bool match_nodes(reload *r, const cfg *old, FILE *errors)
+static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *errors)
 {
     bool good = true;
     memset(r->from, CW_NO_NODE, sizeof r->from);
@@ -101,13 +127,16 @@ static bool match_nodes(reload *r, const cfg *old, FILE *errors)
         if (!node->port)
             continue;
         r->port_from[i] = find_port(old, node->port);
-        if (r->port_from[i] == CW_NO_NODE)
+        if (r->port_from[i] != CW_NO_NODE)
+            continue;
+        r->setup.ports[i] = borrow_port(pending, node->port);
+        if (!r->setup.ports[i])
             good = open_port(r, i, errors) && good;
     }
     return good;
 }
 
-reload *reload_prepare(const cfg *old, FILE *errors)
+reload *reload_prepare(const cfg *old, reload *pending, FILE *errors)
 {
     reload *r = calloc(1, sizeof *r);
     if (!r) {
@@ -120,7 +149,9 @@ reload *reload_prepare(const cfg *old, FILE *errors)
         fprintf(errors, "%s: out of memory\n", old->file);
         good = false;
     }
-    if (good && match_nodes(r, old, errors))
+    good = good && match_nodes(r, old, pending, errors);
+    settle_borrowed(r, pending, good);
+    if (good)
         return r;
     reload_free(r);
     return NULL;

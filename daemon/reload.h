@@ -36,8 +36,10 @@ typedef struct reload {
     uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */
 } reload;
 
-/* Reads the file of a configuration again. NULL after writing a line per error. */
-reload *reload_prepare(const cfg *old, FILE *errors);
+/* Reads the file of a configuration again. pending: what the bus was to go over to so far, or NULL; the
+ * new one is to take its place and gets the ports that it has opened. NULL, with nothing changed,
+ * after writing a line per error. */
+reload *reload_prepare(const cfg *old, reload *pending, FILE *errors);
 
 /* Moves what an array keeps of each node to the node's new place; what new nodes have is all zero. The
  * array has CW_NODES_MAX elements of that size. */

@@ -7,7 +7,16 @@
 
 #include "port.h"
 
+/* Of a node's interface. */
+typedef enum report_link {
+    REPORT_NO_LINK = 0, /* the node has no port */
+    REPORT_LINK_UP,
+    REPORT_LINK_DOWN,
+    REPORT_LINK_MISSING, /* there is no such interface, or it cannot be opened */
+} report_link;
+
 typedef struct report_node {
+    report_link link;
     port_stats interface; /* since the node is on the bus, whatever interfaces it has had */
     bool conserved;       /* every frame is accounted for */
 } report_node;

@@ -46,6 +46,14 @@ void status_count(status_errors *errors, const cw_event *event)
         counters[i] += event->nodes >> i & 1u;
 }
 
+/* NULL: null. */
+static const char *const link_names[] = {
+    [REPORT_NO_LINK] = NULL,
+    [REPORT_LINK_UP] = "up",
+    [REPORT_LINK_DOWN] = "down",
+    [REPORT_LINK_MISSING] = "missing",
+};
+
 /* What went on between the node and its ECU. */
 static json_t *interface_json(const port_stats *stats)
 {
@@ -72,6 +80,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "rx_errors", errors->rx[node]);
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
+    put_text(object, "link", link_names[own->link]);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
     put_bool(object, "conserved", own->conserved);

@@ -78,6 +78,13 @@ static void print_modes(FILE *out, const json_t *settings)
         fputs("> ", out);
 }
 
+/* Whether the interface is there and up, or the node has none. */
+static bool has_link(const json_t *node)
+{
+    const char *link = text(node, "link");
+    return *link == '\0' || strcmp(link, "up") == 0;
+}
+
 static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -85,7 +92,7 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fputs("    can ", out);
     print_modes(out, settings);
     fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
-            upper(state, text(node, "state")), number(node, "tec"), number(node, "rec"),
+            has_link(node) ? upper(state, text(node, "state")) : "STOPPED", number(node, "tec"), number(node, "rec"),
             number(settings, "restart-ms"));
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }
@@ -160,8 +167,10 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
 {
     const json_t *settings = json_object_get(node, "settings");
     const char *peer = text(node, "port");
-    fprintf(out, "%zu: %s%s%s: qlen %jd order %s\n", position, text(node, "name"), *peer ? "@" : "",
-            peer, number(settings, "queue"), text(settings, "order"));
+    char link[UPPER_MAX];
+    fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s\n", position, text(node, "name"),
+            *peer ? "@" : "", peer, number(settings, "queue"), text(settings, "order"),
+            has_link(node) ? "" : " link ", has_link(node) ? "" : upper(link, text(node, "link")));
     print_state(out, node, bitrate);
     print_counters(out, node);
     print_traffic(out, node);

@@ -316,3 +316,17 @@ def no_multicast():
 
     yield restore
     restore()
+
+
+def assert_balance(node):
+    """No frame of a node, as the status shows it, is unaccounted for."""
+    dropped = {key: sum(node[key].values()) for key in ("dropped", "rx_dropped")}
+    assert node["handed_in"] + node["made_by_rules"] == (
+        node["tx_frames"] + node["queue"] + node["held"] + dropped["dropped"]), node
+    assert node["rx_accepted"] + node["rx_made_by_rules"] == (
+        node["rx_frames"] + node["rx_held"] + dropped["rx_dropped"]), node
+    interface = node["interface"]
+    if interface:
+        assert interface["read"] == node["handed_in"] + node["inbox"], node
+        assert node["rx_frames"] == interface["written"] + interface["write_failed"], node
+    assert node["conserved"] is True

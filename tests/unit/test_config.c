@@ -164,6 +164,8 @@ static void defaults_are_set(void **state)
     assert_false(config->lcm.enabled);
     assert_null(config->control);
     assert_int_equal(config->pacing, CFG_PACING_PRECISE);
+    assert_int_equal(config->missing_port, CFG_MISSING_PORT_FAIL);
+    assert_int_equal(config->catch_up.ns, 1000000000);
     cfg_free(config);
 }
 
@@ -196,6 +198,8 @@ static void bus_keys_are_read(void **state)
                      1u << CW_EVENT_TX | 1u << CW_EVENT_RX | 1u << CW_EVENT_ARBITRATION_LOST);
     assert_string_equal(config->control, GOOD "run/bus.sock");
     assert_int_equal(config->pacing, CFG_PACING_TICK);
+    assert_int_equal(config->missing_port, CFG_MISSING_PORT_WAIT);
+    assert_int_equal(config->catch_up.ns, 250000000);
     cfg_free(config);
 }
 

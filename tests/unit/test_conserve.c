@@ -24,6 +24,12 @@ port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX])
     return NULL;
 }
 
+bool port_exists(const char *interface)
+{
+    (void)interface;
+    return false;
+}
+
 void port_close(port *p)
 {
     (void)p;

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * engine_private.h - what the parts of the engine share.
+ *
+ *   engine.c         start and stop; time: when it wakes up and what it does then
+ *   engine_links.c   nodes leave the bus and come back with their interfaces
+ *   engine_reload.c  over to another configuration
+ */
+#ifndef CANWIRE_ENGINE_PRIVATE_H
+#define CANWIRE_ENGINE_PRIVATE_H
+
+#include "conserve.h"
+#include "engine.h"
+#include "linkwatch.h"
+#include "reload.h"
+
+typedef struct port_watch {
+    ev_io io; /* first: the callback gets a pointer to it */
+    engine *engine;
+} port_watch;
+
+/* The interfaces of the nodes, as far as is known. */
+typedef struct engine_links {
+    linkwatch *watch;
+    report_link state[CW_NODES_MAX];
+    uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
+    uint64_t refused;   /* nodes whose interface is there but could not be opened */
+    ev_timer retry;     /* of these */
+} engine_links;
+
+struct engine {
+    struct ev_loop *loop;
+    live *live;
+    const cfg *config; /* what is in effect */
+    publisher *publisher;
+    engine_observer *observer;
+    void *observer_user;
+    engine_changed *changed;
+    void *changed_user;
+    setup now;
+    conserve books;
+    engine_links links;
+    inputs inputs; /* of now.bus */
+    uint64_t released; /* tick: what was to be released up to then has been */
+    reload *next; /* what it is to go over to, or NULL */
+    port_watch watches[CW_NODES_MAX];
+    ev_io timer;
+    int timer_fd;
+    int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
+    bool stopping;
+    uint64_t stop_tick; /* no later than this */
+    port_frame batch[PORT_BATCH];
+};
+
+#define BOUNDARY_BITS 1000u /* to wait for the end of a frame */
+
+/* ---- engine.c -------------------------------------------------------------------------------- */
+
+/* Hands in what is to be released up to a tick. */
+void engine_run_releases(engine *e, uint64_t now);
+
+/* Hands in what still waits at a port. */
+void engine_read_rest(engine *e, unsigned node);
+
+/* Does nothing where there is no port. */
+void engine_watch_port(engine *e, unsigned node);
+void engine_unwatch_port(engine *e, unsigned node);
+
+/* ---- engine_links.c -------------------------------------------------------------------------- */
+
+/* Opens the ports of all nodes. False after logging what is wrong. */
+bool engine_open_ports(engine *e);
+
+/* Watches the interfaces from now on. False after logging why not. */
+bool engine_watch_links(engine *e);
+
+void engine_unwatch_links(engine *e);
+
+/* After a change of the configuration: links by old node become links by new node. */
+void engine_carry_links_over(engine *e, const reload *r);
+
+/* ---- engine_reload.c ------------------------------------------------------------------------- */
+
+/* Bit by bit up to now, until a frame ends; then over to the next configuration, if there is one. */
+void engine_run_to_boundary(engine *e, uint64_t now);
+
+#endif
