@@ -27,7 +27,9 @@ typedef struct options {
     uint64_t seconds; /* 0: until the bits have gone by */
     bool forever;
     bool verbose;
-    bool show; /* the scenario of the seed, without running it */
+    bool show;   /* the scenario of the seed, without running it */
+    bool here;   /* in this process */
+    bool shrink;
 } options;
 
 /* Seen by parent and child. */
@@ -40,11 +42,12 @@ typedef struct shared {
 static volatile shared *common;
 
 static const char usage[] =
-    "usage: differential [--bits N] [--seed N] [--seconds N | --forever] [--verbose] [--show]\n"
+    "usage: differential [--bits N] [--seed N] [--seconds N | --forever] [--verbose]\n"
+    "                    [--show] [--here] [--no-shrink]\n"
     "Runs random scenarios on a bus that takes short cuts and on one that steps every node\n"
     "through every bit, until N bits have gone by (default 10000000), and compares all that can\n"
     "be read. The scenarios are those of the seeds N, N + 1, ... (default 1).\n"
-    "--show writes the scenario of the seed. Exit status: 0, 1 they differ, 2 wrong usage.\n";
+    "--show writes the scenario of the seed, --here runs it in this process, for a debugger. Exit status: 0, 1 they differ, 2 wrong usage.\n";
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
@@ -116,7 +119,20 @@ static int run_all(const options *o)
     return verdict.differs ? 1 : 0;
 }
 
-static void shrink_and_tell(uint64_t seed)
+static void show_or_run_here(const options *o)
+{
+    static diff_scenario s;
+    static diff_coverage unused;
+    diff_verdict verdict;
+    diff_generate(&s, o->seed);
+    if (o->show)
+        diff_write_scenario(stdout, &s);
+    else
+        diff_run(&verdict, &s, &unused, stdout);
+    diff_scenario_free(&s);
+}
+
+static void shrink_and_tell(uint64_t seed, bool shrink)
 {
     static diff_scenario s;
     uint64_t tick;
@@ -125,8 +141,8 @@ static void shrink_and_tell(uint64_t seed)
     diff_outcome outcome = diff_try(&s, &tick, true);
     static const char *const outcomes[] = {"it is the same when run alone", "it differs",
                                            "it crashes", "it hangs"};
-    printf("seed %" PRIu64 ": %s, at tick %" PRIu64 "; shrinking\n", seed, outcomes[outcome], tick);
-    if (outcome == DIFF_SAME)
+    printf("seed %" PRIu64 ": %s, at tick %" PRIu64 "\n", seed, outcomes[outcome], tick);
+    if (outcome == DIFF_SAME || !shrink)
         return;
     diff_shrink(&s, outcome, tick);
     printf("\n");
@@ -152,8 +168,9 @@ static bool read_options(options *o, int argc, char **argv)
         {"bits", required_argument, NULL, 'b'}, {"seed", required_argument, NULL, 's'},
         {"seconds", required_argument, NULL, 't'}, {"forever", no_argument, NULL, 'f'},
         {"verbose", no_argument, NULL, 'v'}, {"show", no_argument, NULL, 'w'},
+        {"here", no_argument, NULL, 'h'}, {"no-shrink", no_argument, NULL, 'n'},
         {NULL, 0, NULL, 0}};
-    *o = (options){.bits = BITS_DEFAULT, .seed = 1};
+    *o = (options){.bits = BITS_DEFAULT, .seed = 1, .shrink = true};
     for (int c; (c = getopt_long(argc, argv, "", names, NULL)) != -1;) {
         bool good = c != '?';
         if (c == 'b' || c == 's' || c == 't')
@@ -161,6 +178,8 @@ static bool read_options(options *o, int argc, char **argv)
         o->forever = o->forever || c == 'f';
         o->verbose = o->verbose || c == 'v';
         o->show = o->show || c == 'w';
+        o->here = o->here || c == 'h';
+        o->shrink = o->shrink && c != 'n';
         if (!good)
             return false;
     }
@@ -187,11 +206,8 @@ int main(int argc, char **argv)
         fputs(usage, stderr);
         return 2;
     }
-    if (o.show) {
-        static diff_scenario s;
-        diff_generate(&s, o.seed);
-        diff_write_scenario(stdout, &s);
-        diff_scenario_free(&s);
+    if (o.show || o.here) {
+        show_or_run_here(&o);
         return 0;
     }
     common = mmap(NULL, sizeof *common, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
@@ -204,6 +220,6 @@ int main(int argc, char **argv)
         return 2;
     bool same = WIFEXITED(status) && WEXITSTATUS(status) == 0;
     if (!same)
-        shrink_and_tell(common->seed);
+        shrink_and_tell(common->seed, o.shrink);
     return summarise(same);
 }
