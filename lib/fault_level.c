@@ -303,15 +303,16 @@ void cw_fault_apply_topology(cw_bus *bus)
     uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT) | bus->detached;
     for (unsigned i = 0; i < bus->node_count; i++) {
         uint64_t self = cw_node_bit(i);
-        bool changes = (bus->nodes[i].mac.no_ack != ((no_ack & self) != 0)) ||
-                       ((off | bus->faults.off) & self);
-        if (!changes)
-            continue;
+        bool leaves = (off & self) && bus->nodes[i].mac.phase != CW_MAC_OFF;
+        bool returns = !(off & self) && (bus->faults.off & self);
+        bool acks_otherwise = bus->nodes[i].mac.no_ack != ((no_ack & self) != 0);
+        if (!leaves && !returns && !acks_otherwise)
+            continue; /* nothing that would end a leap */
         cw_mac *m = cw_own_mac(bus, i);
         m->no_ack = no_ack & self;
-        if ((off & self) && m->phase != CW_MAC_OFF)
+        if (leaves)
             cw_mac_disconnect(m);
-        else if (!(off & self) && (bus->faults.off & self))
+        else if (returns)
             cw_mac_reconnect(m);
     }
     bus->faults.off = off;

@@ -709,6 +709,35 @@ static void a_disconnected_node_stays_away(void **state)
     rig_free(r);
 }
 
+/* A state that changes with a clean frame is no reason to look at its bits again. */
+static void a_state_changes_while_a_node_is_away(void **state)
+{
+    (void)state;
+    cw_bus_stats stats[2];
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(3);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
+        away->nodes = NODE(2);
+        cw_rule *tec = rig_rule(r, new_rule("tec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
+        tec->nodes = NODE(0);
+        tec->tec = 96;
+        cw_rule *rec = rig_rule(r, new_rule("rec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
+        rec->nodes = NODE(1);
+        rec->rec = 96;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        rig_send(r, 0, &frame, 0);
+        rig_send(r, 0, &frame, 0);
+        rig_run_bits(r, 500);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 2);
+        assert_int_equal(rig_count(r, CW_EVENT_STATE, -1), 4);
+        stats[stepping] = rig_bus_stats(r);
+        rig_free(r);
+    }
+    assert_int_equal(stats[0].busy_bits, stats[1].busy_bits);
+}
+
 /* On a partitioned bus a frame is from those on the receiver's own wire. */
 static void the_sender_is_on_the_same_wire(void **state)
 {
@@ -1717,6 +1746,7 @@ int main(void)
         cmocka_unit_test(commands_at_the_end_of_a_frame),
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
+        cmocka_unit_test(a_state_changes_while_a_node_is_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
         cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
         cmocka_unit_test(a_rule_is_bound_to_its_own_frame),
