@@ -49,7 +49,7 @@ DIFFERENTIAL := $(BUILD)/differential
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all mutant mutant-run test test-unit demo bench check install clean help build \
+.PHONY: all picture mutant mutant-run test test-unit demo bench check install clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -78,6 +78,10 @@ check: ## static checks: what the library needs of the outside, shell scripts
 	@$(MAKE) --no-print-directory $(LIB)
 	@scripts/check $(LIB)
 
+picture: build ## draw the picture in README.md again
+	$(TOOL) sim config/picture/one-bad-bit.yaml --svg config/picture/one-bad-bit.svg \
+	  --from 120us --to 200us
+
 SHARE := $(DESTDIR)$(PREFIX)/share
 FUZZ ?= 60
 fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
@@ -91,6 +95,7 @@ install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 644 -t $(SHARE)/canwire/profiles config/profiles/*.yaml
 	install -D -m 644 -t $(SHARE)/canwire/lcm $(LCM_TYPES)
 	install -D -m 644 -t $(SHARE)/doc/canwire README.md lib/RULES.md $(wildcard config/*.md)
+	install -D -m 644 -t $(SHARE)/doc/canwire/config/picture config/picture/*
 	install -D -m 644 scripts/completion/canwire.bash \
 	  $(SHARE)/bash-completion/completions/canwire
 	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service

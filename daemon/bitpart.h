@@ -11,7 +11,7 @@
 
 /* The same for all bits of a part. Each byte of data is a part. */
 typedef struct bit_part {
-    cw_field field; /* CW_FIELD_NONE where phase alone says it: idle, away, waiting for a delimiter */
+    cw_field field; /* CW_FIELD_NONE where phase alone says it, as in idle */
     cw_mac_phase phase;
     unsigned byte; /* of CW_FIELD_DATA */
 } bit_part;

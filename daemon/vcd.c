@@ -34,18 +34,18 @@ typedef struct vcd_node {
 struct vcd {
     FILE *out;
     const cfg *config;
-    bool begun;              /* all variables have values */
-    uint64_t time;           /* tick last written */
-    uint64_t end;            /* tick of the end of the last bit */
+    bool begun;    /* all variables have values */
+    uint64_t time; /* tick last written */
+    uint64_t end;  /* tick of the end of the last bit */
     uint64_t units_per_bit;
-    uint64_t driven;         /* as in cw_bit_view */
+    uint64_t driven; /* as in cw_bit_view */
     uint64_t sampled;
     uint64_t stuff;
     bool wire;
     bool fault;
-    bool rule;                        /* `rule` is not empty */
-    char rules_now[RULES_TEXT_MAX];   /* of the bit in progress */
-    char rules_next[RULES_TEXT_MAX];  /* of the bit after it */
+    bool rule;                       /* `rule` is not empty */
+    char rules_now[RULES_TEXT_MAX];  /* of the bit in progress */
+    char rules_next[RULES_TEXT_MAX]; /* of the bit after it */
     size_t node_count;
     vcd_node nodes[];
 };
@@ -182,8 +182,8 @@ static void write_error(vcd *self, uint64_t tick, size_t node)
 {
     vcd_node *n = &self->nodes[node];
     if (!self->begun || n->error != n->error_now)
-        write_text(self, tick, n->error_now == NO_ERROR ? "" : cw_error_type_name(n->error_now), 'e',
-                   node);
+        write_text(self, tick, n->error_now == NO_ERROR ? "" : cw_error_type_name(n->error_now),
+                   'e', node);
     n->error = n->error_now;
     n->error_now = NO_ERROR;
 }

@@ -86,6 +86,7 @@ typedef struct bit_note {
     cw_levels levels;
     uint64_t sampled; /* by the controllers, behind what their modes hide */
     uint64_t wanted;  /* levels that would be driven without faults */
+    unsigned wire_count;
     struct {
         cw_place place;
         uint8_t phase;

@@ -28,8 +28,10 @@ static void note_place(cw_bus *bus, unsigned i, bool level)
     bus->note.nodes[i].role = CW_ROLE_RECEIVER;
 }
 
+/* Rules may cut or mend the bus at the end of the bit. */
 static void note_wires(cw_bus *bus)
 {
+    bus->note.wire_count = bus->group_count;
     for (unsigned i = 0; i < bus->node_count; i++)
         for (unsigned g = 0; g < bus->group_count; g++)
             if (bus->groups[g] & cw_node_bit(i))
@@ -92,7 +94,7 @@ cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
     view->wire_faults = (levels->wire ^ levels->clean) & nodes;
     view->rx_faults = (levels->sampled ^ levels->wire) & nodes;
     view->node_count = bus->node_count;
-    view->wire_count = bus->group_count;
+    view->wire_count = note->wire_count;
     for (unsigned i = 0; i < bus->node_count; i++)
         view_node(bus, i, &view->nodes[i]);
     return CW_OK;

@@ -22,6 +22,7 @@ typedef struct sim_options {
     const char *log;
     const char *stats;
     const char *vcd;
+    const char *svg;
     const char *from;
     const char *to;
     bool step;
@@ -38,7 +39,7 @@ typedef struct sim {
 
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--seed N] [--events F] [--log F] [--stats F]\n"
-    "       [--vcd F] [--from TIME] [--to TIME] [--step]\n";
+    "       [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n";
 
 static const char help[] =
     "\n"
@@ -51,6 +52,7 @@ static const char help[] =
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --stats F      statistics as JSON, at the end\n"
     "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
+    "  --svg F        the same as a picture, for reports\n"
     "  --from TIME    of these only the bits from this bus time on\n"
     "  --to TIME      ... up to this one\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
@@ -153,10 +155,9 @@ static bool start_trace(sim *s, const sim_options *o)
 {
     if (!sim_trace_window(&s->trace, o->from, o->to, s->config, "canwire sim"))
         return false;
-    if (!open_output(&s->trace.vcd_out, o->vcd))
+    if (!open_output(&s->trace.vcd_out, o->vcd) || !open_output(&s->trace.svg_out, o->svg))
         return false;
-    sim_trace_start(&s->trace, &s->run);
-    return true;
+    return sim_trace_start(&s->trace, &s->run, "canwire sim");
 }
 
 static bool set_up(sim *s, const sim_options *o)
@@ -172,10 +173,11 @@ static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
         output_stats(s->stats, s->config, s->run.bus);
-    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out)
+    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out && !s->trace.svg_out)
         summary_print(stdout, s->config, s->run.bus);
     bool good = sim_trace_finish(&s->trace, "canwire sim");
     good = close_output(s->trace.vcd_out, o->vcd) && good;
+    good = close_output(s->trace.svg_out, o->svg) && good;
     good = close_output(s->events, o->events) && good;
     good = close_output(s->log, o->log) && good;
     return close_output(s->stats, o->stats) && good;
@@ -197,9 +199,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"until", required_argument, NULL, 'u'}, {"seed", required_argument, NULL, 's'},
         {"events", required_argument, NULL, 'e'}, {"log", required_argument, NULL, 'l'},
         {"stats", required_argument, NULL, 't'},  {"step", no_argument, NULL, 'S'},
-        {"vcd", required_argument, NULL, 'v'},    {"from", required_argument, NULL, 'f'},
-        {"to", required_argument, NULL, 'o'},     {"help", no_argument, NULL, 'h'},
-        {NULL, 0, NULL, 0},
+        {"vcd", required_argument, NULL, 'v'},    {"svg", required_argument, NULL, 'g'},
+        {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
+        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
@@ -221,6 +223,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
             break;
         case 'v':
             o->vcd = optarg;
+            break;
+        case 'g':
+            o->svg = optarg;
             break;
         case 'f':
             o->from = optarg;
@@ -244,8 +249,8 @@ static int parse_options(sim_options *o, int argc, char **argv)
         fputs(usage, stderr);
         return 2;
     }
-    if ((o->from || o->to) && !o->vcd) {
-        fprintf(stderr, "canwire sim: --from and --to are for --vcd\n%s", usage);
+    if ((o->from || o->to) && !o->vcd && !o->svg) {
+        fprintf(stderr, "canwire sim: --from and --to are for --vcd and --svg\n%s", usage);
         return 2;
     }
     o->file = argv[optind];

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_trace.c - the bits of a run in virtual time, or a window of them, as VCD.
+ * sim_trace.c - the bits of a run in virtual time, or a window of them, as VCD and as a picture.
  */
 #include "sim_trace.h"
 
 #include "bitpart.h"
 
 #include <assert.h>
+#include <inttypes.h>
 
 /* ---- The window ------------------------------------------------------------------------------ */
 
@@ -45,10 +46,11 @@ bool sim_trace_window(sim_trace *self, const char *from, const char *to, const c
 static void begin(sim_trace *self, const cw_bus *bus)
 {
     self->begun = true;
-    if (!self->vcd_out)
-        return;
-    self->vcd = vcd_open(self->vcd_out, self->run->config, bus);
-    self->no_memory = !self->vcd;
+    if (self->vcd_out)
+        self->vcd = vcd_open(self->vcd_out, self->run->config, bus);
+    if (self->svg_out)
+        self->svg = svg_new(self->run->config, bus);
+    self->no_memory = (self->vcd_out && !self->vcd) || (self->svg_out && !self->svg);
 }
 
 /* At the very start of the window only what acts from then on; that comes before the bit has been
@@ -70,6 +72,8 @@ static void take_event(void *user, const cw_event *event)
         begin(self, self->run->bus);
     if (self->vcd)
         vcd_event(self->vcd, event);
+    if (self->svg && !svg_event(self->svg, event))
+        self->no_memory = true;
 }
 
 static void take_bit(void *user, const cw_bus *bus)
@@ -85,13 +89,34 @@ static void take_bit(void *user, const cw_bus *bus)
         return;
     if (self->vcd)
         vcd_bit(self->vcd, &bit);
+    if (self->svg && !svg_bit(self->svg, &bit))
+        self->no_memory = true;
 }
 
-void sim_trace_start(sim_trace *self, sim_run *run)
+static bool fits_picture(uint64_t bits, const char *program)
+{
+    if (bits > SVG_BITS_MAX)
+        fprintf(stderr,
+                "%s: --svg: a picture has at most %d bits, these are %" PRIu64
+                ": choose others by --from and --to\n",
+                program, SVG_BITS_MAX, bits);
+    return bits <= SVG_BITS_MAX;
+}
+
+/* Whole bits that overlap with the window. */
+static uint64_t window_bits(const sim_trace *self, uint32_t bit_ticks)
+{
+    return (self->to - 1) / bit_ticks - self->from / bit_ticks + 1;
+}
+
+bool sim_trace_start(sim_trace *self, sim_run *run, const char *program)
 {
     const uint32_t bit_ticks = run->config->bit_ticks;
-    if (!self->vcd_out)
-        return;
+    if (!self->vcd_out && !self->svg_out)
+        return true;
+    if (self->svg_out && self->to != CW_NEVER &&
+        !fits_picture(window_bits(self, bit_ticks), program))
+        return false;
     const sim_sink sink = {
         .user = self,
         .event = take_event,
@@ -103,23 +128,37 @@ void sim_trace_start(sim_trace *self, sim_run *run)
     sim_add_sink(run, &sink);
     if (self->from < bit_ticks)
         begin(self, run->bus);
+    return true;
+}
+
+static bool draw(const sim_trace *self, const char *program)
+{
+    if (!fits_picture(svg_count(self->svg), program))
+        return false;
+    bool good = svg_write(self->svg_out, self->svg);
+    if (!good)
+        fprintf(stderr, "%s: out of memory\n", program);
+    return good;
 }
 
 bool sim_trace_finish(sim_trace *self, const char *program)
 {
     if (!self->run)
         return true;
-    if (self->no_memory)
-        fprintf(stderr, "%s: out of memory\n", program);
-    else if (!self->begun)
-        fprintf(stderr, "%s: --from: the run ends before\n", program);
     vcd_close(self->vcd);
     self->vcd = NULL;
-    return self->begun && !self->no_memory;
+    bool empty = !self->begun || (self->svg && svg_count(self->svg) == 0);
+    if (self->no_memory)
+        fprintf(stderr, "%s: out of memory\n", program);
+    else if (empty)
+        fprintf(stderr, "%s: --from: the run ends before\n", program);
+    return !self->no_memory && !empty && (!self->svg || draw(self, program));
 }
 
 void sim_trace_close(sim_trace *self)
 {
     vcd_close(self->vcd);
+    svg_free(self->svg);
     self->vcd = NULL;
+    self->svg = NULL;
 }

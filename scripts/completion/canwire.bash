@@ -63,7 +63,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --with | --until | --seed | --from | --to | --events | --log | --stats | --vcd) continue ;;
+        --with | --until | --seed | --from | --to | --events | --log | --stats | --vcd | --svg) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -115,7 +115,7 @@ _canwire() {
         return
     fi
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    --events | --log | --stats | --vcd)
+    --events | --log | --stats | --vcd | --svg)
         _canwire_files
         return
         ;;
