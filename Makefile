@@ -49,7 +49,8 @@ DIFFERENTIAL := $(BUILD)/differential
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all picture mutant mutant-run test test-unit demo bench check install clean help build \
+.PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
+  demo bench check install clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -87,6 +88,15 @@ FUZZ ?= 60
 fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
+
+# Other scenarios each time; the first seed is told, and that of a difference.
+SOAK_BITS ?= 1000000000
+SOAK_SEED ?= $(shell date +%s)00000
+soak: ## bits with short cuts against stepped ones, SOAK_BITS=1000000000 of them; a few minutes
+	@scripts/install-deps build
+	@$(MAKE) --no-print-directory $(DIFFERENTIAL)
+	@echo "== differential, from seed $(SOAK_SEED)"
+	@$(DIFFERENTIAL) --bits $(SOAK_BITS) --seed $(SOAK_SEED)
 
 install: build ## into $(DESTDIR)$(PREFIX)
 	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
@@ -140,6 +150,11 @@ MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_codec) $(CONFORMANC
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
+
+# The same for changed short cuts (scripts/mutate --short-cuts).
+mutant-short-cuts: $(DIFFERENTIAL)
+mutant-short-cuts-run:
+	@$(DIFFERENTIAL) --no-shrink
 
 $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@

@@ -156,8 +156,7 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
         return false;
     compare_node_stats(c, &stats[0], &stats[1]);
     same(c, "balance", cw_node_stats_balance(&stats[0]), true);
-    same(c, "attached", cw_node_attached(fast, c->number),
-         cw_node_attached(reference, c->number));
+    same(c, "attached", cw_node_attached(fast, c->number), cw_node_attached(reference, c->number));
     status = cw_node_get_settings(fast, c->number, &settings[0]);
     same(c, "status", status, cw_node_get_settings(reference, c->number, &settings[1]));
     compare_settings(c, &settings[0], &settings[1]);

@@ -9,18 +9,18 @@
 const char *diff_action_name(cw_action action)
 {
     static const char *const names[CW_ACTION_COUNT] = {
-        "FLIP",   "FORCE",     "GLITCH",     "STUCK",   "NOISE",    "NO_ACK",  "DISCONNECT",
-        "PARTITION", "WRONG_CRC", "BUS_OFF", "ERROR_FLAG", "RESTART", "COUNTERS", "OVERLOAD",
-        "SET",    "DROP",      "DELAY",      "DUPLICATE", "REORDER", "CHANGE",  "SEND",
-        "BABBLE", "LOAD",      "REPLY"};
+        "FLIP",       "FORCE",     "GLITCH",    "STUCK",   "NOISE",      "NO_ACK",
+        "DISCONNECT", "PARTITION", "WRONG_CRC", "BUS_OFF", "ERROR_FLAG", "RESTART",
+        "COUNTERS",   "OVERLOAD",  "SET",       "DROP",    "DELAY",      "DUPLICATE",
+        "REORDER",    "CHANGE",    "SEND",      "BABBLE",  "LOAD",       "REPLY"};
     return names[action];
 }
 
 const char *diff_op_name(diff_op_kind kind)
 {
     static const char *const names[DIFF_OP_COUNT] = {
-        "send", "restart", "add rule", "clear rule", "stop rule", "fire rule",
-        "set",  "flush",   "attach", "set events", "take over", "stepping",  "check"};
+        "send",  "restart", "add rule",   "clear rule", "stop rule", "fire rule", "set",
+        "flush", "attach",  "set events", "take over",  "stepping",  "check"};
     return names[kind];
 }
 
@@ -66,18 +66,43 @@ typedef struct table {
     const char *(*name)(unsigned);
 } table;
 
-static const char *event_name(unsigned i) { return cw_event_name((cw_event_kind)i); }
-static const char *action_name(unsigned i) { return diff_action_name((cw_action)i); }
-static const char *field_name(unsigned i) { return cw_field_name((cw_field)i); }
-static const char *error_name(unsigned i) { return cw_error_type_name((cw_error_type)i); }
-static const char *drop_name(unsigned i) { return cw_drop_name((cw_drop)i); }
-static const char *state_name(unsigned i) { return cw_state_name((cw_state)i); }
-static const char *op_name(unsigned i) { return diff_op_name((diff_op_kind)i); }
+static const char *event_name(unsigned i)
+{
+    return cw_event_name((cw_event_kind)i);
+}
+static const char *action_name(unsigned i)
+{
+    return diff_action_name((cw_action)i);
+}
+static const char *field_name(unsigned i)
+{
+    return cw_field_name((cw_field)i);
+}
+static const char *error_name(unsigned i)
+{
+    return cw_error_type_name((cw_error_type)i);
+}
+static const char *drop_name(unsigned i)
+{
+    return cw_drop_name((cw_drop)i);
+}
+static const char *state_name(unsigned i)
+{
+    return cw_state_name((cw_state)i);
+}
+static const char *op_name(unsigned i)
+{
+    return diff_op_name((diff_op_kind)i);
+}
 
-static const char *full_name(unsigned i) { (void)i; return "full"; }
-static const char *crowd_name(unsigned i) { (void)i; return "64 nodes"; }
+static const char *mark_name(unsigned i)
+{
+    static const char *const names[DIFF_MARK_COUNT] = {"comparisons", "in short cuts",
+                                                       "full rings", "full buses"};
+    return names[i];
+}
 
-#define TABLES 9u
+#define TABLES 10u
 
 static void fill_tables(table tables[TABLES], const diff_coverage *c)
 {
@@ -90,6 +115,7 @@ static void fill_tables(table tables[TABLES], const diff_coverage *c)
         {"drops", c->drops, 0, CW_DROP_COUNT, drop_name},
         {"states", c->states, 0, CW_STATE_COUNT, state_name},
         {"operations", c->ops, 0, DIFF_OP_COUNT, op_name},
+        {"besides", c->marks, 0, DIFF_MARK_COUNT, mark_name},
         {"statuses", c->refusals, 0, CW_REFUSED + 1, status_name},
     };
     for (unsigned i = 0; i < TABLES; i++)
@@ -124,10 +150,10 @@ void diff_cover_write(const diff_coverage *c, FILE *out)
 {
     table tables[TABLES];
     fill_tables(tables, c);
-    fprintf(out, "%" PRIu64 " scenarios, %" PRIu64 " bits, %" PRIu64 " frames, %" PRIu64
-            " error frames, %" PRIu64 " comparisons of all that can be read, ring full %" PRIu64
-            " times\n", c->scenarios, c->bits, c->frames, c->error_frames, c->comparisons,
-            c->ring_full);
+    fprintf(out,
+            "%" PRIu64 " scenarios, %" PRIu64 " bits, %" PRIu64 " frames, %" PRIu64
+            " error frames\n",
+            c->scenarios, c->bits, c->frames, c->error_frames);
     for (unsigned i = 0; i < TABLES; i++)
         write_table(&tables[i], out);
     for (unsigned i = 0; i < DIFF_STYLES; i++)
@@ -142,8 +168,5 @@ unsigned diff_cover_missing(const diff_coverage *c, FILE *out)
     fill_tables(tables, c);
     for (unsigned i = 0; i < TABLES; i++)
         missing += missing_of(&tables[i], out);
-    const uint64_t full = c->ring_full;
-    const uint64_t crowds = c->nodes[CW_NODES_MAX];
-    const table others[] = {{"rings", &full, 0, 1, full_name}, {"buses", &crowds, 0, 1, crowd_name}};
-    return missing + missing_of(&others[0], out) + missing_of(&others[1], out);
+    return missing;
 }

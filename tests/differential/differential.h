@@ -150,6 +150,15 @@ uint64_t diff_random_ticks(diff_maker *m, uint64_t bits_least, uint64_t bits_mos
 
 /* ---- coverage.c ------------------------------------------------------------------------------ */
 
+/* Single things that must have been there. */
+typedef enum diff_mark {
+    DIFF_COMPARISONS = 0, /* of all that can be read */
+    DIFF_SHORT_CUTS,      /* of these, where the fast bus had not simulated the last bit */
+    DIFF_FULL_RINGS,
+    DIFF_FULL_BUSES, /* with CW_NODES_MAX nodes */
+    DIFF_MARK_COUNT
+} diff_mark;
+
 typedef struct diff_coverage {
     uint64_t scenarios;
     uint64_t bits;
@@ -164,11 +173,9 @@ typedef struct diff_coverage {
     uint64_t states[CW_STATE_COUNT];
     uint64_t ops[DIFF_OP_COUNT]; /* that were carried out */
     uint64_t refusals[CW_REFUSED + 1]; /* by status, of operations */
-    uint64_t ring_full;
-    uint64_t nodes[CW_NODES_MAX + 1]; /* buses of so many nodes */
+    uint64_t marks[DIFF_MARK_COUNT];
     uint64_t style_bits[DIFF_STYLES];
     uint64_t style_frames[DIFF_STYLES];
-    uint64_t comparisons; /* of all that can be read */
 } diff_coverage;
 
 void diff_cover_event(diff_coverage *c, const cw_event *e, const cw_rule *rule);

@@ -13,26 +13,25 @@
 #define POSITIONS (ACTION(FLIP) | ACTION(FORCE) | ACTION(GLITCH))
 #define LEVELS (ACTION(STUCK) | ACTION(NOISE) | ACTION(NO_ACK))
 #define TOPOLOGY (ACTION(DISCONNECT) | ACTION(PARTITION))
-#define CONTROL                                                                        \
-    (ACTION(WRONG_CRC) | ACTION(BUS_OFF) | ACTION(ERROR_FLAG) | ACTION(RESTART) |      \
+#define CONTROL                                                                                    \
+    (ACTION(WRONG_CRC) | ACTION(BUS_OFF) | ACTION(ERROR_FLAG) | ACTION(RESTART) |                  \
      ACTION(COUNTERS) | ACTION(OVERLOAD) | ACTION(SET))
-#define HOST                                                                           \
-    (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
+#define HOST (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
 #define TRAFFIC (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY))
 #define ALL_ACTIONS (ACTION(COUNT) - 1)
 
 typedef struct style {
     const char *name;
-    unsigned weight;        /* scenarios in about 100 */
+    unsigned weight; /* scenarios in about 100 */
     unsigned bits_least;
     unsigned bits_most;
     unsigned rules_most;
     uint32_t actions;
-    unsigned rarity;        /* see diff_maker */
-    unsigned modes;         /* permille of nodes with modes */
-    unsigned ops;           /* operations in 10000 bits, besides traffic */
-    unsigned checks;        /* comparisons in 10000 bits */
-    bool small;             /* rings and inboxes */
+    unsigned rarity; /* see diff_maker */
+    unsigned modes;  /* permille of nodes with modes */
+    unsigned ops;    /* operations in 10000 bits, besides traffic */
+    unsigned checks; /* comparisons in 10000 bits */
+    bool small;      /* rings and inboxes */
 } style;
 
 static const style styles[DIFF_STYLES] = {
@@ -237,7 +236,9 @@ static unsigned random_node_number(generator *g)
 static void send(generator *g, unsigned node, const cw_frame *frame, uint64_t at_tick)
 {
     diff_random *r = &g->maker.random;
-    diff_op op = {.kind = DIFF_SEND, .tick = at_tick, .target = node,
+    diff_op op = {.kind = DIFF_SEND,
+                  .tick = at_tick,
+                  .target = node,
                   .send = {.frame = *frame, .at_tick = at_tick}};
     uint64_t lead = diff_magnitude(r, 1, 600 * g->maker.bit);
     if (g->style->small || diff_chance(r, 500))
@@ -341,8 +342,8 @@ static void bad_frames(generator *g, uint64_t frames)
 /* From an almost empty bus to one that has more than it can carry. */
 static void random_traffic(generator *g)
 {
-    static void (*const patterns[])(generator *, uint64_t) = {periodic, periodic, bursts,
-                                                              meetings, scattered};
+    static void (*const patterns[])(generator *, uint64_t) = {periodic, periodic, bursts, meetings,
+                                                              scattered};
     diff_random *r = &g->maker.random;
     uint64_t frames = g->maker.bits / diff_magnitude(r, 60, diff_chance(r, 700) ? 240 : 4000);
     while (frames > 0) {
@@ -395,10 +396,10 @@ static diff_op_kind random_op_kind(diff_random *r)
     static const struct {
         diff_op_kind kind;
         unsigned weight;
-    } often[] = {{DIFF_RESTART, 10},   {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
-                 {DIFF_STOP_RULE, 6},  {DIFF_FIRE_RULE, 10}, {DIFF_SET, 20},
-                 {DIFF_FLUSH, 1},      {DIFF_ATTACH, 12},    {DIFF_SET_EVENTS, 3},
-                 {DIFF_STEPPING, 12},  {DIFF_TAKE_OVER, 4}};
+    } often[] = {{DIFF_RESTART, 10},  {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
+                 {DIFF_STOP_RULE, 6}, {DIFF_FIRE_RULE, 10}, {DIFF_SET, 20},
+                 {DIFF_FLUSH, 1},     {DIFF_ATTACH, 12},    {DIFF_SET_EVENTS, 3},
+                 {DIFF_STEPPING, 12}, {DIFF_TAKE_OVER, 4}};
     unsigned drawn = (unsigned)diff_below(r, 110);
     unsigned i = 0;
     for (; drawn >= often[i].weight; i++)
@@ -438,6 +439,18 @@ static void random_operations(generator *g)
     uint64_t step = g->maker.bits * g->maker.bit / (count + 1);
     for (uint64_t i = 0; i < count; i++)
         add_operation(g, i * step + diff_below(&g->maker.random, step));
+}
+
+/* Kinds of events that nobody wants let the bus leave out more. */
+static void choose_events(generator *g)
+{
+    diff_random *r = &g->maker.random;
+    diff_op op = {.kind = DIFF_SET_EVENTS,
+                  .kinds = UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST)};
+    if (diff_chance(r, 200))
+        op.kinds &= ~((uint32_t)diff_draw(r) & (uint32_t)diff_draw(r));
+    if (diff_chance(r, 300))
+        diff_add_op(g->scenario, &op);
 }
 
 static void random_checks(generator *g)
@@ -503,6 +516,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->rarity = g.style->rarity;
     random_frames(m);
     random_plan(&g, &s->plans[0]);
+    choose_events(&g);
     random_traffic(&g);
     random_operations(&g);
     random_checks(&g);

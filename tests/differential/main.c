@@ -19,7 +19,7 @@
 
 #define BITS_DEFAULT UINT64_C(10000000)
 #define BITS_COVERING BITS_DEFAULT /* runs of so many bits must exercise everything */
-#define HANG_SECONDS 120                /* of CPU time, for one scenario */
+#define HANG_SECONDS 120           /* of CPU time, for one scenario */
 
 typedef struct options {
     uint64_t bits;
@@ -27,8 +27,8 @@ typedef struct options {
     uint64_t seconds; /* 0: until the bits have gone by */
     bool forever;
     bool verbose;
-    bool show;   /* the scenario of the seed, without running it */
-    bool here;   /* in this process */
+    bool show; /* the scenario of the seed, without running it */
+    bool here; /* in this process */
     bool shrink;
 } options;
 
@@ -47,7 +47,8 @@ static const char usage[] =
     "Runs random scenarios on a bus that takes short cuts and on one that steps every node\n"
     "through every bit, until N bits have gone by (default 10000000), and compares all that can\n"
     "be read. The scenarios are those of the seeds N, N + 1, ... (default 1).\n"
-    "--show writes the scenario of the seed, --here runs it in this process, for a debugger. Exit status: 0, 1 they differ, 2 wrong usage.\n";
+    "--show writes the scenario of the seed, --here runs it in this process, for a debugger. Exit "
+    "status: 0, 1 they differ, 2 wrong usage.\n";
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
@@ -78,16 +79,17 @@ diff_outcome diff_try(const diff_scenario *s, uint64_t *tick, bool tell)
         exit(2);
     *tick = common->tick;
     if (WIFEXITED(status))
-        return WEXITSTATUS(status) == 0 ? DIFF_SAME
-               : WEXITSTATUS(status) == 1 ? DIFF_DIFFERS : DIFF_CRASHES;
+        return WEXITSTATUS(status) == 0   ? DIFF_SAME
+               : WEXITSTATUS(status) == 1 ? DIFF_DIFFERS
+                                          : DIFF_CRASHES;
     return WTERMSIG(status) == SIGVTALRM ? DIFF_HANGS : DIFF_CRASHES;
 }
 
 static void tell_scenario(const diff_scenario *s)
 {
     printf("seed %" PRIu64 ": %s, %u nodes, %" PRIu64 " bits, %u rules, %u operations\n", s->seed,
-           diff_style_name(s->style), s->plans[0].config.node_count, s->end / s->plans[0].config.bit_ticks,
-           s->plans[0].config.rule_count, s->op_count);
+           diff_style_name(s->style), s->plans[0].config.node_count,
+           s->end / s->plans[0].config.bit_ticks, s->plans[0].config.rule_count, s->op_count);
     fflush(stdout);
 }
 
@@ -164,12 +166,15 @@ static bool read_number(uint64_t *value, const char *text)
 
 static bool read_options(options *o, int argc, char **argv)
 {
-    static const struct option names[] = {
-        {"bits", required_argument, NULL, 'b'}, {"seed", required_argument, NULL, 's'},
-        {"seconds", required_argument, NULL, 't'}, {"forever", no_argument, NULL, 'f'},
-        {"verbose", no_argument, NULL, 'v'}, {"show", no_argument, NULL, 'w'},
-        {"here", no_argument, NULL, 'h'}, {"no-shrink", no_argument, NULL, 'n'},
-        {NULL, 0, NULL, 0}};
+    static const struct option names[] = {{"bits", required_argument, NULL, 'b'},
+                                          {"seed", required_argument, NULL, 's'},
+                                          {"seconds", required_argument, NULL, 't'},
+                                          {"forever", no_argument, NULL, 'f'},
+                                          {"verbose", no_argument, NULL, 'v'},
+                                          {"show", no_argument, NULL, 'w'},
+                                          {"here", no_argument, NULL, 'h'},
+                                          {"no-shrink", no_argument, NULL, 'n'},
+                                          {NULL, 0, NULL, 0}};
     *o = (options){.bits = BITS_DEFAULT, .seed = 1, .shrink = true};
     for (int c; (c = getopt_long(argc, argv, "", names, NULL)) != -1;) {
         bool good = c != '?';

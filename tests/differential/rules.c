@@ -111,7 +111,8 @@ static void random_filters(diff_maker *m, cw_rule *rule)
         return;
     rule->data_length = (uint8_t)diff_between(&m->random, 1, 8);
     for (unsigned i = 0; i < rule->data_length; i++)
-        rule->data_mask[i] = diff_chance(&m->random, 300) ? (uint8_t)diff_draw(&m->random) & 0x11 : 0;
+        rule->data_mask[i] =
+            diff_chance(&m->random, 300) ? (uint8_t)diff_draw(&m->random) & 0x11 : 0;
     random_data(&m->random, rule->data_value, rule->data_length);
 }
 

@@ -270,7 +270,9 @@ static void advance(pair *p, uint64_t tick)
 
 static void check(pair *p)
 {
-    p->coverage->comparisons++;
+    cw_bit_view unused;
+    p->coverage->marks[DIFF_COMPARISONS]++;
+    p->coverage->marks[DIFF_SHORT_CUTS] += cw_bus_get_bit(p->fast.bus, &unused) != CW_OK;
     if (!diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out))
         found(p, cw_bus_now(p->reference.bus));
 }
@@ -344,7 +346,7 @@ static void add_rule(pair *p, const diff_op *op)
         p->rules[a] = rule;
 }
 
-#define BOTH(call, ...) \
+#define BOTH(call, ...)                                                                            \
     statuses_same(p, #call, call(p->fast.bus, __VA_ARGS__), call(p->reference.bus, __VA_ARGS__))
 
 static void operate(pair *p, const diff_op *op)
@@ -438,10 +440,11 @@ static void count(pair *p)
     p->coverage->frames += stats.frames;
     p->coverage->error_frames += stats.error_frames;
     for (unsigned i = 0; i < p->scenario->plan_count; i++)
-        p->coverage->nodes[p->scenario->plans[i].config.node_count]++;
+        p->coverage->marks[DIFF_FULL_BUSES] +=
+            p->scenario->plans[i].config.node_count == CW_NODES_MAX;
     p->coverage->style_bits[p->scenario->style] += stats.bits;
     p->coverage->style_frames[p->scenario->style] += stats.frames;
-    p->coverage->ring_full += p->fast.full;
+    p->coverage->marks[DIFF_FULL_RINGS] += p->fast.full;
 }
 
 static bool start(side *s, const char *name, const cw_bus_config *config)

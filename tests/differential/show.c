@@ -21,11 +21,9 @@ static void write_frame_short(FILE *out, const cw_frame *f)
 static void write_error(FILE *out, const cw_event *e)
 {
     const cw_place *p = &e->error.place;
-    fprintf(out, " %s %s %s[%u]%s%s flag %s",
-            e->error.role == CW_ROLE_TRANSMITTER ? "tx" : "rx",
+    fprintf(out, " %s %s %s[%u]%s%s flag %s", e->error.role == CW_ROLE_TRANSMITTER ? "tx" : "rx",
             cw_error_type_name(e->error.type), cw_field_name(p->field), p->index,
-            p->stuff ? " stuff" : "", p->extended ? " extended" : "",
-            cw_flag_name(e->error.flag));
+            p->stuff ? " stuff" : "", p->extended ? " extended" : "", cw_flag_name(e->error.flag));
 }
 
 void diff_write_event(FILE *out, const cw_event *e)
@@ -152,10 +150,29 @@ static void write_when(FILE *out, const cw_rule *r)
 
 static void write_position(FILE *out, const cw_rule *r)
 {
-    static const char *const fields[CW_FIELD_COUNT] = {
-        "NONE", "SOF", "ID", "SRR", "IDE", "RTR", "R1", "R0", "DLC", "DATA", "CRC",
-        "CRC_DELIMITER", "ACK_SLOT", "ACK_DELIMITER", "EOF", "INTERMISSION", "SUSPEND",
-        "ERROR_FLAG", "ERROR_DELIMITER", "OVERLOAD_FLAG", "OVERLOAD_DELIMITER", "STUFF", "BIT"};
+    static const char *const fields[CW_FIELD_COUNT] = {"NONE",
+                                                       "SOF",
+                                                       "ID",
+                                                       "SRR",
+                                                       "IDE",
+                                                       "RTR",
+                                                       "R1",
+                                                       "R0",
+                                                       "DLC",
+                                                       "DATA",
+                                                       "CRC",
+                                                       "CRC_DELIMITER",
+                                                       "ACK_SLOT",
+                                                       "ACK_DELIMITER",
+                                                       "EOF",
+                                                       "INTERMISSION",
+                                                       "SUSPEND",
+                                                       "ERROR_FLAG",
+                                                       "ERROR_DELIMITER",
+                                                       "OVERLOAD_FLAG",
+                                                       "OVERLOAD_DELIMITER",
+                                                       "STUFF",
+                                                       "BIT"};
     if (r->action > CW_ACTION_GLITCH)
         return;
     fprintf(out, ".field = CW_FIELD_%s, ", fields[r->field]);

@@ -154,19 +154,50 @@ static bool remove_rule(diff_scenario *s, unsigned place)
 }
 
 /* Fields of a rule that are simplest when they are zero. */
-#define FIELD(name) {offsetof(cw_rule, name), sizeof(((cw_rule *)0)->name)}
+#define FIELD(name)                                                                                \
+    {                                                                                              \
+        offsetof(cw_rule, name), sizeof(((cw_rule *)0)->name)                                      \
+    }
 
 static const struct {
     size_t offset;
     size_t size;
 } fields[] = {
-    FIELD(filter_count), FIELD(error_mask), FIELD(data_length), FIELD(data_mask), FIELD(data_value),
-    FIELD(from), FIELD(state_nodes), FIELD(state_mask), FIELD(time_begin), FIELD(has_after),
-    FIELD(manual), FIELD(after), FIELD(after_delay), FIELD(skip), FIELD(every), FIELD(count),
-    FIELD(hold_off), FIELD(index), FIELD(for_ticks), FIELD(at), FIELD(node), FIELD(level),
-    FIELD(line), FIELD(side), FIELD(dominant_timeout), FIELD(pattern_level), FIELD(pattern_mask),
-    FIELD(number), FIELD(load_permille), FIELD(period_ticks), FIELD(group), FIELD(settings),
-    FIELD(change), FIELD(frame), FIELD(nodes),
+    FIELD(filter_count),
+    FIELD(error_mask),
+    FIELD(data_length),
+    FIELD(data_mask),
+    FIELD(data_value),
+    FIELD(from),
+    FIELD(state_nodes),
+    FIELD(state_mask),
+    FIELD(time_begin),
+    FIELD(has_after),
+    FIELD(manual),
+    FIELD(after),
+    FIELD(after_delay),
+    FIELD(skip),
+    FIELD(every),
+    FIELD(count),
+    FIELD(hold_off),
+    FIELD(index),
+    FIELD(for_ticks),
+    FIELD(at),
+    FIELD(node),
+    FIELD(level),
+    FIELD(line),
+    FIELD(side),
+    FIELD(dominant_timeout),
+    FIELD(pattern_level),
+    FIELD(pattern_mask),
+    FIELD(number),
+    FIELD(load_permille),
+    FIELD(period_ticks),
+    FIELD(group),
+    FIELD(settings),
+    FIELD(change),
+    FIELD(frame),
+    FIELD(nodes),
 };
 
 #define FIELDS (sizeof fields / sizeof fields[0])
@@ -345,9 +376,9 @@ static bool close_gap(diff_scenario *s, unsigned place)
 void diff_shrink(diff_scenario *s, diff_outcome outcome, uint64_t tick)
 {
     static const simplification all[] = {
-        {whole_places, simplify_whole},   {rule_places, remove_rule},
-        {node_places, remove_node},       {setting_places, simplify_setting},
-        {field_places, simplify_field},   {op_places, simplify_op},
+        {whole_places, simplify_whole}, {rule_places, remove_rule},
+        {node_places, remove_node},     {setting_places, simplify_setting},
+        {field_places, simplify_field}, {op_places, simplify_op},
         {gap_places, close_gap},
     };
     shrinking k = {.best = s, .outcome = outcome};
