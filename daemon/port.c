@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * port.c - what all kinds of ports do alike: frames from and to SocketCAN's form, and counting.
+ */
+#include "port_kind.h"
+
+#include <linux/can/error.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+/* ---- Opening and closing --------------------------------------------------------------------- */
+
+port *port_open(const char *name, char error[PORT_ERROR_TEXT_MAX])
+{
+    return port_socketcan_open(name, error);
+}
+
+static void prepare_messages(port_messages *m)
+{
+    for (unsigned i = 0; i < PORT_BATCH; i++) {
+        m->vectors[i] = (struct iovec){.iov_base = &m->frames[i], .iov_len = CANFD_MTU};
+        m->headers[i].msg_hdr.msg_iov = &m->vectors[i];
+        m->headers[i].msg_hdr.msg_iovlen = 1;
+    }
+}
+
+port *port_new(const port_kind *kind, size_t size)
+{
+    port *p = calloc(1, size);
+    if (!p)
+        return NULL;
+    p->kind = kind;
+    p->fd = -1;
+    prepare_messages(&p->messages);
+    return p;
+}
+
+void port_close(port *p)
+{
+    if (p)
+        p->kind->close(p);
+}
+
+unsigned port_index(const port *p)
+{
+    return p->index;
+}
+
+int port_fd(const port *p)
+{
+    return p->fd;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* The kernel lets an 11-bit identifier above 7FF through: the value is kept, so that the bus sees
+ * that it is invalid. */
+static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t size)
+{
+    *out = (cw_frame){.id = in->can_id & CAN_EFF_MASK};
+    if (in->can_id & CAN_EFF_FLAG)
+        out->flags |= CW_FRAME_EXTENDED;
+    if (in->can_id & CAN_RTR_FLAG)
+        out->flags |= CW_FRAME_REMOTE;
+    if (size == CANFD_MTU) {
+        out->flags |= CW_FRAME_FD;
+        memcpy(out->data, in->data, CANFD_MAX_DLEN);
+        return;
+    }
+    struct can_frame classic;
+    memcpy(&classic, in, sizeof classic);
+    bool raw_dlc = classic.len == CAN_MAX_DLEN && classic.len8_dlc > CAN_MAX_DLEN;
+    out->dlc = raw_dlc ? classic.len8_dlc : classic.len;
+    memcpy(out->data, classic.data, CAN_MAX_DLEN);
+}
+
+static int64_t arrival_ns(struct msghdr *header)
+{
+    for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c; c = CMSG_NXTHDR(header, c)) {
+        if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS)
+            continue;
+        struct timespec time;
+        memcpy(&time, CMSG_DATA(c), sizeof time);
+        return time.tv_sec * INT64_C(1000000000) + time.tv_nsec;
+    }
+    return 0;
+}
+
+/* Whether a message is a frame for the bus; if so it is put into *out. */
+static bool take_message(port *p, port_frame *out, unsigned i)
+{
+    struct mmsghdr *m = &p->messages.headers[i];
+    bool whole = m->msg_len == CAN_MTU || m->msg_len == CANFD_MTU;
+    if (!whole || (m->msg_hdr.msg_flags & MSG_CONFIRM))
+        return false;
+    if (p->messages.frames[i].can_id & CAN_ERR_FLAG) {
+        p->stats.errors_ignored++;
+        return false;
+    }
+    from_socketcan(&out->frame, &p->messages.frames[i], m->msg_len);
+    out->realtime_ns = arrival_ns(&m->msg_hdr);
+    return true;
+}
+
+int port_receive(port *p, int socket)
+{
+    port_messages *m = &p->messages;
+    for (unsigned i = 0; i < PORT_BATCH; i++) {
+        m->headers[i].msg_hdr.msg_control = m->controls[i];
+        m->headers[i].msg_hdr.msg_controllen = PORT_CONTROL_BYTES;
+    }
+    return recvmmsg(socket, m->headers, PORT_BATCH, MSG_DONTWAIT, NULL);
+}
+
+unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
+{
+    unsigned count = 0;
+    for (int i = 0; i < received; i++)
+        if (take_message(p, &frames[count], (unsigned)i))
+            count++;
+    p->stats.read += count;
+    return count;
+}
+
+unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more)
+{
+    return p->kind->read(p, frames, more);
+}
+
+/* ---- Writing and counting -------------------------------------------------------------------- */
+
+static void to_socketcan(struct can_frame *out, const cw_frame *in)
+{
+    *out = (struct can_frame){.can_id = in->id};
+    if (in->flags & CW_FRAME_EXTENDED)
+        out->can_id |= CAN_EFF_FLAG;
+    if (in->flags & CW_FRAME_REMOTE)
+        out->can_id |= CAN_RTR_FLAG;
+    out->len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
+    out->len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
+    memcpy(out->data, in->data, cw_frame_length(in));
+}
+
+static bool write_frame(port *p, const struct can_frame *frame, uint64_t *written,
+                        uint64_t *failed)
+{
+    bool good = p->kind->send(p, frame) == PORT_SENT;
+    (*(good ? written : failed))++;
+    return good;
+}
+
+bool port_write(port *p, const cw_frame *frame)
+{
+    struct can_frame out;
+    to_socketcan(&out, frame);
+    return write_frame(p, &out, &p->stats.written, &p->stats.write_failed);
+}
+
+bool port_write_error(port *p, const errframe *frame, uint64_t tick)
+{
+    if (!errframe_limit_pass(&p->limit, frame, tick))
+        return false;
+    struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
+    memcpy(out.data, frame->data, CAN_ERR_DLC);
+    return write_frame(p, &out, &p->stats.errors_written, &p->stats.errors_failed);
+}
+
+void port_get_stats(port *p, port_stats *stats)
+{
+    if (p->kind->count)
+        p->kind->count(p);
+    p->stats.errors_left_out = p->limit.left_out;
+    *stats = p->stats;
+}

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * port_kind.h - what the kinds of ports share: port.c chooses one, port_socketcan.c … are one each.
+ *
+ * All of them carry frames as Linux has them in linux/can.h, one in a message of a socket.
+ */
+#ifndef CANWIRE_PORT_KIND_H
+#define CANWIRE_PORT_KIND_H
+
+#include "port.h"
+
+#include <linux/can.h>
+#include <sys/socket.h>
+
+#define PORT_CONTROL_BYTES 128
+
+/* How it went with a frame for the ECU. */
+typedef enum port_sent { PORT_SENT = 0, PORT_SEND_FAILED } port_sent;
+
+/* What a kind of ports does in its own way. */
+typedef struct port_kind {
+    /* Closes and frees it; all its file descriptors are open or -1. */
+    void (*close)(port *p);
+    /* As port_read(). */
+    unsigned (*read)(port *p, port_frame frames[PORT_BATCH], bool *more);
+    port_sent (*send)(port *p, const struct can_frame *frame);
+    /* Brings those counters up to date that are kept elsewhere; NULL: there are none. */
+    void (*count)(port *p);
+} port_kind;
+
+/* Messages of one read. */
+typedef struct port_messages {
+    struct mmsghdr headers[PORT_BATCH];
+    struct iovec vectors[PORT_BATCH];
+    struct canfd_frame frames[PORT_BATCH];
+    unsigned char controls[PORT_BATCH][PORT_CONTROL_BYTES];
+} port_messages;
+
+/* The first part of each kind's own. */
+struct port {
+    const port_kind *kind;
+    int fd;         /* readable when frames wait; -1 while it is being opened */
+    unsigned index; /* of its interface */
+    port_stats stats;
+    errframe_limit limit;
+    port_messages messages;
+};
+
+/* A port of that kind, all zero but for what is said here; size: of the kind's own. NULL: out of
+ * memory. */
+port *port_new(const port_kind *kind, size_t size);
+
+/* Reads up to PORT_BATCH messages that wait at a socket into p->messages. Returns what recvmmsg()
+ * does. */
+int port_receive(port *p, int socket);
+
+/* Puts the frames for the bus among so many messages into frames; the others are counted. Returns
+ * how many there are. */
+unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
+
+/* Opens an interface; see port_open(). */
+port *port_socketcan_open(const char *interface, char error[PORT_ERROR_TEXT_MAX]);
+
+#endif
