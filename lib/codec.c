@@ -90,16 +90,23 @@ static cw_step find_step(unsigned *u, const uint8_t *row, size_t steps, unsigned
     return CW_STEP_COUNT;
 }
 
-cw_place cw_bits_place(const cw_bits *bits, unsigned n)
+cw_step cw_bits_step(const cw_bits *bits, unsigned u, uint8_t *index)
 {
-    assert(n < bits->length);
-    unsigned u = n - cw_bitset_count_upto(bits->stuff, n);
     cw_step step = bits->extended ? find_step(&u, extended_steps, sizeof extended_steps, 0)
                                   : find_step(&u, base_steps, sizeof base_steps, 0);
     if (step == CW_STEP_COUNT)
         step = find_step(&u, tail_steps, sizeof tail_steps, bits->data_bits);
     assert(step != CW_STEP_COUNT);
-    cw_place place = cw_step_place(step, u, bits->extended);
+    *index = (uint8_t)u;
+    return step;
+}
+
+cw_place cw_bits_place(const cw_bits *bits, unsigned n)
+{
+    assert(n < bits->length);
+    uint8_t index;
+    cw_step step = cw_bits_step(bits, n - cw_bitset_count_upto(bits->stuff, n), &index);
+    cw_place place = cw_step_place(step, index, bits->extended);
     place.stuff = cw_bitset_get(bits->stuff, n);
     return place;
 }

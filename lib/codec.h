@@ -62,6 +62,9 @@ static inline uint16_t cw_crc_next(uint16_t crc, bool bit)
     return (feedback ? shifted ^ 0x4599u : shifted) & 0x7FFFu;
 }
 
+/* The step and index of the u-th bit, from 0, of those that are no stuff bits. */
+cw_step cw_bits_step(const cw_bits *bits, unsigned u, uint8_t *index);
+
 /* The wire bit that is the u-th one, from 0, of those that are no stuff bits. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
 

@@ -477,17 +477,11 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
 /* ---- Ending before the end ------------------------------------------------------------------- */
 
 /* Where a receiver is after that many bits. */
-static void find_point(cw_mac *m, const cw_leap *leap)
+static void find_point(cw_mac *m, const cw_bus *bus)
 {
-    cw_mac_report report;
+    const bus_node *n = &bus->nodes[bus->leap.node];
     cw_mac_init(m, 0, CW_REC_MAX);
-    m->phase = CW_MAC_IDLE;
-    for (unsigned n = 0; n < leap->at; n++) {
-        bool level = n < leap->length ? cw_bits_level(leap->bits, n) : CW_RECESSIVE;
-        bool acknowledged = n == leap->length - ACK_BEFORE_END - 1;
-        (void)cw_mac_drive(m);
-        cw_mac_sample(m, acknowledged ? CW_DOMINANT : level, &report);
-    }
+    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, bus->leap.bits, bus->leap.at);
 }
 
 static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
@@ -521,7 +515,7 @@ void cw_leap_end(cw_bus *bus)
         return;
     leap->active = false;
     bus->recessive_bits = cw_leap_recessive_bits(bus);
-    find_point(&point, leap);
+    find_point(&point, bus);
     if (bus->followers)
         cw_mac_go_to_point(&bus->common, &point);
     for (uint64_t rest = leap->riders & ~bus->followers; rest; rest &= rest - 1)

@@ -10,6 +10,7 @@
  */
 #include "mac.h"
 
+#include "bits.h"
 #include "codec.h"
 #include "confinement.h"
 
@@ -965,6 +966,74 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     m->shift = there->shift;
     m->overloads_in_row = there->overloads_in_row;
     m->rx = there->rx;
+}
+
+/* What has been decoded when a step begins. */
+static void decode_up_to(cw_mac *m, const cw_frame *frame)
+{
+    bool extended = frame->flags & CW_FRAME_EXTENDED;
+    if (m->step > CW_STEP_BASE_ID)
+        m->rx.id = extended ? frame->id >> 18 : frame->id;
+    if (m->step > CW_STEP_SRR_RTR)
+        m->rx.flags = extended ? CW_FRAME_REMOTE : frame->flags; /* as if the SRR was an RTR */
+    if (m->step > CW_STEP_IDE && extended)
+        m->rx.flags |= CW_FRAME_EXTENDED;
+    if (m->step > CW_STEP_EXTENDED_ID)
+        m->rx.id = frame->id;
+    if (m->step > CW_STEP_RTR)
+        m->rx.flags = frame->flags;
+    if (m->step > CW_STEP_DLC)
+        m->rx.dlc = frame->dlc;
+    unsigned bytes = m->step > CW_STEP_DATA ? cw_frame_length(frame) : m->index / 8u;
+    if (m->step >= CW_STEP_DATA)
+        memcpy(m->rx.data, frame->data, bytes);
+}
+
+/* CRC and present field from the first n wire bits. */
+static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
+{
+    if (m->step >= CW_STEP_CRC)
+        m->crc = bits->crc;
+    unsigned field = u - m->index; /* where it begins */
+    unsigned wire = m->step >= CW_STEP_CRC ? cw_bits_wire_index(bits, field) : 0;
+    for (unsigned k = m->step >= CW_STEP_CRC ? field : 0; wire < n; wire++) {
+        bool level = cw_bits_level(bits, wire);
+        if (cw_bitset_get(bits->stuff, wire))
+            continue;
+        if (m->step < CW_STEP_CRC)
+            m->crc = cw_crc_next(m->crc, level);
+        if (k++ >= field)
+            m->shift = m->shift << 1 | level;
+    }
+}
+
+/* Equal levels in a row at the end of the first n wire bits, as far as those are stuffed. */
+static void count_run(cw_mac *m, const cw_bits *bits, unsigned n)
+{
+    const unsigned tail = 3 + CW_EOF_BITS; /* from the CRC delimiter on */
+    n = n < bits->length - tail ? n : bits->length - tail;
+    m->last = cw_bits_level(bits, n - 1);
+    for (m->run = 1; m->run < n && cw_bits_level(bits, n - 1u - m->run) == m->last;)
+        m->run++;
+}
+
+void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned n)
+{
+    begin_frame(m, CW_ROLE_RECEIVER);
+    if (n >= bits->length) {
+        enter(m, CW_MAC_INTERMISSION);
+        m->count = (uint8_t)(n - bits->length);
+        return;
+    }
+    unsigned u = n - cw_bitset_count_upto(bits->stuff, n - 1);
+    m->step = (uint8_t)cw_bits_step(bits, u, &m->index);
+    m->before_step = (uint8_t)cw_bits_step(bits, u - 1, &m->before_index);
+    m->may_join = n == 1;
+    m->crc_error = false;
+    m->shift = 0;
+    shift_in(m, bits, n, u);
+    count_run(m, bits, n);
+    decode_up_to(m, frame);
 }
 
 void cw_mac_become_transmitter(cw_mac *m, unsigned bits)

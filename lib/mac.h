@@ -45,6 +45,10 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
  * offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 
+/* Goes to where an idle receiver is after n wire bits of a frame, n at least 1, without errors; then
+ * its intermission. The ACK slot was dominant. */
+void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits, unsigned n);
+
 /* A controller at a point as a receiver turns out to be the transmitter of its offered frame, of
  * which so many bits are on the wire. */
 void cw_mac_become_transmitter(cw_mac *mac, unsigned bits);
