@@ -113,7 +113,8 @@ typedef struct cw_leap {
     bool broken;          /* it must end with the bit in progress */
     uint8_t node;         /* the transmitter */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
-    uint16_t stop;        /* a rule looks at this bit */
+    uint16_t stop;        /* a rule looks at this bit, ... */
+    uint16_t stop_rule;   /* ... this one */
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;
     uint64_t riders;

@@ -157,11 +157,14 @@ bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
 
 #define CW_NO_STOP UINT16_MAX
 
-/* In a leap: the first wire bit, from `from` on, that a rule looks at, or CW_NO_STOP. */
-uint16_t cw_fault_next_stop(const cw_bus *bus, unsigned from);
+#define CW_SEVERAL_RULES UINT16_MAX
 
-/* In a leap, at a bit that a rule looks at: true when it is no hit. The match is counted then. */
-bool cw_fault_lets_pass(cw_bus *bus, unsigned bit);
+/* Finds where the leap has to stop next, and for which rule: at the first wire bit, from `from` on,
+ * that a rule looks at; CW_NO_STOP. */
+void cw_fault_find_stop(cw_bus *bus, unsigned from);
+
+/* In a leap, at its stop: true when it is no hit. The match is counted then. */
+bool cw_fault_lets_pass(cw_bus *bus);
 
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);

@@ -132,47 +132,62 @@ static unsigned rule_stop(const cw_bus *bus, const cw_fault *f, unsigned from)
     return stop;
 }
 
-uint16_t cw_fault_next_stop(const cw_bus *bus, unsigned from)
+/* One rule has one bit in one transmission. */
+static bool is_last_stop(const cw_bus *bus, unsigned from)
 {
     const cw_fault_set *set = &bus->faults;
-    unsigned stop = CW_NO_STOP;
-    for (unsigned i = 0; i < set->awake_count; i++) {
+    uint64_t bound = set->faults[set->awake[0]].bound;
+    return from > 0 && set->awake_count == 1 && (bound & (bound - 1)) == 0;
+}
+
+void cw_fault_find_stop(cw_bus *bus, unsigned from)
+{
+    const cw_fault_set *set = &bus->faults;
+    cw_leap *leap = &bus->leap;
+    leap->stop = CW_NO_STOP;
+    for (unsigned i = 0; i < set->awake_count && !is_last_stop(bus, from); i++) {
         const cw_fault *f = &set->faults[set->awake[i]];
         if (is_out_of_time(bus, &f->rule) || cw_fault_is_over(f))
             continue;
         unsigned n = rule_stop(bus, f, from);
-        stop = n < stop ? n : stop;
-    }
-    return (uint16_t)stop;
-}
-
-/* The only rule that looks at a bit; false when there are more. *rule stays when there is none. */
-static bool find_only_rule(const cw_bus *bus, unsigned *rule, unsigned bit)
-{
-    const cw_fault_set *set = &bus->faults;
-    unsigned found = 0;
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        if (rule_stop(bus, &set->faults[set->awake[i]], bit) != bit)
+        if (n == leap->stop)
+            leap->stop_rule = CW_SEVERAL_RULES;
+        if (n >= leap->stop)
             continue;
-        found++;
-        *rule = set->awake[i];
+        leap->stop = (uint16_t)n;
+        leap->stop_rule = set->awake[i];
     }
-    return found <= 1;
 }
 
-bool cw_fault_lets_pass(cw_bus *bus, unsigned bit)
+/* A match that is passed over changes no more than this. */
+typedef struct match_state {
+    cw_prng prng;
+    uint64_t matches;
+    uint64_t passed;
+    uint32_t armed;
+} match_state;
+
+static bool passes_over(cw_bus *bus, unsigned rule)
 {
-    unsigned rule = CW_RULES_MAX;
-    if (bit >= bus->leap.length || !find_only_rule(bus, &rule, bit))
-        return false;
-    if (rule == CW_RULES_MAX)
-        return true;
     cw_fault *f = &bus->faults.faults[rule];
-    const cw_fault before = *f;
+    const match_state s = {f->prng, f->matches, f->passed, f->armed};
     if (!cw_fault_takes_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
         return true;
-    *f = before; /* it is a hit: as if nobody had asked, the bit itself will */
+    f->prng = s.prng; /* it is a hit: as if nobody had asked, the bit itself will */
+    f->matches = s.matches;
+    f->passed = s.passed;
+    f->armed = s.armed;
     return false;
+}
+
+/* A rule that has been cleared since does not mind. */
+bool cw_fault_lets_pass(cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    if (leap->at >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
+        return false;
+    const cw_fault *f = &bus->faults.faults[leap->stop_rule];
+    return !f->used || f->bound == 0 || passes_over(bus, leap->stop_rule);
 }
 
 void cw_fault_unbind(cw_bus *bus)

@@ -345,10 +345,10 @@ static void end_slot(cw_bus *bus)
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
-    if (bus->leap.broken || !cw_fault_lets_pass(bus, bus->leap.at))
+    if (bus->leap.broken || !cw_fault_lets_pass(bus))
         cw_leap_end(bus);
     else
-        bus->leap.stop = cw_fault_next_stop(bus, bus->leap.at + 1u);
+        cw_fault_find_stop(bus, bus->leap.at + 1u);
 }
 
 /* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
@@ -433,7 +433,7 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
     uint64_t self = cw_node_bit(leap->node);
     bind_rules(bus, watched);
     if (watched == self)
-        leap->stop = cw_fault_next_stop(bus, 0);
+        cw_fault_find_stop(bus, 0);
     bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
     if (leap->contenders == self || hidden) {
         count_losses(bus);
@@ -441,7 +441,7 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
     }
     prepare_losses(bus);
     if (watched)
-        leap->stop = cw_fault_next_stop(bus, 0);
+        cw_fault_find_stop(bus, 0);
 }
 
 static bool can_leap_over(const cw_bus *bus, uint64_t tick)
