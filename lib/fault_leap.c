@@ -90,7 +90,7 @@ static bool has_later_position(const cw_rule *r)
 
 bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
 {
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+    for (uint64_t rest = nodes & bus->faults.early; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const cw_fault *f;
         cw_candidates c;

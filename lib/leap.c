@@ -299,15 +299,10 @@ static void count_bits(cw_bus *bus, unsigned bits)
     cw_load_add(&bus->load, bits, true);
 }
 
-static void move(cw_bus *bus, unsigned bits)
+static void pass(cw_bus *bus, unsigned bits)
 {
     bus->leap.at = (uint16_t)(bus->leap.at + bits);
     bus->now += (uint64_t)bits * bus->bit_ticks;
-}
-
-static void pass(cw_bus *bus, unsigned bits)
-{
-    move(bus, bits);
     count_bits(bus, bits);
 }
 
@@ -342,6 +337,52 @@ static void end_slot(cw_bus *bus)
         cw_fault_unbind(bus);
 }
 
+/* ---- The rest at once ------------------------------------------------------------------------ */
+
+/* Goes up to a bit that lies ahead; false when it does not. */
+static bool move_to(cw_bus *bus, unsigned at)
+{
+    if (bus->leap.at >= at)
+        return false;
+    bus->now += (uint64_t)(at - bus->leap.at) * bus->bit_ticks;
+    bus->leap.at = (uint16_t)at;
+    return true;
+}
+
+/* To the end, where nothing can come in between. */
+static void leap_over(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    const unsigned length = leap->length;
+    count_bits(bus, length + CW_INTERMISSION_BITS - leap->at);
+    if (move_to(bus, length - ACK_BEFORE_END) && bus->crowd.counting)
+        lower_counters(bus);
+    if (move_to(bus, length - RX_BEFORE_END))
+        receive(bus);
+    if (move_to(bus, length))
+        finish_transmission(bus);
+    (void)move_to(bus, length + CW_INTERMISSION_BITS);
+    end_slot(bus);
+}
+
+/* Whether nothing is due or comes in before that tick. */
+static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
+{
+    return bus->next_restart >= tick && bus->faults.next_due >= tick &&
+           cw_bus_inbox_first(bus) >= tick;
+}
+
+static bool can_leap_over(const cw_bus *bus, uint64_t tick)
+{
+    const cw_leap *leap = &bus->leap;
+    unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
+    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
+    return !leap->undecided && leap->stop == NO_BIT && !host_side_acts(bus) &&
+           tick - bus->now >= ticks && is_quiet_until(bus, bus->now + ticks);
+}
+
+/* ---- Going on, one moment after the other -------------------------------------------------- */
+
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
@@ -367,6 +408,10 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         look_at_stop(bus);
         return;
     }
+    if (can_leap_over(bus, tick)) {
+        leap_over(bus);
+        return;
+    }
     unsigned bits = bits_to_go(bus, tick);
     pass(bus, bits - 1);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
@@ -374,29 +419,6 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
     run_moment(bus);
     if (leap->at == leap->length + CW_INTERMISSION_BITS)
         end_slot(bus);
-}
-
-/* The whole slot, where nothing can come in between. */
-static void leap_over(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    move(bus, leap->length - ACK_BEFORE_END);
-    if (bus->crowd.counting)
-        lower_counters(bus);
-    move(bus, ACK_BEFORE_END - RX_BEFORE_END);
-    receive(bus);
-    move(bus, RX_BEFORE_END);
-    finish_transmission(bus);
-    move(bus, CW_INTERMISSION_BITS);
-    count_bits(bus, leap->at);
-    end_slot(bus);
-}
-
-/* Whether nothing is due or comes in before that tick. */
-static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
-{
-    return bus->next_restart >= tick && bus->faults.next_due >= tick &&
-           cw_bus_inbox_first(bus) >= tick;
 }
 
 /* Whether nobody can see the single losses. */
@@ -444,14 +466,6 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
         cw_fault_find_stop(bus, 0);
 }
 
-static bool can_leap_over(const cw_bus *bus, uint64_t tick)
-{
-    const cw_leap *leap = &bus->leap;
-    uint64_t ticks = (uint64_t)(leap->length + CW_INTERMISSION_BITS) * bus->bit_ticks;
-    return !leap->undecided && leap->stop == NO_BIT && !host_side_acts(bus) &&
-           tick - bus->now >= ticks && is_quiet_until(bus, bus->now + ticks);
-}
-
 bool cw_leap_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
@@ -467,10 +481,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
         return false;
     begin(bus, winner, contenders);
     start_transmissions(bus, watched, tick);
-    if (can_leap_over(bus, tick))
-        leap_over(bus);
-    else
-        cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
+    cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;
 }
 
