@@ -247,7 +247,8 @@ static uint64_t wired_and(const cw_bus *bus, uint64_t driven)
 
 /* ---- One bit: what is on the wire ------------------------------------------------------------ */
 
-static void watch_flag(flag_watch *w, bool now, uint64_t *frames)
+/* A flag that is there, or not, in so many bits; in none that are skipped it begins or ends. */
+static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
 {
     if (now && !w->now)
         (*frames)++;
@@ -256,6 +257,8 @@ static void watch_flag(flag_watch *w, bool now, uint64_t *frames)
         w->over = w->over || !now;
     }
     w->now = now;
+    if (now)
+        w->length += bits - 1;
 }
 
 typedef struct wire_view {
@@ -278,18 +281,18 @@ static void view_mac(wire_view *view, const cw_mac *m)
     view->overload = view->overload || m->phase == CW_MAC_OVERLOAD_FLAG;
 }
 
-/* Load and flags, by what the nodes are doing in this bit. */
-static void watch_wire(cw_bus *bus)
+/* Load and flags, by what the nodes are doing in this bit and those that are skipped with it. */
+static void watch_wire(cw_bus *bus, uint64_t bits)
 {
     wire_view view = {.busy = false};
     if (bus->followers)
         view_mac(&view, &bus->common);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
         view_mac(&view, &bus->nodes[cw_lowest_node(rest)].mac);
-    watch_flag(&bus->error_flag, view.error, &bus->stats.error_frames);
-    watch_flag(&bus->overload_flag, view.overload, &bus->stats.overload_frames);
-    bus->stats.busy_bits += view.busy;
-    cw_load_add(&bus->load, 1, view.busy);
+    watch_flag(&bus->error_flag, view.error, bits, &bus->stats.error_frames);
+    watch_flag(&bus->overload_flag, view.overload, bits, &bus->stats.overload_frames);
+    bus->stats.busy_bits += view.busy ? bits : 0;
+    cw_load_add(&bus->load, bits, view.busy);
 }
 
 /* ---- One bit --------------------------------------------------------------------------------- */
@@ -348,7 +351,7 @@ static void step(cw_bus *bus)
     bit_reports reports;
     bus->crowd.valid = false;
     cw_levels levels = {.driven = drive_all(bus)};
-    watch_wire(bus);
+    watch_wire(bus, 1);
     if (bus->faults.awake_count)
         cw_fault_driven(bus, &levels);
     bus->driven = levels.driven;
@@ -401,6 +404,7 @@ static uint64_t quiet_bits(const cw_bus *bus, uint64_t tick)
 
 static void skip(cw_bus *bus, uint64_t bits)
 {
+    watch_wire(bus, bits);
     if (bus->followers)
         cw_mac_skip(&bus->common, bits);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
@@ -411,12 +415,9 @@ static void skip(cw_bus *bus, uint64_t bits)
         bus->crowd.valid = bus->crowd.valid && m->phase == phase;
         cw_join(bus, i);
     }
-    bus->error_flag.now = false;
-    bus->overload_flag.now = false;
     bus->now += bits * bus->bit_ticks;
     bus->stats.bits += bits;
     bus->recessive_bits += bits;
-    cw_load_add(&bus->load, bits, false);
 }
 
 /* Some bits, at least one. */

@@ -110,6 +110,12 @@ static uint64_t wire_of(const cw_bus *bus, unsigned node)
     return cw_node_bit(node);
 }
 
+/* Bits that an error takes away for good. */
+static bool is_in_frame(cw_field field)
+{
+    return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;
+}
+
 /* The wires on which the named bit is reached, as nodes. A transmission is over for a rule when its
  * node has become a receiver or is idle. */
 static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
@@ -119,7 +125,8 @@ static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
         const cw_mac *mac = &bus->nodes[node].mac;
         if (!(f->bound & cw_node_bit(node)))
             continue;
-        if (mac->role != CW_ROLE_TRANSMITTER)
+        if (mac->role != CW_ROLE_TRANSMITTER ||
+            (is_in_frame(f->rule.field) && !cw_mac_is_sending(mac)))
             f->bound &= ~cw_node_bit(node);
         else if (is_reached(bus, &f->rule, mac))
             reached |= wire_of(bus, node);
@@ -303,16 +310,16 @@ void cw_fault_apply_topology(cw_bus *bus)
     uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT) | bus->detached;
     for (unsigned i = 0; i < bus->node_count; i++) {
         uint64_t self = cw_node_bit(i);
-        bool leaves = (off & self) && bus->nodes[i].mac.phase != CW_MAC_OFF;
-        bool returns = !(off & self) && (bus->faults.off & self);
-        bool acks_otherwise = bus->nodes[i].mac.no_ack != ((no_ack & self) != 0);
-        if (!leaves && !returns && !acks_otherwise)
-            continue; /* nothing that would end a leap */
+        bool goes = (off & self) && cw_mac_is_on_bus(cw_mac_of(bus, i));
+        bool comes = (bus->faults.off & ~off & self) != 0;
+        bool silent = (no_ack & self) != 0;
+        if (!goes && !comes && silent == bus->nodes[i].mac.no_ack)
+            continue; /* so that a change at one node does not disturb the others */
         cw_mac *m = cw_own_mac(bus, i);
-        m->no_ack = no_ack & self;
-        if (leaves)
+        m->no_ack = silent;
+        if (goes)
             cw_mac_disconnect(m);
-        else if (returns)
+        if (comes)
             cw_mac_reconnect(m);
     }
     bus->faults.off = off;

@@ -54,6 +54,11 @@ void cw_mac_set_modes(cw_mac *m, unsigned modes)
         integrate(m);
 }
 
+bool cw_mac_is_on_bus(const cw_mac *m)
+{
+    return m->phase != CW_MAC_OFF && !is_bus_off(m);
+}
+
 void cw_mac_disconnect(cw_mac *m)
 {
     if (is_bus_off(m))
@@ -661,20 +666,31 @@ static void sample_idle(cw_mac *m, bool level, cw_mac_report *r)
         begin_reception(m, true, r);
 }
 
+/* M8. */
+static bool owes_suspend(const cw_mac *m)
+{
+    return is_transmitter(m) && cw_confinement_passive(&m->confinement);
+}
+
+static void end_intermission(cw_mac *m)
+{
+    if (owes_suspend(m))
+        enter(m, CW_MAC_SUSPEND);
+    else
+        become_idle(m);
+}
+
 static void sample_intermission(cw_mac *m, bool level, cw_mac_report *r)
 {
     bool third = m->count == CW_INTERMISSION_BITS - 1;
-    bool owes_suspend = is_transmitter(m) && cw_confinement_passive(&m->confinement); /* M8 */
     if (!level && third)
-        begin_reception(m, !owes_suspend, r);
+        begin_reception(m, !owes_suspend(m), r);
     else if (!level)
         signal_overload(m, r); /* O1 b */
     else if (!third)
         m->count++;
-    else if (owes_suspend)
-        enter(m, CW_MAC_SUSPEND);
     else
-        become_idle(m);
+        end_intermission(m);
 }
 
 static void sample_suspend(cw_mac *m, bool level, cw_mac_report *r)
@@ -831,6 +847,19 @@ void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
 
 /* ---- For the bus ----------------------------------------------------------------------------- */
 
+/* Equal bits that a passive flag has seen, if recessive ones go on with them (E7). */
+static unsigned recessive_flag_bits(const cw_mac *m)
+{
+    return m->count && m->last ? m->count : 0;
+}
+
+/* E8: a controller that waits for the delimiter takes its first bit next. */
+static unsigned delimiter_bits(const cw_mac *m)
+{
+    bool waits = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_OVERLOAD_WAIT;
+    return waits ? 0 : m->count;
+}
+
 uint64_t cw_mac_quiet_bits(const cw_mac *m)
 {
     if (m->told_state != m->confinement.state)
@@ -847,36 +876,95 @@ uint64_t cw_mac_quiet_bits(const cw_mac *m)
         return CW_SUSPEND_BITS - (uint64_t)m->count;
     case CW_MAC_RECOVERING: /* all but the last bit of the last group */
         return CW_INTEGRATION_BITS * (CW_RECOVERY_GROUPS - (uint64_t)m->groups) - m->count - 1;
-    case CW_MAC_FRAME:
-    case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_ERROR_PASSIVE:
+        return CW_FLAG_BITS - (uint64_t)recessive_flag_bits(m);
     case CW_MAC_ERROR_WAIT:
     case CW_MAC_ERROR_DELIMITER:
-    case CW_MAC_OVERLOAD_FLAG:
     case CW_MAC_OVERLOAD_WAIT:
-    case CW_MAC_OVERLOAD_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER: /* the last bit may lead to an overload frame (O1 a) */
+        return CW_DELIMITER_BITS - (uint64_t)delimiter_bits(m) - (m->overloads_wanted > 0);
     case CW_MAC_INTERMISSION:
+        return CW_INTERMISSION_BITS - (uint64_t)m->count;
+    case CW_MAC_FRAME:
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
     case CW_MAC_PHASE_COUNT:
         return 0;
     }
     return 0;
 }
 
+static void skip_passive_flag(cw_mac *m, unsigned bits)
+{
+    m->count = (uint8_t)(recessive_flag_bits(m) + bits);
+    m->last = CW_RECESSIVE;
+    if (m->count == CW_FLAG_BITS)
+        enter(m, CW_MAC_ERROR_WAIT);
+}
+
+static void skip_delimiter(cw_mac *m, unsigned bits)
+{
+    bool error = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_ERROR_DELIMITER;
+    unsigned count = delimiter_bits(m) + bits;
+    enter(m, error ? CW_MAC_ERROR_DELIMITER : CW_MAC_OVERLOAD_DELIMITER);
+    m->count = (uint8_t)count;
+    if (count == CW_DELIMITER_BITS)
+        enter(m, CW_MAC_INTERMISSION);
+}
+
+static void skip_recovery(cw_mac *m, uint64_t bits)
+{
+    uint64_t seen = m->count + bits;
+    m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
+    m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
+}
+
+/* Counts up to the end of a phase that is followed by idle. */
+static void skip_to_idle(cw_mac *m, uint64_t bits, unsigned end)
+{
+    m->count = (uint8_t)(m->count + bits);
+    if (m->count < end)
+        return;
+    if (m->phase == CW_MAC_INTERMISSION)
+        end_intermission(m);
+    else
+        become_idle(m);
+}
+
 void cw_mac_skip(cw_mac *m, uint64_t bits)
 {
     assert(bits <= cw_mac_quiet_bits(m));
-    if (m->phase == CW_MAC_RECOVERING) {
-        uint64_t seen = m->count + bits;
-        m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
-        m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
-        return;
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_RECOVERING:
+        skip_recovery(m, bits);
+        break;
+    case CW_MAC_INTEGRATING:
+        skip_to_idle(m, bits, CW_INTEGRATION_BITS);
+        break;
+    case CW_MAC_SUSPEND:
+        skip_to_idle(m, bits, CW_SUSPEND_BITS);
+        break;
+    case CW_MAC_INTERMISSION:
+        skip_to_idle(m, bits, CW_INTERMISSION_BITS);
+        break;
+    case CW_MAC_ERROR_PASSIVE:
+        skip_passive_flag(m, (unsigned)bits);
+        break;
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_WAIT:
+    case CW_MAC_OVERLOAD_DELIMITER:
+        skip_delimiter(m, (unsigned)bits);
+        break;
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_IDLE:
+    case CW_MAC_FRAME:
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+    case CW_MAC_PHASE_COUNT:
+        break; /* nothing counts, or no bits are skipped */
     }
-    if (m->phase != CW_MAC_INTEGRATING && m->phase != CW_MAC_SUSPEND)
-        return;
-    unsigned end = m->phase == CW_MAC_SUSPEND ? CW_SUSPEND_BITS : CW_INTEGRATION_BITS;
-    m->count = (uint8_t)(m->count + bits);
-    if (m->count == end)
-        become_idle(m);
 }
 
 /* Of a transmitter: the last but one EOF bit, where the receivers take the frame, then the last. */

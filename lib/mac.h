@@ -21,6 +21,9 @@ void cw_mac_disconnect(cw_mac *mac);
 /* Back on the bus: it integrates (M10). */
 void cw_mac_reconnect(cw_mac *mac);
 
+/* Neither taken off the bus nor bus-off. */
+bool cw_mac_is_on_bus(const cw_mac *mac);
+
 /* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3. Nothing
  * happens when the controller is not on the bus. Returns whether the frame being sent was given up
  * (one-shot). */

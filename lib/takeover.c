@@ -6,6 +6,12 @@
 
 #include "confinement.h"
 
+/* On the wire, or to be tried again after the error that is being signalled. */
+static bool has_begun(const cw_mac *m)
+{
+    return m->offered && m->role == CW_ROLE_TRANSMITTER;
+}
+
 static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
 {
     bus_node *n = &bus->nodes[i];
@@ -15,19 +21,20 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
         return;
     }
     n->queue.slots[n->queue.newest].attempts = slot->attempts;
-    if (old->mac.offered && old->offered_slot == from)
+    if (has_begun(&old->mac) && old->offered_slot == from)
         n->offered_slot = n->queue.newest;
     bus->queued++;
     cw_queue_changed(bus, i);
 }
 
-/* The frame that is on the wire, or was last, has a place in any case. */
+/* A frame that has begun has a place in any case. */
 static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
 {
-    if (old->mac.offered)
+    bool begun = has_begun(&old->mac);
+    if (begun)
         take_over_slot(bus, i, old, old->offered_slot);
     for (unsigned k = 0; k < old->queue.count; k++)
-        if (!old->mac.offered || old->queue.order[k] != old->offered_slot)
+        if (!begun || old->queue.order[k] != old->offered_slot)
             take_over_slot(bus, i, old, old->queue.order[k]);
 }
 
@@ -53,6 +60,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     n->stats = old->stats;
     take_over_queue(bus, i, old);
     n->mac = old->mac;
+    n->mac.offered = has_begun(&old->mac);
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->told_state = old->told_state;
