@@ -90,6 +90,14 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 
+static void tell(engine *e, const cw_event *event)
+{
+    if (e->publisher)
+        publisher_event(e->publisher, event);
+    if (e->observer)
+        e->observer(e->observer_user, event);
+}
+
 static void handle_events(void *user)
 {
     engine *e = user;
@@ -98,10 +106,7 @@ static void handle_events(void *user)
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
-        if (e->publisher)
-            publisher_event(e->publisher, &event);
-        if (e->observer)
-            e->observer(e->observer_user, &event);
+        tell(e, &event);
     }
 }
 
@@ -192,6 +197,25 @@ static void arm_timer(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
+/* When the bus is too far behind, bus time stands still for what it has missed. */
+static void skip_missed_time(engine *e)
+{
+    int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* goes on while the machine is suspended */
+    int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
+    uint64_t excess = catchup_excess(next_tick(e), tick_of(e, now_ns), e->catch_up_ticks);
+    uint64_t skipped_ns = excess / 2 * 25;
+    e->epoch_ns += (int64_t)skipped_ns;
+    skipped_ns += catchup_suspended(&e->catchup, boot_ns, now_ns);
+    if (skipped_ns > 0) {
+        const cw_event event = {.kind = CW_EVENT_SKIP,
+                                .tick = cw_bus_now(e->now.bus),
+                                .ticks = skipped_ns / 25 * 2};
+        catchup_note(&e->catchup, skipped_ns);
+        tell(e, &event);
+    }
+    catchup_log(&e->catchup, now_ns);
+}
+
 /* Up to now, in slices and not for longer than WAKE_MAX_NS: a bus that is too much for this machine
  * falls behind, but keeps no signal and no statistics waiting. */
 static void catch_up(engine *e, uint64_t now)
@@ -220,6 +244,8 @@ static void run_out(engine *e, uint64_t now)
 
 static void wake(engine *e)
 {
+    if (!e->stopping)
+        skip_missed_time(e);
     clock_pair clocks = read_clocks();
     uint64_t now = tick_of(e, clocks.monotonic_ns);
     if (e->stopping) {
@@ -278,6 +304,11 @@ static bool make_timer(engine *e)
     return true;
 }
 
+void engine_read_limits(engine *e)
+{
+    e->catch_up_ticks = text_time_ticks(e->config->catch_up, e->config->bit_ticks);
+}
+
 engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
 {
     engine *e = calloc(1, sizeof *e);
@@ -298,7 +329,10 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
         engine_free(e);
         return NULL;
     }
+    int64_t boot_ns = clock_ns(CLOCK_BOOTTIME);
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
+    catchup_begin(&e->catchup, boot_ns, e->epoch_ns);
+    engine_read_limits(e);
     ev_io_start(loop, &e->timer);
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
@@ -319,6 +353,7 @@ void engine_stop(engine *e)
         return;
     wake(e); /* what has arrived up to now still counts */
     e->stopping = true;
+    catchup_log(&e->catchup, INT64_MAX);
     e->stop_tick = cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
     reload_free(e->next);
     e->next = NULL;
@@ -373,9 +408,19 @@ const cw_bus *engine_bus(const engine *e)
     return e->now.bus;
 }
 
+static uint64_t lag_ns(const engine *e)
+{
+    uint64_t now = tick_of(e, clock_ns(CLOCK_MONOTONIC));
+    uint64_t due = next_tick(e);
+    return due < now ? (now - due) / 2 * 25 : 0;
+}
+
 void engine_report(const engine *e, report *out)
 {
     memset(out, 0, sizeof *out);
+    out->lag_ns = lag_ns(e);
+    out->skips = e->catchup.skips;
+    out->skipped_ns = e->catchup.skipped_ns;
     for (unsigned i = 0; i < e->config->node_count; i++) {
         port *own = e->now.ports[i];
         out->nodes[i].link = e->links.state[i];

@@ -9,6 +9,7 @@
 #ifndef CANWIRE_ENGINE_PRIVATE_H
 #define CANWIRE_ENGINE_PRIVATE_H
 
+#include "catchup.h"
 #include "conserve.h"
 #include "engine.h"
 #include "linkwatch.h"
@@ -39,6 +40,8 @@ struct engine {
     void *changed_user;
     setup now;
     conserve books;
+    catchup catchup;
+    uint64_t catch_up_ticks; /* how far the bus may fall behind */
     engine_links links;
     inputs inputs; /* of now.bus */
     uint64_t released; /* tick: what was to be released up to then has been */
@@ -61,6 +64,9 @@ void engine_run_releases(engine *e, uint64_t now);
 
 /* Hands in what still waits at a port. */
 void engine_read_rest(engine *e, unsigned node);
+
+/* Takes what it needs at each wake-up from the configuration. */
+void engine_read_limits(engine *e);
 
 /* Does nothing where there is no port. */
 void engine_watch_port(engine *e, unsigned node);

@@ -61,6 +61,7 @@ static void go_over(engine *e)
     release_skip_before(e->now.plan, e->released + 1);
     live_replace(e->live, r->config);
     r->config = NULL;
+    engine_read_limits(e);
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
     engine_carry_links_over(e, r);

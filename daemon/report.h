@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * report.h - what the daemon knows of its bus beyond the library, to be shown: the nodes' interfaces.
+ * report.h - what the daemon knows of its bus beyond the library, to be shown: the nodes' interfaces,
+ * and how it keeps pace.
  */
 #ifndef CANWIRE_REPORT_H
 #define CANWIRE_REPORT_H
@@ -23,6 +24,9 @@ typedef struct report_node {
 
 typedef struct report {
     report_node nodes[CW_NODES_MAX];
+    uint64_t lag_ns;     /* how far the bus is behind real time just now */
+    uint64_t skips;      /* how often it was too far behind ... */
+    uint64_t skipped_ns; /* ... and the time that it has skipped, in all */
 } report;
 
 #endif

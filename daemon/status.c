@@ -87,6 +87,15 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     return object;
 }
 
+static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyond)
+{
+    json_t *object = output_bus_stats(config, bus);
+    put_count(object, "lag_ns", beyond->lag_ns);
+    put_count(object, "skips", beyond->skips);
+    put_count(object, "skipped_ns", beyond->skipped_ns);
+    return object;
+}
+
 json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors)
 {
@@ -95,7 +104,7 @@ json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
     put_text(object, "version", CANWIRE_VERSION);
     put_count(object, "pid", (uint64_t)getpid());
     put_text(object, "file", config->file);
-    put(object, "bus", output_bus_stats(config, bus));
+    put(object, "bus", bus_json(config, bus, beyond));
     for (unsigned i = 0; i < config->node_count; i++)
         put_last(nodes, node_json(config, bus, i, &beyond->nodes[i], errors));
     put(object, "nodes", nodes);

@@ -10,6 +10,7 @@
 
 #define UPPER_MAX 32
 #define NS_PER_S 1000000000
+#define LAG_SHOWN_MS 100 /* less is usual on a busy machine */
 
 /* Columns of numbers under their names, as `ip` has for re-started, bus-errors ... */
 typedef struct column {
@@ -50,6 +51,18 @@ static intmax_t sum(const json_t *object)
     return total;
 }
 
+/* Only where the bus has not kept up with real time. */
+static void print_pace(FILE *out, const json_t *bus)
+{
+    intmax_t lag_ms = number(bus, "lag_ns") / 1000000;
+    intmax_t skipped_ms = number(bus, "skipped_ns") / 1000000;
+    if (lag_ms >= LAG_SHOWN_MS)
+        fprintf(out, "    behind real time by %jd.%03jd s\n", lag_ms / 1000, lag_ms % 1000);
+    if (skipped_ms > 0)
+        fprintf(out, "    fell behind real time %jd times, skipped %jd.%03jd s\n",
+                number(bus, "skips"), skipped_ms / 1000, skipped_ms % 1000);
+}
+
 static void print_bus(FILE *out, const json_t *bus)
 {
     intmax_t time_ns = number(bus, "time_ns");
@@ -60,6 +73,7 @@ static void print_bus(FILE *out, const json_t *bus)
             text(bus, "name"), number(bus, "bitrate"), time_ns / NS_PER_S,
             time_ns % NS_PER_S / 1000000, load / 10, load % 10, number(bus, "frames"),
             number(bus, "error_frames"), number(bus, "overload_frames"), number(bus, "faults"));
+    print_pace(out, bus);
 }
 
 /* "<LISTEN-ONLY,ONE-SHOT> ", or nothing. */

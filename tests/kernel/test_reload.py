@@ -359,6 +359,43 @@ def test_reloads_under_saturated_load_lose_nothing_and_double_nothing(vcan, rig,
     assert r.daemon.stop().count(RELOADED) == reloads
 
 
+# ---- One after the other -------------------------------------------------------------------------
+
+# a frame takes 27 ms, so that reloads meet before the bus goes over
+SLOW = [load("123#1122334455667788, every: 1ms"), ENGINE]
+BURST = 8
+
+
+def ask_for_reloads(r, count):
+    """So many at once; returns the replies."""
+    with socket.socket(socket.AF_UNIX) as s:
+        s.settimeout(PATIENCE_S)
+        s.connect(str(r.daemon.config.parent / "reload.sock"))
+        s.sendall(b'{"request":"reload"}\n' * count)
+        with s.makefile() as lines:
+            return [json.loads(lines.readline()) for _ in range(count)]
+
+
+def test_a_reload_takes_the_place_of_one_under_way(vcan, rig, can_socket):
+    vcan(3)
+    r = rig(bus(*SLOW, bitrate=5000))
+    engine = can_socket("vcan0")
+    engine.receive(3)
+    r.write(bus(*SLOW, GEARBOX, DASH, bitrate=5000))  # each of them needs vcan1 and vcan2
+    assert [reply["ok"] for reply in ask_for_reloads(r, BURST)] == [True] * BURST
+    wait_until(lambda: list(r.nodes()) == ["load", "engine", "gearbox", "dash"], "the reload")
+    r.write(bus(*SLOW, DASH, bitrate=5000))
+    assert ask_for_reloads(r, 1)[0]["ok"]
+    r.write("bus: {}\n")
+    assert not any(reply["ok"] for reply in ask_for_reloads(r, BURST))
+    wait_until(lambda: list(r.nodes()) == ["load", "engine", "dash"], "the good one")
+    before = r.nodes()["load"]["tx_frames"]
+    dash = can_socket("vcan2")
+    assert len(dash.receive(3)) >= 3
+    assert r.nodes()["load"]["tx_frames"] > before
+    assert 2 <= r.daemon.stop().count(RELOADED) < 1 + BURST
+
+
 # ---- What is refused -----------------------------------------------------------------------------
 
 GOOD = bus(ENGINE, GEARBOX)
