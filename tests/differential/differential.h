@@ -137,11 +137,15 @@ typedef struct diff_maker {
     unsigned rules; /* of the present configuration */
     uint32_t actions; /* allowed, 1u << cw_action */
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
+    bool owned;       /* an identifier is sent by one node only, as it should be */
     unsigned frame_count;
     cw_frame frames[12]; /* of which the traffic consists */
 } diff_maker;
 
 cw_rule diff_random_rule(diff_maker *m);
+
+/* The frame with an identifier of that node, if identifiers belong to nodes. */
+cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node);
 cw_settings diff_random_settings(diff_maker *m);
 cw_frame diff_random_frame(diff_maker *m);
 uint64_t diff_random_nodes(diff_maker *m); /* at least one */

@@ -27,29 +27,30 @@ typedef struct style {
     unsigned bits_most;
     unsigned rules_most;
     uint32_t actions;
-    unsigned rarity; /* see diff_maker */
-    unsigned modes;  /* permille of nodes with modes */
-    unsigned ops;    /* operations in 10000 bits, besides traffic */
-    unsigned checks; /* comparisons in 10000 bits */
-    bool small;      /* rings and inboxes */
+    unsigned rarity;  /* see diff_maker */
+    unsigned orderly; /* permille of scenarios in which each node has its own identifiers */
+    unsigned modes;   /* permille of nodes with modes */
+    unsigned ops;     /* operations in 10000 bits, besides traffic */
+    unsigned checks;  /* comparisons in 10000 bits */
+    bool small;       /* rings and inboxes */
 } style;
 
 static const style styles[DIFF_STYLES] = {
-    {"clean", 9, 10000, 150000, 0, 0, 1, 0, 0, 2, false},
-    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 30, 1, 3, false},
-    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 50, 1, 300, false},
-    {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 0, 1,
-     10, false},
+    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false},
+    {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
+     1, 10, false},
     {"bits", 12, 4000, 60000, 12,
-     POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 50, 2, 40,
-     false},
-    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 100, 10, 40, false},
-    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 50, 5, 40, false},
-    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 50, 5, 30, false},
-    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 10, 30, false},
-    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 100, 100, 40, false},
-    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 100, 1, 1, true},
-    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 200, 60, 60, true},
+     POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
+     2, 40, false},
+    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false},
+    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false},
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true},
+    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true},
 };
 
 const char *diff_style_name(unsigned number)
@@ -236,10 +237,8 @@ static unsigned random_node_number(generator *g)
 static void send(generator *g, unsigned node, const cw_frame *frame, uint64_t at_tick)
 {
     diff_random *r = &g->maker.random;
-    diff_op op = {.kind = DIFF_SEND,
-                  .tick = at_tick,
-                  .target = node,
-                  .send = {.frame = *frame, .at_tick = at_tick}};
+    diff_op op = {.kind = DIFF_SEND, .tick = at_tick, .target = node, .send = {.at_tick = at_tick}};
+    op.send.frame = diff_owned_frame(&g->maker, frame, node);
     uint64_t lead = diff_magnitude(r, 1, 600 * g->maker.bit);
     if (g->style->small || diff_chance(r, 500))
         op.tick = lead < at_tick ? at_tick - lead : 0;
@@ -514,6 +513,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     random_lengths(s, m, g.style);
     m->actions = g.style->actions;
     m->rarity = g.style->rarity;
+    m->owned = diff_chance(&m->random, g.style->orderly);
     random_frames(m);
     random_plan(&g, &s->plans[0]);
     choose_events(&g);

@@ -73,6 +73,14 @@ cw_frame diff_random_frame(diff_maker *m)
     return frame;
 }
 
+cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node)
+{
+    cw_frame owned = *frame;
+    if (m->owned)
+        owned.id = (owned.id & ~(CW_NODES_MAX - 1u)) | (node % CW_NODES_MAX);
+    return owned;
+}
+
 /* ---- When ------------------------------------------------------------------------------------ */
 
 static uint32_t filter_value(const cw_frame *frame)
@@ -88,9 +96,10 @@ static uint32_t filter_value(const cw_frame *frame)
 static cw_filter random_filter(diff_maker *m)
 {
     diff_random *r = &m->random;
-    const cw_frame *frame = &m->frames[diff_below(r, m->frame_count)];
-    cw_filter f = {.value = filter_value(frame), .mask = CW_FILTER_EXTENDED | 0x1FFFFFFFu};
-    if (!(frame->flags & CW_FRAME_EXTENDED) && diff_chance(r, 700))
+    const cw_frame *drawn = &m->frames[diff_below(r, m->frame_count)];
+    const cw_frame frame = diff_owned_frame(m, drawn, (unsigned)diff_below(r, m->nodes));
+    cw_filter f = {.value = filter_value(&frame), .mask = CW_FILTER_EXTENDED | 0x1FFFFFFFu};
+    if (!(frame.flags & CW_FRAME_EXTENDED) && diff_chance(r, 700))
         f.mask = CW_FILTER_EXTENDED | 0x7FFu;
     if (diff_chance(r, 300))
         f.mask |= CW_FILTER_REMOTE;

@@ -279,14 +279,15 @@ static void check(pair *p)
 
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
-static void *make_bus(cw_bus **bus, const cw_bus_config *config)
+/* Nothing may depend on what was in the memory: it is not the same for the two. */
+static void *make_bus(cw_bus **bus, const cw_bus_config *config, int filling)
 {
     size_t size = cw_bus_size(config);
     *bus = NULL;
     if (size == 0)
         return NULL;
     void *memory = diff_allocate(NULL, size);
-    memset(memory, 0xA5, size); /* nothing may depend on it */
+    memset(memory, filling, size);
     *bus = cw_bus_init(memory, config);
     if (*bus)
         return memory;
@@ -305,7 +306,7 @@ static void know_rules(pair *p, const cw_bus_config *config)
 static cw_status side_take_over(side *s, const cw_bus_config *config, const uint8_t *from)
 {
     cw_bus *bus;
-    void *memory = make_bus(&bus, config);
+    void *memory = make_bus(&bus, config, s->name[0]);
     if (!bus)
         return CW_REFUSED;
     cw_status status = cw_bus_take_over(bus, s->bus, from);
@@ -451,7 +452,7 @@ static bool start(side *s, const char *name, const cw_bus_config *config)
 {
     s->name = name;
     s->drained = true;
-    s->memory = make_bus(&s->bus, config);
+    s->memory = make_bus(&s->bus, config, name[0]);
     return s->bus != NULL;
 }
 

@@ -309,7 +309,7 @@ static bool simplify_setting(diff_scenario *s, unsigned place)
 
 /* ---- Values of operations -------------------------------------------------------------------- */
 
-#define OP_CHANGES 6u
+#define OP_CHANGES 7u
 
 static unsigned op_places(const diff_scenario *s)
 {
@@ -338,7 +338,9 @@ static bool simplify_op(diff_scenario *s, unsigned place)
     const diff_op before = *op;
     uint64_t bit = s->plans[0].config.bit_ticks;
     unsigned what = place % OP_CHANGES;
-    if (what == 5)
+    if (what == 6)
+        op->at_once = place >= OP_CHANGES && op->tick == s->ops[place / OP_CHANGES - 1].tick;
+    else if (what == 5)
         op->tick = place < OP_CHANGES ? 0 : s->ops[place / OP_CHANGES - 1].tick;
     else if (op->kind == DIFF_SEND)
         simplify_send(op, what, bit);

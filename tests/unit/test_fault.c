@@ -1634,6 +1634,36 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
     rig_free(r);
 }
 
+/* A smaller queue keeps what goes first, not what has lost an arbitration before. */
+static void a_smaller_queue_keeps_the_first_frames(void **state)
+{
+    (void)state;
+    static const uint8_t same[] = {0, 1, 2};
+    const cw_frame low = rig_frame(0x300, 0, 0);
+    const cw_frame middle = rig_frame(0x200, 0, 0);
+    const cw_frame high = rig_frame(0x100, 0, 8);
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *old = rig_new(3);
+        rig_start(old);
+        cw_bus_set_stepping(old->bus, stepping == 1);
+        rig_send(old, 0, &high, 0);
+        rig_send(old, 1, &low, 0);
+        rig_send(old, 1, &middle, 50 * BIT);
+        rig_run_bits(old, 60);
+        assert_int_equal(rig_count(old, CW_EVENT_ARBITRATION_LOST, 1), 1);
+        rig *r = successor(3);
+        r->nodes[1].queue = 1;
+        rig_start(r);
+        assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
+        rig_run_bits(r, 300);
+        assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->frame.id, low.id);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->frame.id, middle.id);
+        rig_free(old);
+        rig_free(r);
+    }
+}
+
 /* A wrong CRC on the wire stays wrong; the repetition is right. */
 static void a_wrong_crc_is_taken_over(void **state)
 {
@@ -1772,6 +1802,7 @@ int main(void)
         cmocka_unit_test(a_bus_that_takes_over_goes_on),
         cmocka_unit_test(nodes_are_matched_when_taking_over),
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
+        cmocka_unit_test(a_smaller_queue_keeps_the_first_frames),
         cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(a_flushed_node_is_gone),
