@@ -64,6 +64,12 @@ bool cw_frame_valid(const cw_frame *frame);
 /* Whether the two frames are the same on the wire: id, format, remote, DLC and the data bytes. */
 bool cw_frame_equal(const cw_frame *a, const cw_frame *b);
 
+/* ---- Random numbers -------------------------------------------------------------------------- */
+
+/* Number n of the stream that a name has under a seed, as fault rules have theirs: a stream depends
+ * on nothing else. At most CW_RULE_NAME_MAX bytes of the name count. */
+uint64_t cw_random(uint64_t seed, const char *name, uint64_t n);
+
 /* ---- Positions ------------------------------------------------------------------------------- */
 
 typedef enum cw_field {
@@ -328,6 +334,9 @@ typedef struct cw_filter {
     bool inverted;
 } cw_filter;
 
+/* Whether one of the filters matches the frame; with none of them any frame does. */
+bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count);
+
 /* What a rule waits for. With `has_after` or `manual` it is also to be armed: each hit of rule
  * `after` (after_delay later) and each cw_bus_fire_rule() arms it for one hit. */
 typedef enum cw_trigger {
@@ -439,6 +448,7 @@ typedef struct cw_rule {
     uint32_t count;        /* hits until the rule ends; 0: no end */
     uint64_t probability;  /* of 2^64, drawn per match; UINT64_MAX: always */
     uint64_t hold_off;     /* ticks after a hit in which matches are passed over */
+    bool quiet;            /* no fault but traffic of a node: hits are neither told nor counted */
 
     /* do */
     cw_action action;

@@ -125,6 +125,8 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
 {
+    if (bus->faults.faults[rule].rule.quiet)
+        return;
     const cw_event event = {.kind = CW_EVENT_FAULT,
                             .tick = tick,
                             .rule = (uint16_t)rule,

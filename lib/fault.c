@@ -59,15 +59,15 @@ static uint32_t can_id(const cw_frame *frame)
     return id;
 }
 
-static bool filters_match(const cw_rule *rule, uint32_t id)
+bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count)
 {
-    for (unsigned i = 0; i < rule->filter_count; i++) {
-        const cw_filter *f = &rule->filters[i];
-        bool same = (id & f->mask) == (f->value & f->mask);
-        if (same != f->inverted)
+    uint32_t id = can_id(frame);
+    for (unsigned i = 0; i < count; i++) {
+        bool same = (id & filters[i].mask) == (filters[i].value & filters[i].mask);
+        if (same != filters[i].inverted)
             return true;
     }
-    return rule->filter_count == 0;
+    return count == 0;
 }
 
 static bool data_matches(const cw_rule *rule, const cw_frame *frame)
@@ -193,7 +193,7 @@ bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
         c->exact += exact;
         c->wild += !exact;
         const cw_rule *r = &set->faults[*rule].rule;
-        if (filters_match(r, can_id(c->frame)) && data_matches(r, c->frame))
+        if (cw_frame_matches(c->frame, r->filters, r->filter_count) && data_matches(r, c->frame))
             return true;
     }
 }

@@ -6,6 +6,8 @@
 
 #include "canwire.h"
 
+#define GAMMA UINT64_C(0x9E3779B97F4A7C15) /* the state goes on by it: any number can be had at once */
+
 static uint64_t mix(uint64_t z)
 {
     z = (z ^ (z >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
@@ -15,8 +17,16 @@ static uint64_t mix(uint64_t z)
 
 uint64_t cw_prng_next(cw_prng *prng)
 {
-    prng->state += UINT64_C(0x9E3779B97F4A7C15);
+    prng->state += GAMMA;
     return mix(prng->state);
+}
+
+uint64_t cw_random(uint64_t seed, const char *name, uint64_t n)
+{
+    cw_prng prng;
+    cw_prng_init(&prng, seed, name);
+    prng.state += n * GAMMA;
+    return cw_prng_next(&prng);
 }
 
 void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name)

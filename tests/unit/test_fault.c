@@ -1752,6 +1752,63 @@ static void a_flushed_node_is_gone(void **state)
     rig_free(r);
 }
 
+/* ---- Traffic that is no fault ---------------------------------------------------------------- */
+
+/* Its hits are neither told nor counted; all else is as with a rule that is not quiet. */
+static void a_quiet_rule_is_not_told(void **state)
+{
+    (void)state;
+    for (int quiet = 0; quiet < 2; quiet++) {
+        rig *r = rig_new(2);
+        const cw_frame question = rig_frame(0x123, CW_FRAME_REMOTE, 0);
+        cw_rule *answer = rig_rule(r, new_rule("reply", CW_TRIGGER_FRAME, CW_ACTION_REPLY));
+        answer->node = 1;
+        answer->frame = rig_frame(0x123, 0, 2);
+        answer->quiet = quiet;
+        rig_start(r);
+        rig_send(r, 0, &question, 0);
+        rig_run_bits(r, 300);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 1);
+        assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), quiet ? 0 : 1);
+        assert_int_equal(rig_bus_stats(r).faults, quiet ? 0 : 1);
+        assert_int_equal(rig_stats(r, 1).made_by_rules, 1);
+        rig_free(r);
+    }
+}
+
+static void frames_match_filters(void **state)
+{
+    static const cw_filter base = {.value = 0x123, .mask = CW_FILTER_EXTENDED | 0x7FF};
+    static const cw_filter remote = {.value = CW_FILTER_REMOTE, .mask = CW_FILTER_REMOTE};
+    static const cw_filter others = {.value = 0x100, .mask = 0x700, .inverted = true};
+    const cw_filter both[] = {base, remote};
+    const cw_frame data = rig_frame(0x123, 0, 1);
+    const cw_frame extended = rig_frame(0x123, CW_FRAME_EXTENDED, 1);
+    const cw_frame request = rig_frame(0x456, CW_FRAME_REMOTE, 1);
+    (void)state;
+    assert_true(cw_frame_matches(&data, NULL, 0));
+    assert_true(cw_frame_matches(&data, &base, 1));
+    assert_false(cw_frame_matches(&extended, &base, 1));
+    assert_false(cw_frame_matches(&request, &base, 1));
+    assert_true(cw_frame_matches(&request, both, 2));
+    assert_false(cw_frame_matches(&data, &others, 1));
+    assert_true(cw_frame_matches(&request, &others, 1));
+}
+
+/* Any number of a stream at once, the same as one after the other. */
+static void random_numbers_are_those_of_the_stream(void **state)
+{
+    (void)state;
+    cw_prng prng;
+    cw_prng_init(&prng, 42, "engine");
+    for (uint64_t n = 0; n < 100; n++) {
+        uint64_t number = cw_prng_next(&prng);
+        assert_true(cw_random(42, "engine", n) == number);
+        assert_true(cw_random(43, "engine", n) != number);
+        assert_true(cw_random(42, "gearbox", n) != number);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1806,6 +1863,9 @@ int main(void)
         cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(a_flushed_node_is_gone),
+        cmocka_unit_test(a_quiet_rule_is_not_told),
+        cmocka_unit_test(frames_match_filters),
+        cmocka_unit_test(random_numbers_are_those_of_the_stream),
     };
     return cmocka_run_group_tests_name("fault", tests, NULL, NULL);
 }
