@@ -17,7 +17,6 @@
     "the name of an interface, at most 15 bytes without '/', ':' and white space"
 #define NETNS_NAME_MAX 64u
 #define SOCKET_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
-#define TRAFFIC_MAX 4096u    /* entries of one node */
 #define LCM_EVENTS_MAX 64u   /* words in one list */
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
@@ -42,7 +41,7 @@ typedef struct cfg_owner {
 } cfg_owner;
 
 static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
-    read_peer, read_peer_name, read_netns, read_mode, read_traffic, read_every, read_lcm,
+    read_peer, read_peer_name, read_netns, read_mode, read_lcm,
     read_lcm_url, read_lcm_events, read_control;
 
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
@@ -50,7 +49,6 @@ static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
-static const schema_range traffic_count_range = {1, UINT64_MAX, sizeof(uint64_t)};
 
 static const schema_choice modes[] = {
     {.name = "one-shot", .value = CW_MODE_ONE_SHOT},
@@ -135,29 +133,13 @@ static const schema_key node_keys[] = {
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, warning_limit),
      .arg = &warning_range},
-    {.name = "traffic", .read = read_traffic},
+    {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
 };
 
 static const schema_key peer_keys[] = {
     {.name = "name", .read = read_peer_name, .required = true},
     {.name = "netns", .read = read_netns},
-    {.name = NULL},
-};
-
-static const schema_key traffic_keys[] = {
-    {.name = "send",
-     .read = cfg_read_frame,
-     .offset = offsetof(cfg_traffic, frame),
-     .required = true},
-    {.name = "every", .read = read_every, .offset = offsetof(cfg_traffic, every)},
-    {.name = "offset", .read = cfg_read_time, .offset = offsetof(cfg_traffic, offset)},
-    {.name = "count",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_traffic, count),
-     .arg = &traffic_count_range},
-    {.name = "replay", .read = NULL},
-    {.name = "only", .read = NULL},
     {.name = NULL},
 };
 
@@ -234,6 +216,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .inbox = BUS_INBOX,
         .events = BUS_EVENTS,
         .rule_count = (uint16_t)config->rule_count,
+        .rule_room = (uint16_t)config->reply_count,
         .nodes = nodes,
         .rules = config->rules,
     };
@@ -570,42 +553,6 @@ static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, v
     if (schema_choose_bool(self, &on, key, value) && on)
         node->modes |= cfg_mode(key->name);
     node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
-}
-
-static void read_every(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cfg_traffic *traffic = object;
-
-    traffic->has_every = true;
-    cfg_read_span(self, key, value, object);
-}
-
-static void read_release(schema *self, yaml_node_t *value, cfg_traffic *traffic)
-{
-    *traffic = (cfg_traffic){.count = UINT64_MAX};
-    schema_map(self, "traffic", value, traffic_keys, traffic);
-    if (traffic->has_every || value->type != YAML_MAPPING_NODE)
-        return;
-    yaml_node_t *count = schema_find(self, value, "count");
-    if (count && traffic->count > 1 && traffic->count != UINT64_MAX)
-        schema_complain(self, count, "count: without 'every' a frame is sent once");
-    traffic->count = 1;
-}
-
-static void read_traffic(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cfg_node *node = object;
-    size_t count = schema_count(self, key, value, 0, TRAFFIC_MAX);
-
-    if (node->port)
-        schema_complain(self, value, "%s: only a node without port has traffic of its own",
-                        key->name);
-    node->traffic = schema_alloc(self, count + 1, sizeof *node->traffic);
-    if (!node->traffic)
-        return;
-    for (; node->traffic_count < count; node->traffic_count++)
-        read_release(self, schema_item(self, value, node->traffic_count),
-                     &node->traffic[node->traffic_count]);
 }
 
 static void read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void *object)

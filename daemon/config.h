@@ -10,16 +10,38 @@
 
 #include "canwire.h"
 #include "text.h"
+#include "trace_read.h"
 
 #include <stdio.h>
 
-/* One `send` of a node's traffic. Release k is at offset + k * every, k < count. */
+typedef enum cfg_traffic_kind {
+    CFG_TRAFFIC_SEND = 0, /* `frame`, release k at offset + k * every + jitter, k < count */
+    CFG_TRAFFIC_REPLAY,   /* the frames of a file, count times */
+    CFG_TRAFFIC_REPLY     /* `frame` answers each one that matches, after `delay`, count times */
+} cfg_traffic_kind;
+
+/* One entry of a node's traffic. */
 typedef struct cfg_traffic {
+    cfg_traffic_kind kind;
     cw_frame frame;
-    cfg_time offset;
+    cfg_time offset; /* of a replay: of the first entry of the file */
     cfg_time every;
     bool has_every;
+    cfg_time jitter; /* at most `every`, if there is one */
+    cfg_time delay;
     uint64_t count; /* UINT64_MAX: unlimited; 1 without `every` */
+
+    /* Of a replay: */
+    char *file;
+    trace_format format;
+    bool fast;     /* as fast as possible, else with the times of the file */
+    bool loop;     /* count is UINT64_MAX */
+    cfg_time gap;  /* between the last entry of the file and the first one when it is repeated */
+    char *channel; /* only this interface of the file, or NULL */
+
+    /* Which frames: of the file, with none any; or those that are answered. */
+    cw_filter filters[CW_RULE_FILTERS_MAX];
+    uint8_t filter_count;
 } cfg_traffic;
 
 typedef struct cfg_node {
@@ -63,6 +85,7 @@ typedef struct cfg {
     cfg_node *nodes;
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */
+    size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
     cfg_pacing pacing;
@@ -106,8 +129,11 @@ cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const
 /* Frees everything; NULL is fine. */
 void cfg_free_rules(cfg_rules *rules);
 
+/* Whether it never comes to an end by itself. */
+bool cfg_traffic_is_endless(const cfg_traffic *traffic);
+
 /* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
- * into the cfg. */
+ * into the cfg. There is room for the replies, see release_add_replies(). */
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);
 
 #endif

@@ -31,6 +31,7 @@ static inline cfg *cfg_of(const schema *self)
 schema_reader cfg_read_faults;    /* object: the cfg, with its bit rate and nodes already read */
 schema_reader cfg_read_profiles;  /* the same */
 schema_reader cfg_read_action;    /* `do`; object: a cw_rule whose `when` has been read */
+schema_reader cfg_read_traffic;   /* object: a cfg_node whose port has been read */
 schema_reader cfg_read_time;      /* member: cfg_time */
 schema_reader cfg_read_span;      /* the same, not 0 */
 schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */

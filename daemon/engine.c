@@ -147,18 +147,34 @@ static void read_ports(engine *e, const clock_pair *now)
             read_port(e, i, now);
 }
 
-void engine_run_releases(engine *e, uint64_t now)
+/* Hands in what is to be released up to a tick. */
+static void run_releases(engine *e, uint64_t now)
 {
     while (release_next_tick(e->now.plan) <= now) {
         unsigned node;
-        (void)release_first(e->now.plan, &node);
-        if (inputs_release(&e->inputs, e->now.plan) == CW_OK)
-            e->books.nodes[node].released++;
-        else
+        bool frame = release_first(e->now.plan, &node) != NULL;
+        if (inputs_release(&e->inputs, e->now.plan) != CW_OK)
             make_room_in_inbox(e);
+        else
+            e->books.nodes[node].released += frame;
     }
     if (now > e->released)
         e->released = now;
+}
+
+/* A file that is replayed as fast as possible looks after each bit whether it is its turn. */
+void engine_run_to(engine *e, uint64_t tick)
+{
+    uint64_t end;
+    release_look(e->now.plan, e->now.bus);
+    do {
+        end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+        if (end > tick || !release_is_fast(e->now.plan))
+            end = tick;
+        run_releases(e, end);
+        advance(e, end);
+        release_look(e->now.plan, e->now.bus);
+    } while (end < tick);
 }
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
@@ -225,8 +241,7 @@ static void catch_up(engine *e, uint64_t now)
     do {
         uint64_t next = next_tick(e);
         tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
-        engine_run_releases(e, tick);
-        advance(e, tick);
+        engine_run_to(e, tick);
     } while (tick < now && clock_ns(CLOCK_MONOTONIC) < deadline_ns);
 }
 
@@ -333,6 +348,7 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
     catchup_begin(&e->catchup, boot_ns, e->epoch_ns);
     engine_read_limits(e);
+    release_look(e->now.plan, e->now.bus);
     ev_io_start(loop, &e->timer);
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);

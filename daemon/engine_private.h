@@ -59,8 +59,8 @@ struct engine {
 
 /* ---- engine.c -------------------------------------------------------------------------------- */
 
-/* Hands in what is to be released up to a tick. */
-void engine_run_releases(engine *e, uint64_t now);
+/* Releases and bus up to a tick. */
+void engine_run_to(engine *e, uint64_t tick);
 
 /* Hands in what still waits at a port. */
 void engine_read_rest(engine *e, unsigned node);

@@ -55,10 +55,10 @@ static void go_over(engine *e)
         engine_unwatch_port(e, i);
     carry_books_over(e, r);
     keep_ports(&e->now, r);
+    release_take_over(r->setup.plan, e->now.plan, r->from, e->released + 1);
     setup_free(&e->now);
     e->now = r->setup;
     r->setup = (setup){.memory = NULL};
-    release_skip_before(e->now.plan, e->released + 1);
     live_replace(e->live, r->config);
     r->config = NULL;
     engine_read_limits(e);
@@ -82,8 +82,7 @@ void engine_run_to_boundary(engine *e, uint64_t now)
         uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
         if (end > now)
             return;
-        engine_run_releases(e, end);
-        inputs_advance(&e->inputs, end);
+        engine_run_to(e, end);
     }
 }
 

@@ -46,9 +46,10 @@ cw_status inputs_release(inputs *in, release_plan *plan)
 {
     unsigned node;
     const uint64_t at_tick = release_next_tick(plan);
-    const cw_frame frame = *release_first(plan, &node);
+    const cw_frame *first = release_first(plan, &node);
+    const cw_frame frame = first ? *first : (cw_frame){.id = 0};
     cw_status status = release_hand_in(plan, in->bus);
-    if (status == CW_OK)
+    if (first && status == CW_OK)
         note(in, (input){.kind = INPUT_SEND, .node = node, .frame = &frame, .at_tick = at_tick});
     return status;
 }

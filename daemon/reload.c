@@ -4,6 +4,8 @@
  */
 #include "reload.h"
 
+#include "log.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,6 +13,16 @@
 #define EVENT_RING 4096
 
 /* ---- Setups ---------------------------------------------------------------------------------- */
+
+/* About the files that are replayed. */
+static void tell(void *user, bool failed, const char *text)
+{
+    (void)user;
+    if (failed)
+        log_error("%s; it is replayed no further", text);
+    else
+        log_warning("%s", text);
+}
 
 bool setup_make(setup *s, const cfg *config)
 {
@@ -20,10 +32,13 @@ bool setup_make(setup *s, const cfg *config)
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
-    *s = (setup){.memory = malloc(cw_bus_size(&bus_config)), .plan = release_plan_new(config)};
+    *s = (setup){.memory = malloc(cw_bus_size(&bus_config)),
+                 .plan = release_plan_new(config, tell, NULL)};
     if (!s->memory || !s->plan)
         return false;
     s->bus = cw_bus_init(s->memory, &bus_config);
+    if (s->bus)
+        release_add_replies(s->bus, config);
     return s->bus != NULL;
 }
 

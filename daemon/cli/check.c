@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "config.h"
+#include "replay.h"
 
 #include <getopt.h>
 #include <inttypes.h>
@@ -13,8 +14,9 @@
 static const char usage[] =
     "usage: canwire check [--ports] FILE\n"
     "\n"
-    "Validates a configuration or a fault profile. Errors go to stderr, one a line, as\n"
-    "FILE:LINE:COLUMN: message. Exit status: 0 good, 1 bad, 2 wrong usage.\n"
+    "Validates a configuration or a fault profile, and reads the recordings that it replays to\n"
+    "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message. Exit status: 0\n"
+    "good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports   only print the interfaces that the nodes use, one a line\n";
 
@@ -67,6 +69,33 @@ static void print_summary(const cfg *config)
            config->rule_count, plural(config->rule_count));
 }
 
+/* Reads a file that is replayed to its end, and says what would become of it. */
+static bool check_replay(const cfg_node *node, const cfg_traffic *traffic)
+{
+    char note[REPLAY_NOTE_MAX];
+    uint64_t frames;
+    bool good = replay_check(traffic, &frames, note);
+    if (!good) {
+        fprintf(stderr, "%s\n", note);
+        return false;
+    }
+    printf("%s: %s: %" PRIu64 " frame%s to replay\n", node->name, traffic->file, frames,
+           plural(frames));
+    if (note[0] != '\0')
+        printf("%s: %s\n", node->name, note);
+    return true;
+}
+
+static bool check_replays(const cfg *config)
+{
+    bool good = true;
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
+            if (config->nodes[i].traffic[t].kind == CFG_TRAFFIC_REPLAY)
+                good = check_replay(&config->nodes[i], &config->nodes[i].traffic[t]) && good;
+    return good;
+}
+
 static void print_profile(const char *file, size_t rules)
 {
     printf("%s: ok (fault profile, %zu rule%s)\n", file, rules, plural(rules));
@@ -76,6 +105,7 @@ static int check_file(const char *file, bool ports)
 {
     cfg *config;
     size_t rules;
+    bool good = true;
 
     if (!cfg_check(&config, &rules, file, stderr))
         return CLI_BAD_INPUT;
@@ -84,7 +114,9 @@ static int check_file(const char *file, bool ports)
     else if (config && ports)
         print_ports(config);
     else if (config)
+        good = check_replays(config);
+    if (config && !ports && good)
         print_summary(config);
     cfg_free(config);
-    return CLI_OK;
+    return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -10,9 +10,18 @@
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
 #define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
+#define SLICE_TICKS (CW_CLOCK_HZ / 4u) /* of bus time between two looks at the progress */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
+
+/* About the files that are replayed. */
+static void tell(void *user, bool failed, const char *text)
+{
+    sim_run *s = user;
+    sim_progress_wipe(&s->progress);
+    fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
+}
 
 bool sim_open(sim_run *s, cfg *config)
 {
@@ -23,10 +32,12 @@ bool sim_open(sim_run *s, cfg *config)
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     s->memory = malloc(cw_bus_size(&bus_config));
-    s->plan = release_plan_new(config);
+    s->plan = release_plan_new(config, tell, s);
     if (!s->memory || !s->plan)
         return false;
     s->bus = cw_bus_init(s->memory, &bus_config);
+    if (s->bus)
+        release_add_replies(s->bus, config);
     return s->bus != NULL;
 }
 
@@ -73,16 +84,30 @@ static void pass_on_events(sim_run *s)
     }
 }
 
-static void advance_bus(sim_run *s, uint64_t tick)
-{
-    while (cw_bus_advance(s->bus, tick) == CW_FULL)
-        pass_on_events(s);
-    pass_on_events(s);
-}
-
 static uint64_t least(uint64_t a, uint64_t b)
 {
     return a < b ? a : b;
+}
+
+static void show_progress(sim_run *s)
+{
+    uint64_t now = cw_bus_now(s->bus);
+    if (sim_progress_is_due(&s->progress, now))
+        sim_progress_write(&s->progress, s->bus,
+                           s->until != CW_NEVER ? s->until : release_guess_end(s->plan, now));
+}
+
+static void advance_bus(sim_run *s, uint64_t tick)
+{
+    uint64_t target;
+    do {
+        uint64_t left = tick > cw_bus_now(s->bus) ? tick - cw_bus_now(s->bus) : 0;
+        target = s->progress.on && left > SLICE_TICKS ? cw_bus_now(s->bus) + SLICE_TICKS : tick;
+        while (cw_bus_advance(s->bus, target) == CW_FULL)
+            pass_on_events(s);
+        pass_on_events(s);
+        show_progress(s);
+    } while (target < tick);
 }
 
 /* Start of the first bit from now on that a sink wants, or CW_NEVER. */
@@ -124,20 +149,32 @@ static void advance_bit(sim_run *s)
             s->sinks[i].bit(s->sinks[i].user, s->bus);
 }
 
-/* Bits that nobody looks at are left to the bus, which may skip them. */
+/* The run is to end now, whatever is still to come. */
+static bool is_over(const sim_run *s)
+{
+    return s->stopped || release_failed(s->plan);
+}
+
+/* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file that is
+ * replayed as fast as possible has its turn. */
 static void advance(sim_run *s, uint64_t tick)
 {
     const uint32_t bit_ticks = s->config->bit_ticks;
-    while (!s->stopped && cw_bus_now(s->bus) + bit_ticks <= tick) {
+    while (!is_over(s) && cw_bus_now(s->bus) + bit_ticks <= tick) {
         uint64_t wanted = next_wanted(s);
         bool now = wanted == cw_bus_now(s->bus);
+        bool fast = release_is_fast(s->plan);
         set_stepping(s, s->step || now);
-        if (now || s->may_stop)
+        if (now || s->may_stop || fast)
             advance_bit(s);
         else
             advance_bus(s, least(tick, wanted));
+        if (fast)
+            release_look(s->plan, s->bus);
+        if (fast && release_next_tick(s->plan) <= cw_bus_now(s->bus) + bit_ticks)
+            return;
     }
-    if (!s->stopped)
+    if (!is_over(s))
         advance_bus(s, tick);
 }
 
@@ -153,10 +190,12 @@ static uint64_t quiet_end(const sim_run *s)
  * the others of that tick. */
 static void hand_in_due(sim_run *s, uint64_t tick)
 {
-    while (!s->stopped && release_next_tick(s->plan) == tick) {
+    while (!is_over(s) && release_next_tick(s->plan) == tick) {
+        unsigned node;
+        bool frame = release_first(s->plan, &node) != NULL;
         if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
             advance(s, cw_bus_inbox_first(s->bus) + s->config->bit_ticks - 1);
-        else
+        else if (frame)
             s->last_activity = tick;
     }
 }
@@ -164,22 +203,25 @@ static void hand_in_due(sim_run *s, uint64_t tick)
 /* Up to the last release; false when the run is over before. */
 static bool run_releases(sim_run *s)
 {
-    while (!s->stopped) {
+    release_look(s->plan, s->bus);
+    while (!is_over(s)) {
         uint64_t tick = release_next_tick(s->plan);
-        if (tick == CW_NEVER)
+        uint64_t bit_end = cw_bus_now(s->bus) + s->config->bit_ticks;
+        bool fast = release_is_fast(s->plan);
+        if (tick == CW_NEVER && !fast)
             return true;
-        if (tick > s->until)
+        if ((fast ? least(tick, bit_end) : tick) > s->until)
             break;
         /* a tx on the way moves the end of the quiet time, so it is asked for again */
-        while (!s->stopped && cw_bus_now(s->bus) + s->config->bit_ticks < tick) {
-            uint64_t target = least(tick - 1, quiet_end(s));
-            if (target < cw_bus_now(s->bus) + s->config->bit_ticks)
-                return false;
-            advance(s, target);
-        }
-        if (tick > quiet_end(s))
+        uint64_t target = least(least(tick - 1, s->until), quiet_end(s));
+        if (bit_end < tick && target < bit_end)
             return false;
-        hand_in_due(s, tick);
+        if (bit_end < tick)
+            advance(s, target);
+        else if (tick > quiet_end(s))
+            return false;
+        else
+            hand_in_due(s, tick);
     }
     return true;
 }
@@ -192,19 +234,28 @@ static bool traffic_is_over(const sim_run *s)
 /* Bit by bit, so that the run ends in the very bit that the documentation names. */
 static void run_out(sim_run *s)
 {
-    while (!s->stopped && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
+    while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
         advance(s, cw_bus_now(s->bus) + s->config->bit_ticks);
 }
 
-void sim_go(sim_run *s)
+static void run_until(sim_run *s)
+{
+    advance(s, s->until);
+    if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* amid a bit, which has to be run */
+        advance(s, s->until + s->config->bit_ticks);
+}
+
+bool sim_go(sim_run *s)
 {
     bool goes_on = run_releases(s);
-    if (s->until == CW_NEVER) {
-        if (goes_on)
-            run_out(s);
-        return;
-    }
-    advance(s, s->until);
-    if (!s->stopped && cw_bus_inbox_first(s->bus) <= s->until) /* amid a bit, which has to be run */
-        advance(s, s->until + s->config->bit_ticks);
+    if (s->until != CW_NEVER)
+        run_until(s);
+    else if (goes_on)
+        run_out(s);
+    sim_progress_wipe(&s->progress);
+    if (!goes_on)
+        fprintf(stderr,
+                "canwire sim: ended before the last release, after %u s of bus time without a frame "
+                "(--until TIME waits longer)\n", QUIET_LIMIT_S);
+    return !release_failed(s->plan);
 }

@@ -7,6 +7,7 @@
 
 #include "config.h"
 #include "release.h"
+#include "sim_progress.h"
 
 #define SIM_SINKS_MAX 16
 
@@ -30,6 +31,7 @@ typedef struct sim_run {
     bool stopped;           /* see sim_stop() */
     bool may_stop;
     bool stepping;          /* what the bus was told last */
+    sim_progress progress;  /* started by the caller, if it is wanted */
     unsigned sink_count;
     sim_sink sinks[SIM_SINKS_MAX];
 } sim_run;
@@ -44,8 +46,9 @@ void sim_close(sim_run *s);
 void sim_add_sink(sim_run *s, const sim_sink *sink);
 
 /* Runs to the end: `until`, else until all traffic is done and 11 recessive bits have passed, or
- * after 10 s of bus time without a tx or a release. */
-void sim_go(sim_run *s);
+ * after 10 s of bus time without a tx or a release, which is said on standard error. False when a
+ * file that is replayed cannot be read; the run has ended there. */
+bool sim_go(sim_run *s);
 
 /* To be called before sim_go() when a sink may stop the run: the bus then never runs ahead of the
  * events. Costs speed. */

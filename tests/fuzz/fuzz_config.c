@@ -28,6 +28,7 @@ static char top[] = "/tmp/fuzz_config.XXXXXX";
 static const char *const links[][2] = {
     {"profiles", TESTS_DIR "/config/profiles"},
     {"files/profiles", TESTS_DIR "/../config/profiles"},
+    {"files/traces", TESTS_DIR "/traces"},
 };
 static pid_t owner;
 
@@ -46,8 +47,8 @@ static void path_of(char path[64], const char *name)
 
 static void remove_folder(void)
 {
-    static const char *const names[] = {"files/input.yaml", "files/profiles", "profiles", "files",
-                                        ""};
+    static const char *const names[] = {"files/input.yaml", "files/profiles", "files/traces", "profiles",
+                                        "files", ""};
     char path[64];
     for (size_t i = 0; owner == getpid() && i < sizeof names / sizeof names[0]; i++) {
         path_of(path, names[i]);
@@ -75,14 +76,24 @@ static int make_folder(void)
 
 /* ---- The bus --------------------------------------------------------------------------------- */
 
+static void tell(void *user, bool failed, const char *text)
+{
+    (void)user;
+    (void)failed;
+    REQUIRE(text[0] != '\0' && strchr(text, '\n') == NULL);
+}
+
 /* Hands in what is due before the end, as `canwire sim` does; returns where it has come to. */
 static void run_releases(fuzz_bus *b, const cfg *config, uint64_t end)
 {
-    release_plan *plan = release_plan_new(config);
+    release_plan *plan = release_plan_new(config, tell, NULL);
     REQUIRE(plan != NULL);
-    for (unsigned i = 0; i < RELEASES_MAX && release_next_tick(plan) <= end; i++)
+    release_look(plan, b->bus);
+    for (unsigned i = 0; i < RELEASES_MAX && release_next_tick(plan) <= end; i++) {
         if (release_hand_in(plan, b->bus) == CW_FULL)
             fuzz_bus_advance(b, cw_bus_inbox_first(b->bus) + b->bit_ticks);
+        release_look(plan, b->bus);
+    }
     release_plan_free(plan);
 }
 
@@ -105,6 +116,7 @@ static void simulate(const cfg *config)
     if (size > MEMORY_MAX)
         return;
     REQUIRE(fuzz_bus_open(&b, &bus_config));
+    release_add_replies(b.bus, config);
     unsigned bits = (unsigned)(WORK / config->node_count);
     uint64_t end = (uint64_t)(bits < BITS ? bits : BITS) * config->bit_ticks;
     run_releases(&b, config, end);

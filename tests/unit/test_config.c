@@ -253,6 +253,49 @@ static void traffic_is_read(void **state)
     cfg_free(config);
 }
 
+static void jitter_replays_and_replies_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "traffic.yaml");
+    const cfg_traffic *t = config->nodes[0].traffic;
+
+    (void)state;
+    assert_int_equal(t[0].kind, CFG_TRAFFIC_SEND);
+    assert_int_equal(t[0].jitter.ns, 10000000);
+    assert_int_equal(t[2].jitter.ns, 0);
+    assert_true(cfg_traffic_is_endless(&t[2]));
+    assert_false(cfg_traffic_is_endless(&t[0]));
+    t = config->nodes[1].traffic;
+    assert_int_equal(t[0].kind, CFG_TRAFFIC_REPLAY);
+    assert_string_equal(t[0].file, GOOD "../../traces/candump/log.log");
+    assert_int_equal(t[0].format, TRACE_DETECT);
+    assert_int_equal(t[0].filter_count, 1);
+    assert_int_equal(t[0].filters[0].mask, 0x700);
+    assert_int_equal(t[0].count, 1);
+    assert_false(t[0].fast);
+    assert_null(t[0].channel);
+    assert_int_equal(t[0].gap.ns, 1000000);
+    assert_int_equal(t[1].format, TRACE_CANDUMP_DELTA);
+    assert_int_equal(t[1].filter_count, 3);
+    assert_true(t[1].filters[2].inverted);
+    assert_string_equal(t[1].channel, "can-log1");
+    assert_int_equal(t[1].offset.ns, 1000000000);
+    assert_int_equal(t[1].count, 3);
+    assert_int_equal(t[1].gap.ns, 20000000);
+    assert_true(t[2].fast);
+    assert_true(cfg_traffic_is_endless(&t[2]));
+    assert_string_equal(t[3].channel, "1");
+    t = config->nodes[2].traffic;
+    assert_int_equal(config->reply_count, 3);
+    assert_int_equal(t[0].kind, CFG_TRAFFIC_REPLY);
+    assert_int_equal(t[0].filters[0].value, 0x123 | CW_FILTER_REMOTE);
+    assert_int_equal(t[0].filters[0].mask, 0x7FF | CW_FILTER_REMOTE | CW_FILTER_EXTENDED);
+    assert_false(cfg_traffic_is_endless(&t[0]));
+    assert_int_equal(t[1].delay.ns, 250000);
+    assert_int_equal(t[1].count, 4294967295);
+    assert_int_equal(t[2].filter_count, 4);
+    cfg_free(config);
+}
+
 static void rules_are_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -916,6 +959,7 @@ int main(void)
         cmocka_unit_test(bus_keys_are_read),
         cmocka_unit_test(node_keys_are_read),
         cmocka_unit_test(traffic_is_read),
+        cmocka_unit_test(jitter_replays_and_replies_are_read),
         cmocka_unit_test(rules_are_read),
         cmocka_unit_test(rule_defaults_act_always),
         cmocka_unit_test(rules_wait_for_what_is_written),
