@@ -7,16 +7,19 @@
 #include "output.h"
 #include "sim_run.h"
 #include "sim_trace.h"
+#include "sim_until.h"
 #include "summary.h"
 
 #include <errno.h>
 #include <getopt.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 typedef struct sim_options {
     const char *file;
     const char *until;
+    const char *until_event;
     const char *seed;
     const char *events;
     const char *log;
@@ -35,11 +38,12 @@ typedef struct sim {
     FILE *log;
     FILE *stats;
     sim_trace trace;
+    sim_until awaited;
 } sim;
 
 static const char usage[] =
-    "usage: canwire sim FILE [--until TIME] [--seed N] [--events F] [--log F] [--stats F]\n"
-    "       [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n";
+    "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
+    "       [--log F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n";
 
 static const char help[] =
     "\n"
@@ -47,6 +51,9 @@ static const char help[] =
     "a port are there but send nothing.\n"
     "\n"
     "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done\n"
+    "  --until-event [NODE:]EVENT\n"
+    "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
+    "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE\n"
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
@@ -66,7 +73,7 @@ static bool has_endless_traffic(const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
         for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
-            if (config->nodes[i].traffic[t].count == UINT64_MAX)
+            if (cfg_traffic_is_endless(&config->nodes[i].traffic[t]))
                 return true;
     return false;
 }
@@ -83,9 +90,10 @@ static bool set_until(sim *s, const char *text)
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
         s->run.until = text_time_ticks_sum(until, 1, beyond, s->config->bit_ticks) - 1;
-    } else if (has_endless_traffic(s->config)) {
+    } else if (!s->awaited.text && has_endless_traffic(s->config)) {
         fprintf(stderr,
-                "canwire sim: %s: traffic without `count` never ends: give `count` or --until TIME\n",
+                "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME or "
+                "--until-event EVENT\n",
                 s->config->file);
         return false;
     }
@@ -164,7 +172,7 @@ static bool set_up(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
     return s->config && set_seed(s->config, o->seed) && make_bus(s, o->step) &&
-           set_until(s, o->until) &&
+           sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
            open_output(&s->stats, o->stats) && start_trace(s, o);
 }
@@ -181,6 +189,16 @@ static bool finish(sim *s, const sim_options *o)
     good = close_output(s->events, o->events) && good;
     good = close_output(s->log, o->log) && good;
     return close_output(s->stats, o->stats) && good;
+}
+
+/* Then there is no room for progress. */
+static bool writes_to_terminal(const sim_options *o)
+{
+    const char *const outputs[] = {o->events, o->log, o->stats, o->vcd, o->svg};
+    bool any = false;
+    for (size_t i = 0; i < sizeof outputs / sizeof outputs[0]; i++)
+        any = any || (outputs[i] && strcmp(outputs[i], "-") == 0);
+    return any && isatty(STDOUT_FILENO);
 }
 
 static void tear_down(sim *s)
@@ -201,13 +219,17 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"stats", required_argument, NULL, 't'},  {"step", no_argument, NULL, 'S'},
         {"vcd", required_argument, NULL, 'v'},    {"svg", required_argument, NULL, 'g'},
         {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
-        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0},
+        {"help", no_argument, NULL, 'h'},         {"until-event", required_argument, NULL, 'E'},
+        {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         switch (c) {
         case 'u':
             o->until = optarg;
+            break;
+        case 'E':
+            o->until_event = optarg;
             break;
         case 's':
             o->seed = optarg;
@@ -265,10 +287,12 @@ int cli_sim(int argc, char **argv)
         return status;
     sim s = {.config = NULL};
     bool good = set_up(&s, &options);
-    if (good)
-        sim_go(&s.run);
-    if (good)
-        good = finish(&s, &options);
+    if (good) {
+        sim_progress_start(&s.run.progress, !writes_to_terminal(&options));
+        good = sim_go(&s.run);
+        sim_until_finish(&s.awaited);
+        good = finish(&s, &options) && good;
+    }
     tear_down(&s);
     return good ? 0 : 1;
 }

@@ -6,6 +6,7 @@
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
 _canwire_commands="check vcan bits sim status watch faults inject clear fire restart set reload help"
+_canwire_events="fault link drop restart arbitration-lost error overload rx tx state skip"
 
 # Words of $1 that begin as the word being typed.
 _canwire_words() {
@@ -46,7 +47,7 @@ _canwire_options() {
     case $1 in
     check) echo --ports --help ;;
     bits) echo --raw --help ;;
-    sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z]\+' | tr -d ' ' && echo --help ;;
+    sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
     status | faults | watch) echo --json --help ;;
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
@@ -63,7 +64,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --with | --until | --seed | --from | --to | --events | --log | --stats | --vcd | --svg) continue ;;
+        --with | --until | --until-event | --seed | --from | --to | --events | --log | --stats | --vcd | --svg) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -82,9 +83,7 @@ _canwire_argument() {
     clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;
     restart:1 | set:1) _canwire_words "$(_canwire_nodes "$bus")" ;;
     set:*) _canwire_settings ;;
-    watch:*)
-        _canwire_words "fault link drop restart arbitration-lost error overload rx tx state skip"
-        ;;
+    watch:*) _canwire_words "$_canwire_events" ;;
     help:0) _canwire_words "$_canwire_commands" ;;
     esac
 }
@@ -117,6 +116,10 @@ _canwire() {
     case ${COMP_WORDS[COMP_CWORD - 1]} in
     --events | --log | --stats | --vcd | --svg)
         _canwire_files
+        return
+        ;;
+    --until-event)
+        _canwire_words "error-active error-warning error-passive bus-off $_canwire_events"
         return
         ;;
     --until | --seed | --from | --to | --with) return ;;

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_until.h - ends a run with an event: [NODE:]KIND[:WHICH].
+ */
+#ifndef CANWIRE_SIM_UNTIL_H
+#define CANWIRE_SIM_UNTIL_H
+
+#include "sim_run.h"
+
+typedef struct sim_until {
+    const char *text; /* as it was written, NULL: no event is waited for */
+    sim_run *run;
+    uint64_t nodes;                         /* of any of these */
+    uint32_t kinds;                         /* 1u << cw_event_kind */
+    uint32_t states;                        /* CW_EVENT_STATE: 1u << cw_state */
+    int rule;                               /* CW_EVENT_FAULT: index, or -1: any */
+    cw_filter filters[CW_RULE_FILTERS_MAX]; /* of events with a frame */
+    unsigned filter_count;
+    bool happened;
+} sim_until;
+
+/* Reads what is waited for and adds the sink that stops the run. NULL as text: nothing is done.
+ * False after a message to standard error. */
+bool sim_until_start(sim_until *u, const char *text, sim_run *run);
+
+/* Says on standard error when it did not happen. */
+void sim_until_finish(const sim_until *u);
+
+#endif

@@ -1,0 +1,529 @@
+# SPDX-License-Identifier: MIT
+"""Traffic of `canwire sim`: jitter, recordings of real tools replayed, replies; how a run ends.
+
+candump's files in tests/traces were made by candump; ASC is written by python-can and captures by
+text2pcap and editcap while the tests run. Needs no CAN in the kernel.
+"""
+
+import itertools
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+
+import can
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
+TRACES = ROOT / "tests/traces"
+TIMEOUT_S = 120
+
+BIT_NS = 2000  # 500 kbit/s
+JOIN = 11  # bits before the first SOF
+INTERMISSION = 3
+
+
+def run(*arguments, status=0):
+    result = subprocess.run(
+        [CANWIRE, "sim", *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
+    return result
+
+
+def events(*arguments):
+    return [json.loads(line) for line in run(*arguments, "--events", "-").stdout.splitlines()]
+
+
+@pytest.fixture(name="write")
+def fixture_write(tmp_path):
+    def write(text, name="bus.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def bus(*entries, more=""):
+    """A node with this traffic, and one that acknowledges."""
+    traffic = "".join(f"      - {{ {entry} }}\n" for entry in entries)
+    return (f"bus: {{ bitrate: 500000 }}\nseed: 1\nnodes:\n  - name: a\n    traffic:\n{traffic}"
+            f"  - name: b\n{more}")
+
+
+def wire_bits(frame):
+    """SOF to EOF."""
+    result = subprocess.run([CANWIRE, "bits", "--raw", frame], capture_output=True, text=True,
+                            timeout=TIMEOUT_S, check=True)
+    return len(result.stdout.strip())
+
+
+def ns(seconds):
+    """Of the text that events and logs have."""
+    whole, fraction = str(seconds).split(".")
+    return int(whole) * 10**9 + int(fraction.ljust(9, "0"))
+
+
+def transmissions(path, *arguments):
+    """(start of SOF in ns, frame) of all that was sent."""
+    found = []
+    for line in run(path, *arguments, "--events", "-").stdout.splitlines():
+        if '"event":"tx"' in line:
+            time = re.match(r'{"t":([0-9.]+)', line)[1]
+            frame = json.loads(line)["frame"]
+            found.append((ns(time) - wire_bits(frame) * BIT_NS, frame))
+    return found
+
+
+def begins(release_ns, start_ns):
+    """A frame handed in at that time, to an idle bus, begins with the next bit."""
+    return 0 <= start_ns - max(release_ns, JOIN * BIT_NS) < BIT_NS
+
+
+# ---- Jitter --------------------------------------------------------------------------------------
+
+JITTER = "send: 123#11, every: 1ms, jitter: 700us, offset: 5ms, count: 200"
+
+
+def test_jitter_delays_within_its_bounds_and_keeps_the_grid(write):
+    starts = [t for t, _ in transmissions(write(bus(JITTER)))]
+    delays = [t - 5_000_000 - k * 1_000_000 for k, t in enumerate(starts)]
+    assert len(starts) == 200
+    assert all(0 <= d < 700_000 + BIT_NS for d in delays)
+    assert min(delays) < 50_000 and max(delays) > 650_000
+    assert 300_000 < sum(delays) / 200 < 400_000
+
+
+def test_jitter_depends_on_the_seed_and_on_nothing_else(write):
+    path = write(bus(JITTER))
+    first = transmissions(path)
+    assert transmissions(path) == first
+    assert transmissions(path, "--seed", "2") != first
+    more = write(bus("send: 7FF#, offset: 900ms", JITTER, "send: 7FE#, offset: 901ms",
+                     more="faults: [ { name: f, when: { probability: 0.5, time: 1s.. }, "
+                          "do: { flip: sof } } ]\n"), "more.yaml")
+    assert [t for t in transmissions(more) if t[1].startswith("123")] == first
+
+
+def test_equal_entries_have_jitter_of_their_own(write):
+    starts = [t for t, _ in transmissions(write(bus(JITTER, JITTER.replace("5ms", "305ms"))))]
+    assert [t - 300_000_000 for t in starts[200:]] != starts[:200]
+
+
+def test_jitter_as_long_as_the_period_keeps_the_order(write):
+    path = write(bus("send: 123#, every: 100us, jitter: 100us, count: 50",
+                     "send: 124#, every: 100us, offset: 10ms, jitter: 100us, count: 50"))
+    assert len(transmissions(path)) == 100
+
+
+# ---- Recordings ----------------------------------------------------------------------------------
+
+# (time in us, frame or what it is instead)
+DRIVE = [(1000, "123#DEADBEEF"), (2000, "7FF#"), (3000, "12345678#1122334455667788"),
+         (4000, "123#R4"), (5000, "error"), (6000, "fd"), (8000, "100#FF")]
+FRAMES = [(t, f) for t, f in DRIVE if "#" in f]
+
+
+def message(time_us, frame):
+    if frame == "error":
+        return can.Message(is_error_frame=True, timestamp=100 + time_us / 1e6, channel=0)
+    if frame == "fd":
+        return can.Message(arbitration_id=0x123, is_extended_id=False, is_fd=True, channel=0,
+                           data=bytes(12), timestamp=100 + time_us / 1e6)
+    identifier, data = frame.split("#")
+    remote = data.startswith("R")
+    return can.Message(arbitration_id=int(identifier, 16), is_extended_id=len(identifier) == 8,
+                       is_remote_frame=remote, dlc=int(data[1:]) if remote else None,
+                       data=None if remote else bytes.fromhex(data),
+                       timestamp=100 + time_us / 1e6, channel=0)
+
+
+def by_python_can(path):
+    with can.Logger(path) as log:
+        for entry in DRIVE:
+            log(message(*entry))
+
+
+def packet(frame):
+    """As LINKTYPE_CAN_SOCKETCAN has it."""
+    if frame == "error":
+        return "20000004 08000000 0004000000000000"
+    if frame == "fd":
+        return "00000123 0C040000" + "00" * 12
+    identifier, data = frame.split("#")
+    flags = (0x80000000 if len(identifier) == 8 else 0) | (0x40000000 if "R" in data else 0)
+    length = int(data[1:]) if "R" in data else len(data) // 2
+    return f"{int(identifier, 16) | flags:08X} {length:02X}000000" + ("" if "R" in data else data)
+
+
+def by_text2pcap(path, *options):
+    text = ""
+    for time_us, frame in DRIVE:
+        data = bytes.fromhex(packet(frame).replace(" ", ""))
+        text += f"{time_us / 1e6:.6f}\n0000  {data.hex(' ')}\n"
+    subprocess.run(["text2pcap", "-q", "-t", "%s.%f", "-l", "227", *options, "-", path],
+                   input=text, text=True, check=True, timeout=TIMEOUT_S, capture_output=True)
+
+
+def by_editcap(path, kind):
+    capture = path.with_suffix(".first")
+    by_text2pcap(capture)
+    subprocess.run(["editcap", "-F", kind, capture, path], check=True, timeout=TIMEOUT_S,
+                   capture_output=True)
+
+
+MAKERS = {
+    "drive.asc of Vector": lambda path: shutil.copy(TRACES / "drive.asc", path),
+    "drive.asc of python-can": by_python_can,
+    "drive.log of python-can": by_python_can,
+    "drive.pcapng of text2pcap": by_text2pcap,
+    "drive.pcap of editcap": lambda path: by_editcap(path, "pcap"),
+    "nano.pcap of editcap": lambda path: by_editcap(path, "nsecpcap"),
+    "drive.pcapng": lambda path: shutil.copy(TRACES / "drive.pcapng", path),
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_recordings_are_replayed_at_their_times(name, write, tmp_path):
+    if "cap" in name and " of " in name and not shutil.which("text2pcap"):
+        pytest.skip("text2pcap and editcap are not installed (wireshark-common)")
+    recording = tmp_path / name.split()[0]
+    MAKERS[name](recording)
+    path = write(bus(f"replay: {recording.name}, offset: 10ms"))
+    result = run(path, "--events", "-")
+    # python-can's loses the length of remote frames in logs
+    expected = [(t, "123#R" if "R" in f and "log of" in name else f) for t, f in FRAMES]
+    got = transmissions(path)
+    assert [f for _, f in got] == [f for _, f in expected]
+    # ASC of Vector begins with "Start of measurement" at 0, all others with their first frame
+    first = 0 if "Vector" in name else FRAMES[0][0]
+    for (start, _), (time_us, _) in zip(got, expected):
+        assert begins((10_000 + time_us - first) * 1000, start)
+    assert f"{recording.name}: left out: 1 error frame (" in result.stderr
+    assert "1 CAN FD frame (" in result.stderr
+
+
+CANDUMP = {"log.log": {}, "absolute.txt": {}, "date-errors.txt": {}, "binary.txt": {},
+           "swapped.txt": {}, "zero-extra-ascii.txt": {}, "log-extra.log": {}, "logfile.log": {},
+           "delta.txt": {"format": "candump-delta"}}
+CANDUMP_FRAMES = [(0, "123#DEADBEEF"), (600983, "12345678#1122334455667788"), (959421, "7FF#"),
+                  (1126732, "00A#R"), (1177048, "00A#R5"), (1628914, "000#41424320")]
+
+
+@pytest.mark.parametrize("name", CANDUMP)
+def test_files_of_candump_are_replayed_at_their_times(name, write):
+    more = "".join(f", {key}: {value}" for key, value in CANDUMP[name].items())
+    got = transmissions(write(bus(f"replay: {TRACES}/candump/{name}{more}")))
+    assert [f for _, f in got] == [f for _, f in CANDUMP_FRAMES]
+    assert all(begins(t * 1000, start) for (t, _), (start, _) in zip(CANDUMP_FRAMES, got))
+
+
+def test_a_path_is_relative_to_the_file_that_names_it(write, tmp_path, monkeypatch):
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/drive.log").write_text("(1.0) can0 123#11\n")
+    path = write(bus("replay: logs/drive.log"))
+    monkeypatch.chdir("/")
+    assert [f for _, f in transmissions(path)] == ["123#11"]
+
+
+def test_filters_and_interfaces_choose_but_times_stay(write):
+    log = f"{TRACES}/candump/log.log"
+    path = write(bus(f'replay: {log}, only: ["7FF:7FF", 12345678]',
+                     f"replay: {log}, only: 00A, interface: vcan7",
+                     f"replay: {log}, interface: can-log1, only: 000"))
+    got = transmissions(path)
+    expected = [entry for entry in CANDUMP_FRAMES if entry[0] > 0]
+    assert [f for _, f in got] == [f for _, f in expected]
+    assert all(begins(t * 1000, start) for (t, _), (start, _) in zip(expected, got))
+
+
+def test_what_is_left_out_is_told_once_for_a_file(write):
+    log = f"{TRACES}/candump/log.log"
+    result = run(write(bus(f"replay: {log}, only: 123", f"replay: {log}, only: 7FF")))
+    assert result.stderr.count("left out") == 1
+
+
+def test_a_recording_is_repeated(write, tmp_path):
+    (tmp_path / "r.log").write_text("(5.0) a 123#\n(5.001) a 123#01\n")
+    got = transmissions(write(bus("replay: r.log, count: 3, gap: 4ms, offset: 1ms")))
+    assert [f for _, f in got] == ["123#", "123#01"] * 3
+    assert all(begins(t * 1_000_000, start)
+               for t, (start, _) in zip((1, 2, 6, 7, 11, 12), got))
+
+
+def test_a_loop_needs_an_end(write, tmp_path):
+    (tmp_path / "r.log").write_text("(5.0) a 123#\n")
+    path = write(bus("replay: r.log, loop: on"))
+    assert "never ends" in run(path, status=1).stderr
+    assert len(transmissions(path, "--until", "10.5ms")) == 11
+
+
+# ---- As fast as possible -------------------------------------------------------------------------
+
+# Identifiers fall, so that a queue by priority would turn them round.
+FAST = "".join(f"(9.{i:06}) can0 {0x700 - i:03X}#{'55' * (i % 9)}\n" for i in range(300))
+
+
+def test_max_speed_leaves_no_gap_and_keeps_the_order(write, tmp_path):
+    (tmp_path / "fast.log").write_text(FAST)
+    path = write(bus("replay: fast.log, speed: max"))
+    got = transmissions(path)
+    assert [f for _, f in got] == [line.split()[2] for line in FAST.splitlines()]
+    assert got[0][0] == JOIN * BIT_NS
+    for (start, frame), (following, _) in itertools.pairwise(got):
+        assert following == start + (wire_bits(frame) + INTERMISSION) * BIT_NS
+    assert run(path, "--events", "-").stdout == run(path, "--events", "-", "--step").stdout
+
+
+def test_max_speed_needs_no_times_and_is_repeated_at_once(write):
+    path = write(bus(f"replay: {TRACES}/candump/no-time.txt, speed: max, count: 2"))
+    assert [f for _, f in transmissions(path)] == [f for _, f in CANDUMP_FRAMES] * 2
+
+
+def test_max_speed_shares_the_bus_and_the_node(write, tmp_path):
+    (tmp_path / "fast.log").write_text(FAST)
+    path = write(bus("replay: fast.log, speed: max", "send: 001#, every: 1ms, count: 40",
+                     more="    traffic: [ { send: 002#, every: 1ms, count: 40 } ]\n"))
+    got = [f for _, f in transmissions(path)]
+    assert got.count("001#") == 40 and got.count("002#") == 40
+    assert [f for f in got if f not in ("001#", "002#")] == \
+        [line.split()[2] for line in FAST.splitlines()]
+
+
+def test_max_speed_waits_while_the_node_is_bus_off(write, tmp_path):
+    (tmp_path / "fast.log").write_text(FAST)
+    faults = ("faults:\n  - { name: off, when: { frame: 6FF, count: 1 }, do: { bus-off: a } }\n"
+              "  - { name: on, when: { after: { rule: off, delay: 5ms } }, do: { restart: a } }\n")
+    path = write(bus("replay: fast.log, speed: max", more=faults))
+    frames = [f for _, f in transmissions(path)]
+    # the one that was on the wire is lost with the restart, as with a real controller
+    assert frames == [line.split()[2] for line in FAST.splitlines() if " 6FF#" not in line]
+
+
+def test_max_speed_waits_no_longer_than_the_quiet_time(write, tmp_path):
+    (tmp_path / "fast.log").write_text(FAST)
+    faults = "faults:\n  - { name: off, when: { frame: 6FF, count: 1 }, do: { bus-off: a } }\n"
+    result = run(write(bus("replay: fast.log, speed: max", more=faults)), "--stats", "-")
+    assert "ended before the last release" in result.stderr
+    assert json.loads(result.stdout)["bus"]["time_ns"] // 10**9 == 10
+
+
+def test_max_speed_is_not_carried_away_by_dropped_frames(write, tmp_path):
+    (tmp_path / "fast.log").write_text(FAST)
+    faults = "faults:\n  - { name: no, when: { frame: 400:400 }, do: { drop: tx } }\n"
+    found = events(write(bus("replay: fast.log, speed: max", more=faults)))
+    dropped = [e["frame"] for e in found if e["event"] == "drop"]
+    assert dropped == [line.split()[2] for line in FAST.splitlines()]
+    times = [e["t"] for e in found]
+    assert times == sorted(times)
+
+
+# ---- Replies -------------------------------------------------------------------------------------
+
+REPLY = """
+bus: { bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 100#R2, every: 10ms, count: 3 }, { send: 100#11, offset: 5ms },
+               { send: 200#, offset: 35ms }, { send: 210#, offset: 45ms } ]
+  - name: b
+    traffic: [ { reply: 100#CAFE }, { reply: 700#, to: 200:7F0, delay: 1ms, count: 1 } ]
+"""
+
+
+def test_replies_answer_remote_frames_and_what_they_are_told_to(write):
+    path = write(REPLY)
+    got = transmissions(path)
+    assert [f for _, f in got] == ["100#R2", "100#CAFE", "100#11", "100#R2", "100#CAFE", "100#R2",
+                                   "100#CAFE", "200#", "700#", "210#"]
+    remote = got[0][0] + wire_bits("100#R2") * BIT_NS
+    assert got[1][0] == remote + INTERMISSION * BIT_NS
+    received = got[7][0] + (wire_bits("200#") - 1) * BIT_NS  # at the last but one bit of EOF
+    assert got[8][0] == received + 1_000_000
+    kinds = {e["event"] for e in events(path)}
+    assert kinds == {"tx", "rx"}  # a reply is no fault
+
+
+def test_replies_are_no_rules(write):
+    report = json.loads(run(write(REPLY), "--stats", "-").stdout)
+    assert report["rules"] == [] and report["bus"]["faults"] == 0
+
+
+# ---- What goes wrong -----------------------------------------------------------------------------
+
+
+def test_a_bad_line_ends_the_run_with_its_place(write, tmp_path):
+    (tmp_path / "bad.log").write_text("(1.0) a 123#\n(1.1) a 124#\n(1.2) a 125#Z\n")
+    path = write(bus("replay: bad.log"))
+    result = run(path, "--log", "-", status=1)
+    assert [line.split()[2] for line in result.stdout.splitlines()] == ["123#"]
+    assert f"{tmp_path}/bad.log:3:9: '125#Z'" in result.stderr
+    check = subprocess.run([CANWIRE, "check", path], capture_output=True, text=True,
+                           timeout=TIMEOUT_S, check=False)
+    assert check.returncode == 1 and f"{tmp_path}/bad.log:3:9: '125#Z'" in check.stderr
+
+
+def test_check_says_what_would_be_replayed(write):
+    path = write(bus(f"replay: {TRACES}/candump/log.log, only: 123"))
+    check = subprocess.run([CANWIRE, "check", path], capture_output=True, text=True,
+                           timeout=TIMEOUT_S, check=True)
+    assert "log.log: 1 frame to replay" in check.stdout and "1 error frame (line 6)" in check.stdout
+
+
+def test_silence_in_a_recording_ends_a_run_without_until(write, tmp_path):
+    (tmp_path / "long.log").write_text("(1.0) a 123#\n(9.0) a 124#\n(19.5) a 125#\n")
+    path = write(bus("replay: long.log"))
+    result = run(path, "--log", "-")
+    assert [line.split()[2] for line in result.stdout.splitlines()] == ["123#", "124#"]
+    assert "after 10 s of bus time without a frame" in result.stderr
+    result = run(path, "--log", "-", "--until", "20s")
+    assert len(result.stdout.splitlines()) == 3 and result.stderr == ""
+
+
+def test_steps_back_in_time_are_told(write, tmp_path):
+    (tmp_path / "back.log").write_text("(1.0) a 123#\n(0.5) a 124#\n(1.1) a 125#\n")
+    path = write(bus("replay: back.log"))
+    result = run(path, "--log", "-")
+    assert len(result.stdout.splitlines()) == 3
+    assert "1 entry that steps back in time (line 2), sent at once" in result.stderr
+
+
+# ---- Until an event ------------------------------------------------------------------------------
+
+UNTIL = """
+bus: { bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 123#, every: 1ms } ]
+  - name: tx
+    traffic: [ { send: 124#, every: 1ms, offset: 5ms } ]
+  - name: c
+faults:
+  - { name: bits, when: { frame: 124, count: 40 }, do: { flip: crc-delimiter, at: [tx] } }
+"""
+
+AWAITED = [  # what is awaited, the event that the run ends with
+    ("error", {"event": "error", "node": "tx", "role": "tx"}),
+    ("c:error", {"event": "error", "node": "c"}),
+    ("tx:error-passive", {"event": "state", "node": "tx", "state": "error-passive"}),
+    ("bus-off", {"event": "state", "node": "tx", "state": "bus-off"}),
+    ("state", {"event": "state", "node": "tx", "state": "error-warning"}),
+    ("fault", {"event": "fault", "hit": 1}),
+    ("fault:bits", {"event": "fault", "hit": 1}),
+    ("tx:123", {"event": "tx", "frame": "123#"}),  # the kind, since 123 is none
+    ("c:rx:124", {"event": "rx", "node": "c", "frame": "124#"}),
+    ("rx:100:700", {"event": "rx", "frame": "123#"}),
+    ("tx:rx", {"event": "rx", "node": "tx"}),
+]
+
+
+@pytest.mark.parametrize("text, expected", AWAITED, ids=[a[0] for a in AWAITED])
+def test_a_run_ends_with_an_event(text, expected, write):
+    path = write(UNTIL)
+    until = run(path, "--until", "100ms", "--events", "-").stdout.splitlines()
+    got = run(path, "--until-event", text, "--events", "-").stdout.splitlines()
+    assert until[:len(got)] == got
+    last = json.loads(got[-1])["t"]
+    def is_awaited(line):
+        return expected.items() <= json.loads(line).items()
+    # it is among the events of the last tick, and was not there before
+    assert any(is_awaited(line) for line in got if json.loads(line)["t"] == last)
+    assert not any(is_awaited(line) for line in got if json.loads(line)["t"] < last)
+    # and that tick is complete
+    assert len(got) == len(until) or json.loads(until[len(got)])["t"] > last
+
+
+def test_until_is_the_latest_end(write):
+    result = run(write(UNTIL), "--until", "3ms", "--until-event", "bus-off", "--stats", "-")
+    assert json.loads(result.stdout)["bus"]["time_ns"] == 3_000_000
+    assert "--until-event bus-off: it did not happen" in result.stderr
+
+
+@pytest.mark.parametrize("text, message", [
+    ("buss-off", "expected [NODE:]EVENT"), ("fault:none", "there is no such rule"),
+    ("x:error", "expected [NODE:]EVENT"), ("error:123", "expected [NODE:]EVENT"),
+    ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"), ("", "expected [NODE:]EVENT"),
+])
+def test_wrong_events_are_refused(text, message, write):
+    assert message in run(write(UNTIL), "--until-event", text, status=1).stderr
+
+
+# ---- Progress ------------------------------------------------------------------------------------
+
+
+def read_terminal(master, process):
+    """All that comes until the process has ended."""
+    got = b""
+    while True:
+        ready, _, _ = select.select([master], [], [], TIMEOUT_S)
+        assert ready, got
+        try:
+            piece = os.read(master, 4096)
+        except OSError:  # nobody has it open any more
+            break
+        if not piece:
+            break
+        got += piece
+    process.wait(TIMEOUT_S)
+    return got.decode()
+
+
+class SlowReader(threading.Thread):
+    """Lets a run with many events wait until wall time has gone by, then takes all."""
+
+    def __init__(self, fifo):
+        super().__init__()
+        self.fifo = fifo
+        self.proceed = threading.Event()
+
+    def run(self):
+        with open(self.fifo, "rb") as events_out:
+            self.proceed.wait(TIMEOUT_S)
+            while events_out.read(1 << 20):
+                pass
+
+
+def slow_run(path, tmp_path, stderr):
+    os.mkfifo(tmp_path / "events")
+    reader = SlowReader(tmp_path / "events")
+    reader.start()
+    process = subprocess.Popen(
+        [CANWIRE, "sim", path, "--until", "3s", "--events", tmp_path / "events"],
+        stdout=subprocess.PIPE, stderr=stderr)
+    threading.Timer(1.5, reader.proceed.set).start()  # more than the second in which nothing is told
+    return process, reader
+
+
+BUSY = bus("send: 123#, every: 200us")
+
+
+def test_long_runs_show_progress_on_a_terminal(write, tmp_path):
+    master, slave = pty.openpty()
+    process, reader = slow_run(write(BUSY), tmp_path, slave)
+    os.close(slave)
+    output = read_terminal(master, process)
+    reader.join(TIMEOUT_S)
+    assert process.returncode == 0
+    lines = output.split("\r")
+    shown = [line for line in lines if "bus time" in line]
+    assert shown, output
+    assert re.fullmatch(r"\d+\.\d s of 3\.0 s bus time, \d+ frames, [0-9.e+-]+ x real time, "
+                        r"\d+:\d\d left *", shown[0]), shown[0]
+    assert len(shown) < 10  # by wall time, not by frame
+    # at last it is wiped: blanks over the whole of the last line, and back to its beginning
+    assert lines[-1] == "" and lines[-2].strip() == "" and len(lines[-2]) >= len(lines[-3].rstrip())
+
+
+def test_long_runs_show_nothing_in_a_pipe(write, tmp_path):
+    process, reader = slow_run(write(BUSY), tmp_path, subprocess.PIPE)
+    _, errors = process.communicate(timeout=TIMEOUT_S)
+    reader.join(TIMEOUT_S)
+    assert process.returncode == 0 and errors == b""
