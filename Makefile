@@ -69,10 +69,11 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@$(MAKE) --no-print-directory build
 	@scripts/demo
 
-bench: ## what the engine costs, in ns
-	@scripts/install-deps build
+bench: ## what canwire costs, in ns and instructions, beside others; build/bench.json
+	@scripts/install-deps build bench
+	@scripts/venv
 	@$(MAKE) --no-print-directory build $(BUILD)/bench
-	@$(BUILD)/bench
+	@scripts/bench --build $(BUILD)
 
 check: ## static checks: what the library needs of the outside, shell scripts
 	@scripts/install-deps all
@@ -123,13 +124,15 @@ help: ## this list
 DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(DIFFERENTIAL)
+  $(DIFFERENTIAL) $(BUILD)/bench
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
 	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
 	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
 	echo "== differential ($(VARIANT), $(CC))"; \
-	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; exit $$status
+	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
+	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
+	  $(BUILD)/bench --check || status=1; exit $$status
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
@@ -177,8 +180,8 @@ $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
-$(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(PARTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+$(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
