@@ -7,6 +7,8 @@ VARIANT ?= release
 CC ?= cc
 BUILD ?= build/$(VARIANT)
 PREFIX ?= /usr/local
+SYSCONFDIR ?= /etc
+UNITDIR ?= $(PREFIX)/lib/systemd/system
 GEN := build/gen
 
 WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswitch-enum \
@@ -50,7 +52,7 @@ PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check install clean help build \
+  demo bench check install uninstall clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -84,7 +86,6 @@ picture: build ## draw the picture in README.md again
 	$(TOOL) sim config/picture/one-bad-bit.yaml --svg config/picture/one-bad-bit.svg \
 	  --from 120us --to 200us
 
-SHARE := $(DESTDIR)$(PREFIX)/share
 FUZZ ?= 60
 fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
 	@scripts/install-deps build test
@@ -99,17 +100,14 @@ soak: ## bits with short cuts against stepped ones, SOAK_BITS=1000000000 of them
 	@echo "== differential, from seed $(SOAK_SEED)"
 	@$(DIFFERENTIAL) --bits $(SOAK_BITS) --seed $(SOAK_SEED)
 
-install: build ## into $(DESTDIR)$(PREFIX)
-	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
-	install -D -m 755 $(TOOL) $(DESTDIR)$(PREFIX)/bin/canwire
-	install -D -m 644 -t $(SHARE)/canwire config/*.yaml config/schema/*.json
-	install -D -m 644 -t $(SHARE)/canwire/profiles config/profiles/*.yaml
-	install -D -m 644 -t $(SHARE)/canwire/lcm $(LCM_TYPES)
-	install -D -m 644 -t $(SHARE)/doc/canwire README.md lib/RULES.md $(wildcard config/*.md)
-	install -D -m 644 -t $(SHARE)/doc/canwire/config/picture config/picture/*
-	install -D -m 644 scripts/completion/canwire.bash \
-	  $(SHARE)/bash-completion/completions/canwire
-	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service
+INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR)' \
+  UNITDIR='$(UNITDIR)' BUILD='$(BUILD)' scripts/install-files
+
+install: build ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
+	@$(INSTALL_FILES) install
+
+uninstall: ## removes exactly what install has put there
+	@$(INSTALL_FILES) uninstall
 
 clean: ## remove everything that was built, the guest's image included
 	rm -rf build
@@ -117,7 +115,7 @@ clean: ## remove everything that was built, the guest's image included
 help: ## this list
 	@echo "canwire $(VERSION). Targets:"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
-	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR"
+	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR, SYSCONFDIR, UNITDIR"
 
 # What scripts/test runs: unit tests of one variant and compiler.
 # Bits of the differential test: fewer where each costs more.
@@ -217,4 +215,4 @@ $(GEN)/canwire_%.c: config/lcm/%.lcm
 	@touch $@
 
 .SECONDARY:
--include $(shell find build $(BUILD) -name '*.d' 2>/dev/null)
+-include $(shell find build $(BUILD) -name '*.d' -type f 2>/dev/null)

@@ -165,11 +165,8 @@ static void print_trouble(char out[TROUBLE_BYTES], const service *s)
     }
 }
 
-static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
+static void tell_status(service *s)
 {
-    (void)loop;
-    (void)events;
-    service *s = timer->data;
     char trouble[TROUBLE_BYTES];
     cw_bus_stats stats;
     engine_update(s->engine);
@@ -184,6 +181,13 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
                   s->config->bus_name, s->config->node_count, s->config->bitrate_bps,
                   stats.load_permille / 10u, stats.load_permille % 10u, stats.frames,
                   stats.error_frames, trouble, s->refused);
+}
+
+static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    tell_status(timer->data);
 }
 
 /* ---- Start and end --------------------------------------------------------------------------- */
@@ -249,6 +253,7 @@ static bool run(service *s, struct ev_loop *loop)
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
+    tell_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
     ev_run(loop, 0);
