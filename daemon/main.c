@@ -11,6 +11,7 @@
 #include "publish.h"
 #include "watchdog.h"
 
+#include <errno.h>
 #include <ev.h>
 #include <getopt.h>
 #include <inttypes.h>
@@ -329,6 +330,36 @@ static live *load(const char *file)
     return NULL;
 }
 
+/* libev's answer to either would be abort(). */
+static void *allocate(void *memory, long size)
+{
+    if (size == 0) {
+        free(memory);
+        return NULL;
+    }
+    void *now = realloc(memory, (size_t)size);
+    if (now)
+        return now;
+    log_error("out of memory");
+    exit(1);
+}
+
+static void on_system_error(const char *what)
+{
+    log_error("%s: %s", what, strerror(errno));
+    exit(1);
+}
+
+static struct ev_loop *make_loop(void)
+{
+    ev_set_allocator(allocate);
+    ev_set_syserr_cb(on_system_error);
+    struct ev_loop *loop = ev_default_loop(0);
+    if (!loop)
+        log_error("the event loop cannot be made: %s", strerror(errno));
+    return loop;
+}
+
 int main(int argc, char **argv)
 {
     const char *file = NULL;
@@ -339,7 +370,11 @@ int main(int argc, char **argv)
     if (!s.live)
         return 1;
     s.config = live_config(s.live);
-    struct ev_loop *loop = ev_default_loop(0);
+    struct ev_loop *loop = make_loop();
+    if (!loop) {
+        live_free(s.live);
+        return 1;
+    }
     s.notifier = notify_open(loop);
     bool good = run(&s, loop);
     control_stop(s.control);
