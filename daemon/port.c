@@ -66,8 +66,7 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
     if (in->can_id & CAN_RTR_FLAG)
         out->flags |= CW_FRAME_REMOTE;
     if (size == CANFD_MTU) {
-        out->flags |= CW_FRAME_FD;
-        memcpy(out->data, in->data, CANFD_MAX_DLEN);
+        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever the data */
         return;
     }
     struct can_frame classic;

@@ -10,7 +10,7 @@
 
 #include "canwire.h"
 
-#define FRAME_TEXT_MAX 160 /* bytes of a printed frame with its final 0 */
+#define FRAME_TEXT_MAX 64 /* bytes of a printed frame with its final 0 */
 #define TIME_TEXT_MAX 32   /* bytes of a printed bus time with its final 0 */
 
 /* A span of time as configured. Kept exactly: nanoseconds plus bit times. */
