@@ -79,13 +79,14 @@ static const schema_choice missing_ports[] = {
 };
 
 /* In the order of reading: nodes need the bus, faults need the nodes and may name the rules of
- * profiles. */
+ * profiles, what is expected may name all rules. */
 static const schema_key file_keys[] = {
     {.name = "bus", .read = read_bus, .required = true},
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
     {.name = "nodes", .read = read_nodes, .required = true},
     {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},
+    {.name = "expect", .read = cfg_read_expect},
     {.name = "lcm", .read = read_lcm},
     {.name = "control", .read = read_control},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},

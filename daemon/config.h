@@ -75,6 +75,43 @@ typedef struct cfg_lcm {
     uint32_t events; /* default error, state, restart, overload, drop, fault */
 } cfg_lcm;
 
+/* What `canwire sim` is to find out about a run. */
+typedef enum cfg_expect_kind {
+    CFG_EXPECT_DELIVERED = 0, /* how many frames are delivered */
+    CFG_EXPECT_DELAY,         /* how long they take from hand-in */
+    CFG_EXPECT_SEEN,          /* whether there is one at all */
+    CFG_EXPECT_STATE,         /* whether nodes come into one of the states */
+    CFG_EXPECT_ERRORS,        /* how many events of these kinds there are ... */
+    CFG_EXPECT_DROPS,
+    CFG_EXPECT_RESTARTS,
+    CFG_EXPECT_OVERLOADS,
+    CFG_EXPECT_ARBITRATION_LOST,
+    CFG_EXPECT_FAULTS, /* ... this one: hits of fault rules */
+    CFG_EXPECT_LOAD,   /* of the whole run */
+    CFG_EXPECT_COUNT
+} cfg_expect_kind;
+
+/* The part of the delays, in percent, that has a limit of its own. */
+typedef enum cfg_percentile { CFG_P50 = 0, CFG_P90, CFG_P95, CFG_P99, CFG_PERCENTILES } cfg_percentile;
+
+typedef struct cfg_expect {
+    cw_rule when;  /* first, for the readers of rules: filters, data, from, time_begin, time_end */
+    cfg_expect_kind kind;
+    char *name;    /* or NULL */
+    uint64_t to;   /* frames at these receivers, each for itself; 0: as they are on the bus */
+    uint64_t node; /* events of these nodes, each for itself; 0: of all together */
+    uint64_t min;  /* of what is counted, inclusive; of the load in permille */
+    uint64_t max;
+    bool never;    /* SEEN and STATE: it must not be */
+    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit */
+    uint64_t percentile[CFG_PERCENTILES]; /* the same */
+    uint8_t states;      /* STATE: 1u << cw_state */
+    uint32_t types;      /* ERRORS: 1u << cw_error_type; 0: any */
+    uint32_t why;        /* DROPS: 1u << cw_drop; 0: for any reason */
+    const char *rule;    /* FAULTS: its name; NULL: any */
+    int line;            /* in its file */
+} cfg_expect;
+
 typedef struct cfg {
     char *file;
     char *bus_name; /* default "can" */
@@ -86,6 +123,8 @@ typedef struct cfg {
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
+    size_t expect_count;
+    cfg_expect *expects;
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
     cfg_pacing pacing;

@@ -9,8 +9,7 @@
 
 #define STATES_MAX ((size_t)CW_STATE_COUNT)
 
-static schema_reader read_nothing, read_when, read_filters, read_data, read_states, read_window,
-    read_after, read_after_rule;
+static schema_reader read_nothing, read_when, read_states, read_after, read_after_rule;
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
 
@@ -26,11 +25,11 @@ static const schema_key rule_keys[] = {
 };
 
 static const schema_key when_keys[] = {
-    {.name = "frame", .read = read_filters},
-    {.name = "data", .read = read_data},
+    {.name = "frame", .read = cfg_read_filters},
+    {.name = "data", .read = cfg_read_data},
     {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
     {.name = "state", .read = read_states},
-    {.name = "time", .read = read_window},
+    {.name = "time", .read = cfg_read_window},
     {.name = "after", .read = read_after},
     {.name = "skip",
      .read = schema_read_uint,
@@ -209,7 +208,7 @@ static void read_filter(schema *self, const schema_key *key, yaml_node_t *value,
 }
 
 /* One text or a list of them. */
-static void read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
 
@@ -221,7 +220,7 @@ static void read_filters(schema *self, const schema_key *key, yaml_node_t *value
     }
 }
 
-static void read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
     text_bytes bytes = {0};
@@ -310,8 +309,7 @@ void cfg_read_node_set(schema *self, const schema_key *key, yaml_node_t *value, 
     }
 }
 
-/* The states that a value names, as bits. */
-static uint8_t read_state_mask(schema *self, const schema_key *key, yaml_node_t *value)
+uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
 {
     schema_choice choices[STATES_MAX + 1] = {{.name = NULL}};
     size_t count = schema_count_one(self, key, value, 1, STATES_MAX);
@@ -333,7 +331,7 @@ static void read_state(schema *self, const schema_key *key, const yaml_node_t *n
                        yaml_node_t *value, cw_rule *rule)
 {
     uint64_t bit = read_node_mask(self, key, node);
-    uint8_t mask = read_state_mask(self, key, value);
+    uint8_t mask = cfg_read_states(self, key, value);
 
     if (rule->state_nodes & bit)
         schema_complain(self, node, "%s: this node is in the map twice", key->name);
@@ -375,7 +373,7 @@ static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const 
 }
 
 /* BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
-static void read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "a time or a window such as 2s, 2s.., 2s..5s or ..5s";
     cw_rule *rule = object;

@@ -30,8 +30,12 @@ static inline cfg *cfg_of(const schema *self)
 
 schema_reader cfg_read_faults;    /* object: the cfg, with its bit rate and nodes already read */
 schema_reader cfg_read_profiles;  /* the same */
+schema_reader cfg_read_expect;    /* the same, with all rules already read */
 schema_reader cfg_read_action;    /* `do`; object: a cw_rule whose `when` has been read */
 schema_reader cfg_read_traffic;   /* object: a cfg_node whose port has been read */
+schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
+schema_reader cfg_read_data;      /* the same */
+schema_reader cfg_read_window;    /* the same */
 schema_reader cfg_read_time;      /* member: cfg_time */
 schema_reader cfg_read_span;      /* the same, not 0 */
 schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */
@@ -55,6 +59,9 @@ char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *valu
                     size_t length_max);
 
 bool cfg_name_valid(const char *name, size_t length_max);
+
+/* The states that a value names, one or a list, as bits. */
+uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value);
 
 /* The index of the node that a value names, or -1 after a complaint. */
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);

@@ -88,6 +88,7 @@ static bool identifier_valid(uint32_t id, size_t digits);
 static const char *parse_frame_id(cw_frame *frame, const char **text);
 static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
+static unsigned data_length(const cw_frame *frame);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 static const char *parse_byte(text_bytes *bytes, const char *text);
 static bool add_digit(uint64_t *value, char c);
@@ -121,7 +122,7 @@ void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
     bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > BASE_ID_MAX;
     int used =
         snprintf(out, FRAME_TEXT_MAX, wide_id ? "%08" PRIX32 "#" : "%03" PRIX32 "#", frame->id);
-    unsigned length = cw_frame_length(frame); /* of a CAN FD frame what is kept of it */
+    unsigned length = data_length(frame);
     char *end = out + used;
 
     if (frame->flags & CW_FRAME_FD)
@@ -138,6 +139,21 @@ void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
         end += sprintf(end, "%u", frame->dlc < CLASSIC_DATA_MAX ? frame->dlc : CLASSIC_DATA_MAX);
     if (frame->dlc > CLASSIC_DATA_MAX)
         sprintf(end, "_%X", frame->dlc);
+}
+
+void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter)
+{
+    const uint32_t base = CW_FILTER_EXTENDED | BASE_ID_MAX;
+    const uint32_t extended = CW_FILTER_EXTENDED | EXTENDED_ID_MAX;
+    bool is_extended = filter->value & CW_FILTER_EXTENDED;
+
+    if (!filter->inverted && filter->mask == base && !is_extended)
+        snprintf(out, FILTER_TEXT_MAX, "%03" PRIX32, filter->value);
+    else if (!filter->inverted && filter->mask == extended && is_extended)
+        snprintf(out, FILTER_TEXT_MAX, "%08" PRIX32, filter->value & EXTENDED_ID_MAX);
+    else
+        snprintf(out, FILTER_TEXT_MAX, "%" PRIX32 "%c%" PRIX32, filter->value,
+                 filter->inverted ? '~' : ':', filter->mask);
 }
 
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text)
@@ -301,6 +317,28 @@ void text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
     snprintf(out, TIME_TEXT_MAX, "%" PRIu64 ".%09" PRIu64, tick / CW_CLOCK_HZ, ns);
 }
 
+void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
+{
+    static const char *const names[] = {"ns", "us", "ms", "s"};
+    uint64_t seconds = ticks / CW_CLOCK_HZ;
+    uint64_t ns = ticks % CW_CLOCK_HZ * NS_PER_S / CW_CLOCK_HZ;
+    uint64_t unit = 1;
+    unsigned digits = 0;
+
+    while (digits < 9 && (seconds > 0 || ns / unit >= 1000)) {
+        unit *= 1000;
+        digits += 3;
+    }
+    uint64_t part = ns % unit;
+    int used = snprintf(out, TIME_TEXT_MAX, "%" PRIu64, digits == 9 ? seconds : ns / unit);
+    if (part > 0) {
+        used += snprintf(out + used, TIME_TEXT_MAX - (size_t)used, ".%0*" PRIu64, (int)digits, part);
+        while (out[used - 1] == '0')
+            used--;
+    }
+    strcpy(out + used, names[digits / 3]);
+}
+
 void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)
 {
     uint64_t us = tick % CW_CLOCK_HZ / (CW_CLOCK_HZ / 1000000u);
@@ -393,6 +431,16 @@ static const char *parse_data(cw_frame *frame, const char *text)
             text++;
     }
     return parse_raw_dlc(frame, text);
+}
+
+/* Data bytes to print, also of a CAN FD frame and of a DLC that is out of range. */
+static unsigned data_length(const cw_frame *frame)
+{
+    static const uint8_t fd_lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+
+    if (frame->flags & CW_FRAME_FD)
+        return fd_lengths[frame->dlc < DLC_MAX ? frame->dlc : DLC_MAX];
+    return cw_frame_length(frame);
 }
 
 /* ID:MASK or ID~MASK as candump takes them; 8 digits of identifier mean extended. */

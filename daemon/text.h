@@ -10,7 +10,8 @@
 
 #include "canwire.h"
 
-#define FRAME_TEXT_MAX 64 /* bytes of a printed frame with its final 0 */
+#define FRAME_TEXT_MAX 160 /* bytes of a printed frame with its final 0 */
+#define FILTER_TEXT_MAX 24 /* bytes of a printed filter with its final 0 */
 #define TIME_TEXT_MAX 32   /* bytes of a printed bus time with its final 0 */
 
 /* A span of time as configured. Kept exactly: nanoseconds plus bit times. */
@@ -29,6 +30,9 @@ void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
 /* can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK", "ID~MASK"
  * (inverted), several separated by commas. *count is the number written, at most max. */
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
+
+/* One filter in the same notation. */
+void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter);
 
 /* An error filter of can-utils, "#MASK": classes of linux/can/error.h that are asked for. */
 const char *text_parse_error_mask(uint32_t *mask, const char *text);
@@ -86,6 +90,10 @@ static inline uint64_t text_ticks_ns(uint64_t ticks)
 
 /* Bus time in seconds with 9 decimals, truncated: "0.000176000". */
 void text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
+
+/* A span as people write it, in the largest unit of which it has one: "7.204ms", "2s"; truncated to
+ * nanoseconds. */
+void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks);
 
 /* Bus time as candump -L prints it: "(0000000000.000178)", truncated. */
 void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick);

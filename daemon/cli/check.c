@@ -64,9 +64,13 @@ static const char *plural(size_t count)
 
 static void print_summary(const cfg *config)
 {
-    printf("%s: ok (bus %s, %" PRIu32 " bit/s, %zu node%s, %zu rule%s)\n", config->file,
+    printf("%s: ok (bus %s, %" PRIu32 " bit/s, %zu node%s, %zu rule%s", config->file,
            config->bus_name, config->bitrate_bps, config->node_count, plural(config->node_count),
            config->rule_count, plural(config->rule_count));
+    if (config->expect_count > 0)
+        printf(", %zu expectation%s for canwire sim", config->expect_count,
+               plural(config->expect_count));
+    puts(")");
 }
 
 /* Reads a file that is replayed to its end, and says what would become of it. */

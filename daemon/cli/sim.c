@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "output.h"
+#include "sim_judge.h"
 #include "sim_run.h"
 #include "sim_trace.h"
 #include "sim_until.h"
@@ -26,6 +27,7 @@ typedef struct sim_options {
     const char *stats;
     const char *vcd;
     const char *svg;
+    const char *junit;
     const char *from;
     const char *to;
     bool step;
@@ -39,11 +41,13 @@ typedef struct sim {
     FILE *stats;
     sim_trace trace;
     sim_until awaited;
+    sim_judge judge;
 } sim;
 
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
-    "       [--log F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n";
+    "       [--log F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n"
+    "       [--junit F]\n";
 
 static const char help[] =
     "\n"
@@ -62,10 +66,12 @@ static const char help[] =
     "  --svg F        the same as a picture, for reports\n"
     "  --from TIME    of these only the bits from this bus time on\n"
     "  --to TIME      ... up to this one\n"
+    "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
     "\n"
-    "F may be - for standard output. Without any output a summary is printed.\n"
-    "Exit status: 0, 1 bad input, 2 wrong usage.\n";
+    "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
+    "reported in any case, on standard error when an F is standard output.\n"
+    "Exit status: 0, 1 bad input, 2 wrong usage, 3 an expectation failed.\n";
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -174,16 +180,20 @@ static bool set_up(sim *s, const sim_options *o)
     return s->config && set_seed(s->config, o->seed) && make_bus(s, o->step) &&
            sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
-           open_output(&s->stats, o->stats) && start_trace(s, o);
+           open_output(&s->stats, o->stats) && open_output(&s->judge.junit, o->junit) &&
+           sim_judge_start(&s->judge, &s->run) && start_trace(s, o);
 }
 
 static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
         output_stats(s->stats, s->config, s->run.bus);
-    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out && !s->trace.svg_out)
+    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out && !s->trace.svg_out &&
+        !s->judge.junit)
         summary_print(stdout, s->config, s->run.bus);
-    bool good = sim_trace_finish(&s->trace, "canwire sim");
+    bool good = sim_judge_finish(&s->judge, &s->run);
+    good = sim_trace_finish(&s->trace, "canwire sim") && good;
+    good = close_output(s->judge.junit, o->junit) && good;
     good = close_output(s->trace.vcd_out, o->vcd) && good;
     good = close_output(s->trace.svg_out, o->svg) && good;
     good = close_output(s->events, o->events) && good;
@@ -191,19 +201,19 @@ static bool finish(sim *s, const sim_options *o)
     return close_output(s->stats, o->stats) && good;
 }
 
-/* Then there is no room for progress. */
-static bool writes_to_terminal(const sim_options *o)
+static bool writes_to_stdout(const sim_options *o)
 {
-    const char *const outputs[] = {o->events, o->log, o->stats, o->vcd, o->svg};
+    const char *const outputs[] = {o->events, o->log, o->stats, o->vcd, o->svg, o->junit};
     bool any = false;
     for (size_t i = 0; i < sizeof outputs / sizeof outputs[0]; i++)
         any = any || (outputs[i] && strcmp(outputs[i], "-") == 0);
-    return any && isatty(STDOUT_FILENO);
+    return any;
 }
 
 static void tear_down(sim *s)
 {
     sim_trace_close(&s->trace);
+    sim_judge_close(&s->judge);
     sim_close(&s->run);
     cfg_free(s->config);
 }
@@ -220,7 +230,7 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"vcd", required_argument, NULL, 'v'},    {"svg", required_argument, NULL, 'g'},
         {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
         {"help", no_argument, NULL, 'h'},         {"until-event", required_argument, NULL, 'E'},
-        {NULL, 0, NULL, 0},
+        {"junit", required_argument, NULL, 'j'},  {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
@@ -248,6 +258,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
             break;
         case 'g':
             o->svg = optarg;
+            break;
+        case 'j':
+            o->junit = optarg;
             break;
         case 'f':
             o->from = optarg;
@@ -285,14 +298,18 @@ int cli_sim(int argc, char **argv)
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
-    sim s = {.config = NULL};
+    sim s = {.judge.to_stderr = writes_to_stdout(&options)};
     bool good = set_up(&s, &options);
     if (good) {
-        sim_progress_start(&s.run.progress, !writes_to_terminal(&options));
+        bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
+        sim_progress_start(&s.run.progress, room);
         good = sim_go(&s.run);
         sim_until_finish(&s.awaited);
         good = finish(&s, &options) && good;
     }
+    bool met = s.judge.report.failed == 0;
     tear_down(&s);
-    return good ? 0 : 1;
+    if (!good)
+        return CLI_BAD_INPUT;
+    return met ? CLI_OK : CLI_EXPECTATION;
 }

@@ -346,6 +346,63 @@ static void rule_defaults_act_always(void **state)
     cfg_free(config);
 }
 
+static void expectations_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "expect.yaml");
+    const cfg_expect *e = config->expects;
+
+    (void)state;
+    assert_int_equal(config->expect_count, 18);
+    for (size_t i = 0; i < config->expect_count; i++)
+        assert_int_equal(e[i].line, 11 + (int)i);
+    assert_string_equal(e[0].name, "speed, everywhere");
+    assert_int_equal(e[0].kind, CFG_EXPECT_DELIVERED);
+    assert_int_equal(e[0].min, 10);
+    assert_int_equal(e[0].max, 20);
+    assert_int_equal(e[0].when.filter_count, 2);
+    assert_int_equal(e[0].when.data_length, 2);
+    assert_int_equal(e[0].when.from, 1);
+    assert_int_equal(e[0].to, 6);
+    assert_int_equal(e[0].when.time_begin, TICKS_PER_S);
+    assert_int_equal(e[0].when.time_end, 2 * TICKS_PER_S);
+    assert_null(e[1].name);
+    assert_int_equal(e[1].max, 0);
+    assert_true(e[1].when.time_end == CW_NEVER);
+    assert_int_equal(e[2].min, 1);
+    assert_true(e[2].max == UINT64_MAX);
+    assert_true(e[3].min == UINT64_MAX);
+    assert_int_equal(e[4].kind, CFG_EXPECT_DELAY);
+    assert_int_equal(e[4].delay_max, 400000);
+    assert_true(e[4].percentile[CFG_P99] == CW_NEVER);
+    assert_int_equal(e[5].delay_max, 16000);
+    assert_int_equal(e[5].percentile[CFG_P50], 80);
+    assert_int_equal(e[5].percentile[CFG_P90], 160);
+    assert_int_equal(e[5].percentile[CFG_P95], 240);
+    assert_int_equal(e[5].percentile[CFG_P99], 320);
+    assert_int_equal(e[6].kind, CFG_EXPECT_SEEN);
+    assert_false(e[6].never);
+    assert_int_equal(e[6].when.time_end, TICKS_PER_S / 100);
+    assert_true(e[7].never);
+    assert_int_equal(e[8].kind, CFG_EXPECT_STATE);
+    assert_int_equal(e[8].states, 1u << CW_STATE_BUS_OFF);
+    assert_int_equal(e[8].node, 1);
+    assert_true(e[8].never);
+    assert_int_equal(e[9].states, 1u << CW_STATE_ERROR_PASSIVE | 1u << CW_STATE_BUS_OFF);
+    assert_int_equal(e[9].when.time_begin, 2 * TICKS_PER_S);
+    assert_int_equal(e[10].kind, CFG_EXPECT_ERRORS);
+    assert_int_equal(e[10].types, 1u << CW_ERROR_CRC | 1u << CW_ERROR_STUFF);
+    assert_int_equal(e[11].why, 1u << CW_DROP_QUEUE_FULL | 1u << CW_DROP_REMOVED);
+    for (unsigned i = 0; i < 4; i++)
+        assert_int_equal(e[11 + i].kind, CFG_EXPECT_DROPS + i);
+    assert_int_equal(e[15].kind, CFG_EXPECT_FAULTS);
+    assert_string_equal(e[15].rule, "crc-flip");
+    assert_int_equal(e[16].kind, CFG_EXPECT_LOAD);
+    assert_int_equal(e[16].min, 125);
+    assert_int_equal(e[16].max, 600);
+    assert_string_equal(e[17].name, "7");
+    cfg_free(config);
+}
+
 /* The rule of that name. */
 static const cw_rule *rule_of(const cfg *config, const char *name)
 {
@@ -962,6 +1019,7 @@ int main(void)
         cmocka_unit_test(jitter_replays_and_replies_are_read),
         cmocka_unit_test(rules_are_read),
         cmocka_unit_test(rule_defaults_act_always),
+        cmocka_unit_test(expectations_are_read),
         cmocka_unit_test(rules_wait_for_what_is_written),
         cmocka_unit_test(conditions_are_read),
         cmocka_unit_test(actions_on_bits_are_read),

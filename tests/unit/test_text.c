@@ -119,7 +119,7 @@ static void invalid_frames_are_printed(void **state)
     } cases[] = {
         {{.id = 0x800}, "00000800#"},
         {{.id = 0xFFFFFFFF, .dlc = 1}, "FFFFFFFF#00"},
-        {{.id = 1, .flags = CW_FRAME_FD, .dlc = 9}, "001##00000000000000000"},
+        {{.id = 1, .flags = CW_FRAME_FD, .dlc = 9}, "001##0000000000000000000000000"},
         {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI}, "001##3"},
     };
     (void)state;
@@ -139,7 +139,7 @@ static void longest_text_fits(void **state)
 
     (void)state;
     text_print_frame(printed, &fd);
-    assert_int_equal(strlen(printed), 8 + 3 + 16);
+    assert_int_equal(strlen(printed), 8 + 3 + 128);
     text_print_frame(printed, &classic);
     assert_string_equal(printed, "FFFFFFFF#R8_FF");
 }
@@ -634,6 +634,57 @@ static void bus_time_is_truncated(void **state)
     }
 }
 
+static void filters_are_printed_as_they_are_written(void **state)
+{
+    static const char *const texts[] = {"123",     "000",         "7FF",
+                                        "12345678", "00000123",   "100:700",
+                                        "100~700",  "92345678:DFFFFFFF", "0:0"};
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(texts); i++) {
+        char printed[FILTER_TEXT_MAX];
+        cw_filter filter;
+        cw_filter again;
+        unsigned count;
+
+        assert_null(text_parse_filters(&filter, &count, 1, texts[i]));
+        text_print_filter(printed, &filter);
+        assert_string_equal(printed, texts[i]);
+        assert_null(text_parse_filters(&again, &count, 1, printed));
+        assert_true(filter.value == again.value && filter.mask == again.mask &&
+                    filter.inverted == again.inverted);
+    }
+}
+
+static void spans_are_printed_in_their_unit(void **state)
+{
+    static const struct {
+        uint64_t ticks;
+        const char *text;
+    } cases[] = {
+        {0, "0ns"},
+        {1, "12ns"},
+        {79, "987ns"},
+        {80, "1us"},
+        {81, "1.012us"},
+        {80000 - 1, "999.987us"},
+        {80000, "1ms"},
+        {576320, "7.204ms"},
+        {80000000, "1s"},
+        {80000000 + 8, "1.0000001s"},
+        {UINT64_C(80000000) * 86400, "86400s"},
+        {UINT64_MAX, "230584300921.369395187s"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        char printed[TIME_TEXT_MAX];
+
+        text_print_span(printed, cases[i].ticks);
+        assert_string_equal(printed, cases[i].text);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -643,6 +694,7 @@ int main(void)
         cmocka_unit_test(longest_text_fits),
         cmocka_unit_test(filters_follow_can_utils),
         cmocka_unit_test(filters_are_separated_by_commas),
+        cmocka_unit_test(filters_are_printed_as_they_are_written),
         cmocka_unit_test(bad_filters_are_refused),
         cmocka_unit_test(bytes_may_have_wildcards),
         cmocka_unit_test(levels_come_in_order),
@@ -658,6 +710,7 @@ int main(void)
         cmocka_unit_test(positions_have_fields_and_indices),
         cmocka_unit_test(bad_positions_are_refused),
         cmocka_unit_test(bus_time_is_truncated),
+        cmocka_unit_test(spans_are_printed_in_their_unit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_judge.h - judges a run of `canwire sim` by what its configuration expects, and reports.
+ */
+#ifndef CANWIRE_SIM_JUDGE_H
+#define CANWIRE_SIM_JUDGE_H
+
+#include "expect.h"
+#include "sim_run.h"
+
+/* All zeros judges nothing. */
+typedef struct sim_judge {
+    FILE *junit;       /* JUnit XML goes there; the caller's; or NULL */
+    bool to_stderr;    /* the report as text does, not to standard output */
+    expect *judge;     /* NULL: nothing is expected */
+    expect_report report;
+} sim_judge;
+
+/* Begins to look on. False, with a message, when there is no memory. */
+bool sim_judge_start(sim_judge *j, sim_run *run);
+
+/* Reports. False, with a message, when there is no memory. */
+bool sim_judge_finish(sim_judge *j, const sim_run *run);
+
+void sim_judge_close(sim_judge *j);
+
+#endif

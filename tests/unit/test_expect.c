@@ -1,0 +1,319 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_expect.c - what is made of events by expectations, and how it is reported.
+ *
+ * Each case is one expectation as it stands in a configuration, on a run that is written down as
+ * events; each has its outcome in words.
+ */
+#include "expect.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#define MS (CW_CLOCK_HZ / 1000u)
+#define A 1u /* nodes */
+#define B 2u
+#define C 4u
+
+static const char config_text[] = "bus: { name: test, bitrate: 500000 }\n"
+                                  "nodes: [ { name: a }, { name: b }, { name: c } ]\n"
+                                  "faults:\n"
+                                  "  - { name: one, do: { flip: sof } }\n"
+                                  "  - { name: two, do: { flip: sof } }\n"
+                                  "expect:\n";
+
+#define FRAME(number) .frame = {.id = (number), .dlc = 2, .data = {0xDE, 0xAD}}
+
+/* A run of 100 ms. Frame 123 of a three times, frame 124 of b once; what b gets comes late. */
+static const cw_event run[] = {
+    {.kind = CW_EVENT_RX, .tick = 10 * MS, .nodes = B | C, .from = A, .handed_in = 8 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_TX, .tick = 10 * MS, .nodes = A, .from = A, .handed_in = 8 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_RX, .tick = 20 * MS, .nodes = C, .from = A, .handed_in = 19 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_TX, .tick = 20 * MS, .nodes = A, .from = A, .handed_in = 19 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_RX, .tick = 26 * MS, .nodes = B, .from = A, .handed_in = 19 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_FAULT, .tick = 30 * MS, .rule = 0, .hit = 1},
+    {.kind = CW_EVENT_ERROR, .tick = 30 * MS, .nodes = B, .error = {.type = CW_ERROR_CRC}},
+    {.kind = CW_EVENT_ERROR, .tick = 30 * MS, .nodes = A, .error = {.type = CW_ERROR_FORM}},
+    {.kind = CW_EVENT_STATE, .tick = 30 * MS, .nodes = B, .state = CW_STATE_ERROR_PASSIVE},
+    {.kind = CW_EVENT_ERROR, .tick = 40 * MS, .nodes = B, .error = {.type = CW_ERROR_STUFF}},
+    {.kind = CW_EVENT_STATE, .tick = 40 * MS, .nodes = B, .state = CW_STATE_BUS_OFF},
+    {.kind = CW_EVENT_DROP, .tick = 45 * MS, .nodes = B, .why = CW_DROP_BUS_OFF, FRAME(0x124)},
+    {.kind = CW_EVENT_RESTART, .tick = 50 * MS, .nodes = B},
+    {.kind = CW_EVENT_ARBITRATION_LOST, .tick = 60 * MS, .nodes = B, FRAME(0x124)},
+    {.kind = CW_EVENT_OVERLOAD, .tick = 61 * MS, .nodes = C},
+    {.kind = CW_EVENT_RX, .tick = 70 * MS, .nodes = B | C, .from = A, .handed_in = 60 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_TX, .tick = 70 * MS, .nodes = A, .from = A, .handed_in = 60 * MS, FRAME(0x123)},
+    {.kind = CW_EVENT_RX, .tick = 80 * MS, .nodes = A | C, .from = B, .handed_in = 55 * MS, FRAME(0x124)},
+    {.kind = CW_EVENT_TX, .tick = 80 * MS, .nodes = B, .from = B, .handed_in = 55 * MS, FRAME(0x124)},
+    {.kind = CW_EVENT_FAULT, .tick = 90 * MS, .rule = 1, .hit = 1},
+};
+
+static cfg *load(const char *expectation)
+{
+    char path[] = "/tmp/test_expect.XXXXXX";
+    int fd = mkstemp(path);
+    assert_true(fd >= 0);
+    assert_true(dprintf(fd, "%s  - %s\n", config_text, expectation) > 0);
+    close(fd);
+    cfg *config = cfg_load(path, stderr);
+    unlink(path);
+    assert_non_null(config);
+    return config;
+}
+
+/* A bus of that configuration on which nothing happens for 100 ms. */
+static cw_bus *make_bus(const cfg *config)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    cfg_bus_config(&bus_config, nodes, config);
+    cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&bus_config)), &bus_config);
+    assert_non_null(bus);
+    assert_int_equal(cw_bus_advance(bus, 100 * MS), CW_OK);
+    return bus;
+}
+
+static expect_report judge(const cfg *config, const cw_event *events, size_t count)
+{
+    expect_report report = {.count = 0};
+    cw_bus *bus = make_bus(config);
+    expect *x = expect_start(config);
+    assert_non_null(x);
+    for (size_t i = 0; i < count; i++)
+        expect_event(x, &events[i]);
+    assert_true(expect_conclude(x, &report, bus));
+    expect_free(x);
+    free(bus);
+    return report;
+}
+
+typedef struct judgement {
+    const char *expectation;
+    bool met;
+    const char *wanted;
+    const char *got;
+} judgement;
+
+static const judgement judgements[] = {
+    /* delivered: sent, or at each receiver */
+    {"{ delivered: 4 }", true, "4 frames", "4"},
+    {"{ delivered: 3, frame: 123 }", true, "3 frames 123", "3"},
+    {"{ delivered: 2, frame: 123 }", false, "2 frames 123", "3"},
+    {"{ delivered: { min: 3 }, from: a }", true, "at least 3 frames from a", "3"},
+    {"{ delivered: { min: 4 }, from: a }", false, "at least 4 frames from a", "3"},
+    {"{ delivered: { max: 3 }, from: a }", true, "at most 3 frames from a", "3"},
+    {"{ delivered: { max: 2 }, from: a }", false, "at most 2 frames from a", "3"},
+    {"{ delivered: { min: 1, max: 2 }, from: [ a, b ] }", false, "1 to 2 frames from a, b", "4"},
+    {"{ delivered: 3, to: b }", true, "3 frames to b", "3"},
+    {"{ delivered: 3, to: [ b, c ], from: a }", true, "3 frames from a to b, c", "b: 3, c: 3"},
+    {"{ delivered: 3, to: [ b, c ] }", false, "3 frames to b, c", "b: 3, c: 4"},
+    {"{ delivered: 1, to: c, from: b }", true, "1 frames from b to c", "1"},
+    {"{ delivered: 0, data: DEAE }", true, "0 frames with data DEAE", "0"},
+    {"{ delivered: 4, data: DE.D }", true, "4 frames with data DE.D", "4"},
+    {"{ delivered: 0, data: DEAD00 }", true, "0 frames with data DEAD00", "0"},
+    {"{ delivered: 1, frame: \"100:700\", time: 10ms..20ms }", true,
+     "1 frames 100:700 from 10ms to 20ms", "1"},
+    {"{ delivered: 0, before: 10ms }", true, "0 frames before 10ms", "0"},
+    {"{ delivered: 1, before: 10.0001ms }", true, "1 frames before 10.0001ms", "1"},
+    /* delays: 2, 1, 10 ms and 25 ms at the sender; at b 2, 7, 10 ms */
+    {"{ delay: 25ms }", true, "delays of at most 25ms for frames", "at most 25ms (at 80ms), of 4"},
+    {"{ delay: 24999us }", false, "delays of at most 24.999ms for frames",
+     "at most 25ms (at 80ms), of 4"},
+    {"{ delay: { max: 10ms }, to: b }", true, "delays of at most 10ms for frames to b",
+     "at most 10ms (at 70ms), of 3"},
+    {"{ delay: { max: 1s, p50: 2ms }, from: [ a, b ] }", true,
+     "delays of at most 1s, 50 % within 2ms for frames from a, b",
+     "at most 25ms (at 80ms), 50.0 % within 2ms, of 4"},
+    {"{ delay: { p50: 1999us, p90: 1s } }", false,
+     "delays of 50 % within 1.999ms, 90 % within 1s for frames",
+     "at most 25ms (at 80ms), 25.0 % within 1.999ms, 100.0 % within 1s, of 4"},
+    {"{ delay: { p99: 10ms }, to: [ a, b, c ] }", false,
+     "delays of 99 % within 10ms for frames to a, b, c",
+     "at most 25ms (at 80ms), 75.0 % within 10ms, of 8"},
+    {"{ delay: 1h, frame: 125 }", false, "delays of at most 3600s for frames 125", "no frame"},
+    /* seen */
+    {"{ seen: yes, frame: 124 }", true, "a frame 124", "one at 80ms"},
+    {"{ seen: yes, frame: 124, before: 80ms }", false, "a frame 124 before 80ms", "none"},
+    {"{ seen: yes, frame: 124, to: [ a, b ] }", false, "a frame 124 to a, b",
+     "a: one at 80ms, b: none"},
+    {"{ seen: never, frame: 124, before: 80ms }", true, "no frame 124 before 80ms", "none"},
+    {"{ seen: never, frame: 124 }", false, "no frame 124", "one at 80ms"},
+    {"{ seen: yes, frame: 123, time: 15ms.., to: b }", true, "a frame 123 to b from 15ms",
+     "one at 26ms"},
+    /* states */
+    {"{ state: bus-off, node: b }", true, "bus-off reached at b", "at 40ms"},
+    {"{ state: bus-off, node: b, before: 40ms }", false, "bus-off reached at b before 40ms",
+     "never"},
+    {"{ state: bus-off, node: b, reached: never }", false, "bus-off never reached at b", "at 40ms"},
+    {"{ state: bus-off, node: [ a, c ], reached: never }", true, "bus-off never reached at a, c",
+     "a: never, c: never"},
+    {"{ state: bus-off, node: [ a, b ], reached: never }", false, "bus-off never reached at a, b",
+     "a: never, b: at 40ms"},
+    {"{ state: [ bus-off, error-passive ], node: b }", true,
+     "error-passive or bus-off reached at b", "at 30ms"},
+    /* counts */
+    {"{ errors: 3 }", true, "3 errors", "3"},
+    {"{ errors: 2, node: b }", true, "2 errors at b", "2"},
+    {"{ errors: 1, node: [ a, b ] }", false, "1 errors at a, b", "a: 1, b: 2"},
+    {"{ errors: 2, type: [ crc, stuff ] }", true, "2 errors (stuff, crc)", "2"},
+    {"{ errors: 0, type: ack }", true, "0 errors (ack)", "0"},
+    {"{ drops: 1 }", true, "1 frames dropped", "1"},
+    {"{ drops: 0, why: queue-full }", true, "0 frames dropped (queue-full)", "0"},
+    {"{ drops: 1, why: [ queue-full, bus-off ], frame: 124, node: b }", true,
+     "1 frames dropped 124 (queue-full, bus-off) at b", "1"},
+    {"{ drops: 0, frame: 123 }", true, "0 frames dropped 123", "0"},
+    {"{ restarts: 0 }", false, "0 restarts", "1"},
+    {"{ restarts: 0, node: a }", true, "0 restarts at a", "0"},
+    {"{ overloads: { max: 1 } }", true, "at most 1 overload flags", "1"},
+    {"{ arbitration-lost: 1, frame: 124 }", true, "1 lost arbitrations 124", "1"},
+    {"{ arbitration-lost: 1, frame: 123 }", false, "1 lost arbitrations 123", "0"},
+    {"{ faults: 2 }", true, "2 hits", "2"},
+    {"{ faults: 1, rule: two }", true, "1 hits of two", "1"},
+    {"{ faults: 1, rule: one, time: 50ms.. }", false, "1 hits of one from 50ms", "0"},
+    {"{ load: { max: 50% } }", true, "a load of 0.0 % to 50.0 %", "0.0 %"},
+    {"{ load: { min: 0.1% } }", false, "a load of 0.1 % to 100.0 %", "0.0 %"},
+    /* a window that the run did not come to */
+    {"{ errors: 0, time: 100ms.. }", true, "0 errors from 100ms", "0"},
+    {"{ errors: 0, time: 101ms.. }", false, "0 errors from 101ms",
+     "nothing: the run ended at 100ms"},
+    {"{ seen: never, time: 2s..3s }", false, "no frame from 2s to 3s",
+     "nothing: the run ended at 100ms"},
+};
+
+static void runs_are_judged(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < COUNT(judgements); i++) {
+        const judgement *j = &judgements[i];
+        cfg *config = load(j->expectation);
+        expect_report report = judge(config, run, COUNT(run));
+        assert_int_equal(report.count, 1);
+        const expect_outcome *o = &report.outcomes[0];
+        if (o->met != j->met || strcmp(o->wanted, j->wanted) != 0 || strcmp(o->got, j->got) != 0)
+            fail_msg("%s: %s, wanted '%s', got '%s'", j->expectation, o->met ? "met" : "failed",
+                     o->wanted, o->got);
+        assert_string_equal(o->name, j->wanted);
+        assert_int_equal(report.failed, !j->met);
+        expect_report_free(&report);
+        cfg_free(config);
+    }
+}
+
+static void outcomes_say_how_long_they_looked(void **state)
+{
+    static const struct {
+        const char *expectation;
+        uint64_t ticks;
+    } cases[] = {
+        {"{ errors: 3 }", 100 * MS},
+        {"{ errors: 3, time: 10ms.. }", 90 * MS},
+        {"{ errors: 3, time: 10ms..30ms }", 20 * MS},
+        {"{ errors: 3, before: 1s }", 100 * MS},
+        {"{ errors: 3, time: 1s..2s }", 0},
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        cfg *config = load(cases[i].expectation);
+        expect_report report = judge(config, run, COUNT(run));
+        assert_int_equal(report.outcomes[0].ticks, cases[i].ticks);
+        expect_report_free(&report);
+        cfg_free(config);
+    }
+}
+
+/* ---- Reports --------------------------------------------------------------------------------- */
+
+typedef void writer(FILE *out, const expect_report *report);
+
+static char *written(writer *write, const expect_report *report)
+{
+    char *text = NULL;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    assert_non_null(out);
+    write(out, report);
+    fclose(out);
+    return text;
+}
+
+static void write_junit(FILE *out, const expect_report *report)
+{
+    expect_report_junit(out, report, "bus \"<&>'", 5 * CW_CLOCK_HZ + 12345679u);
+}
+
+static expect_report make_report(void)
+{
+    expect_report report = {.count = 0};
+    assert_true(expect_report_add(&report, (expect_outcome){.name = strdup("a <b> & \"c\" \xC3\xA4"),
+                                                            .wanted = strdup("x > 1"),
+                                                            .got = strdup("2"),
+                                                            .met = true,
+                                                            .ticks = 2 * CW_CLOCK_HZ}));
+    assert_true(expect_report_add(
+        &report, (expect_outcome){.wanted = strdup("w<\xEF\xBF\xBF>"), .got = strdup("g\x01&")}));
+    return report;
+}
+
+static void the_text_has_a_line_for_each(void **state)
+{
+    (void)state;
+    expect_report report = make_report();
+    char *text = written(expect_report_text, &report);
+    assert_string_equal(text, "ok     a <b> & \"c\" \xC3\xA4: wanted x > 1, got 2\n"
+                              "FAILED wanted w<\xEF\xBF\xBF>, got g\x01&\n"
+                              "2 expectations, 1 met, 1 failed\n");
+    free(text);
+    expect_report_free(&report);
+}
+
+/* What XML does not allow is replaced, what it takes for its own is escaped. */
+static void junit_is_good_xml(void **state)
+{
+    (void)state;
+    expect_report report = make_report();
+    char *text = written(write_junit, &report);
+    assert_string_equal(
+        text,
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+        "<testsuites name=\"canwire\" tests=\"2\" failures=\"1\" errors=\"0\" time=\"5.154\">\n"
+        "  <testsuite name=\"bus &quot;&lt;&amp;&gt;'\" tests=\"2\" failures=\"1\" errors=\"0\""
+        " skipped=\"0\" time=\"5.154\">\n"
+        "    <testcase name=\"a &lt;b&gt; &amp; &quot;c&quot; \xC3\xA4\""
+        " classname=\"bus &quot;&lt;&amp;&gt;'\" time=\"2.000\"/>\n"
+        "    <testcase name=\"w&lt;?&gt;\" classname=\"bus &quot;&lt;&amp;&gt;'\" time=\"0.000\">\n"
+        "      <failure type=\"expectation\" message=\"wanted w&lt;?&gt;, got g?&amp;\"/>\n"
+        "    </testcase>\n"
+        "  </testsuite>\n"
+        "</testsuites>\n");
+    free(text);
+    expect_report_free(&report);
+}
+
+static void outcomes_without_memory_are_refused(void **state)
+{
+    (void)state;
+    expect_report report = {.count = 0};
+    assert_false(expect_report_add(&report, (expect_outcome){.wanted = strdup("x")}));
+    assert_false(expect_report_add(&report, (expect_outcome){.got = strdup("x")}));
+    assert_int_equal(report.count, 0);
+    expect_report_free(&report);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(runs_are_judged),
+        cmocka_unit_test(outcomes_say_how_long_they_looked),
+        cmocka_unit_test(the_text_has_a_line_for_each),
+        cmocka_unit_test(junit_is_good_xml),
+        cmocka_unit_test(outcomes_without_memory_are_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
