@@ -169,7 +169,7 @@ static void run_due_nodes(cw_bus *bus)
 
 /* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
  * has, nothing is left to be told of this tick. */
-static void run_all_due(cw_bus *bus)
+static void run_due(cw_bus *bus)
 {
     if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
         cw_leap_end(bus);
@@ -179,6 +179,13 @@ static void run_all_due(cw_bus *bus)
         if (bus->news)
             tell_news(bus);
     } while (bus->news || bus->faults.next_due <= bus->now);
+}
+
+static void run_all_due(cw_bus *bus)
+{
+    uint64_t due = cw_least(cw_least(bus->next_restart, bus->faults.next_due), cw_inbox_first(bus));
+    if (due <= bus->now || bus->news || bus->faults.awake_count)
+        run_due(bus);
 }
 
 /* ---- One bit: drive -------------------------------------------------------------------------- */
@@ -387,7 +394,7 @@ static uint64_t bits_between(const cw_bus *bus, uint64_t from, uint64_t to, bool
 static uint64_t quiet_bits(const cw_bus *bus, uint64_t tick)
 {
     uint64_t bits = bits_between(bus, bus->now, tick, false);
-    bits = cw_least(bits, bits_between(bus, bus->now, cw_bus_inbox_first(bus), false));
+    bits = cw_least(bits, bits_between(bus, bus->now, cw_inbox_first(bus), false));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->next_restart, true));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->faults.next_due, true));
     if (bus->faults.awake_count)
@@ -523,7 +530,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER : bus->now + bits * bus->bit_ticks;
     tick = cw_least(tick, cw_least(bus->next_restart, bus->faults.next_due));
-    return cw_least(tick, cw_bus_inbox_first(bus));
+    return cw_least(tick, cw_inbox_first(bus));
 }
 
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)

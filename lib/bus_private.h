@@ -184,6 +184,17 @@ static inline uint64_t cw_least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+/* ---- contest.c ------------------------------------------------------------------------------- */
+
+void cw_share_lost_now(cw_bus *bus, unsigned node);
+
+/* Gives a node its share of lost attempts; before its first frame changes or is tried otherwise. */
+static inline void cw_share_lost(cw_bus *bus, unsigned node)
+{
+    if (bus->nodes[node].lost_before != bus->contest.lost)
+        cw_share_lost_now(bus, node);
+}
+
 /* ---- events.c -------------------------------------------------------------------------------- */
 
 /* Whether the worst that can happen up to the end of the next bit fits into the ring. */
@@ -221,8 +232,20 @@ void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_o
 void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
                     unsigned source);
 
-/* Frames that were handed in before tick. */
-void cw_take_inbox_before(cw_bus *bus, uint64_t tick);
+/* The tick of the first frame in the inbox, or CW_NEVER. */
+static inline uint64_t cw_inbox_first(const cw_bus *bus)
+{
+    return bus->inbox.count ? bus->inbox.entries[bus->inbox.first].at_tick : CW_NEVER;
+}
+
+/* The frames that were handed in before tick, of which there are some. */
+void cw_take_inbox(cw_bus *bus, uint64_t tick);
+
+static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
+{
+    if (cw_inbox_first(bus) < tick)
+        cw_take_inbox(bus, tick);
+}
 
 /* What is due for a node now: its frames that were handed in, its restart. */
 void cw_run_due_node(cw_bus *bus, unsigned node);
@@ -307,6 +330,13 @@ void cw_settle_sent(cw_bus *bus, unsigned node);
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* A state that has changed since it was last told. */
-void cw_tell_state(cw_bus *bus, unsigned node);
+void cw_tell_new_state(cw_bus *bus, unsigned node);
+
+static inline void cw_tell_state(cw_bus *bus, unsigned node)
+{
+    const bus_node *n = &bus->nodes[node];
+    if (n->told_state != n->mac.confinement.state)
+        cw_tell_new_state(bus, node);
+}
 
 #endif

@@ -57,9 +57,11 @@ void cw_contest_update(cw_bus *bus, unsigned i)
     unsigned place = c->leaves + i;
     if (c->entries[place] == entry)
         return;
-    c->entries[place] = entry;
-    for (place /= 2; place > 0; place /= 2)
-        c->entries[place] = play(c->entries[2 * place], c->entries[2 * place + 1]);
+    do {
+        c->entries[place] = entry;
+        place /= 2;
+        entry = play(c->entries[2 * place], c->entries[2 * place + 1]);
+    } while (place > 0 && c->entries[place] != entry);
 }
 
 /* Among some of those who wait; the others may not take part. */
@@ -118,7 +120,7 @@ void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     add_received(bus, n, stats);
 }
 
-void cw_share_lost(cw_bus *bus, unsigned i)
+void cw_share_lost_now(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     uint64_t lost = lost_share(bus, i);

@@ -37,9 +37,6 @@ uint32_t cw_contest_key(const cw_bus *bus, unsigned node);
 /* Adds what is still to be shared out to a copy of a node's statistics. */
 void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
-/* Gives a node its share of lost attempts; before its first frame changes or is tried otherwise. */
-void cw_share_lost(cw_bus *bus, unsigned node);
-
 /* Who takes part from now on. */
 void cw_set_contenders(cw_bus *bus, uint64_t nodes);
 void cw_set_listeners(cw_bus *bus, uint64_t nodes);

@@ -74,8 +74,6 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
     uint64_t behind = 0;
-    if (place == 0 || event_at(ring, place - 1)->tick < added->tick)
-        return place;
     while (place > 0 && (behind = nodes_behind(event_at(ring, place - 1), added)) != 0) {
         cw_event *before = event_at(ring, place - 1);
         bool all = behind == UINT64_MAX || behind == before->nodes;
@@ -109,8 +107,24 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
     return event_at(ring, place);
 }
 
+/* The usual case: behind all that are there. NULL when it is not. */
+static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick)
+{
+    event_ring *ring = &bus->ring;
+    bool behind = ring->count == 0 || newest_event(ring)->tick < tick;
+    if (!behind || ring->count == ring->capacity || !cw_wants_event(bus, kind))
+        return NULL;
+    ring->count++;
+    return newest_event(ring);
+}
+
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
+    cw_event *appended = append(bus, kind, tick);
+    if (appended) {
+        *appended = (cw_event){.kind = kind, .tick = tick, .nodes = nodes};
+        return appended;
+    }
     const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
     return insert(bus, &event);
 }

@@ -10,7 +10,8 @@
 
 static inbox_entry *inbox_at(const inbox *box, unsigned i)
 {
-    return &box->entries[(box->first + i) % box->capacity];
+    unsigned place = box->first + i;
+    return &box->entries[place < box->capacity ? place : place - box->capacity];
 }
 
 static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
@@ -37,7 +38,7 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
 
 uint64_t cw_bus_inbox_first(const cw_bus *bus)
 {
-    return bus->inbox.count ? inbox_at(&bus->inbox, 0)->at_tick : CW_NEVER;
+    return cw_inbox_first(bus);
 }
 
 void cw_queue_changed(cw_bus *bus, unsigned i)
@@ -91,7 +92,7 @@ static void take_first(cw_bus *bus)
 {
     inbox *box = &bus->inbox;
     inbox_entry entry = *inbox_at(box, 0);
-    box->first = (box->first + 1) % box->capacity;
+    box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
     box->count--;
     bus->nodes[entry.node].inbox--;
     bus->nodes[entry.node].stats.handed_in++;
@@ -100,9 +101,9 @@ static void take_first(cw_bus *bus)
     cw_fault_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
 }
 
-void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
+void cw_take_inbox(cw_bus *bus, uint64_t tick)
 {
-    while (cw_bus_inbox_first(bus) < tick)
+    while (cw_inbox_first(bus) < tick)
         take_first(bus);
 }
 

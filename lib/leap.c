@@ -84,7 +84,7 @@ static bool can_begin(cw_bus *bus)
     if (bus->faults.awake_count)
         return false;
     /* a frame that comes during the SOF may join it (M6) */
-    return bus->crowd.calm && cw_bus_inbox_first(bus) > bus->now + bus->bit_ticks;
+    return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
 }
 
 /* Rules on errors and states see nothing of a leap in which there are none. */
@@ -323,7 +323,7 @@ static unsigned bits_to_go(const cw_bus *bus, uint64_t tick)
         bits = (unsigned)cw_least(bits, (uint64_t)leap->stop - leap->at);
     bits = bits_up_to(bus, tick, bits);
     uint64_t due = cw_least(bus->next_restart, bus->faults.next_due);
-    due = cw_least(due, cw_bus_inbox_first(bus));
+    due = cw_least(due, cw_inbox_first(bus));
     if (due - bus->now < (uint64_t)bits * bus->bit_ticks) /* due is later than now */
         bits = bits_up_to(bus, due + bus->bit_ticks - 1, bits);
     return bits;
@@ -369,7 +369,7 @@ static void leap_over(cw_bus *bus)
 static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
 {
     return bus->next_restart >= tick && bus->faults.next_due >= tick &&
-           cw_bus_inbox_first(bus) >= tick;
+           cw_inbox_first(bus) >= tick;
 }
 
 static bool can_leap_over(const cw_bus *bus, uint64_t tick)

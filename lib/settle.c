@@ -121,13 +121,11 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
     cw_fault_passed(bus, i, CW_SIDE_RX, bus->now);
 }
 
-void cw_tell_state(cw_bus *bus, unsigned i)
+void cw_tell_new_state(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_state before = (cw_state)n->told_state;
     cw_state after = cw_mac_state(&n->mac);
-    if (before == after)
-        return;
     n->told_state = (uint8_t)after;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_STATE, i);
     e->state = after;

@@ -152,14 +152,15 @@ static void write_event(void *user, const cw_event *event)
         output_log(s->log, s->config, event);
 }
 
-static bool make_bus(sim *s, bool step)
+static bool make_bus(sim *s, const sim_options *o)
 {
-    const sim_sink writer = {.user = s, .event = write_event};
+    const sim_sink writer = {.user = s, .event = write_event,
+                             .kinds = o->events ? 0 : 1u << CW_EVENT_TX};
     if (!sim_open(&s->run, s->config)) {
         fprintf(stderr, "canwire sim: out of memory\n");
         return false;
     }
-    s->run.step = step;
+    s->run.step = o->step;
     sim_add_sink(&s->run, &writer);
     return true;
 }
@@ -177,7 +178,7 @@ static bool start_trace(sim *s, const sim_options *o)
 static bool set_up(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
-    return s->config && set_seed(s->config, o->seed) && make_bus(s, o->step) &&
+    return s->config && set_seed(s->config, o->seed) && make_bus(s, o) &&
            sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
            open_output(&s->stats, o->stats) && open_output(&s->judge.junit, o->junit) &&

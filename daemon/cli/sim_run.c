@@ -245,8 +245,19 @@ static void run_until(sim_run *s)
         advance(s, s->until + s->config->bit_ticks);
 }
 
+/* Lost arbitrations cost most where nodes are many, and few look at them. */
+static uint32_t wanted_events(const sim_run *s)
+{
+    uint32_t kinds = 1u << CW_EVENT_TX;
+    for (unsigned i = 0; i < s->sink_count; i++)
+        if (s->sinks[i].event)
+            kinds |= s->sinks[i].kinds ? s->sinks[i].kinds : UINT32_MAX;
+    return kinds;
+}
+
 bool sim_go(sim_run *s)
 {
+    cw_bus_set_events(s->bus, wanted_events(s));
     bool goes_on = run_releases(s);
     if (s->until != CW_NEVER)
         run_until(s);
