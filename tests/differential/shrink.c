@@ -347,29 +347,76 @@ static bool simplify_op(diff_scenario *s, unsigned place)
     return memcmp(&before, op, sizeof before) != 0;
 }
 
-/* Time that passes before an operation is left out: it and all that is after it comes earlier. */
-static unsigned gap_places(const diff_scenario *s)
+/* ---- Time ------------------------------------------------------------------------------------ */
+
+/* All points in time that a scenario names: those of operations, of frames, the end. */
+static unsigned time_count(const diff_scenario *s)
 {
-    return (s->op_count + 1) * 4;
+    return 2 * s->op_count + 1;
 }
 
-static bool close_gap(diff_scenario *s, unsigned place)
+static uint64_t time_at(const diff_scenario *s, unsigned i)
 {
-    unsigned first = place / 4;
-    uint64_t bit = s->plans[0].config.bit_ticks;
-    uint64_t from = first ? s->ops[first - 1].tick : 0;
-    uint64_t to = first < s->op_count ? s->ops[first].tick : s->end;
-    uint64_t gap = to > from ? (to - from) / bit : 0;
-    uint64_t less = place % 4 == 3 ? gap : place % 4 == 0 ? 11 : gap >> (3 - place % 4);
-    if (less == 0 || less > gap)
-        return false;
-    for (unsigned i = first; i < s->op_count; i++) {
-        diff_op *op = &s->ops[i];
-        op->tick -= less * bit;
-        if (op->kind == DIFF_SEND && op->send.at_tick >= less * bit)
-            op->send.at_tick -= less * bit;
+    if (i >= 2 * s->op_count)
+        return s->end;
+    const diff_op *op = &s->ops[i / 2];
+    return i % 2 && op->kind == DIFF_SEND ? op->send.at_tick : op->tick;
+}
+
+static uint64_t time_before(const diff_scenario *s, uint64_t tick)
+{
+    uint64_t before = 0;
+    for (unsigned i = 0; i < time_count(s); i++)
+        if (time_at(s, i) < tick && time_at(s, i) > before)
+            before = time_at(s, i);
+    return before;
+}
+
+static void come_earlier(uint64_t *tick, uint64_t from, uint64_t less)
+{
+    if (*tick >= from && *tick != CW_NEVER)
+        *tick -= less;
+}
+
+static void rules_come_earlier(diff_rule *rules, uint64_t from, uint64_t less)
+{
+    for (unsigned i = 0; i < DIFF_RULES_MAX; i++) {
+        come_earlier(&rules[i].rule.time_begin, from, less);
+        come_earlier(&rules[i].rule.time_end, from, less);
     }
-    s->end -= less * bit;
+}
+
+static void all_come_earlier(diff_scenario *s, uint64_t from, uint64_t less)
+{
+    for (unsigned i = 0; i < s->op_count; i++) {
+        come_earlier(&s->ops[i].tick, from, less);
+        if (s->ops[i].kind == DIFF_SEND)
+            come_earlier(&s->ops[i].send.at_tick, from, less);
+    }
+    for (unsigned i = 0; i < s->plan_count; i++)
+        rules_come_earlier(s->plans[i].rules, from, less);
+    rules_come_earlier(s->added, from, less);
+    come_earlier(&s->end, from, less);
+}
+
+#define TIME_CHANGES 5u
+
+static unsigned time_places(const diff_scenario *s)
+{
+    return time_count(s) * TIME_CHANGES;
+}
+
+/* Whole bits of the time before a point are left out: all that is later comes earlier. */
+static bool leave_out_time(diff_scenario *s, unsigned place)
+{
+    static const unsigned keep_bits[TIME_CHANGES] = {200, 50, 12, 1, 0};
+    uint64_t bit = s->plans[0].config.bit_ticks;
+    uint64_t from = time_at(s, place / TIME_CHANGES);
+    uint64_t gap = (from - time_before(s, from)) / bit;
+    unsigned keep = keep_bits[place % TIME_CHANGES];
+    if (gap <= keep)
+        return false;
+    all_come_earlier(s, from, (gap - keep) * bit);
     return true;
 }
 
@@ -381,7 +428,7 @@ void diff_shrink(diff_scenario *s, diff_outcome outcome, uint64_t tick)
         {whole_places, simplify_whole}, {rule_places, remove_rule},
         {node_places, remove_node},     {setting_places, simplify_setting},
         {field_places, simplify_field}, {op_places, simplify_op},
-        {gap_places, close_gap},
+        {time_places, leave_out_time},
     };
     shrinking k = {.best = s, .outcome = outcome};
     bool helped = true;
