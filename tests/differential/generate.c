@@ -33,24 +33,25 @@ typedef struct style {
     unsigned ops;     /* operations in 10000 bits, besides traffic */
     unsigned checks;  /* comparisons in 10000 bits */
     bool small;       /* rings and inboxes */
+    bool helps;       /* see add_plan_helper() */
 } style;
 
 static const style styles[DIFF_STYLES] = {
-    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false},
-    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false},
-    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false},
+    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false},
     {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     1, 10, false},
+     1, 10, false, false},
     {"bits", 12, 4000, 60000, 12,
      POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
-     2, 40, false},
-    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false},
-    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false},
-    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false},
-    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false},
-    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false},
-    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true},
-    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true},
+     2, 40, false, true},
+    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false, false},
+    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false, false},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false},
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false},
+    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false},
 };
 
 const char *diff_style_name(unsigned number)
@@ -82,6 +83,8 @@ typedef struct generator {
 static unsigned random_node_count(diff_random *r)
 {
     unsigned drawn = (unsigned)diff_below(r, 100);
+    if (diff_chance(r, 10))
+        return 1;
     if (drawn < 30)
         return (unsigned)diff_between(r, 2, 3);
     if (drawn < 75)
@@ -93,8 +96,11 @@ static unsigned random_node_count(diff_random *r)
 
 static uint32_t random_bit_ticks(diff_random *r)
 {
+    static const uint32_t rare[] = {CW_CLOCK_HZ, UINT32_MAX};
     static const uint16_t usual[] = {80, 100, 160, 320, 640, 1600};
     static const uint16_t odd[] = {1, 2, 3, 7, 97, 8000};
+    if (diff_chance(r, 10))
+        return rare[diff_below(r, 2)];
     return diff_chance(r, 850) ? usual[diff_below(r, 6)] : odd[diff_below(r, 6)];
 }
 
@@ -122,6 +128,19 @@ static void add_plan_rule(generator *g, diff_plan *plan)
         (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
 }
 
+/* What brings about the fields that are seldom seen: suspend, overload frames. */
+static void add_plan_helper(generator *g, diff_plan *plan)
+{
+    static const cw_rule helpers[] = {
+        {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
+        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1}};
+    diff_rule *added = &plan->rules[plan->config.rule_count - 1];
+    added->rule = helpers[diff_below(&g->maker.random, 2)];
+    added->rule.nodes = diff_random_nodes(&g->maker);
+    added->rule.time_end = CW_NEVER;
+    added->rule.probability = UINT64_MAX;
+}
+
 /* Whether the library takes the configuration. */
 static bool is_accepted(diff_plan *plan)
 {
@@ -141,6 +160,8 @@ static void random_rules(generator *g, diff_plan *plan, unsigned count)
     plan->config.rule_room = (uint16_t)(count + diff_below(&g->maker.random, 6));
     for (unsigned i = 0; i < count; i++) {
         add_plan_rule(g, plan);
+        if (g->style->helps && diff_chance(&g->maker.random, 100))
+            add_plan_helper(g, plan);
         plan->config.rule_room--;
         if (is_accepted(plan))
             continue;
@@ -244,6 +265,8 @@ static void send(generator *g, unsigned node, const cw_frame *frame, uint64_t at
         op.tick = lead < at_tick ? at_tick - lead : 0;
     else if (diff_chance(r, 100))
         op.tick = at_tick + lead;
+    if (diff_chance(r, 2))
+        op.send.at_tick = diff_random_ticks(&g->maker, 1, 1000000);
     diff_add_op(g->scenario, &op);
 }
 
@@ -499,7 +522,7 @@ static void random_lengths(diff_scenario *s, diff_maker *m, const style *of)
     s->end = m->bits * m->bit;
     s->fast = diff_chance(r, 500) ? DIFF_WHOLE : (diff_slicing)diff_below(r, DIFF_SLICING_COUNT);
     s->reference = references[diff_below(r, 4)];
-    s->drains = of->small && diff_chance(r, 500) ? 0 : drains[diff_below(r, 4)];
+    s->drains = of->small ? 0 : drains[diff_below(r, 4)];
     s->peeks = diff_chance(r, 300);
 }
 

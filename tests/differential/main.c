@@ -69,7 +69,7 @@ diff_outcome diff_try(const diff_scenario *s, uint64_t *tick, bool tell)
     if (child == 0) {
         if (!tell)
             (void)freopen("/dev/null", "w", stderr);
-        limit_time(HANG_SECONDS / 4);
+        limit_time(HANG_SECONDS / 10);
         diff_run(&verdict, s, &unused, tell ? stdout : NULL);
         fflush(stdout);
         common->tick = verdict.tick;

@@ -19,7 +19,10 @@ uint64_t diff_random_nodes(diff_maker *m)
 
 uint64_t diff_random_ticks(diff_maker *m, uint64_t bits_least, uint64_t bits_most)
 {
+    static const uint64_t ends_of_time[] = {CW_NEVER, CW_NEVER - 1, CW_NEVER / 2};
     uint64_t ticks = diff_magnitude(&m->random, bits_least, bits_most) * m->bit;
+    if (diff_chance(&m->random, 5))
+        return ends_of_time[diff_below(&m->random, 3)];
     return diff_chance(&m->random, 500) ? ticks : ticks + diff_below(&m->random, m->bit);
 }
 
@@ -134,7 +137,7 @@ static void random_window(diff_maker *m, cw_rule *rule)
     if (diff_chance(&m->random, 300))
         rule->time_begin -= rule->time_begin % m->bit;
     if (diff_chance(&m->random, 600))
-        rule->time_end = rule->time_begin + diff_random_ticks(m, 1, m->bits);
+        rule->time_end = rule->time_begin + diff_magnitude(&m->random, 1, m->bits * m->bit);
 }
 
 static void random_choice(diff_maker *m, cw_rule *rule)
@@ -184,8 +187,22 @@ static void random_trigger(diff_maker *m, cw_rule *rule)
     }
 }
 
+/* Nothing but frames. */
+static void simple_when(diff_maker *m, cw_rule *rule)
+{
+    rule->filter_count = diff_chance(&m->random, 500);
+    rule->filters[0] = random_filter(m);
+    rule->time_end = CW_NEVER;
+    rule->probability = UINT64_MAX;
+    rule->every = (uint32_t)diff_between(&m->random, 1, 3 * m->rarity);
+}
+
 static void random_when(diff_maker *m, cw_rule *rule)
 {
+    if (diff_chance(&m->random, rule->action <= CW_ACTION_GLITCH ? 500 : 100)) {
+        simple_when(m, rule);
+        return;
+    }
     random_trigger(m, rule);
     random_filters(m, rule);
     random_window(m, rule);

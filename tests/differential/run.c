@@ -153,7 +153,8 @@ static uint64_t slice_end(pair *p, side *s, uint64_t target)
         ticks = diff_between(&s->random, 1, 12 * (uint64_t)p->bit_ticks);
         break;
     case DIFF_MIXED:
-        ticks = left ? diff_magnitude(&s->random, 1, left) : 0;
+        if (left >= 2 * (uint64_t)p->bit_ticks || diff_chance(&s->random, 500))
+            ticks = left ? diff_magnitude(&s->random, 1, left) : 0;
         break;
     case DIFF_NEXT:
         ticks = cw_bus_next(s->bus);
