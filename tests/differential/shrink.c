@@ -125,6 +125,29 @@ static bool simplify_whole(diff_scenario *s, unsigned place)
     return memcmp(&before, s, sizeof before) != 0;
 }
 
+/* ---- Configurations -------------------------------------------------------------------------- */
+
+static unsigned plan_places(const diff_scenario *s)
+{
+    return s->plan_count;
+}
+
+/* The bus begins with a later configuration, without taking over. */
+static bool begin_with_plan(diff_scenario *s, unsigned plan)
+{
+    unsigned kept = 0;
+    bool taken = false;
+    for (unsigned i = 0; i < s->op_count; i++) {
+        bool takes = s->ops[i].kind == DIFF_TAKE_OVER;
+        taken = taken || takes;
+        if (!takes)
+            s->ops[kept++] = s->ops[i];
+    }
+    s->op_count = kept;
+    s->plans[0] = s->plans[plan];
+    return taken;
+}
+
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
 static unsigned rule_places(const diff_scenario *s)
@@ -425,10 +448,10 @@ static bool leave_out_time(diff_scenario *s, unsigned place)
 void diff_shrink(diff_scenario *s, diff_outcome outcome, uint64_t tick)
 {
     static const simplification all[] = {
-        {whole_places, simplify_whole}, {rule_places, remove_rule},
-        {node_places, remove_node},     {setting_places, simplify_setting},
-        {field_places, simplify_field}, {op_places, simplify_op},
-        {time_places, leave_out_time},
+        {whole_places, simplify_whole},     {plan_places, begin_with_plan},
+        {rule_places, remove_rule},         {node_places, remove_node},
+        {setting_places, simplify_setting}, {field_places, simplify_field},
+        {op_places, simplify_op},           {time_places, leave_out_time},
     };
     shrinking k = {.best = s, .outcome = outcome};
     bool helped = true;
