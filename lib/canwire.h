@@ -235,7 +235,7 @@ typedef struct cw_mac {
     uint8_t run;              /* equal bits in a row in the stuffed part, stuff bits counted */
     uint8_t groups;           /* R12: groups of 11 recessive bits seen */
     uint8_t overloads_wanted; /* O1 a, not yet sent */
-    uint8_t overloads_in_row; /* O1 a, sent since the last frame */
+    uint8_t overloads_in_row; /* O1 a, sent since the last frame or idle */
     uint8_t tx_next;          /* transmitter: own wire bit that comes next */
     bool last;                /* level of the last stuffed or passive flag bit */
     bool driven;              /* own level in this bit, before a mode hides it from the bus */

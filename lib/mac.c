@@ -649,6 +649,7 @@ static void begin_reception(cw_mac *m, bool may_join, cw_mac_report *r)
 static void become_idle(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
+    m->overloads_in_row = 0; /* so idle is idle, whatever came before */
     enter(m, CW_MAC_IDLE);
 }
 
@@ -1030,7 +1031,8 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
            a->run == b->run && a->last == b->last && a->before_step == b->before_step &&
            a->before_index == b->before_index && a->may_join == b->may_join &&
            a->crc == b->crc && a->crc_error == b->crc_error && a->shift == b->shift &&
-           a->ack_deferred == b->ack_deferred && memcmp(&a->rx, &b->rx, sizeof a->rx) == 0;
+           a->ack_deferred == b->ack_deferred && a->overloads_in_row == b->overloads_in_row &&
+           memcmp(&a->rx, &b->rx, sizeof a->rx) == 0;
 }
 
 void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)

@@ -709,6 +709,38 @@ static void a_disconnected_node_stays_away(void **state)
     rig_free(r);
 }
 
+/* O1 a: an error after two overload frames gives no right to a third one, in whatever way the nodes
+ * are simulated. */
+static void two_overload_frames_are_all_before_the_next_frame(void **state)
+{
+    (void)state;
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(4);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        cw_rule *ask = rig_rule(r, new_rule("ask", CW_TRIGGER_FRAME, CW_ACTION_OVERLOAD));
+        ask->nodes = NODE(1);
+        ask->number = 2;
+        cw_rule *error = rig_rule(r, new_rule("error", CW_TRIGGER_ARMED, CW_ACTION_ERROR_FLAG));
+        error->nodes = NODE(2);
+        error->manual = true;
+        cw_rule *again = rig_rule(r, new_rule("again", CW_TRIGGER_ARMED, CW_ACTION_OVERLOAD));
+        again->nodes = NODE(1);
+        again->number = 1;
+        again->manual = true;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        rig_send(r, 0, &frame, 0);
+        while (rig_count(r, CW_EVENT_OVERLOAD, 1) < 2)
+            rig_run(r, cw_bus_now(r->bus) + BIT);
+        rig_run(r, cw_bus_now(r->bus) + 15 * BIT); /* the intermission begins */
+        assert_int_equal(cw_bus_fire_rule(r->bus, 1), CW_OK);
+        assert_int_equal(cw_bus_fire_rule(r->bus, 2), CW_OK);
+        rig_run_bits(r, 300);
+        assert_int_equal(rig_count(r, CW_EVENT_OVERLOAD, 1), 3); /* and an answer, O1 b */
+        rig_free(r);
+    }
+}
+
 /* A state that changes with a clean frame is no reason to look at its bits again. */
 static void a_state_changes_while_a_node_is_away(void **state)
 {
@@ -1833,6 +1865,7 @@ int main(void)
         cmocka_unit_test(commands_at_the_end_of_a_frame),
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
+        cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
         cmocka_unit_test(a_state_changes_while_a_node_is_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
         cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
