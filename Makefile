@@ -7,6 +7,8 @@ VARIANT ?= release
 CC ?= cc
 BUILD ?= build/$(VARIANT)
 PREFIX ?= /usr/local
+SYSCONFDIR ?= /etc
+UNITDIR ?= $(PREFIX)/lib/systemd/system
 GEN := build/gen
 
 WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswitch-enum \
@@ -50,7 +52,7 @@ PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check install clean help build \
+  demo bench check install uninstall clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -69,10 +71,11 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@$(MAKE) --no-print-directory build
 	@scripts/demo
 
-bench: ## what the engine costs, in ns
-	@scripts/install-deps build
+bench: ## what canwire costs, in ns and instructions, beside others; build/bench.json
+	@scripts/install-deps build bench
+	@scripts/venv
 	@$(MAKE) --no-print-directory build $(BUILD)/bench
-	@$(BUILD)/bench
+	@scripts/bench --build $(BUILD)
 
 check: ## static checks: what the library needs of the outside, shell scripts
 	@scripts/install-deps all
@@ -83,7 +86,6 @@ picture: build ## draw the picture in README.md again
 	$(TOOL) sim config/picture/one-bad-bit.yaml --svg config/picture/one-bad-bit.svg \
 	  --from 120us --to 200us
 
-SHARE := $(DESTDIR)$(PREFIX)/share
 FUZZ ?= 60
 fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
 	@scripts/install-deps build test
@@ -98,17 +100,14 @@ soak: ## bits with short cuts against stepped ones, SOAK_BITS=1000000000 of them
 	@echo "== differential, from seed $(SOAK_SEED)"
 	@$(DIFFERENTIAL) --bits $(SOAK_BITS) --seed $(SOAK_SEED)
 
-install: build ## into $(DESTDIR)$(PREFIX)
-	install -D -m 755 $(DAEMON) $(DESTDIR)$(PREFIX)/sbin/canwired
-	install -D -m 755 $(TOOL) $(DESTDIR)$(PREFIX)/bin/canwire
-	install -D -m 644 -t $(SHARE)/canwire config/*.yaml config/schema/*.json
-	install -D -m 644 -t $(SHARE)/canwire/profiles config/profiles/*.yaml
-	install -D -m 644 -t $(SHARE)/canwire/lcm $(LCM_TYPES)
-	install -D -m 644 -t $(SHARE)/doc/canwire README.md lib/RULES.md $(wildcard config/*.md)
-	install -D -m 644 -t $(SHARE)/doc/canwire/config/picture config/picture/*
-	install -D -m 644 scripts/completion/canwire.bash \
-	  $(SHARE)/bash-completion/completions/canwire
-	install -D -m 644 -t $(DESTDIR)$(PREFIX)/lib/systemd/system systemd/*.service
+INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR)' \
+  UNITDIR='$(UNITDIR)' BUILD='$(BUILD)' scripts/install-files
+
+install: build ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
+	@$(INSTALL_FILES) install
+
+uninstall: ## removes exactly what install has put there
+	@$(INSTALL_FILES) uninstall
 
 clean: ## remove everything that was built, the guest's image included
 	rm -rf build
@@ -116,20 +115,22 @@ clean: ## remove everything that was built, the guest's image included
 help: ## this list
 	@echo "canwire $(VERSION). Targets:"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
-	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR"
+	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR, SYSCONFDIR, UNITDIR"
 
 # What scripts/test runs: unit tests of one variant and compiler.
 # Bits of the differential test: fewer where each costs more.
 DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(DIFFERENTIAL)
+  $(DIFFERENTIAL) $(BUILD)/bench
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
 	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
 	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
 	echo "== differential ($(VARIANT), $(CC))"; \
-	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; exit $$status
+	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
+	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
+	  $(BUILD)/bench --check || status=1; exit $$status
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
@@ -177,8 +178,8 @@ $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
-$(BUILD)/bench: $(BUILD)/tests/bench/bench.o $(PARTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+$(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
@@ -214,4 +215,4 @@ $(GEN)/canwire_%.c: config/lcm/%.lcm
 	@touch $@
 
 .SECONDARY:
--include $(shell find build $(BUILD) -name '*.d' 2>/dev/null)
+-include $(shell find build $(BUILD) -name '*.d' -type f 2>/dev/null)

@@ -376,7 +376,7 @@ static bool bind_path(server *s)
 static void give_to_group(const server *s)
 {
     const struct group *group = getgrnam(GROUP);
-    if (group && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
+    if (group && group->gr_gid != s->socket.st_gid && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
         log_warning("control %s: cannot give it to the group " GROUP ": %s", s->path,
                     strerror(errno));
 }

@@ -57,14 +57,19 @@ static int64_t monotonic_of(const engine *e, uint64_t tick)
     return e->epoch_ns + (int64_t)((tick * 25 + 1) / 2);
 }
 
-/* When a frame arrived, on the bus. A time stamp from the future (the clock was set back) is now;
- * one from before the last wake-up the bus itself takes for now. */
-static uint64_t arrival_tick(const engine *e, const port_frame *frame, const clock_pair *now)
+/* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the future is
+ * now, one from before the last wake-up the bus itself takes for now, and the frames of a port come
+ * in the order in which they are read. */
+static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
+                             const clock_pair *now)
 {
     int64_t age_ns = now->realtime_ns - frame->realtime_ns;
     if (frame->realtime_ns == 0 || age_ns < 0)
         age_ns = 0;
-    return tick_of(e, now->monotonic_ns - age_ns);
+    uint64_t tick = tick_of(e, now->monotonic_ns - age_ns);
+    if (tick > e->arrived[node])
+        e->arrived[node] = tick;
+    return e->arrived[node];
 }
 
 /* ---- Bus and world --------------------------------------------------------------------------- */
@@ -127,11 +132,12 @@ static void read_port(engine *e, unsigned node, const clock_pair *now)
     for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
         unsigned count = port_read(e->now.ports[node], e->batch, &more);
         for (unsigned i = 0; i < count; i++) {
-            uint64_t tick = arrival_tick(e, &e->batch[i], now);
+            uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
             while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
                 make_room_in_inbox(e);
         }
     }
+    port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
 }
 
 void engine_read_rest(engine *e, unsigned node)

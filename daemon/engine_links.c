@@ -69,7 +69,7 @@ static void start_retrying(engine *e, unsigned node, const char *error)
 static void gain_port(engine *e, unsigned node)
 {
     char error[PORT_ERROR_TEXT_MAX];
-    port *p = port_open(e->config->nodes[node].port, error);
+    port *p = port_open(e->config->nodes[node].port, e->config->bus_name, error);
     if (!p) {
         start_retrying(e, node, error);
         return;
@@ -188,7 +188,7 @@ static bool open_port(engine *e, unsigned node)
     const cfg_node *config = &e->config->nodes[node];
     if (e->config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(config->port))
         return true;
-    e->now.ports[node] = port_open(config->port, error);
+    e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])
         log_node_error(config->name, "port %s", error);
     return e->now.ports[node] != NULL;

@@ -47,6 +47,7 @@ struct engine {
     uint64_t released; /* tick: what was to be released up to then has been */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
+    uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
     int timer_fd;
     int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */

@@ -175,6 +175,12 @@ bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporti
     return false;
 }
 
+errframe errframe_rx_overflow(void)
+{
+    return (errframe){.can_id = CAN_ERR_FLAG | CAN_ERR_CRTL,
+                      .data = {[1] = CAN_ERR_CRTL_RX_OVERFLOW}};
+}
+
 /* ---- Limit ----------------------------------------------------------------------------------- */
 
 bool errframe_is_minor(const errframe *frame)

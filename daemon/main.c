@@ -11,6 +11,7 @@
 #include "publish.h"
 #include "watchdog.h"
 
+#include <errno.h>
 #include <ev.h>
 #include <getopt.h>
 #include <inttypes.h>
@@ -165,11 +166,8 @@ static void print_trouble(char out[TROUBLE_BYTES], const service *s)
     }
 }
 
-static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
+static void tell_status(service *s)
 {
-    (void)loop;
-    (void)events;
-    service *s = timer->data;
     char trouble[TROUBLE_BYTES];
     cw_bus_stats stats;
     engine_update(s->engine);
@@ -184,6 +182,13 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
                   s->config->bus_name, s->config->node_count, s->config->bitrate_bps,
                   stats.load_permille / 10u, stats.load_permille % 10u, stats.frames,
                   stats.error_frames, trouble, s->refused);
+}
+
+static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    tell_status(timer->data);
 }
 
 /* ---- Start and end --------------------------------------------------------------------------- */
@@ -249,6 +254,7 @@ static bool run(service *s, struct ev_loop *loop)
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
+    tell_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
     ev_run(loop, 0);
@@ -324,6 +330,36 @@ static live *load(const char *file)
     return NULL;
 }
 
+/* libev's answer to either would be abort(). */
+static void *allocate(void *memory, long size)
+{
+    if (size == 0) {
+        free(memory);
+        return NULL;
+    }
+    void *now = realloc(memory, (size_t)size);
+    if (now)
+        return now;
+    log_error("out of memory");
+    exit(1);
+}
+
+static void on_system_error(const char *what)
+{
+    log_error("%s: %s", what, strerror(errno));
+    exit(1);
+}
+
+static struct ev_loop *make_loop(void)
+{
+    ev_set_allocator(allocate);
+    ev_set_syserr_cb(on_system_error);
+    struct ev_loop *loop = ev_default_loop(0);
+    if (!loop)
+        log_error("the event loop cannot be made: %s", strerror(errno));
+    return loop;
+}
+
 int main(int argc, char **argv)
 {
     const char *file = NULL;
@@ -334,7 +370,11 @@ int main(int argc, char **argv)
     if (!s.live)
         return 1;
     s.config = live_config(s.live);
-    struct ev_loop *loop = ev_default_loop(0);
+    struct ev_loop *loop = make_loop();
+    if (!loop) {
+        live_free(s.live);
+        return 1;
+    }
     s.notifier = notify_open(loop);
     bool good = run(&s, loop);
     control_stop(s.control);

@@ -9,11 +9,13 @@
 #include <string.h>
 #include <time.h>
 
+#define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about frames that were lost */
+
 /* ---- Opening and closing --------------------------------------------------------------------- */
 
-port *port_open(const char *name, char error[PORT_ERROR_TEXT_MAX])
+port *port_open(const char *name, const char *bus, char error[PORT_ERROR_TEXT_MAX])
 {
-    return port_socketcan_open(name, error);
+    return port_socketcan_open(name, bus, error);
 }
 
 static void prepare_messages(port_messages *m)
@@ -64,8 +66,7 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
     if (in->can_id & CAN_RTR_FLAG)
         out->flags |= CW_FRAME_REMOTE;
     if (size == CANFD_MTU) {
-        out->flags |= CW_FRAME_FD;
-        memcpy(out->data, in->data, CANFD_MAX_DLEN);
+        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever the data */
         return;
     }
     struct can_frame classic;
@@ -75,22 +76,39 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
     memcpy(out->data, classic.data, CAN_MAX_DLEN);
 }
 
-static int64_t arrival_ns(struct msghdr *header)
+void port_count_drops(port *p, uint32_t drops)
 {
+    int32_t news = (int32_t)(drops - p->drops); /* what comes with frames may be older */
+    if (news <= 0)
+        return;
+    p->drops = drops;
+    p->stats.kernel_dropped += (uint32_t)news;
+}
+
+/* What the kernel says beside a message: when it arrived, 0 when it does not tell, and how many were
+ * dropped before it. */
+static int64_t take_control(port *p, struct msghdr *header)
+{
+    int64_t arrival_ns = 0;
     for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c; c = CMSG_NXTHDR(header, c)) {
-        if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS)
-            continue;
-        struct timespec time;
-        memcpy(&time, CMSG_DATA(c), sizeof time);
-        return time.tv_sec * INT64_C(1000000000) + time.tv_nsec;
+        if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SCM_TIMESTAMPNS) {
+            struct timespec time;
+            memcpy(&time, CMSG_DATA(c), sizeof time);
+            arrival_ns = time.tv_sec * INT64_C(1000000000) + time.tv_nsec;
+        } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
+            uint32_t drops;
+            memcpy(&drops, CMSG_DATA(c), sizeof drops);
+            port_count_drops(p, drops);
+        }
     }
-    return 0;
+    return arrival_ns;
 }
 
 /* Whether a message is a frame for the bus; if so it is put into *out. */
 static bool take_message(port *p, port_frame *out, unsigned i)
 {
     struct mmsghdr *m = &p->messages.headers[i];
+    int64_t arrival_ns = take_control(p, &m->msg_hdr);
     bool whole = m->msg_len == CAN_MTU || m->msg_len == CANFD_MTU;
     if (!whole || (m->msg_hdr.msg_flags & MSG_CONFIRM))
         return false;
@@ -99,7 +117,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
         return false;
     }
     from_socketcan(&out->frame, &p->messages.frames[i], m->msg_len);
-    out->realtime_ns = arrival_ns(&m->msg_hdr);
+    out->realtime_ns = arrival_ns;
     return true;
 }
 
@@ -164,6 +182,17 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick)
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
     return write_frame(p, &out, &p->stats.errors_written, &p->stats.errors_failed);
+}
+
+void port_tell_overflow(port *p, uint64_t tick)
+{
+    bool early = p->told_dropped > 0 && tick - p->told_tick < OVERFLOW_TICKS;
+    if (p->told_dropped == p->stats.kernel_dropped || early)
+        return;
+    p->told_dropped = p->stats.kernel_dropped;
+    p->told_tick = tick;
+    const errframe overflow = errframe_rx_overflow();
+    (void)port_write_error(p, &overflow, tick);
 }
 
 void port_get_stats(port *p, port_stats *stats)

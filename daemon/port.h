@@ -31,11 +31,12 @@ typedef struct port_stats {
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
 } port_stats;
 
-/* Whether there is such an interface, of whatever kind. */
+/* Whether there is such an interface, of whatever kind; also when that cannot be told. */
 bool port_exists(const char *interface);
 
-/* Opens a vcan or vxcan interface. NULL after writing why, with the remedy, to error. */
-port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX]);
+/* Opens a vcan or vxcan interface for a bus, which has it alone among all canwired. NULL after writing
+ * why, with the remedy, to error. */
+port *port_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
 
 void port_close(port *p);
 
@@ -55,6 +56,10 @@ bool port_write(port *p, const cw_frame *frame);
 /* Writes an error frame, as a driver would give it to the ECU's programs. A storm of minor ones is
  * limited (errframe_limit_pass()); what is left out is counted. tick: bus time of the event. */
 bool port_write_error(port *p, const errframe *frame, uint64_t tick);
+
+/* Writes an error frame (CRTL RX_OVERFLOW) when more frames of the ECU are known to have been lost in
+ * the kernel, ten times a second at most. tick: bus time. */
+void port_tell_overflow(port *p, uint64_t tick);
 
 void port_get_stats(port *p, port_stats *stats);
 

@@ -42,6 +42,9 @@ struct port {
     int fd;         /* readable when frames wait; -1 while it is being opened */
     unsigned index; /* of its interface */
     port_stats stats;
+    uint32_t drops;        /* as the kernel counts them, modulo 2^32 */
+    uint64_t told_dropped; /* of stats.kernel_dropped, what the ECU has been told of ... */
+    uint64_t told_tick;    /* ... and when */
     errframe_limit limit;
     port_messages messages;
 };
@@ -58,7 +61,10 @@ int port_receive(port *p, int socket);
  * how many there are. */
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
 
+/* The kernel has dropped so many frames of a socket since it was opened, modulo 2^32. */
+void port_count_drops(port *p, uint32_t drops);
+
 /* Opens an interface; see port_open(). */
-port *port_socketcan_open(const char *interface, char error[PORT_ERROR_TEXT_MAX]);
+port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
 
 #endif

@@ -7,6 +7,8 @@
  */
 #include "port_kind.h"
 
+#include "claim.h"
+
 #include <errno.h>
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
@@ -15,10 +17,16 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #define RECEIVE_BUFFER_BYTES (8 << 20)
+
+typedef struct socketcan_port {
+    port port;
+    claim claim;
+} socketcan_port;
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
@@ -41,10 +49,12 @@ static bool set_options(int fd)
 static bool bind_to(port *p, const char *interface)
 {
     struct sockaddr_can address = {.can_family = AF_CAN};
-    p->index = if_nametoindex(interface);
-    address.can_ifindex = (int)p->index;
-    if (p->index == 0)
+    struct ifreq request = {.ifr_ifindex = 0};
+    (void)snprintf(request.ifr_name, sizeof request.ifr_name, "%s", interface);
+    if (ioctl(p->fd, SIOCGIFINDEX, &request) != 0)
         return false;
+    p->index = (unsigned)request.ifr_ifindex;
+    address.can_ifindex = request.ifr_ifindex;
     return bind(p->fd, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
@@ -58,18 +68,21 @@ static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool
         remedy = " (make it: ip link add NAME type vcan; ip link set NAME up)";
     else if (number == EAFNOSUPPORT)
         remedy = " (this kernel has no CAN: modprobe can-raw vcan)";
+    else if (number == EMFILE)
+        remedy = " (raise the limit: ulimit -n, LimitNOFILE=)";
     (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s%s", interface, strerror(number), remedy);
 }
 
 bool port_exists(const char *interface)
 {
-    return if_nametoindex(interface) != 0;
+    return if_nametoindex(interface) != 0 || errno != ENODEV;
 }
 
 static void close_socket(port *p)
 {
     if (p->fd >= 0)
         (void)close(p->fd);
+    claim_release(&((socketcan_port *)p)->claim);
     free(p);
 }
 
@@ -95,24 +108,39 @@ static void count_drops(port *p)
     uint32_t memory[SK_MEMINFO_VARS] = {0};
     socklen_t size = sizeof memory;
     if (getsockopt(p->fd, SOL_SOCKET, SO_MEMINFO, memory, &size) == 0)
-        p->stats.kernel_dropped = memory[SK_MEMINFO_DROPS];
+        port_count_drops(p, memory[SK_MEMINFO_DROPS]);
 }
 
 static const port_kind socketcan = {
     .close = close_socket, .read = read_socket, .send = send_to_socket, .count = count_drops};
 
-port *port_socketcan_open(const char *interface, char error[PORT_ERROR_TEXT_MAX])
+static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
+                            char error[PORT_ERROR_TEXT_MAX])
 {
-    port *p = port_new(&socketcan, sizeof *p);
+    char why[PORT_ERROR_TEXT_MAX - IF_NAMESIZE - 2];
+    if (claim_take(&s->claim, s->port.index, bus, why, sizeof why))
+        return true;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%.*s: %s", IF_NAMESIZE - 1, interface, why);
+    return false;
+}
+
+port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX])
+{
+    port *p = port_new(&socketcan, sizeof(socketcan_port));
     if (!p) {
         explain(error, interface, false, ENOMEM);
         return NULL;
     }
+    socketcan_port *s = (socketcan_port *)p;
+    s->claim = (claim)CLAIM_NONE;
     p->fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
     if (p->fd < 0 || !set_options(p->fd) || !bind_to(p, interface)) {
         explain(error, interface, p->index != 0, errno);
         close_socket(p);
         return NULL;
     }
-    return p;
+    if (claim_interface(s, interface, bus, error))
+        return p;
+    close_socket(p);
+    return NULL;
 }

@@ -12,6 +12,7 @@
 #include <canwire_event_t.h>
 #include <canwire_node_stats_t.h>
 #include <errno.h>
+#include <inttypes.h>
 #include <lcm/lcm.h>
 #include <netdb.h>
 #include <pthread.h>
@@ -25,7 +26,15 @@
 #define QUEUE_MESSAGES 4096
 #define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
 #define RETRY_S 2
+#define WARNING_S 10 /* between two warnings that messages get lost */
 #define CHANNEL_MAX 64
+
+/* Messages that could not be sent, one after the other. */
+typedef struct outage {
+    uint64_t lost;
+    bool warned;
+    struct timespec next_warning; /* not before this; CLOCK_MONOTONIC */
+} outage;
 
 typedef struct message {
     const char *channel; /* lives in the publisher */
@@ -51,7 +60,7 @@ struct publisher {
     unsigned first;
     unsigned count;
     bool stopping;
-    struct timespec deadline; /* when stopping; CLOCK_REALTIME */
+    struct timespec deadline; /* when stopping; CLOCK_MONOTONIC */
     atomic_uint_fast64_t dropped;
 };
 
@@ -103,10 +112,11 @@ static lcm_t *try_connect(const publisher *p, bool *warned)
     return lcm;
 }
 
+/* Not CLOCK_REALTIME, which somebody may set. */
 static struct timespec in_seconds(int seconds)
 {
     struct timespec t;
-    (void)clock_gettime(CLOCK_REALTIME, &t);
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
     t.tv_sec += seconds;
     return t;
 }
@@ -130,13 +140,34 @@ static bool next_message(publisher *p, message *out)
     return true;
 }
 
+/* Says when messages begin to get lost, and when they come through again. */
+static void note_sent(const publisher *p, outage *o, bool good)
+{
+    o->lost += !good;
+    if (!good && !o->warned && is_past(&o->next_warning)) {
+        log_warning("LCM at %s: messages cannot be sent and are lost: %s", p->url,
+                    strerror(errno));
+        o->next_warning = in_seconds(WARNING_S);
+        o->warned = true;
+    }
+    if (!good || o->lost == 0)
+        return;
+    if (o->warned)
+        log_info("LCM at %s works again, %" PRIu64 " messages were lost", p->url, o->lost);
+    o->lost = 0;
+    o->warned = false;
+}
+
 static void send_all(publisher *p, lcm_t *lcm)
 {
     message m;
+    outage now = {.lost = 0};
     (void)pthread_mutex_lock(&p->lock);
     while (next_message(p, &m)) {
         (void)pthread_mutex_unlock(&p->lock);
-        if (lcm_publish(lcm, m.channel, m.data, m.size) != 0)
+        bool good = lcm_publish(lcm, m.channel, m.data, m.size) == 0;
+        note_sent(p, &now, good);
+        if (!good)
             p->dropped++;
         free_message(&m);
         (void)pthread_mutex_lock(&p->lock);
@@ -207,7 +238,11 @@ publisher *publisher_start(const cfg *config)
     p->url = strdup(config->lcm.url);
     name_channels(p);
     (void)pthread_mutex_init(&p->lock, NULL);
-    (void)pthread_cond_init(&p->changed, NULL);
+    pthread_condattr_t attributes;
+    (void)pthread_condattr_init(&attributes);
+    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    (void)pthread_cond_init(&p->changed, &attributes);
+    (void)pthread_condattr_destroy(&attributes);
     p->event_stream = open_memstream(&p->event_text, &p->event_size);
     if (!p->url || !p->event_stream || pthread_create(&p->thread, NULL, run, p) != 0) {
         free_publisher(p);
@@ -272,7 +307,8 @@ static void enqueue(publisher *p, const char *channel, void *data, int size)
 
 static int64_t realtime_us(void)
 {
-    struct timespec t = in_seconds(0);
+    struct timespec t;
+    (void)clock_gettime(CLOCK_REALTIME, &t);
     return t.tv_sec * INT64_C(1000000) + t.tv_nsec / 1000;
 }
 

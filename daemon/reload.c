@@ -104,7 +104,7 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
     const cfg_node *node = &r->config->nodes[i];
     if (may_be_missing(r->config, node->port))
         return true;
-    r->setup.ports[i] = port_open(node->port, error);
+    r->setup.ports[i] = port_open(node->port, r->config->bus_name, error);
     if (!r->setup.ports[i])
         fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name, error);
     return r->setup.ports[i] != NULL;

@@ -88,7 +88,6 @@ static bool identifier_valid(uint32_t id, size_t digits);
 static const char *parse_frame_id(cw_frame *frame, const char **text);
 static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
-static unsigned data_length(const cw_frame *frame);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 static const char *parse_byte(text_bytes *bytes, const char *text);
 static bool add_digit(uint64_t *value, char c);
@@ -122,7 +121,7 @@ void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
     bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > BASE_ID_MAX;
     int used =
         snprintf(out, FRAME_TEXT_MAX, wide_id ? "%08" PRIX32 "#" : "%03" PRIX32 "#", frame->id);
-    unsigned length = data_length(frame);
+    unsigned length = cw_frame_length(frame); /* of a CAN FD frame what is kept of it */
     char *end = out + used;
 
     if (frame->flags & CW_FRAME_FD)
@@ -431,16 +430,6 @@ static const char *parse_data(cw_frame *frame, const char *text)
             text++;
     }
     return parse_raw_dlc(frame, text);
-}
-
-/* Data bytes to print, also of a CAN FD frame and of a DLC that is out of range. */
-static unsigned data_length(const cw_frame *frame)
-{
-    static const uint8_t fd_lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
-
-    if (frame->flags & CW_FRAME_FD)
-        return fd_lengths[frame->dlc < DLC_MAX ? frame->dlc : DLC_MAX];
-    return cw_frame_length(frame);
 }
 
 /* ID:MASK or ID~MASK as candump takes them; 8 digits of identifier mean extended. */

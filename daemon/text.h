@@ -10,7 +10,7 @@
 
 #include "canwire.h"
 
-#define FRAME_TEXT_MAX 160 /* bytes of a printed frame with its final 0 */
+#define FRAME_TEXT_MAX 64  /* bytes of a printed frame with its final 0 */
 #define FILTER_TEXT_MAX 24 /* bytes of a printed filter with its final 0 */
 #define TIME_TEXT_MAX 32   /* bytes of a printed bus time with its final 0 */
 

@@ -391,13 +391,15 @@ static uint64_t bits_between(const cw_bus *bus, uint64_t from, uint64_t to, bool
 }
 
 /* Bits that can be skipped now: nobody drives or reports anything, nothing comes in. */
-static uint64_t quiet_bits(const cw_bus *bus, uint64_t tick)
+static uint64_t quiet_bits(cw_bus *bus, uint64_t tick)
 {
     uint64_t bits = bits_between(bus, bus->now, tick, false);
     bits = cw_least(bits, bits_between(bus, bus->now, cw_inbox_first(bus), false));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->next_restart, true));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->faults.next_due, true));
     if (bus->faults.awake_count)
+        bits = cw_fault_only_noise(bus) ? cw_fault_noise_free(bus, bits) : 0;
+    if (bits == 0)
         return 0;
     for (uint64_t rest = bus->waiting; rest; rest &= rest - 1)
         if (cw_mac_can_start(cw_mac_of(bus, cw_lowest_node(rest))))
@@ -412,6 +414,8 @@ static uint64_t quiet_bits(const cw_bus *bus, uint64_t tick)
 static void skip(cw_bus *bus, uint64_t bits)
 {
     watch_wire(bus, bits);
+    if (bus->faults.awake_count)
+        cw_fault_pass_noise(bus, bits);
     if (bus->followers)
         cw_mac_skip(&bus->common, bits);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {

@@ -24,7 +24,7 @@
 #define CW_RECESSIVE true
 
 #define CW_NODES_MAX 64            /* nodes of one bus; a set of nodes is a uint64_t mask */
-#define CW_FRAME_DATA_MAX 64       /* bytes; classical frames use the first 8 */
+#define CW_FRAME_DATA_MAX 8        /* bytes; CAN FD frames will need 64 */
 #define CW_BITS_MAX 160            /* wire bits of the longest classical frame (157), rounded up */
 #define CW_QUEUE_MAX 4096          /* frames in the transmit queue of one node */
 #define CW_RULES_MAX 1024          /* fault rules of one bus */

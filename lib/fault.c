@@ -287,6 +287,7 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
         return false;
     if (f->passed++ % r->every != 0)
         return false;
+    cw_fault_forget_ahead(bus, f);
     if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
         return false;
     if (needs_arming(r))
@@ -356,6 +357,7 @@ static void begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
 void cw_fault_end_action(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = fault_at(bus, rule);
+    cw_fault_forget_ahead(bus, f);
     f->active = false;
     f->scope = 0;
     f->bound = 0;

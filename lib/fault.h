@@ -27,6 +27,7 @@ typedef struct cw_fault {
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
     bool rx_hit;          /* what was decided at rx_tick */
+    uint32_t clear_bits;  /* NOISE: bits to come whose draws have been looked at and flip nothing */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
     uint64_t wire;        /* ... nodes on the wires that it acts on, when it acts on wires */
@@ -168,6 +169,23 @@ bool cw_fault_lets_pass(cw_bus *bus);
 
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
+
+/* ---- fault_noise.c --------------------------------------------------------------------------- */
+
+/* The draws of the bit in progress. */
+void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
+
+/* Whether rules that are looked at in every bit are no more than noise that goes on and on. */
+bool cw_fault_only_noise(const cw_bus *bus);
+
+/* Bits to come, no more than that many, that such noise leaves alone. */
+uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits);
+
+/* Some of these bits have passed. */
+void cw_fault_pass_noise(cw_bus *bus, uint64_t bits);
+
+/* Before the rule's random stream is used otherwise, or the bits to come will not be noisy. */
+void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *fault);
 
 /* ---- fault_level.c --------------------------------------------------------------------------- */
 

@@ -167,30 +167,6 @@ static void apply_position(const cw_fault *f, uint64_t *levels, uint64_t nodes)
         set_level(levels, nodes, f->rule.pattern_level >> i & 1u);
 }
 
-static bool draw(cw_fault *f)
-{
-    return cw_prng_next(&f->prng) < f->rule.error_rate;
-}
-
-/* One draw for the wire, or one for each node. */
-static void apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
-{
-    cw_fault *f = &bus->faults.faults[rule];
-    uint64_t flipped = 0;
-    if (f->rule.at == 0)
-        flipped = draw(f) ? ALL_NODES : 0;
-    for (unsigned node = 0; f->rule.at && node < bus->node_count; node++)
-        if ((f->rule.at & cw_node_bit(node)) && draw(f))
-            flipped |= cw_node_bit(node);
-    *levels ^= flipped;
-    if (!flipped)
-        return;
-    f->hit_now = true;
-    cw_fault_count_hit(bus, rule, bus->now + bus->bit_ticks);
-    if (cw_fault_is_over(f))
-        cw_fault_end_action(bus, rule);
-}
-
 /* Whom a rule's level concerns; 0 when not in this pass. A bit at a position is one of the wire that
  * its transmitter is on. */
 static uint64_t concerned(const cw_fault *f, bool wire)
@@ -219,7 +195,7 @@ static void apply_rule(cw_bus *bus, unsigned rule, uint64_t *levels, bool wire)
     if (f->active && f->rule.action == CW_ACTION_STUCK)
         set_level(levels, nodes, f->rule.level);
     if (f->active && f->rule.action == CW_ACTION_NOISE)
-        apply_noise(bus, rule, levels);
+        cw_fault_apply_noise(bus, rule, levels);
 }
 
 /* Actions for one transmission end with it. */

@@ -81,7 +81,8 @@ static bool can_begin(cw_bus *bus)
         look_around(bus);
     if (bus->crowd.calm && bus->faults.awake_count)
         cw_fault_unbind(bus);
-    if (bus->faults.awake_count)
+    if (bus->faults.awake_count &&
+        (!cw_fault_only_noise(bus) || cw_fault_noise_free(bus, 1) == 0))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
     return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
@@ -297,6 +298,8 @@ static void count_bits(cw_bus *bus, unsigned bits)
     bus->stats.bits += bits;
     bus->stats.busy_bits += bits;
     cw_load_add(&bus->load, bits, true);
+    if (bus->faults.awake_count)
+        cw_fault_pass_noise(bus, bits);
 }
 
 static void pass(cw_bus *bus, unsigned bits)
@@ -313,9 +316,9 @@ static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
     return ticks >= (uint64_t)bits * bus->bit_ticks ? bits : (unsigned)(ticks / bus->bit_ticks);
 }
 
-/* Bits to go at once: up to the end of the one in which something happens or comes in, or after
+/* Bits to go at once, 0 when noise flips the next one: up to the end of the one in which something happens or comes in, or after
  * which something is due. */
-static unsigned bits_to_go(const cw_bus *bus, uint64_t tick)
+static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = next_moment(bus) - leap->at;
@@ -326,7 +329,7 @@ static unsigned bits_to_go(const cw_bus *bus, uint64_t tick)
     due = cw_least(due, cw_inbox_first(bus));
     if (due - bus->now < (uint64_t)bits * bus->bit_ticks) /* due is later than now */
         bits = bits_up_to(bus, due + bus->bit_ticks - 1, bits);
-    return bits;
+    return bus->faults.awake_count ? (unsigned)cw_fault_noise_free(bus, bits) : bits;
 }
 
 static void end_slot(cw_bus *bus)
@@ -372,13 +375,19 @@ static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
            cw_inbox_first(bus) >= tick;
 }
 
-static bool can_leap_over(const cw_bus *bus, uint64_t tick)
+static bool is_noise_free(cw_bus *bus, unsigned bits)
+{
+    return bus->faults.awake_count == 0 || cw_fault_noise_free(bus, bits) == bits;
+}
+
+static bool can_leap_over(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
     return !leap->undecided && leap->stop == NO_BIT && !host_side_acts(bus) &&
-           tick - bus->now >= ticks && is_quiet_until(bus, bus->now + ticks);
+           tick - bus->now >= ticks && is_quiet_until(bus, bus->now + ticks) &&
+           is_noise_free(bus, bits);
 }
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
@@ -413,6 +422,10 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         return;
     }
     unsigned bits = bits_to_go(bus, tick);
+    if (bits == 0) {
+        cw_leap_end(bus);
+        return;
+    }
     pass(bus, bits - 1);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
     pass(bus, 1);
@@ -422,13 +435,13 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
 }
 
 /* Whether nobody can see the single losses. */
-static bool passes_arbitration(const cw_bus *bus, uint64_t tick)
+static bool passes_arbitration(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->bits->extended ? ARBITRATION_BITS_EXTENDED : ARBITRATION_BITS_BASE;
     uint64_t end = bus->now + (uint64_t)bits * bus->bit_ticks;
     return leap->stop >= bits && tick >= end && is_quiet_until(bus, end) &&
-           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
+           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && is_noise_free(bus, bits);
 }
 
 static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)

@@ -29,6 +29,11 @@ uint64_t cw_random(uint64_t seed, const char *name, uint64_t n)
     return cw_prng_next(&prng);
 }
 
+void cw_prng_back(cw_prng *prng, uint64_t draws)
+{
+    prng->state -= draws * GAMMA;
+}
+
 void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name)
 {
     uint64_t hash = UINT64_C(0xCBF29CE484222325); /* FNV-1a */

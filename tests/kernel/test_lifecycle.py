@@ -3,11 +3,12 @@
 
 import re
 import signal
+import time
 
 import pytest
 
 from canbits import Frame
-from conftest import MULTICAST_ROUTE, wait_until
+from conftest import MULTICAST_ROUTE, ip, wait_until
 
 SATURATED = """
 bus: { name: stop, bitrate: 500000 }
@@ -87,3 +88,33 @@ def test_runs_without_multicast_route_and_finds_it_later(
     bus = messages.wait_bus(lambda m: m.frames == 1, "statistics")
     assert bus.events_dropped > 0  # what could not be published in the meantime
     assert daemon.stop().count("warning") == 1
+
+
+LOST = "messages cannot be sent and are lost"
+
+
+def test_a_multicast_route_that_is_lost_and_comes_back(vcan, can_socket, canwired, listen):
+    """Again and again; the log is not filled with it, the bus does not notice."""
+    vcan(2)
+    a, b = can_socket("vcan0"), can_socket("vcan1")
+    daemon = canwired(PAIR)
+    messages = listen("pair")
+    before = messages.wait_bus(lambda m: m.bits > 0, "statistics").events_dropped
+    frame = Frame.parse("123#DEADBEEF")
+    for i in range(4):
+        ip(f"route del {MULTICAST_ROUTE}")
+        try:
+            if i == 0:
+                wait_until(lambda: LOST in daemon.stderr(), "the warning")
+            a.send(frame)
+            assert b.receive(1) == [frame]
+            time.sleep(0.3)  # for some messages
+        finally:
+            ip(f"route add {MULTICAST_ROUTE}")
+        seen = len(messages.bus)
+        wait_until(lambda n=seen: len(messages.bus) > n + 2, "statistics again")
+    assert messages.bus[-1].events_dropped > before
+    assert messages.bus[-1].frames == 4
+    log = daemon.stop()
+    assert "Network is unreachable" in log and "LCM at udpm" in log and "works again" in log
+    assert 1 <= log.count(LOST) <= 3

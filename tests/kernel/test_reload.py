@@ -359,6 +359,30 @@ def test_reloads_under_saturated_load_lose_nothing_and_double_nothing(vcan, rig,
     assert r.daemon.stop().count(RELOADED) == reloads
 
 
+def test_bad_reloads_under_load_are_no_disturbance(vcan, rig, can_socket):
+    vcan(2)
+    good = bus(ENGINE.replace(" }", ", queue: 4096 }"), GEARBOX, load("7F0#00, every: 300us"))
+    r = rig(good)
+    before = {name: node["settings"] for name, node in r.nodes().items()}
+    engine, gearbox = can_socket("vcan0"), can_socket("vcan1")
+    written = [sequence_frame(0x100, k) for k in range(3000)]
+    bad = list(BAD_FILES.values()) + [(text, "") for text in CHANGES.values()]
+    received = []
+    for i, (text, _) in enumerate(2 * bad):
+        engine.send(*written[i * 150 : (i + 1) * 150])
+        r.write(text)
+        r.hang_up()
+        replies = ask_for_reloads(r, 3)
+        assert not any(reply["ok"] for reply in replies), replies
+        received += gearbox.drain()
+    assert len(2 * bad) * 150 >= len(written)
+    wait_until(lambda: received.extend(gearbox.drain()) or len(
+        [f for f in received if f.identifier == 0x100]) >= len(written), "all frames")
+    assert [f for f in received if f.identifier == 0x100] == written
+    assert {name: node["settings"] for name, node in r.nodes().items()} == before
+    assert r.daemon.stop().count(RELOADED) == 0
+
+
 # ---- One after the other -------------------------------------------------------------------------
 
 # a frame takes 27 ms, so that reloads meet before the bus goes over

@@ -17,9 +17,10 @@ void port_get_stats(port *p, port_stats *stats)
     *stats = p->stats;
 }
 
-port *port_open(const char *interface, char error[PORT_ERROR_TEXT_MAX])
+port *port_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX])
 {
     (void)interface;
+    (void)bus;
     (void)error;
     return NULL;
 }

@@ -132,6 +132,15 @@ static void bus_error_that_ends_in_bus_off(void **state)
     assert_int_equal(out.data[6], 0);
 }
 
+static void an_overflow_on_the_way_to_the_bus(void **state)
+{
+    (void)state;
+    const errframe e = errframe_rx_overflow();
+    assert_int_equal(e.can_id, 0x20000004);
+    assert_memory_equal(e.data, ((uint8_t[8]){0, 0x01}), 8);
+    assert_false(errframe_is_minor(&e));
+}
+
 static void storm_is_limited_and_counted(void **state)
 {
     (void)state;
@@ -158,6 +167,7 @@ int main(void)
     static struct CMUnitTest tests[ROW_COUNT + 3] = {
         cmocka_unit_test(no_frame_for_other_events),
         cmocka_unit_test(bus_error_that_ends_in_bus_off),
+        cmocka_unit_test(an_overflow_on_the_way_to_the_bus),
         cmocka_unit_test(storm_is_limited_and_counted),
     };
     for (size_t i = 0; i < ROW_COUNT; i++)

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fault_noise.c - single bits flipped at random.
+ *
+ * Each bit of bus time costs a draw, and nearly all of them flip nothing. So the draws of bits to come
+ * are looked at beforehand: up to the first that flips, the bus may go as if there were no noise. A
+ * draw that has been looked at stays the draw of its bit.
+ */
+#include "bus_private.h"
+
+#include "bits.h"
+
+#define LOOK_AHEAD_BITS 4096u
+
+/* One draw for the wire, or one for each node. */
+static unsigned draws_of_bit(const cw_bus *bus, const cw_fault *f)
+{
+    return f->rule.at == 0 ? 1 : cw_count_bits(f->rule.at & bus->all);
+}
+
+static bool draw(cw_fault *f)
+{
+    return cw_prng_next(&f->prng) < f->rule.error_rate;
+}
+
+/* The draws of one bit; the nodes whose level is flipped. */
+static uint64_t draw_bit(const cw_bus *bus, cw_fault *f)
+{
+    uint64_t flipped = 0;
+    if (f->rule.at == 0)
+        return draw(f) ? UINT64_MAX : 0;
+    for (uint64_t rest = f->rule.at & bus->all; rest; rest &= rest - 1)
+        if (draw(f))
+            flipped |= rest & (~rest + 1);
+    return flipped;
+}
+
+void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
+{
+    cw_fault *f = &bus->faults.faults[rule];
+    if (f->clear_bits > 0) {
+        f->clear_bits--;
+        return;
+    }
+    uint64_t flipped = draw_bit(bus, f);
+    *levels ^= flipped;
+    if (!flipped)
+        return;
+    f->hit_now = true;
+    cw_fault_count_hit(bus, rule, bus->now + bus->bit_ticks);
+    if (cw_fault_is_over(f))
+        cw_fault_end_action(bus, rule);
+}
+
+/* ---- Looking ahead --------------------------------------------------------------------------- */
+
+static bool is_steady_noise(const cw_fault *f)
+{
+    return f->rule.action == CW_ACTION_NOISE && f->active && !f->for_attempt && !f->hit_now &&
+           f->bits_left == 0 && f->bound == 0;
+}
+
+bool cw_fault_only_noise(const cw_bus *bus)
+{
+    const cw_fault_set *set = &bus->faults;
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (!is_steady_noise(&set->faults[set->awake[i]]))
+            return false;
+    return true;
+}
+
+/* Draws for bits to come, up to that many or the first that flips. */
+static uint64_t look_ahead(const cw_bus *bus, cw_fault *f, uint64_t bits)
+{
+    while (f->clear_bits < bits) {
+        const cw_prng before = f->prng;
+        if (draw_bit(bus, f)) {
+            f->prng = before;
+            return f->clear_bits;
+        }
+        f->clear_bits++;
+    }
+    return bits;
+}
+
+uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits)
+{
+    cw_fault_set *set = &bus->faults;
+    bits = cw_least(bits, LOOK_AHEAD_BITS);
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (is_steady_noise(&set->faults[set->awake[i]]))
+            bits = look_ahead(bus, &set->faults[set->awake[i]], bits);
+    return bits;
+}
+
+void cw_fault_pass_noise(cw_bus *bus, uint64_t bits)
+{
+    cw_fault_set *set = &bus->faults;
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_fault *f = &set->faults[set->awake[i]];
+        if (is_steady_noise(f))
+            f->clear_bits -= (uint32_t)bits;
+    }
+}
+
+void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *f)
+{
+    if (f->clear_bits == 0)
+        return;
+    cw_prng_back(&f->prng, (uint64_t)f->clear_bits * draws_of_bit(bus, f));
+    f->clear_bits = 0;
+}

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * work_bus.c - a bus at 100 % load: clean, with faults, with rules, bit by bit.
+ */
+#include "works.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#define QUEUE 16u         /* frames of a node: more than are sent in a slice, so it never runs dry */
+#define SLICE_BITS 1000u  /* between two looks at the events */
+#define EVENTS 4096u
+#define JOIN_BITS 11u
+#define ALL_BUT_LOST (UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST))
+
+typedef struct saturation {
+    bench_bus_options options;
+    cw_bus *bus;
+    cw_frame frames[CW_NODES_MAX][BENCH_FRAMES / CW_NODES_MAX];
+    uint64_t handed_in;
+    uint64_t sent;
+} saturation;
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+static cw_rule flip_every(const char *name, unsigned every)
+{
+    return (cw_rule){.name = name, .time_end = CW_NEVER, .every = every,
+                     .probability = UINT64_MAX, .field = CW_FIELD_CRC, .index = 3, .bits = 1};
+}
+
+static cw_rule flip_id(const char *name, unsigned number)
+{
+    cw_rule r = flip_every(name, 1);
+    r.filter_count = 1;
+    r.filters[0] =
+        (cw_filter){.value = bench_foreign_id(number), .mask = CW_FILTER_EXTENDED | 0x7FFu};
+    return r;
+}
+
+/* Keeps the bus from leaping: its last node, which must not send, acknowledges in vain. */
+static cw_rule mute(unsigned node)
+{
+    return (cw_rule){.name = "mute", .trigger = CW_TRIGGER_TIME, .action = CW_ACTION_STUCK,
+                     .line = CW_LINE_TX, .node = (uint8_t)node, .level = CW_RECESSIVE,
+                     .time_end = CW_NEVER, .every = 1, .probability = UINT64_MAX};
+}
+
+static unsigned make_rules(cw_rule *rules, const bench_bus_options *o)
+{
+    static char names[CW_RULES_MAX][8];
+    unsigned count = 0;
+    if (o->every)
+        rules[count++] = flip_every("flip", o->every);
+    if (o->bit_by_bit)
+        rules[count++] = mute(o->nodes - 1);
+    for (unsigned i = 0; i < o->rules; i++) {
+        (void)snprintf(names[i], sizeof names[i], "id %u", i % CW_RULES_MAX);
+        rules[count++] = flip_id(names[i], i);
+    }
+    return count;
+}
+
+/* ---- The bus --------------------------------------------------------------------------------- */
+
+static cw_bus *make_bus(const bench_bus_options *o)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_rule *rules = bench_alloc(CW_RULES_MAX * sizeof *rules);
+    cw_bus_config config = {.bit_ticks = BENCH_BIT_TICKS, .node_count = (uint8_t)o->nodes,
+                            .inbox = 64, .events = EVENTS, .nodes = nodes, .rules = rules};
+    config.rule_count = (uint16_t)make_rules(rules, o);
+    for (unsigned i = 0; i < o->nodes; i++)
+        nodes[i] = (cw_node_config){.queue = QUEUE, .warning_limit = 96};
+    cw_bus *bus = cw_bus_init(bench_alloc(cw_bus_size(&config)), &config);
+    if (!bus)
+        bench_fail("the bus cannot be made");
+    free(rules);
+    cw_bus_set_stepping(bus, o->stepping);
+    cw_bus_set_events(bus, o->lost ? UINT32_MAX : ALL_BUT_LOST);
+    return bus;
+}
+
+static void hand_in(saturation *s, unsigned node)
+{
+    const cw_frame *f = &s->frames[node][s->handed_in++ % (BENCH_FRAMES / CW_NODES_MAX)];
+    if (cw_node_send(s->bus, node, f, 0) == CW_FULL)
+        bench_fail("the inbox is full");
+}
+
+/* Every event is taken; each transmitted frame is followed by the next one of the same node. */
+static void keep_busy(saturation *s)
+{
+    cw_event event;
+    while (cw_bus_poll(s->bus, &event)) {
+        if (event.kind != CW_EVENT_TX)
+            continue;
+        s->sent++;
+        hand_in(s, (unsigned)__builtin_ctzll(event.nodes));
+    }
+}
+
+static void advance(saturation *s, uint64_t tick)
+{
+    while (cw_bus_advance(s->bus, tick) == CW_FULL)
+        keep_busy(s);
+    keep_busy(s);
+}
+
+static void advance_slice(saturation *s)
+{
+    advance(s, cw_bus_now(s->bus) + SLICE_BITS * BENCH_BIT_TICKS);
+}
+
+void *bench_bus_start(const void *options)
+{
+    saturation *s = bench_alloc(sizeof *s);
+    s->options = *(const bench_bus_options *)options;
+    s->bus = make_bus(&s->options);
+    for (unsigned i = 0; i < BENCH_FRAMES; i++)
+        s->frames[i % CW_NODES_MAX][i / CW_NODES_MAX] = bench_frame(i, i % CW_NODES_MAX, false);
+    for (unsigned i = 0; i < s->options.senders * QUEUE; i++) {
+        hand_in(s, i % s->options.senders);
+        advance(s, 0); /* takes it from the inbox */
+    }
+    advance_slice(s);
+    return s;
+}
+
+uint64_t bench_bus_run_frames(void *state, uint64_t units)
+{
+    saturation *s = state;
+    uint64_t before = s->sent;
+    while (s->sent - before < units)
+        advance_slice(s);
+    return s->sent - before;
+}
+
+uint64_t bench_bus_run_bits(void *state, uint64_t units)
+{
+    saturation *s = state;
+    uint64_t before = cw_bus_now(s->bus) / BENCH_BIT_TICKS;
+    for (uint64_t done = 0; done < units; done += SLICE_BITS)
+        advance_slice(s);
+    return cw_bus_now(s->bus) / BENCH_BIT_TICKS - before;
+}
+
+/* ---- Was it what it should be? --------------------------------------------------------------- */
+
+/* Of `every` attempts one fails. */
+static void check_faults(const saturation *s, const cw_bus_stats *stats)
+{
+    uint64_t attempts = stats->frames + stats->error_frames;
+    uint64_t expected = s->options.every ? attempts / s->options.every : 0;
+    if (stats->error_frames != expected && stats->error_frames != expected + 1)
+        bench_fail("%" PRIu64 " error frames, should be %" PRIu64, stats->error_frames, expected);
+}
+
+void bench_bus_end(void *state)
+{
+    saturation *s = state;
+    cw_bus_stats stats;
+    cw_bus_get_stats(s->bus, &stats);
+    check_faults(s, &stats);
+    if (stats.busy_bits + JOIN_BITS + 1 < stats.bits)
+        bench_fail("the bus was idle for %" PRIu64 " bits", stats.bits - stats.busy_bits);
+    for (unsigned i = 0; i < s->options.nodes; i++) {
+        cw_node_stats node;
+        (void)cw_node_get_stats(s->bus, i, &node);
+        if (node.state != CW_STATE_ERROR_ACTIVE || node.dropped[CW_DROP_QUEUE_FULL] > 0)
+            bench_fail("node %u is not error-active or has dropped frames", i);
+    }
+    free(s->bus);
+    free(s);
+}

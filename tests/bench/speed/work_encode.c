@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * work_encode.c - frames to wire bits.
+ */
+#include "works.h"
+
+#include <stdlib.h>
+
+typedef struct encoding {
+    cw_frame frames[BENCH_FRAMES];
+    uint64_t wire_bits;
+    uint64_t done;
+} encoding;
+
+void *bench_encode_start(const void *options)
+{
+    const bench_encode_options *o = options;
+    encoding *e = bench_alloc(sizeof *e);
+    for (unsigned i = 0; i < BENCH_FRAMES; i++)
+        e->frames[i] = bench_frame(i, i % CW_NODES_MAX, o->extended);
+    return e;
+}
+
+uint64_t bench_encode_run(void *state, uint64_t units)
+{
+    encoding *e = state;
+    cw_bits bits;
+    for (uint64_t i = 0; i < units; i++) {
+        (void)cw_bits_encode(&bits, &e->frames[i % BENCH_FRAMES]);
+        e->wire_bits += bits.length;
+    }
+    e->done += units;
+    return units;
+}
+
+/* Frames of 8 bytes have 108 wire bits at least. */
+void bench_encode_end(void *state)
+{
+    encoding *e = state;
+    if (e->wire_bits < 108 * e->done)
+        bench_fail("the frames were not encoded");
+    free(e);
+}

@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * works.c - the list of what is measured.
+ */
+#include "works.h"
+
+#define ENCODE(work, is_extended)                                                                  \
+    {.name = "encode-" work, .unit = "frame", .units = 2000,                                       \
+     .options = &(const bench_encode_options){.extended = is_extended},                            \
+     .start = bench_encode_start, .run = bench_encode_run, .end = bench_encode_end}
+
+#define FRAMES(work, ...)                                                                          \
+    {.name = work, .unit = "frame", .units = 2000,                                                 \
+     .options = &(const bench_bus_options){__VA_ARGS__}, .start = bench_bus_start,                 \
+     .run = bench_bus_run_frames, .end = bench_bus_end}
+
+#define BITS(work, ...)                                                                            \
+    {.name = work, .unit = "bit", .units = 20000,                                                  \
+     .options = &(const bench_bus_options){__VA_ARGS__}, .start = bench_bus_start,                 \
+     .run = bench_bus_run_bits, .end = bench_bus_end}
+
+/* scripts/bench knows these names. */
+const bench_work bench_works[] = {
+    ENCODE("base", false),
+    ENCODE("extended", true),
+    FRAMES("clean-2", .nodes = 2, .senders = 2),
+    FRAMES("clean-4", .nodes = 4, .senders = 4),
+    FRAMES("clean-16", .nodes = 16, .senders = 16),
+    FRAMES("clean-64", .nodes = 64, .senders = 64),
+    FRAMES("clean-lost-2", .nodes = 2, .senders = 2, .lost = true),
+    FRAMES("clean-lost-4", .nodes = 4, .senders = 4, .lost = true),
+    FRAMES("clean-lost-16", .nodes = 16, .senders = 16, .lost = true),
+    FRAMES("clean-lost-64", .nodes = 64, .senders = 64, .lost = true),
+    FRAMES("receivers-1", .nodes = 2, .senders = 1),
+    FRAMES("receivers-63", .nodes = 64, .senders = 1),
+    BITS("every-node-2", .nodes = 2, .senders = 2, .stepping = true),
+    BITS("every-node-4", .nodes = 4, .senders = 4, .stepping = true),
+    BITS("every-node-16", .nodes = 16, .senders = 16, .stepping = true),
+    BITS("every-node-64", .nodes = 64, .senders = 64, .stepping = true),
+    BITS("bit-by-bit-4", .nodes = 4, .senders = 3, .bit_by_bit = true),
+    BITS("bit-by-bit-16", .nodes = 16, .senders = 15, .bit_by_bit = true),
+    BITS("bit-by-bit-64", .nodes = 64, .senders = 63, .bit_by_bit = true),
+    FRAMES("faulted-100", .nodes = 4, .senders = 4, .every = 100),
+    FRAMES("faulted-10", .nodes = 4, .senders = 4, .every = 10),
+    FRAMES("rules-1", .nodes = 4, .senders = 4, .rules = 1),
+    FRAMES("rules-10", .nodes = 4, .senders = 4, .rules = 10),
+    FRAMES("rules-100", .nodes = 4, .senders = 4, .rules = 100),
+    FRAMES("rules-1000", .nodes = 4, .senders = 4, .rules = 1000),
+    {.name = "mix", .unit = "bus second", .units = 1, .start = bench_mix_start,
+     .run = bench_mix_run, .end = bench_mix_end},
+};
+
+const unsigned bench_work_count = sizeof bench_works / sizeof bench_works[0];

@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * works.h - what is measured: pieces of work of any size.
+ */
+#ifndef CANWIRE_BENCH_WORKS_H
+#define CANWIRE_BENCH_WORKS_H
+
+#include "canwire.h"
+
+#define BENCH_FRAMES 1024u /* different ones that a work goes round */
+#define BENCH_BIT_TICKS 80u /* 1 Mbit/s */
+
+/* A piece of work. Times and instructions are counted per unit; what start and end cost is not. */
+typedef struct bench_work {
+    const char *name;
+    const char *unit;    /* "frame", "bit" … */
+    uint64_t units;      /* enough for counting instructions */
+    const void *options; /* of the kind of work */
+    void *(*start)(const void *options);
+    /* Does at least so many units; returns how many it has done. */
+    uint64_t (*run)(void *state, uint64_t units);
+    /* Ends the program with a message when what was done was not what is to be measured. */
+    void (*end)(void *state);
+} bench_work;
+
+extern const bench_work bench_works[];
+extern const unsigned bench_work_count;
+
+/* An 8-byte frame with random content, the same ones at each run; extended or not. The identifiers
+ * of a node are its own: no two nodes have the same. */
+cw_frame bench_frame(uint64_t number, unsigned node, bool extended);
+
+/* An identifier that bench_frame() does not give to one of the first 32 nodes. */
+uint32_t bench_foreign_id(unsigned number);
+
+/* Ends the program with a message. */
+_Noreturn void bench_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+/* Memory that must be there. */
+void *bench_alloc(size_t size);
+
+/* Bytes that a node takes on a bus, without its queue and cw_node_stats. */
+size_t bench_bytes_per_node(void);
+
+/* ---- Kinds of work --------------------------------------------------------------------------- */
+
+typedef struct bench_encode_options {
+    bool extended;
+} bench_encode_options;
+
+void *bench_encode_start(const void *options);
+uint64_t bench_encode_run(void *state, uint64_t units);
+void bench_encode_end(void *state);
+
+/* A bus at 100 % load with frames of 8 bytes. */
+typedef struct bench_bus_options {
+    unsigned nodes;
+    unsigned senders; /* that always have frames waiting */
+    bool lost;        /* events tell lost arbitrations, too */
+    bool stepping;    /* cw_bus_set_stepping(): every node in every bit */
+    bool bit_by_bit;  /* a rule is at work in every bit; the last node must not be a sender */
+    unsigned every;   /* attempt that gets a wrong CRC bit, 0: none */
+    unsigned rules;   /* with exact identifiers that nobody sends */
+} bench_bus_options;
+
+void *bench_bus_start(const void *options);
+uint64_t bench_bus_run_frames(void *state, uint64_t units);
+uint64_t bench_bus_run_bits(void *state, uint64_t units);
+void bench_bus_end(void *state);
+
+/* The periodic traffic of a car. A unit is a second of bus time. */
+void *bench_mix_start(const void *options);
+uint64_t bench_mix_run(void *state, uint64_t units);
+void bench_mix_end(void *state);
+
+/* Its load on the bus after some run. */
+unsigned bench_mix_load_permille(void *state);
+
+#endif

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: MIT
+"""The units under a real systemd: started, reloaded, killed by the watchdog, contained."""
+
+import os
+import pwd
+import re
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from conftest import FRAME, PROBED, can_socket, run, systemctl, wait_until
+
+EXPOSURE_MAX = 15  # tenths
+
+
+def links():
+    return set(os.listdir("/sys/class/net"))
+
+
+def test_units_are_well_formed():
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", "canwired@x.service", "canwire-vcan@x.service"],
+        capture_output=True, text=True, check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("unit", ["canwired@.service", "canwire-vcan@.service"])
+def test_units_are_hardly_exposed(unit):
+    path = Path("/usr/local/lib/systemd/system") / unit
+    text = run("systemd-analyze", "security", "--offline=yes", f"--threshold={EXPOSURE_MAX}", path)
+    assert "Overall exposure level" in text
+
+
+def test_a_bus_starts_with_its_interfaces_and_they_stay_when_it_stops(bus):
+    run("ip", "netns", "add", "ecu")
+    one = bus("one", lambda text: text.replace(
+        "port: one1", "port: one1, peer: { name: can0, netns: ecu }"))
+    assert one.show("ActiveState") == "active"
+    assert one.show("StatusText").startswith("one: 2 nodes at 500000 bit/s, ")
+    assert {"one0", "one1"} <= links()
+    in_ecu = ["ip", "netns", "exec", "ecu"]
+    with subprocess.Popen(["timeout", "60", *in_ecu, "candump", "-L", "-n", "1", "can0"],
+                          stdout=subprocess.PIPE, text=True) as dump:
+        receivers = [*in_ecu, "cat", "/proc/net/can/rcvlist_all"]
+        wait_until(lambda: re.search(r"^ *can0 ", run(*receivers), re.MULTILINE), "candump")
+        run("cansend", "one0", "123#DEADBEEF")
+        assert dump.communicate()[0].endswith("can0 123#DEADBEEF\n")
+    systemctl("stop", one.unit)
+    assert not one.socket.exists()
+    assert {"one0", "one1"} <= links()
+    systemctl("stop", one.vcan_unit)
+    assert not {"one0", "one1"} & links()
+    run("ip", "netns", "del", "ecu")
+
+
+def test_it_is_contained(bus):
+    pid = bus("contained").pid()
+    assert PROBED.read_text() == "done\n"
+    status = Path(f"/proc/{pid}/status").read_text()
+    fields = dict(line.split(":\t") for line in status.splitlines())
+    none = "0000000000000000"
+    assert [fields[f"Cap{set}"] for set in ("Inh", "Prm", "Eff", "Bnd", "Amb")] == [none] * 5
+    assert (fields["NoNewPrivs"], fields["Seccomp"]) == ("1", "2")
+    user = pwd.getpwnam("canwire")
+    assert fields["Uid"].split() == [str(user.pw_uid)] * 4
+    assert fields["Gid"].split() == [str(user.pw_gid)] * 4
+
+
+def test_messages_have_fields(bus):
+    one = bus("fields", lambda text: text + "lcm: {}\n")
+    with can_socket("fields0") as a:
+        for _ in range(100):
+            a.send(FRAME.pack())
+    wait_until(lambda: one.messages("CANWIRE_NODE=a"), "a message about a node")
+    start = one.messages("CANWIRE_BUS=fields")[0]
+    assert start["MESSAGE"] == "fields: 2 nodes at 500000 bit/s"
+    assert (start["PRIORITY"], start["SYSLOG_IDENTIFIER"]) == ("6", "canwired")
+    assert "CANWIRE_NODE" not in start
+    lost = one.messages("CANWIRE_NODE=a")[0]
+    assert lost["MESSAGE"].startswith("node a: ") and "queue full" in lost["MESSAGE"]
+    assert (lost["PRIORITY"], lost["CANWIRE_BUS"]) == ("4", "fields")
+
+
+def test_errors_of_a_bad_configuration_are_errors_in_the_journal(bus):
+    one = bus("bad")
+    good = one.config.read_text()
+    one.config.write_text("bus: { bitrate: fast }\nnodes: 1\n")
+    assert "failed" in systemctl("restart", one.unit, status=1)
+    errors = [m for m in one.messages() if "bad.yaml:" in m["MESSAGE"]]
+    assert {m["MESSAGE"].split(" ")[0] for m in errors} == {
+        f"{one.config}:1:17:", f"{one.config}:2:8:"}
+    assert {m["PRIORITY"] for m in errors} == {"3"}
+    one.config.write_text(good)
+    wait_until(lambda: one.show("ActiveState") == "active", "the restart, once it is mended")
+
+
+def test_a_reload_is_over_when_the_bus_has_gone_over(bus):
+    one = bus("reload")
+    pid = one.pid()
+    with one.config.open("a") as file:
+        file.write("  - { name: c, port: reload2 }\n")
+    systemctl("reload", one.unit)
+    assert [n["name"] for n in one.status()["nodes"]] == ["a", "b", "c"]
+    assert "reload2" in links()
+    assert (one.pid(), one.show("ActiveState")) == (pid, "active")
+    assert one.carries()
+
+
+def test_a_bad_reload_fails_and_changes_nothing(bus):
+    one = bus("worse")
+    good = one.config.read_text()
+    one.config.write_text(good.replace("500000", "fast"))
+    assert "failed" in systemctl("reload", one.unit, status=1)
+    assert [m for m in one.messages() if "bitrate: expected" in m["MESSAGE"]]
+    assert one.show("ActiveState") == "active"
+    one.config.write_text(good.replace("500000", "250000"))
+    systemctl("reload", one.unit)
+    wait_until(lambda: "reload refused: " in one.show("StatusText"), "the status")
+    assert one.carries()
+
+
+def test_a_bus_that_hangs_is_killed_and_comes_back(bus):
+    one = bus("hang")
+    pid = one.pid()
+    os.kill(pid, signal.SIGSTOP)
+    wait_until(lambda: one.show("NRestarts") == "1" and one.show("ActiveState") == "active",
+               "the watchdog and the restart")
+    assert one.pid() != pid
+    assert "Watchdog timeout" in run("journalctl", "-u", one.unit, "--no-pager")
+    assert one.carries()
+
+
+def test_a_bus_that_is_killed_comes_back(bus):
+    one = bus("kill")
+    pid = one.pid()
+    os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: one.pid() not in (0, pid) and one.show("ActiveState") == "active",
+               "the restart")
+    assert one.carries()
+    assert one.status()["pid"] == one.pid()
+
+
+def test_the_stop_of_one_bus_leaves_the_others(bus):
+    one, two = bus("one"), bus("two")
+    systemctl("stop", one.unit)
+    assert not one.socket.exists()
+    assert two.socket.exists()
+    assert two.status()["bus"]["name"] == "two"
+    one.start()
+    assert one.status()["bus"]["name"] == "one"
+
+
+def test_members_of_the_group_may_control_it_and_others_not(bus):
+    bus("group")
+    become = ["setpriv", "--reuid", "65534", "--clear-groups", "--regid"]
+    assert "group: bitrate 500000" in run(*become, "canwire", "canwire", "status", "group")
+    assert "denied" in run(*become, "65534", "canwire", "status", "group", status=1)
+
+
+def test_real_time_is_a_drop_in(bus):
+    one = bus("real", lambda text: text + "lcm: {}\n")
+    pid = one.pid()
+    tasks = sorted(int(t) for t in os.listdir(f"/proc/{pid}/task"))
+    assert tasks[0] == pid and len(tasks) == 2
+    assert [os.sched_getscheduler(t) for t in tasks] == [
+        os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.SCHED_OTHER]
+    assert os.sched_getparam(pid).sched_priority == 50
+    assert os.sched_getaffinity(pid) == {1}
+    assert one.carries()
