@@ -156,7 +156,7 @@ mutant-run:
 # The same for changed short cuts (scripts/mutate --short-cuts).
 mutant-short-cuts: $(DIFFERENTIAL)
 mutant-short-cuts-run:
-	@$(DIFFERENTIAL) --no-shrink
+	@$(DIFFERENTIAL) --no-shrink --bits 5000000
 
 $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@

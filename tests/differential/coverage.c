@@ -97,8 +97,8 @@ static const char *op_name(unsigned i)
 
 static const char *mark_name(unsigned i)
 {
-    static const char *const names[DIFF_MARK_COUNT] = {"comparisons", "in short cuts",
-                                                       "full rings", "full buses"};
+    static const char *const names[DIFF_MARK_COUNT] = {"comparisons", "in short cuts", "full rings",
+                                                       "full buses"};
     return names[i];
 }
 

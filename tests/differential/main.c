@@ -21,15 +21,21 @@
 #define BITS_COVERING BITS_DEFAULT /* runs of so many bits must exercise everything */
 #define HANG_SECONDS 120           /* of CPU time, for one scenario */
 
+/* Options without a value. */
+enum {
+    FOREVER = 1,
+    VERBOSE = 2,
+    SHOW = 4, /* the scenario of the seed, without running it */
+    HERE = 8, /* in this process */
+    NO_SHRINK = 16,
+    HELP = 32,
+};
+
 typedef struct options {
     uint64_t bits;
     uint64_t seed;
     uint64_t seconds; /* 0: until the bits have gone by */
-    bool forever;
-    bool verbose;
-    bool show; /* the scenario of the seed, without running it */
-    bool here; /* in this process */
-    bool shrink;
+    unsigned flags;
 } options;
 
 /* Seen by parent and child. */
@@ -42,13 +48,14 @@ typedef struct shared {
 static volatile shared *common;
 
 static const char usage[] =
-    "usage: differential [--bits N] [--seed N] [--seconds N | --forever] [--verbose]\n"
-    "                    [--show] [--here] [--no-shrink]\n"
+    "usage: differential [--bits N | --seconds N | --forever] [--seed N] [--verbose]\n"
+    "                    [--no-shrink] [--show | --here] [--help]\n"
     "Runs random scenarios on a bus that takes short cuts and on one that steps every node\n"
     "through every bit, until N bits have gone by (default 10000000), and compares all that can\n"
-    "be read. The scenarios are those of the seeds N, N + 1, ... (default 1).\n"
-    "--show writes the scenario of the seed, --here runs it in this process, for a debugger. Exit "
-    "status: 0, 1 they differ, 2 wrong usage.\n";
+    "be read. The scenarios are those of the seeds N, N + 1, ... (default 1). One that differs is\n"
+    "made small and written as calls of the library. --show writes the scenario of the seed,\n"
+    "--here runs it in this process, for a debugger.\n"
+    "Exit status: 0, 1 they differ, 2 wrong usage.\n";
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
@@ -95,7 +102,7 @@ static void tell_scenario(const diff_scenario *s)
 
 static bool is_done(const options *o, const diff_coverage *c, time_t begin)
 {
-    if (o->forever || c->scenarios == 0)
+    if ((o->flags & FOREVER) || c->scenarios == 0)
         return false;
     return o->seconds ? (uint64_t)(time(NULL) - begin) >= o->seconds : c->bits >= o->bits;
 }
@@ -112,7 +119,7 @@ static int run_all(const options *o)
         common->seed = seed;
         limit_time(HANG_SECONDS);
         diff_generate(&s, seed);
-        if (o->verbose)
+        if (o->flags & VERBOSE)
             tell_scenario(&s);
         diff_run(&verdict, &s, &c, NULL);
         diff_scenario_free(&s);
@@ -121,17 +128,18 @@ static int run_all(const options *o)
     return verdict.differs ? 1 : 0;
 }
 
-static void show_or_run_here(const options *o)
+static int show_or_run_here(const options *o)
 {
     static diff_scenario s;
     static diff_coverage unused;
-    diff_verdict verdict;
+    diff_verdict verdict = {.differs = false};
     diff_generate(&s, o->seed);
-    if (o->show)
+    if (o->flags & SHOW)
         diff_write_scenario(stdout, &s);
     else
         diff_run(&verdict, &s, &unused, stdout);
     diff_scenario_free(&s);
+    return verdict.differs;
 }
 
 static void shrink_and_tell(uint64_t seed, bool shrink)
@@ -164,38 +172,44 @@ static bool read_number(uint64_t *value, const char *text)
     return *text != '\0' && *end == '\0';
 }
 
+static bool read_value(options *o, int option)
+{
+    switch (option) {
+    case 'b':
+        return read_number(&o->bits, optarg);
+    case 's':
+        return read_number(&o->seed, optarg);
+    case 't':
+        return read_number(&o->seconds, optarg);
+    default:
+        return false;
+    }
+}
+
 static bool read_options(options *o, int argc, char **argv)
 {
-    static const struct option names[] = {{"bits", required_argument, NULL, 'b'},
-                                          {"seed", required_argument, NULL, 's'},
-                                          {"seconds", required_argument, NULL, 't'},
-                                          {"forever", no_argument, NULL, 'f'},
-                                          {"verbose", no_argument, NULL, 'v'},
-                                          {"show", no_argument, NULL, 'w'},
-                                          {"here", no_argument, NULL, 'h'},
-                                          {"no-shrink", no_argument, NULL, 'n'},
-                                          {NULL, 0, NULL, 0}};
-    *o = (options){.bits = BITS_DEFAULT, .seed = 1, .shrink = true};
+    static const struct option names[] = {
+        {"bits", required_argument, NULL, 'b'},    {"seed", required_argument, NULL, 's'},
+        {"seconds", required_argument, NULL, 't'}, {"forever", no_argument, NULL, FOREVER},
+        {"verbose", no_argument, NULL, VERBOSE},   {"show", no_argument, NULL, SHOW},
+        {"here", no_argument, NULL, HERE},         {"no-shrink", no_argument, NULL, NO_SHRINK},
+        {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0}};
+    *o = (options){.bits = BITS_DEFAULT, .seed = 1};
     for (int c; (c = getopt_long(argc, argv, "", names, NULL)) != -1;) {
-        bool good = c != '?';
-        if (c == 'b' || c == 's' || c == 't')
-            good = read_number(c == 'b' ? &o->bits : c == 's' ? &o->seed : &o->seconds, optarg);
-        o->forever = o->forever || c == 'f';
-        o->verbose = o->verbose || c == 'v';
-        o->show = o->show || c == 'w';
-        o->here = o->here || c == 'h';
-        o->shrink = o->shrink && c != 'n';
-        if (!good)
+        if (c <= HELP)
+            o->flags |= (unsigned)c;
+        else if (!read_value(o, c))
             return false;
     }
     return optind == argc;
 }
 
 /* Two tests: nothing differs, and everything was exercised. */
-static int summarise(bool same)
+static int summarise(const options *o, bool same)
 {
     diff_coverage c;
     memcpy(&c, (const void *)(uintptr_t)&common->coverage, sizeof c);
+    printf("seeds %" PRIu64 " to %" PRIu64 "\n", o->seed, common->seed);
     diff_cover_write(&c, stdout);
     unsigned missing = c.bits >= BITS_COVERING ? diff_cover_missing(&c, stdout) : 0;
     unsigned failed = (same ? 0u : 1u) + (missing > 0 ? 1u : 0u);
@@ -203,28 +217,35 @@ static int summarise(bool same)
     return failed > 0;
 }
 
-int main(int argc, char **argv)
+static int compare_all(const options *o)
 {
-    options o;
     int status;
-    if (!read_options(&o, argc, argv)) {
-        fputs(usage, stderr);
-        return 2;
-    }
-    if (o.show || o.here) {
-        show_or_run_here(&o);
-        return 0;
-    }
     common = mmap(NULL, sizeof *common, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (common == MAP_FAILED)
         return 2;
     pid_t child = fork();
     if (child == 0)
-        _exit(run_all(&o));
+        _exit(run_all(o));
     if (child < 0 || waitpid(child, &status, 0) < 0)
         return 2;
     bool same = WIFEXITED(status) && WEXITSTATUS(status) == 0;
     if (!same)
-        shrink_and_tell(common->seed, o.shrink);
-    return summarise(same);
+        shrink_and_tell(common->seed, !(o->flags & NO_SHRINK));
+    return summarise(o, same);
+}
+
+int main(int argc, char **argv)
+{
+    options o;
+    if (!read_options(&o, argc, argv)) {
+        fputs(usage, stderr);
+        return 2;
+    }
+    if (o.flags & HELP) {
+        fputs(usage, stdout);
+        return 0;
+    }
+    if (!(o.flags & (SHOW | HERE)))
+        return compare_all(&o);
+    return show_or_run_here(&o);
 }

@@ -36,7 +36,7 @@ typedef struct pair {
     side fast;
     side reference;
     uint32_t bit_ticks;
-    uint32_t unseen; /* kinds of events that have been left out at some time */
+    uint32_t unseen;     /* kinds of events that have been left out at some time */
     unsigned rule_count; /* indices of rules that may be in use */
     cw_rule rules[2 * DIFF_RULES_MAX];
     cw_event history[CONTEXT];

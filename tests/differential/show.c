@@ -247,34 +247,53 @@ static void write_rule(FILE *out, const diff_rule *rule)
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
-static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
+static bool same_node(const cw_node_config *a, const cw_node_config *b)
 {
-    const cw_bus_config *c = &plan->config;
-    fprintf(out, "cw_node_config nodes_%u[] = {\n", number);
-    for (unsigned i = 0; i < c->node_count; i++) {
+    return a->modes == b->modes && a->order == b->order && a->queue == b->queue &&
+           a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks;
+}
+
+static void write_nodes(FILE *out, const diff_plan *plan)
+{
+    for (unsigned i = 0, next; i < plan->config.node_count; i = next) {
         const cw_node_config *n = &plan->nodes[i];
-        fputs("  {", out);
+        next = i + 1;
+        while (next < plan->config.node_count && same_node(n, &plan->nodes[next]))
+            next++;
+        fprintf(out, next > i + 1 ? "  [%u ... %u] = {" : "  [%u] = {", i, next - 1);
         write_mask(out, "modes", n->modes);
         write_number(out, "order", n->order);
         write_number(out, "queue", n->queue);
         write_number(out, "warning_limit", n->warning_limit);
         write_number(out, "restart_ticks", n->restart_ticks);
-        fprintf(out, "}, /* %u */\n", i);
+        fputs("},\n", out);
     }
-    fprintf(out, "};\ncw_rule rules_%u[] = {\n", number);
+}
+
+static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
+{
+    const cw_bus_config *c = &plan->config;
+    fprintf(out, "cw_node_config nodes_%u[] = {\n", number);
+    write_nodes(out, plan);
+    fprintf(out, "};\n");
+    if (c->rule_count)
+        fprintf(out, "cw_rule rules_%u[] = {\n", number);
     for (unsigned i = 0; i < c->rule_count; i++) {
         fputs("  ", out);
         write_rule(out, &plan->rules[i]);
         fprintf(out, ", /* %u */\n", i);
     }
-    fprintf(out, "};\ncw_bus_config config_%u = {", number);
+    fprintf(out, "%scw_bus_config config_%u = {", c->rule_count ? "};\n" : "", number);
     fprintf(out, ".bit_ticks = %" PRIu32 ", .node_count = %u, .inbox = %u, ", c->bit_ticks,
             c->node_count, c->inbox);
     write_number(out, "events", c->events);
     write_number(out, "seed", c->seed);
     write_number(out, "rule_count", c->rule_count);
     write_number(out, "rule_room", c->rule_room);
-    fprintf(out, "\n  .nodes = nodes_%u, .rules = rules_%u};\n", number, number);
+    fprintf(out, "\n  .nodes = nodes_%u", number);
+    if (c->rule_count)
+        fprintf(out, ", .rules = rules_%u", number);
+    fputs("};\n", out);
 }
 
 static void write_call(FILE *out, const diff_scenario *s, const diff_op *op)
