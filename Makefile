@@ -47,12 +47,13 @@ LIB := $(BUILD)/libcanwire.a
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 CONFORMANCE := $(BUILD)/conformance
+MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
 DIFFERENTIAL := $(BUILD)/differential
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check install uninstall clean help build \
+  demo bench check man install uninstall clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -100,10 +101,12 @@ soak: ## bits with short cuts against stepped ones, SOAK_BITS=1000000000 of them
 	@echo "== differential, from seed $(SOAK_SEED)"
 	@$(DIFFERENTIAL) --bits $(SOAK_BITS) --seed $(SOAK_SEED)
 
+man: $(MAN_PAGES) ## the man pages, from --help, JSON schema and config/*.md
+
 INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR)' \
   UNITDIR='$(UNITDIR)' BUILD='$(BUILD)' scripts/install-files
 
-install: build ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
+install: build man ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
 	@$(INSTALL_FILES) install
 
 uninstall: ## removes exactly what install has put there
@@ -171,6 +174,11 @@ $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 
 $(TOOL): $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+
+$(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
+  $(wildcard config/*.md config/*.yaml config/schema/*.json)
+	@mkdir -p $(@D)
+	@scripts/man --build $(BUILD) $< >$@
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^

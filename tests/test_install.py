@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""make install puts everything where it belongs, and make uninstall takes exactly that away."""
+
+import os
+import pathlib
+import re
+import stat
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+MUST = [  # of each kind
+    "/bin/canwire", "/sbin/canwired", "/lib/systemd/system/canwired@.service",
+    "/lib/systemd/system/canwire-vcan@.service", "/lib/sysusers.d/canwire.conf",
+    "/lib/tmpfiles.d/canwire.conf", "/share/bash-completion/completions/canwire",
+    "/share/man/man1/canwire.1", "/share/man/man5/canwire.yaml.5",
+    "/share/man/man7/canwire-faults.7", "/share/man/man8/canwired.8",
+    "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",
+    "/share/canwire/lcm/event_t.lcm", "/share/canwire/example.yaml",
+    "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",
+    "/share/doc/canwire/examples/realtime.conf",
+]
+
+
+@pytest.fixture(name="make")
+def fixture_make(tmp_path):
+    """make("install") calls make for a folder; returns what it wrote to standard error."""
+    destination = tmp_path / "root"
+    destination.mkdir()
+
+    def make(target, prefix="/usr", **more):
+        variables = {"DESTDIR": destination, "PREFIX": prefix, **more}
+        done = subprocess.run(
+            ["make", "-s", target, *(f"{k}={v}" for k, v in variables.items())],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+            env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
+        )
+        return done.stderr
+
+    make.root = destination
+    return make
+
+
+def tree(root):
+    """Each path below a folder, with its mode, and what is in it."""
+    return {
+        str(path.relative_to(root)): (stat.filemode(path.stat().st_mode),
+                                      path.read_bytes() if path.is_file() else None)
+        for path in root.rglob("*")
+    }
+
+
+def populate(root):
+    """What a system has before: files of others, and folders with nothing in them."""
+    for name in ("usr/bin/other", "usr/share/man/man1/other.1", "usr/share/doc/other/README"):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("other\n")
+    for name in ("usr/sbin", "usr/share/man/man7", "etc", "usr/lib/systemd"):
+        (root / name).mkdir(parents=True)
+
+
+@pytest.mark.parametrize("prepare", [lambda root: None, populate], ids=["empty", "populated"])
+def test_uninstall_leaves_what_was_there_before(make, prepare):
+    prepare(make.root)
+    before = tree(make.root)
+    make("install")
+    assert len(tree(make.root)) > len(before) + 40
+    make("uninstall")
+    assert tree(make.root) == before
+    assert "nothing is installed" in make("uninstall")
+
+
+@pytest.mark.parametrize("prefix", ["/usr", "/opt/canwire"])
+def test_everything_is_where_it_belongs(make, prefix):
+    make("install", prefix)
+    files = {f"/{name}" for name, (_, content) in tree(make.root).items() if content is not None}
+    assert [path for path in MUST if prefix + path not in files] == []
+    assert (make.root / "etc/canwire").is_dir()
+    for unit in (make.root / prefix[1:] / "lib/systemd/system").iterdir():
+        text = unit.read_text()
+        assert not re.search("@[A-Z]", text), unit
+        programs = re.findall(r"^Exec\w+=(/\S+)", text, re.MULTILINE)
+        assert programs and set(programs) <= files, unit
+        assert "/etc/canwire/%i.yaml" in text
+        pages = re.findall(r"man:(\S+)\((\d)\)", text)
+        assert pages and {f"{prefix}/share/man/man{n}/{page}.{n}" for page, n in pages} <= files
+    modes = {name: mode for name, (mode, _) in tree(make.root).items()}
+    assert modes[f"{prefix[1:]}/bin/canwire"] == "-rwxr-xr-x"
+    assert modes[f"{prefix[1:]}/share/canwire/example.yaml"] == "-rw-r--r--"
+
+
+def test_folders_can_be_chosen(make):
+    make("install", "/usr", SYSCONFDIR="/conf", UNITDIR="/units")
+    text = (make.root / "units/canwired@.service").read_text()
+    assert "/usr/sbin/canwired -c /conf/canwire/%i.yaml" in text
+    assert (make.root / "conf/canwire").is_dir()
+    assert not (make.root / "etc").exists()
+
+
+def test_installing_again_changes_nothing_and_forgets_nothing(make):
+    make("install")
+    once = tree(make.root)
+    make("install")
+    assert tree(make.root) == once
+    make("uninstall")
+    assert tree(make.root) == {}
+
+
+def test_what_a_new_version_has_no_more_goes(make):
+    make("install")
+    once = tree(make.root)
+    manifest = make.root / "usr/share/canwire/manifest"
+    old = make.root / "usr/share/canwire/profiles/old.yaml"
+    old.write_text("faults: []\n")
+    manifest.write_text(manifest.read_text() + "file /usr/share/canwire/profiles/old.yaml\n")
+    make("install")
+    assert tree(make.root) == once
+
+
+def test_configurations_stay(make):
+    make("install")
+    config = make.root / "etc/canwire/rig.yaml"
+    config.write_text("bus: { bitrate: 500000 }\n")
+    make("uninstall")
+    assert set(tree(make.root)) == {"etc", "etc/canwire", "etc/canwire/rig.yaml"}

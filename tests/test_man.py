@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: MIT
+"""What --help, man pages and completion tell is the same, and the pages are well formed."""
+
+import json
+import os
+import pathlib
+import re
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
+SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())["$defs"]
+PAGES = ["canwire.1", "canwire.yaml.5", "canwire-faults.7", "canwired.8"]
+WIDE = "width=500"
+
+
+def run(*command, **more):
+    done = subprocess.run(command, capture_output=True, text=True, check=True, **more)
+    return done.stdout
+
+
+@pytest.fixture(scope="module", name="page")
+def fixture_page(tmp_path_factory):
+    """page("canwire.1") is the path of a page, made with these programs."""
+    folder = tmp_path_factory.mktemp("man")
+    for name in PAGES:
+        source = ROOT / f"daemon/man/{name}.md"
+        (folder / name).write_text(run(ROOT / "scripts/man", "--build", CANWIRE.parent, source))
+    return lambda name: folder / name
+
+
+def commands():
+    return re.findall(r"^  ([a-z]+) ", run(CANWIRE, "--help"), re.MULTILINE)
+
+
+def shown(path):
+    """A page as people see it."""
+    return re.sub(".\b", "", run("mandoc", "-T", "utf8", "-O", WIDE, path))
+
+
+def bare(text):
+    """Without blanks, and without what stands for bold."""
+    return re.sub(r"[\s`]+", "", text)
+
+
+def heads(path):
+    """The heads of all lists in the source of a page."""
+    found = re.findall(r"^\.TP\n(.*)$", path.read_text(), re.MULTILINE)
+    return [re.sub(r"\\f.|\\&", "", head).replace("\\-", "-") for head in found]
+
+
+def test_all_pages_are_known():
+    assert sorted(p.stem for p in (ROOT / "daemon/man").iterdir()) == sorted(PAGES)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_pages_are_well_formed(name, page):
+    environment = dict(os.environ, LC_ALL="C.UTF-8", MANROFFSEQ="", MANWIDTH="80")
+    done = subprocess.run(["man", "--warnings", "-E", "UTF-8", "-l", "-Tutf8", "-Z", page(name)],
+                          capture_output=True, text=True, check=True, env=environment)
+    assert done.stderr == ""
+    done = subprocess.run(["mandoc", "-T", "lint", "-W", "warning", page(name)],
+                          capture_output=True, text=True, check=False)
+    assert (done.stdout + done.stderr, done.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_no_markup_of_the_source_is_left(name, page):
+    text = re.sub(r"^\.nf\n.*?^\.fi\n", "", page(name).read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert not re.findall(r"`|\*\*|\]\(|^@\w+|^\s*\||^#", text, re.MULTILINE)
+
+
+def help_texts():
+    yield "canwired.8", [CANWIRE.parent / "canwired"]
+    yield "canwire.1", [CANWIRE]
+    yield from (("canwire.1", [CANWIRE, name]) for name in commands())
+
+
+def test_all_that_help_says_is_in_the_pages(page):
+    texts = {name: bare(shown(page(name))) for name in PAGES}
+    count = 0
+    for name, command in help_texts():
+        for line in run(*command, "--help").replace("usage: ", "").split("\n"):
+            if line.strip() in ("commands:", "") or re.match("exit status", line):
+                continue
+            # a command of the list is a section, with what it is beneath
+            assert bare(line) in texts[name], (name, command, line)
+            count += 1
+    assert count > 120
+
+
+def test_the_pages_have_no_option_that_help_has_not(page):
+    shared = r"^COMMON TO COMMANDS.*?(?=^[A-Z])"
+    text = shown(page("canwire.1"))
+    common = re.search(shared, text, re.MULTILINE | re.DOTALL)[0]
+    sections = dict(re.findall(r"^   canwire ([a-z]+)\n(.*?)(?=^ {0,3}\S)", text,
+                               re.MULTILINE | re.DOTALL))
+    assert list(sections) == commands()
+    for name, section in sections.items():
+        options = set(re.findall(r"--[a-z][a-z-]*", section + common))
+        assert options - {"--help"} <= set(
+            re.findall(r"--[a-z][a-z-]*", run(CANWIRE, name, "--help"))), name
+
+
+def test_completion_knows_all_commands_and_options():
+    script = ROOT / "scripts/completion/canwire.bash"
+    ask = f'source {script}; tool={CANWIRE}; echo "$_canwire_commands"; for c in "$@"; do ' \
+          'echo "$c" $(_canwire_options "$c"); done'
+    lines = run("bash", "-c", ask, "bash", *commands()).splitlines()
+    assert sorted(lines[0].split()) == sorted([*commands(), "help"])
+    for line in lines[1:]:
+        name, *options = line.split()
+        told = set(re.findall(r"^ +(?:-\w, )?(--[a-z][a-z-]*)", run(CANWIRE, name, "--help"),
+                              re.MULTILINE))
+        assert set(options) - {"--help"} == told - {"--help"}, name
+
+
+def keys_of(schema):
+    """All keys below, but those of fault rules."""
+    name = schema.get("$ref", "").removeprefix("#/$defs/")
+    if name in ("rules", "traffic"):
+        return
+    schema = SCHEMA[name] if name else schema
+    for key, value in schema.get("properties", {}).items():
+        yield key
+        yield from keys_of(value)
+    if "items" in schema:
+        yield from keys_of(schema["items"])
+
+
+def test_all_keys_of_a_configuration_are_in_its_page(page):
+    told = [head.split(" (")[0] for head in heads(page("canwire.yaml.5"))]
+    keys = list(keys_of(SCHEMA["configuration"]))
+    assert len(keys) > 25
+    assert [key for key in keys if key not in told] == []
+    for kind in ("send", "replay", "reply"):
+        for key in SCHEMA[f"traffic-{kind}"]["properties"]:
+            assert [h for h in told if h.startswith(f"{key}:")], key
+
+
+def test_all_conditions_and_actions_are_in_their_page(page):
+    told = [head.split(":")[0] for head in heads(page("canwire-faults.7"))]
+    assert [key for key in SCHEMA["when"]["properties"] if key not in told] == []
+    actions = [one["$ref"].removeprefix("#/$defs/do-") for one in SCHEMA["do"]["oneOf"]]
+    assert len(actions) > 20
+    assert [action for action in actions if action not in told] == []
