@@ -186,6 +186,12 @@ $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
+# All that runs the scenarios of the differential test, but for what compares.
+DIGEST_PARTS := $(filter-out $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
+  $(wildcard tests/differential/*.c))
+$(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 

@@ -489,7 +489,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 
 size_t cw_bus_pending(const cw_bus *bus)
 {
-    return bus->queued + bus->inbox.count + bus->held_count;
+    return (size_t)bus->queued + bus->inbox.count + bus->held_count;
 }
 
 bool cw_bus_idle(const cw_bus *bus)

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * generate.c - makes a scenario from a seed: a style, buses, traffic, operations.
+ *
+ * No two numbers are drawn in one expression, unless its order is defined: a seed is to mean the same
+ * with each compiler.
  */
 #include "differential.h"
 
@@ -181,10 +184,10 @@ static void random_plan(generator *g, diff_plan *plan)
 {
     diff_random *r = &g->maker.random;
     *plan = (diff_plan){.config = {.bit_ticks = (uint32_t)g->maker.bit,
-                                   .seed = diff_draw(r),
-                                   .node_count = (uint8_t)g->maker.nodes,
-                                   .inbox = (uint16_t)diff_magnitude(r, 64, 4096),
-                                   .events = (uint16_t)diff_magnitude(r, 64, 8192)}};
+                                   .node_count = (uint8_t)g->maker.nodes}};
+    plan->config.seed = diff_draw(r);
+    plan->config.inbox = (uint16_t)diff_magnitude(r, 64, 4096);
+    plan->config.events = (uint16_t)diff_magnitude(r, 64, 8192);
     if (g->style->small) {
         plan->config.inbox = (uint16_t)diff_magnitude(r, 1, 64);
         plan->config.events = 0;
@@ -222,7 +225,8 @@ static cw_frame related_frame(diff_random *r, const cw_frame *to)
 static cw_frame new_frame(diff_random *r)
 {
     static const uint32_t ids[] = {0x000, 0x7FF, 0x123, 0x555, 0x001, 0x7F0};
-    cw_frame f = {.id = ids[diff_below(r, 6)], .dlc = (uint8_t)diff_below(r, 9)};
+    cw_frame f = {.id = ids[diff_below(r, 6)]};
+    f.dlc = (uint8_t)diff_below(r, 9);
     if (diff_chance(r, 600))
         f.id = (uint32_t)diff_below(r, 0x800);
     if (diff_chance(r, 300)) {
@@ -333,7 +337,8 @@ static void meetings(generator *g, uint64_t frames)
         for (; frames > 0 && party > 0; frames--, party--) {
             if (!same)
                 frame = diff_random_frame(m);
-            send(g, random_node_number(g), &frame, tick + diff_below(r, spread));
+            unsigned node = random_node_number(g);
+            send(g, node, &frame, tick + diff_below(r, spread));
         }
     }
 }
@@ -342,7 +347,8 @@ static void scattered(generator *g, uint64_t frames)
 {
     for (; frames > 0; frames--) {
         const cw_frame frame = diff_random_frame(&g->maker);
-        send(g, random_node_number(g), &frame, random_tick(g));
+        unsigned node = random_node_number(g);
+        send(g, node, &frame, random_tick(g));
     }
 }
 
@@ -357,7 +363,8 @@ static void bad_frames(generator *g, uint64_t frames)
             frame.flags |= CW_FRAME_FD;
         else
             frame.dlc = (uint8_t)diff_between(r, 16, 255);
-        send(g, (unsigned)diff_below(r, g->maker.nodes + 1), &frame, random_tick(g));
+        unsigned node = (unsigned)diff_below(r, g->maker.nodes + 1);
+        send(g, node, &frame, random_tick(g));
     }
 }
 
@@ -432,7 +439,8 @@ static diff_op_kind random_op_kind(diff_random *r)
 static void add_operation(generator *g, uint64_t tick)
 {
     diff_random *r = &g->maker.random;
-    diff_op op = {.kind = random_op_kind(r), .tick = tick, .at_once = diff_chance(r, 100)};
+    diff_op op = {.kind = random_op_kind(r), .tick = tick};
+    op.at_once = diff_chance(r, 100);
     bool on_rule = op.kind >= DIFF_CLEAR_RULE && op.kind <= DIFF_FIRE_RULE;
     if (op.kind == DIFF_ADD_RULE) {
         add_rule(g, tick);

@@ -303,6 +303,13 @@ static void random_counters(diff_maker *m, cw_rule *rule)
     rule->settings = diff_random_settings(m);
 }
 
+/* One of eight bytes. */
+static void set_one(diff_random *r, uint8_t *bytes)
+{
+    uint64_t place = diff_below(r, 8);
+    bytes[place] = (uint8_t)diff_draw(r);
+}
+
 static void random_change(diff_maker *m, cw_change *c)
 {
     diff_random *r = &m->random;
@@ -317,9 +324,9 @@ static void random_change(diff_maker *m, cw_change *c)
         if (diff_chance(r, 200))
             c->xor_mask[i] = (uint8_t)diff_draw(r);
     c->set_mask[diff_below(r, 8)] = 0xFF;
-    c->set[diff_below(r, 8)] = (uint8_t)diff_draw(r);
-    c->or_mask[diff_below(r, 8)] = (uint8_t)diff_draw(r);
-    c->and_mask[diff_below(r, 8)] = (uint8_t)diff_draw(r);
+    set_one(r, c->set);
+    set_one(r, c->or_mask);
+    set_one(r, c->and_mask);
 }
 
 static void random_host(diff_maker *m, cw_rule *rule)
