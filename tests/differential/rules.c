@@ -381,7 +381,9 @@ cw_rule diff_random_rule(diff_maker *m)
     cw_rule rule = {.action = random_action(m)};
     random_when(m, &rule);
     random_do(m, &rule);
-    if (rule.action == CW_ACTION_OVERLOAD && diff_chance(&m->random, 300)) {
+    bool overload = rule.field == CW_FIELD_OVERLOAD_FLAG || /* rare, so each one has to do */
+                    rule.field == CW_FIELD_OVERLOAD_DELIMITER;
+    if ((rule.action == CW_ACTION_OVERLOAD && diff_chance(&m->random, 300)) || overload) {
         rule.filter_count = 0; /* after each frame */
         rule.data_length = 0;
         rule.from = 0;
