@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LOOK_BITS 100u /* too few for a node to go bus-off and come back */
+
 typedef struct source {
     const cfg_traffic *traffic;
     unsigned node;
@@ -392,6 +394,31 @@ static bool node_is_free(const cw_bus *bus, unsigned node)
     return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue == 0 && stats.inbox == 0 &&
            stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
            !(settings.modes & CW_MODE_LISTEN_ONLY);
+}
+
+/* A node that has a frame to send is done with it at an end of a frame, if it is not one-shot. */
+static bool is_busy_till_end_of_frame(const cw_bus *bus, unsigned node)
+{
+    cw_node_stats stats;
+    cw_settings settings;
+    return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue > 0 &&
+           stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
+           !(settings.modes & CW_MODE_ONE_SHOT);
+}
+
+uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)
+{
+    uint64_t now = cw_bus_now(bus);
+    uint64_t next = cw_bus_next(bus);
+    uint64_t last = now + (uint64_t)LOOK_BITS * plan->bit_ticks;
+    for (size_t i = 0; i < plan->source_count; i++) {
+        const source *s = &plan->sources[i];
+        if (s->waits && !(s->has_frame && is_busy_till_end_of_frame(bus, s->node)))
+            return now + plan->bit_ticks;
+    }
+    next = next < last ? next : last;
+    next -= (next - now) % plan->bit_ticks;
+    return next > now ? next : now + plan->bit_ticks;
 }
 
 static void look(release_plan *plan, source *s, const cw_bus *bus)

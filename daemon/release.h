@@ -39,9 +39,12 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node);
  * changed. There must be one. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);
 
-/* Whether a file is replayed as fast as possible: then the bus is to be advanced bit by bit, with
- * release_look() after each one and before the first. */
+/* Whether a file is replayed as fast as possible: then release_look() is to be called before the first
+ * bit and after each one that may have left its node with nothing to send. */
 bool release_is_fast(const release_plan *plan);
+
+/* The end of the next bit after which release_look() is due, if no faults are at work on the bus. */
+uint64_t release_look_at(const release_plan *plan, const cw_bus *bus);
 
 /* Plans the next frames of such files, whose nodes have nothing to send, for the coming bit. */
 void release_look(release_plan *plan, const cw_bus *bus);

@@ -283,6 +283,25 @@ def test_max_speed_leaves_no_gap_and_keeps_the_order(write, tmp_path):
     assert run(path, "--events", "-").stdout == run(path, "--events", "-", "--step").stdout
 
 
+def test_max_speed_is_the_same_bit_by_bit(write, tmp_path):
+    """Also where nodes collide, are alone, one-shot or lose arbitration; each bit is stepped with VCD."""
+    (tmp_path / "fast.log").write_text(FAST)
+    same = bus("replay: fast.log, speed: max", "send: 001#, every: 3ms, count: 9",
+               more="    traffic: [ { replay: fast.log, speed: max, only: 6F0:7F0 }, "
+                    "{ send: 123#55, every: 777us, count: 20 } ]\n  - name: c\n")
+    alone = bus("replay: fast.log, speed: max").replace("  - name: b\n", "")
+    shot = bus("replay: fast.log, speed: max", more="    one-shot: on\n    traffic: [ { replay: "
+               "fast.log, speed: max, count: 2 } ]\n").replace("- name: a", "- one-shot: on\n    "
+                                                               "name: a")
+    for text, until in ((same, "3s"), (alone, "100ms"), (shot, "3s")):
+        path = write(text)
+        plain = run(path, "--until", until, "--events", "-").stdout
+        assert plain.count('"event":"tx"') > 100 or text is alone
+        assert run(path, "--until", until, "--events", "-", "--step").stdout == plain
+        trace = run(path, "--until", until, "--events", "-", "--vcd", tmp_path / "vcd").stdout
+        assert trace == plain
+
+
 def test_max_speed_needs_no_times_and_is_repeated_at_once(write):
     path = write(bus(f"replay: {TRACES}/candump/no-time.txt, speed: max, count: 2"))
     assert [f for _, f in transmissions(path)] == [f for _, f in CANDUMP_FRAMES] * 2

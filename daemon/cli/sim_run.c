@@ -155,6 +155,16 @@ static bool is_over(const sim_run *s)
     return s->stopped || release_failed(s->plan);
 }
 
+/* How far the bus may go until a file that is replayed as fast as possible looks for its turn. */
+static uint64_t next_look(const sim_run *s)
+{
+    if (!release_is_fast(s->plan))
+        return CW_NEVER;
+    if (s->config->rule_count > 0)
+        return cw_bus_now(s->bus) + s->config->bit_ticks;
+    return release_look_at(s->plan, s->bus);
+}
+
 /* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file that is
  * replayed as fast as possible has its turn. */
 static void advance(sim_run *s, uint64_t tick)
@@ -162,16 +172,17 @@ static void advance(sim_run *s, uint64_t tick)
     const uint32_t bit_ticks = s->config->bit_ticks;
     while (!is_over(s) && cw_bus_now(s->bus) + bit_ticks <= tick) {
         uint64_t wanted = next_wanted(s);
+        uint64_t look = next_look(s);
         bool now = wanted == cw_bus_now(s->bus);
-        bool fast = release_is_fast(s->plan);
         set_stepping(s, s->step || now);
-        if (now || s->may_stop || fast)
+        if (now || s->may_stop)
             advance_bit(s);
         else
-            advance_bus(s, least(tick, wanted));
-        if (fast)
-            release_look(s->plan, s->bus);
-        if (fast && release_next_tick(s->plan) <= cw_bus_now(s->bus) + bit_ticks)
+            advance_bus(s, least(least(tick, wanted), look));
+        if (look == CW_NEVER)
+            continue;
+        release_look(s->plan, s->bus);
+        if (release_next_tick(s->plan) <= cw_bus_now(s->bus) + bit_ticks)
             return;
     }
     if (!is_over(s))
