@@ -24,7 +24,6 @@ void catchup_begin(catchup *c, int64_t boot_ns, int64_t monotonic_ns)
     c->suspended_ns = boot_ns - monotonic_ns;
 }
 
-/* When the clocks are read late one after the other, the difference is too small, never too large. */
 uint64_t catchup_suspended(catchup *c, int64_t boot_ns, int64_t monotonic_ns)
 {
     int64_t more_ns = boot_ns - monotonic_ns - c->suspended_ns;

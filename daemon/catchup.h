@@ -28,10 +28,12 @@ typedef struct catchup {
  * have happened, CW_NEVER: none. All in ticks. */
 uint64_t catchup_excess(uint64_t due, uint64_t now, uint64_t limit);
 
-/* Notes the clocks at the start. boot_ns (CLOCK_BOOTTIME) has to be read before monotonic_ns. */
+/* Notes the clocks at the start. boot_ns (CLOCK_BOOTTIME) has to be read after monotonic_ns, so that
+ * the difference is rather too large. */
 void catchup_begin(catchup *c, int64_t boot_ns, int64_t monotonic_ns);
 
-/* How long the machine was suspended since the last call, in ns; 0 when it was not. */
+/* How long the machine was suspended since the last call, in ns; 0 when it was not. boot_ns has to be
+ * read before monotonic_ns, so that the difference is rather too small. */
 uint64_t catchup_suspended(catchup *c, int64_t boot_ns, int64_t monotonic_ns);
 
 /* Counts what was skipped. */

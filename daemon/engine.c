@@ -350,9 +350,8 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
         engine_free(e);
         return NULL;
     }
-    int64_t boot_ns = clock_ns(CLOCK_BOOTTIME);
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
-    catchup_begin(&e->catchup, boot_ns, e->epoch_ns);
+    catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->epoch_ns);
     engine_read_limits(e);
     release_look(e->now.plan, e->now.bus);
     ev_io_start(loop, &e->timer);

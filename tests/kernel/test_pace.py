@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -114,8 +115,8 @@ def test_a_bus_that_was_stopped_too_long_skips_it_and_says_so(bus, skips, can_so
     assert status["bus"]["skips"] >= 1
     assert status["bus"]["skipped_ns"] >= event["skipped_ns"]
     # bus time stood still: the clock has not made up for what it missed
-    clock = b.clock()
-    assert abs(clock["handed_in"] - status["bus"]["time_ns"] // 10**6) < 2000
+    clock = next(n for n in status["nodes"] if n["name"] == "clock")
+    assert abs(clock["handed_in"] - status["bus"]["time_ns"] // 10**6) <= 1
     assert "fell behind real time" in b.shell.run("status", "pace")
     assert "the bus fell behind real time and has skipped" in b.stop()
 
@@ -193,7 +194,7 @@ def test_a_machine_that_was_suspended(vcan, bus, tmp_path, monkeypatch, can_sock
     written = frames(0x100, 3)
     engine.send(*written)
     assert gearbox.receive(3) == written
-    assert "has skipped 7200.0" in b.stop()
+    assert re.search(r"has skipped (7199\.9|7200\.0)", b.stop())
 
 
 # ---- A clock that is set -------------------------------------------------------------------------
