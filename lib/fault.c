@@ -96,6 +96,27 @@ static bool has_exact_id(const cw_rule *rule, uint32_t *id)
     return (f->mask & needed) == needed;
 }
 
+/* Most identifiers are no rule's; a look at one bit tells. */
+static unsigned id_hash(uint32_t id)
+{
+    return id * UINT32_C(2654435761) >> 20;
+}
+
+static bool may_be_exact(const cw_fault_set *set, uint32_t id)
+{
+    unsigned hash = id_hash(id);
+    return set->id_filter[hash / 64] >> (hash % 64) & 1u;
+}
+
+static void filter_ids(cw_fault_set *set)
+{
+    memset(set->id_filter, 0, sizeof set->id_filter);
+    for (unsigned i = 0; i < set->exact_count; i++) {
+        unsigned hash = id_hash(set->exact[i].id);
+        set->id_filter[hash / 64] |= UINT64_C(1) << (hash % 64);
+    }
+}
+
 static unsigned find_exact(const cw_fault_set *set, uint32_t id, unsigned rule)
 {
     unsigned low = 0;
@@ -152,6 +173,7 @@ static void index_add(cw_fault_set *set, unsigned rule)
             (set->exact_count - place) * sizeof set->exact[0]);
     set->exact[place] = (cw_fault_key){.id = id, .rule = (uint16_t)rule};
     set->exact_count++;
+    filter_ids(set);
 }
 
 static void index_remove(cw_fault_set *set, unsigned rule)
@@ -163,6 +185,7 @@ static void index_remove(cw_fault_set *set, unsigned rule)
         set->exact_count--;
         memmove(&set->exact[i], &set->exact[i + 1],
                 (set->exact_count - i) * sizeof set->exact[0]);
+        filter_ids(set);
         return;
     }
 }
@@ -172,7 +195,7 @@ void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *fr
     const cw_fault_set *set = &bus->faults;
     uint32_t id = can_id(frame) & ~CW_FILTER_REMOTE;
     *c = (cw_candidates){.frame = frame};
-    if (set->exact_count == 0)
+    if (!may_be_exact(set, id))
         return;
     c->exact = find_exact(set, id, 0);
     c->exact_end = c->exact;

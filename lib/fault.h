@@ -62,8 +62,11 @@ typedef struct cw_fault_key {
     uint16_t rule;
 } cw_fault_key;
 
+#define CW_ID_FILTER_WORDS 64u
+
 typedef struct cw_fault_set {
     cw_fault *faults;
+    uint64_t id_filter[CW_ID_FILTER_WORDS]; /* a bit for each hash of an identifier in `exact` */
     cw_fault_key *exact;    /* frame rules with one exact identifier, sorted */
     uint16_t *wild;         /* the other frame rules */
     uint16_t *awake;        /* sorted */
