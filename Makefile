@@ -80,8 +80,8 @@ bench: ## what canwire costs, in ns and instructions, beside others; build/bench
 
 check: ## static checks: what the library needs of the outside, shell scripts
 	@scripts/install-deps all
-	@$(MAKE) --no-print-directory $(LIB)
-	@scripts/check $(LIB)
+	@$(MAKE) --no-print-directory LIB_LTO= BUILD=build/check build/check/libcanwire.a
+	@scripts/check build/check/libcanwire.a
 
 picture: build ## draw the picture in README.md again
 	$(TOOL) sim config/picture/one-bad-bit.yaml --svg config/picture/one-bad-bit.svg \
@@ -170,10 +170,10 @@ $(PARTS): $(call objects,$(PARTS_SOURCES))
 	$(AR) rcs $@ $^
 
 $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(TOOL): $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
   $(wildcard config/*.md config/*.yaml config/schema/*.json)
@@ -193,7 +193,7 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
@@ -206,9 +206,16 @@ $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
+# The engine is small functions in many files: optimised as one where gcc links a program.
+IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
+ifeq ($(VARIANT)$(IS_GCC),releaseyes)
+LIB_LTO := -flto -ffat-lto-objects
+LINK_LTO := -flto
+endif
+
 $(BUILD)/lib/%.o: lib/%.c
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) -c -o $@ $<
+	$(CC) $(ALL_CFLAGS) $(LIB_LTO) -c -o $@ $<
 
 $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 	@mkdir -p $(@D)
