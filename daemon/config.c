@@ -5,18 +5,14 @@
 #include "config.h"
 
 #include "config_read.h"
+#include "portname.h"
 #include "yamlfile.h"
 
-#include <ctype.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE_NAME_MAX 15u /* IFNAMSIZ - 1 */
-#define INTERFACE_EXPECTED                                                                         \
-    "the name of an interface, at most 15 bytes without '/', ':' and white space"
 #define NETNS_NAME_MAX 64u
-#define SOCKET_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
 #define LCM_EVENTS_MAX 64u   /* words in one list */
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
@@ -454,30 +450,45 @@ static void read_node_name(schema *self, const schema_key *key, yaml_node_t *val
         }
 }
 
-/* What the kernel takes for the name of an interface. */
-static bool interface_name_valid(const char *name)
-{
-    if (strlen(name) > INTERFACE_NAME_MAX || strcmp(name, ".") == 0 || strcmp(name, "..") == 0)
-        return false;
-    for (; *name; name++)
-        if (*name == '/' || *name == ':' || isspace((unsigned char)*name))
-            return false;
-    return true;
-}
-
 /* A copy of the name of an interface, or NULL where there is no text. */
 static char *read_interface(schema *self, const schema_key *key, const yaml_node_t *value)
 {
-    const char *text = schema_text(self, key, value, INTERFACE_EXPECTED);
+    const char *text = schema_text(self, key, value, PORTNAME_INTERFACE_EXPECTED);
 
     if (!text)
         return NULL;
-    if (strncmp(text, "unix:", strlen("unix:")) == 0)
-        schema_complain(self, value, "%s: unix:PATH is not supported yet; expected %s", key->name,
-                        INTERFACE_EXPECTED);
-    else if (!interface_name_valid(text))
-        schema_expected(self, key, value, INTERFACE_EXPECTED);
+    if (!portname_is_interface(text))
+        schema_expected(self, key, value, PORTNAME_INTERFACE_EXPECTED);
     return schema_copy(self, text);
+}
+
+/* The path of unix:PATH is relative to the file. */
+static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const portname *name)
+{
+    char *path = cfg_resolve_path(self, cfg_of(self)->file, name->path);
+    char *port = path ? schema_alloc(self, strlen("unix:") + strlen(path) + 1, 1) : NULL;
+
+    if (!port)
+        return NULL;
+    strcpy(stpcpy(port, "unix:"), path);
+    if (strlen(path) > PORTNAME_PATH_MAX)
+        schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
+                        key->name, PORTNAME_PATH_MAX, strlen(path), path);
+    return port;
+}
+
+static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    const char *text = schema_text(self, key, value, PORTNAME_EXPECTED);
+
+    if (!text)
+        return NULL;
+    const portname name = portname_parse(text);
+    if (name.kind == PORTNAME_INVALID)
+        schema_expected(self, key, value, PORTNAME_EXPECTED);
+    return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
+                                      : schema_copy(self, text);
 }
 
 static bool same_text(const char *a, const char *b)
@@ -510,7 +521,7 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
 {
     cfg_node *node = object;
 
-    node->port = read_interface(self, key, value);
+    node->port = read_port_name(self, key, value);
     check_interface(self, key, value, node->port, NULL);
 }
 
@@ -520,6 +531,8 @@ static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, v
 
     if (!node->port)
         schema_complain(self, value, "%s: only a node with port has a peer", key->name);
+    else if (!portname_is_interface(node->port))
+        schema_complain(self, value, "%s: only a port that is an interface has a peer", key->name);
     schema_map(self, key->name, value, peer_keys, node);
     check_interface(self, key, value, node->peer, node->netns);
     if (!node->netns && node->peer && same_text(node->peer, node->port))
@@ -612,7 +625,7 @@ static void read_control(schema *self, const schema_key *key, yaml_node_t *value
     if (!text)
         return;
     config->control = cfg_resolve_path(self, config->file, text);
-    if (config->control && strlen(config->control) > SOCKET_PATH_MAX)
+    if (config->control && strlen(config->control) > PORTNAME_PATH_MAX)
         schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
-                        key->name, SOCKET_PATH_MAX, strlen(config->control), config->control);
+                        key->name, PORTNAME_PATH_MAX, strlen(config->control), config->control);
 }

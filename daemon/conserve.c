@@ -78,7 +78,7 @@ static void open_books(books *b, const conserve *c, const cw_bus *bus, unsigned 
     (void)cw_node_get_stats(bus, node, &b->bus);
     conserve_get_stats(&b->interface, c, node, own_port);
     b->came = b->interface.read + n->released;
-    b->went = b->interface.written + b->interface.write_failed + n->unheard;
+    b->went = b->interface.written + b->interface.write_failed + b->interface.unheard + n->unheard;
 }
 
 static bool balance(const books *b)

@@ -8,6 +8,7 @@
  *   handed in + made by rules          = transmitted + queued + held back + dropped, by reason
  *   accepted + made by rules           = received + held back + dropped, by reason
  *   received                           = written to its interface + failed to be written + unheard
+ *                                        (by an ECU that was not connected, or without a port)
  *
  * The second and third are the library's own (cw_node_stats_balance()). Nodes may get other
  * interfaces while the bus runs, and interfaces other nodes; what counts here is what a node and an

@@ -10,18 +10,15 @@
 
 #include "buffer.h"
 #include "log.h"
+#include "pathsocket.h"
 
 #include <errno.h>
-#include <grp.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
-#include <sys/un.h>
 #include <unistd.h>
 
-#define GROUP "canwire"
 #define BACKLOG 64
 #define ACCEPTS_MAX 16    /* at one wake-up */
 #define READ_BYTES 65536u /* at one wake-up */
@@ -46,9 +43,7 @@ struct server {
     struct ev_loop *loop;
     const server_calls *calls;
     void *user;
-    char *path;
-    struct stat socket; /* of the path when it was made */
-    int fd;
+    pathsocket socket;
     ev_io acceptor;
     ev_timer pause;
     ev_prepare turn;
@@ -292,7 +287,7 @@ static void on_client(struct ev_loop *loop, ev_io *io, int events)
     (void)events;
     server *s = io->data;
     for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
-        int fd = accept4(s->fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+        int fd = accept4(s->socket.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
         if (fd >= 0) {
             admit(s, fd);
         } else if (errno != EINTR && errno != ECONNABORTED) {
@@ -312,94 +307,9 @@ static void on_pause_over(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
-static bool is_socket(const char *path)
-{
-    struct stat found;
-    return lstat(path, &found) == 0 && S_ISSOCK(found.st_mode);
-}
-
-/* Whether a socket is at the path that nobody listens at. */
-static bool is_stale(const struct sockaddr_un *address)
-{
-    if (!is_socket(address->sun_path))
-        return false;
-    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
-                 errno == ECONNREFUSED;
-    if (fd >= 0)
-        (void)close(fd);
-    return stale;
-}
-
-/* Returns 0 or an errno. The mask makes the socket 0660 from its first moment on. */
-static int bind_once(int fd, const struct sockaddr_un *address)
-{
-    mode_t mask = umask(S_IXUSR | S_IXGRP | S_IRWXO);
-    int result = bind(fd, (const struct sockaddr *)address, sizeof *address);
-    int error = result == 0 ? 0 : errno;
-    (void)umask(mask);
-    return error;
-}
-
-static void log_bind_error(const char *path, int error)
-{
-    const char *why = strerror(error);
-    if (error == EADDRINUSE)
-        why = is_socket(path) ? "in use; is another canwired running for this bus?"
-                              : "there is something that is no socket";
-    else if (error == ENOENT)
-        why = "the directory does not exist";
-    log_error("control %s: %s", path, why);
-}
-
-static bool bind_path(server *s)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(s->path) >= sizeof address.sun_path) {
-        log_error("control %s: the path is too long for a socket", s->path);
-        return false;
-    }
-    memcpy(address.sun_path, s->path, strlen(s->path));
-    int error = bind_once(s->fd, &address);
-    if (error == EADDRINUSE && is_stale(&address)) {
-        log_info("control %s: replacing the socket of a canwired that is gone", s->path);
-        (void)unlink(s->path);
-        error = bind_once(s->fd, &address);
-    }
-    if (error == 0)
-        return lstat(s->path, &s->socket) == 0;
-    log_bind_error(s->path, error);
-    return false;
-}
-
-/* Without the group the socket is for the daemon's own user and group. */
-static void give_to_group(const server *s)
-{
-    const struct group *group = getgrnam(GROUP);
-    if (group && group->gr_gid != s->socket.st_gid && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
-        log_warning("control %s: cannot give it to the group " GROUP ": %s", s->path,
-                    strerror(errno));
-}
-
-static bool listen_at_path(server *s)
-{
-    s->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (s->fd < 0) {
-        log_error("control %s: %s", s->path, strerror(errno));
-        return false;
-    }
-    if (!bind_path(s))
-        return false;
-    give_to_group(s);
-    if (listen(s->fd, BACKLOG) == 0)
-        return true;
-    log_error("control %s: %s", s->path, strerror(errno));
-    return false;
-}
-
 static void prepare_watchers(server *s)
 {
-    ev_io_init(&s->acceptor, on_client, s->fd, EV_READ);
+    ev_io_init(&s->acceptor, on_client, s->socket.fd, EV_READ);
     ev_init(&s->pause, on_pause_over);
     ev_prepare_init(&s->turn, on_turn);
     ev_idle_init(&s->busy, on_busy);
@@ -410,34 +320,24 @@ static void prepare_watchers(server *s)
 
 server *server_start(struct ev_loop *loop, const char *path, const server_calls *calls, void *user)
 {
+    char error[PATHSOCKET_ERROR_MAX];
     server *s = calloc(1, sizeof *s);
-    char *copy = strdup(path);
-    if (!s || !copy) {
+    if (!s) {
         log_error("out of memory");
-        free(s);
-        free(copy);
         return NULL;
     }
-    *s = (server){.loop = loop, .calls = calls, .user = user, .path = copy, .fd = -1};
+    *s = (server){.loop = loop, .calls = calls, .user = user};
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         s->clients[i] = (server_client){.server = s, .fd = -1};
-    bool good = listen_at_path(s);
+    bool good = pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
     prepare_watchers(s);
     if (!good) {
+        log_error("control %s: %s", path, error);
         server_stop(s);
         return NULL;
     }
     ev_io_start(loop, &s->acceptor);
     return s;
-}
-
-/* Not the socket of a daemon that has taken the place. */
-static void remove_socket(const server *s)
-{
-    struct stat now;
-    if (s->socket.st_ino != 0 && lstat(s->path, &now) == 0 && now.st_ino == s->socket.st_ino &&
-        now.st_dev == s->socket.st_dev)
-        (void)unlink(s->path);
 }
 
 void server_stop(server *s)
@@ -451,10 +351,7 @@ void server_stop(server *s)
     ev_timer_stop(s->loop, &s->pause);
     ev_prepare_stop(s->loop, &s->turn);
     ev_idle_stop(s->loop, &s->busy);
-    remove_socket(s);
-    if (s->fd >= 0)
-        (void)close(s->fd);
-    free(s->path);
+    pathsocket_close(&s->socket);
     free(s);
 }
 

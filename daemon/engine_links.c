@@ -4,11 +4,12 @@
  *
  * A configuration names interfaces, so names count: an interface that is renamed is gone, and what
  * gets its name takes its place, as it would at the next start. An interface that is made anew is
- * another one and needs another socket.
+ * another one and needs another socket. Ports that are no interfaces stay as they are.
  */
 #include "engine_private.h"
 
 #include "log.h"
+#include "portname.h"
 
 #include <net/if.h>
 #include <string.h>
@@ -167,7 +168,7 @@ static void on_listed(void *user)
         return;
     engine_update(e);
     for (unsigned i = 0; i < e->config->node_count; i++)
-        if (e->config->nodes[i].port && !(e->links.mentioned & bit_of(i)))
+        if (portname_is_interface(e->config->nodes[i].port) && !(e->links.mentioned & bit_of(i)))
             lose_port(e, i);
     engine_update(e);
 }

@@ -21,6 +21,8 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT] = "received, not taken by the port",
     [CW_DROP_COUNT + 1] = "lost in the kernel before they could be read",
     [CW_DROP_COUNT + 2] = "error frames left out",
+    [CW_DROP_COUNT + 3] = "messages that are no frames",
+    [CW_DROP_COUNT + 4] = "connections refused, an ECU is connected already",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -34,6 +36,8 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT] = interface->write_failed;
     now[CW_DROP_COUNT + 1] = interface->kernel_dropped;
     now[CW_DROP_COUNT + 2] = interface->errors_left_out;
+    now[CW_DROP_COUNT + 3] = interface->malformed;
+    now[CW_DROP_COUNT + 4] = interface->refused;
 }
 
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS], const char *name)

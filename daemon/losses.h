@@ -8,7 +8,7 @@
 #include "config.h"
 #include "report.h"
 
-#define LOSS_KINDS (CW_DROP_COUNT + 3)
+#define LOSS_KINDS (CW_DROP_COUNT + 5)
 
 /* What has been logged so far; starts all zero. */
 typedef struct losses {

@@ -5,6 +5,7 @@
 #include "output.h"
 
 #include "jsonput.h"
+#include "portname.h"
 #include "text.h"
 
 #include <assert.h>
@@ -47,7 +48,8 @@ void output_log(FILE *out, const cfg *config, const cw_event *event)
         if ((event->nodes >> i & 1u) != 0) {
             const cfg_node *node = &config->nodes[i];
 
-            fprintf(out, "%s %s %s\n", time, node->port != NULL ? node->port : node->name, frame);
+            bool interface = portname_is_interface(node->port);
+            fprintf(out, "%s %s %s\n", time, interface ? node->port : node->name, frame);
         }
     }
 }

@@ -4,7 +4,12 @@
  */
 #include "port_kind.h"
 
+#include "portname.h"
+
+#include <errno.h>
 #include <linux/can/error.h>
+#include <net/if.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -13,9 +18,26 @@
 
 /* ---- Opening and closing --------------------------------------------------------------------- */
 
-port *port_open(const char *name, const char *bus, char error[PORT_ERROR_TEXT_MAX])
+bool port_exists(const char *name)
 {
-    return port_socketcan_open(name, bus, error);
+    return !portname_is_interface(name) || if_nametoindex(name) != 0 || errno != ENODEV;
+}
+
+port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MAX])
+{
+    const portname name = portname_parse(text);
+    switch (name.kind) {
+    case PORTNAME_INTERFACE:
+        return port_socketcan_open(text, bus, error);
+    case PORTNAME_UNIX:
+        return port_unix_open(name.path, error);
+    case PORTNAME_FD:
+        return port_unix_adopt(name.fd, error);
+    case PORTNAME_INVALID:
+        break;
+    }
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: expected %s", text, PORTNAME_EXPECTED);
+    return NULL;
 }
 
 static void prepare_messages(port_messages *m)
@@ -104,14 +126,25 @@ static int64_t take_control(port *p, struct msghdr *header)
     return arrival_ns;
 }
 
+/* Raw CAN sockets give nothing else. */
+static bool is_frame(const port_messages *m, unsigned i)
+{
+    const struct mmsghdr *header = &m->headers[i];
+    bool classic = header->msg_len == CAN_MTU && m->frames[i].len <= CAN_MAX_DLEN;
+    return (classic || header->msg_len == CANFD_MTU) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
+}
+
 /* Whether a message is a frame for the bus; if so it is put into *out. */
 static bool take_message(port *p, port_frame *out, unsigned i)
 {
     struct mmsghdr *m = &p->messages.headers[i];
     int64_t arrival_ns = take_control(p, &m->msg_hdr);
-    bool whole = m->msg_len == CAN_MTU || m->msg_len == CANFD_MTU;
-    if (!whole || (m->msg_hdr.msg_flags & MSG_CONFIRM))
+    if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
+    if (!is_frame(&p->messages, i)) {
+        p->stats.malformed++;
+        return false;
+    }
     if (p->messages.frames[i].can_id & CAN_ERR_FLAG) {
         p->stats.errors_ignored++;
         return false;
@@ -160,28 +193,34 @@ static void to_socketcan(struct can_frame *out, const cw_frame *in)
     memcpy(out->data, in->data, cw_frame_length(in));
 }
 
-static bool write_frame(port *p, const struct can_frame *frame, uint64_t *written,
-                        uint64_t *failed)
-{
-    bool good = p->kind->send(p, frame) == PORT_SENT;
-    (*(good ? written : failed))++;
-    return good;
-}
-
 bool port_write(port *p, const cw_frame *frame)
 {
+    uint64_t *counters[PORT_SENT_COUNT] = {
+        [PORT_SENT] = &p->stats.written,
+        [PORT_SEND_FAILED] = &p->stats.write_failed,
+        [PORT_UNHEARD] = &p->stats.unheard,
+    };
     struct can_frame out;
     to_socketcan(&out, frame);
-    return write_frame(p, &out, &p->stats.written, &p->stats.write_failed);
+    port_sent sent = p->kind->send(p, &out);
+    (*counters[sent])++;
+    return sent == PORT_SENT;
 }
 
 bool port_write_error(port *p, const errframe *frame, uint64_t tick)
 {
+    uint64_t *counters[PORT_SENT_COUNT] = {
+        [PORT_SENT] = &p->stats.errors_written,
+        [PORT_SEND_FAILED] = &p->stats.errors_failed,
+        [PORT_UNHEARD] = &p->stats.errors_unheard,
+    };
     if (!errframe_limit_pass(&p->limit, frame, tick))
         return false;
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
-    return write_frame(p, &out, &p->stats.errors_written, &p->stats.errors_failed);
+    port_sent sent = p->kind->send(p, &out);
+    (*counters[sent])++;
+    return sent == PORT_SENT;
 }
 
 void port_tell_overflow(port *p, uint64_t tick)

@@ -24,23 +24,31 @@ typedef struct port_stats {
     uint64_t read;           /* frames that were read for the bus */
     uint64_t written;        /* frames given to the ECU's interface; error frames not counted */
     uint64_t write_failed;   /* frames that the kernel did not take */
+    uint64_t unheard;        /* frames for an ECU that was not connected; unix:PATH, fd:NUMBER */
     uint64_t kernel_dropped; /* frames lost in the kernel before they could be read */
     uint64_t errors_written; /* error frames given to the ECU's interface */
     uint64_t errors_failed;  /* error frames that the kernel did not take */
     uint64_t errors_left_out; /* error frames not written because there were too many */
+    uint64_t errors_unheard; /* error frames for an ECU that was not connected */
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
+    uint64_t malformed;      /* messages of an ECU that are no frames */
+    uint64_t connected;      /* how often an ECU connected */
+    uint64_t refused;        /* connections refused since an ECU was connected already */
 } port_stats;
 
-/* Whether there is such an interface, of whatever kind; also when that cannot be told. */
-bool port_exists(const char *interface);
+/* Whether a port of that name can be opened but for its own fault: of an interface, whether there is
+ * one, of whatever kind; also when that cannot be told. */
+bool port_exists(const char *name);
 
-/* Opens a vcan or vxcan interface for a bus, which has it alone among all canwired. NULL after writing
- * why, with the remedy, to error. */
-port *port_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
+/* Opens a port by its name (portname.h): a vcan or vxcan interface for a bus, which has it alone among
+ * all canwired, or a Unix socket in place of one, whose messages are struct can_frame. NULL after
+ * writing why, with the remedy, to error. */
+port *port_open(const char *name, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
 
 void port_close(port *p);
 
-/* Of the interface that it was opened on, which may have another name or be gone by now. */
+/* Of the interface that it was opened on, which may have another name or be gone by now; 0 where
+ * there is none. */
 unsigned port_index(const port *p);
 
 /* Readable when frames wait. */

@@ -15,7 +15,12 @@
 #define PORT_CONTROL_BYTES 128
 
 /* How it went with a frame for the ECU. */
-typedef enum port_sent { PORT_SENT = 0, PORT_SEND_FAILED } port_sent;
+typedef enum port_sent {
+    PORT_SENT = 0,
+    PORT_SEND_FAILED, /* the kernel did not take it */
+    PORT_UNHEARD,     /* no ECU is connected */
+    PORT_SENT_COUNT
+} port_sent;
 
 /* What a kind of ports does in its own way. */
 typedef struct port_kind {
@@ -40,7 +45,7 @@ typedef struct port_messages {
 struct port {
     const port_kind *kind;
     int fd;         /* readable when frames wait; -1 while it is being opened */
-    unsigned index; /* of its interface */
+    unsigned index; /* of its interface, or 0 */
     port_stats stats;
     uint32_t drops;        /* as the kernel counts them, modulo 2^32 */
     uint64_t told_dropped; /* of stats.kernel_dropped, what the ECU has been told of ... */
@@ -64,7 +69,14 @@ unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
 /* The kernel has dropped so many frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);
 
-/* Opens an interface; see port_open(). */
+/* ---- Kinds: see port_open() ------------------------------------------------------------------ */
+
 port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
+
+/* A socket at a path, where one ECU at a time connects. */
+port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX]);
+
+/* A connected socket that was inherited; it is the port's from now on. */
+port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
 
 #endif

@@ -73,11 +73,6 @@ static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool
     (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s%s", interface, strerror(number), remedy);
 }
 
-bool port_exists(const char *interface)
-{
-    return if_nametoindex(interface) != 0 || errno != ENODEV;
-}
-
 static void close_socket(port *p)
 {
     if (p->fd >= 0)

@@ -61,11 +61,16 @@ static json_t *interface_json(const port_stats *stats)
     put_count(object, "read", stats->read);
     put_count(object, "written", stats->written);
     put_count(object, "write_failed", stats->write_failed);
+    put_count(object, "unheard", stats->unheard);
     put_count(object, "kernel_dropped", stats->kernel_dropped);
     put_count(object, "errors_written", stats->errors_written);
     put_count(object, "errors_failed", stats->errors_failed);
     put_count(object, "errors_left_out", stats->errors_left_out);
+    put_count(object, "errors_unheard", stats->errors_unheard);
     put_count(object, "errors_ignored", stats->errors_ignored);
+    put_count(object, "malformed", stats->malformed);
+    put_count(object, "connected", stats->connected);
+    put_count(object, "refused", stats->refused);
     return object;
 }
 

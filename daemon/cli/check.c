@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "config.h"
+#include "portname.h"
 #include "replay.h"
 
 #include <getopt.h>
@@ -53,7 +54,7 @@ int cli_check(int argc, char **argv)
 static void print_ports(const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
-        if (config->nodes[i].port)
+        if (portname_is_interface(config->nodes[i].port))
             puts(config->nodes[i].port);
 }
 

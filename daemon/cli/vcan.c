@@ -9,6 +9,7 @@
 
 #include "config.h"
 #include "links.h"
+#include "portname.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -264,10 +265,10 @@ static bool bring_up(plan *p)
     bool good = true;
 
     for (size_t i = 0; i < p->config->node_count; i++)
-        if (p->config->nodes[i].port)
+        if (portname_is_interface(p->config->nodes[i].port))
             good = plan_port(p, i) && good;
     for (size_t i = 0; good && i < p->config->node_count; i++)
-        if (p->config->nodes[i].port && !carry_out(p, i)) {
+        if (portname_is_interface(p->config->nodes[i].port) && !carry_out(p, i)) {
             take_back(p);
             return false;
         }

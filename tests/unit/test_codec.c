@@ -60,7 +60,7 @@ static void random_frames_encode_as_bit_by_bit(void **state)
     rig_random random = {SEED + 7};
     for (unsigned i = 0; i < BITWISE_FRAMES; i++) {
         cw_frame f = rig_random_frame(&random);
-        for (unsigned byte = cw_frame_length(&f); byte < 10; byte++)
+        for (unsigned byte = cw_frame_length(&f); byte < CW_FRAME_DATA_MAX; byte++)
             f.data[byte] = (uint8_t)rig_runs(&random);
         check_bitwise(&f, 0);
         check_bitwise(&f, (uint16_t)rig_below(&random, 0x8000));
