@@ -195,7 +195,7 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^
 
-$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LIB)
+$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
 
 FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(PARTS) $(LIB)

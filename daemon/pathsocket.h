@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <sys/stat.h>
 
-#define PATHSOCKET_ERROR_MAX 160
+#define PATHSOCKET_ERROR_MAX 80
 
 typedef struct pathsocket {
     int fd;           /* -1: none */

@@ -29,6 +29,15 @@ static bool is_interface_name(const char *name)
     return true;
 }
 
+/* Names come up in the log. */
+static bool is_path(const char *path)
+{
+    const char *c = path;
+    while (*c && !iscntrl((unsigned char)*c))
+        c++;
+    return *path && !*c;
+}
+
 /* Of a single form, so that two names of one descriptor are equal. 0, 1 and 2 are taken. */
 static bool parse_fd(int *fd, const char *text)
 {
@@ -44,7 +53,7 @@ portname portname_parse(const char *text)
     portname name = {.path = behind(text, "unix:"), .fd = -1};
     const char *number = behind(text, "fd:");
     if (name.path)
-        name.kind = *name.path ? PORTNAME_UNIX : PORTNAME_INVALID;
+        name.kind = is_path(name.path) ? PORTNAME_UNIX : PORTNAME_INVALID;
     else if (number)
         name.kind = parse_fd(&name.fd, number) ? PORTNAME_FD : PORTNAME_INVALID;
     else if (is_interface_name(text))

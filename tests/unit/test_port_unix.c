@@ -1,0 +1,578 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_port_unix.c - names of ports, ports on Unix sockets, and the engine on them.
+ */
+#include "rig.h"
+
+#include "engine.h"
+#include "portname.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/can.h>
+#include <linux/can/error.h>
+#include <poll.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <time.h>
+#include <unistd.h>
+
+#define WAIT_MS 10000 /* for what has to come */
+
+/* ---- Set-up ---------------------------------------------------------------------------------- */
+
+typedef struct fixture {
+    char folder[64];
+    char path[80];
+    char name[90]; /* of the port */
+    port *port;
+} fixture;
+
+static int set_up(void **state)
+{
+    fixture *f = calloc(1, sizeof *f);
+    char error[PORT_ERROR_TEXT_MAX];
+    strcpy(f->folder, "/tmp/canwire-test-XXXXXX");
+    assert_non_null(mkdtemp(f->folder));
+    snprintf(f->path, sizeof f->path, "%s/ecu", f->folder);
+    snprintf(f->name, sizeof f->name, "unix:%s", f->path);
+    f->port = port_open(f->name, "bus", error);
+    assert_non_null(f->port);
+    *state = f;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    fixture *f = *state;
+    port_close(f->port);
+    assert_int_equal(access(f->path, F_OK), -1);
+    assert_int_equal(rmdir(f->folder), 0);
+    free(f);
+    return 0;
+}
+
+static int connect_to(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    strcpy(address.sun_path, path);
+    int fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
+    assert_int_equal(connect(fd, (struct sockaddr *)&address, sizeof address), 0);
+    return fd;
+}
+
+static struct can_frame raw_frame(uint32_t id, unsigned length)
+{
+    struct can_frame f = {.can_id = id, .len = (uint8_t)length};
+    for (unsigned i = 0; i < length && i < 8; i++)
+        f.data[i] = (uint8_t)(0x11 * (i + 1));
+    return f;
+}
+
+static void write_raw(int fd, uint32_t id)
+{
+    const struct can_frame f = raw_frame(id, 2);
+    assert_int_equal(send(fd, &f, sizeof f, MSG_NOSIGNAL), sizeof f);
+}
+
+static bool readable(int fd, int wait_ms)
+{
+    struct pollfd p = {.fd = fd, .events = POLLIN};
+    return poll(&p, 1, wait_ms) == 1;
+}
+
+/* All that waits, as an engine reads at a wake-up. */
+static unsigned read_all(port *p, port_frame *frames)
+{
+    unsigned count = 0;
+    bool more = true;
+    while (more) {
+        port_frame batch[PORT_BATCH];
+        unsigned some = port_read(p, batch, &more);
+        memcpy(frames + count, batch, some * sizeof *batch);
+        count += some;
+    }
+    return count;
+}
+
+static unsigned read_none(port *p)
+{
+    port_frame frames[PORT_BATCH];
+    return read_all(p, frames);
+}
+
+static port_stats stats_of(port *p)
+{
+    port_stats s;
+    port_get_stats(p, &s);
+    return s;
+}
+
+/* ---- Names ----------------------------------------------------------------------------------- */
+
+typedef struct name_case {
+    const char *text;
+    portname_kind kind;
+    const char *path;
+    int fd;
+} name_case;
+
+static void names_tell_the_kind_of_a_port(void **state)
+{
+    (void)state;
+    static const name_case cases[] = {
+        {"vcan0", PORTNAME_INTERFACE, NULL, -1},
+        {"unix", PORTNAME_INTERFACE, NULL, -1},
+        {"fifteen-bytes-x", PORTNAME_INTERFACE, NULL, -1},
+        {"sixteen-bytes-xx", PORTNAME_INVALID, NULL, -1},
+        {"", PORTNAME_INVALID, NULL, -1},
+        {".", PORTNAME_INVALID, NULL, -1},
+        {"a b", PORTNAME_INVALID, NULL, -1},
+        {"tcp:1", PORTNAME_INVALID, NULL, -1},
+        {"unix:/run/a b", PORTNAME_UNIX, "/run/a b", -1},
+        {"unix:relative", PORTNAME_UNIX, "relative", -1},
+        {"unix:", PORTNAME_INVALID, "", -1},
+        {"unix:a\nb", PORTNAME_INVALID, "a\nb", -1},
+        {"fd:3", PORTNAME_FD, NULL, 3},
+        {"fd:999999", PORTNAME_FD, NULL, 999999},
+        {"fd:0", PORTNAME_INVALID, NULL, -1},
+        {"fd:2", PORTNAME_INVALID, NULL, 2},
+        {"fd:03", PORTNAME_INVALID, NULL, -1},
+        {"fd:3x", PORTNAME_INVALID, NULL, -1},
+        {"fd:-3", PORTNAME_INVALID, NULL, -1},
+        {"fd:1000000", PORTNAME_INVALID, NULL, -1},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        portname name = portname_parse(cases[i].text);
+        assert_int_equal(name.kind, cases[i].kind);
+        assert_int_equal(portname_is_interface(cases[i].text),
+                         cases[i].kind == PORTNAME_INTERFACE);
+        if (name.kind == PORTNAME_UNIX)
+            assert_string_equal(name.path, cases[i].path);
+        if (name.kind == PORTNAME_FD)
+            assert_int_equal(name.fd, cases[i].fd);
+    }
+    assert_false(portname_is_interface(NULL));
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+static void frames_come_with_the_time_at_which_they_were_sent(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    struct timespec before, after;
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    clock_gettime(CLOCK_REALTIME, &before);
+    write_raw(ecu, 0x123);
+    write_raw(ecu, 0x12345678 | CAN_EFF_FLAG);
+    clock_gettime(CLOCK_REALTIME, &after);
+    assert_true(readable(port_fd(f->port), WAIT_MS));
+    assert_int_equal(read_all(f->port, frames), 2);
+    assert_int_equal(frames[0].frame.id, 0x123);
+    assert_int_equal(frames[0].frame.dlc, 2);
+    assert_int_equal(frames[0].frame.data[1], 0x22);
+    assert_int_equal(frames[1].frame.id, 0x12345678);
+    assert_int_equal(frames[1].frame.flags, CW_FRAME_EXTENDED);
+    for (unsigned i = 0; i < 2; i++) {
+        assert_true(frames[i].realtime_ns >= before.tv_sec * INT64_C(1000000000) + before.tv_nsec);
+        assert_true(frames[i].realtime_ns <= after.tv_sec * INT64_C(1000000000) + after.tv_nsec);
+    }
+    assert_false(readable(port_fd(f->port), 0));
+    close(ecu);
+}
+
+static void frames_go_to_the_ecu_and_error_frames_too(void **state)
+{
+    fixture *f = *state;
+    struct can_frame out;
+    int ecu = connect_to(f->path);
+    const cw_frame frame = {.id = 0x1ABCDEF0, .flags = CW_FRAME_EXTENDED, .dlc = 3, .data = {1, 2, 3}};
+    const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
+    assert_int_equal(read_none(f->port), 0);
+    assert_true(port_write(f->port, &frame));
+    assert_true(port_write_error(f->port, &error, 0));
+    assert_int_equal(recv(ecu, &out, sizeof out, 0), sizeof out);
+    assert_int_equal(out.can_id, 0x1ABCDEF0 | CAN_EFF_FLAG);
+    assert_int_equal(out.len, 3);
+    assert_memory_equal(out.data, frame.data, 3);
+    assert_int_equal(recv(ecu, &out, sizeof out, 0), sizeof out);
+    assert_int_equal(out.can_id, CAN_ERR_FLAG | CAN_ERR_BUSOFF);
+    assert_int_equal(stats_of(f->port).written, 1);
+    assert_int_equal(stats_of(f->port).errors_written, 1);
+    close(ecu);
+}
+
+/* An empty message is none that ends the connection. */
+static void messages_that_are_no_frames_are_counted(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    unsigned char bytes[200] = {0};
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    static const size_t sizes[] = {0, 1, 15, 17, 71, 73, 200};
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++)
+        assert_int_equal(send(ecu, bytes, sizes[i], 0), sizes[i]);
+    const struct can_frame too_long = raw_frame(0x123, 9);
+    assert_int_equal(send(ecu, &too_long, sizeof too_long, 0), sizeof too_long);
+    write_raw(ecu, 0x7FF);
+    assert_int_equal(read_all(f->port, frames), 1);
+    assert_int_equal(frames[0].frame.id, 0x7FF);
+    assert_int_equal(stats_of(f->port).malformed, 8);
+    assert_int_equal(stats_of(f->port).read, 1);
+    close(ecu);
+}
+
+static void fd_frames_are_left_to_the_bus_and_error_frames_ignored(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    const struct canfd_frame fd = {.can_id = 0x123, .len = 64};
+    int ecu = connect_to(f->path);
+    assert_int_equal(send(ecu, &fd, sizeof fd, 0), sizeof fd);
+    write_raw(ecu, CAN_ERR_FLAG | CAN_ERR_BUSOFF);
+    assert_int_equal(read_all(f->port, frames), 1);
+    assert_false(cw_frame_valid(&frames[0].frame));
+    assert_int_equal(stats_of(f->port).errors_ignored, 1);
+    close(ecu);
+}
+
+/* ---- ECUs come and go ------------------------------------------------------------------------ */
+
+static void nobody_hears_while_no_ecu_is_connected(void **state)
+{
+    fixture *f = *state;
+    const cw_frame frame = rig_frame(0x123, 0, 1);
+    const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
+    assert_false(port_write(f->port, &frame));
+    assert_false(port_write_error(f->port, &error, 0));
+    port_stats s = stats_of(f->port);
+    assert_int_equal(s.unheard, 1);
+    assert_int_equal(s.errors_unheard, 1);
+    assert_int_equal(s.written + s.write_failed + s.errors_failed, 0);
+}
+
+static void what_an_ecu_sent_before_it_went_still_counts(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[2 * PORT_BATCH];
+    for (unsigned round = 0; round < 3; round++) {
+        int ecu = connect_to(f->path);
+        for (unsigned i = 0; i < PORT_BATCH + 1; i++)
+            write_raw(ecu, i);
+        close(ecu);
+        const cw_frame frame = rig_frame(0x123, 0, 1);
+        (void)port_write(f->port, &frame); /* must not shut it off */
+        assert_int_equal(read_all(f->port, frames), PORT_BATCH + 1);
+        assert_int_equal(frames[PORT_BATCH].frame.id, PORT_BATCH);
+        assert_false(readable(port_fd(f->port), 0));
+    }
+    assert_int_equal(stats_of(f->port).connected, 3);
+    assert_int_equal(stats_of(f->port).unheard, 3);
+}
+
+/* It has frames that it did not read: the kernel tells that in its own way. */
+static void an_ecu_may_go_without_having_read(void **state)
+{
+    fixture *f = *state;
+    const cw_frame frame = rig_frame(0x123, 0, 1);
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    assert_true(port_write(f->port, &frame));
+    close(ecu);
+    assert_int_equal(read_none(f->port), 0);
+    assert_false(readable(port_fd(f->port), 0));
+    ecu = connect_to(f->path);
+    write_raw(ecu, 0x100);
+    port_frame frames[PORT_BATCH];
+    assert_int_equal(read_all(f->port, frames), 1);
+    close(ecu);
+}
+
+static void a_second_ecu_is_refused_until_the_first_has_gone(void **state)
+{
+    fixture *f = *state;
+    char byte;
+    int first = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    int second = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    assert_int_equal(recv(second, &byte, 1, 0), 0);
+    close(second);
+    assert_int_equal(stats_of(f->port).refused, 1);
+    close(first);
+    second = connect_to(f->path);
+    write_raw(second, 0x100);
+    port_frame frames[PORT_BATCH];
+    assert_int_equal(read_all(f->port, frames), 1);
+    close(second);
+}
+
+static void what_a_slow_ecu_has_no_room_for_is_counted(void **state)
+{
+    fixture *f = *state;
+    const cw_frame frame = rig_frame(0x123, 0, 8);
+    struct can_frame out;
+    uint64_t room = 0;
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    while (port_write(f->port, &frame))
+        room++;
+    assert_true(room >= 100);
+    assert_int_equal(stats_of(f->port).write_failed, 1);
+    assert_int_equal(stats_of(f->port).written, room);
+    assert_int_equal(recv(ecu, &out, sizeof out, 0), sizeof out);
+    assert_true(port_write(f->port, &frame));
+    close(ecu);
+}
+
+/* What cannot be accepted must not keep the loop awake, and is accepted later. */
+static void running_out_of_descriptors_is_got_over(void **state)
+{
+    fixture *f = *state;
+    struct rlimit limit, none;
+    port_frame frames[PORT_BATCH];
+    int ecu = connect_to(f->path);
+    write_raw(ecu, 0x100);
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    none = (struct rlimit){.rlim_cur = 0, .rlim_max = limit.rlim_max};
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &none), 0);
+    unsigned read_without = read_all(f->port, frames);
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    assert_int_equal(read_without, 0);
+    assert_false(readable(port_fd(f->port), 0));
+    assert_int_equal(read_all(f->port, frames), 1);
+    close(ecu);
+    assert_int_equal(read_none(f->port), 0);
+    ecu = connect_to(f->path);
+    assert_true(readable(port_fd(f->port), WAIT_MS));
+    close(ecu);
+    assert_int_equal(read_none(f->port), 0);
+}
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static void the_socket_is_for_user_and_group_alone(void **state)
+{
+    fixture *f = *state;
+    struct stat s;
+    assert_int_equal(stat(f->path, &s), 0);
+    assert_true(S_ISSOCK(s.st_mode));
+    assert_int_equal(s.st_mode & 0777, 0660);
+}
+
+static void a_path_in_use_cannot_be_opened_a_stale_one_can(void **state)
+{
+    fixture *f = *state;
+    char error[PORT_ERROR_TEXT_MAX] = "";
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    assert_null(port_open(f->name, "bus", error));
+    assert_non_null(strstr(error, "in use"));
+    port_close(f->port);
+    strcpy(address.sun_path, f->path);
+    int stale = socket(AF_UNIX, SOCK_SEQPACKET, 0);
+    assert_int_equal(bind(stale, (struct sockaddr *)&address, sizeof address), 0);
+    close(stale);
+    f->port = port_open(f->name, "bus", error);
+    assert_non_null(f->port);
+}
+
+typedef struct open_case {
+    const char *name;
+    const char *error;
+} open_case;
+
+static void what_cannot_be_opened_says_why(void **state)
+{
+    (void)state;
+    static const open_case cases[] = {
+        {"unix:/nowhere/at/all", "the directory does not exist"},
+        {"unix:/dev/null", "no socket"},
+        {"fd:999999", "Bad file descriptor"},
+        {"a/b", "expected the name of an interface"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char error[PORT_ERROR_TEXT_MAX] = "";
+        assert_null(port_open(cases[i].name, "bus", error));
+        assert_non_null(strstr(error, cases[i].error));
+    }
+}
+
+static port *open_fd(int fd, char error[PORT_ERROR_TEXT_MAX])
+{
+    char name[20];
+    snprintf(name, sizeof name, "fd:%d", fd);
+    return port_open(name, "bus", error);
+}
+
+/* What the daemon itself has opened is none of them: it is closed on exec. */
+static void only_inherited_connected_sockets_are_taken(void **state)
+{
+    (void)state;
+    static const int types[] = {SOCK_STREAM, SOCK_DGRAM, SOCK_SEQPACKET | SOCK_CLOEXEC};
+    char error[PORT_ERROR_TEXT_MAX];
+    int pair[2];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
+        assert_int_equal(socketpair(AF_UNIX, types[i], 0, pair), 0);
+        assert_null(open_fd(pair[0], error));
+        assert_non_null(strstr(error, "no inherited Unix socket"));
+        assert_int_equal(close(pair[0]) + close(pair[1]), 0);
+    }
+    int alone = socket(AF_UNIX, SOCK_SEQPACKET, 0);
+    assert_null(open_fd(alone, error));
+    close(alone);
+    int file = open("/dev/null", O_RDONLY);
+    assert_null(open_fd(file, error));
+    close(file);
+}
+
+static void an_inherited_socket_is_a_port_until_its_ecu_goes(void **state)
+{
+    (void)state;
+    char error[PORT_ERROR_TEXT_MAX];
+    port_frame frames[PORT_BATCH];
+    int pair[2];
+    assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, pair), 0);
+    port *p = open_fd(pair[0], error);
+    assert_non_null(p);
+    assert_null(open_fd(pair[0], error)); /* it is the port's */
+    write_raw(pair[1], 0x123);
+    assert_int_equal(read_all(p, frames), 1);
+    close(pair[1]);
+    assert_true(readable(port_fd(p), WAIT_MS));
+    assert_int_equal(read_none(p), 0);
+    assert_false(readable(port_fd(p), 0));
+    port_close(p);
+    assert_int_equal(fcntl(pair[0], F_GETFD), -1);
+}
+
+/* ---- The engine ------------------------------------------------------------------------------ */
+
+typedef struct exchange {
+    struct ev_loop *loop;
+    live *live;
+    engine *engine;
+    int ecus[2];
+    unsigned wanted; /* events */
+    unsigned seen;
+    cw_event_kind kind;
+} exchange;
+
+static void count_event(void *user, const cw_event *event)
+{
+    exchange *x = user;
+    x->seen += event->kind == x->kind;
+    if (x->seen == x->wanted)
+        ev_break(x->loop, EVBREAK_ALL);
+}
+
+static void give_up(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)timer;
+    (void)events;
+    ev_break(loop, EVBREAK_ALL);
+}
+
+/* Until there were so many events, or that is hopeless. */
+static void run_until(exchange *x, cw_event_kind kind, unsigned count)
+{
+    ev_timer limit;
+    x->kind = kind;
+    x->wanted = count;
+    x->seen = 0;
+    ev_timer_init(&limit, give_up, WAIT_MS / 1000.0, 0);
+    ev_now_update(x->loop);
+    ev_timer_start(x->loop, &limit);
+    ev_run(x->loop, 0);
+    ev_timer_stop(x->loop, &limit);
+    assert_int_equal(x->seen, count);
+}
+
+static void start_exchange(exchange *x, const char *folder)
+{
+    char file[100];
+    int ends[2][2];
+    *x = (exchange){.loop = ev_loop_new(EVFLAG_AUTO)};
+    snprintf(file, sizeof file, "%s/bus.yaml", folder);
+    FILE *out = fopen(file, "w");
+    assert_non_null(out);
+    fprintf(out, "bus: { bitrate: 1000000 }\nnodes:\n");
+    for (unsigned i = 0; i < 2; i++) {
+        assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends[i]), 0);
+        x->ecus[i] = ends[i][1];
+        fprintf(out, "  - { name: n%u, port: \"fd:%d\" }\n", i, ends[i][0]);
+    }
+    fclose(out);
+    x->live = live_new(cfg_load(file, stderr));
+    assert_non_null(x->live);
+    x->engine = engine_start(x->loop, x->live, NULL);
+    assert_non_null(x->engine);
+    engine_observe(x->engine, count_event, x);
+    assert_int_equal(unlink(file), 0);
+}
+
+static void end_exchange(exchange *x)
+{
+    engine_free(x->engine);
+    live_free(x->live);
+    ev_loop_destroy(x->loop);
+    assert_int_equal(close(x->ecus[0]), 0);
+    if (x->ecus[1] >= 0)
+        assert_int_equal(close(x->ecus[1]), 0);
+}
+
+/* When one has gone the other one goes on: its frames are acknowledged, but nobody hears them. */
+static void ecus_exchange_frames_through_the_engine(void **state)
+{
+    fixture *f = *state;
+    exchange x;
+    struct can_frame out;
+    report beyond;
+    start_exchange(&x, f->folder);
+    for (unsigned i = 0; i < 10; i++)
+        write_raw(x.ecus[0], 0x100 + i);
+    run_until(&x, CW_EVENT_TX, 10);
+    for (unsigned i = 0; i < 10; i++) {
+        assert_int_equal(recv(x.ecus[1], &out, sizeof out, MSG_DONTWAIT), sizeof out);
+        assert_int_equal(out.can_id, 0x100 + i);
+    }
+    assert_int_equal(recv(x.ecus[0], &out, sizeof out, MSG_DONTWAIT), -1); /* none of its own */
+    close(x.ecus[1]);
+    x.ecus[1] = -1;
+    write_raw(x.ecus[0], 0x200);
+    run_until(&x, CW_EVENT_TX, 1);
+    engine_report(x.engine, &beyond);
+    assert_int_equal(beyond.nodes[1].interface.unheard, 1);
+    assert_true(beyond.nodes[0].conserved && beyond.nodes[1].conserved);
+    end_exchange(&x);
+}
+
+#define ON_PORT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(names_tell_the_kind_of_a_port),
+        ON_PORT(frames_come_with_the_time_at_which_they_were_sent),
+        ON_PORT(frames_go_to_the_ecu_and_error_frames_too),
+        ON_PORT(messages_that_are_no_frames_are_counted),
+        ON_PORT(fd_frames_are_left_to_the_bus_and_error_frames_ignored),
+        ON_PORT(nobody_hears_while_no_ecu_is_connected),
+        ON_PORT(what_an_ecu_sent_before_it_went_still_counts),
+        ON_PORT(an_ecu_may_go_without_having_read),
+        ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone),
+        ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted),
+        ON_PORT(running_out_of_descriptors_is_got_over),
+        ON_PORT(the_socket_is_for_user_and_group_alone),
+        ON_PORT(a_path_in_use_cannot_be_opened_a_stale_one_can),
+        cmocka_unit_test(what_cannot_be_opened_says_why),
+        cmocka_unit_test(only_inherited_connected_sockets_are_taken),
+        cmocka_unit_test(an_inherited_socket_is_a_port_until_its_ecu_goes),
+        ON_PORT(ecus_exchange_frames_through_the_engine),
+    };
+    return cmocka_run_group_tests_name("port_unix", tests, NULL, NULL);
+}
