@@ -36,13 +36,18 @@ void output_event(FILE *out, const cfg *config, const cw_event *event)
 
 void output_log(FILE *out, const cfg *config, const cw_event *event)
 {
+    output_log_at(out, config, event, text_ticks_ns(event->tick));
+}
+
+void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns)
+{
     char time[TIME_TEXT_MAX];
     char frame[FRAME_TEXT_MAX];
 
     if (event->kind != CW_EVENT_TX) {
         return;
     }
-    text_print_log_time(time, event->tick);
+    text_print_log_ns(time, time_ns);
     text_print_frame(frame, &event->frame);
     for (size_t i = 0; i < config->node_count; i++) {
         if ((event->nodes >> i & 1u) != 0) {

@@ -21,6 +21,9 @@ void output_event(FILE *out, const cfg *config, const cw_event *event);
  * node's name. Other events write nothing. */
 void output_log(FILE *out, const cfg *config, const cw_event *event);
 
+/* The same at another time: nanoseconds since 1970, say. */
+void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns);
+
 /* All statistics of the bus, its nodes and rules as one indented JSON object. Times are integers
  * in nanoseconds. bus->nodes and rules are those of config. */
 void output_stats(FILE *out, const cfg *config, const cw_bus *bus);

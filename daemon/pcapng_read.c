@@ -5,30 +5,16 @@
  * A pcapng file is a sequence of blocks: type, length, body, length again. Each section (SHB) has
  * its own byte order and its own interfaces (IDB); packets are in EPB, SPB or the obsolete PB.
  */
+#include "pcapng_format.h"
 #include "trace_format.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-#define BLOCK_HEAD 8u
-#define BLOCK_FOOT 4u
 #define BLOCK_MAX (16u * 1024u * 1024u)
-#define BLOCK_SHB 0x0A0D0D0Au
-#define BLOCK_IDB 1u
-#define BLOCK_PB 2u
-#define BLOCK_SPB 3u
-#define BLOCK_NRB 4u /* names of hosts */
-#define BLOCK_ISB 5u /* statistics of interfaces */
-#define BLOCK_EPB 6u
-#define BLOCK_DSB 10u /* keys */
-#define BYTE_ORDER_MAGIC 0x1A2B3C4Du
 #define IDB_READ_MAX 8192u /* bytes of it that are looked at */
 
-#define OPTION_END 0u
-#define OPTION_IF_NAME 2u
-#define OPTION_IF_TSRESOL 9u
-#define OPTION_IF_TSOFFSET 14u
 #define RESOLUTION_DEFAULT 6u /* 10^-6 s */
 #define RESOLUTION_BINARY 0x80u
 #define RESOLUTION_DECIMAL_MAX 19u
@@ -40,15 +26,6 @@
 #define PCAP_PACKET_HEAD 16u
 #define PCAP_US 0xA1B2C3D4u
 #define PCAP_NS 0xA1B23C4Du
-
-#define LINKTYPE_CAN_SOCKETCAN 227u
-#define CAN_HEAD 8u
-#define CAN_BYTES_MAX 16u /* of a classical frame */
-#define CAN_EXTENDED 0x80000000u
-#define CAN_REMOTE 0x40000000u
-#define CAN_ERROR 0x20000000u
-#define CAN_FDF 0x04u
-#define CAN_XLF 0x80u
 
 __extension__ typedef unsigned __int128 wide;
 

@@ -95,7 +95,10 @@ void text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
  * nanoseconds. */
 void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks);
 
-/* Bus time as candump -L prints it: "(0000000000.000178)", truncated. */
+/* Nanoseconds as candump -L prints them: "(0000000000.000178)", truncated. */
+void text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns);
+
+/* Bus time in the same way. */
 void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick);
 
 #endif

@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "output.h"
+#include "pcapng.h"
 #include "sim_judge.h"
 #include "sim_run.h"
 #include "sim_trace.h"
@@ -24,6 +25,7 @@ typedef struct sim_options {
     const char *seed;
     const char *events;
     const char *log;
+    const char *pcapng;
     const char *stats;
     const char *vcd;
     const char *svg;
@@ -38,6 +40,7 @@ typedef struct sim {
     sim_run run;
     FILE *events; /* NULL: not wanted */
     FILE *log;
+    FILE *pcapng;
     FILE *stats;
     sim_trace trace;
     sim_until awaited;
@@ -46,8 +49,8 @@ typedef struct sim {
 
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
-    "       [--log F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME] [--step]\n"
-    "       [--junit F]\n";
+    "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
+    "       [--step] [--junit F]\n";
 
 static const char help[] =
     "\n"
@@ -61,6 +64,7 @@ static const char help[] =
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
+    "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from 1970 on\n"
     "  --stats F      statistics as JSON, at the end\n"
     "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
     "  --svg F        the same as a picture, for reports\n"
@@ -150,12 +154,14 @@ static void write_event(void *user, const cw_event *event)
         output_event(s->events, s->config, event);
     if (s->log)
         output_log(s->log, s->config, event);
+    if (s->pcapng)
+        pcapng_event(s->pcapng, s->config, event, text_ticks_ns(event->tick));
 }
 
 static bool make_bus(sim *s, const sim_options *o)
 {
     const sim_sink writer = {.user = s, .event = write_event,
-                             .kinds = o->events ? 0 : 1u << CW_EVENT_TX};
+                             .kinds = o->events || o->pcapng ? 0 : 1u << CW_EVENT_TX};
     if (!sim_open(&s->run, s->config)) {
         fprintf(stderr, "canwire sim: out of memory\n");
         return false;
@@ -175,22 +181,32 @@ static bool start_trace(sim *s, const sim_options *o)
     return sim_trace_start(&s->trace, &s->run, "canwire sim");
 }
 
+static bool start_pcapng(sim *s, const char *name)
+{
+    if (!open_output(&s->pcapng, name))
+        return false;
+    if (s->pcapng)
+        pcapng_begin(s->pcapng, s->config);
+    return true;
+}
+
 static bool set_up(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
     return s->config && set_seed(s->config, o->seed) && make_bus(s, o) &&
            sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
-           open_output(&s->stats, o->stats) && open_output(&s->judge.junit, o->junit) &&
-           sim_judge_start(&s->judge, &s->run) && start_trace(s, o);
+           start_pcapng(s, o->pcapng) && open_output(&s->stats, o->stats) &&
+           open_output(&s->judge.junit, o->junit) && sim_judge_start(&s->judge, &s->run) &&
+           start_trace(s, o);
 }
 
 static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
         output_stats(s->stats, s->config, s->run.bus);
-    if (!s->stats && !s->events && !s->log && !s->trace.vcd_out && !s->trace.svg_out &&
-        !s->judge.junit)
+    if (!s->stats && !s->events && !s->log && !s->pcapng && !s->trace.vcd_out &&
+        !s->trace.svg_out && !s->judge.junit)
         summary_print(stdout, s->config, s->run.bus);
     bool good = sim_judge_finish(&s->judge, &s->run);
     good = sim_trace_finish(&s->trace, "canwire sim") && good;
@@ -199,12 +215,14 @@ static bool finish(sim *s, const sim_options *o)
     good = close_output(s->trace.svg_out, o->svg) && good;
     good = close_output(s->events, o->events) && good;
     good = close_output(s->log, o->log) && good;
+    good = close_output(s->pcapng, o->pcapng) && good;
     return close_output(s->stats, o->stats) && good;
 }
 
 static bool writes_to_stdout(const sim_options *o)
 {
-    const char *const outputs[] = {o->events, o->log, o->stats, o->vcd, o->svg, o->junit};
+    const char *const outputs[] = {o->events, o->log, o->pcapng, o->stats,
+                                   o->vcd,    o->svg, o->junit};
     bool any = false;
     for (size_t i = 0; i < sizeof outputs / sizeof outputs[0]; i++)
         any = any || (outputs[i] && strcmp(outputs[i], "-") == 0);
@@ -231,7 +249,8 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"vcd", required_argument, NULL, 'v'},    {"svg", required_argument, NULL, 'g'},
         {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
         {"help", no_argument, NULL, 'h'},         {"until-event", required_argument, NULL, 'E'},
-        {"junit", required_argument, NULL, 'j'},  {NULL, 0, NULL, 0},
+        {"junit", required_argument, NULL, 'j'},  {"pcapng", required_argument, NULL, 'p'},
+        {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
@@ -250,6 +269,9 @@ static int parse_options(sim_options *o, int argc, char **argv)
             break;
         case 'l':
             o->log = optarg;
+            break;
+        case 'p':
+            o->pcapng = optarg;
             break;
         case 't':
             o->stats = optarg;

@@ -64,7 +64,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --with | --until | --until-event | --seed | --from | --to | --events | --log | --stats | --vcd | --svg | --junit) continue ;;
+        --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -114,7 +114,7 @@ _canwire() {
         return
     fi
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    --events | --log | --stats | --vcd | --svg | --junit)
+    --events | --log | --pcapng | --stats | --vcd | --svg | --junit)
         _canwire_files
         return
         ;;
