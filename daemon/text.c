@@ -340,7 +340,9 @@ void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
 
 void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)
 {
-    text_print_log_ns(out, text_ticks_ns(tick));
+    uint64_t us = tick % CW_CLOCK_HZ / (CW_CLOCK_HZ / 1000000u);
+
+    snprintf(out, TIME_TEXT_MAX, "(%010" PRIu64 ".%06" PRIu64 ")", tick / CW_CLOCK_HZ, us);
 }
 
 void text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns)
