@@ -210,7 +210,7 @@ $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
 ifeq ($(VARIANT)$(IS_GCC),releaseyes)
 LIB_LTO := -flto -ffat-lto-objects
-LINK_LTO := -flto
+LINK_LTO := -flto=auto
 endif
 
 $(BUILD)/lib/%.o: lib/%.c

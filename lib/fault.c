@@ -702,6 +702,7 @@ static void count_kinds(cw_bus *bus)
     cw_fault_set *set = &bus->faults;
     set->host_rules = 0;
     set->reply_rules = 0;
+    set->noise_rules = 0;
     set->error_rules = 0;
     set->copies = 0;
     set->known = 0;
@@ -709,6 +710,7 @@ static void count_kinds(cw_bus *bus)
         const cw_fault *f = &set->faults[i];
         set->host_rules += f->used && is_host_action(f->rule.action);
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
+        set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
             set->copies += f->rule.number;

@@ -77,6 +77,7 @@ typedef struct cw_fault_set {
     unsigned awake_count;
     unsigned host_rules;    /* rules on frames at the host side */
     unsigned reply_rules;
+    unsigned noise_rules;
     unsigned error_rules;
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */

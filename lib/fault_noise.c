@@ -86,6 +86,8 @@ static uint64_t look_ahead(const cw_bus *bus, cw_fault *f, uint64_t bits)
 uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits)
 {
     cw_fault_set *set = &bus->faults;
+    if (set->noise_rules == 0)
+        return bits;
     bits = cw_least(bits, LOOK_AHEAD_BITS);
     for (unsigned i = 0; i < set->awake_count; i++)
         if (is_steady_noise(&set->faults[set->awake[i]]))
@@ -96,7 +98,7 @@ uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits)
 void cw_fault_pass_noise(cw_bus *bus, uint64_t bits)
 {
     cw_fault_set *set = &bus->faults;
-    for (unsigned i = 0; i < set->awake_count; i++) {
+    for (unsigned i = 0; set->noise_rules && i < set->awake_count; i++) {
         cw_fault *f = &set->faults[set->awake[i]];
         if (is_steady_noise(f))
             f->clear_bits -= (uint32_t)bits;
