@@ -289,7 +289,7 @@ static void random_levels(diff_maker *m, cw_rule *rule)
     rule->for_ticks = diff_chance(r, 100) ? 0 : diff_random_ticks(m, 1, destroys ? 400 : 2000);
     if (diff_chance(r, 400))
         rule->dominant_timeout = diff_random_ticks(m, 1, 300);
-    rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 100000);
+    rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 10000000);
     for (unsigned i = 0; i < m->nodes; i++)
         rule->group[i] = (uint8_t)diff_below(r, diff_between(r, 1, 4));
 }
