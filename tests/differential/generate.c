@@ -44,7 +44,7 @@ static const style styles[DIFF_STYLES] = {
     {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false},
     {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false},
     {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     1, 10, false, false},
+     3, 10, false, true},
     {"bits", 12, 4000, 60000, 12,
      POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
      2, 40, false, true},
@@ -80,7 +80,10 @@ typedef struct generator {
     diff_maker maker;
     diff_scenario *scenario;
     const style *style;
-    unsigned names; /* of rules, used so far */
+    unsigned names;   /* of rules, used so far */
+    diff_op *moments; /* of the frames handed in, by the tick at which they come up */
+    size_t moment_count;
+    size_t next_moment;
 } generator;
 
 static unsigned random_node_count(diff_random *r)
@@ -136,12 +139,24 @@ static void add_plan_helper(generator *g, diff_plan *plan)
 {
     static const cw_rule helpers[] = {
         {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
-        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1}};
-    diff_rule *added = &plan->rules[plan->config.rule_count - 1];
-    added->rule = helpers[diff_below(&g->maker.random, 2)];
-    added->rule.nodes = diff_random_nodes(&g->maker);
-    added->rule.time_end = CW_NEVER;
-    added->rule.probability = UINT64_MAX;
+        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1},
+        {.action = CW_ACTION_DUPLICATE, .trigger = CW_TRIGGER_FRAME}, /* for the next ones */
+        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
+        {.action = CW_ACTION_ERROR_FLAG, .trigger = CW_TRIGGER_ARMED, .has_after = true},
+        {.action = CW_ACTION_FLIP, .field = CW_FIELD_OVERLOAD_FLAG, .bits = 1}};
+    diff_random *r = &g->maker.random;
+    unsigned place = plan->config.rule_count - 1u;
+    cw_rule *rule = &plan->rules[place].rule;
+    *rule = helpers[diff_below(r, sizeof helpers / sizeof helpers[0])];
+    rule->nodes = diff_random_nodes(&g->maker);
+    rule->time_end = CW_NEVER;
+    rule->probability = UINT64_MAX;
+    rule->every = (uint32_t)diff_between(r, 1, g->maker.rarity);
+    rule->index = (uint16_t)diff_below(r, 6);
+    if (rule->has_after) {
+        rule->after = (uint16_t)diff_below(r, place + 1u);
+        rule->after_delay = diff_random_ticks(&g->maker, 1, 200);
+    }
 }
 
 /* Whether the library takes the configuration. */
@@ -420,23 +435,87 @@ static void add_rule(generator *g, uint64_t tick)
         (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
 }
 
+static void merge(diff_op *to, const diff_op *a, size_t a_count, const diff_op *b, size_t b_count)
+{
+    while (a_count > 0 || b_count > 0) {
+        bool first = b_count == 0 || (a_count > 0 && a->tick <= b->tick);
+        *to++ = first ? *a++ : *b++;
+        a_count -= first;
+        b_count -= !first;
+    }
+}
+
+/* By tick; those of one tick stay in their order. */
+static void sort_ops(diff_op *ops, size_t count, diff_op *room)
+{
+    if (count < 2)
+        return;
+    size_t half = count / 2;
+    sort_ops(ops, half, room);
+    sort_ops(ops + half, count - half, room);
+    merge(room, ops, half, ops + half, count - half);
+    memcpy(ops, room, count * sizeof ops[0]);
+}
+
 static diff_op_kind random_op_kind(diff_random *r)
 {
     static const struct {
         diff_op_kind kind;
         unsigned weight;
     } often[] = {{DIFF_RESTART, 10},  {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
-                 {DIFF_STOP_RULE, 6}, {DIFF_FIRE_RULE, 10}, {DIFF_SET, 20},
-                 {DIFF_FLUSH, 1},     {DIFF_ATTACH, 12},    {DIFF_SET_EVENTS, 3},
+                 {DIFF_STOP_RULE, 6}, {DIFF_FIRE_RULE, 20}, {DIFF_SET, 20},
+                 {DIFF_FLUSH, 1},     {DIFF_ATTACH, 16},    {DIFF_SET_EVENTS, 3},
                  {DIFF_STEPPING, 12}, {DIFF_TAKE_OVER, 4}};
-    unsigned drawn = (unsigned)diff_below(r, 110);
+    unsigned drawn = (unsigned)diff_below(r, 124);
     unsigned i = 0;
     for (; drawn >= often[i].weight; i++)
         drawn -= often[i].weight;
     return often[i].kind;
 }
 
-static void add_operation(generator *g, uint64_t tick)
+/* Mostly while a frame that has come up is contending or being sent, and about its sender. */
+static uint64_t pick_moment(generator *g, unsigned *node, uint64_t from, uint64_t step)
+{
+    diff_random *r = &g->maker.random;
+    while (g->next_moment < g->moment_count && g->moments[g->next_moment].tick < from)
+        g->next_moment++;
+    *node = random_node_number(g);
+    if (g->next_moment == g->moment_count || diff_chance(r, 400))
+        return from + diff_below(r, step);
+    if (diff_chance(r, 500))
+        *node = g->moments[g->next_moment].target;
+    return g->moments[g->next_moment].tick +
+           diff_below(r, diff_magnitude(r, 1, 150) * g->maker.bit);
+}
+
+static void find_moments(generator *g)
+{
+    const diff_scenario *s = g->scenario;
+    g->moments = diff_allocate(NULL, 2 * s->op_count * sizeof s->ops[0]); /* half of it to sort */
+    for (unsigned i = 0; i < s->op_count; i++) {
+        if (s->ops[i].kind != DIFF_SEND)
+            continue;
+        diff_op *moment = &g->moments[g->moment_count++];
+        *moment = s->ops[i];
+        moment->tick = moment->send.at_tick;
+    }
+    sort_ops(g->moments, g->moment_count, g->moments + s->op_count);
+}
+
+/* Any rule; one to be fired is mostly one that can be. */
+static unsigned pick_rule(generator *g, bool fired)
+{
+    const diff_plan *plan = &g->scenario->plans[g->scenario->plan_count - 1];
+    unsigned rule = 0;
+    for (unsigned tries = 0; tries < 8; tries++) {
+        rule = (unsigned)diff_below(&g->maker.random, plan->config.rule_count + 3u);
+        if (!fired || (rule < plan->config.rule_count && plan->rules[rule].rule.manual))
+            break;
+    }
+    return rule;
+}
+
+static void add_operation(generator *g, uint64_t tick, unsigned node)
 {
     diff_random *r = &g->maker.random;
     diff_op op = {.kind = random_op_kind(r), .tick = tick};
@@ -450,7 +529,7 @@ static void add_operation(generator *g, uint64_t tick)
         add_take_over(g, tick);
         return;
     }
-    op.target = on_rule ? (unsigned)diff_below(r, g->maker.rules + 3) : random_node_number(g);
+    op.target = on_rule ? pick_rule(g, op.kind == DIFF_FIRE_RULE) : node;
     if (op.kind == DIFF_SET)
         op.settings = diff_random_settings(&g->maker);
     if (op.kind == DIFF_STEPPING)
@@ -467,8 +546,13 @@ static void random_operations(generator *g)
 {
     uint64_t count = g->maker.bits * g->style->ops / 10000;
     uint64_t step = g->maker.bits * g->maker.bit / (count + 1);
-    for (uint64_t i = 0; i < count; i++)
-        add_operation(g, i * step + diff_below(&g->maker.random, step));
+    unsigned node;
+    find_moments(g);
+    for (uint64_t i = 0; i < count; i++) {
+        uint64_t tick = pick_moment(g, &node, i * step, step);
+        add_operation(g, tick, node);
+    }
+    free(g->moments);
 }
 
 /* Kinds of events that nobody wants let the bus leave out more. */
@@ -495,28 +579,6 @@ static void check_each_bit(generator *g)
     uint64_t tick = random_tick(g);
     for (unsigned i = 0; i < 150; i++, tick += g->maker.bit)
         diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = tick});
-}
-
-static void merge(diff_op *to, const diff_op *a, size_t a_count, const diff_op *b, size_t b_count)
-{
-    while (a_count > 0 || b_count > 0) {
-        bool first = b_count == 0 || (a_count > 0 && a->tick <= b->tick);
-        *to++ = first ? *a++ : *b++;
-        a_count -= first;
-        b_count -= !first;
-    }
-}
-
-/* By tick; those of one tick stay in their order. */
-static void sort_ops(diff_op *ops, size_t count, diff_op *room)
-{
-    if (count < 2)
-        return;
-    size_t half = count / 2;
-    sort_ops(ops, half, room);
-    sort_ops(ops + half, count - half, room);
-    merge(room, ops, half, ops + half, count - half);
-    memcpy(ops, room, count * sizeof ops[0]);
 }
 
 static void random_lengths(diff_scenario *s, diff_maker *m, const style *of)

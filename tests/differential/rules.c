@@ -33,7 +33,7 @@ unsigned diff_random_modes(diff_maker *m)
         modes |= CW_MODE_ONE_SHOT;
     if (diff_chance(&m->random, 70))
         modes |= CW_MODE_LISTEN_ONLY;
-    if (diff_chance(&m->random, 60))
+    if (diff_chance(&m->random, 150))
         modes |= CW_MODE_LOOPBACK;
     if (diff_chance(&m->random, 100))
         modes |= CW_MODE_PRESUME_ACK;
@@ -262,8 +262,9 @@ static unsigned field_bits(cw_field field)
 
 static void random_position(diff_maker *m, cw_rule *rule)
 {
-    static const cw_field seldom[] = {CW_FIELD_SUSPEND, CW_FIELD_OVERLOAD_FLAG,
-                                      CW_FIELD_OVERLOAD_DELIMITER, CW_FIELD_R1, CW_FIELD_STUFF};
+    static const cw_field seldom[] = {
+        CW_FIELD_SUSPEND, CW_FIELD_OVERLOAD_FLAG, CW_FIELD_OVERLOAD_DELIMITER, CW_FIELD_SRR,
+        CW_FIELD_R1,      CW_FIELD_STUFF};
     diff_random *r = &m->random;
     rule->field = (cw_field)diff_between(r, CW_FIELD_SOF, CW_FIELD_COUNT - 1);
     if (diff_chance(r, 200))
