@@ -66,7 +66,8 @@ static void print_usage(FILE *out)
         fprintf(out, "  %-8s %s\n", commands[i].name, commands[i].help);
     }
     fputs("\n"
-          "exit status: 0, 1 bad input or refused, 2 wrong usage\n",
+          "exit status: 0 success, 1 bad input or refused, 2 wrong usage, 3 an expectation failed "
+          "(sim)\n",
           out);
 }
 
