@@ -53,7 +53,7 @@ PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check man install uninstall clean help build \
+  demo bench check man install uninstall deb clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -111,6 +111,10 @@ install: build man ## into $(DESTDIR)$(PREFIX), with units, configuration in $(D
 
 uninstall: ## removes exactly what install has put there
 	@$(INSTALL_FILES) uninstall
+
+deb: ## a Debian package in build/deb
+	@scripts/install-deps build deb
+	@scripts/deb $(VERSION)
 
 clean: ## remove everything that was built, the guest's image included
 	rm -rf build

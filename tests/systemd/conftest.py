@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
 """What the tests under a real systemd share: canwire installed, and buses as units.
 
-Run with: scripts/guest --systemd -- build/venv/bin/python -m pytest tests/systemd
+Run with: make build man deb && \\
+          scripts/guest --systemd -- build/venv/bin/python -m pytest tests/systemd
 Without systemd they fail; they are never skipped.
 """
 
 import json
-import shutil
 import socket
 import subprocess
 import sys
@@ -22,9 +22,6 @@ from canbits import Frame  # pylint: disable=wrong-import-position
 
 FRAME = Frame.parse("123#DEADBEEF")
 PATIENCE_S = 60  # until something that must come counts as missing; not a measure of speed
-WATCHDOG = "[Service]\nWatchdogSec=4s\n"  # the tests need not wait for so long
-PROBE = Path("/run/probe.py")
-PROBED = Path("/run/canwire/probed")  # what it found
 
 
 def run(*words, status=0):
@@ -107,17 +104,6 @@ class Bus:
         systemctl("stop", self.unit, self.vcan_unit)
         subprocess.run(["systemctl", "reset-failed", self.unit], check=False, capture_output=True)
         self.config.unlink()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def installed():
-    """The drop-ins come first: systemd reads them together with the units."""
-    realtime = (ROOT / "systemd/realtime.conf").read_text()
-    shutil.copy(ROOT / "tests/systemd/probe.py", PROBE)
-    drop_in("canwired@", WATCHDOG)
-    drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
-    drop_in("canwired@real", realtime)
-    run(ROOT / "scripts/install-files", "install")
 
 
 @pytest.fixture

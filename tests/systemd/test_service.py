@@ -4,15 +4,31 @@
 import os
 import pwd
 import re
+import shutil
 import signal
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from conftest import FRAME, PROBED, can_socket, run, systemctl, wait_until
+from conftest import FRAME, ROOT, can_socket, drop_in, run, systemctl, wait_until
 
 EXPOSURE_MAX = 15  # tenths
+WATCHDOG = "[Service]\nWatchdogSec=4s\n"  # the tests need not wait for so long
+PROBE = Path("/run/probe.py")
+PROBED = Path("/run/canwire/probed")  # what it found
+
+
+@pytest.fixture(scope="module", autouse=True)
+def installed():
+    """The drop-ins come first: systemd reads them together with the units."""
+    shutil.copy(ROOT / "tests/systemd/probe.py", PROBE)
+    drop_in("canwired@", WATCHDOG)
+    drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
+    drop_in("canwired@real", (ROOT / "systemd/realtime.conf").read_text())
+    run(ROOT / "scripts/install-files", "install")
+    yield
+    run(ROOT / "scripts/install-files", "uninstall")
 
 
 def links():

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""The Debian package (`make deb` has made it): installed, used, removed, purged."""
+
+import grp
+import os
+import pwd
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from conftest import ROOT, PAIR, Bus, run, systemctl
+
+ELSEWHERE = ["/etc", "/run", "/var"]  # where a package may leave what it does not list
+NOT_OURS = ["/run/systemd", "/run/log", "/run/lock", "/var/lib/dpkg", "/var/lib/apt", "/var/cache",
+            "/var/log", "/var/backups"]  # what systemd and dpkg keep of their own
+
+
+@pytest.fixture(scope="module", name="package")
+def fixture_package():
+    found = sorted((ROOT / "build/deb").glob("canwire_*.deb"))
+    assert len(found) == 1, f"there is no package, or more than one; make deb: {found}"
+    return found[0]
+
+
+def dpkg(*words):
+    """Triggers would make the database of man pages anew."""
+    return run("dpkg", "--no-triggers", "--force-unsafe-io", *words)
+
+
+def tree():
+    prune = [word for path in NOT_OURS for word in ("-path", path, "-prune", "-o")]
+    return set(run("find", *ELSEWHERE, *prune, "-print").splitlines())
+
+
+def accounts():
+    return {u.pw_name for u in pwd.getpwall()}, {g.gr_name for g in grp.getgrall()}
+
+
+def units():
+    return run("systemctl", "list-units", "--all", "--plain", "--no-legend", "canwire*@*")
+
+
+def test_it_is_installed_used_removed_and_purged_without_a_trace(package):
+    before, accounts_before = tree(), accounts()
+    dpkg("-i", package)
+    files = [Path(f) for f in run("dpkg", "-L", "canwire").splitlines()]
+    files = [f for f in files if not f.is_dir()]
+    assert len(files) > 40 and all(f.is_file() for f in files)
+    assert Path("/etc/canwire").is_dir() and Path("/run/canwire").is_dir()
+    assert run("which", "canwire", "canwired").split() == ["/usr/bin/canwire", "/usr/sbin/canwired"]
+    assert "canwire" in accounts()[0] and "canwire" in accounts()[1]
+    use(before)
+    dpkg("-r", "canwire")
+    assert [f for f in files if f.exists()] == []
+    assert Path("/etc/canwire/pack.yaml").exists(), "a configuration is the user's"
+    assert units() == ""
+    assert not [p for p in Path("/etc/systemd/system").rglob("*") if "canwire" in p.name]
+    Path("/etc/canwire/pack.yaml").unlink()
+    dpkg("--purge", "canwire")
+    assert tree() - before == set()
+    assert accounts() == accounts_before
+    status = subprocess.run(["dpkg", "-s", "canwire"], capture_output=True, check=False)
+    assert status.returncode != 0
+
+
+def use(before):
+    """A bus that is enabled and runs when the package goes."""
+    bus = Bus("pack", PAIR.format("pack"))
+    systemctl("enable", "--now", bus.unit)
+    assert bus.carries()
+    assert bus.status()["bus"]["name"] == "pack"
+    assert os.stat(bus.socket).st_gid == grp.getgrnam("canwire").gr_gid
+    assert "/usr/sbin/canwired" in bus.show("ExecStart")
+    assert tree() - before, "what it makes is in none of the places that are looked at"
