@@ -83,6 +83,7 @@ static const schema_key file_keys[] = {
     {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},
     {.name = "expect", .read = cfg_read_expect},
+    {.name = "record", .read = cfg_read_record},
     {.name = "lcm", .read = read_lcm},
     {.name = "control", .read = read_control},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},

@@ -112,6 +112,24 @@ typedef struct cfg_expect {
     int line;            /* in its file */
 } cfg_expect;
 
+typedef enum cfg_record_format {
+    CFG_RECORD_CANDUMP = 0, /* as candump -L writes it */
+    CFG_RECORD_PCAPNG,      /* for Wireshark, with error frames */
+    CFG_RECORD_VCD          /* the bits */
+} cfg_record_format;
+
+#define CFG_RECORDS_MAX 16u
+#define CFG_RECORD_SIZE_MIN 64000u
+#define CFG_RECORD_SIZE_MAX UINT64_C(1000000000000)
+
+/* A file that is recorded while the bus runs. */
+typedef struct cfg_record {
+    char *file;
+    cfg_record_format format; /* default: by the end of the name */
+    uint64_t size;            /* bytes of a file before the next is begun; default 100 MB */
+    uint32_t files;           /* that are kept; default 5 */
+} cfg_record;
+
 typedef struct cfg {
     char *file;
     char *bus_name; /* default "can" */
@@ -125,6 +143,8 @@ typedef struct cfg {
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
     size_t expect_count;
     cfg_expect *expects;
+    size_t record_count;
+    cfg_record *records;
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
     cfg_pacing pacing;
@@ -167,6 +187,18 @@ cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const
 
 /* Frees everything; NULL is fine. */
 void cfg_free_rules(cfg_rules *rules);
+
+/* A recording with all that has a default. */
+void cfg_record_default(cfg_record *record);
+
+/* The format that the end of a file's name stands for, or that a name ("pcapng") stands for; false
+ * for others. And the name of a format. */
+bool cfg_record_format_of_file(cfg_record_format *format, const char *file);
+bool cfg_record_format_of_name(cfg_record_format *format, const char *name);
+const char *cfg_record_format_name(cfg_record_format format);
+
+/* Bytes before the next file is begun, "100MB". NULL, or what is allowed. */
+const char *cfg_record_parse_size(uint64_t *size, const char *text);
 
 /* Whether it never comes to an end by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);

@@ -36,6 +36,7 @@ schema_reader cfg_read_traffic;   /* object: a cfg_node whose port has been read
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */
 schema_reader cfg_read_window;    /* the same */
+schema_reader cfg_read_record;    /* object: the cfg */
 schema_reader cfg_read_time;      /* member: cfg_time */
 schema_reader cfg_read_span;      /* the same, not 0 */
 schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */

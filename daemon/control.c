@@ -6,6 +6,7 @@
 
 #include "control_requests.h"
 #include "control_server.h"
+#include "jsonput.h"
 #include "log.h"
 #include "output.h"
 #include "reload.h"
@@ -19,7 +20,7 @@
 
 /* A client that gets events. */
 typedef struct watcher {
-    uint32_t kinds; /* 1u << cw_event_kind */
+    uint32_t kinds; /* 1u << cw_event_kind, REQUEST_WATCH_RECORD */
     uint64_t lost;  /* lines that it has not got and has not been told of */
 } watcher;
 
@@ -128,6 +129,36 @@ void control_event(void *self, const cw_event *event)
             write_event(c, i, lines);
 }
 
+/* "t", "event", "file", "state" and perhaps "why" as a line in c->text; false when memory is short. */
+static bool format_recording(control *c, const char *file, const char *why)
+{
+    char time[TIME_TEXT_MAX];
+    json_t *object = json_object();
+    put_text(object, "event", "record");
+    put(object, "file", text_to_json(file, strlen(file)));
+    put_text(object, "state", why ? "stopped" : "recording");
+    if (why)
+        put(object, "why", text_to_json(why, strlen(why)));
+    char *rest = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
+    text_print_seconds(time, cw_bus_now(engine_bus(c->world.engine)));
+    rewind(c->stream);
+    if (rest)
+        fprintf(c->stream, "{\"t\":%s,%s\n", time, rest + 1);
+    bool good = rest && fflush(c->stream) == 0;
+    free(rest);
+    json_decref(object);
+    return good;
+}
+
+void control_tell_recording(control *c, const char *file, const char *why)
+{
+    if (!(c->kinds & REQUEST_WATCH_RECORD) || !format_recording(c, file, why))
+        return;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        if (c->watchers[i].kinds & REQUEST_WATCH_RECORD)
+            write_event(c, i, 1);
+}
+
 static void on_drained(void *user, server_client *client)
 {
     control *c = user;
@@ -166,6 +197,12 @@ void control_on_reload(control *c, control_reload *call, void *user)
 {
     c->world.reload = call;
     c->world.reload_user = user;
+}
+
+void control_show_recordings(control *c, control_recordings *call, void *user)
+{
+    c->world.recordings = call;
+    c->world.recordings_user = user;
 }
 
 control *control_start(struct ev_loop *loop, live *config, engine *bus)

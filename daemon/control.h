@@ -11,6 +11,7 @@
 #include "live.h"
 
 #include <ev.h>
+#include <jansson.h>
 #include <stdio.h>
 
 typedef struct control control;
@@ -27,6 +28,13 @@ void control_stop(control *c);
 
 /* The configuration has changed: nodes have other places. */
 void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
+
+/* What goes into the status as `recordings`; NULL: nothing. */
+typedef json_t *control_recordings(void *user);
+void control_show_recordings(control *c, control_recordings *call, void *user);
+
+/* Tells watchers that a recording has begun, or, with the reason, that it has stopped. */
+void control_tell_recording(control *c, const char *file, const char *why);
 
 /* To be called for each event of the bus; an engine_observer. */
 void control_event(void *self, const cw_event *event);

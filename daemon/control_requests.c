@@ -17,7 +17,9 @@
 
 #define KEYS_MAX 2
 #define ERROR_TEXT_MAX 400
-#define EVERY_KIND (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
+#define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
+#define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
+#define RECORD_NAME "record"
 
 typedef struct request {
     const request_world *world;
@@ -127,8 +129,11 @@ static bool run_status(request *r)
 {
     report beyond;
     engine_report(r->world->engine, &beyond);
-    put(r->reply, "status",
-        status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors));
+    json_t *status =
+        status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors);
+    if (r->world->recordings)
+        put(status, "recordings", r->world->recordings(r->world->recordings_user));
+    put(r->reply, "status", status);
     return true;
 }
 
@@ -144,7 +149,7 @@ static uint32_t kind_of(const char *word)
     for (unsigned kind = 0; word && kind < CW_EVENT_COUNT; kind++)
         if ((EVERY_KIND >> kind & 1u) && strcmp(cw_event_name((cw_event_kind)kind), word) == 0)
             return 1u << kind;
-    return 0;
+    return word && strcmp(word, RECORD_NAME) == 0 ? REQUEST_WATCH_RECORD : 0;
 }
 
 static json_t *kinds_to_json(uint32_t kinds)
@@ -153,6 +158,8 @@ static json_t *kinds_to_json(uint32_t kinds)
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++)
         if (kinds >> kind & 1u)
             put_last(array, json_string(cw_event_name((cw_event_kind)kind)));
+    if (kinds & REQUEST_WATCH_RECORD)
+        put_text_last(array, RECORD_NAME);
     return array;
 }
 
@@ -178,8 +185,11 @@ static bool run_watch(request *r)
             return refuse_kind(r, word);
         kinds |= kind;
     }
+    report beyond;
+    engine_report(r->world->engine, &beyond);
     *r->result = (request_result){.watch_changed = true, .watch = kinds};
     put(r->reply, "events", kinds_to_json(kinds));
+    put_count(r->reply, "epoch_ns", beyond.epoch_ns);
     return true;
 }
 

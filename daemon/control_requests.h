@@ -13,6 +13,7 @@
 
 #define REQUEST_BYTES_MAX (1u << 16) /* of all but inject, which has the whole line */
 #define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
+#define REQUEST_WATCH_RECORD (1u << 31) /* a kind of event beside those of the bus: record */
 #define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing costs next to nothing */
 
 /* Does what engine_reload() does, with what belongs to it. */
@@ -25,12 +26,14 @@ typedef struct request_world {
     const status_errors *errors;
     request_reload *reload;
     void *reload_user;
+    json_t *(*recordings)(void *user); /* for the status; or NULL */
+    void *recordings_user;
 } request_world;
 
 /* What a request did beyond its reply. */
 typedef struct request_result {
     bool watch_changed;
-    uint32_t watch; /* 1u << cw_event_kind for each kind that the client wants to see from now on */
+    uint32_t watch; /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants to see from now on */
 } request_result;
 
 /* Carries out a request, a line of JSON; returns the reply, to be released by the caller. *result

@@ -22,6 +22,8 @@
 #define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
 #define NS_PER_S INT64_C(1000000000)
+#define IDLE_SHOWN_BITS 24 /* of an idle bus: until no node is suspended or integrates any more */
+#define CLOCK_STEP_NS 1000000 /* what the wall clock may be away from bus time in recordings */
 
 /* ---- Clocks ---------------------------------------------------------------------------------- */
 
@@ -42,6 +44,13 @@ static clock_pair read_clocks(void)
 {
     return (clock_pair){.monotonic_ns = clock_ns(CLOCK_MONOTONIC),
                         .realtime_ns = clock_ns(CLOCK_REALTIME)};
+}
+
+static void follow_clock(engine *e, const clock_pair *now)
+{
+    int64_t offset_ns = now->realtime_ns - now->monotonic_ns;
+    if (llabs(offset_ns - e->realtime_offset_ns) > CLOCK_STEP_NS)
+        e->realtime_offset_ns = offset_ns;
 }
 
 /* One tick is 12.5 ns. Rounded down: the bus is never ahead of the clock. */
@@ -115,8 +124,38 @@ static void handle_events(void *user)
     }
 }
 
+/* Nothing that is to be seen happens before this tick. */
+static uint64_t rests_until(const engine *e)
+{
+    uint64_t next = cw_bus_next(e->now.bus);
+    if (!cw_bus_idle(e->now.bus) || next < cw_bus_now(e->now.bus) + 2 * e->config->bit_ticks)
+        return cw_bus_now(e->now.bus);
+    return next == CW_NEVER ? CW_NEVER : next - e->config->bit_ticks;
+}
+
+/* Bit by bit, with a look at each; those of an idle bus go in one leap. */
+static void show_bits(engine *e, uint64_t tick)
+{
+    const uint32_t bit_ticks = e->config->bit_ticks;
+    while (cw_bus_now(e->now.bus) + bit_ticks <= tick) {
+        uint64_t rest = rests_until(e);
+        bool rests = rest >= cw_bus_now(e->now.bus) + bit_ticks;
+        bool leaps = rests && e->idle_bits >= IDLE_SHOWN_BITS;
+        cw_bus_set_stepping(e->now.bus, !leaps);
+        e->idle_bits = rests ? e->idle_bits + !leaps : 0;
+        if (leaps) {
+            inputs_advance(&e->inputs, rest < tick ? rest : tick);
+        } else {
+            inputs_advance(&e->inputs, cw_bus_now(e->now.bus) + bit_ticks);
+            e->bit_observer(e->bit_user, e->now.bus);
+        }
+    }
+}
+
 static void advance(engine *e, uint64_t tick)
 {
+    if (e->bit_observer)
+        show_bits(e, tick);
     inputs_advance(&e->inputs, tick);
 }
 
@@ -268,6 +307,7 @@ static void wake(engine *e)
     if (!e->stopping)
         skip_missed_time(e);
     clock_pair clocks = read_clocks();
+    follow_clock(e, &clocks);
     uint64_t now = tick_of(e, clocks.monotonic_ns);
     if (e->stopping) {
         run_out(e, now);
@@ -351,6 +391,7 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
         return NULL;
     }
     e->epoch_ns = clock_ns(CLOCK_MONOTONIC);
+    e->realtime_offset_ns = clock_ns(CLOCK_REALTIME) - e->epoch_ns;
     catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->epoch_ns);
     engine_read_limits(e);
     release_look(e->now.plan, e->now.bus);
@@ -424,6 +465,20 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
     e->observer_user = user;
 }
 
+void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user)
+{
+    e->bit_observer = observer;
+    e->bit_user = user;
+    if (!observer)
+        cw_bus_set_stepping(e->now.bus, false);
+}
+
+uint64_t engine_realtime_ns(const engine *e, uint64_t tick)
+{
+    int64_t ns = e->epoch_ns + e->realtime_offset_ns + (int64_t)text_ticks_ns(tick);
+    return ns > 0 ? (uint64_t)ns : 0;
+}
+
 const cw_bus *engine_bus(const engine *e)
 {
     return e->now.bus;
@@ -439,6 +494,7 @@ static uint64_t lag_ns(const engine *e)
 void engine_report(const engine *e, report *out)
 {
     memset(out, 0, sizeof *out);
+    out->epoch_ns = engine_realtime_ns(e, 0);
     out->lag_ns = lag_ns(e);
     out->skips = e->catchup.skips;
     out->skipped_ns = e->catchup.skipped_ns;

@@ -52,6 +52,15 @@ void engine_on_change(engine *e, engine_changed *changed, void *user);
 typedef void engine_observer(void *user, const cw_event *event);
 void engine_observe(engine *e, engine_observer *observer, void *user);
 
+/* Is told of each bit of the bus, after its events; one at most, NULL for none. Every bit is then
+ * simulated by itself, which costs time, but for those of an idle bus, which are left out. */
+typedef void engine_bit_observer(void *user, const cw_bus *bus);
+void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user);
+
+/* Bus time as wall clock (CLOCK_REALTIME), in nanoseconds since 1970. It goes on as bus time does;
+ * where somebody sets the clock, or the two have drifted apart by 1 ms, it goes over to the clock. */
+uint64_t engine_realtime_ns(const engine *e, uint64_t tick);
+
 /* What is to be shown beyond the bus itself. */
 void engine_report(const engine *e, report *out);
 

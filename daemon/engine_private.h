@@ -36,6 +36,9 @@ struct engine {
     publisher *publisher;
     engine_observer *observer;
     void *observer_user;
+    engine_bit_observer *bit_observer;
+    void *bit_user;
+    unsigned idle_bits; /* in a row that were shown to it */
     engine_changed *changed;
     void *changed_user;
     setup now;
@@ -51,6 +54,7 @@ struct engine {
     ev_io timer;
     int timer_fd;
     int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
+    int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
     bool stopping;
     uint64_t stop_tick; /* no later than this */
     port_frame batch[PORT_BATCH];

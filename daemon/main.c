@@ -9,6 +9,7 @@
 #include "losses.h"
 #include "notify.h"
 #include "publish.h"
+#include "recordings.h"
 #include "watchdog.h"
 
 #include <errno.h>
@@ -28,6 +29,7 @@ typedef struct service {
     publisher *publisher;
     engine *engine;
     control *control;
+    recordings *recordings;
     notifier *notifier;
     watchdog watchdog;
     losses losses;
@@ -62,6 +64,46 @@ static void on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
     notify_stopping(s->notifier);
     notify_status(s->notifier, "Letting the frame on the wire end");
     engine_stop(s->engine);
+}
+
+/* ---- Events and bits ------------------------------------------------------------------------- */
+
+static void on_event(void *user, const cw_event *event)
+{
+    service *s = user;
+    if (s->recordings)
+        recordings_event(s->recordings, event, engine_realtime_ns(s->engine, event->tick));
+    if (s->control)
+        control_event(s->control, event);
+}
+
+static void on_bit(void *user, const cw_bus *bus)
+{
+    const service *s = user;
+    recordings_bit(s->recordings, bus);
+}
+
+/* Whether bits are wanted changes with the recordings. */
+static void observe_bits(service *s)
+{
+    engine_observe_bits(s->engine, recordings_want_bits(s->recordings) ? on_bit : NULL, s);
+}
+
+/* A recording has begun or ended, see recordings_told. */
+static void on_recording(void *user, const char *file, const char *why)
+{
+    service *s = user;
+    if (!s->recordings)
+        return;
+    observe_bits(s);
+    if (s->control)
+        control_tell_recording(s->control, file, why);
+}
+
+static json_t *show_recordings(void *user)
+{
+    const service *s = user;
+    return recordings_json(s->recordings);
 }
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
@@ -127,6 +169,8 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 {
     service *s = user;
     losses_remap(&s->losses, from);
+    recordings_reload(s->recordings, engine_bus(s->engine));
+    observe_bits(s);
     if (s->control)
         control_remap(s->control, from);
     if (s->publisher) {
@@ -174,6 +218,8 @@ static void tell_status(service *s)
     report beyond;
     engine_report(s->engine, &beyond);
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    recordings_update(s->recordings, engine_bus(s->engine));
+    observe_bits(s);
     cw_bus_get_stats(engine_bus(s->engine), &stats);
     print_trouble(trouble, s);
     notify_status(s->notifier,
@@ -242,8 +288,14 @@ static bool start(service *s, struct ev_loop *loop)
         if (!s->control)
             return false;
         control_on_reload(s->control, on_reload_request, s);
-        engine_observe(s->engine, control_event, s->control);
+        control_show_recordings(s->control, show_recordings, s);
     }
+    s->recordings =
+        recordings_start(loop, s->config, engine_bus(s->engine), on_recording, s);
+    if (!s->recordings)
+        return false;
+    engine_observe(s->engine, on_event, s);
+    observe_bits(s);
     return true;
 }
 
@@ -378,6 +430,7 @@ int main(int argc, char **argv)
     s.notifier = notify_open(loop);
     bool good = run(&s, loop);
     control_stop(s.control);
+    recordings_stop(s.recordings);
     engine_free(s.engine);
     publisher_stop(s.publisher);
     live_free(s.live);

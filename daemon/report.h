@@ -24,6 +24,7 @@ typedef struct report_node {
 
 typedef struct report {
     report_node nodes[CW_NODES_MAX];
+    uint64_t epoch_ns;   /* since 1970: bus time 0 */
     uint64_t lag_ns;     /* how far the bus is behind real time just now */
     uint64_t skips;      /* how often it was too far behind ... */
     uint64_t skipped_ns; /* ... and the time that it has skipped, in all */

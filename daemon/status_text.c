@@ -190,13 +190,28 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_traffic(out, node);
 }
 
+static void print_recording(FILE *out, const json_t *recording)
+{
+    const char *why = text(recording, "why");
+    intmax_t lost = number(recording, "lost");
+    fprintf(out, "record %s: %s%s%s entries %jd bytes %jd", text(recording, "file"),
+            text(recording, "state"), *why ? ": " : "", why, number(recording, "entries"),
+            number(recording, "bytes"));
+    if (lost > 0)
+        fprintf(out, " lost %jd", lost);
+    fputc('\n', out);
+}
+
 void status_print(FILE *out, const json_t *status)
 {
+    const json_t *recordings = json_object_get(status, "recordings");
     const json_t *bus = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     print_bus(out, bus);
     for (size_t i = 0; i < json_array_size(nodes); i++)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
+    for (size_t i = 0; i < json_array_size(recordings); i++)
+        print_recording(out, json_array_get(recordings, i));
 }
 
 static const char *fault_state(const json_t *fault)

@@ -67,6 +67,8 @@ static const char position_problem[] =
     "expected a position: sof id[0..28] srr ide rtr r0 r1 dlc[0..3] data[BYTE.BIT] crc[0..14] "
     "crc-delimiter ack-slot ack-delimiter eof[0..6] intermission[0..2] suspend[0..7] stuff[N] "
     "bit[N] error-flag[N] error-delimiter[N] overload-flag[N] overload-delimiter[N]";
+#define SIZE_DIGITS_MAX 9u /* so that nothing overflows */
+static const char size_problem[] = "expected a size such as 64kB, 100MB, 2GB or 512MiB";
 static const char time_problem[] =
     "expected a time with unit such as 10ms (units: ns us ms s min h bit)";
 static const char uint_problem[] =
@@ -280,6 +282,30 @@ const char *text_parse_time(cfg_time *out, const char *text)
         if (strcmp(text, units[i].name) == 0)
             return apply_unit(out, number, &units[i]);
     return time_problem;
+}
+
+const char *text_parse_size(uint64_t *bytes, const char *text)
+{
+    static const struct {
+        const char *name;
+        uint64_t bytes;
+    } units[] = {
+        {"", 1},          {"kB", 1000},     {"MB", 1000000},   {"GB", 1000000000},
+        {"KiB", 1 << 10}, {"MiB", 1 << 20}, {"GiB", 1 << 30},
+    };
+    size_t digits = strspn(text, "0123456789");
+    uint64_t number = 0;
+
+    if (digits == 0 || digits > SIZE_DIGITS_MAX || (text[0] == '0' && digits > 1))
+        return size_problem;
+    for (size_t i = 0; i < digits; i++)
+        number = number * 10 + (uint64_t)(text[i] - '0');
+    for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
+        if (strcmp(text + digits, units[i].name) == 0) {
+            *bytes = number * units[i].bytes;
+            return NULL;
+        }
+    return size_problem;
 }
 
 uint64_t text_time_ticks(cfg_time time, uint32_t bit_ticks)

@@ -44,7 +44,7 @@ SEMANTIC = [
     "of the profile needs a value", "there is no parameter", "has more than 63 characters",
     "No such file", "not a regular file", "this is neither", "there is no time stamp",
     "expected a line of candump", "expected an event such as", "at most as long as 'every'",
-    "at most 107 bytes", "merge keys", "$$ stands for a dollar", "error frames (bit 20000000)",
+    "at most 107 bytes", "merge keys", "expected a size from", "$$ stands for a dollar", "error frames (bit 20000000)",
     "min is more than max", "does not get its own frames",
 ]
 

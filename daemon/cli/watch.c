@@ -15,7 +15,7 @@ static const char help[] =
     "told.\n"
     "\n"
     "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
-    "               error, overload, rx, tx, state, skip\n"
+    "               error, overload, rx, tx, state, skip, record\n"
     "      --json   as lines of JSON, as the bus sends them\n";
 
 /* The members that a line of text begins with, in columns. */

@@ -83,7 +83,7 @@ _canwire_argument() {
     clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;
     restart:1 | set:1) _canwire_words "$(_canwire_nodes "$bus")" ;;
     set:*) _canwire_settings ;;
-    watch:*) _canwire_words "$_canwire_events" ;;
+    watch:*) _canwire_words "$_canwire_events record" ;;
     help:0) _canwire_words "$_canwire_commands" ;;
     esac
 }

@@ -296,6 +296,28 @@ static void jitter_replays_and_replies_are_read(void **state)
     cfg_free(config);
 }
 
+static void recordings_are_read(void **state)
+{
+    static const cfg_record expected[] = {
+        {.format = CFG_RECORD_CANDUMP, .size = 100000000, .files = 5},
+        {.format = CFG_RECORD_PCAPNG, .size = 64000, .files = 1},
+        {.format = CFG_RECORD_VCD, .size = UINT64_C(1000000000000), .files = 1000},
+        {.format = CFG_RECORD_CANDUMP, .size = 100000, .files = 5},
+    };
+    cfg *config = load_good(GOOD "full.yaml");
+
+    (void)state;
+    assert_int_equal(config->record_count, 4);
+    assert_string_equal(config->records[0].file, GOOD "drive.log");
+    assert_string_equal(config->records[1].file, "/tmp/drive.pcapng");
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(config->records[i].format, expected[i].format);
+        assert_int_equal(config->records[i].size, expected[i].size);
+        assert_int_equal(config->records[i].files, expected[i].files);
+    }
+    cfg_free(config);
+}
+
 static void rules_are_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -1017,6 +1039,7 @@ int main(void)
         cmocka_unit_test(node_keys_are_read),
         cmocka_unit_test(traffic_is_read),
         cmocka_unit_test(jitter_replays_and_replies_are_read),
+        cmocka_unit_test(recordings_are_read),
         cmocka_unit_test(rules_are_read),
         cmocka_unit_test(rule_defaults_act_always),
         cmocka_unit_test(expectations_are_read),

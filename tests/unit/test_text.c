@@ -685,9 +685,43 @@ static void spans_are_printed_in_their_unit(void **state)
     }
 }
 
+static void reads_sizes(void **state)
+{
+    static const struct {
+        const char *text;
+        uint64_t bytes; /* UINT64_MAX: refused */
+    } cases[] = {
+        {"0", 0},
+        {"64kB", 64000},
+        {"100MB", 100000000},
+        {"2GB", 2000000000},
+        {"1KiB", 1024},
+        {"3MiB", 3145728},
+        {"999999999GiB", UINT64_C(999999999) << 30},
+        {"", UINT64_MAX},
+        {"kB", UINT64_MAX},
+        {"1.5MB", UINT64_MAX},
+        {"1 MB", UINT64_MAX},
+        {"1mb", UINT64_MAX},
+        {"01", UINT64_MAX},
+        {"-1", UINT64_MAX},
+        {"1000000000", UINT64_MAX},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        uint64_t bytes = UINT64_MAX;
+        bool good = text_parse_size(&bytes, cases[i].text) == NULL;
+
+        assert_int_equal(good, cases[i].bytes != UINT64_MAX);
+        assert_int_equal(bytes, cases[i].bytes);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(reads_sizes),
         cmocka_unit_test(frames_are_read_and_printed),
         cmocka_unit_test(bad_frames_are_refused),
         cmocka_unit_test(invalid_frames_are_printed),

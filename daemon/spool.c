@@ -1,0 +1,416 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * spool.c - writes a file through a thread of its own, so that no disk ever holds up the bus.
+ *
+ * The queue is a ring of bytes: each record has its size before it; size 0 is a cut. The thread
+ * lets bytes wait a little, so that many small records are one write().
+ */
+#include "spool.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#define HEAD sizeof(uint32_t)        /* of a record */
+#define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
+#define NAP_NS 20000000              /* between two writes, when there is little to write */
+#define NS_PER_S 1000000000
+#define MODE 0644
+
+struct spool {
+    char *file;
+    int fd;
+    uint64_t written; /* bytes of records in this file */
+    spool_news *news;
+    void *user;
+    unsigned char *batch;
+    pthread_t thread;
+    pthread_mutex_t lock; /* of all below */
+    pthread_cond_t changed;
+    unsigned files;
+    size_t first; /* of the queue */
+    size_t used;
+    bool ending;
+    bool ended;
+    int error;
+    unsigned char *queue;
+};
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* "FILE.3", to be freed; number 0 is FILE itself. */
+static char *numbered(const char *file, unsigned number)
+{
+    char *name = NULL;
+    int length = number == 0 ? asprintf(&name, "%s", file) : asprintf(&name, "%s.%u", file, number);
+    return length < 0 ? NULL : name;
+}
+
+/* Returns 0 or an errno. What is not there need not be moved. */
+static int move_file(const char *file, unsigned number)
+{
+    char *from = numbered(file, number);
+    char *to = numbered(file, number + 1);
+    int error = from && to ? 0 : ENOMEM;
+    if (error == 0 && rename(from, to) != 0 && errno != ENOENT)
+        error = errno;
+    free(from);
+    free(to);
+    return error;
+}
+
+/* FILE becomes FILE.1 and so on; of `files` the oldest is no more. Returns 0 or an errno. */
+static int rotate(const char *file, unsigned files)
+{
+    int error = 0;
+    if (files <= 1)
+        return unlink(file) == 0 || errno == ENOENT ? 0 : errno;
+    for (unsigned i = files - 1; i > 0 && error == 0; i--)
+        error = move_file(file, i - 1);
+    return error;
+}
+
+/* Rotates what is there, unless it is empty, and begins a file. Returns 0 or an errno. */
+static int begin_file(spool *s, unsigned files)
+{
+    struct stat there;
+    if (lstat(s->file, &there) == 0) {
+        if (!S_ISREG(there.st_mode))
+            return EINVAL;
+        int error = rotate(s->file, there.st_size > 0 ? files : 1);
+        if (error != 0)
+            return error;
+    }
+    s->fd = open(s->file, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, MODE);
+    s->written = 0;
+    return s->fd < 0 ? errno : 0;
+}
+
+static int end_file(spool *s)
+{
+    int error = s->fd >= 0 && close(s->fd) != 0 ? errno : 0;
+    s->fd = -1;
+    return error;
+}
+
+/* Returns 0 or an errno, with *done bytes written in either case. */
+static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *done)
+{
+    for (*done = 0; *done < size;) {
+        ssize_t count = write(fd, bytes + *done, size - *done);
+        if (count < 0 && errno != EINTR)
+            return errno;
+        *done += count > 0 ? (size_t)count : 0;
+    }
+    return 0;
+}
+
+/* ---- The queue ------------------------------------------------------------------------------- */
+
+static void copy_in(spool *s, const void *bytes, size_t size)
+{
+    size_t end = (s->first + s->used) % SPOOL_QUEUE_BYTES;
+    size_t part = size < SPOOL_QUEUE_BYTES - end ? size : SPOOL_QUEUE_BYTES - end;
+    memcpy(s->queue + end, bytes, part);
+    memcpy(s->queue, (const unsigned char *)bytes + part, size - part);
+    s->used += size;
+}
+
+/* Copies bytes that begin so far behind the first one. */
+static void copy_out(const spool *s, void *bytes, size_t offset, size_t size)
+{
+    size_t begin = (s->first + offset) % SPOOL_QUEUE_BYTES;
+    size_t part = size < SPOOL_QUEUE_BYTES - begin ? size : SPOOL_QUEUE_BYTES - begin;
+    memcpy(bytes, s->queue + begin, part);
+    memcpy((unsigned char *)bytes + part, s->queue, size - part);
+}
+
+static uint32_t record_size(const spool *s, size_t offset)
+{
+    uint32_t size;
+    copy_out(s, &size, offset, sizeof size);
+    return size;
+}
+
+/* Records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
+static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
+{
+    size_t taken = 0;
+    *batch = 0;
+    *cut = false;
+    while (taken < used) {
+        uint32_t size = record_size(s, taken);
+        if (*batch + size > BATCH)
+            break;
+        *cut = size == 0;
+        copy_out(s, s->batch + *batch, taken + HEAD, size);
+        *batch += size;
+        taken += HEAD + size;
+        if (*cut)
+            break;
+    }
+    return taken;
+}
+
+/* How many of so many bytes at the front of the queue are whole records. */
+static size_t whole_bytes(const spool *s, size_t bytes)
+{
+    size_t offset = 0;
+    for (size_t whole = 0;;) {
+        uint32_t size = record_size(s, offset);
+        if (whole + size > bytes || size == 0)
+            return whole;
+        whole += size;
+        offset += HEAD + size;
+    }
+}
+
+/* ---- The thread ------------------------------------------------------------------------------ */
+
+/* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a record
+ * that did not get into the file as a whole is then taken out again. */
+static int write_batch(spool *s, size_t size)
+{
+    size_t done;
+    int error = write_all(s->fd, s->batch, size, &done);
+    if (error != 0) {
+        done = whole_bytes(s, done);
+        (void)!ftruncate(s->fd, (off_t)(s->written + done));
+    }
+    s->written += done;
+    return error;
+}
+
+static int cut_here(spool *s, unsigned files)
+{
+    int error = end_file(s);
+    return error != 0 ? error : begin_file(s, files);
+}
+
+static struct timespec after_nap(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    t.tv_nsec += NAP_NS;
+    if (t.tv_nsec >= NS_PER_S) {
+        t.tv_nsec -= NS_PER_S;
+        t.tv_sec++;
+    }
+    return t;
+}
+
+/* Waits for something to write, and then a little for more. With the lock held. */
+static void wait_for_work(spool *s)
+{
+    while (s->used == 0 && !s->ending)
+        (void)pthread_cond_wait(&s->changed, &s->lock);
+    struct timespec until = after_nap();
+    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending)
+        if (pthread_cond_timedwait(&s->changed, &s->lock, &until) != 0)
+            break;
+}
+
+/* One round; returns 0 or an errno. With the lock held, but not while it writes. */
+static int work(spool *s)
+{
+    size_t used = s->used;
+    unsigned files = s->files;
+    size_t batch;
+    bool cut;
+    (void)pthread_mutex_unlock(&s->lock);
+    size_t taken = fill_batch(s, used, &batch, &cut);
+    int error = write_batch(s, batch);
+    if (error == 0 && cut)
+        error = cut_here(s, files);
+    (void)pthread_mutex_lock(&s->lock);
+    s->first = (s->first + taken) % SPOOL_QUEUE_BYTES;
+    s->used -= taken;
+    return error;
+}
+
+static void *run(void *argument)
+{
+    spool *s = argument;
+    int error = 0;
+    (void)pthread_mutex_lock(&s->lock);
+    while (error == 0 && (s->used > 0 || !s->ending)) {
+        if (s->used < SPOOL_QUEUE_BYTES / 4)
+            wait_for_work(s);
+        if (s->used > 0)
+            error = work(s);
+    }
+    (void)pthread_mutex_unlock(&s->lock);
+    int end_error = end_file(s);
+    (void)pthread_mutex_lock(&s->lock);
+    s->error = error != 0 ? error : end_error;
+    s->ended = true;
+    (void)pthread_cond_broadcast(&s->changed);
+    spool_news *news = s->news;
+    void *user = s->user;
+    (void)pthread_mutex_unlock(&s->lock);
+    if (news)
+        news(user);
+    return NULL;
+}
+
+/* Without signals: they are for the other threads, and a limit of file size is to be an error. */
+static int start_thread(spool *s)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    int error = pthread_create(&s->thread, NULL, run, s);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return error;
+}
+
+/* ---- For the others -------------------------------------------------------------------------- */
+
+static void free_spool(spool *s)
+{
+    if (s->fd >= 0)
+        (void)close(s->fd);
+    (void)pthread_cond_destroy(&s->changed);
+    (void)pthread_mutex_destroy(&s->lock);
+    free(s->file);
+    free(s->batch);
+    free(s->queue);
+    free(s);
+}
+
+static void init_locks(spool *s)
+{
+    pthread_condattr_t attributes;
+    (void)pthread_mutex_init(&s->lock, NULL);
+    (void)pthread_condattr_init(&attributes);
+    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    (void)pthread_cond_init(&s->changed, &attributes);
+    (void)pthread_condattr_destroy(&attributes);
+}
+
+spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    spool *s = calloc(1, sizeof *s);
+    if (!s) {
+        *error = ENOMEM;
+        return NULL;
+    }
+    *s = (spool){.file = strdup(file), .fd = -1, .news = news, .user = user, .files = files,
+                 .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
+    init_locks(s);
+    *error = s->file && s->batch && s->queue ? begin_file(s, files) : ENOMEM;
+    if (*error == 0)
+        *error = start_thread(s);
+    if (*error == 0)
+        return s;
+    free_spool(s);
+    return NULL;
+}
+
+static size_t room(const spool *s)
+{
+    size_t left = SPOOL_QUEUE_BYTES - s->used;
+    return s->ending || s->ended || left < HEAD ? 0 : left - HEAD;
+}
+
+size_t spool_room(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    size_t bytes = room(s);
+    (void)pthread_mutex_unlock(&s->lock);
+    return bytes;
+}
+
+/* A record, or a cut of no bytes. */
+static bool put(spool *s, const void *record, size_t size)
+{
+    uint32_t head = (uint32_t)size;
+    (void)pthread_mutex_lock(&s->lock);
+    bool fits = size <= room(s) && room(s) > 0;
+    if (fits) {
+        const size_t before = s->used;
+        copy_in(s, &head, sizeof head);
+        copy_in(s, record, size);
+        if (before == 0 || (before < SPOOL_QUEUE_BYTES / 4 && s->used >= SPOOL_QUEUE_BYTES / 4))
+            (void)pthread_cond_signal(&s->changed);
+    }
+    (void)pthread_mutex_unlock(&s->lock);
+    return fits;
+}
+
+bool spool_write(spool *s, const void *record, size_t size)
+{
+    assert(size > 0 && size <= SPOOL_RECORD_MAX);
+    return put(s, record, size);
+}
+
+bool spool_cut(spool *s)
+{
+    return put(s, "", 0);
+}
+
+void spool_set_files(spool *s, unsigned files)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->files = files;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+int spool_error(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    int error = s->error;
+    (void)pthread_mutex_unlock(&s->lock);
+    return error;
+}
+
+void spool_end(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->ending = true;
+    (void)pthread_cond_broadcast(&s->changed);
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+bool spool_has_ended(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    bool ended = s->ended;
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+static bool wait_for_end(spool *s, unsigned patience_s)
+{
+    struct timespec until;
+    (void)clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += (time_t)patience_s;
+    (void)pthread_mutex_lock(&s->lock);
+    while (!s->ended && pthread_cond_timedwait(&s->changed, &s->lock, &until) == 0)
+        ;
+    bool ended = s->ended;
+    if (!ended)
+        s->news = NULL; /* nobody is there any more to be told */
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+bool spool_close(spool *s, unsigned patience_s)
+{
+    if (!s)
+        return true;
+    spool_end(s);
+    if (!wait_for_end(s, patience_s))
+        return false;
+    (void)pthread_join(s->thread, NULL);
+    free_spool(s);
+    return true;
+}
