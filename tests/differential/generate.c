@@ -2,8 +2,8 @@
  *
  * generate.c - makes a scenario from a seed: a style, buses, traffic, operations.
  *
- * No two numbers are drawn in one expression, unless its order is defined: a seed is to mean the same
- * with each compiler.
+ * No two numbers are drawn in one expression, unless its order is defined: a seed is to mean the
+ * same with each compiler.
  */
 #include "differential.h"
 
@@ -44,7 +44,7 @@ static const style styles[DIFF_STYLES] = {
     {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false},
     {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false},
     {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     3, 10, false, true},
+     6, 10, false, true},
     {"bits", 12, 4000, 60000, 12,
      POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
      2, 40, false, true},
@@ -135,26 +135,28 @@ static void add_plan_rule(generator *g, diff_plan *plan)
 }
 
 /* What brings about the fields that are seldom seen: suspend, overload frames. */
-static void add_plan_helper(generator *g, diff_plan *plan)
+static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
 {
     static const cw_rule helpers[] = {
+        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .manual = true},
+        {.action = CW_ACTION_FLIP, .field = CW_FIELD_OVERLOAD_FLAG, .bits = 1},
+        {.action = CW_ACTION_DUPLICATE, .trigger = CW_TRIGGER_FRAME}, /* so that others follow */
+        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
         {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1},
-        {.action = CW_ACTION_DUPLICATE, .trigger = CW_TRIGGER_FRAME}, /* for the next ones */
-        {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
-        {.action = CW_ACTION_ERROR_FLAG, .trigger = CW_TRIGGER_ARMED, .has_after = true},
-        {.action = CW_ACTION_FLIP, .field = CW_FIELD_OVERLOAD_FLAG, .bits = 1}};
+        {.action = CW_ACTION_ERROR_FLAG, .trigger = CW_TRIGGER_ARMED, .has_after = true}};
     diff_random *r = &g->maker.random;
     unsigned place = plan->config.rule_count - 1u;
     cw_rule *rule = &plan->rules[place].rule;
-    *rule = helpers[diff_below(r, sizeof helpers / sizeof helpers[0])];
+    *rule = helpers[(first + place) % (sizeof helpers / sizeof helpers[0])];
     rule->nodes = diff_random_nodes(&g->maker);
     rule->time_end = CW_NEVER;
     rule->probability = UINT64_MAX;
     rule->every = (uint32_t)diff_between(r, 1, g->maker.rarity);
     rule->index = (uint16_t)diff_below(r, 6);
     if (rule->has_after) {
-        rule->after = (uint16_t)diff_below(r, place + 1u);
+        rule->after =
+            (uint16_t)(diff_chance(r, 500) && place > 0 ? place - 1u : diff_below(r, place + 1u));
         rule->after_delay = diff_random_ticks(&g->maker, 1, 200);
     }
 }
@@ -174,12 +176,14 @@ static bool is_accepted(diff_plan *plan)
 /* Rules that the library refuses make the whole configuration invalid: they are left out. */
 static void random_rules(generator *g, diff_plan *plan, unsigned count)
 {
+    unsigned first = (unsigned)diff_below(&g->maker.random, 100);
+    unsigned helped = g->style->helps && diff_chance(&g->maker.random, 300) ? 600 : 0;
     g->maker.rules = count;
     plan->config.rule_room = (uint16_t)(count + diff_below(&g->maker.random, 6));
     for (unsigned i = 0; i < count; i++) {
         add_plan_rule(g, plan);
-        if (g->style->helps && diff_chance(&g->maker.random, 100))
-            add_plan_helper(g, plan);
+        if (diff_chance(&g->maker.random, helped))
+            add_plan_helper(g, plan, first);
         plan->config.rule_room--;
         if (is_accepted(plan))
             continue;
@@ -198,8 +202,8 @@ static unsigned random_rule_count(generator *g)
 static void random_plan(generator *g, diff_plan *plan)
 {
     diff_random *r = &g->maker.random;
-    *plan = (diff_plan){.config = {.bit_ticks = (uint32_t)g->maker.bit,
-                                   .node_count = (uint8_t)g->maker.nodes}};
+    *plan = (diff_plan){
+        .config = {.bit_ticks = (uint32_t)g->maker.bit, .node_count = (uint8_t)g->maker.nodes}};
     plan->config.seed = diff_draw(r);
     plan->config.inbox = (uint16_t)diff_magnitude(r, 64, 4096);
     plan->config.events = (uint16_t)diff_magnitude(r, 64, 8192);
@@ -515,6 +519,30 @@ static unsigned pick_rule(generator *g, bool fired)
     return rule;
 }
 
+/* Several begin to send, and one of them does not go on. */
+static void ambush(generator *g, uint64_t tick)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    diff_op op = {.kind = DIFF_ATTACH,
+                  .tick = tick + diff_below(r, diff_magnitude(r, 1, 35) * m->bit)};
+    tick -= tick % m->bit;
+    for (uint64_t party = diff_between(r, 2, 5); party > 0; party--) {
+        op.target = random_node_number(g);
+        const cw_frame frame = diff_random_frame(m);
+        send(g, op.target, &frame, tick);
+    }
+    if (diff_chance(r, 200)) {
+        op.kind = DIFF_SET;
+        op.settings = diff_random_settings(m);
+    }
+    diff_add_op(g->scenario, &op);
+    op.kind = DIFF_ATTACH;
+    op.on = true;
+    op.tick += diff_below(r, 2000 * m->bit);
+    diff_add_op(g->scenario, &op);
+}
+
 static void add_operation(generator *g, uint64_t tick, unsigned node)
 {
     diff_random *r = &g->maker.random;
@@ -550,7 +578,10 @@ static void random_operations(generator *g)
     find_moments(g);
     for (uint64_t i = 0; i < count; i++) {
         uint64_t tick = pick_moment(g, &node, i * step, step);
-        add_operation(g, tick, node);
+        if (diff_chance(&g->maker.random, 300))
+            ambush(g, tick);
+        else
+            add_operation(g, tick, node);
     }
     free(g->moments);
 }

@@ -215,8 +215,8 @@ static bool advance_through(pair *p, side *s, uint64_t end)
     while (cw_bus_advance(s->bus, end) != CW_OK) {
         size_t had = s->count;
         s->full++;
-        take_events(s, s->slicing == DIFF_WHOLE ? SIZE_MAX
-                                                : (size_t)diff_between(&s->random, 1, 300));
+        take_events(s,
+                    s->slicing == DIFF_WHOLE ? SIZE_MAX : (size_t)diff_between(&s->random, 1, 300));
         if (s->count == had)
             return false;
     }
