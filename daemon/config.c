@@ -64,7 +64,7 @@ const schema_choice cfg_orders[] = {
 static const schema_choice pacings[] = {
     {.name = "precise", .value = CFG_PACING_PRECISE},
     {.name = "tick", .value = CFG_PACING_TICK},
-    {.name = "spin", .later = true},
+    {.name = "spin", .value = CFG_PACING_SPIN},
     {.name = NULL},
 };
 

@@ -60,7 +60,7 @@ typedef struct cfg_node {
     int line; /* of the node in its file */
 } cfg_node;
 
-typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK } cfg_pacing;
+typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK, CFG_PACING_SPIN } cfg_pacing;
 
 /* What to do at the start, and at a reload, about a port whose interface is not there. */
 typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;

@@ -170,6 +170,7 @@ static void read_port(engine *e, unsigned node, const clock_pair *now)
     bool more = true;
     for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
         unsigned count = port_read(e->now.ports[node], e->batch, &more);
+        e->frames_read += count;
         for (unsigned i = 0; i < count; i++) {
             uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
             while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
@@ -224,20 +225,30 @@ void engine_run_to(engine *e, uint64_t tick)
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
 
-static int64_t pace(const engine *e, int64_t ns)
-{
-    if (e->config->pacing == CFG_PACING_PRECISE)
-        return ns;
-    const int64_t step = CFG_PACING_TICK_NS;
-    return (ns + step - 1) / step * step;
-}
-
 /* When something happens next if no port has news; CW_NEVER: the bus rests, nothing is planned. */
 static uint64_t next_tick(const engine *e)
 {
     uint64_t tick = cw_bus_next(e->now.bus);
     uint64_t release = release_next_tick(e->now.plan);
     return release < tick ? release : tick;
+}
+
+/* Reading the CPU time is a system call, so only who spins does it. */
+static bool may_spin(engine *e)
+{
+    return e->config->pacing == CFG_PACING_SPIN &&
+           pacing_may_spin(&e->duty, clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_THREAD_CPUTIME_ID));
+}
+
+static int64_t next_wake_ns(engine *e)
+{
+    int64_t wake_ns = INT64_MAX;
+    if (e->due_ns != INT64_MAX)
+        wake_ns = pacing_wake_ns(e->config->pacing, e->due_ns, may_spin(e));
+    if (!e->ticking)
+        return wake_ns;
+    int64_t tick_ns = pacing_next_tick_ns(clock_ns(CLOCK_MONOTONIC));
+    return tick_ns < wake_ns ? tick_ns : wake_ns;
 }
 
 static void arm_timer(engine *e)
@@ -247,13 +258,39 @@ static void arm_timer(engine *e)
         tick = e->stop_tick;
     if (e->next && e->next->deadline < tick)
         tick = e->next->deadline;
+    e->due_ns = tick == CW_NEVER ? INT64_MAX : monotonic_of(e, tick);
+    int64_t ns = next_wake_ns(e);
     struct itimerspec at = {.it_value = {.tv_sec = 0}};
-    if (tick != CW_NEVER) {
-        int64_t ns = pace(e, monotonic_of(e, tick));
-        at.it_value.tv_sec = (time_t)(ns / NS_PER_S);
-        at.it_value.tv_nsec = (long)(ns % NS_PER_S);
-    }
+    if (ns != INT64_MAX)
+        at.it_value = (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = ns % NS_PER_S};
     (void)timerfd_settime(e->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
+}
+
+/* A timer that is due has been set for a little earlier, to be up in time. One that was not, or rings
+ * for another reason, finds nothing to wait for. */
+static void spin(const engine *e)
+{
+    if (e->config->pacing != CFG_PACING_SPIN ||
+        e->due_ns > clock_ns(CLOCK_MONOTONIC) + PACING_SPIN_NS)
+        return;
+    while (clock_ns(CLOCK_MONOTONIC) < e->due_ns)
+        continue;
+}
+
+/* From the first frame after a pause on ports are looked at once a tick, until a tick has none. */
+static void start_ticking(engine *e)
+{
+    e->ticking = true;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_unwatch_port(e, i);
+    arm_timer(e);
+}
+
+static void stop_ticking(engine *e)
+{
+    e->ticking = false;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_watch_port(e, i);
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
@@ -323,12 +360,16 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     (void)events;
-    wake(((port_watch *)io)->engine);
+    engine *e = ((port_watch *)io)->engine;
+    if (e->config->pacing == CFG_PACING_TICK && !e->stopping)
+        start_ticking(e);
+    else
+        wake(e);
 }
 
 void engine_watch_port(engine *e, unsigned node)
 {
-    if (!e->now.ports[node])
+    if (!e->now.ports[node] || ev_is_active(&e->watches[node].io))
         return;
     e->watches[node].engine = e;
     ev_io_init(&e->watches[node].io, on_port, port_fd(e->now.ports[node]), EV_READ);
@@ -348,7 +389,14 @@ static void on_timer(struct ev_loop *loop, ev_io *io, int events)
     uint64_t expirations;
     if (read(io->fd, &expirations, sizeof expirations) < 0 && errno == EAGAIN)
         return;
-    wake(io->data);
+    engine *e = io->data;
+    spin(e);
+    uint64_t read_before = e->frames_read;
+    wake(e);
+    if (e->ticking && e->frames_read == read_before) {
+        stop_ticking(e);
+        arm_timer(e);
+    }
 }
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
@@ -415,6 +463,7 @@ void engine_stop(engine *e)
         return;
     wake(e); /* what has arrived up to now still counts */
     e->stopping = true;
+    e->ticking = false;
     catchup_log(&e->catchup, INT64_MAX);
     e->stop_tick = cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
     reload_free(e->next);

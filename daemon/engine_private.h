@@ -13,6 +13,7 @@
 #include "conserve.h"
 #include "engine.h"
 #include "linkwatch.h"
+#include "pacing.h"
 #include "reload.h"
 
 typedef struct port_watch {
@@ -53,11 +54,15 @@ struct engine {
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
     int timer_fd;
+    int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
+    pacing_duty duty;
+    bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
     int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
     bool stopping;
     uint64_t stop_tick; /* no later than this */
     port_frame batch[PORT_BATCH];
+    uint64_t frames_read; /* from all ports */
 };
 
 #define BOUNDARY_BITS 1000u /* to wait for the end of a frame */
@@ -73,7 +78,7 @@ void engine_read_rest(engine *e, unsigned node);
 /* Takes what it needs at each wake-up from the configuration. */
 void engine_read_limits(engine *e);
 
-/* Does nothing where there is no port. */
+/* Do nothing where there is no port, or it is so already. */
 void engine_watch_port(engine *e, unsigned node);
 void engine_unwatch_port(engine *e, unsigned node);
 

@@ -63,6 +63,7 @@ static void go_over(engine *e)
     r->config = NULL;
     engine_read_limits(e);
     reload_remap(e->arrived, sizeof e->arrived[0], r->from);
+    e->ticking = false;
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
     engine_carry_links_over(e, r);

@@ -139,16 +139,12 @@ bool schema_choose(schema *self, unsigned *out, const schema_key *key, const yam
 
     while (choice->name && (!text || strcmp(text, choice->name) != 0))
         choice++;
-    if (choice->name && !choice->later) {
+    if (choice->name) {
         *out = choice->value;
         return true;
     }
-    if (choice->name)
-        schema_complain(self, value, "%s: '%s' is not supported yet; allowed: %s", key->name, text,
-                        allowed_choices(self, choices));
-    else
-        schema_complain(self, value, "%s: expected one of %s, not %s", key->name,
-                        allowed_choices(self, choices), shown(self, value));
+    schema_complain(self, value, "%s: expected one of %s, not %s", key->name,
+                    allowed_choices(self, choices), shown(self, value));
     return false;
 }
 
@@ -364,8 +360,7 @@ static const char *allowed_choices(schema *self, const schema_choice *choices)
     const char *list = "";
 
     for (; choices->name; choices++)
-        if (!choices->later)
-            list = schema_join(self, list, choices->name);
+        list = schema_join(self, list, choices->name);
     return list;
 }
 

@@ -51,7 +51,6 @@ typedef struct schema_range {
 typedef struct schema_choice {
     const char *name;
     unsigned value;
-    bool later; /* refused because it comes later */
 } schema_choice;
 
 /* Walks a map. Complains about what is no map, and about unknown, duplicate and missing keys;

@@ -183,6 +183,19 @@ static void lcm_defaults_are_set(void **state)
     cfg_free(config);
 }
 
+static void ports_are_read(void **state)
+{
+    (void)state;
+    static const char *const ports[] = {"vcan0", "unix:/run/rig/absolute.sock",
+                                        "unix:" GOOD "run/a relative.sock", "fd:3", "fd:10"};
+    cfg *config = load_good(GOOD "ports.yaml");
+    assert_int_equal(config->node_count, 5);
+    for (unsigned i = 0; i < 5; i++)
+        assert_string_equal(config->nodes[i].port, ports[i]);
+    assert_int_equal(config->pacing, CFG_PACING_SPIN);
+    cfg_free(config);
+}
+
 static void bus_keys_are_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -1035,6 +1048,7 @@ int main(void)
         cmocka_unit_test(bad_files_are_refused_with_all_errors),
         cmocka_unit_test(defaults_are_set),
         cmocka_unit_test(lcm_defaults_are_set),
+        cmocka_unit_test(ports_are_read),
         cmocka_unit_test(bus_keys_are_read),
         cmocka_unit_test(node_keys_are_read),
         cmocka_unit_test(traffic_is_read),

@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 #define WAIT_MS 10000 /* for what has to come */
+#define CLOCKS_NS 500000 /* that two clocks may be read apart */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -460,12 +461,16 @@ typedef struct exchange {
     unsigned wanted; /* events */
     unsigned seen;
     cw_event_kind kind;
+    uint64_t ticks[16]; /* of these events */
 } exchange;
+
+static const char *const pacings[] = {"precise", "tick", "spin"};
 
 static void count_event(void *user, const cw_event *event)
 {
     exchange *x = user;
-    x->seen += event->kind == x->kind;
+    if (event->kind == x->kind && x->seen < sizeof x->ticks / sizeof x->ticks[0])
+        x->ticks[x->seen++] = event->tick;
     if (x->seen == x->wanted)
         ev_break(x->loop, EVBREAK_ALL);
 }
@@ -492,7 +497,7 @@ static void run_until(exchange *x, cw_event_kind kind, unsigned count)
     assert_int_equal(x->seen, count);
 }
 
-static void start_exchange(exchange *x, const char *folder)
+static void start_exchange(exchange *x, const char *folder, const char *pacing)
 {
     char file[100];
     int ends[2][2];
@@ -500,7 +505,7 @@ static void start_exchange(exchange *x, const char *folder)
     snprintf(file, sizeof file, "%s/bus.yaml", folder);
     FILE *out = fopen(file, "w");
     assert_non_null(out);
-    fprintf(out, "bus: { bitrate: 1000000 }\nnodes:\n");
+    fprintf(out, "bus: { bitrate: 1000000 }\npacing: %s\nnodes:\n", pacing);
     for (unsigned i = 0; i < 2; i++) {
         assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends[i]), 0);
         x->ecus[i] = ends[i][1];
@@ -526,13 +531,12 @@ static void end_exchange(exchange *x)
 }
 
 /* When one has gone the other one goes on: its frames are acknowledged, but nobody hears them. */
-static void ecus_exchange_frames_through_the_engine(void **state)
+static void exchange_frames(const char *folder, const char *pacing)
 {
-    fixture *f = *state;
     exchange x;
     struct can_frame out;
     report beyond;
-    start_exchange(&x, f->folder);
+    start_exchange(&x, folder, pacing);
     for (unsigned i = 0; i < 10; i++)
         write_raw(x.ecus[0], 0x100 + i);
     run_until(&x, CW_EVENT_TX, 10);
@@ -541,6 +545,9 @@ static void ecus_exchange_frames_through_the_engine(void **state)
         assert_int_equal(out.can_id, 0x100 + i);
     }
     assert_int_equal(recv(x.ecus[0], &out, sizeof out, MSG_DONTWAIT), -1); /* none of its own */
+    write_raw(x.ecus[1], 0x300);
+    run_until(&x, CW_EVENT_TX, 1);
+    assert_int_equal(recv(x.ecus[0], &out, sizeof out, MSG_DONTWAIT), sizeof out);
     close(x.ecus[1]);
     x.ecus[1] = -1;
     write_raw(x.ecus[0], 0x200);
@@ -549,6 +556,33 @@ static void ecus_exchange_frames_through_the_engine(void **state)
     assert_int_equal(beyond.nodes[1].interface.unheard, 1);
     assert_true(beyond.nodes[0].conserved && beyond.nodes[1].conserved);
     end_exchange(&x);
+}
+
+static void ecus_exchange_frames_through_the_engine(void **state)
+{
+    fixture *f = *state;
+    for (unsigned i = 0; i < sizeof pacings / sizeof pacings[0]; i++)
+        exchange_frames(f->folder, pacings[i]);
+}
+
+/* A frame starts when it was written, whenever the engine wakes up: two that were written 3 ms apart
+ * are so on the bus, also when the engine sees both at once. */
+static void pacing_does_not_shift_the_bus(void **state)
+{
+    fixture *f = *state;
+    for (unsigned i = 0; i < sizeof pacings / sizeof pacings[0]; i++) {
+        exchange x;
+        start_exchange(&x, f->folder, pacings[i]);
+        const struct timespec pause = {.tv_nsec = 3000000};
+        for (unsigned k = 0; k < 2; k++) {
+            write_raw(x.ecus[0], 0x100 + k);
+            nanosleep(&pause, NULL);
+        }
+        run_until(&x, CW_EVENT_TX, 2); /* it had no chance to see them before */
+        int64_t apart_ns = (int64_t)(x.ticks[1] - x.ticks[0]) * 25 / 2;
+        assert_true(apart_ns > 2 * CLOCKS_NS); /* not when the engine saw them, which was at once */
+        end_exchange(&x);
+    }
 }
 
 #define ON_PORT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -573,6 +607,7 @@ int main(void)
         cmocka_unit_test(only_inherited_connected_sockets_are_taken),
         cmocka_unit_test(an_inherited_socket_is_a_port_until_its_ecu_goes),
         ON_PORT(ecus_exchange_frames_through_the_engine),
+        ON_PORT(pacing_does_not_shift_the_bus),
     };
     return cmocka_run_group_tests_name("port_unix", tests, NULL, NULL);
 }
