@@ -75,7 +75,7 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 bench: ## what canwire costs, in ns and instructions, beside others; build/bench.json
 	@scripts/install-deps build bench
 	@scripts/venv
-	@$(MAKE) --no-print-directory build $(BUILD)/bench
+	@$(MAKE) --no-print-directory build $(BUILD)/bench $(BUILD)/bench_realtime
 	@scripts/bench --build $(BUILD)
 
 check: ## static checks: what the library needs of the outside, shell scripts
@@ -129,7 +129,7 @@ help: ## this list
 DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(DIFFERENTIAL) $(BUILD)/bench
+  $(DIFFERENTIAL) $(BUILD)/bench $(BUILD)/bench_realtime
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
 	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
@@ -137,7 +137,8 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	echo "== differential ($(VARIANT), $(CC))"; \
 	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
 	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
-	  $(BUILD)/bench --check || status=1; exit $$status
+	  $(BUILD)/bench --check || status=1; \
+	  $(BUILD)/bench_realtime --check || status=1; exit $$status
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
@@ -198,6 +199,10 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^
+
+REALTIME_OBJECTS := $(call objects,$(wildcard tests/bench/realtime/*.c))
+$(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka

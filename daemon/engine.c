@@ -491,6 +491,11 @@ void engine_update(engine *e)
     wake(e);
 }
 
+int64_t engine_time_ns(const engine *e, uint64_t tick)
+{
+    return monotonic_of(e, tick);
+}
+
 inputs *engine_change(engine *e)
 {
     wake(e);

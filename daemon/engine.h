@@ -32,6 +32,9 @@ void engine_update(engine *e);
 /* The bus as far as it has been simulated, to be read only. */
 const cw_bus *engine_bus(const engine *e);
 
+/* CLOCK_MONOTONIC at which a tick of the bus is, in ns. It moves when the bus skips time. */
+int64_t engine_time_ns(const engine *e, uint64_t tick);
+
 /* The bus, brought up to now, to be changed; engine_update() has to follow. */
 inputs *engine_change(engine *e);
 

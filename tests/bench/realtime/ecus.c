@@ -1,0 +1,132 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecus.c - the ECUs of all buses, in one thread.
+ *
+ * To keep a bus at 100 % load an ECU has WINDOW frames under way: it sends another one when one of
+ * its frames comes to the ECU of the next node. Frames are numbered; every ECU looks whether what it
+ * gets of each other one is the next frame.
+ */
+#include "realtime.h"
+
+#include <errno.h>
+#include <linux/can.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define WINDOW 14u /* less than the queue of a node */
+#define BATCH 64u
+#define LAST_NS (30 * RT_NS_PER_S) /* for the last frames to come; they take some milliseconds */
+
+typedef struct crowd {
+    rt_ecu *ecus;
+    unsigned count;
+    int epoll;
+    bool answer; /* send another one for each that came */
+} crowd;
+
+/* The identifier changes from frame to frame, so that all nodes get their turn. */
+static struct can_frame make_frame(const rt_ecu *e)
+{
+    struct can_frame f = {.can_id = (e->sent * 5 + e->node * 3) % 0x1FF * RT_NODES + e->node,
+                          .len = 8};
+    uint64_t content = (e->sent + UINT64_C(1)) * UINT64_C(0x9E3779B97F4A7C15);
+    memcpy(f.data, &e->sent, sizeof e->sent);
+    memcpy(f.data + 4, (const unsigned char *)&content + 4, 4);
+    return f;
+}
+
+static void send_next(rt_ecu *e)
+{
+    const struct can_frame f = make_frame(e);
+    if (send(e->fd, &f, sizeof f, MSG_NOSIGNAL) != sizeof f)
+        rt_fail("an ECU cannot send: %s", strerror(errno));
+    e->sent++;
+}
+
+static void take_frame(crowd *c, rt_ecu *e, const struct can_frame *f)
+{
+    uint32_t number;
+    unsigned sender = f->can_id % RT_NODES;
+    if (f->can_id & CAN_ERR_FLAG) /* lost arbitrations */
+        return;
+    memcpy(&number, f->data, sizeof number);
+    e->received++;
+    e->wrong += number != e->expected[sender];
+    e->expected[sender] = number + 1;
+    if (c->answer && (sender + 1) % RT_NODES == e->node)
+        send_next(&c->ecus[e->bus * RT_NODES + sender]);
+}
+
+static void read_ecu(crowd *c, rt_ecu *e, bool numbered)
+{
+    struct mmsghdr messages[BATCH];
+    struct iovec vectors[BATCH];
+    struct can_frame frames[BATCH];
+    for (unsigned i = 0; i < BATCH; i++) {
+        vectors[i] = (struct iovec){.iov_base = &frames[i], .iov_len = sizeof frames[i]};
+        messages[i] = (struct mmsghdr){.msg_hdr = {.msg_iov = &vectors[i], .msg_iovlen = 1}};
+    }
+    int count = recvmmsg(e->fd, messages, BATCH, MSG_DONTWAIT, NULL);
+    for (int i = 0; i < count; i++) {
+        if (messages[i].msg_len != sizeof frames[i])
+            rt_fail("the bus of an ECU has gone");
+        if (numbered)
+            take_frame(c, e, &frames[i]);
+    }
+}
+
+static void watch(crowd *c)
+{
+    c->epoll = epoll_create1(EPOLL_CLOEXEC);
+    for (unsigned i = 0; i < c->count; i++) {
+        struct epoll_event event = {.events = EPOLLIN, .data.u32 = i};
+        if (c->ecus[i].fd >= 0 && epoll_ctl(c->epoll, EPOLL_CTL_ADD, c->ecus[i].fd, &event) != 0)
+            rt_fail("epoll: %s", strerror(errno));
+    }
+}
+
+static bool all_have_come(const crowd *c)
+{
+    for (unsigned i = 0; i < c->count; i++)
+        for (unsigned node = 0; node < RT_NODES; node++) {
+            const rt_ecu *e = &c->ecus[i];
+            const rt_ecu *sender = &c->ecus[e->bus * RT_NODES + node];
+            if (node != e->node && e->expected[node] != sender->sent)
+                return false;
+        }
+    return true;
+}
+
+static void run_until(crowd *c, int64_t end_ns, bool numbered)
+{
+    struct epoll_event events[RT_BUSES * RT_NODES];
+    while (rt_now_ns() < end_ns) {
+        int count = epoll_wait(c->epoll, events, RT_BUSES * RT_NODES, 10);
+        for (int i = 0; i < count; i++)
+            read_ecu(c, &c->ecus[events[i].data.u32], numbered);
+        if (numbered && !c->answer && all_have_come(c))
+            return;
+    }
+}
+
+void rt_saturate(rt_ecu *ecus, unsigned count, int64_t duration_ns)
+{
+    crowd c = {.ecus = ecus, .count = count, .answer = true};
+    watch(&c);
+    for (unsigned i = 0; i < WINDOW * count; i++)
+        send_next(&ecus[i % count]);
+    run_until(&c, rt_now_ns() + duration_ns, true);
+    c.answer = false;
+    run_until(&c, rt_now_ns() + LAST_NS, true);
+    (void)close(c.epoll);
+}
+
+void rt_listen(rt_ecu *ecus, unsigned count, int64_t duration_ns)
+{
+    crowd c = {.ecus = ecus, .count = count};
+    watch(&c);
+    run_until(&c, rt_now_ns() + duration_ns, false);
+    (void)close(c.epoll);
+}

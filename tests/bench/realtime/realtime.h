@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * realtime.h - the daemon's engine in real time, on sockets: one process a bus, all on one processor,
+ * and the ECUs of all of them in another process.
+ */
+#ifndef CANWIRE_BENCH_REALTIME_H
+#define CANWIRE_BENCH_REALTIME_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <sys/types.h>
+
+#define RT_BUSES 8u
+#define RT_NODES 4u       /* of a bus */
+#define RT_BITRATE 1000000u
+#define RT_SAMPLES_MAX 400000u
+#define RT_ENGINE_CPU 0   /* the buses' processor; the ECUs are on the others */
+#define RT_NS_PER_S INT64_C(1000000000)
+
+/* What a process measures, in memory that it shares with its parent. */
+typedef struct rt_result {
+    volatile bool ready;
+    bool good;             /* false: it could not be started, or frames are unaccounted for */
+    uint32_t sample_count;
+    int32_t late_ns[RT_SAMPLES_MAX]; /* each delivery, or each wake-up */
+    int64_t cpu_ns;
+    int64_t wall_ns;
+    uint64_t tx_frames[RT_NODES];
+    uint64_t rx_frames[RT_NODES]; /* given to the ECU */
+    uint64_t lost;         /* dropped, failed to be written, unheard, lost in the kernel */
+    uint64_t skips;        /* times when the bus fell too far behind */
+    uint64_t busy_bits;    /* between the first and the last frame received, like bits */
+    uint64_t bits;
+} rt_result;
+
+int64_t rt_now_ns(void);
+int64_t rt_cpu_ns(void);
+
+/* Ends the program with a message. */
+_Noreturn void rt_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+/* This process runs on one processor, or on all the others. Does nothing where there is only one. */
+void rt_run_on_engine_cpu(void);
+void rt_run_elsewhere(void);
+
+void rt_add_sample(rt_result *r, int64_t late_ns);
+
+/* Memory for so many results. */
+rt_result *rt_share_results(unsigned count);
+void rt_unshare_results(rt_result *results, unsigned count);
+
+/* From now on this process goes before all that are not real-time processes. False: it may not. */
+bool rt_take_priority(void);
+
+/* ---- bus.c ----------------------------------------------------------------------------------- */
+
+typedef struct rt_bus_options {
+    const char *pacing;
+    bool own_traffic; /* its last node sends by itself, 46 % load, and has no ECU */
+} rt_bus_options;
+
+/* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed here.
+ * It ends with SIGTERM. */
+pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int ports[RT_NODES]);
+
+/* ---- timer.c --------------------------------------------------------------------------------- */
+
+/* Starts a process that waits for a bare timerfd again and again. It ends with SIGTERM. */
+pid_t rt_start_timer(rt_result *result);
+
+/* ---- ecus.c ---------------------------------------------------------------------------------- */
+
+/* The ECUs of one node each. */
+typedef struct rt_ecu {
+    int fd;
+    unsigned bus;
+    unsigned node;
+    uint32_t sent;
+    uint32_t received;             /* in all */
+    uint32_t expected[RT_NODES];   /* number of the next frame of each node */
+    uint64_t wrong;                /* frames that are not the next one of their sender */
+} rt_ecu;
+
+/* For so long the ECUs keep frames in all queues of their buses, then wait for the last ones. */
+void rt_saturate(rt_ecu *ecus, unsigned count, int64_t duration_ns);
+
+/* For so long the ECUs read what comes. */
+void rt_listen(rt_ecu *ecus, unsigned count, int64_t duration_ns);
+
+#endif
