@@ -186,16 +186,16 @@ $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.c
 	@scripts/man --build $(BUILD) $< >$@
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^
 
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^
 
 # All that runs the scenarios of the differential test, but for what compares.
 DIGEST_PARTS := $(filter-out $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
   $(wildcard tests/differential/*.c))
 $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^
@@ -205,21 +205,22 @@ $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
 
 FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(PARTS) $(LIB)
 
 $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
-	$(CC) $(ALL_CFLAGS) -fsanitize=fuzzer $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) -fsanitize=fuzzer $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
-	$(CC) $(ALL_CFLAGS) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 # The engine is small functions in many files: optimised as one where gcc links a program.
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
 ifeq ($(VARIANT)$(IS_GCC),releaseyes)
 LIB_LTO := -flto -ffat-lto-objects
 LINK_LTO := -flto=auto
+LINK_PLAIN := -fno-use-linker-plugin # tests take the engine's other code: they link faster
 endif
 
 $(BUILD)/lib/%.o: lib/%.c
