@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * pathsocket.c - a Unix socket that listens at a path: for the daemon's group, and removed at the end.
+ * pathsocket.c - a Unix socket that listens at a path: for the daemon's group, and removed at the
+ * end.
  */
 #include "pathsocket.h"
 
@@ -77,7 +78,7 @@ static int bind_path(pathsocket *s, int type, const char *what)
 static void give_to_group(const pathsocket *s, const char *what)
 {
     const struct group *group = getgrnam(GROUP);
-    if (group && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
+    if (group && group->gr_gid != s->made.st_gid && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
         log_warning("%s %s: cannot give it to the group " GROUP ": %s", what, s->path,
                     strerror(errno));
 }
