@@ -119,7 +119,7 @@ def test_completion_knows_all_commands_and_options():
 def keys_of(schema):
     """All keys below, but those of fault rules."""
     name = schema.get("$ref", "").removeprefix("#/$defs/")
-    if name in ("rules", "traffic", "expectation"):
+    if name in ("rules", "traffic", "recording", "expectation"):
         return
     schema = SCHEMA[name] if name else schema
     for key, value in schema.get("properties", {}).items():
@@ -134,7 +134,7 @@ def test_all_keys_of_a_configuration_are_in_its_page(page):
     keys = list(keys_of(SCHEMA["configuration"]))
     assert len(keys) > 25
     assert [key for key in keys if key not in told] == []
-    for part in ("traffic-send", "traffic-replay", "traffic-reply", "expectation"):
+    for part in ("traffic-send", "traffic-replay", "traffic-reply", "recording", "expectation"):
         for key in SCHEMA[part]["properties"]:
             assert [h for h in told if re.search(rf"(^|, ){key}(:|$)", h)], key
 

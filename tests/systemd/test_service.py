@@ -26,9 +26,7 @@ def installed():
     drop_in("canwired@", WATCHDOG)
     drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
     drop_in("canwired@real", (ROOT / "systemd/realtime.conf").read_text())
-    run(ROOT / "scripts/install-files", "install")
-    yield
-    run(ROOT / "scripts/install-files", "uninstall")
+    run(ROOT / "scripts/install-files", "install")  # it goes with the guest
 
 
 def links():
@@ -158,6 +156,14 @@ def test_a_bus_that_is_killed_comes_back(bus):
                "the restart")
     assert one.carries()
     assert one.status()["pid"] == one.pid()
+
+
+def test_recordings_have_a_place(bus):
+    one = bus("record", lambda text: text + "record: [ { file: /var/lib/canwire/record.log } ]\n")
+    assert one.carries()
+    systemctl("stop", one.unit)
+    text = Path("/var/lib/canwire/record.log").read_text()
+    assert text.endswith(" record0 123#DEADBEEF\n") and text.count("\n") == 1
 
 
 def test_the_stop_of_one_bus_leaves_the_others(bus):
