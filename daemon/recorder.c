@@ -301,6 +301,12 @@ void recorder_end(recorder *r)
     spool_end(r->spool);
 }
 
+bool recorder_wait(recorder *r, unsigned patience_s)
+{
+    recorder_end(r);
+    return spool_wait(r->spool, patience_s);
+}
+
 bool recorder_has_ended(const recorder *r)
 {
     return spool_has_ended(r->spool);

@@ -41,6 +41,9 @@ void recorder_set_limits(recorder *r, uint64_t size, unsigned files);
 /* Nothing more is recorded; does not wait for what is still to be written. */
 void recorder_end(recorder *r);
 
+/* The same, and waits up to that time. Whether it has been written, or cannot be. */
+bool recorder_wait(recorder *r, unsigned patience_s);
+
 /* Whether that has been written, or cannot be. */
 bool recorder_has_ended(const recorder *r);
 

@@ -272,10 +272,10 @@ static void stop(entry *e)
 {
     if (!e->recorder)
         return;
-    recorder_end(e->recorder);
+    bool written = recorder_wait(e->recorder, PATIENCE_S);
+    int error = recorder_error(e->recorder);
     log_lost(e);
-    int error = recorder_has_ended(e->recorder) ? recorder_error(e->recorder) : 0;
-    if (!recorder_close(e->recorder, PATIENCE_S))
+    if (!recorder_close(e->recorder, 0) && !written)
         log_error("record %s: not all of it could be written in %d s", e->what.file, PATIENCE_S);
     else if (error != 0)
         log_error("record %s: stopped: %s", e->what.file, why(error));

@@ -388,17 +388,26 @@ bool spool_has_ended(spool *s)
     return ended;
 }
 
-static bool wait_for_end(spool *s, unsigned patience_s)
+bool spool_wait(spool *s, unsigned patience_s)
 {
     struct timespec until;
+    spool_end(s);
     (void)clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_sec += (time_t)patience_s;
     (void)pthread_mutex_lock(&s->lock);
     while (!s->ended && pthread_cond_timedwait(&s->changed, &s->lock, &until) == 0)
         ;
     bool ended = s->ended;
-    if (!ended)
-        s->news = NULL; /* nobody is there any more to be told */
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+/* Nobody is there any more to be told. Whether it has ended all the same. */
+static bool leave(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->news = NULL;
+    bool ended = s->ended;
     (void)pthread_mutex_unlock(&s->lock);
     return ended;
 }
@@ -407,8 +416,7 @@ bool spool_close(spool *s, unsigned patience_s)
 {
     if (!s)
         return true;
-    spool_end(s);
-    if (!wait_for_end(s, patience_s))
+    if (!spool_wait(s, patience_s) && !leave(s))
         return false;
     (void)pthread_join(s->thread, NULL);
     free_spool(s);

@@ -50,6 +50,9 @@ void spool_end(spool *s);
 /* Whether the thread has done all it will do. */
 bool spool_has_ended(spool *s);
 
+/* As spool_end(), and waits up to that time. Whether it has ended. */
+bool spool_wait(spool *s, unsigned patience_s);
+
 /* Frees a spool that has ended or is to end; waits for it up to that time. False when it has not
  * ended by then, since the disk hangs: it is then left alone, for the process to end. NULL is fine. */
 bool spool_close(spool *s, unsigned patience_s);

@@ -19,6 +19,7 @@ int cli_check(int argc, char **argv);
 int cli_bits(int argc, char **argv);
 int cli_vcan(int argc, char **argv);
 int cli_sim(int argc, char **argv);
+int cli_record(int argc, char **argv);
 int cli_status(int argc, char **argv);
 int cli_faults(int argc, char **argv);
 int cli_inject(int argc, char **argv);

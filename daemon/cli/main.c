@@ -25,6 +25,7 @@ static const command commands[] = {
     {"sim", "run a configuration in virtual time, without sockets", cli_sim},
     {"status", "show a running bus and its nodes", cli_status},
     {"watch", "show what happens on a bus, live", cli_watch},
+    {"record", "write what happens on a bus into a file, live", cli_record},
     {"faults", "list the fault rules on a bus", cli_faults},
     {"inject", "put fault rules onto a bus", cli_inject},
     {"clear", "take fault rules away", cli_clear},

@@ -5,7 +5,7 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits sim status watch faults inject clear fire restart set reload help"
+_canwire_commands="check vcan bits sim status watch record faults inject clear fire restart set reload help"
 _canwire_events="fault link drop restart arbitration-lost error overload rx tx state skip"
 
 # Words of $1 that begin as the word being typed.
@@ -49,6 +49,7 @@ _canwire_options() {
     bits) echo --raw --help ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
     status | faults | watch) echo --json --help ;;
+    record) echo --format --size --files --help ;;
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
     *) echo --help ;;
@@ -64,7 +65,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit) continue ;;
+        --format | --size | --files | --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -75,9 +76,9 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    check:0 | sim:0 | inject:1 | vcan:1) _canwire_files ;;
+    check:0 | sim:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
     vcan:0) _canwire_words "up down" ;;
-    status:0 | watch:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | set:0 | reload:0)
+    status:0 | watch:0 | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | set:0 | reload:0)
         _canwire_bus
         ;;
     clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;
@@ -122,7 +123,15 @@ _canwire() {
         _canwire_words "error-active error-warning error-passive bus-off $_canwire_events"
         return
         ;;
-    --until | --seed | --from | --to | --with) return ;;
+    --format)
+        _canwire_words "candump pcapng"
+        return
+        ;;
+    --size)
+        _canwire_words "1MB 10MB 100MB 1GB"
+        return
+        ;;
+    --until | --seed | --from | --to | --with | --files) return ;;
     esac
     if [[ $current == -* ]]; then
         _canwire_words "$(_canwire_options "$command")"
