@@ -180,14 +180,12 @@ static bool passes_over(cw_bus *bus, unsigned rule)
     return false;
 }
 
-/* A rule that has been cleared since does not mind. */
 bool cw_fault_lets_pass(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     if (leap->at >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
         return false;
-    const cw_fault *f = &bus->faults.faults[leap->stop_rule];
-    return !f->used || f->bound == 0 || passes_over(bus, leap->stop_rule);
+    return passes_over(bus, leap->stop_rule);
 }
 
 void cw_fault_unbind(cw_bus *bus)

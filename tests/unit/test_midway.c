@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_midway.c - rules that come and go while a frame is on the wire: the same as bit by bit.
+ */
+#include "rig.h"
+
+static cw_rule rule_of(const char *name, cw_trigger trigger, cw_action action)
+{
+    return (cw_rule){.name = name, .time_end = CW_NEVER, .probability = UINT64_MAX, .every = 1,
+                     .trigger = trigger, .action = action, .bits = 1};
+}
+
+static cw_rule flip_of(const char *name, cw_field field, unsigned index, uint64_t from)
+{
+    cw_rule rule = rule_of(name, CW_TRIGGER_FRAME, CW_ACTION_FLIP);
+    rule.field = field;
+    rule.index = (uint16_t)index;
+    rule.from = from;
+    return rule;
+}
+
+static unsigned add(rig *r, const cw_rule *rule)
+{
+    unsigned index;
+    assert_int_equal(cw_bus_add_rule(r->bus, &index, rule), CW_OK);
+    return index;
+}
+
+/* Something for which the controllers must be where they are at that bit. */
+static void disturb(rig *r, uint64_t bit, cw_action action, uint64_t nodes)
+{
+    cw_rule rule = rule_of("disturb", CW_TRIGGER_TIME, action);
+    rule.time_begin = bit * BIT;
+    rule.nodes = nodes;
+    rule.tec = rule.rec = 1;
+    (void)add(r, &rule);
+}
+
+/* R8 makes node 2 error-active again at the ACK slot. */
+static void a_new_rule_on_a_state(rig *r)
+{
+    cw_rule warn = rule_of("warn", CW_TRIGGER_TIME, CW_ACTION_COUNTERS);
+    warn.nodes = NODE(2);
+    warn.rec = 96;
+    (void)add(r, &warn);
+    rig_run_bits(r, 40);
+    cw_rule flag = rule_of("flag", CW_TRIGGER_ERROR, CW_ACTION_ERROR_FLAG);
+    flag.error_mask = 0x004;
+    flag.nodes = NODE(2);
+    flag.count = 1;
+    (void)add(r, &flag);
+}
+
+static void the_earlier_of_two_rules_goes(rig *r)
+{
+    const cw_rule early = flip_of("early", CW_FIELD_BIT, 25, NODE(0));
+    const cw_rule late = flip_of("late", CW_FIELD_BIT, 40, NODE(0));
+    unsigned index = add(r, &early);
+    (void)add(r, &late);
+    rig_run_bits(r, 30);
+    assert_int_equal(cw_bus_clear_rule(r->bus, index), CW_OK);
+}
+
+/* It binds at SOF, and this one has passed. */
+static void a_new_rule_on_a_node_that_will_lose(rig *r)
+{
+    cw_rule never = flip_of("never", CW_FIELD_ACK_SLOT, 0, NODE(1));
+    never.skip = 1000;
+    (void)add(r, &never);
+    rig_run_bits(r, 25);
+    const cw_rule late = flip_of("late", CW_FIELD_ID, 8, NODE(1));
+    (void)add(r, &late);
+    disturb(r, 26, CW_ACTION_COUNTERS, NODE(2));
+}
+
+/* Without node 0 it wins after all; the rule has been told to leave this transmission alone. */
+static void a_rule_stops_that_a_loser_has_not_met(rig *r)
+{
+    const cw_rule flip = flip_of("flip", CW_FIELD_ACK_SLOT, 0, NODE(1));
+    unsigned index = add(r, &flip);
+    rig_run_bits(r, 25);
+    assert_int_equal(cw_bus_stop_rule(r->bus, index), CW_OK);
+    disturb(r, 26, CW_ACTION_DISCONNECT, NODE(0));
+}
+
+static rig *run(void (*story)(rig *r), bool stepping)
+{
+    const cw_frame first = rig_frame(0x100, 0, 4);
+    const cw_frame second = rig_frame(0x101, 0, 1);
+    rig *r = rig_new(3);
+    r->config.rule_room = 4;
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    rig_send(r, 0, &first, 20 * BIT);
+    rig_send(r, 1, &second, 20 * BIT);
+    story(r);
+    rig_run_bits(r, 600);
+    return r;
+}
+
+static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
+{
+    (void)state;
+    static void (*const stories[])(rig *r) = {
+        a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
+        a_rule_stops_that_a_loser_has_not_met};
+    for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
+        rig *leaping = run(stories[i], false);
+        rig *stepping = run(stories[i], true);
+        assert_in_range(rig_count(stepping, CW_EVENT_TX, -1) +
+                        rig_count(stepping, CW_EVENT_ERROR, -1), 1, SIZE_MAX);
+        rig_assert_same_events(leaping, stepping);
+        rig_free(leaping);
+        rig_free(stepping);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rules_that_change_in_a_frame_act_as_bit_by_bit),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
