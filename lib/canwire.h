@@ -550,7 +550,8 @@ typedef struct cw_event {
     uint64_t ticks; /* SKIP: how long */
     uint16_t rule;  /* FAULT: index of the rule */
     uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
-    uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire */
+    uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire;
+                       0: a node that cw_bus_take_over() has left behind */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
     cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
 } cw_event;
@@ -651,7 +652,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus);
 /* Whether no frame is on the wire or being signalled on: all nodes idle, suspended or away. */
 bool cw_bus_idle(const cw_bus *bus);
 
-/* Frames in all queues and the inbox. */
+/* Frames in all queues and the inbox, and those that rules hold back. */
 size_t cw_bus_pending(const cw_bus *bus);
 
 /* ---- The last bit, for traces ---------------------------------------------------------------- */
@@ -753,7 +754,7 @@ typedef struct cw_bus_stats {
     uint64_t undetected_errors;
     uint64_t faults;       /* hits of all rules */
     uint64_t events_lost;  /* only when rules make more events in one bit than the ring holds */
-    uint32_t pending;      /* frames in all queues */
+    uint32_t pending;      /* frames in all queues and those that rules hold back */
     uint16_t load_permille; /* busy bits of the last second (as far as the bus has run) */
 } cw_bus_stats;
 

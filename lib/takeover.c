@@ -79,6 +79,16 @@ static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
     }
 }
 
+/* Nodes of the old bus as nodes of the new one, without those that are no more. */
+static uint64_t renumber(uint64_t nodes, const uint8_t *to)
+{
+    uint64_t renumbered = 0;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1)
+        if (to[cw_lowest_node(rest)] != CW_NO_NODE)
+            renumbered |= cw_node_bit(to[cw_lowest_node(rest)]);
+    return renumbered;
+}
+
 /* What rules held back goes on its way: those rules are no more. */
 static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
@@ -87,6 +97,7 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
         if (to[h.node] == CW_NO_NODE)
             continue;
         h.node = to[h.node];
+        h.origin.from = renumber(h.origin.from, to);
         h.due = bus->now;
         bus->held[bus->held_count++] = h;
     }

@@ -1719,6 +1719,33 @@ static void a_wrong_crc_is_taken_over(void **state)
     rig_free(r);
 }
 
+/* Nodes have other numbers on the new bus, and one is no more. */
+static void the_sender_of_a_held_frame_is_renumbered(void **state)
+{
+    (void)state;
+    static const uint8_t turned[] = {2, 1, 0};
+    static const uint8_t without[] = {CW_NO_NODE, 1, 2};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    for (unsigned gone = 0; gone < 2; gone++) {
+        rig *old = rig_new(3);
+        cw_rule *late = rig_rule(old, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
+        late->for_ticks = 100000 * BIT;
+        late->side = CW_SIDE_RX;
+        late->at = NODE(1);
+        rig_start(old);
+        rig_send(old, 0, &frame, 0);
+        rig_run_bits(old, 100);
+        rig *r = successor(3);
+        rig_start(r);
+        assert_int_equal(cw_bus_take_over(r->bus, old->bus, gone ? without : turned), CW_OK);
+        rig_run_bits(r, 110);
+        assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->nodes, NODE(1));
+        assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->from, gone ? 0 : NODE(2));
+        rig_free(old);
+        rig_free(r);
+    }
+}
+
 /* Rules start anew: what the old ones did is over, what they held back goes on. */
 static void old_rules_end_when_taken_over(void **state)
 {
@@ -1894,6 +1921,7 @@ int main(void)
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
         cmocka_unit_test(a_smaller_queue_keeps_the_first_frames),
         cmocka_unit_test(a_wrong_crc_is_taken_over),
+        cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(a_flushed_node_is_gone),
         cmocka_unit_test(a_quiet_rule_is_not_told),
