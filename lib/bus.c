@@ -393,7 +393,7 @@ static uint64_t bits_between(const cw_bus *bus, uint64_t from, uint64_t to, bool
 /* Bits that can be skipped now: nobody drives or reports anything, nothing comes in. */
 static uint64_t quiet_bits(cw_bus *bus, uint64_t tick)
 {
-    uint64_t bits = bits_between(bus, bus->now, tick, false);
+    uint64_t bits = (tick - bus->now) / bus->bit_ticks;
     bits = cw_least(bits, bits_between(bus, bus->now, cw_inbox_first(bus), false));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->next_restart, true));
     bits = cw_least(bits, bits_between(bus, bus->now, bus->faults.next_due, true));
@@ -532,7 +532,8 @@ uint64_t cw_bus_next(const cw_bus *bus)
         bits = LOOK_AGAIN_BITS;
     if (bus->faults.awake_count)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
-    uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER : bus->now + bits * bus->bit_ticks;
+    uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER
+                                            : cw_after(bus->now, bits * bus->bit_ticks);
     tick = cw_least(tick, cw_least(bus->next_restart, bus->faults.next_due));
     return cw_least(tick, cw_inbox_first(bus));
 }

@@ -439,8 +439,9 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->bits->extended ? ARBITRATION_BITS_EXTENDED : ARBITRATION_BITS_BASE;
-    uint64_t end = bus->now + (uint64_t)bits * bus->bit_ticks;
-    return leap->stop >= bits && tick >= end && is_quiet_until(bus, end) &&
+    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
+    return leap->stop >= bits && tick - bus->now >= ticks &&
+           is_quiet_until(bus, bus->now + ticks) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && is_noise_free(bus, bits);
 }
 

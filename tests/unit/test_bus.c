@@ -742,6 +742,19 @@ static uint64_t run_to_bus_off(rig *r)
     return cw_bus_now(r->bus);
 }
 
+/* And time ends with the last whole bit. */
+static void an_idle_bus_goes_to_the_end_of_time(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    rig_start(r);
+    rig_run_bits(r, 200);
+    rig_run(r, CW_NEVER);
+    assert_int_equal(cw_bus_now(r->bus), CW_NEVER / BIT * BIT);
+    assert_int_equal(rig_bus_stats(r).bits, CW_NEVER / BIT);
+    rig_free(r);
+}
+
 static void restart_by_hand_takes_128_groups(void **state)
 {
     (void)state;
@@ -1456,6 +1469,7 @@ int main(void)
         cmocka_unit_test(next_is_never_too_late),
         cmocka_unit_test(a_bus_at_rest_expects_nothing),
         cmocka_unit_test(skipping_idle_bits_changes_nothing),
+        cmocka_unit_test(an_idle_bus_goes_to_the_end_of_time),
         cmocka_unit_test(restart_by_hand_takes_128_groups),
         cmocka_unit_test(restart_ms_runs_from_bus_off),
         cmocka_unit_test(recovery_under_full_load_takes_128_frames),
