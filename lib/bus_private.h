@@ -9,8 +9,9 @@
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
  *   settle.c   reports of the controllers to events and statistics
  *   view.c     the last bit, for traces
- *   fault*.c   rules: fault.c when they act, fault_level.c, fault_control.c, fault_host.c,
- *              fault_traffic.c what they do
+ *   takeover.c a bus goes on as another one
+ *   fault*.c   rules: fault.c when they act, fault_level.c, fault_noise.c, fault_control.c,
+ *              fault_host.c, fault_traffic.c what they do, fault_leap.c what they want of a leap
  */
 #ifndef CANWIRE_BUS_PRIVATE_H
 #define CANWIRE_BUS_PRIVATE_H

@@ -7,7 +7,6 @@
  */
 #include "bus_private.h"
 
-
 /* Events that one node can have in one bit besides drops of frames. */
 #define EVENTS_PER_NODE 8u
 

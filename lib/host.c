@@ -119,7 +119,6 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
     cw_queue_changed(bus, i);
 }
 
-/* All but the frame on the wire. */
 static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
 {
     bus_node *n = &bus->nodes[i];
