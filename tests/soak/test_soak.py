@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""A short soak of a canwired with sanitizers on real vcan; and that a soak notices what is wrong."""
+
+import collections
+import copy
+import io
+import itertools
+import os
+from pathlib import Path
+
+import pytest
+
+import soak
+from schedule import WEIGHTS, Schedule
+
+ROOT = Path(__file__).resolve().parents[2]
+SANITIZED = os.environ.get("CANWIRED_SAN") or ROOT / "build/san-gcc/canwired"
+SEED = 1
+ACTIONS = 60  # about 20 s
+
+NODE = {
+    "conserved": True, "handed_in": 5, "made_by_rules": 1, "tx_frames": 3, "queue": 1, "held": 1,
+    "dropped": {"queue-full": 1}, "rx_accepted": 4, "rx_made_by_rules": 0, "rx_frames": 2,
+    "rx_held": 1, "rx_dropped": {"fault": 1},
+}
+STATUS = {"nodes": [NODE],
+          "bus": {"time_ns": 10, "bits": 5, "frames": 3, "error_frames": 2, "skips": 1}}
+
+
+def test_a_short_soak_finds_nothing():
+    out = io.StringIO()
+    good = soak.run(SANITIZED, SEED, actions=ACTIONS, out=out)
+    print(out.getvalue())
+    assert good
+
+
+def test_the_seed_is_the_schedule():
+    def first(seed):
+        return [str(action) for action in itertools.islice(Schedule(seed), 300)]
+
+    assert first(7) == first(7)
+    assert first(7) != first(8)
+    kinds = {action.name for action in itertools.islice(Schedule(7), len(WEIGHTS))}
+    assert kinds == set(WEIGHTS)
+
+
+def test_books_that_balance_are_no_trouble():
+    soak.check_status(STATUS, STATUS)
+
+
+@pytest.mark.parametrize("key", [key for key in NODE if key != "conserved" and "dropped" not in key])
+def test_a_frame_too_many_is_noticed(key):
+    status = copy.deepcopy(STATUS)
+    status["nodes"][0][key] += 1
+    with pytest.raises(soak.Trouble, match="unaccounted"):
+        soak.check_status(status, None)
+
+
+def test_books_of_the_daemon_that_do_not_balance_are_noticed():
+    with pytest.raises(soak.Trouble, match="unaccounted"):
+        soak.check_node(NODE | {"conserved": False})
+
+
+def test_a_counter_that_goes_back_is_noticed():
+    later = copy.deepcopy(STATUS)
+    later["bus"]["frames"] -= 1
+    with pytest.raises(soak.Trouble, match="frames went from 3 to 2"):
+        soak.check_status(later, STATUS)
+
+
+@pytest.mark.parametrize("text", ["x.c:1:2: runtime error: overflow", "==1==ERROR: AddressSanitizer",
+                                  "engine: frames are unaccounted for: came 1"])
+def test_a_report_is_noticed(text):
+    soak.check_text("soak: 7 nodes")
+    with pytest.raises(soak.Trouble, match="canwired reports"):
+        soak.check_text(text)
+
+
+def test_memory_and_files_that_grow_are_noticed():
+    one, two = collections.Counter(socket=1), collections.Counter(socket=2)
+    soak.check_flat((1000, one), (1000 + soak.MEMORY_SLACK_KIB, one))
+    with pytest.raises(soak.Trouble, match="memory"):
+        soak.check_flat((1000, one), (1001 + soak.MEMORY_SLACK_KIB, one))
+    with pytest.raises(soak.Trouble, match="files"):
+        soak.check_flat((1000, one), (1000, two))
+
+
+def test_a_daemon_that_dies_is_noticed():
+    out = io.StringIO()
+    assert not soak.run("/bin/false", SEED, actions=ACTIONS, out=out)
+    assert "canwired has ended with status 1" in out.getvalue()
