@@ -92,14 +92,15 @@ fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seco
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
 
-# Other scenarios each time; the first seed is told, and that of a difference.
-SOAK_BITS ?= 1000000000
-SOAK_SEED ?= $(shell date +%s)00000
-soak: ## bits with short cuts against stepped ones, SOAK_BITS=1000000000 of them; a few minutes
-	@scripts/install-deps build
+# Another SEED each time; it is told, and with it the same actions come again.
+SOAK ?= 10m
+SEED ?= $(shell date +%s)
+soak: ## SOAK=10m of random scenarios (a third) and of random trouble for canwired, under ASan/UBSan
+	@scripts/install-deps build test
+	@scripts/venv
 	@$(MAKE) --no-print-directory $(DIFFERENTIAL)
-	@echo "== differential, from seed $(SOAK_SEED)"
-	@$(DIFFERENTIAL) --bits $(SOAK_BITS) --seed $(SOAK_SEED)
+	@$(MAKE) --no-print-directory VARIANT=san BUILD=build/san build
+	@scripts/soak '$(SOAK)' '$(SEED)' $(DIFFERENTIAL) build/san/canwired
 
 man: $(MAN_PAGES) ## the man pages, from --help, JSON schema and config/*.md
 

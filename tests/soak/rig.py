@@ -88,14 +88,15 @@ class Rig:
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen([program, "-c", self.config], stderr=errors,
                                             env=dict(os.environ, **SANITIZERS))
-        self.client = self.connect()
+        self.client = None
 
     def connect(self):
-        """The first connection, as soon as there is a socket."""
+        """The connection that is always there, as soon as there is a socket."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
-                return Client(self.folder / "soak.sock")
+                self.client = Client(self.folder / "soak.sock")
+                return
             except OSError:
                 self.check_alive()
                 if time.monotonic() > deadline:
@@ -416,7 +417,8 @@ class Rig:
 
     def close(self):
         self.close_all()
-        self.client.close()
+        if self.client:
+            self.client.close()
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()

@@ -119,10 +119,12 @@ class Schedule:
         lasting = {"for": self.time(100, 2_000_000)} if self.chance(0.8) else {}
         at = {"at": self.nodes()} if self.chance(0.4) else {}
         level = r.choice(("dominant", "recessive"))
-        choices = [
+        of_bits = [
             {"flip": position, "bits": r.randint(1, 20), **at},
             {"force": level, "from": position, "bits": r.randint(1, 30), **at},
             {"glitch": "".join(r.choices("01x", k=r.randint(1, 20))), "from": position, **at},
+        ]
+        others = [
             {"stuck": level, "on": r.choice(("wire", f"{self.node()}.tx", f"{self.node()}.rx")),
              **lasting},
             {"noise": f"{10 ** r.uniform(-6, -1):.2e}", **at, **lasting},
@@ -141,7 +143,7 @@ class Schedule:
             {"load": f"{r.randint(1, 100)}%", "as": self.node(), **lasting},
             {"reply": self.frame(), "as": self.node(), "delay": self.time(1, 10_000)},
         ]
-        return r.choice(choices)
+        return r.choice(of_bits if self.chance(0.3) else others)
 
     def groups(self):
         nodes = self.random.sample(NODES, self.random.randint(2, len(NODES)))
@@ -154,9 +156,9 @@ class Schedule:
         of_frames = {"flip", "force", "glitch", "wrong-crc", "drop", "delay", "duplicate", "reorder",
                      "change", "reply"} & set(action)
         if of_frames or self.chance(0.5):
-            if self.chance(0.4):
+            if self.chance(0.2):
                 when["frame"] = f"{r.randrange(0x800):03X}:{r.choice(('000', '001', '003', '700'))}"
-            if self.chance(0.3):
+            if self.chance(0.2):
                 when["from"] = self.nodes()
         elif self.chance(0.2):
             when["frame"] = "#" + r.choice(("4", "40", "88", "20", "100", "FFFFFFFF"))
@@ -180,7 +182,7 @@ class Schedule:
         return rule | ({"when": when} if when else {})
 
     def inject(self):
-        return {"text": json.dumps([self.rule() for _ in range(self.random.choice((1, 1, 1, 5)))])}
+        return {"text": json.dumps([self.rule() for _ in range(self.random.choice((1, 1, 2, 6)))])}
 
     def bad_inject(self):
         text = self.random.choice((
@@ -261,7 +263,7 @@ class Schedule:
     def rules_for(self, names):
         """Rules of a file name nodes of that file."""
         rules = [self.rule() for _ in range(3)]
-        return [r for r in rules if not "after" in r.get("when", {})
+        return [r for r in rules if "after" not in r.get("when", {})
                 and all(n in names for n in NODES if f'"{n}' in json.dumps(r))]
 
     def reload(self):

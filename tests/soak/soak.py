@@ -20,12 +20,13 @@ import sys
 import time
 
 from rig import PATIENCE_S, ROOT, Rig, Trouble
-from schedule import PORTS, Schedule
+from schedule import PORTS, WEIGHTS, Schedule
 
 from canbits import CLASSIC, Frame  # of tests/kernel
 
 # Allocator, quarantine and stack depot of ASan grow by themselves, less and less; a leak does not.
 MEMORY_SLACK_KIB = 8192
+WARM_UP = 2 * len(WEIGHTS)  # actions at least before memory is measured first, each kind among them
 CHECK_EACH = 4  # actions
 PROGRESS_S = 5
 HEALTH_FRAMES = 5  # from each ECU
@@ -127,8 +128,8 @@ class Soak:
               f"{bus['faults']} hits, {bus['skips']} skips, "
               f"{self.rig.memory_kib() // 1024} MiB", file=self.out, flush=True)
 
-    def storm(self, until):
-        while self.part() < until:
+    def storm(self, until, at_least=0):
+        while self.part() < until or self.done < at_least:
             self.act()
 
     def rest(self):
@@ -201,7 +202,8 @@ class Soak:
             raise Trouble(f"canwired has left {left}")
 
     def run(self):
-        self.storm(1 / 3)
+        self.rig.connect()
+        self.storm(1 / 3, WARM_UP)
         first = self.rest()
         self.storm(1)
         check_flat(first, self.rest())
