@@ -2,8 +2,8 @@
 """What the soak does, as a function of its seed alone: an endless list of random actions.
 
 Nothing here looks at the bus, the clock or the machine. So the same seed is the same schedule, and
-what an action finds when its time has come (a rule that is gone, an interface that is away) does not
-change those after it.
+what an action finds when its time has come (a rule that is gone, an interface that is away) does
+not change those after it.
 """
 
 import json
@@ -85,7 +85,8 @@ class Schedule:
     def frame(self):
         if self.chance(0.1):
             return f"{self.identifier()}#R{self.random.randint(0, 8)}"
-        return f"{self.identifier()}#{self.random.randbytes(self.random.randint(0, 8)).hex().upper()}"
+        data = self.random.randbytes(self.random.randint(0, 8))
+        return f"{self.identifier()}#{data.hex().upper()}"
 
     def new_rule(self):
         self.made += 1
@@ -102,8 +103,8 @@ class Schedule:
 
     def garbage_frames(self):
         """What is no frame for a classical bus: error frames, FD frames, bad identifiers."""
-        return {"port": self.random.choice((*INTERFACES, UNIX)), "count": self.random.randint(1, 30),
-                "seed": self.random.randrange(1 << 32)}
+        return {"port": self.random.choice((*INTERFACES, UNIX)),
+                "count": self.random.randint(1, 30), "seed": self.random.randrange(1 << 32)}
 
     def reader(self):
         """A program that listens, error frames included, and reads or does not."""
@@ -153,8 +154,8 @@ class Schedule:
     def when(self, action):
         """Conditions that the action allows."""
         r, when = self.random, {}
-        of_frames = {"flip", "force", "glitch", "wrong-crc", "drop", "delay", "duplicate", "reorder",
-                     "change", "reply"} & set(action)
+        of_frames = {"flip", "force", "glitch", "wrong-crc", "drop", "delay", "duplicate",
+                     "reorder", "change", "reply"} & set(action)
         if of_frames or self.chance(0.5):
             if self.chance(0.2):
                 when["frame"] = f"{r.randrange(0x800):03X}:{r.choice(('000', '001', '003', '700'))}"
@@ -274,7 +275,8 @@ class Schedule:
     def bad_reload(self):
         """A key is wrong, something may not change, or it is no text or no file at all."""
         config = self.config()
-        kind = self.random.choice(("key", "bitrate", "name", "node", "binary", "cut", "gone", "empty"))
+        kind = self.random.choice(
+            ("key", "bitrate", "name", "node", "binary", "cut", "gone", "empty"))
         if kind == "key":
             config["colour"] = "blue"
         elif kind == "bitrate":
@@ -339,7 +341,7 @@ def base_config():
     nodes.append({"name": "load", "restart-ms": 100, "traffic": [
         {"send": "123#DEADBEEF", "every": "5ms", "jitter": "1ms"},
         {"reply": "7FF#CAFE", "to": "700:700", "delay": "1ms"}]})
-    nodes.append({"name": "logger", "listen-only": True})
+    nodes.append({"name": "logger", "listen-only": True, "restart-ms": 100})
     return {
         "bus": {"name": "soak", "bitrate": 500000}, "seed": 1, "nodes": nodes,
         "control": "soak.sock", "missing-port": "wait",

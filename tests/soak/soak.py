@@ -11,7 +11,6 @@ In the end it is stopped in the middle of it all.
 
 import argparse
 import itertools
-import os
 import re
 import shutil
 import signal
@@ -26,7 +25,7 @@ from canbits import CLASSIC, Frame  # of tests/kernel
 
 # Allocator, quarantine and stack depot of ASan grow by themselves, less and less; a leak does not.
 MEMORY_SLACK_KIB = 8192
-WARM_UP = 2 * len(WEIGHTS)  # actions at least before memory is measured first, each kind among them
+WARM_UP = 2 * len(WEIGHTS)  # actions before memory is measured; each kind is among them
 CHECK_EACH = 4  # actions
 PROGRESS_S = 5
 HEALTH_FRAMES = 5  # from each ECU
@@ -145,22 +144,25 @@ class Soak:
               f"{sum(measured[1].values())} open files", file=self.out, flush=True)
         return measured
 
-    def wait(self, what, condition):
+    def wait(self, what, missing):
+        """missing() tells what is not there yet."""
         deadline = time.monotonic() + PATIENCE_S
-        while not condition():
+        while left := missing():
             self.rig.check_alive()
             if time.monotonic() > deadline:
-                raise Trouble(f"waited {PATIENCE_S} s for {what}: {self.rig.status()}")
+                raise Trouble(f"waited {PATIENCE_S} s for {what}: {left}")
             time.sleep(0.1)
 
     def wait_healthy(self):
-        def healthy():
-            nodes = self.rig.status()["nodes"]
-            return {n["name"] for n in nodes} >= PORTS.keys() and all(
-                n["link"] in (None, "up") and n["state"] != "bus-off" and n["held"] == 0
-                and n["inbox"] == 0 and n["queue"] < 2 for n in nodes)
+        def ill():
+            nodes = {n["name"]: n for n in self.rig.status()["nodes"]}
+            keys = ("state", "link", "queue", "inbox", "held", "rx_held")
+            return [name for name in PORTS if name not in nodes] + [
+                {"node": name} | {key: n[key] for key in keys} for name, n in nodes.items()
+                if n["link"] not in (None, "up") or n["state"] == "bus-off" or n["queue"] > 1
+                or n["held"] or n["rx_held"] or n["inbox"]]
 
-        self.wait("all nodes to be back", healthy)
+        self.wait("all nodes to be back", ill)
 
     def exchange(self):
         """Frames from each ECU to each other, none of them lost."""
@@ -172,13 +174,13 @@ class Soak:
             for frame in sorted(wanted[name]):
                 ecu.send(frame)
 
-        def complete():
+        def missing():
             for name, ecu in ecus.items():
                 got[name].update(read_all(ecu))
-            return all(got[a] >= wanted[b] for a in ecus for b in ecus if a != b)
+            return [f"{b} to {a}" for a in ecus for b in ecus if a != b and not got[a] >= wanted[b]]
 
         try:
-            self.wait("frames from each ECU at each other", complete)
+            self.wait("frames from each ECU at each other", missing)
         finally:
             for ecu in ecus.values():
                 ecu.close()
@@ -259,7 +261,7 @@ def main():
     parser.add_argument("--time", type=read_time, default=read_time("10m"), metavar="TIME")
     parser.add_argument("--actions", type=int, help="so many, however long it takes")
     parser.add_argument("--show", type=int, metavar="N", help="write the first N actions, do none")
-    parser.add_argument("--canwired", default=os.environ.get("CANWIRED", ROOT / "build/san/canwired"))
+    parser.add_argument("--canwired", default=ROOT / "build/san/canwired")
     args = parser.parse_args()
     if args.show is not None:
         print(*itertools.islice(Schedule(args.seed), args.show), sep="\n")
