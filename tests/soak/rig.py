@@ -28,7 +28,9 @@ SMALL_BUFFER = 4096  # of readers that do not read
 CAN_RAW_ERR_FILTER = 2  # not in every Python
 SANITIZERS = {
     # freed memory is kept back to find uses of it: a little, so that memory in use can be told
-    "ASAN_OPTIONS": "detect_leaks=1:quarantine_size_mb=4:thread_local_quarantine_size_kb=64",
+    # the runtime does not come first: heap.c does
+    "ASAN_OPTIONS": "detect_leaks=1:quarantine_size_mb=4:thread_local_quarantine_size_kb=64"
+                    ":verify_asan_link_order=0",
     "UBSAN_OPTIONS": "print_stacktrace=1",
 }
 ECU_ENDS = {name: name for name in INTERFACES} | {"vx0": "vx0e"}
@@ -85,10 +87,19 @@ class Rig:
         for name in INTERFACES:
             self.create(name)
         self.write_config(base_config())
+        self.heap_file = self.folder / "heap"
+        environment = dict(os.environ, **SANITIZERS, LD_PRELOAD=str(self.build_heap()),
+                           HEAP=str(self.heap_file))
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen([program, "-c", self.config], stderr=errors,
-                                            env=dict(os.environ, **SANITIZERS))
+                                            env=environment)
         self.client = None
+
+    def build_heap(self):
+        library = self.folder / "heap.so"
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, ROOT / "tests/soak/heap.c"],
+                       check=True)
+        return library
 
     def connect(self):
         """The connection that is always there, as soon as there is a socket."""
@@ -386,6 +397,17 @@ class Rig:
     def memory_kib(self):
         status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="ascii")
         return int(re.search(r"VmRSS:\s*(\d+)", status)[1])
+
+    def heap_kib(self):
+        """Bytes that are allocated, when they do not change."""
+        deadline, before = time.monotonic() + PATIENCE_S, None
+        while time.monotonic() < deadline:
+            time.sleep(0.5)  # heap.c writes more often
+            now = int(self.heap_file.read_text(encoding="ascii")) // 1024
+            if now == before:
+                break
+            before = now
+        return now
 
     def files(self):
         """Open files by kind."""

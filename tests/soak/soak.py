@@ -10,6 +10,7 @@ In the end it is stopped in the middle of it all.
 """
 
 import argparse
+import collections
 import itertools
 import re
 import shutil
@@ -17,14 +18,16 @@ import signal
 import subprocess
 import sys
 import time
+from typing import NamedTuple
 
 from rig import PATIENCE_S, ROOT, Rig, Trouble
 from schedule import PORTS, WEIGHTS, Schedule
 
 from canbits import CLASSIC, Frame  # of tests/kernel
 
-# Allocator, quarantine and stack depot of ASan grow by themselves, less and less; a leak does not.
-MEMORY_SLACK_KIB = 8192
+HEAP_SLACK_KIB = 128
+# What ASan keeps back and does not give back, its records of stacks: they grow less and less.
+MEMORY_SLACK_KIB = 32768
 WARM_UP = 2 * len(WEIGHTS)  # actions before memory is measured; each kind is among them
 CHECK_EACH = 4  # actions
 PROGRESS_S = 5
@@ -72,12 +75,23 @@ def check_text(text):
             raise Trouble(f"canwired reports: {report}")
 
 
+class Measure(NamedTuple):
+    heap_kib: int  # allocated
+    memory_kib: int  # of the process
+    files: collections.Counter  # open ones, by kind
+
+    def __str__(self):
+        return (f"{self.heap_kib} KiB allocated, {self.memory_kib} KiB in memory, "
+                f"{sum(self.files.values())} open files")
+
+
 def check_flat(first, last):
-    """Memory and files, each as (KiB, kinds of files)."""
-    if last[0] > first[0] + MEMORY_SLACK_KIB:
-        raise Trouble(f"memory has grown from {first[0]} to {last[0]} KiB")
-    if last[1] != first[1]:
-        raise Trouble(f"open files were {dict(first[1])} and are {dict(last[1])}")
+    """Nothing has grown from one rest to the other."""
+    if last.heap_kib > first.heap_kib + HEAP_SLACK_KIB or (
+            last.memory_kib > first.memory_kib + MEMORY_SLACK_KIB):
+        raise Trouble(f"memory has grown from {first} to {last}")
+    if last.files != first.files:
+        raise Trouble(f"open files were {dict(first.files)} and are {dict(last.files)}")
 
 
 # ---- The run -------------------------------------------------------------------------------------
@@ -139,9 +153,8 @@ class Soak:
         self.exchange()
         self.check()
         self.rig.close_all()
-        measured = self.rig.memory_kib(), self.rig.files()
-        print(f"at rest after {self.done} actions: {measured[0]} KiB, "
-              f"{sum(measured[1].values())} open files", file=self.out, flush=True)
+        measured = Measure(self.rig.heap_kib(), self.rig.memory_kib(), self.rig.files())
+        print(f"at rest after {self.done} actions: {measured}", file=self.out, flush=True)
         return measured
 
     def wait(self, what, missing):
