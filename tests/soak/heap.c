@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * heap.c - to be preloaded into a program with AddressSanitizer: writes how many bytes are allocated
- * into the file $HEAP, all the time.
+ * heap.c - to be preloaded into a program with AddressSanitizer: writes how much is allocated.
+ *
+ * The file $HEAP has the number of bytes, renewed all the time.
  *
  * The memory of the process tells less: freed memory is kept back, and not all is given back.
  */
