@@ -129,7 +129,7 @@ void control_event(void *self, const cw_event *event)
             write_event(c, i, lines);
 }
 
-/* "t", "event", "file", "state" and perhaps "why" as a line in c->text; false when memory is short. */
+/* "t", "event", "file", "state" and perhaps "why" as a line in c->text; false without memory. */
 static bool format_recording(control *c, const char *file, const char *why)
 {
     char time[TIME_TEXT_MAX];

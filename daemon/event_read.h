@@ -16,9 +16,9 @@ typedef enum event_read_result {
     EVENT_NO_SUCH_NODE /* the nodes are not these any more */
 } event_read_result;
 
-/* Fills in what such a line tells of these kinds: error, state, restart, arbitration-lost, drop, tx,
- * rx, skip. The tick is not exact: *time_ns is, in bus time. Whether a frame of an error was extended
- * is not told. */
+/* Fills in what such a line tells of these kinds: error, state, restart, arbitration-lost, drop,
+ * tx, rx, skip. The tick is not exact: *time_ns is, in bus time. Whether a frame of an error was
+ * extended is not told. */
 event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *line,
                              const cfg *config);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pcapng.c - writes what happens on a bus as a capture, for Wireshark: pcapng with SocketCAN frames.
+ * pcapng.c - writes what happens on a bus as a capture, for Wireshark: pcapng, SocketCAN frames.
  */
 #include "pcapng.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pcapng.h - writes what happens on a bus as a capture, for Wireshark: pcapng with SocketCAN frames.
+ * pcapng.h - writes what happens on a bus as a capture, for Wireshark: pcapng, SocketCAN frames.
  *
  * One section with one interface a node, in the order of the configuration: if_name is the node's
  * port, else its name, if_description its name; times are nanoseconds. Packets are of

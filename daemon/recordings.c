@@ -2,8 +2,8 @@
  *
  * recordings.c - the recordings of a running bus, as `record` in its configuration says.
  *
- * An entry that is taken away still has to be written to its end, which nobody waits for. Until then
- * its file is not free: a new entry for it waits.
+ * An entry that is taken away still has to be written to its end, which nobody waits for. Until
+ * then its file is not free: a new entry for it waits.
  */
 #include "recordings.h"
 

@@ -175,8 +175,8 @@ static size_t whole_bytes(const spool *s, size_t bytes)
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-/* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a record
- * that did not get into the file as a whole is then taken out again. */
+/* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a
+ * record that did not get into the file as a whole is then taken out again. */
 static int write_batch(spool *s, size_t size)
 {
     size_t done;

@@ -4,8 +4,8 @@
  *
  * What is written goes in records (a line, a block ...): all of a record gets into the file or
  * nothing, also when the disk is full. It waits in a queue of SPOOL_QUEUE_BYTES until the thread
- * takes it to the disk. Files can be rotated as logrotate does: FILE is always the newest, FILE.1 the
- * one before. A file that is there already is rotated, not overwritten.
+ * takes it to the disk. Files can be rotated as logrotate does: FILE is always the newest, FILE.1
+ * the one before. A file that is there already is rotated, not overwritten.
  */
 #ifndef CANWIRE_SPOOL_H
 #define CANWIRE_SPOOL_H
@@ -24,15 +24,15 @@ typedef struct spool spool;
 typedef void spool_news(void *user);
 
 /* Makes the file, rotating what is there; at most `files` files are kept, itself included. news may
- * be NULL. NULL with *error, an errno, when that fails: EINVAL: there is something that is no regular
- * file. */
+ * be NULL. NULL with *error, an errno, when that fails: EINVAL: there is something that is no
+ * regular file. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
 /* Bytes of records that there is room for in the queue now; more only as time goes by. */
 size_t spool_room(spool *s);
 
-/* Queues a record of 1 to SPOOL_RECORD_MAX bytes. False, with nothing written, when there is no room
- * or the spool has ended. */
+/* Queues a record of 1 to SPOOL_RECORD_MAX bytes. False, with nothing written, when there is no
+ * room or the spool has ended. */
 bool spool_write(spool *s, const void *record, size_t size);
 
 /* What comes now goes into a new file. False when there is no room or the spool has ended. */
@@ -54,7 +54,8 @@ bool spool_has_ended(spool *s);
 bool spool_wait(spool *s, unsigned patience_s);
 
 /* Frees a spool that has ended or is to end; waits for it up to that time. False when it has not
- * ended by then, since the disk hangs: it is then left alone, for the process to end. NULL is fine. */
+ * ended by then, since the disk hangs: it is then left alone, for the process to end. NULL is
+ * fine. */
 bool spool_close(spool *s, unsigned patience_s);
 
 #endif

@@ -265,7 +265,7 @@ def test_what_cannot_be_written_is_told_after_a_reload(bus, tmp_path):
     running.stop()
 
 
-# ---- canwire record --------------------------------------------------------------------------------
+# ---- canwire record ------------------------------------------------------------------------------
 
 
 def record(running, *words):

@@ -21,9 +21,9 @@
 #define PATIENCE_S 3600u /* at the end, for what is still to be written */
 
 static const char help[] =
-    "Writes what happens on a bus into FILE until you press Ctrl-C: every frame, in a capture also\n"
-    "error frames. The bus does not wait; how many events were lost, since this or the disk was too\n"
-    "slow, is told. When FILE has reached the size it becomes FILE.1, that FILE.2 and so on.\n"
+    "Writes what happens on a bus into FILE until you press Ctrl-C: every frame, in a capture\n"
+    "also error frames. The bus does not wait; how many events were lost, since this or the disk\n"
+    "was too slow, is told. When FILE has reached the size it becomes FILE.1, that FILE.2 and so on.\n"
     "\n"
     "      --format F   candump (default for .log, .candump) or pcapng (.pcapng, for Wireshark)\n"
     "      --size S     64kB to 1000GB; default 100MB\n"

@@ -126,7 +126,7 @@ static const packet_case packets[] = {
                 .place = {.field = CW_FIELD_ACK_SLOT}}},
      "060000003C000000" "00000000" TIME "1000000010000000"
      "200002A808000000" "0000801900000801" INBOUND "3C000000"},
-    {"a received frame: it was written as that of its sender", {.kind = CW_EVENT_RX, .nodes = 2}, ""},
+    {"a received frame: it was written as its sender's", {.kind = CW_EVENT_RX, .nodes = 2}, ""},
     {"a fault", {.kind = CW_EVENT_FAULT}, ""},
     {"a drop that no driver tells", {.kind = CW_EVENT_DROP, .nodes = 1, .why = CW_DROP_FAULT}, ""},
 };
