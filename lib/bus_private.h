@@ -3,7 +3,7 @@
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
  *   bus.c      set-up, time: one bit after the other, idle time skipped
- *   leap.c     clean frames in one go; contest.c who wins them, and what it costs the others
+ *   leap*.c    clean frames in one go; contest.c who wins them, and what it costs the others
  *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings

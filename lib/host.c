@@ -177,8 +177,8 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
 
 /* ---- On and off the bus ---------------------------------------------------------------------- */
 
-/* As when the controller has been reset and stopped. */
-static void detach(cw_bus *bus, unsigned i)
+/* As when it is stopped, and started again: whatever rules did to it meanwhile is gone. */
+static void reset_controller(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_mac_init(cw_own_mac(bus, i), n->mac.modes, n->mac.confinement.warning_limit);
@@ -197,8 +197,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
         return CW_FULL;
     cw_push_event(bus, CW_EVENT_LINK, bus->now, cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
-    if (!on)
-        detach(bus, i);
+    reset_controller(bus, i);
     cw_fault_apply_topology(bus);
     bus->news = true;
     return CW_OK;

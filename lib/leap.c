@@ -2,171 +2,24 @@
  *
  * leap.c - clean frames without their single bits.
  *
- * While all nodes are idle, no fault rule is at work and somebody wants to send, all that the frame
- * will do follows from its encoding: who loses arbitration and where, when receivers acknowledge and
- * take it, when it ends. So the bus goes from one of these moments to the next. The controllers stay
+ * While all nodes are idle, no fault rule is at work and somebody wants to send, what the frame
+ * will do follows from its encoding: who loses arbitration and where, when receivers acknowledge
+ * and take it, when it ends. So the bus goes from one of these moments to the next. Controllers stay
  * idle meanwhile; when a fault rule wants to look at a bit, or somebody does something to a node,
- * they are put where they would be by then, and single bits go on from there.
+ * they are put where they would be by then (leap_end.c), and single bits go on from there.
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */
-#include "bus_private.h"
+#include "leap.h"
 
-#include "bits.h"
 #include "codec.h"
 #include "confinement.h"
 
-#include <assert.h>
-
-#define NO_BIT CW_NO_STOP
-
-/* Bits before the end of EOF after which things happen. */
-#define ACK_BEFORE_END 8u /* the ACK slot has been sampled */
-#define RX_BEFORE_END 1u  /* M7 */
-
-/* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
-#define ARBITRATION_BITS_BASE 17u
-#define ARBITRATION_BITS_EXTENDED 41u
-
-/* ---- Who is there ---------------------------------------------------------------------------- */
-
-/* A node that is neither idle nor away for longer than a frame: no leap. */
-static bool is_calm(const cw_mac *m)
-{
-    bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
-    return (away || m->phase == CW_MAC_IDLE) && m->told_state == m->confinement.state &&
-           m->overloads_wanted == 0;
-}
-
-static void count_node(cw_crowd *crowd, const cw_mac *m, uint64_t self)
-{
-    if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
-        crowd->away |= self;
-    if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
-        return;
-    crowd->riders |= self;
-    if (m->modes & CW_MODE_LISTEN_ONLY)
-        return;
-    crowd->starters |= self;
-    if (m->modes & CW_MODE_ONE_SHOT)
-        crowd->one_shot |= self;
-    if (m->no_ack)
-        return;
-    crowd->answerers |= self;
-    if (m->confinement.rec > 0)
-        crowd->counting |= self;
-}
-
-/* Followers have a phase of their own that says idle, as the shared one does (see can_begin()). */
-static void look_around(cw_bus *bus)
-{
-    cw_crowd crowd = {.valid = true, .calm = true};
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        crowd.calm = crowd.calm && is_calm(m);
-        count_node(&crowd, m, cw_node_bit(i));
-    }
-    bus->crowd = crowd;
-}
-
-/* ---- Beginning ------------------------------------------------------------------------------- */
-
-/* Cheap checks first: in the middle of a frame this is asked for every bit. */
-static bool can_begin(cw_bus *bus)
-{
-    if (bus->waiting == 0 || bus->group_count > 1 || bus->news ||
-        (bus->followers && bus->common.phase != CW_MAC_IDLE))
-        return false;
-    if (!bus->crowd.valid)
-        look_around(bus);
-    if (bus->crowd.calm && bus->faults.awake_count)
-        cw_fault_unbind(bus);
-    if (bus->faults.awake_count &&
-        (!cw_fault_only_noise(bus) || cw_fault_noise_free(bus, 1) == 0))
-        return false;
-    /* a frame that comes during the SOF may join it (M6) */
-    return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
-}
-
-/* Rules on errors and states see nothing of a leap in which there are none. */
-static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned winner)
-{
-    bool several = (contenders & (contenders - 1)) != 0;
-    return bus->faults.error_rules &&
-           (several || bus->crowd.counting || bus->nodes[winner].mac.confinement.tec > 0);
-}
-
-static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
-{
-    const cw_crowd *crowd = &bus->crowd;
-    uint64_t self = cw_node_bit(winner);
-    bool acknowledged = (crowd->answerers & ~self) != 0;
-    bool given_up = contenders != self && (contenders & crowd->one_shot); /* M13 */
-    bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement); /* M8 */
-    return acknowledged && !given_up && !suspends && !error_rules_may_act(bus, contenders, winner);
-}
-
-/* The frame of a node as the wire would carry it. */
-static void encode(bus_node *n)
-{
-    if (n->wrong_crc)
-        n->mac.offered = false;
-    cw_offer_first(n);
-}
-
-/* Rules on bits are bound to their transmissions as they would be at SOF. */
-static void bind_rules(cw_bus *bus, uint64_t nodes)
-{
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        bus_node *n = &bus->nodes[i];
-        encode(n);
-        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
-    }
-}
-
-/* ---- Losing arbitration ---------------------------------------------------------------------- */
-
-/* The frame that a contender has begun with, whatever comes to its queue meanwhile. */
-static void pin_frame(bus_node *n)
-{
-    uint16_t slot = cw_queue_first(&n->queue);
-    if (n->offered_slot != slot)
-        n->mac.offered = false; /* not encoded */
-    n->offered_slot = slot;
-}
-
-static void begin_attempt(cw_bus *bus, unsigned i)
-{
-    bus_node *n = &bus->nodes[i];
-    cw_share_lost(bus, i);
-    if (n->queue.slots[n->offered_slot].attempts++ > 0)
-        n->stats.retransmissions++;
-}
-
-static void prepare_loser(cw_bus *bus, unsigned i)
-{
-    cw_leap *leap = &bus->leap;
-    uint32_t differing = cw_contest_key(bus, i) ^ cw_contest_key(bus, leap->node);
-    pin_frame(&bus->nodes[i]);
-    begin_attempt(bus, i);
-    leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
-    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(leap->bits, 1u + leap->lost_bit[i]);
-}
-
-/* Losses one by one, where somebody may see them. */
-static void prepare_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    leap->undecided = leap->contenders & ~cw_node_bit(leap->node);
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
-        prepare_loser(bus, cw_lowest_node(rest));
-    begin_attempt(bus, leap->node);
-}
+/* ---- Moments --------------------------------------------------------------------------------- */
 
 static unsigned next_loss(const cw_leap *leap)
 {
-    unsigned next = NO_BIT;
+    unsigned next = CW_NO_STOP;
     for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
         unsigned at = leap->lost_at[cw_lowest_node(rest)] + 1u;
         next = at < next ? at : next;
@@ -185,21 +38,6 @@ static void tell_losses(cw_bus *bus)
         cw_tell_arbitration_lost(bus, i, leap->lost_bit[i]);
     }
 }
-
-/* All losses at once; what they add to single nodes is shared out later (contest.c). */
-static void count_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
-    cw_set_contenders(bus, leap->contenders);
-    begin_attempt(bus, leap->node);
-    bus->contest.lost++;
-    n->lost_before = bus->contest.lost;
-    bus->stats.arbitration_lost += cw_count_bits(leap->contenders) - 1;
-    leap->undecided = 0;
-}
-
-/* ---- Moments --------------------------------------------------------------------------------- */
 
 /* R8, at the ACK slot. */
 static void lower_counters(cw_bus *bus)
@@ -269,9 +107,9 @@ static void run_moment(cw_bus *bus)
     cw_leap *leap = &bus->leap;
     if (leap->undecided)
         tell_losses(bus);
-    if (leap->at == leap->length - ACK_BEFORE_END)
+    if (leap->at == leap->length - CW_ACK_BEFORE_END)
         lower_counters(bus);
-    else if (leap->at == leap->length - RX_BEFORE_END)
+    else if (leap->at == leap->length - CW_RX_BEFORE_END)
         receive(bus);
     else if (leap->at == leap->length)
         finish_transmission(bus);
@@ -280,18 +118,18 @@ static void run_moment(cw_bus *bus)
 static unsigned next_moment(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    unsigned loss = leap->undecided ? next_loss(leap) : NO_BIT;
+    unsigned loss = leap->undecided ? next_loss(leap) : CW_NO_STOP;
     unsigned next = leap->length + CW_INTERMISSION_BITS;
     if (leap->at < leap->length)
         next = leap->length;
-    if (leap->at < leap->length - RX_BEFORE_END)
-        next = leap->length - RX_BEFORE_END;
-    if (leap->at < leap->length - ACK_BEFORE_END && bus->crowd.counting)
-        next = leap->length - ACK_BEFORE_END;
+    if (leap->at < leap->length - CW_RX_BEFORE_END)
+        next = leap->length - CW_RX_BEFORE_END;
+    if (leap->at < leap->length - CW_ACK_BEFORE_END && bus->crowd.counting)
+        next = leap->length - CW_ACK_BEFORE_END;
     return loss < next ? loss : next;
 }
 
-/* ---- Going on -------------------------------------------------------------------------------- */
+/* ---- Bits to go ------------------------------------------------------------------------------ */
 
 static void count_bits(cw_bus *bus, unsigned bits)
 {
@@ -316,13 +154,13 @@ static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
     return ticks >= (uint64_t)bits * bus->bit_ticks ? bits : (unsigned)(ticks / bus->bit_ticks);
 }
 
-/* Bits to go at once, 0 when noise flips the next one: up to the end of the one in which something happens or comes in, or after
- * which something is due. */
+/* Bits to go at once, 0 when noise flips the next one: up to the end of the one in which something
+ * happens or comes in, or after which something is due. */
 static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = next_moment(bus) - leap->at;
-    if (leap->stop != NO_BIT)
+    if (leap->stop != CW_NO_STOP)
         bits = (unsigned)cw_least(bits, (uint64_t)leap->stop - leap->at);
     bits = bits_up_to(bus, tick, bits);
     uint64_t due = cw_least(bus->next_restart, bus->faults.next_due);
@@ -335,7 +173,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 static void end_slot(cw_bus *bus)
 {
     bus->leap.active = false;
-    bus->recessive_bits = ACK_BEFORE_END + CW_INTERMISSION_BITS;
+    bus->recessive_bits = CW_ACK_BEFORE_END + CW_INTERMISSION_BITS;
     if (bus->faults.awake_count)
         cw_fault_unbind(bus);
 }
@@ -358,9 +196,9 @@ static void leap_over(cw_bus *bus)
     cw_leap *leap = &bus->leap;
     const unsigned length = leap->length;
     count_bits(bus, length + CW_INTERMISSION_BITS - leap->at);
-    if (move_to(bus, length - ACK_BEFORE_END) && bus->crowd.counting)
+    if (move_to(bus, length - CW_ACK_BEFORE_END) && bus->crowd.counting)
         lower_counters(bus);
-    if (move_to(bus, length - RX_BEFORE_END))
+    if (move_to(bus, length - CW_RX_BEFORE_END))
         receive(bus);
     if (move_to(bus, length))
         finish_transmission(bus);
@@ -368,26 +206,14 @@ static void leap_over(cw_bus *bus)
     end_slot(bus);
 }
 
-/* Whether nothing is due or comes in before that tick. */
-static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
-{
-    return bus->next_restart >= tick && bus->faults.next_due >= tick &&
-           cw_inbox_first(bus) >= tick;
-}
-
-static bool is_noise_free(cw_bus *bus, unsigned bits)
-{
-    return bus->faults.awake_count == 0 || cw_fault_noise_free(bus, bits) == bits;
-}
-
 static bool can_leap_over(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return !leap->undecided && leap->stop == NO_BIT && !host_side_acts(bus) &&
-           tick - bus->now >= ticks && is_quiet_until(bus, bus->now + ticks) &&
-           is_noise_free(bus, bits);
+    return !leap->undecided && leap->stop == CW_NO_STOP && !host_side_acts(bus) &&
+           tick - bus->now >= ticks && cw_leap_is_quiet_until(bus, bus->now + ticks) &&
+           cw_leap_is_noise_free(bus, bits);
 }
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
@@ -434,132 +260,15 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         end_slot(bus);
 }
 
-/* Whether nobody can see the single losses. */
-static bool passes_arbitration(cw_bus *bus, uint64_t tick)
-{
-    const cw_leap *leap = &bus->leap;
-    unsigned bits = leap->bits->extended ? ARBITRATION_BITS_EXTENDED : ARBITRATION_BITS_BASE;
-    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return leap->stop >= bits && tick - bus->now >= ticks &&
-           is_quiet_until(bus, bus->now + ticks) &&
-           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && is_noise_free(bus, bits);
-}
-
-static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
-{
-    bus_node *n = &bus->nodes[winner];
-    encode(n);
-    bus->leap.active = true;
-    bus->leap.broken = false;
-    bus->leap.node = (uint8_t)winner;
-    bus->leap.at = 0;
-    bus->leap.stop = NO_BIT;
-    bus->leap.length = n->mac.tx.length;
-    bus->leap.bits = &n->mac.tx;
-    bus->leap.riders = bus->crowd.riders;
-    bus->leap.contenders = contenders;
-    bus->error_flag = (flag_watch){.now = false};
-    bus->overload_flag = (flag_watch){.now = false};
-}
-
-/* All begin to transmit; rules look at the frames of those that are watched. */
-static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
-{
-    cw_leap *leap = &bus->leap;
-    uint64_t self = cw_node_bit(leap->node);
-    bind_rules(bus, watched);
-    if (watched == self)
-        cw_fault_find_stop(bus, 0);
-    bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
-    if (leap->contenders == self || hidden) {
-        count_losses(bus);
-        return;
-    }
-    prepare_losses(bus);
-    if (watched)
-        cw_fault_find_stop(bus, 0);
-}
-
-bool cw_leap_begin(cw_bus *bus, uint64_t tick)
-{
-    unsigned winner;
-    if (!can_begin(bus))
-        return false;
-    uint64_t contenders = bus->waiting & bus->crowd.starters;
-    bool others = bus->waiting & ~(bus->crowd.riders | bus->crowd.away);
-    if (contenders == 0 || others || !cw_contest_winner(bus, contenders, &winner) ||
-        !is_leapable(bus, contenders, winner))
-        return false;
-    uint64_t watched = cw_fault_watched(bus, contenders, winner);
-    if (watched && cw_fault_acts_at_start(bus, watched))
-        return false;
-    begin(bus, winner, contenders);
-    start_transmissions(bus, watched, tick);
-    cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
-    return true;
-}
-
-/* ---- Ending before the end ------------------------------------------------------------------- */
-
-/* Where a receiver is after that many bits. */
-static void find_point(cw_mac *m, const cw_bus *bus)
-{
-    const bus_node *n = &bus->nodes[bus->leap.node];
-    cw_mac_init(m, 0, CW_REC_MAX);
-    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, bus->leap.bits, bus->leap.at);
-}
-
-static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
-{
-    bus_node *n = &bus->nodes[i];
-    cw_leave(bus, cw_node_bit(i));
-    n->mac.phase = CW_MAC_IDLE; /* so that it takes an offer */
-    if (!n->mac.offered && bus->leap.at < bus->leap.length)
-        cw_offer_slot(n, n->offered_slot);
-    cw_mac_go_to_point(&n->mac, point);
-    cw_mac_become_transmitter(&n->mac, bus->leap.at);
-}
-
-/* Those who were to lose may do well after all, so rules on their later bits count again. */
-static void bind_rest(cw_bus *bus)
-{
-    const cw_fault_set *set = &bus->faults;
-    uint64_t nodes = bus->leap.undecided & set->watched & ~set->early;
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        const bus_node *n = &bus->nodes[i];
-        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
-    }
-}
-
-void cw_leap_end(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    cw_mac point;
-    if (!leap->active)
-        return;
-    leap->active = false;
-    bus->recessive_bits = cw_leap_recessive_bits(bus);
-    find_point(&point, bus);
-    if (bus->followers)
-        cw_mac_go_to_point(&bus->common, &point);
-    for (uint64_t rest = leap->riders & ~bus->followers; rest; rest &= rest - 1)
-        cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
-    for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
-        resume_sending(bus, cw_lowest_node(rest), &point);
-    bind_rest(bus);
-    bus->crowd.valid = false;
-}
-
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 uint64_t cw_leap_recessive_bits(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     unsigned n = leap->at;
-    if (n > leap->length - ACK_BEFORE_END)
-        return n - (leap->length - ACK_BEFORE_END);
-    if (n == leap->length - ACK_BEFORE_END)
+    if (n > leap->length - CW_ACK_BEFORE_END)
+        return n - (leap->length - CW_ACK_BEFORE_END);
+    if (n == leap->length - CW_ACK_BEFORE_END)
         return 0;
     while (n > 0 && cw_bits_level(leap->bits, n - 1))
         n--;
@@ -569,8 +278,8 @@ uint64_t cw_leap_recessive_bits(const cw_bus *bus)
 uint64_t cw_leap_horizon(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    if (leap->at < leap->length - RX_BEFORE_END)
-        return leap->length - RX_BEFORE_END - leap->at;
+    if (leap->at < leap->length - CW_RX_BEFORE_END)
+        return leap->length - CW_RX_BEFORE_END - leap->at;
     if (leap->at < leap->length)
         return leap->length - leap->at;
     return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;

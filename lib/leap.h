@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * leap.h - what the parts of a leap share: leap_begin.c, leap.c (on the way), leap_end.c.
+ */
+#ifndef CANWIRE_LEAP_H
+#define CANWIRE_LEAP_H
+
+#include "bus_private.h"
+
+/* Bits before the end of EOF after which things happen. */
+#define CW_ACK_BEFORE_END 8u /* the ACK slot has been sampled */
+#define CW_RX_BEFORE_END 1u  /* M7 */
+
+/* Whether nothing is due or comes in before that tick. */
+static inline bool cw_leap_is_quiet_until(const cw_bus *bus, uint64_t tick)
+{
+    return bus->next_restart >= tick && bus->faults.next_due >= tick && cw_inbox_first(bus) >= tick;
+}
+
+/* Whether noise leaves so many bits to come alone. */
+static inline bool cw_leap_is_noise_free(cw_bus *bus, unsigned bits)
+{
+    return bus->faults.awake_count == 0 || cw_fault_noise_free(bus, bits) == bits;
+}
+
+#endif

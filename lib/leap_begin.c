@@ -1,0 +1,229 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * leap_begin.c - whether the frame that comes next can be leapt over, and its start.
+ */
+#include "leap.h"
+
+#include "bits.h"
+#include "codec.h"
+#include "confinement.h"
+
+/* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
+#define ARBITRATION_BITS_BASE 17u
+#define ARBITRATION_BITS_EXTENDED 41u
+
+/* ---- Who is there ---------------------------------------------------------------------------- */
+
+/* A node that is neither idle nor away for longer than a frame: no leap. */
+static bool is_calm(const cw_mac *m)
+{
+    bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+    return (away || m->phase == CW_MAC_IDLE) && m->told_state == m->confinement.state &&
+           m->overloads_wanted == 0;
+}
+
+static void count_node(cw_crowd *crowd, const cw_mac *m, uint64_t self)
+{
+    if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
+        crowd->away |= self;
+    if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
+        return;
+    crowd->riders |= self;
+    if (m->modes & CW_MODE_LISTEN_ONLY)
+        return;
+    crowd->starters |= self;
+    if (m->modes & CW_MODE_ONE_SHOT)
+        crowd->one_shot |= self;
+    if (m->no_ack)
+        return;
+    crowd->answerers |= self;
+    if (m->confinement.rec > 0)
+        crowd->counting |= self;
+}
+
+/* Followers have a phase of their own that says idle, as the shared one does (see can_begin()). */
+static void look_around(cw_bus *bus)
+{
+    cw_crowd crowd = {.valid = true, .calm = true};
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_mac *m = &bus->nodes[i].mac;
+        crowd.calm = crowd.calm && is_calm(m);
+        count_node(&crowd, m, cw_node_bit(i));
+    }
+    bus->crowd = crowd;
+}
+
+/* ---- Whether it can begin -------------------------------------------------------------------- */
+
+/* Cheap checks first: in the middle of a frame this is asked for every bit. */
+static bool can_begin(cw_bus *bus)
+{
+    if (bus->waiting == 0 || bus->group_count > 1 || bus->news ||
+        (bus->followers && bus->common.phase != CW_MAC_IDLE))
+        return false;
+    if (!bus->crowd.valid)
+        look_around(bus);
+    if (bus->crowd.calm && bus->faults.awake_count)
+        cw_fault_unbind(bus);
+    if (bus->faults.awake_count &&
+        (!cw_fault_only_noise(bus) || cw_fault_noise_free(bus, 1) == 0))
+        return false;
+    /* a frame that comes during the SOF may join it (M6) */
+    return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
+}
+
+/* Rules on errors and states see nothing of a leap in which there are none. */
+static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned winner)
+{
+    bool several = (contenders & (contenders - 1)) != 0;
+    return bus->faults.error_rules &&
+           (several || bus->crowd.counting || bus->nodes[winner].mac.confinement.tec > 0);
+}
+
+static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
+{
+    const cw_crowd *crowd = &bus->crowd;
+    uint64_t self = cw_node_bit(winner);
+    bool acknowledged = (crowd->answerers & ~self) != 0;
+    bool given_up = contenders != self && (contenders & crowd->one_shot); /* M13 */
+    bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement); /* M8 */
+    return acknowledged && !given_up && !suspends && !error_rules_may_act(bus, contenders, winner);
+}
+
+/* The frame of a node as the wire would carry it. */
+static void encode(bus_node *n)
+{
+    if (n->wrong_crc)
+        n->mac.offered = false;
+    cw_offer_first(n);
+}
+
+/* Rules on bits are bound to their transmissions as they would be at SOF. */
+static void bind_rules(cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bus_node *n = &bus->nodes[i];
+        encode(n);
+        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
+    }
+}
+
+/* ---- Losing arbitration ---------------------------------------------------------------------- */
+
+/* The frame that a contender has begun with, whatever comes to its queue meanwhile. */
+static void pin_frame(bus_node *n)
+{
+    uint16_t slot = cw_queue_first(&n->queue);
+    if (n->offered_slot != slot)
+        n->mac.offered = false; /* not encoded */
+    n->offered_slot = slot;
+}
+
+static void begin_attempt(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_share_lost(bus, i);
+    if (n->queue.slots[n->offered_slot].attempts++ > 0)
+        n->stats.retransmissions++;
+}
+
+static void prepare_loser(cw_bus *bus, unsigned i)
+{
+    cw_leap *leap = &bus->leap;
+    uint32_t differing = cw_contest_key(bus, i) ^ cw_contest_key(bus, leap->node);
+    pin_frame(&bus->nodes[i]);
+    begin_attempt(bus, i);
+    leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
+    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(leap->bits, 1u + leap->lost_bit[i]);
+}
+
+/* Losses one by one, where somebody may see them. */
+static void prepare_losses(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    leap->undecided = leap->contenders & ~cw_node_bit(leap->node);
+    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
+        prepare_loser(bus, cw_lowest_node(rest));
+    begin_attempt(bus, leap->node);
+}
+
+/* All losses at once; what they add to single nodes is shared out later (contest.c). */
+static void count_losses(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    bus_node *n = &bus->nodes[leap->node];
+    cw_set_contenders(bus, leap->contenders);
+    begin_attempt(bus, leap->node);
+    bus->contest.lost++;
+    n->lost_before = bus->contest.lost;
+    bus->stats.arbitration_lost += cw_count_bits(leap->contenders) - 1;
+    leap->undecided = 0;
+}
+
+/* ---- Beginning ------------------------------------------------------------------------------- */
+
+/* Whether nobody can see the single losses. */
+static bool passes_arbitration(cw_bus *bus, uint64_t tick)
+{
+    const cw_leap *leap = &bus->leap;
+    unsigned bits = leap->bits->extended ? ARBITRATION_BITS_EXTENDED : ARBITRATION_BITS_BASE;
+    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
+    return leap->stop >= bits && tick - bus->now >= ticks &&
+           cw_leap_is_quiet_until(bus, bus->now + ticks) &&
+           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
+}
+
+static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
+{
+    bus_node *n = &bus->nodes[winner];
+    encode(n);
+    bus->leap.active = true;
+    bus->leap.broken = false;
+    bus->leap.node = (uint8_t)winner;
+    bus->leap.at = 0;
+    bus->leap.stop = CW_NO_STOP;
+    bus->leap.length = n->mac.tx.length;
+    bus->leap.bits = &n->mac.tx;
+    bus->leap.riders = bus->crowd.riders;
+    bus->leap.contenders = contenders;
+    bus->error_flag = (flag_watch){.now = false};
+    bus->overload_flag = (flag_watch){.now = false};
+}
+
+/* All begin to transmit; rules look at the frames of those that are watched. */
+static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
+{
+    cw_leap *leap = &bus->leap;
+    uint64_t self = cw_node_bit(leap->node);
+    bind_rules(bus, watched);
+    if (watched == self)
+        cw_fault_find_stop(bus, 0);
+    bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
+    if (leap->contenders == self || hidden) {
+        count_losses(bus);
+        return;
+    }
+    prepare_losses(bus);
+    if (watched)
+        cw_fault_find_stop(bus, 0);
+}
+
+bool cw_leap_begin(cw_bus *bus, uint64_t tick)
+{
+    unsigned winner;
+    if (!can_begin(bus))
+        return false;
+    uint64_t contenders = bus->waiting & bus->crowd.starters;
+    bool others = bus->waiting & ~(bus->crowd.riders | bus->crowd.away);
+    if (contenders == 0 || others || !cw_contest_winner(bus, contenders, &winner) ||
+        !is_leapable(bus, contenders, winner))
+        return false;
+    uint64_t watched = cw_fault_watched(bus, contenders, winner);
+    if (watched && cw_fault_acts_at_start(bus, watched))
+        return false;
+    begin(bus, winner, contenders);
+    start_transmissions(bus, watched, tick);
+    cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
+    return true;
+}

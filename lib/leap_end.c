@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * leap_end.c - a leap ends before its frame does: controllers are put where they would be by now.
+ */
+#include "leap.h"
+
+#include "confinement.h"
+
+/* Where a receiver is after that many bits. */
+static void find_point(cw_mac *m, const cw_bus *bus)
+{
+    const bus_node *n = &bus->nodes[bus->leap.node];
+    cw_mac_init(m, 0, CW_REC_MAX);
+    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, bus->leap.bits, bus->leap.at);
+}
+
+static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_leave(bus, cw_node_bit(i));
+    n->mac.phase = CW_MAC_IDLE; /* so that it takes an offer */
+    if (!n->mac.offered && bus->leap.at < bus->leap.length)
+        cw_offer_slot(n, n->offered_slot);
+    cw_mac_go_to_point(&n->mac, point);
+    cw_mac_become_transmitter(&n->mac, bus->leap.at);
+}
+
+/* Those who were to lose may do well after all, so rules on their later bits count again. */
+static void bind_rest(cw_bus *bus)
+{
+    const cw_fault_set *set = &bus->faults;
+    uint64_t nodes = bus->leap.undecided & set->watched & ~set->early;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        const bus_node *n = &bus->nodes[i];
+        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
+    }
+}
+
+void cw_leap_end(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    cw_mac point;
+    if (!leap->active)
+        return;
+    leap->active = false;
+    bus->recessive_bits = cw_leap_recessive_bits(bus);
+    find_point(&point, bus);
+    if (bus->followers)
+        cw_mac_go_to_point(&bus->common, &point);
+    for (uint64_t rest = leap->riders & ~bus->followers; rest; rest &= rest - 1)
+        cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
+    for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
+        resume_sending(bus, cw_lowest_node(rest), &point);
+    bind_rest(bus);
+    bus->crowd.valid = false;
+}
