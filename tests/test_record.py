@@ -55,8 +55,8 @@ class Bus:
         self.log = folder / "stderr"
         with self.log.open("w") as errors:
             self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors)
-        wait_until(lambda: (folder / "rec.sock").exists() or self.process.poll() is not None,
-                   "the control socket")
+        wait_until(lambda: "nodes at" in self.log.read_text() or self.process.poll() is not None,
+                   "the bus")
 
     def write(self, records):
         text = self.text.format(more=self.more) + "".join(f"  - {{ {r} }}\n" for r in records)
