@@ -9,6 +9,7 @@
 
 #include "text.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -105,7 +106,8 @@ static trace_result read_log_frame(trace_input *in, trace_record *r, const char 
 {
     char text[FRAME_TEXT_MAX];
     size_t length = trace_word(word);
-    const char *sign = strchr(word, '#');
+    const char *sign = memchr(word, '#', length);
+    assert(sign);
     if (is_error_id(word))
         r->kind = TRACE_ERROR_FRAME;
     else if (sign[1] == '#')

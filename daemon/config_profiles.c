@@ -452,18 +452,19 @@ static char *expand(schema *self, bool *open, const yaml_node_t *at, const param
     return out;
 }
 
-/* Gives a scalar a new text; libyaml frees it with free(). */
+/* Gives a scalar a new text, which is none of its own; libyaml frees it with free(). */
 static void replace(schema *self, yaml_node_t *node, const char *text)
 {
-    yaml_char_t *copy = (yaml_char_t *)strdup(text);
+    size_t length = strlen(text);
+    yaml_char_t *value = realloc(node->data.scalar.value, length + 1);
 
-    if (!copy) {
+    if (!value) {
         diag_add(self->errors, 0, 0, "out of memory");
         return;
     }
-    free(node->data.scalar.value);
-    node->data.scalar.value = copy;
-    node->data.scalar.length = strlen(text);
+    memcpy(value, text, length + 1);
+    node->data.scalar.value = value;
+    node->data.scalar.length = length;
 }
 
 static void expand_node(schema *self, yaml_node_t *node, const parameters *known)

@@ -60,8 +60,10 @@ json_t *text_to_json(const char *text, size_t length)
         return value;
     char *ascii = malloc(length + 1);
     end_if_failed(!ascii);
+    memcpy(ascii, text, length);
     for (size_t i = 0; i < length; i++)
-        ascii[i] = (unsigned char)text[i] < 0x80 ? text[i] : '?';
+        if ((unsigned char)text[i] >= 0x80)
+            ascii[i] = '?';
     value = json_stringn(ascii, length);
     free(ascii);
     return value;

@@ -66,11 +66,12 @@ static bool read_all(buffer *text, FILE *in)
 
 static bool read_file(injection *in, const char *file)
 {
-    FILE *stream = strcmp(file, "-") == 0 ? stdin : fopen(file, "re");
+    bool standard = strcmp(file, "-") == 0;
+    FILE *stream = standard ? stdin : fopen(file, "re");
     bool good = stream && read_all(&in->text, stream);
     if (!good)
         fprintf(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
-    if (stream && stream != stdin)
+    if (stream && !standard)
         (void)fclose(stream);
     return good;
 }

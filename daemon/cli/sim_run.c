@@ -140,7 +140,7 @@ static void set_stepping(sim_run *s, bool stepping)
 static void advance_bit(sim_run *s)
 {
     uint64_t start = cw_bus_now(s->bus);
-    bool wanted[SIM_SINKS_MAX];
+    bool wanted[SIM_SINKS_MAX] = {false};
     for (unsigned i = 0; i < s->sink_count; i++)
         wanted[i] = wanted_from(s, &s->sinks[i]) == start;
     advance_bus(s, start + s->config->bit_ticks);

@@ -503,12 +503,13 @@ static void draw_node_name(const pen *p, unsigned node)
     size_t first = p->row->first;
     const cw_bit_node *last = first > 0 ? &p->svg->bits[first - 1].nodes[node] : NULL;
     cw_state state = last ? last->state : p->svg->before[node].state;
+    unsigned tec = last ? last->tec : p->svg->before[node].tec;
+    unsigned rec = last ? last->rec : p->svg->before[node].rec;
     char text[SVG_LABEL_MAX];
     bool whole = strlen(name) <= NAME_LETTERS;
     snprintf(text, sizeof text, "%.*s%s", NAME_LETTERS, name, whole ? "" : "\xE2\x80\xA6");
     put_text(p, SVG_MARGIN, p->y + 13, " font-size=\"11\" font-weight=\"bold\"", text);
-    snprintf(text, sizeof text, "TEC %u, REC %u", last ? last->tec : p->svg->before[node].tec,
-             last ? last->rec : p->svg->before[node].rec);
+    snprintf(text, sizeof text, "TEC %u, REC %u", tec, rec);
     put_text(p, SVG_MARGIN, p->y + 25, " font-size=\"9\" fill=\"" FAINT "\"", text);
     if (state != CW_STATE_ERROR_ACTIVE)
         put_text(p, SVG_MARGIN, p->y + 36, " font-size=\"9\" fill=\"" STATE "\"",
