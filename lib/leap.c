@@ -221,7 +221,8 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
-    if (bus->leap.broken || !cw_fault_lets_pass(bus))
+    /* noise first: what lets the bit pass has counted it, so it has to be passed then */
+    if (bus->leap.broken || !cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
         cw_leap_end(bus);
     else
         cw_fault_find_stop(bus, bus->leap.at + 1u);

@@ -709,6 +709,30 @@ static void a_disconnected_node_stays_away(void **state)
     rig_free(r);
 }
 
+/* A match that is passed over counts once, also when noise flips the very bit. */
+static void noise_and_a_position_in_one_bit(void **state)
+{
+    (void)state;
+    cw_rule_stats stats[2];
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        rig_flip(r, "flip", CW_FIELD_R0, 0)->skip = 1000;
+        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+        noise->error_rate = UINT64_MAX / 80;
+        noise->at = NODE(1);
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        for (unsigned i = 0; i < 200; i++)
+            rig_send(r, 0, &frame, i * 100 * BIT);
+        rig_run_bits(r, 200 * 100);
+        assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats[stepping]), CW_OK);
+        rig_free(r);
+    }
+    assert_in_range(stats[1].matches, 50, 300);
+    assert_int_equal(stats[0].matches, stats[1].matches);
+}
+
 /* O1 a: an error after two overload frames gives no right to a third one, in whatever way the nodes
  * are simulated. */
 static void two_overload_frames_are_all_before_the_next_frame(void **state)
@@ -1892,6 +1916,7 @@ int main(void)
         cmocka_unit_test(commands_at_the_end_of_a_frame),
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
+        cmocka_unit_test(noise_and_a_position_in_one_bit),
         cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
         cmocka_unit_test(a_state_changes_while_a_node_is_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
