@@ -144,6 +144,7 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
         {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1},
+        {.action = CW_ACTION_NOISE, .trigger = CW_TRIGGER_TIME},
         {.action = CW_ACTION_ERROR_FLAG, .trigger = CW_TRIGGER_ARMED, .has_after = true}};
     diff_random *r = &g->maker.random;
     unsigned place = plan->config.rule_count - 1u;
@@ -154,6 +155,9 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
     rule->probability = UINT64_MAX;
     rule->every = (uint32_t)diff_between(r, 1, g->maker.rarity);
     rule->index = (uint16_t)diff_below(r, 6);
+    rule->error_rate = UINT64_MAX / diff_magnitude(r, 50, 100000);
+    if (rule->action == CW_ACTION_NOISE && diff_chance(r, 500))
+        rule->at = diff_random_nodes(&g->maker);
     if (rule->has_after) {
         rule->after =
             (uint16_t)(diff_chance(r, 500) && place > 0 ? place - 1u : diff_below(r, place + 1u));
