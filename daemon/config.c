@@ -152,9 +152,10 @@ static const schema_key lcm_keys[] = {
 typedef enum wanted { WANTED_CONFIGURATION, WANTED_ANY } wanted;
 
 static cfg_owner *make_owner(const char *file);
-static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted kind);
+static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *walk, diag *errors,
+                      wanted kind);
 
-cfg *cfg_load(const char *file, FILE *errors)
+static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
 {
     diag found = {.file.name = file};
     cfg_owner *owner = make_owner(file);
@@ -162,19 +163,34 @@ cfg *cfg_load(const char *file, FILE *errors)
 
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_file(owner, &is_profile, &found, WANTED_CONFIGURATION))
+    else if (read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION))
         return &owner->config;
     diag_flush(&found, errors);
     cfg_free(owner ? &owner->config : NULL);
     return NULL;
 }
 
+cfg *cfg_load(const char *file, FILE *errors)
+{
+    const cfg_walk walk = {.given = NULL};
+
+    return load(file, &walk, errors);
+}
+
+cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors)
+{
+    const cfg_walk walk = {.given = files, .given_count = count};
+
+    return load(files[0].name, &walk, errors);
+}
+
 bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
 {
     diag found = {.file.name = file};
     cfg_owner *owner = make_owner(file);
+    const cfg_walk walk = {.given = NULL};
     bool is_profile = false;
-    bool good = owner && read_file(owner, &is_profile, &found, WANTED_ANY);
+    bool good = owner && read_file(owner, &is_profile, &walk, &found, WANTED_ANY);
 
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
@@ -193,6 +209,20 @@ void cfg_free(cfg *config)
     cfg_owner *owner = (cfg_owner *)config;
     arena_free(&owner->arena);
     free(owner);
+}
+
+static uint8_t find_node(const cfg *config, const char *name)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (strcmp(config->nodes[i].name, name) == 0)
+            return (uint8_t)i;
+    return CW_NO_NODE;
+}
+
+void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old)
+{
+    for (size_t i = 0; i < CW_NODES_MAX; i++)
+        from[i] = i < config->node_count ? find_node(old, config->nodes[i].name) : CW_NO_NODE;
 }
 
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
@@ -344,10 +374,63 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
         schema_map(self, "configuration", root, file_keys, walk->config);
 }
 
-static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted kind)
+/* A file that has been read before; NULL: not yet. */
+static const cfg_file *find_file(const cfg_file *files, size_t count, const char *name)
+{
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(files[i].name, name) == 0)
+            return &files[i];
+    return NULL;
+}
+
+static const cfg_file *keep_file(schema *self, const char *name, const char *text, size_t size)
+{
+    cfg *config = cfg_of(self);
+    cfg_file *files = schema_alloc(self, config->file_count + 1, sizeof *files);
+    char *copy = schema_alloc(self, size + 1, 1);
+    char *own_name = schema_copy(self, name);
+
+    if (!files || !copy || !own_name)
+        return NULL;
+    if (config->file_count > 0)
+        memcpy(files, config->files, config->file_count * sizeof *files);
+    memcpy(copy, text, size);
+    config->files = files;
+    files[config->file_count] = (cfg_file){.name = own_name, .text = copy, .size = size};
+    return &files[config->file_count++];
+}
+
+static const cfg_file *read_new_file(schema *self, const char *name)
+{
+    size_t size;
+    char *text = yaml_file_read(&size, name, self->errors);
+    const cfg_file *kept = text ? keep_file(self, name, text, size) : NULL;
+
+    free(text);
+    return kept;
+}
+
+bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)
+{
+    const cfg_walk *walk = self->user;
+    const cfg *config = walk->config;
+    const cfg_file *found = find_file(config->files, config->file_count, file);
+    const cfg_file *given = find_file(walk->given, walk->given_count, file);
+
+    if (!found && given)
+        found = keep_file(self, file, given->text, given->size);
+    else if (!found && !walk->given)
+        found = read_new_file(self, file);
+    else if (!found)
+        diag_add(self->errors, 0, 0, "this file is not among those that are given");
+    return found && yaml_text_load(document, found->text, found->size, self->errors);
+}
+
+static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start, diag *errors,
+                      wanted kind)
 {
     yaml_document_t document;
-    cfg_walk walk = {.config = &owner->config};
+    cfg_walk walk = *start;
     schema self = {
         .errors = errors,
         .arena = &owner->arena,
@@ -355,7 +438,8 @@ static bool read_file(cfg_owner *owner, bool *is_profile, diag *errors, wanted k
         .user = &walk,
     };
 
-    if (!yaml_file_load(&document, owner->config.file, errors))
+    walk.config = &owner->config;
+    if (!cfg_load_file(&self, &document, owner->config.file))
         return false;
     owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
     owner->config.bus_name = schema_copy(&self, "can");

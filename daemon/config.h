@@ -130,8 +130,17 @@ typedef struct cfg_record {
     uint32_t files;           /* that are kept; default 5 */
 } cfg_record;
 
+/* A file that a configuration was read from. */
+typedef struct cfg_file {
+    const char *name;
+    const char *text;
+    size_t size; /* of the text, which may have any bytes in it */
+} cfg_file;
+
 typedef struct cfg {
     char *file;
+    size_t file_count;
+    cfg_file *files; /* as they were when they were read: the configuration first, then profiles */
     char *bus_name; /* default "can" */
     uint32_t bitrate_bps;
     uint32_t bit_ticks;
@@ -154,6 +163,10 @@ typedef struct cfg {
 
 /* Reads a file. Returns NULL after writing one line per error to errors. */
 cfg *cfg_load(const char *file, FILE *errors);
+
+/* Reads a configuration from files that are given, the first of which is the configuration, and from
+ * no others: files of traffic are not looked into. Otherwise as cfg_load(). */
+cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);
 
 /* Reads a file that is a configuration or a fault profile on its own; in a profile any name of a
  * node will do. True when it is good: *config is then the configuration, to be freed, or NULL for
@@ -202,6 +215,9 @@ const char *cfg_record_parse_size(uint64_t *size, const char *text);
 
 /* Whether it never comes to an end by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);
+
+/* By node of a configuration: the one of that name in an old one, or CW_NO_NODE. */
+void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);
 
 /* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
  * into the cfg. There is room for the replies, see release_add_replies(). */

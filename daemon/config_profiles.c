@@ -356,7 +356,7 @@ static void load_profile(schema *config, const item *wanted, const yaml_node_t *
     walk.first_rule = walk.config->rule_count;
     self.user = &walk;
     self.document = &document;
-    if (yaml_file_load(&document, wanted->file, errors)) {
+    if (cfg_load_file(&self, &document, wanted->file)) {
         read_document(config, &self, wanted, at, number);
         yaml_document_delete(&document);
     }

@@ -18,6 +18,8 @@ typedef struct cfg_walk {
     size_t first_rule;          /* what `after` may name begins here in config->rules */
     size_t list;                /* where the rules of the list that is read begin */
     const cfg_running *running; /* what else it may name, and what comes first; or NULL */
+    const cfg_file *given;      /* the files to read from; NULL: those that there are */
+    size_t given_count;
     bool any_node;              /* a node that is not there is made: a profile is checked alone */
 } cfg_walk;
 
@@ -72,6 +74,9 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value);
 
 /* A path relative to the directory of the file that names it, or NULL after a complaint. */
 char *cfg_resolve_path(schema *self, const char *file, const char *path);
+
+/* Loads the document of a file, and keeps its text in the configuration. False after a complaint. */
+bool cfg_load_file(schema *self, yaml_document_t *document, const char *file);
 
 /* Whether a document is a profile and no configuration. */
 bool cfg_is_profile(schema *self, const yaml_node_t *root);

@@ -254,7 +254,8 @@ static void settle_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
         schema_complain(self, gap, "gap: with 'speed: max' the file is repeated at once");
     if (!count && !traffic->loop)
         traffic->count = 1;
-    if (traffic->file)
+    const cfg_walk *walk = self->user;
+    if (traffic->file && !walk->given)
         look_into_file(self, schema_find(self, map, "replay"), traffic);
 }
 

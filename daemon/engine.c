@@ -305,9 +305,7 @@ static void skip_missed_time(engine *e)
     e->epoch_ns += (int64_t)skipped_ns;
     skipped_ns += catchup_suspended(&e->catchup, boot_ns, now_ns);
     if (skipped_ns > 0) {
-        const cw_event event = {.kind = CW_EVENT_SKIP,
-                                .tick = cw_bus_now(e->now.bus),
-                                .ticks = skipped_ns / 25 * 2};
+        const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2);
         catchup_note(&e->catchup, skipped_ns);
         tell(e, &event);
     }

@@ -181,6 +181,12 @@ void inputs_attach(inputs *in, unsigned node, bool on)
     in->drain(in->drain_user);
 }
 
+cw_event inputs_skip(inputs *in, uint64_t ticks)
+{
+    note(in, (input){.kind = INPUT_SKIP, .skipped = ticks});
+    return (cw_event){.kind = CW_EVENT_SKIP, .tick = cw_bus_now(in->bus), .ticks = ticks};
+}
+
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
 /* Frames of nodes that are no more are dropped, with events. */

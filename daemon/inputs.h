@@ -20,6 +20,7 @@ typedef enum input_kind {
     INPUT_RESTART,  /* a node leaves bus-off: node */
     INPUT_SET,      /* settings of a node change: node, settings */
     INPUT_ATTACH,   /* a node is taken off the bus or put on again: node, on */
+    INPUT_SKIP,     /* time passes without the bus: skipped */
     INPUT_RELOAD,   /* the bus goes over to another configuration: config */
     INPUT_COUNT
 } input_kind;
@@ -39,6 +40,7 @@ typedef struct input {
     const char *rule;
     const cw_settings *settings;
     bool on;
+    uint64_t skipped;  /* ticks */
     const cfg *config; /* the new one */
 } input;
 
@@ -92,6 +94,9 @@ cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
 
 /* cw_node_attach(), with all events taken */
 void inputs_attach(inputs *in, unsigned node, bool on);
+
+/* Changes nothing at the bus, but in its events there is one, to be passed on by the caller. */
+cw_event inputs_skip(inputs *in, uint64_t ticks);
 
 /* Drops the frames of nodes that are no more, with events, and lets another bus take over
  * (cw_bus_take_over()); config is what it is made of. The names of the nodes become those of that

@@ -4,13 +4,11 @@
  */
 #include "reload.h"
 
+#include "bus_make.h"
 #include "log.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-#define INBOX_FRAMES 8192
-#define EVENT_RING 4096
 
 /* ---- Setups ---------------------------------------------------------------------------------- */
 
@@ -26,20 +24,9 @@ static void tell(void *user, bool failed, const char *text)
 
 bool setup_make(setup *s, const cfg *config)
 {
-    cw_node_config nodes[CW_NODES_MAX];
-    cw_bus_config bus_config;
-    cfg_bus_config(&bus_config, nodes, config);
-    bus_config.inbox = INBOX_FRAMES;
-    bus_config.events = EVENT_RING;
-    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
-    *s = (setup){.memory = malloc(cw_bus_size(&bus_config)),
-                 .plan = release_plan_new(config, tell, NULL)};
-    if (!s->memory || !s->plan)
-        return false;
-    s->bus = cw_bus_init(s->memory, &bus_config);
-    if (s->bus)
-        release_add_replies(s->bus, config);
-    return s->bus != NULL;
+    *s = (setup){.plan = release_plan_new(config, tell, NULL)};
+    s->bus = bus_make(&s->memory, config);
+    return s->bus && s->plan;
 }
 
 void setup_free(setup *s)
@@ -76,14 +63,6 @@ static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 }
 
 /* ---- Nodes and ports ------------------------------------------------------------------------- */
-
-static uint8_t find_node(const cfg *config, const char *name)
-{
-    for (size_t i = 0; i < config->node_count; i++)
-        if (strcmp(config->nodes[i].name, name) == 0)
-            return (uint8_t)i;
-    return CW_NO_NODE;
-}
 
 static uint8_t find_port(const cfg *config, const char *interface)
 {
@@ -134,11 +113,10 @@ static void settle_borrowed(reload *r, reload *pending, bool keep)
 static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *errors)
 {
     bool good = true;
-    memset(r->from, CW_NO_NODE, sizeof r->from);
+    cfg_match_nodes(r->from, r->config, old);
     memset(r->port_from, CW_NO_NODE, sizeof r->port_from);
     for (unsigned i = 0; i < r->config->node_count; i++) {
         const cfg_node *node = &r->config->nodes[i];
-        r->from[i] = find_node(old, node->name);
         if (!node->port)
             continue;
         r->port_from[i] = find_port(old, node->port);

@@ -22,21 +22,10 @@ typedef struct scan {
     size_t depth;
 } scan;
 
-static unsigned char *read_file(size_t *length, const char *file, diag *errors);
 static void skip_mark(text_buffer *text);
 static bool has_no_nul(const text_buffer *text, diag *errors);
 static bool scan_events(const text_buffer *text, diag *errors);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
-
-bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors)
-{
-    size_t length;
-    unsigned char *bytes = read_file(&length, file, errors);
-    bool loaded = bytes && yaml_text_load(document, (const char *)bytes, length, errors);
-
-    free(bytes);
-    return loaded;
-}
 
 bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors)
 {
@@ -64,7 +53,7 @@ static void skip_mark(text_buffer *text)
 }
 
 /* Reads until the end or one byte over the limit; works for pipes too. */
-static bool read_stream(unsigned char *bytes, size_t *length, FILE *in, diag *errors)
+static bool read_stream(char *bytes, size_t *length, FILE *in, diag *errors)
 {
     if (!bytes) {
         diag_add(errors, 0, 0, "out of memory");
@@ -76,8 +65,7 @@ static bool read_stream(unsigned char *bytes, size_t *length, FILE *in, diag *er
     return !ferror(in);
 }
 
-/* The content, to be freed, or NULL after a message. */
-static unsigned char *read_file(size_t *length, const char *file, diag *errors)
+char *yaml_file_read(size_t *size, const char *file, diag *errors)
 {
     FILE *in = fopen(file, "rbe");
 
@@ -85,8 +73,8 @@ static unsigned char *read_file(size_t *length, const char *file, diag *errors)
         diag_add(errors, 0, 0, "cannot open: %s", strerror(errno));
         return NULL;
     }
-    unsigned char *bytes = malloc(YAML_FILE_MAX + 1);
-    bool done = read_stream(bytes, length, in, errors);
+    char *bytes = malloc(YAML_FILE_MAX + 1);
+    bool done = read_stream(bytes, size, in, errors);
     fclose(in);
     if (done)
         return bytes;

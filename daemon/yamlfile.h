@@ -14,12 +14,13 @@
 #define YAML_DEPTH_MAX 64u       /* lists and maps in each other; libyaml is quadratic in it */
 #define YAML_ANCHORS_MAX 1000u   /* libyaml's search for them is linear */
 
-/* Loads the only document of the file. Aliases are resolved to their nodes, so what is loaded may
- * be a graph, even with cycles. False after a message to errors; *document is then not to be
- * deleted. */
-bool yaml_file_load(yaml_document_t *document, const char *file, diag *errors);
+/* The content of a file, to be freed; up to one byte more than may be loaded. NULL after a message
+ * to errors. */
+char *yaml_file_read(size_t *size, const char *file, diag *errors);
 
-/* The same from a text in memory. */
+/* Loads the only document of a text. Aliases are resolved to their nodes, so what is loaded may be
+ * a graph, even with cycles. False after a message to errors; *document is then not to be
+ * deleted. */
 bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors);
 
 #endif
