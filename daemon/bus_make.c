@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus_make.c - the bus of a configuration as canwired runs it: with room for what comes at run time.
+ * bus_make.c - the bus of a configuration as canwired runs it, with room for what comes later.
  */
 #include "bus_make.h"
 

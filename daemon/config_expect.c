@@ -6,6 +6,7 @@
  */
 #include "config_read.h"
 
+#include <assert.h>
 #include <string.h>
 
 #define EXPECT_MAX 1000u
@@ -52,9 +53,9 @@ typedef struct condition {
 } condition;
 
 static const condition conditions[] = {
-    {"frame", HAS_FRAME}, {"data", HAS_FRAME},      {"from", HAS_FROM}, {"to", HAS_TO},
-    {"time", HAS_TIME},   {"before", HAS_TIME},     {"node", HAS_NODE}, {"reached", HAS_REACHED},
-    {"type", HAS_TYPE},   {"why", HAS_WHY},         {"rule", HAS_RULE},
+    {"frame", HAS_FRAME}, {"data", HAS_FRAME},  {"from", HAS_FROM}, {"to", HAS_TO},
+    {"time", HAS_TIME},   {"before", HAS_TIME}, {"node", HAS_NODE}, {"reached", HAS_REACHED},
+    {"type", HAS_TYPE},   {"why", HAS_WHY},     {"rule", HAS_RULE},
 };
 
 #define CONDITIONS (sizeof conditions / sizeof conditions[0])
@@ -70,8 +71,10 @@ static const schema_choice whether[] = {
     {.name = NULL},
 };
 
-#define COUNTED(text) {.name = text, .read = read_count, .offset = offsetof(cfg_expect, min), \
-                       .arg = &count_range}
+#define COUNTED(text)                                                                              \
+    {                                                                                              \
+        .name = text, .read = read_count, .offset = offsetof(cfg_expect, min), .arg = &count_range \
+    }
 
 static const schema_key expect_keys[] = {
     {.name = "name", .read = read_name},
@@ -117,9 +120,10 @@ static const schema_key count_keys[] = {
 };
 
 #define PERCENTILE(text, which)                                                                    \
-    {.name = text,                                                                                 \
-     .read = cfg_read_ticks_min,                                                                   \
-     .offset = offsetof(cfg_expect, percentile) + (which) * sizeof(uint64_t)}
+    {                                                                                              \
+        .name = text, .read = cfg_read_ticks_min,                                                  \
+        .offset = offsetof(cfg_expect, percentile) + (which) * sizeof(uint64_t)                    \
+    }
 
 static const schema_key delay_keys[] = {
     {.name = "max", .read = cfg_read_ticks_min, .offset = offsetof(cfg_expect, delay_max)},
@@ -135,6 +139,8 @@ static const schema_key load_keys[] = {
     {.name = "max", .read = read_percent, .offset = offsetof(cfg_expect, max)},
     {.name = NULL},
 };
+
+static_assert(offsetof(cfg_expect, when) == 0, "readers of rules read into it");
 
 /* ---- Subjects -------------------------------------------------------------------------------- */
 
@@ -254,8 +260,7 @@ static void read_types(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_expect *e = object;
 
     for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
-        choices[i] =
-            (schema_choice){.name = cw_error_type_name((cw_error_type)i), .value = i};
+        choices[i] = (schema_choice){.name = cw_error_type_name((cw_error_type)i), .value = i};
     e->types = read_words(self, key, value, choices, CW_ERROR_COUNT);
 }
 
@@ -345,8 +350,9 @@ static void check_sense(schema *self, yaml_node_t *map, const cfg_expect *e)
     if (before && schema_find(self, map, "time"))
         schema_complain(self, before, "before: 'time' has an end of its own; give one of both");
     if (e->when.error_mask)
-        schema_complain(self, schema_find(self, map, "frame"),
-                        "frame: error frames (#MASK) are no frames that are delivered; see 'errors'");
+        schema_complain(
+            self, schema_find(self, map, "frame"),
+            "frame: error frames (#MASK) are no frames that are delivered; see 'errors'");
     if (e->kind == CFG_EXPECT_STATE && !e->node && !schema_find(self, map, "node"))
         schema_complain(self, map, "expectation: the key 'node' is missing");
     for (unsigned i = 0; own && i < config->node_count; i++)
@@ -367,8 +373,7 @@ static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
     for (unsigned i = 0; i < CFG_PERCENTILES; i++)
         e->percentile[i] = CW_NEVER;
     schema_map(self, "expectation", value, expect_keys, e);
-    const subject *about =
-        value->type == YAML_MAPPING_NODE ? find_subject(self, value) : NULL;
+    const subject *about = value->type == YAML_MAPPING_NODE ? find_subject(self, value) : NULL;
     if (!about)
         return;
     e->kind = about->kind;

@@ -75,7 +75,7 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value);
 /* A path relative to the directory of the file that names it, or NULL after a complaint. */
 char *cfg_resolve_path(schema *self, const char *file, const char *path);
 
-/* Loads the document of a file, and keeps its text in the configuration. False after a complaint. */
+/* Loads the document of a file, keeps its text in the configuration. False after a complaint. */
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file);
 
 /* Whether a document is a profile and no configuration. */

@@ -13,14 +13,14 @@
 /* In the same order as cfg_percentile. */
 static const unsigned percents[CFG_PERCENTILES] = {50, 90, 95, 99};
 
-/* What has been found about one expectation. Where each node counts for itself, by node; else all in
- * place 0. */
+/* What has been found about one expectation. Where each node counts for itself, by node; else all
+ * in place 0. */
 typedef struct tally {
     uint64_t count[CW_NODES_MAX];
-    uint64_t first[CW_NODES_MAX]; /* tick, when count is not 0 */
-    uint64_t total;               /* DELAY: frames */
-    uint64_t worst;               /* ... the longest delay in ticks */
-    uint64_t worst_at;            /* ... tick */
+    uint64_t first[CW_NODES_MAX];     /* tick, when count is not 0 */
+    uint64_t total;                   /* DELAY: frames */
+    uint64_t worst;                   /* ... the longest delay in ticks */
+    uint64_t worst_at;                /* ... tick */
     uint64_t beyond[CFG_PERCENTILES]; /* ... frames that took longer than the limit */
 } tally;
 
@@ -278,9 +278,9 @@ static void write_load_limits(FILE *out, const cfg_expect *e)
 static void write_counted(FILE *out, const cfg_expect *e)
 {
     static const char *const names[CFG_EXPECT_COUNT] = {
-        [CFG_EXPECT_ERRORS] = "errors",       [CFG_EXPECT_DROPS] = "frames dropped",
-        [CFG_EXPECT_RESTARTS] = "restarts",   [CFG_EXPECT_OVERLOADS] = "overload flags",
-        [CFG_EXPECT_FAULTS] = "hits",         [CFG_EXPECT_ARBITRATION_LOST] = "lost arbitrations",
+        [CFG_EXPECT_ERRORS] = "errors",     [CFG_EXPECT_DROPS] = "frames dropped",
+        [CFG_EXPECT_RESTARTS] = "restarts", [CFG_EXPECT_OVERLOADS] = "overload flags",
+        [CFG_EXPECT_FAULTS] = "hits",       [CFG_EXPECT_ARBITRATION_LOST] = "lost arbitrations",
         [CFG_EXPECT_DELIVERED] = "frames",
     };
     write_limits(out, e);

@@ -49,8 +49,8 @@ void expect_report_text(FILE *out, const expect_report *report)
     for (size_t i = 0; i < report->count; i++) {
         const expect_outcome *o = &report->outcomes[i];
         bool named = strcmp(o->name, o->wanted) != 0;
-        fprintf(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED", named ? o->name : "",
-                named ? ": " : "", o->wanted, o->got);
+        fprintf(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
+                named ? o->name : "", named ? ": " : "", o->wanted, o->got);
     }
     fprintf(out, "%zu expectation%s, %zu met, %zu failed\n", report->count,
             report->count == 1 ? "" : "s", report->count - report->failed, report->failed);

@@ -5,6 +5,7 @@
 #include "config.h"
 #include "control.h"
 #include "engine.h"
+#include "journal.h"
 #include "log.h"
 #include "losses.h"
 #include "notify.h"
@@ -30,6 +31,7 @@ typedef struct service {
     engine *engine;
     control *control;
     recordings *recordings;
+    journal *journal;
     notifier *notifier;
     watchdog watchdog;
     losses losses;
@@ -42,7 +44,7 @@ typedef struct service {
     struct ev_loop *loop;
 } service;
 
-static const char usage[] = "usage: canwired -c FILE\n";
+static const char usage[] = "usage: canwired -c FILE [--journal F]\n";
 
 static const char help[] =
     "\n"
@@ -51,6 +53,7 @@ static const char help[] =
     "FILE again.\n"
     "\n"
     "  -c, --config FILE   configuration (see canwire check)\n"
+    "      --journal F     write down all that is done to the bus, for canwire sim --journal\n"
     "  -h, --help          this text\n"
     "      --version       the version\n"
     "\n"
@@ -220,6 +223,8 @@ static void tell_status(service *s)
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
     recordings_update(s->recordings, engine_bus(s->engine));
     observe_bits(s);
+    if (s->journal)
+        journal_mark(s->journal, engine_inputs(s->engine));
     cw_bus_get_stats(engine_bus(s->engine), &stats);
     print_trouble(trouble, s);
     notify_status(s->notifier,
@@ -269,7 +274,19 @@ static void report_end(const service *s)
              stats.frames, stats.error_frames, stats.pending);
 }
 
-static bool start(service *s, struct ev_loop *loop)
+static bool start_journal(service *s, const char *file)
+{
+    char error[JOURNAL_ERROR_MAX];
+    s->journal = journal_start(file, s->config, error);
+    if (!s->journal) {
+        log_error("%s", error);
+        return false;
+    }
+    inputs_observe(engine_inputs(s->engine), journal_input, s->journal);
+    return true;
+}
+
+static bool start(service *s, struct ev_loop *loop, const char *journal_file)
 {
     if (s->config->lcm.enabled) {
         s->publisher = publisher_start(s->config);
@@ -282,6 +299,8 @@ static bool start(service *s, struct ev_loop *loop)
     if (!s->engine)
         return false;
     s->loop = loop;
+    if (journal_file && !start_journal(s, journal_file))
+        return false;
     engine_on_change(s->engine, on_change, s);
     if (s->config->control) {
         s->control = control_start(loop, s->live, s->engine);
@@ -299,9 +318,9 @@ static bool start(service *s, struct ev_loop *loop)
     return true;
 }
 
-static bool run(service *s, struct ev_loop *loop)
+static bool run(service *s, struct ev_loop *loop, const char *journal_file)
 {
-    if (!start(s, loop))
+    if (!start(s, loop, journal_file))
         return false;
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
@@ -321,9 +340,10 @@ static bool run(service *s, struct ev_loop *loop)
 }
 
 /* Returns -1 to go on, else the exit status. */
-static int parse_options(const char **file, int argc, char **argv)
+static int parse_options(const char **file, const char **journal_file, int argc, char **argv)
 {
     static const struct option options[] = {{"config", required_argument, NULL, 'c'},
+                                            {"journal", required_argument, NULL, 'j'},
                                             {"help", no_argument, NULL, 'h'},
                                             {"version", no_argument, NULL, 'v'},
                                             {NULL, 0, NULL, 0}};
@@ -332,6 +352,9 @@ static int parse_options(const char **file, int argc, char **argv)
         switch (c) {
         case 'c':
             *file = optarg;
+            break;
+        case 'j':
+            *journal_file = optarg;
             break;
         case 'h':
             fputs(usage, stdout);
@@ -415,7 +438,8 @@ static struct ev_loop *make_loop(void)
 int main(int argc, char **argv)
 {
     const char *file = NULL;
-    int status = parse_options(&file, argc, argv);
+    const char *journal_file = NULL;
+    int status = parse_options(&file, &journal_file, argc, argv);
     if (status >= 0)
         return status;
     service s = {.live = load(file)};
@@ -428,9 +452,11 @@ int main(int argc, char **argv)
         return 1;
     }
     s.notifier = notify_open(loop);
-    bool good = run(&s, loop);
+    bool good = run(&s, loop, journal_file);
     control_stop(s.control);
     recordings_stop(s.recordings);
+    if (s.journal)
+        journal_stop(s.journal, engine_inputs(s.engine));
     engine_free(s.engine);
     publisher_stop(s.publisher);
     live_free(s.live);

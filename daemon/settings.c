@@ -193,14 +193,28 @@ bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const 
 
 /* ---- To JSON --------------------------------------------------------------------------------- */
 
-json_t *settings_to_json(const cw_settings *settings)
+json_t *settings_given_to_json(const cw_settings *settings)
 {
     json_t *object = json_object();
+    uint8_t modes = settings->which & CW_SET_MODES ? settings->modes_mask : 0;
     for (size_t i = 0; i < COUNT_OF(mode_keys); i++)
-        put_bool(object, mode_keys[i].name, settings->modes & mode_keys[i].mode);
-    put_count(object, "restart-ms", settings->restart_ticks / TICKS_PER_MS);
-    put_count(object, "queue", settings->queue);
-    put_text(object, order_key, order_names[settings->order]);
-    put_count(object, "warning-limit", settings->warning_limit);
+        if (modes & mode_keys[i].mode)
+            put_bool(object, mode_keys[i].name, settings->modes & mode_keys[i].mode);
+    if (settings->which & CW_SET_RESTART)
+        put_count(object, "restart-ms", settings->restart_ticks / TICKS_PER_MS);
+    if (settings->which & CW_SET_QUEUE)
+        put_count(object, "queue", settings->queue);
+    if (settings->which & CW_SET_ORDER)
+        put_text(object, order_key, order_names[settings->order]);
+    if (settings->which & CW_SET_WARNING)
+        put_count(object, "warning-limit", settings->warning_limit);
     return object;
+}
+
+json_t *settings_to_json(const cw_settings *settings)
+{
+    cw_settings all = *settings;
+    all.which = UINT8_MAX;
+    all.modes_mask = UINT8_MAX;
+    return settings_given_to_json(&all);
 }

@@ -17,6 +17,9 @@
  * error what is wrong and what is allowed. */
 bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object);
 
+/* Only those that `which` and the mask of the modes name: what settings_from_json() reads back. */
+json_t *settings_given_to_json(const cw_settings *settings);
+
 /* All settings, whatever `which` says. */
 json_t *settings_to_json(const cw_settings *settings);
 

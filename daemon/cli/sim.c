@@ -6,6 +6,7 @@
 
 #include "output.h"
 #include "pcapng.h"
+#include "sim_journal.h"
 #include "sim_judge.h"
 #include "sim_run.h"
 #include "sim_trace.h"
@@ -19,7 +20,8 @@
 #include <unistd.h>
 
 typedef struct sim_options {
-    const char *file;
+    const char *file; /* NULL with a journal */
+    const char *journal;
     const char *until;
     const char *until_event;
     const char *seed;
@@ -36,7 +38,8 @@ typedef struct sim_options {
 } sim_options;
 
 typedef struct sim {
-    cfg *config;
+    cfg *config; /* NULL with a journal, whose own is that of the run */
+    sim_journal journal;
     sim_run run;
     FILE *events; /* NULL: not wanted */
     FILE *log;
@@ -50,13 +53,15 @@ typedef struct sim {
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
     "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
-    "       [--step] [--junit F]\n";
+    "       [--step] [--junit F]\n"
+    "       canwire sim --journal FILE ...\n";
 
 static const char help[] =
     "\n"
     "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes with\n"
     "a port are there but send nothing.\n"
     "\n"
+    "  --journal FILE what canwired --journal has written down, once more\n"
     "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done\n"
     "  --until-event [NODE:]EVENT\n"
     "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
@@ -99,8 +104,8 @@ static bool set_until(sim *s, const char *text)
         }
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
-        s->run.until = text_time_ticks_sum(until, 1, beyond, s->config->bit_ticks) - 1;
-    } else if (!s->awaited.text && has_endless_traffic(s->config)) {
+        s->run.until = text_time_ticks_sum(until, 1, beyond, s->run.config->bit_ticks) - 1;
+    } else if (!s->awaited.text && !s->journal.player && has_endless_traffic(s->config)) {
         fprintf(stderr,
                 "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME or "
                 "--until-event EVENT\n",
@@ -151,30 +156,46 @@ static void write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
     if (s->events)
-        output_event(s->events, s->config, event);
+        output_event(s->events, s->run.config, event);
     if (s->log)
-        output_log(s->log, s->config, event);
+        output_log(s->log, s->run.config, event);
     if (s->pcapng)
-        pcapng_event(s->pcapng, s->config, event, text_ticks_ns(event->tick));
+        pcapng_event(s->pcapng, s->run.config, event, text_ticks_ns(event->tick));
 }
 
 static bool make_bus(sim *s, const sim_options *o)
 {
+    s->config = cfg_load(o->file, stderr);
+    if (!s->config || !set_seed(s->config, o->seed))
+        return false;
+    if (sim_open(&s->run, s->config))
+        return true;
+    fprintf(stderr, "canwire sim: out of memory\n");
+    return false;
+}
+
+static bool open_journal(sim *s, const sim_options *o)
+{
+    s->journal = (sim_journal){.run = &s->run,
+                               .judge = &s->judge,
+                               .trace = &s->trace,
+                               .awaited = &s->awaited,
+                               .pcapng = &s->pcapng};
+    return sim_journal_open(&s->journal, o->journal);
+}
+
+static void add_writer(sim *s, const sim_options *o)
+{
     const sim_sink writer = {.user = s, .event = write_event,
                              .kinds = o->events || o->pcapng ? 0 : 1u << CW_EVENT_TX};
-    if (!sim_open(&s->run, s->config)) {
-        fprintf(stderr, "canwire sim: out of memory\n");
-        return false;
-    }
     s->run.step = o->step;
     sim_add_sink(&s->run, &writer);
-    return true;
 }
 
 /* Behind what else looks on: what has to do with events comes before what has to do with bits. */
 static bool start_trace(sim *s, const sim_options *o)
 {
-    if (!sim_trace_window(&s->trace, o->from, o->to, s->config, "canwire sim"))
+    if (!sim_trace_window(&s->trace, o->from, o->to, s->run.config, "canwire sim"))
         return false;
     if (!open_output(&s->trace.vcd_out, o->vcd) || !open_output(&s->trace.svg_out, o->svg))
         return false;
@@ -186,28 +207,29 @@ static bool start_pcapng(sim *s, const char *name)
     if (!open_output(&s->pcapng, name))
         return false;
     if (s->pcapng)
-        pcapng_begin(s->pcapng, s->config);
+        pcapng_begin(s->pcapng, s->run.config);
     return true;
 }
 
 static bool set_up(sim *s, const sim_options *o)
 {
-    s->config = cfg_load(o->file, stderr);
-    return s->config && set_seed(s->config, o->seed) && make_bus(s, o) &&
-           sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
+    if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
+        return false;
+    add_writer(s, o);
+    return sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
            open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
            start_pcapng(s, o->pcapng) && open_output(&s->stats, o->stats) &&
-           open_output(&s->judge.junit, o->junit) && sim_judge_start(&s->judge, &s->run) &&
-           start_trace(s, o);
+           open_output(&s->judge.junit, o->junit) &&
+           sim_judge_start(&s->judge, &s->run, o->journal) && start_trace(s, o);
 }
 
 static bool finish(sim *s, const sim_options *o)
 {
     if (s->stats)
-        output_stats(s->stats, s->config, s->run.bus);
+        output_stats(s->stats, s->run.config, s->run.bus);
     if (!s->stats && !s->events && !s->log && !s->pcapng && !s->trace.vcd_out &&
         !s->trace.svg_out && !s->judge.junit)
-        summary_print(stdout, s->config, s->run.bus);
+        summary_print(stdout, s->run.config, s->run.bus);
     bool good = sim_judge_finish(&s->judge, &s->run);
     good = sim_trace_finish(&s->trace, "canwire sim") && good;
     good = close_output(s->judge.junit, o->junit) && good;
@@ -234,6 +256,7 @@ static void tear_down(sim *s)
     sim_trace_close(&s->trace);
     sim_judge_close(&s->judge);
     sim_close(&s->run);
+    sim_journal_close(&s->journal);
     cfg_free(s->config);
 }
 
@@ -250,13 +273,16 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
         {"help", no_argument, NULL, 'h'},         {"until-event", required_argument, NULL, 'E'},
         {"junit", required_argument, NULL, 'j'},  {"pcapng", required_argument, NULL, 'p'},
-        {NULL, 0, NULL, 0},
+        {"journal", required_argument, NULL, 'J'}, {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         switch (c) {
         case 'u':
             o->until = optarg;
+            break;
+        case 'J':
+            o->journal = optarg;
             break;
         case 'E':
             o->until_event = optarg;
@@ -303,8 +329,12 @@ static int parse_options(sim_options *o, int argc, char **argv)
             return 2;
         }
     }
-    if (optind + 1 != argc) {
+    if (optind + (o->journal ? 0 : 1) != argc) {
         fputs(usage, stderr);
+        return 2;
+    }
+    if (o->journal && o->seed) {
+        fprintf(stderr, "canwire sim: --seed is in the journal\n%s", usage);
         return 2;
     }
     if ((o->from || o->to) && !o->vcd && !o->svg) {
@@ -326,7 +356,7 @@ int cli_sim(int argc, char **argv)
     if (good) {
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
         sim_progress_start(&s.run.progress, room);
-        good = sim_go(&s.run);
+        good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
         sim_until_finish(&s.awaited);
         good = finish(&s, &options) && good;
     }

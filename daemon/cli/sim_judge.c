@@ -12,26 +12,43 @@ static bool fail(void)
 
 static void judge_event(void *user, const cw_event *event)
 {
-    expect_event(user, event);
+    const sim_judge *j = user;
+    if (j->judge)
+        expect_event(j->judge, event);
 }
 
-bool sim_judge_start(sim_judge *j, sim_run *run)
+void sim_judge_enter(sim_judge *j, const sim_run *run)
 {
     if (run->config->expect_count == 0)
-        return true;
+        return;
     j->judge = expect_start(run->config);
-    if (!j->judge)
-        return fail();
-    const sim_sink sink = {.user = j->judge, .event = judge_event};
-    sim_add_sink(run, &sink);
-    return true;
+    j->no_memory = j->no_memory || !j->judge;
+}
+
+void sim_judge_leave(sim_judge *j, const sim_run *run)
+{
+    if (j->judge && !expect_conclude(j->judge, &j->report, run->bus))
+        j->no_memory = true;
+    expect_free(j->judge);
+    j->judge = NULL;
+}
+
+bool sim_judge_start(sim_judge *j, sim_run *run, bool changes)
+{
+    const sim_sink sink = {.user = j, .event = judge_event};
+    sim_judge_enter(j, run);
+    if (j->judge || changes)
+        sim_add_sink(run, &sink);
+    return !j->no_memory || fail();
 }
 
 bool sim_judge_finish(sim_judge *j, const sim_run *run)
 {
-    if (j->judge && !expect_conclude(j->judge, &j->report, run->bus))
+    bool any = j->judge || j->report.count > 0;
+    sim_judge_leave(j, run);
+    if (j->no_memory)
         return fail();
-    if (j->judge)
+    if (any)
         expect_report_text(j->to_stderr ? stderr : stdout, &j->report);
     if (j->junit)
         expect_report_junit(j->junit, &j->report, run->config->bus_name, cw_bus_now(run->bus));

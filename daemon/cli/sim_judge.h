@@ -13,11 +13,17 @@ typedef struct sim_judge {
     FILE *junit;       /* JUnit XML goes there; the caller's; or NULL */
     bool to_stderr;    /* the report as text does, not to standard output */
     expect *judge;     /* NULL: nothing is expected */
+    bool no_memory;
     expect_report report;
 } sim_judge;
 
-/* Begins to look on. False, with a message, when there is no memory. */
-bool sim_judge_start(sim_judge *j, sim_run *run);
+/* Begins to look on. changes: the run may go over to other configurations. False, with a message,
+ * when there is no memory. */
+bool sim_judge_start(sim_judge *j, sim_run *run, bool changes);
+
+/* The run leaves its configuration, by which it has been judged so far; has another one. */
+void sim_judge_leave(sim_judge *j, const sim_run *run);
+void sim_judge_enter(sim_judge *j, const sim_run *run);
 
 /* Reports. False, with a message, when there is no memory. */
 bool sim_judge_finish(sim_judge *j, const sim_run *run);

@@ -23,7 +23,7 @@ static void tell(void *user, bool failed, const char *text)
     fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
 }
 
-bool sim_open(sim_run *s, cfg *config)
+bool sim_open(sim_run *s, const cfg *config)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
@@ -39,6 +39,14 @@ bool sim_open(sim_run *s, cfg *config)
     if (s->bus)
         release_add_replies(s->bus, config);
     return s->bus != NULL;
+}
+
+bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
+{
+    static const cfg no_traffic = {.node_count = 0};
+    *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER};
+    s->plan = release_plan_new(&no_traffic, tell, s);
+    return s->plan != NULL;
 }
 
 void sim_close(sim_run *s)
@@ -70,18 +78,29 @@ void sim_stop(sim_run *s, uint64_t tick)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+static void pass_on(sim_run *s, const cw_event *event)
+{
+    if (event->tick > s->until)
+        return;
+    if (event->kind == CW_EVENT_TX)
+        s->last_activity = event->tick;
+    for (unsigned i = 0; i < s->sink_count; i++)
+        if (s->sinks[i].event)
+            s->sinks[i].event(s->sinks[i].user, event);
+}
+
 static void pass_on_events(sim_run *s)
 {
     cw_event event;
-    while (cw_bus_poll(s->bus, &event)) {
-        if (event.tick > s->until)
-            continue;
-        if (event.kind == CW_EVENT_TX)
-            s->last_activity = event.tick;
-        for (unsigned i = 0; i < s->sink_count; i++)
-            if (s->sinks[i].event)
-                s->sinks[i].event(s->sinks[i].user, &event);
-    }
+    while (cw_bus_poll(s->bus, &event))
+        pass_on(s, &event);
+}
+
+void sim_pass_on(sim_run *s, const cw_event *event)
+{
+    pass_on_events(s);
+    if (event)
+        pass_on(s, event);
 }
 
 static uint64_t least(uint64_t a, uint64_t b)
@@ -266,15 +285,41 @@ static uint32_t wanted_events(const sim_run *s)
     return kinds;
 }
 
-bool sim_go(sim_run *s)
+void sim_begin(sim_run *s)
 {
     cw_bus_set_events(s->bus, wanted_events(s));
+}
+
+void sim_end(sim_run *s)
+{
+    sim_progress_wipe(&s->progress);
+}
+
+bool sim_advance(sim_run *s, uint64_t tick)
+{
+    if (tick > s->until)
+        run_until(s);
+    else
+        advance(s, tick);
+    return tick <= s->until && !is_over(s);
+}
+
+void sim_change(sim_run *s, const cfg *config, cw_bus *bus)
+{
+    s->config = config;
+    s->bus = bus;
+    cw_bus_set_events(bus, wanted_events(s));
+}
+
+bool sim_go(sim_run *s)
+{
+    sim_begin(s);
     bool goes_on = run_releases(s);
     if (s->until != CW_NEVER)
         run_until(s);
     else if (goes_on)
         run_out(s);
-    sim_progress_wipe(&s->progress);
+    sim_end(s);
     if (!goes_on)
         fprintf(stderr,
                 "canwire sim: ended before the last release, after %u s of bus time without a frame "

@@ -22,8 +22,8 @@ typedef struct sim_sink {
 } sim_sink;
 
 typedef struct sim_run {
-    cfg *config; /* not owned */
-    void *memory;
+    const cfg *config; /* not owned */
+    void *memory; /* of the bus; NULL: not owned */
     cw_bus *bus;
     release_plan *plan;
     uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
@@ -39,7 +39,7 @@ typedef struct sim_run {
 
 /* Makes the bus of a configuration, at time 0; the configuration must live longer. False when
  * memory is short or the bus cannot be made. To be closed in either case. */
-bool sim_open(sim_run *s, cfg *config);
+bool sim_open(sim_run *s, const cfg *config);
 
 void sim_close(sim_run *s);
 
@@ -50,6 +50,26 @@ void sim_add_sink(sim_run *s, const sim_sink *sink);
  * after 10 s of bus time without a tx or a release, which is said on standard error. False when a
  * file that is replayed cannot be read; the run has ended there. */
 bool sim_go(sim_run *s);
+
+/* ---- A run that somebody else drives --------------------------------------------------------- */
+
+/* With a bus that is there and lives longer, and without releases. To be closed in either case. */
+bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus);
+
+/* Before and after. */
+void sim_begin(sim_run *s);
+void sim_end(sim_run *s);
+
+/* Advances to a tick, which is the end of a bit. False: the run is over. */
+bool sim_advance(sim_run *s, uint64_t tick);
+
+/* Passes on all events of the bus, and then one of another origin, if it is not NULL. */
+void sim_pass_on(sim_run *s, const cw_event *event);
+
+/* Goes on with another bus that has taken over. */
+void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
+
+/* ---- Stopping -------------------------------------------------------------------------------- */
 
 /* To be called before sim_go() when a sink may stop the run: the bus then never runs ahead of the
  * events. Costs speed. */

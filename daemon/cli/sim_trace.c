@@ -66,7 +66,7 @@ static bool is_inside(const sim_trace *self, const cw_event *event)
 static void take_event(void *user, const cw_event *event)
 {
     sim_trace *self = user;
-    if (self->no_memory || !is_inside(self, event))
+    if (self->left || self->no_memory || !is_inside(self, event))
         return;
     if (!self->begun)
         begin(self, self->run->bus);
@@ -83,6 +83,8 @@ static void take_bit(void *user, const cw_bus *bus)
     cw_status status = cw_bus_get_bit(bus, &bit);
     assert(status == CW_OK);
     (void)status;
+    if (self->left)
+        return;
     if (!self->begun)
         begin(self, bus);
     if (bit.end <= self->from || self->no_memory) /* it was to see what the window begins with */
@@ -143,8 +145,8 @@ static bool draw(const sim_trace *self, const char *program)
 
 bool sim_trace_finish(sim_trace *self, const char *program)
 {
-    if (!self->run)
-        return true;
+    if (!self->run || self->left)
+        return !self->run || self->good;
     vcd_close(self->vcd);
     self->vcd = NULL;
     bool empty = !self->begun || (self->svg && svg_count(self->svg) == 0);
@@ -153,6 +155,20 @@ bool sim_trace_finish(sim_trace *self, const char *program)
     else if (empty)
         fprintf(stderr, "%s: --from: the run ends before\n", program);
     return !self->no_memory && !empty && (!self->svg || draw(self, program));
+}
+
+void sim_trace_leave(sim_trace *self, const char *program)
+{
+    char time[TIME_TEXT_MAX];
+    if (!self->run || self->left || !self->begun)
+        return;
+    text_print_seconds(time, cw_bus_now(self->run->bus));
+    if (cw_bus_now(self->run->bus) < self->to)
+        fprintf(stderr,
+                "%s: the bus goes over to other nodes at %s s: --vcd and --svg end there\n",
+                program, time);
+    self->good = sim_trace_finish(self, program);
+    self->left = true;
 }
 
 void sim_trace_close(sim_trace *self)

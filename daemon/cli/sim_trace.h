@@ -17,6 +17,8 @@ typedef struct sim_trace {
     uint64_t to;   /* CW_NEVER: to the end of the run */
     bool begun;    /* the run has reached the window */
     bool no_memory;
+    bool left;     /* it has ended before the run */
+    bool good;     /* ... and how */
     vcd *vcd;
     svg *svg;
 } sim_trace;
@@ -32,6 +34,10 @@ bool sim_trace_start(sim_trace *self, sim_run *run, const char *program);
 /* After the run: ends the outputs, which are then to be closed. False after a message, when there
  * is nothing in the window, or too much for a picture. */
 bool sim_trace_finish(sim_trace *self, const char *program);
+
+/* The run goes over to other nodes: what has been begun ends here, with a message; what has not
+ * will show those nodes. */
+void sim_trace_leave(sim_trace *self, const char *program);
 
 /* Frees what is left, in any case. */
 void sim_trace_close(sim_trace *self);

@@ -59,9 +59,9 @@ static bool find_rule(sim_until *u, const char *name)
 {
     const cfg *config = u->run->config;
     for (size_t i = 0; i < config->rule_count; i++)
-        if (strcmp(config->rules[i].name, name) == 0)
-            u->rule = (int)i;
-    return u->rule >= 0 || fail(u->text, "there is no such rule");
+        if (config->rules[i].name && strcmp(config->rules[i].name, name) == 0)
+            u->rule = name;
+    return u->rule || fail(u->text, "there is no such rule");
 }
 
 /* What stands behind the kind: which rule, or which frames. */
@@ -105,7 +105,7 @@ static bool is_awaited(const sim_until *u, const cw_event *event)
     if (!(u->kinds >> event->kind & 1u))
         return false;
     if (event->kind == CW_EVENT_FAULT)
-        return u->rule < 0 || event->rule == u->rule;
+        return !u->rule || strcmp(u->run->config->rules[event->rule].name, u->rule) == 0;
     if (event->kind == CW_EVENT_STATE && !(u->states >> event->state & 1u))
         return false;
     if ((FRAME_KINDS >> event->kind & 1u) &&
@@ -126,7 +126,7 @@ static void look_at_event(void *user, const cw_event *event)
 bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 {
     const sim_sink sink = {.user = u, .event = look_at_event};
-    *u = (sim_until){.text = text, .run = run, .nodes = UINT64_MAX, .rule = -1};
+    *u = (sim_until){.text = text, .run = run, .nodes = UINT64_MAX};
     if (!text)
         return true;
     if (!read_event(u, text))
@@ -134,6 +134,16 @@ bool sim_until_start(sim_until *u, const char *text, sim_run *run)
     sim_may_stop(run);
     sim_add_sink(run, &sink);
     return true;
+}
+
+void sim_until_change(sim_until *u)
+{
+    sim_until again = {.text = u->text, .run = u->run, .nodes = UINT64_MAX};
+    if (!u->text || u->happened)
+        return;
+    if (!read_event(&again, u->text))
+        again.kinds = 0;
+    *u = again;
 }
 
 void sim_until_finish(const sim_until *u)

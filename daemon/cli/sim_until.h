@@ -13,7 +13,7 @@ typedef struct sim_until {
     uint64_t nodes;                         /* of any of these */
     uint32_t kinds;                         /* 1u << cw_event_kind */
     uint32_t states;                        /* CW_EVENT_STATE: 1u << cw_state */
-    int rule;                               /* CW_EVENT_FAULT: index, or -1: any */
+    const char *rule;                       /* CW_EVENT_FAULT: its name; NULL: any */
     cw_filter filters[CW_RULE_FILTERS_MAX]; /* of events with a frame */
     unsigned filter_count;
     bool happened;
@@ -22,6 +22,10 @@ typedef struct sim_until {
 /* Reads what is waited for and adds the sink that stops the run. NULL as text: nothing is done.
  * False after a message to standard error. */
 bool sim_until_start(sim_until *u, const char *text, sim_run *run);
+
+/* The run has another configuration. What is waited for is what the text says there; it does not
+ * happen when there is no such node or rule. */
+void sim_until_change(sim_until *u);
 
 /* Says on standard error when it did not happen. */
 void sim_until_finish(const sim_until *u);

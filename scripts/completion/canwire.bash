@@ -65,7 +65,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --format | --size | --files | --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit) continue ;;
+        --format | --size | --files | --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit | --journal) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -115,7 +115,7 @@ _canwire() {
         return
     fi
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    --events | --log | --pcapng | --stats | --vcd | --svg | --junit)
+    --events | --log | --pcapng | --stats | --vcd | --svg | --junit | --journal)
         _canwire_files
         return
         ;;
@@ -144,8 +144,8 @@ _canwire() {
 _canwired() {
     local current=${COMP_WORDS[COMP_CWORD]}
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    -c | --config) _canwire_files ;;
-    *) _canwire_words "-c --config --help --version" ;;
+    -c | --config | --journal) _canwire_files ;;
+    *) _canwire_words "-c --config --journal --help --version" ;;
     esac
 }
 

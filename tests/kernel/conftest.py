@@ -117,10 +117,10 @@ def can_socket():
 class Daemon:
     """A canwired, with the notification socket that systemd would give it.
 
-    crowded: there is no room in the socket until listen() is called; before: words in front of its
-    command line."""
+    crowded: there is no room in the socket until listen() is called; before, after: words around
+    its command line."""
 
-    def __init__(self, folder, text, crowded=False, before=(), **environment):
+    def __init__(self, folder, text, crowded=False, before=(), after=(), **environment):
         self.config = folder / "bus.yaml"
         self.config.write_text(text)
         self.errors = folder / "stderr"
@@ -134,7 +134,7 @@ class Daemon:
         environment = dict(os.environ, NOTIFY_SOCKET=str(folder / "notify"), **environment)
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen(
-                [*before, CANWIRED, "-c", self.config], stderr=errors, env=environment
+                [*before, CANWIRED, "-c", self.config, *after], stderr=errors, env=environment
             )
 
     def crowd(self):

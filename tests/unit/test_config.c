@@ -438,6 +438,64 @@ static void expectations_are_read(void **state)
     cfg_free(config);
 }
 
+/* The texts of all files are kept, and the configuration can be made of them alone. */
+static void files_are_kept_and_can_be_given(void **state)
+{
+    cfg *config = load_good(GOOD "profiles.yaml");
+    cfg_file renamed[8];
+    char *errors = NULL;
+    size_t length = 0;
+
+    (void)state;
+    assert_in_range(config->file_count, 2, COUNT(renamed));
+    assert_string_equal(config->files[0].name, GOOD "profiles.yaml");
+    for (size_t i = 0; i < config->file_count; i++)
+        renamed[i] = (cfg_file){.name = config->files[i].name,
+                                .text = config->files[i].text,
+                                .size = config->files[i].size};
+    assert_non_null(strstr(renamed[0].text, "profiles:"));
+    cfg *again = cfg_load_given(renamed, config->file_count, stderr);
+    assert_non_null(again);
+    assert_int_equal(again->rule_count, config->rule_count);
+    assert_int_equal(again->file_count, config->file_count);
+    FILE *out = open_memstream(&errors, &length);
+    assert_null(cfg_load_given(renamed, 1, out)); /* though the others are there */
+    fclose(out);
+    assert_non_null(strstr(errors, "this file is not among those that are given"));
+    free(errors);
+    cfg_free(again);
+    cfg_free(config);
+}
+
+static void files_of_traffic_need_not_be_there_when_files_are_given(void **state)
+{
+    static const char text[] = "bus: { bitrate: 500000 }\n"
+                               "nodes: [ { name: a, traffic: [ { replay: nowhere.log } ] } ]\n";
+    const cfg_file file = {.name = "bus.yaml", .text = text, .size = sizeof text - 1};
+
+    (void)state;
+    cfg *config = cfg_load_given(&file, 1, stderr);
+    assert_non_null(config);
+    assert_int_equal(config->nodes[0].traffic_count, 1);
+    cfg_free(config);
+}
+
+static void nodes_are_matched_by_name(void **state)
+{
+    cfg *full = load_good(GOOD "full.yaml");
+    cfg *small = load_good(GOOD "expect.yaml");
+    uint8_t from[CW_NODES_MAX];
+
+    (void)state;
+    cfg_match_nodes(from, small, full); /* engine, gearbox, dash of engine, gearbox, load */
+    assert_int_equal(from[0], 0);
+    assert_int_equal(from[1], 1);
+    for (size_t i = 2; i < CW_NODES_MAX; i++)
+        assert_int_equal(from[i], CW_NO_NODE);
+    cfg_free(full);
+    cfg_free(small);
+}
+
 /* The rule of that name. */
 static const cw_rule *rule_of(const cfg *config, const char *name)
 {
@@ -1057,6 +1115,9 @@ int main(void)
         cmocka_unit_test(rules_are_read),
         cmocka_unit_test(rule_defaults_act_always),
         cmocka_unit_test(expectations_are_read),
+        cmocka_unit_test(files_are_kept_and_can_be_given),
+        cmocka_unit_test(files_of_traffic_need_not_be_there_when_files_are_given),
+        cmocka_unit_test(nodes_are_matched_by_name),
         cmocka_unit_test(rules_wait_for_what_is_written),
         cmocka_unit_test(conditions_are_read),
         cmocka_unit_test(actions_on_bits_are_read),

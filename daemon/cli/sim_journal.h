@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_journal.h - a run of `canwire sim` that is driven by the journal of canwired.
+ */
+#ifndef CANWIRE_SIM_JOURNAL_H
+#define CANWIRE_SIM_JOURNAL_H
+
+#include "journal_play.h"
+#include "sim_judge.h"
+#include "sim_run.h"
+#include "sim_trace.h"
+#include "sim_until.h"
+
+/* Those that look on and have to know of another configuration. */
+typedef struct sim_journal {
+    journal_player *player; /* NULL: there is no journal */
+    sim_run *run;
+    sim_judge *judge;
+    sim_trace *trace;
+    sim_until *awaited;
+    FILE **pcapng;
+} sim_journal;
+
+/* Opens a journal and the run. All but the player is to be set. False after a message. */
+bool sim_journal_open(sim_journal *j, const char *file);
+
+void sim_journal_close(sim_journal *j);
+
+/* Runs to the end of the journal, or of the run. False after a message, when it cannot be
+ * understood or when this is not the run that it tells of. */
+bool sim_journal_go(sim_journal *j);
+
+#endif

@@ -1,0 +1,130 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fuzz_journal.c - files that are journals, or nearly; and the runs that come of them.
+ *
+ * Each is played twice, with every bit simulated and with short cuts: the events must be the same.
+ */
+#include "fuzz.h"
+
+#include "journal_play.h"
+#include "output.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#define BITS 20000u  /* of a run */
+#define WORK 160000u /* nodes times bits */
+
+typedef struct run {
+    journal_player *player;
+    uint64_t bits_left;
+    char *text; /* events as they are written */
+    size_t size;
+    FILE *out;
+} run;
+
+static void take(run *r, const cw_event *event)
+{
+    const cfg *config = journal_player_config(r->player);
+    REQUIRE(config->node_count == CW_NODES_MAX || event->nodes >> config->node_count == 0);
+    REQUIRE(event->kind != CW_EVENT_FAULT || event->rule < config->rule_count);
+    output_event(r->out, config, event);
+}
+
+static void drain(void *user)
+{
+    run *r = user;
+    cw_event event;
+    while (cw_bus_poll(journal_player_bus(r->player), &event))
+        take(r, &event);
+}
+
+static bool advance(void *user, uint64_t tick)
+{
+    run *r = user;
+    const cfg *config = journal_player_config(r->player);
+    cw_bus *bus = journal_player_bus(r->player);
+    uint64_t bits = (tick - cw_bus_now(bus)) / config->bit_ticks;
+    REQUIRE(tick >= cw_bus_now(bus));
+    if (bits > r->bits_left || bits * config->node_count > WORK)
+        return false;
+    r->bits_left -= bits;
+    while (cw_bus_advance(bus, tick) == CW_FULL)
+        drain(r);
+    drain(r);
+    REQUIRE(cw_bus_now(bus) == tick);
+    return true;
+}
+
+static void take_event(void *user, const cw_event *event)
+{
+    take(user, event);
+}
+
+static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+{
+    const run *r = user;
+    for (unsigned i = 0; i < next->node_count; i++)
+        REQUIRE(from[i] == CW_NO_NODE || from[i] < journal_player_config(r->player)->node_count);
+}
+
+static void go_over(void *user)
+{
+    (void)user;
+}
+
+static journal_outcome play(run *r, const char *path, bool stepping, FILE *errors)
+{
+    static const journal_calls calls = {.advance = advance,
+                                        .drain = drain,
+                                        .event = take_event,
+                                        .leaving = leave,
+                                        .changed = go_over};
+    journal_outcome outcome = JOURNAL_FAILED;
+    *r = (run){.bits_left = BITS};
+    r->out = open_memstream(&r->text, &r->size);
+    REQUIRE(r->out != NULL);
+    r->player = journal_player_open(path, &calls, r, errors);
+    if (r->player) {
+        cw_bus_set_stepping(journal_player_bus(r->player), stepping);
+        outcome = journal_play(r->player);
+    }
+    journal_player_close(r->player);
+    REQUIRE(fclose(r->out) == 0);
+    return outcome;
+}
+
+/* With its messages; nothing is wrong without one. */
+static journal_outcome play_aloud(run *r, const char *path, bool stepping)
+{
+    char *messages = NULL;
+    size_t length = 0;
+    FILE *errors = open_memstream(&messages, &length);
+    REQUIRE(errors != NULL);
+    journal_outcome outcome = play(r, path, stepping, errors);
+    REQUIRE(fclose(errors) == 0);
+    REQUIRE((outcome == JOURNAL_PLAYED || outcome == JOURNAL_STOPPED) == (length == 0));
+    REQUIRE(length == 0 || messages[length - 1] == '\n');
+    free(messages);
+    return outcome;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    char path[32];
+    run stepped;
+    run leapt;
+    int fd = memfd_create("journal", MFD_CLOEXEC);
+    REQUIRE(fd >= 0);
+    REQUIRE(write(fd, data, size) == (ssize_t)size);
+    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    journal_outcome outcome = play_aloud(&stepped, path, true);
+    REQUIRE(play_aloud(&leapt, path, false) == outcome);
+    REQUIRE(strcmp(stepped.text, leapt.text) == 0);
+    free(stepped.text);
+    free(leapt.text);
+    (void)close(fd);
+    return 0;
+}
