@@ -384,3 +384,13 @@ def test_a_full_disk_is_status_one(write):
 
 def test_help_is_status_zero():
     assert "--until" in run("--help").stdout
+
+
+def test_two_outputs_do_not_share_a_file(tmp_path):
+    scenario = tmp_path / "small.yaml"
+    scenario.write_text(SMALL)
+    out = tmp_path / "out"
+    result = run(scenario, "--log", out, "--events", out, status=2)
+    assert f"{out}: two outputs into one file" in result.stderr
+    assert not out.exists()
+    assert len(run(scenario, "--log", "-", "--events", "-").stdout.splitlines()) > 2

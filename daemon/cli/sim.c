@@ -62,7 +62,8 @@ static const char help[] =
     "a port are there but send nothing.\n"
     "\n"
     "  --journal FILE what canwired --journal has written down, once more\n"
-    "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done\n"
+    "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done,\n"
+    "                 or after 10 s of bus time without a frame or a release\n"
     "  --until-event [NODE:]EVENT\n"
     "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
     "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE\n"
@@ -262,6 +263,21 @@ static void tear_down(sim *s)
 
 /* ---- Command line ---------------------------------------------------------------------------- */
 
+/* Two outputs in one file would overwrite each other; on standard output they come in turn. The one
+ * that stands there twice, or NULL. */
+static const char *shared_output(const sim_options *o)
+{
+    const char *const outputs[] = {o->events, o->log, o->pcapng, o->stats,
+                                   o->vcd,    o->svg, o->junit};
+    const size_t count = sizeof outputs / sizeof outputs[0];
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = i + 1; k < count; k++)
+            if (outputs[i] && outputs[k] && strcmp(outputs[i], "-") != 0 &&
+                strcmp(outputs[i], outputs[k]) == 0)
+                return outputs[i];
+    return NULL;
+}
+
 /* Returns -1 to go on, else the exit status. */
 static int parse_options(sim_options *o, int argc, char **argv)
 {
@@ -339,6 +355,11 @@ static int parse_options(sim_options *o, int argc, char **argv)
     }
     if ((o->from || o->to) && !o->vcd && !o->svg) {
         fprintf(stderr, "canwire sim: --from and --to are for --vcd and --svg\n%s", usage);
+        return 2;
+    }
+    const char *shared = shared_output(o);
+    if (shared) {
+        fprintf(stderr, "canwire sim: %s: two outputs into one file\n%s", shared, usage);
         return 2;
     }
     o->file = argv[optind];
