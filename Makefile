@@ -95,7 +95,7 @@ fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seco
 # Another SEED each time; it is told, and with it the same actions come again.
 SOAK ?= 10m
 SEED ?= $(shell date +%s)
-soak: ## SOAK=10m of random scenarios (a third) and of random trouble for canwired, under ASan/UBSan
+soak: ## 10^9 bits of random scenarios, SOAK=10m of random trouble for canwired under ASan/UBSan
 	@scripts/install-deps build test
 	@scripts/venv
 	@$(MAKE) --no-print-directory $(DIFFERENTIAL)
