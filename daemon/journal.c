@@ -148,10 +148,13 @@ static json_t *bytes_to_json(const char *bytes, size_t size)
     if (text)
         return text;
     char *hex = malloc(2 * size + 1);
-    for (size_t i = 0; hex && i < size; i++)
+    if (!hex)
+        return json_null();
+    hex[0] = '\0';
+    for (size_t i = 0; i < size; i++)
         (void)sprintf(hex + 2 * i, "%02x", (unsigned)(unsigned char)bytes[i]);
     json_t *object = json_object();
-    put_text(object, "hex", size > 0 ? hex : "");
+    put_text(object, "hex", hex);
     free(hex);
     return object;
 }

@@ -210,7 +210,7 @@ static const char *read_word(journal_reader *r, const json_t *value, const char 
 
 static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 {
-    uint64_t id, flags, dlc;
+    uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are read */
     char bytes[sizeof frame->data];
     const char *data = text_of(r, "data");
     if (!value_of(r, "id") || !value_of(r, "flags") || !value_of(r, "dlc") || !data)
@@ -509,7 +509,7 @@ static bool parse_line(journal_reader *r)
 static bool read_header(journal_reader *r)
 {
     static const char none[] = "this is no journal: expected {\"canwire-journal\": ...}";
-    uint64_t version;
+    uint64_t version = 0;
     if (!next_line(r))
         return !r->over && wrong(r, NULL, "%s", none);
     if (!parse_line(r))
