@@ -14,9 +14,11 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <time.h>
 #include <unistd.h>
 
 #define BACKLOG 64
@@ -25,6 +27,7 @@
 #define TURN_MAX_S 0.002
 #define PAUSE_S 1.0        /* after accept() failed for want of resources */
 #define LOG_LINES_PER_S 10 /* about clients, who must not fill the log */
+#define FAREWELL_MS 500    /* for all clients to read what waits for them, at the end */
 
 struct server_client {
     server *server;
@@ -340,10 +343,53 @@ server *server_start(struct ev_loop *loop, const char *path, const server_calls 
     return s;
 }
 
+static int64_t monotonic_ms(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+/* The clients for whom something waits, that their socket may take. */
+static nfds_t find_writable(const server *s, struct pollfd sockets[SERVER_CLIENTS_MAX],
+                            unsigned clients[SERVER_CLIENTS_MAX])
+{
+    nfds_t count = 0;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        const server_client *c = &s->clients[i];
+        if (c->fd < 0 || c->doomed || buffer_length(&c->out) == 0)
+            continue;
+        sockets[count] = (struct pollfd){.fd = c->fd, .events = POLLOUT};
+        clients[count++] = i;
+    }
+    return count;
+}
+
+/* Whoever reads gets the last news; nobody is waited for longer than FAREWELL_MS. */
+static void write_last_news(server *s)
+{
+    struct pollfd sockets[SERVER_CLIENTS_MAX];
+    unsigned clients[SERVER_CLIENTS_MAX];
+    const int64_t end = monotonic_ms() + FAREWELL_MS;
+    nfds_t count = find_writable(s, sockets, clients);
+    while (count > 0 && monotonic_ms() < end) {
+        if (poll(sockets, count, (int)(end - monotonic_ms())) < 0 && errno != EINTR)
+            return;
+        for (nfds_t i = 0; i < count; i++) {
+            server_client *c = &s->clients[clients[i]];
+            flush(c);
+            if (!c->doomed && buffer_length(&c->out) == 0)
+                s->calls->drained(s->user, c);
+        }
+        count = find_writable(s, sockets, clients);
+    }
+}
+
 void server_stop(server *s)
 {
     if (!s)
         return;
+    write_last_news(s);
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         if (s->clients[i].fd >= 0)
             close_client(&s->clients[i]);

@@ -2,8 +2,9 @@
  *
  * control_server.h - a Unix stream socket with many clients that write lines and get lines.
  *
- * It knows nothing of what the lines say. Whatever clients do, it never waits for one of them and
- * never works on them for longer than a few milliseconds before the loop turns to the bus again.
+ * It knows nothing of what the lines say. Whatever clients do, it never waits for one of them,
+ * but for a moment at its end, and never works on them for longer than a few milliseconds before
+ * the loop turns to the bus again.
  */
 #ifndef CANWIRE_CONTROL_SERVER_H
 #define CANWIRE_CONTROL_SERVER_H
@@ -36,7 +37,8 @@ typedef struct server_calls {
  * listens at is replaced. `calls` and `user` must live longer. NULL after logging why. */
 server *server_start(struct ev_loop *loop, const char *path, const server_calls *calls, void *user);
 
-/* Disconnects all and removes the socket, if it is still ours. NULL is fine. */
+/* Disconnects all and removes the socket, if it is still ours. Clients get half a second, all
+ * together, to read what waits for them. NULL is fine. */
 void server_stop(server *s);
 
 /* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */

@@ -13,6 +13,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -679,6 +680,39 @@ static void slow_watchers_lose_events_and_are_told(void **state)
     close(fd);
 }
 
+/* Counts lines until the server hangs up. */
+static void *read_to_the_end(void *user)
+{
+    int *fd = user;
+    char bytes[4096];
+    uintptr_t lines = 0;
+    for (ssize_t count; (count = recv(*fd, bytes, sizeof bytes, 0)) > 0;)
+        for (ssize_t i = 0; i < count; i++)
+            lines += bytes[i] == '\n';
+    return (void *)lines;
+}
+
+/* The server stops while lines wait for a client that reads and for one that does not. */
+static void what_waits_at_the_end_is_still_written(void **state)
+{
+    rig *r = *state;
+    int reader = connect_client(r), sleeper = connect_client(r);
+    tell(r, reader, "{\"request\":\"watch\",\"events\":[\"tx\"]}");
+    tell(r, sleeper, "{\"request\":\"watch\",\"events\":[\"tx\"]}");
+    for (unsigned i = 0; i < 3000; i++)
+        send_frame(r);
+    assert_int_equal(fcntl(reader, F_SETFL, 0), 0);
+    pthread_t thread;
+    void *lines;
+    assert_int_equal(pthread_create(&thread, NULL, read_to_the_end, &reader), 0);
+    control_stop(r->control);
+    r->control = NULL;
+    assert_int_equal(pthread_join(thread, &lines), 0);
+    assert_int_equal((uintptr_t)lines, 3000);
+    close(reader);
+    close(sleeper);
+}
+
 /* ---- Clients that mean harm ------------------------------------------------------------------ */
 
 static void requests_may_come_in_pieces_and_in_heaps(void **state)
@@ -1022,6 +1056,7 @@ int main(void)
         CASE(watchers_see_what_they_asked_for),
         CASE(injected_rules_have_their_names_in_events),
         CASE(slow_watchers_lose_events_and_are_told),
+        CASE(what_waits_at_the_end_is_still_written),
         CASE(requests_may_come_in_pieces_and_in_heaps),
         CASE(replies_come_before_the_end),
         CASE(half_lines_hold_up_nobody),
