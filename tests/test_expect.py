@@ -5,17 +5,13 @@ Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwir
 expectation makes of events is in tests/unit/test_expect.c.
 """
 
-import os
 import re
-import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-TIMEOUT_S = 60
+from simtool import sim
 
 # 100 frames; in every tenth one gearbox sees a wrong CRC bit, and the frame is repeated.
 BUS = """
@@ -53,13 +49,6 @@ OUTCOMES = [
     ("{ load: { max: 15% } }", False),
     ("{ errors: 0, time: 10s.. }", False),  # the run is over before
 ]
-
-
-def sim(*arguments, status):
-    result = subprocess.run([CANWIRE, "sim", *map(str, arguments)], capture_output=True, text=True,
-                            timeout=TIMEOUT_S, check=False)
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
 
 
 @pytest.fixture(name="write")

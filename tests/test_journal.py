@@ -6,18 +6,13 @@ tests/unit/test_journal.c and, with canwired on real vcan, in tests/kernel/test_
 """
 
 import json
-import os
-import subprocess
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-TIMEOUT_S = 60
+from simtool import canwire, sim
+
 TICKS_PER_S = 80_000_000
-VERSION = subprocess.run([CANWIRE, "--version"], capture_output=True, text=True,
-                         check=True).stdout.split()[-1]
+VERSION = canwire("--version").stdout.split()[-1]
 
 FIRST = """
 bus: { name: night, bitrate: 500000 }
@@ -61,13 +56,6 @@ def fixture_write(tmp_path):
         return path
 
     return write
-
-
-def sim(*arguments, status=0):
-    result = subprocess.run([CANWIRE, "sim", *map(str, arguments)], capture_output=True, text=True,
-                            timeout=TIMEOUT_S, check=False)
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
 
 
 def play(path, *arguments, status=0):

@@ -6,13 +6,8 @@ build/release/canwire.
 """
 
 import json
-import os
-import subprocess
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-TIMEOUT_S = 60
+from simtool import run, sim
 
 BUS = """bus: { bitrate: 500000 }
 nodes:
@@ -38,16 +33,14 @@ FIELDS = ["frame.time_epoch", "frame.interface_name", "frame.p2p_dir", "can.id",
 
 def tshark(capture, *fields):
     options = [word for field in fields for word in ("-e", field)]
-    result = subprocess.run(["tshark", "-r", capture, "-t", "e", "-T", "fields", *options],
-                            capture_output=True, text=True, timeout=TIMEOUT_S, check=True)
+    result = run("tshark", "-r", capture, "-t", "e", "-T", "fields", *options)
     return [dict(zip(fields, line.split("\t"))) for line in result.stdout.splitlines()]
 
 
 def simulate(tmp_path, text=BUS):
     (tmp_path / "bus.yaml").write_text(text)
-    subprocess.run([CANWIRE, "sim", "bus.yaml", "--until", "60ms", "--pcapng", "bus.pcapng",
-                    "--events", "events", "--log", "log"],
-                   cwd=tmp_path, timeout=TIMEOUT_S, check=True)
+    sim("bus.yaml", "--until", "60ms", "--pcapng", "bus.pcapng", "--events", "events", "--log", "log",
+        cwd=tmp_path)
     return [json.loads(line) for line in (tmp_path / "events").read_text().splitlines()]
 
 
@@ -93,8 +86,7 @@ def test_error_frames_are_those_of_the_events_and_inbound(tmp_path):
 
 def test_nothing_in_it_is_malformed(tmp_path):
     simulate(tmp_path)
-    text = subprocess.run(["tshark", "-r", tmp_path / "bus.pcapng", "-V"], capture_output=True,
-                          text=True, timeout=TIMEOUT_S, check=True).stdout
+    text = run("tshark", "-r", tmp_path / "bus.pcapng", "-V").stdout
     assert "Malformed" not in text
     assert "Controller Area Network" in text
 
@@ -104,8 +96,7 @@ def test_the_capture_can_be_replayed(tmp_path):
     (tmp_path / "again.yaml").write_text(
         "bus: { bitrate: 500000 }\nnodes:\n"
         "  - { name: a, traffic: [ { replay: bus.pcapng } ] }\n  - name: b\n")
-    text = subprocess.run([CANWIRE, "sim", "again.yaml", "--events", "-"], cwd=tmp_path,
-                          capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
+    text = sim("again.yaml", "--events", "-", cwd=tmp_path).stdout
     again = [json.loads(line) for line in text.splitlines()]
     assert [e["frame"] for e in again if e["event"] == "tx"] == [
         e["frame"] for e in events if e["event"] == "tx"]

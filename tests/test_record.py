@@ -6,7 +6,6 @@ full disk and load are in tests/kernel/test_record.py. CANWIRE and CANWIRED are 
 """
 
 import json
-import os
 import re
 import signal
 import socket
@@ -17,9 +16,8 @@ from pathlib import Path
 import can
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-CANWIRED = str(Path(CANWIRE).with_name("canwired"))
+from simtool import CANWIRE, CANWIRED
+
 PATIENCE_S = 30
 
 BUS = """bus: {{ name: rec, bitrate: 500000 }}

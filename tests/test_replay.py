@@ -14,42 +14,17 @@ import select
 import shutil
 import subprocess
 import threading
-from pathlib import Path
 
 import can
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
+from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, events, sim
+
 TRACES = ROOT / "tests/traces"
-TIMEOUT_S = 120
 
 BIT_NS = 2000  # 500 kbit/s
 JOIN = 11  # bits before the first SOF
 INTERMISSION = 3
-
-
-def run(*arguments, status=0):
-    result = subprocess.run(
-        [CANWIRE, "sim", *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT_S,
-        check=False,
-    )
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
-
-
-def events(*arguments):
-    return [json.loads(line) for line in run(*arguments, "--events", "-").stdout.splitlines()]
-
-
-@pytest.fixture(name="write")
-def fixture_write(tmp_path):
-    def write(text, name="bus.yaml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return path
-
-    return write
 
 
 def bus(*entries, more=""):
@@ -61,9 +36,7 @@ def bus(*entries, more=""):
 
 def wire_bits(frame):
     """SOF to EOF."""
-    result = subprocess.run([CANWIRE, "bits", "--raw", frame], capture_output=True, text=True,
-                            timeout=TIMEOUT_S, check=True)
-    return len(result.stdout.strip())
+    return len(canwire("bits", "--raw", frame).stdout.strip())
 
 
 def ns(seconds):
@@ -75,7 +48,7 @@ def ns(seconds):
 def transmissions(path, *arguments):
     """(start of SOF in ns, frame) of all that was sent."""
     found = []
-    for line in run(path, *arguments, "--events", "-").stdout.splitlines():
+    for line in sim(path, *arguments, "--events", "-").stdout.splitlines():
         if '"event":"tx"' in line:
             time = re.match(r'{"t":([0-9.]+)', line)[1]
             frame = json.loads(line)["frame"]
@@ -198,7 +171,7 @@ def test_recordings_are_replayed_at_their_times(name, write, tmp_path):
     recording = tmp_path / name.split()[0]
     MAKERS[name](recording)
     path = write(bus(f"replay: {recording.name}, offset: 10ms"))
-    result = run(path, "--events", "-")
+    result = sim(path, "--events", "-")
     # python-can's loses the length of remote frames in logs
     expected = [(t, "123#R" if "R" in f and "log of" in name else f) for t, f in FRAMES]
     got = transmissions(path)
@@ -247,7 +220,7 @@ def test_filters_and_interfaces_choose_but_times_stay(write):
 
 def test_what_is_left_out_is_told_once_for_a_file(write):
     log = f"{TRACES}/candump/log.log"
-    result = run(write(bus(f"replay: {log}, only: 123", f"replay: {log}, only: 7FF")))
+    result = sim(write(bus(f"replay: {log}, only: 123", f"replay: {log}, only: 7FF")))
     assert result.stderr.count("left out") == 1
 
 
@@ -262,7 +235,7 @@ def test_a_recording_is_repeated(write, tmp_path):
 def test_a_loop_needs_an_end(write, tmp_path):
     (tmp_path / "r.log").write_text("(5.0) a 123#\n")
     path = write(bus("replay: r.log, loop: on"))
-    assert "never ends" in run(path, status=1).stderr
+    assert "never ends" in sim(path, status=1).stderr
     assert len(transmissions(path, "--until", "10.5ms")) == 11
 
 
@@ -280,7 +253,7 @@ def test_max_speed_leaves_no_gap_and_keeps_the_order(write, tmp_path):
     assert got[0][0] == JOIN * BIT_NS
     for (start, frame), (following, _) in itertools.pairwise(got):
         assert following == start + (wire_bits(frame) + INTERMISSION) * BIT_NS
-    assert run(path, "--events", "-").stdout == run(path, "--events", "-", "--step").stdout
+    assert sim(path, "--events", "-").stdout == sim(path, "--events", "-", "--step").stdout
 
 
 def test_max_speed_is_the_same_bit_by_bit(write, tmp_path):
@@ -295,10 +268,10 @@ def test_max_speed_is_the_same_bit_by_bit(write, tmp_path):
                                                                "name: a")
     for text, until in ((same, "3s"), (alone, "100ms"), (shot, "3s")):
         path = write(text)
-        plain = run(path, "--until", until, "--events", "-").stdout
+        plain = sim(path, "--until", until, "--events", "-").stdout
         assert plain.count('"event":"tx"') > 100 or text is alone
-        assert run(path, "--until", until, "--events", "-", "--step").stdout == plain
-        trace = run(path, "--until", until, "--events", "-", "--vcd", tmp_path / "vcd").stdout
+        assert sim(path, "--until", until, "--events", "-", "--step").stdout == plain
+        trace = sim(path, "--until", until, "--events", "-", "--vcd", tmp_path / "vcd").stdout
         assert trace == plain
 
 
@@ -330,7 +303,7 @@ def test_max_speed_waits_while_the_node_is_bus_off(write, tmp_path):
 def test_max_speed_waits_no_longer_than_the_quiet_time(write, tmp_path):
     (tmp_path / "fast.log").write_text(FAST)
     faults = "faults:\n  - { name: off, when: { frame: 6FF, count: 1 }, do: { bus-off: a } }\n"
-    result = run(write(bus("replay: fast.log, speed: max", more=faults)), "--stats", "-")
+    result = sim(write(bus("replay: fast.log, speed: max", more=faults)), "--stats", "-")
     assert "ended before the last release" in result.stderr
     assert json.loads(result.stdout)["bus"]["time_ns"] // 10**9 == 10
 
@@ -372,7 +345,7 @@ def test_replies_answer_remote_frames_and_what_they_are_told_to(write):
 
 
 def test_replies_are_no_rules(write):
-    report = json.loads(run(write(REPLY), "--stats", "-").stdout)
+    report = json.loads(sim(write(REPLY), "--stats", "-").stdout)
     assert report["rules"] == [] and report["bus"]["faults"] == 0
 
 
@@ -382,35 +355,33 @@ def test_replies_are_no_rules(write):
 def test_a_bad_line_ends_the_run_with_its_place(write, tmp_path):
     (tmp_path / "bad.log").write_text("(1.0) a 123#\n(1.1) a 124#\n(1.2) a 125#Z\n")
     path = write(bus("replay: bad.log"))
-    result = run(path, "--log", "-", status=1)
+    result = sim(path, "--log", "-", status=1)
     assert [line.split()[2] for line in result.stdout.splitlines()] == ["123#"]
     assert f"{tmp_path}/bad.log:3:9: '125#Z'" in result.stderr
-    check = subprocess.run([CANWIRE, "check", path], capture_output=True, text=True,
-                           timeout=TIMEOUT_S, check=False)
-    assert check.returncode == 1 and f"{tmp_path}/bad.log:3:9: '125#Z'" in check.stderr
+    check = canwire("check", path, status=1)
+    assert f"{tmp_path}/bad.log:3:9: '125#Z'" in check.stderr
 
 
 def test_check_says_what_would_be_replayed(write):
     path = write(bus(f"replay: {TRACES}/candump/log.log, only: 123"))
-    check = subprocess.run([CANWIRE, "check", path], capture_output=True, text=True,
-                           timeout=TIMEOUT_S, check=True)
+    check = canwire("check", path)
     assert "log.log: 1 frame to replay" in check.stdout and "1 error frame (line 6)" in check.stdout
 
 
 def test_silence_in_a_recording_ends_a_run_without_until(write, tmp_path):
     (tmp_path / "long.log").write_text("(1.0) a 123#\n(9.0) a 124#\n(19.5) a 125#\n")
     path = write(bus("replay: long.log"))
-    result = run(path, "--log", "-")
+    result = sim(path, "--log", "-")
     assert [line.split()[2] for line in result.stdout.splitlines()] == ["123#", "124#"]
     assert "after 10 s of bus time without a frame" in result.stderr
-    result = run(path, "--log", "-", "--until", "20s")
+    result = sim(path, "--log", "-", "--until", "20s")
     assert len(result.stdout.splitlines()) == 3 and result.stderr == ""
 
 
 def test_steps_back_in_time_are_told(write, tmp_path):
     (tmp_path / "back.log").write_text("(1.0) a 123#\n(0.5) a 124#\n(1.1) a 125#\n")
     path = write(bus("replay: back.log"))
-    result = run(path, "--log", "-")
+    result = sim(path, "--log", "-")
     assert len(result.stdout.splitlines()) == 3
     assert "1 entry that steps back in time (line 2), sent at once" in result.stderr
 
@@ -447,8 +418,8 @@ AWAITED = [  # what is awaited, the event that the run ends with
 @pytest.mark.parametrize("text, expected", AWAITED, ids=[a[0] for a in AWAITED])
 def test_a_run_ends_with_an_event(text, expected, write):
     path = write(UNTIL)
-    until = run(path, "--until", "100ms", "--events", "-").stdout.splitlines()
-    got = run(path, "--until-event", text, "--events", "-").stdout.splitlines()
+    until = sim(path, "--until", "100ms", "--events", "-").stdout.splitlines()
+    got = sim(path, "--until-event", text, "--events", "-").stdout.splitlines()
     assert until[:len(got)] == got
     last = json.loads(got[-1])["t"]
     def is_awaited(line):
@@ -461,7 +432,7 @@ def test_a_run_ends_with_an_event(text, expected, write):
 
 
 def test_until_is_the_latest_end(write):
-    result = run(write(UNTIL), "--until", "3ms", "--until-event", "bus-off", "--stats", "-")
+    result = sim(write(UNTIL), "--until", "3ms", "--until-event", "bus-off", "--stats", "-")
     assert json.loads(result.stdout)["bus"]["time_ns"] == 3_000_000
     assert "--until-event bus-off: it did not happen" in result.stderr
 
@@ -472,7 +443,7 @@ def test_until_is_the_latest_end(write):
     ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"), ("", "expected [NODE:]EVENT"),
 ])
 def test_wrong_events_are_refused(text, message, write):
-    assert message in run(write(UNTIL), "--until-event", text, status=1).stderr
+    assert message in sim(write(UNTIL), "--until-event", text, status=1).stderr
 
 
 # ---- Progress ------------------------------------------------------------------------------------

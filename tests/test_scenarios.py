@@ -8,17 +8,13 @@ by default build/release/canwire.
 """
 
 import difflib
-import json
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
+from simtool import ROOT, events, sim, stats
+
 SCENARIOS = sorted((ROOT / "tests/scenarios").glob("*.yaml"))
-TIMEOUT_S = 60
 
 BIT_NS = 2000  # all scenarios and tests here run at 500 kbit/s
 TX_BIT = 89  # end of EOF of 123#DEADBEEF when it starts first: 11 + 78 wire bits
@@ -48,35 +44,8 @@ faults:
 ENDLESS = SMALL.replace("DEADBEEF", "DEADBEEF, every: 1ms")
 
 
-def run(*arguments, status=0):
-    result = subprocess.run(
-        [CANWIRE, "sim", *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT_S,
-        check=False,
-    )
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
-
-
-def events(*arguments):
-    return [json.loads(line) for line in run(*arguments, "--events", "-").stdout.splitlines()]
-
-
-def stats(*arguments):
-    return json.loads(run(*arguments, "--stats", "-").stdout)
-
-
 def node_stats(report, name):
     return next(node for node in report["nodes"] if node["name"] == name)
-
-
-@pytest.fixture(name="write")
-def fixture_write(tmp_path):
-    def write(text, name="bus.yaml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return path
-
-    return write
 
 
 # ---- Scenarios -----------------------------------------------------------------------------------
@@ -92,7 +61,7 @@ def arguments_of(path):
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_scenario(path):
     expected = path.with_suffix(".events").read_text().splitlines()
-    got = run(path, *arguments_of(path), "--events", "-").stdout.splitlines()
+    got = sim(path, *arguments_of(path), "--events", "-").stdout.splitlines()
     difference = list(difflib.unified_diff(expected, got, "expected", "canwire sim", lineterm=""))
     assert not difference, "\n" + "\n".join(difference[:60])
 
@@ -188,7 +157,7 @@ def test_until_goes_on_after_the_traffic(write):
 
 def test_endless_traffic_needs_until(write):
     path = write(ENDLESS)
-    result = run(path, "--events", "-", status=1)
+    result = sim(path, "--events", "-", status=1)
     assert "--until" in result.stderr and str(path) in result.stderr
     assert result.stdout == ""
     assert len(events(path, "--until", "10ms")) == 2 * 10
@@ -252,7 +221,7 @@ def test_seed_decides_the_draws_and_repeats_them(write):
 
 def test_the_whole_output_repeats(write):
     path = write(RANDOM)
-    once, again = (run(path, "--events", "-", "--log", "-", "--stats", "-").stdout for _ in "ab")
+    once, again = (sim(path, "--events", "-", "--log", "-", "--stats", "-").stdout for _ in "ab")
     assert once == again
 
 
@@ -264,7 +233,7 @@ def test_log_is_that_of_candump(write):
       { send: 123#DEADBEEF }, { send: 12345678#, offset: 1ms }, { send: 7FF#R4, offset: 2ms },
       { send: 0#R, offset: 3ms }, { send: 001#1122334455667788_F, offset: 1234567us }""".replace(
         "0#R", "000#R"))
-    lines = run(write(text), "--log", "-").stdout.splitlines()
+    lines = sim(write(text), "--log", "-").stdout.splitlines()
     assert lines[0] == "(0000000000.000178) a 123#DEADBEEF"
     assert [line.split()[2] for line in lines] == [
         "123#DEADBEEF", "12345678#", "7FF#R4", "000#R", "001#1122334455667788_F"]
@@ -275,11 +244,11 @@ def test_log_names_the_port_of_a_node(write):
     # a node with a port has no traffic of its own; in sim it is there and acknowledges
     text = SMALL.replace("- name: b", "- { name: b, port: vcan7 }")
     assert [e["node"] for e in events(write(text))] == ["b", "a"]
-    assert run(write(text), "--log", "-").stdout.split()[1] == "a"
+    assert sim(write(text), "--log", "-").stdout.split()[1] == "a"
 
 
 def test_times_are_nanoseconds_with_nine_decimals(write):
-    lines = run(write(SMALL), "--events", "-").stdout.splitlines()
+    lines = sim(write(SMALL), "--events", "-").stdout.splitlines()
     assert lines == [
         '{"t":0.000176000,"node":"b","event":"rx","frame":"123#DEADBEEF"}',
         '{"t":0.000178000,"node":"a","event":"tx","frame":"123#DEADBEEF"}',
@@ -290,27 +259,27 @@ def test_times_are_truncated(write):
     # a frame handed in a tick late is dropped at 12.5 ns: told as 12
     text = SMALL.replace("- name: a", "- name: a\n    listen-only: on").replace(
         "DEADBEEF", "DEADBEEF, offset: 13ns")
-    lines = run(write(text), "--events", "-").stdout.splitlines()
+    lines = sim(write(text), "--events", "-").stdout.splitlines()
     assert lines[0].startswith('{"t":0.000000025,"node":"a","event":"drop"')
 
 
 def test_outputs_go_to_files(write, tmp_path):
     path = write(SMALL)
     names = {what: tmp_path / what for what in ("events", "log", "stats")}
-    result = run(path, *[word for what, name in names.items() for word in (f"--{what}", name)])
+    result = sim(path, *[word for what, name in names.items() for word in (f"--{what}", name)])
     assert result.stdout == "" and result.stderr == ""
     for what, name in names.items():
-        assert name.read_text() == run(path, f"--{what}", "-").stdout
+        assert name.read_text() == sim(path, f"--{what}", "-").stdout
 
 
 def test_one_to_a_file_and_one_to_the_terminal(write, tmp_path):
-    result = run(write(SMALL), "--events", tmp_path / "e", "--log", "-")
+    result = sim(write(SMALL), "--events", tmp_path / "e", "--log", "-")
     assert result.stdout == "(0000000000.000178) a 123#DEADBEEF\n"
     assert len((tmp_path / "e").read_text().splitlines()) == 2
 
 
 def test_a_summary_when_nothing_else_is_wanted(write):
-    out = run(write(SMALL)).stdout
+    out = sim(write(SMALL)).stdout
     assert "small" in out and "1 frames" in out
     assert [line.split()[0] for line in out.splitlines()[-2:]] == ["a", "b"]
 
@@ -349,7 +318,7 @@ def test_statistics_have_bus_nodes_and_rules(write):
     "arguments", [[], ["a.yaml", "b.yaml"], ["--nonsense", "a.yaml"], ["a.yaml", "--until"]]
 )
 def test_wrong_usage_is_status_two(arguments):
-    assert "usage: canwire sim" in run(*arguments, status=2).stderr
+    assert "usage: canwire sim" in sim(*arguments, status=2).stderr
 
 
 @pytest.mark.parametrize(
@@ -358,39 +327,39 @@ def test_wrong_usage_is_status_two(arguments):
      ("--seed", "18446744073709551616"), ("--seed", "")],
 )
 def test_a_bad_value_is_status_one(write, option, value):
-    assert f"{option} {value}" in run(write(SMALL), option, value, status=1).stderr
+    assert f"{option} {value}" in sim(write(SMALL), option, value, status=1).stderr
 
 
 def test_a_bad_configuration_is_status_one_and_says_where(write):
     path = write(SMALL.replace("bitrate", "bitrat"))
-    result = run(path, "--events", "-", status=1)
+    result = sim(path, "--events", "-", status=1)
     assert f"{path}:2:" in result.stderr and "bitrat" in result.stderr
     assert result.stdout == ""
 
 
 def test_a_missing_file_is_status_one(tmp_path):
-    assert "no.yaml" in run(tmp_path / "no.yaml", status=1).stderr
+    assert "no.yaml" in sim(tmp_path / "no.yaml", status=1).stderr
 
 
 def test_an_output_that_cannot_be_opened_is_status_one(write, tmp_path):
-    assert "nowhere" in run(write(SMALL), "--log", tmp_path / "nowhere/log", status=1).stderr
+    assert "nowhere" in sim(write(SMALL), "--log", tmp_path / "nowhere/log", status=1).stderr
 
 
 def test_a_full_disk_is_status_one(write):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
-    assert "/dev/full" in run(write(SMALL), "--events", "/dev/full", status=1).stderr
+    assert "/dev/full" in sim(write(SMALL), "--events", "/dev/full", status=1).stderr
 
 
 def test_help_is_status_zero():
-    assert "--until" in run("--help").stdout
+    assert "--until" in sim("--help").stdout
 
 
 def test_two_outputs_do_not_share_a_file(tmp_path):
     scenario = tmp_path / "small.yaml"
     scenario.write_text(SMALL)
     out = tmp_path / "out"
-    result = run(scenario, "--log", out, "--events", out, status=2)
+    result = sim(scenario, "--log", out, "--events", out, status=2)
     assert f"{out}: two outputs into one file" in result.stderr
     assert not out.exists()
-    assert len(run(scenario, "--log", "-", "--events", "-").stdout.splitlines()) > 2
+    assert len(sim(scenario, "--log", "-", "--events", "-").stdout.splitlines()) > 2

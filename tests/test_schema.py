@@ -13,7 +13,6 @@ is written, numbers included, and `on` is no boolean as it was in YAML 1.1.
 
 import json
 import os
-import pathlib
 import random
 import re
 import subprocess
@@ -22,14 +21,13 @@ import jsonschema
 import pytest
 import yaml
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-CANWIRE = os.environ.get("CANWIRE", str(ROOT / "build/release/canwire"))
+from simtool import CANWIRE, ROOT, TIMEOUT_S
+
 CONFIG = ROOT / "tests/config"
 GOOD = sorted([*CONFIG.glob("good/*.yaml"), *CONFIG.glob("profiles/[nt]*.yaml"),
                *ROOT.glob("config/profiles/*.yaml"), *ROOT.glob("config/*.yaml")])
 BAD = sorted(CONFIG.glob("bad/*.yaml"))
 SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())
-TIMEOUT_S = 60
 MUTANTS_MAX = 250  # of one file; drawn with a fixed seed
 DEPTH_MAX = 40
 

@@ -4,17 +4,14 @@
 Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire.
 """
 
-import os
 import re
-import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-TIMEOUT_S = 60
+from simtool import ROOT, canwire, raw, sim
+
 SVG = "{http://www.w3.org/2000/svg}"
 PICTURE = ROOT / "config/picture/one-bad-bit"
 
@@ -29,23 +26,6 @@ nodes:
 
 def small(frame="123#DEADBEEF", more=""):
     return SMALL.replace("FRAME", frame) + more
-
-
-def run(*arguments, status=0):
-    result = subprocess.run([CANWIRE, *map(str, arguments)], capture_output=True, text=True,
-                            timeout=TIMEOUT_S, check=False)
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
-
-
-@pytest.fixture(name="write")
-def fixture_write(tmp_path):
-    def write(text, name="bus.yaml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return path
-
-    return write
 
 
 class Picture:
@@ -81,7 +61,7 @@ class Picture:
 
 
 def picture(path, *arguments):
-    return Picture(run("sim", path, "--svg", "-", *arguments).stdout)
+    return Picture(sim(path, "--svg", "-", *arguments).stdout)
 
 
 def levels(path_data, width):
@@ -97,12 +77,6 @@ def levels(path_data, width):
             bits += ("1" if y == min(ends) else "0") * ((int(first) - x) // width)
             x = int(first)
     return bits
-
-
-def raw(frame):
-    """What `canwire bits` says, with the ACK that another node gives."""
-    bits = run("bits", frame, "--raw").stdout.strip()
-    return bits[:-9] + "0" + bits[-8:]
 
 
 # ---- Frames --------------------------------------------------------------------------------------
@@ -125,7 +99,7 @@ def test_fields_of_a_frame(write, frame, fields, labels):
     assert list(dict.fromkeys(shown.fields("a"))) == list(dict.fromkeys(fields))
     assert len(shown.fields("a")) == len(fields) + len(shown.rows) - 1
     assert shown.fields("b") == [f.replace("srr", "rtr") for f in shown.fields("a")]
-    crc = re.search(r"crc +([0-9A-F]{4})", run("bits", frame).stdout).group(1)
+    crc = re.search(r"crc +([0-9A-F]{4})", canwire("bits", frame).stdout).group(1)
     for node in "ab":
         valued = [t for t in shown.texts("label", node) if " " in t]
         assert list(dict.fromkeys(valued)) == [*labels, f"crc {crc}"]
@@ -134,7 +108,7 @@ def test_fields_of_a_frame(write, frame, fields, labels):
 @pytest.mark.parametrize("frame", ["000#", "7FF#FFFFFFFF", "123#DEADBEEF", "100#F8F8F8F83C",
                                    "1FFFFFFF#R"])
 def test_stuff_bits_are_marked(write, frame):
-    wanted = int(re.search(r"(\d+) of them stuff", run("bits", frame).stdout).group(1))
+    wanted = int(re.search(r"(\d+) of them stuff", canwire("bits", frame).stdout).group(1))
     shown = picture(write(small(frame)))
     assert [shown.count("stuff", node) for node in "ab"] == [wanted, wanted]
 
@@ -173,7 +147,7 @@ def test_arbitration_splits_the_identifier(write):
 
 def test_the_picture_in_the_readme_is_what_the_tool_draws():
     assert "](config/picture/one-bad-bit.svg)" in (ROOT / "README.md").read_text()
-    drawn = run("sim", PICTURE.with_suffix(".yaml"), "--svg", "-", "--from", "120us", "--to", "200us")
+    drawn = sim(PICTURE.with_suffix(".yaml"), "--svg", "-", "--from", "120us", "--to", "200us")
     assert drawn.stdout == PICTURE.with_suffix(".svg").read_text(), "make picture draws it again"
 
 
@@ -260,7 +234,7 @@ def test_long_names_are_cut(write):
 
 @pytest.mark.parametrize("bits, rows", [(1, 1), (2, 1), (79, 1), (80, 1), (81, 2), (161, 3), (2000, 25)])
 def test_rows(write, bits, rows):
-    text = run("sim", write(small()), "--svg", "-", "--until", "10ms", "--to", f"{2 * bits}us").stdout
+    text = sim(write(small()), "--svg", "-", "--until", "10ms", "--to", f"{2 * bits}us").stdout
     shown = Picture(text)
     assert len(shown.rows) == rows
     width = int(shown.root.get("width"))
@@ -273,7 +247,7 @@ def test_rows(write, bits, rows):
 @pytest.mark.parametrize("window", [["--until", "10ms"], ["--to", "4002us"],
                                     ["--from", "1us", "--to", "4001us"]])
 def test_too_many_bits_are_status_one(write, window):
-    result = run("sim", write(small()), "--svg", "-", "--until", "10ms", *window, status=1)
+    result = sim(write(small()), "--svg", "-", "--until", "10ms", *window, status=1)
     assert "2000" in result.stderr and "--from" in result.stderr
     assert result.stdout == ""
 
@@ -281,18 +255,18 @@ def test_too_many_bits_are_status_one(write, window):
 @pytest.mark.parametrize("window", [["--from", "3us", "--to", "2us"], ["--from", "soon"],
                                     ["--from", "1s"], ["--to", "0s"]])
 def test_a_bad_window_is_status_one(write, window):
-    result = run("sim", write(small()), "--svg", "-", *window, status=1)
+    result = sim(write(small()), "--svg", "-", *window, status=1)
     assert window[0] in result.stderr and result.stdout == ""
 
 
 def test_the_picture_repeats_and_goes_to_a_file(write, tmp_path):
     path = write(small())
-    assert run("sim", path, "--svg", tmp_path / "f.svg").stdout == ""
-    assert (tmp_path / "f.svg").read_text() == run("sim", path, "--svg", "-").stdout
+    assert sim(path, "--svg", tmp_path / "f.svg").stdout == ""
+    assert (tmp_path / "f.svg").read_text() == sim(path, "--svg", "-").stdout
 
 
 def test_an_output_that_cannot_be_written_is_status_one(write, tmp_path):
-    assert "nowhere" in run("sim", write(small()), "--svg", tmp_path / "nowhere/f", status=1).stderr
+    assert "nowhere" in sim(write(small()), "--svg", tmp_path / "nowhere/f", status=1).stderr
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
-    assert "/dev/full" in run("sim", write(small()), "--svg", "/dev/full", status=1).stderr
+    assert "/dev/full" in sim(write(small()), "--svg", "/dev/full", status=1).stderr

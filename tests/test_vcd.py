@@ -5,7 +5,6 @@ Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwir
 """
 
 import bisect
-import os
 import re
 import shutil
 import subprocess
@@ -13,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
-TIMEOUT_S = 60
+from simtool import TIMEOUT_S, canwire, raw, sim
+
 UNITS = 20  # of the dump in a bit at 500 kbit/s: 100 ns
 JOIN = 11  # the first SOF
 
@@ -49,13 +47,6 @@ def several(frames, bitrate=500000):
     sends = "".join(f"      - {{ send: {f}, offset: {i}ms }}\n" for i, f in enumerate(frames))
     return (f"bus: {{ name: several, bitrate: {bitrate} }}\nnodes:\n  - name: a\n"
             f"    traffic:\n{sends}  - name: b\n")
-
-
-def run(*arguments, status=0):
-    result = subprocess.run([CANWIRE, *map(str, arguments)], capture_output=True, text=True,
-                            timeout=TIMEOUT_S, check=False)
-    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
-    return result
 
 
 class Vcd:
@@ -108,28 +99,12 @@ class Vcd:
         return "".join(str(self.at(name, (first + i) * units + units // 2)) for i in range(count))
 
 
-@pytest.fixture(name="write")
-def fixture_write(tmp_path):
-    def write(text, name="bus.yaml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return path
-
-    return write
-
-
 def dump(path, *arguments):
-    return Vcd(run("sim", path, "--vcd", "-", *arguments).stdout)
-
-
-def raw(frame):
-    """What `canwire bits` says, with the ACK that another node gives."""
-    bits = run("bits", frame, "--raw").stdout.strip()
-    return bits[:-9] + "0" + bits[-8:]
+    return Vcd(sim(path, "--vcd", "-", *arguments).stdout)
 
 
 def stuff_bits(frame):
-    return int(re.search(r"(\d+) of them stuff", run("bits", frame).stdout).group(1))
+    return int(re.search(r"(\d+) of them stuff", canwire("bits", frame).stdout).group(1))
 
 
 # ---- What it says --------------------------------------------------------------------------------
@@ -228,7 +203,7 @@ def test_a_bit_is_a_whole_number_of_units(write, bitrate, scale, units):
 
 def test_idle_time_costs_nothing(write):
     path = write(several(["555#55"]))
-    short, long = (run("sim", path, "--vcd", "-", "--until", t).stdout for t in ("1ms", "1001ms"))
+    short, long = (sim(path, "--vcd", "-", "--until", t).stdout for t in ("1ms", "1001ms"))
     assert short.splitlines()[:-1] == long.splitlines()[:-1]
     assert (short.splitlines()[-1], long.splitlines()[-1]) == ("#10000", "#10010000")
 
@@ -250,38 +225,38 @@ def test_a_window_is_that_part_of_the_whole(write, begin, end):
 
 def test_the_window_does_not_change_the_run(write):
     path = write(several(FRAMES))
-    plain = run("sim", path, "--events", "-", "--stats", "-").stdout
-    windowed = run("sim", path, "--events", "-", "--stats", "-", "--vcd", "/dev/null", "--from",
+    plain = sim(path, "--events", "-", "--stats", "-").stdout
+    windowed = sim(path, "--events", "-", "--stats", "-", "--vcd", "/dev/null", "--from",
                    "1ms", "--to", "1100us").stdout
     assert windowed == plain
 
 
 def test_the_dump_repeats(write):
     path = write(ONE_BAD_BIT)
-    assert len({run("sim", path, "--vcd", "-").stdout for _ in range(2)}) == 1
+    assert len({sim(path, "--vcd", "-").stdout for _ in range(2)}) == 1
 
 
 @pytest.mark.parametrize("window", [("--from", "2us", "--to", "2us"), ("--from", "3us", "--to", "2us"),
                                     ("--from", "soon"), ("--to", "5"), ("--to", "0s")])
 def test_a_bad_window_is_status_one(write, window):
-    assert window[0] in run("sim", write(ARBITRATION), "--vcd", "-", *window, status=1).stderr
+    assert window[0] in sim(write(ARBITRATION), "--vcd", "-", *window, status=1).stderr
 
 
 def test_a_window_behind_the_end_is_status_one(write):
-    result = run("sim", write(ARBITRATION), "--vcd", "-", "--from", "1s", status=1)
+    result = sim(write(ARBITRATION), "--vcd", "-", "--from", "1s", status=1)
     assert "--from" in result.stderr and result.stdout == ""
 
 
 def test_a_window_of_nothing_is_status_two(write):
-    assert "usage:" in run("sim", write(ARBITRATION), "--from", "1us", status=2).stderr
+    assert "usage:" in sim(write(ARBITRATION), "--from", "1us", status=2).stderr
 
 
 def test_an_output_that_cannot_be_written_is_status_one(write, tmp_path):
     path = write(ARBITRATION)
-    assert "nowhere" in run("sim", path, "--vcd", tmp_path / "nowhere/f", status=1).stderr
+    assert "nowhere" in sim(path, "--vcd", tmp_path / "nowhere/f", status=1).stderr
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
-    assert "/dev/full" in run("sim", path, "--vcd", "/dev/full", status=1).stderr
+    assert "/dev/full" in sim(path, "--vcd", "/dev/full", status=1).stderr
 
 
 # ---- Other programs ------------------------------------------------------------------------------
@@ -321,7 +296,7 @@ def test_sigrok_decodes_the_wire(write, tmp_path):
     # its decoder takes the CRC for data when the DLC is over 8, or not 0 in a remote frame
     frames_sent = [frame.replace("#R4", "#R").replace("_F", "") for frame in FRAMES]
     for bitrate in (500000, 1000000, 83333):
-        run("sim", write(several(frames_sent, bitrate)), "--vcd", tmp_path / "f.vcd")
+        sim(write(several(frames_sent, bitrate)), "--vcd", tmp_path / "f.vcd")
         for line in ("wire", "b.sampled"):
             frames = decoded(tmp_path / "f.vcd", line, bitrate)
             assert len(frames) == len(frames_sent)
@@ -329,14 +304,14 @@ def test_sigrok_decodes_the_wire(write, tmp_path):
                 identifier, data = frame.split("#")
                 remote = data.startswith("R")
                 payload = [] if remote else list(bytes.fromhex(data))
-                crc = int(re.search(r"crc +([0-9A-F]{4})", run("bits", frame).stdout).group(1), 16)
+                crc = int(re.search(r"crc +([0-9A-F]{4})", canwire("bits", frame).stdout).group(1), 16)
                 assert (got["id"], got["data"], got["remote"]) == (int(identifier, 16), payload, remote)
                 assert got["crc"] == crc and got["ack"]
 
 
 def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):
     need("sigrok-cli", "sigrok-cli")
-    run("sim", write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
+    sim(write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
     shown = subprocess.run(["sigrok-cli", "-l", "1", "-i", tmp_path / "f.vcd", "--show"], text=True,
                            capture_output=True, timeout=TIMEOUT_S, check=True).stdout
     levels = [f"{n}.{what}" for n in ("engine", "gearbox", "dash")
@@ -346,7 +321,7 @@ def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):
 
 def test_gtkwave_reads_what_was_written(write, tmp_path):
     need("vcd2fst", "gtkwave, which is not among scripts/install-deps: it brings a desktop")
-    run("sim", write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
+    sim(write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
     subprocess.run(["vcd2fst", "f.vcd", "f.fst"], cwd=tmp_path, timeout=TIMEOUT_S, check=True)
     back = subprocess.run(["fst2vcd", "f.fst"], cwd=tmp_path, text=True, capture_output=True,
                           timeout=TIMEOUT_S, check=True).stdout

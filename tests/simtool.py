@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: MIT
+"""What the tests of `canwire sim` and its relatives share: the tool, run to its end.
+
+CANWIRE is the tool, by default build/release/canwire; canwired is the one beside it.
+"""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
+CANWIRED = str(Path(CANWIRE).with_name("canwired"))
+TIMEOUT_S = 120
+
+
+def run(program, *arguments, status=0, cwd=None):
+    """A program that must end with that status."""
+    result = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
+                            timeout=TIMEOUT_S, check=False)
+    assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
+    return result
+
+
+def canwire(*arguments, status=0, cwd=None):
+    return run(CANWIRE, *arguments, status=status, cwd=cwd)
+
+
+def sim(*arguments, status=0, cwd=None):
+    return canwire("sim", *arguments, status=status, cwd=cwd)
+
+
+def events(*arguments):
+    return [json.loads(line) for line in sim(*arguments, "--events", "-").stdout.splitlines()]
+
+
+def stats(*arguments):
+    return json.loads(sim(*arguments, "--stats", "-").stdout)
+
+
+def raw(frame):
+    """What `canwire bits` says, with the ACK that another node gives."""
+    bits = canwire("bits", frame, "--raw").stdout.strip()
+    return bits[:-9] + "0" + bits[-8:]
