@@ -18,6 +18,7 @@ OPTIMISE_debug := -O0 -g3
 OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
+OPTIMISE_cover := -O0 -g --coverage
 OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
   -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
