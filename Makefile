@@ -54,7 +54,7 @@ PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check man install uninstall deb clean help build \
+  demo bench check cover man install uninstall deb clean help build \
   fuzz fuzz-run
 .DELETE_ON_ERROR:
 
@@ -102,6 +102,12 @@ soak: ## 10^9 bits of random scenarios, SOAK=10m of random trouble for canwired 
 	@$(MAKE) --no-print-directory $(DIFFERENTIAL)
 	@$(MAKE) --no-print-directory VARIANT=san BUILD=build/san build
 	@scripts/soak '$(SOAK)' '$(SEED)' $(DIFFERENTIAL) build/san/canwired
+
+cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; half an hour
+	@scripts/install-deps build test
+	@scripts/venv
+	@$(MAKE) --no-print-directory VARIANT=cover CC=gcc BUILD=build/cover build
+	@scripts/cover
 
 man: $(MAN_PAGES) ## the man pages, from --help, JSON schema and config/*.md
 
