@@ -78,8 +78,17 @@ int port_fd(const port *p)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
+/* Where it cannot be the DLC of eight bytes it is what programs left there, as for Linux. */
+static uint8_t dlc_of(const struct can_frame *in)
+{
+    bool raw = in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN &&
+               in->len8_dlc <= CAN_MAX_RAW_DLC;
+    return raw ? in->len8_dlc : in->len;
+}
+
 /* The kernel lets an 11-bit identifier above 7FF through: the value is kept, so that the bus sees
- * that it is invalid. */
+ * that it is invalid. What programs left behind the data is not for the bus: rules that change a
+ * frame would show it. */
 static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t size)
 {
     *out = (cw_frame){.id = in->can_id & CAN_EFF_MASK};
@@ -93,9 +102,8 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
     }
     struct can_frame classic;
     memcpy(&classic, in, sizeof classic);
-    bool raw_dlc = classic.len == CAN_MAX_DLEN && classic.len8_dlc > CAN_MAX_DLEN;
-    out->dlc = raw_dlc ? classic.len8_dlc : classic.len;
-    memcpy(out->data, classic.data, CAN_MAX_DLEN);
+    out->dlc = dlc_of(&classic);
+    memcpy(out->data, classic.data, cw_frame_length(out));
 }
 
 void port_count_drops(port *p, uint32_t drops)
@@ -159,7 +167,7 @@ int port_receive(port *p, int socket)
     port_messages *m = &p->messages;
     for (unsigned i = 0; i < PORT_BATCH; i++) {
         m->headers[i].msg_hdr.msg_control = m->controls[i];
-        m->headers[i].msg_hdr.msg_controllen = PORT_CONTROL_BYTES;
+        m->headers[i].msg_hdr.msg_controllen = p->kind->control_bytes;
     }
     return recvmmsg(socket, m->headers, PORT_BATCH, MSG_DONTWAIT, NULL);
 }

@@ -11,8 +11,11 @@
 
 #include <linux/can.h>
 #include <sys/socket.h>
+#include <time.h>
 
-#define PORT_CONTROL_BYTES 128
+/* What the kernel tells beside a message: its time stamp, and how many were dropped. */
+#define PORT_STAMP_BYTES CMSG_SPACE(sizeof(struct timespec))
+#define PORT_CONTROL_BYTES (PORT_STAMP_BYTES + CMSG_SPACE(sizeof(uint32_t)))
 
 /* How it went with a frame for the ECU. */
 typedef enum port_sent {
@@ -31,6 +34,9 @@ typedef struct port_kind {
     port_sent (*send)(port *p, const struct can_frame *frame);
     /* Brings those counters up to date that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
+    /* Room for what the kernel tells beside a message, at most PORT_CONTROL_BYTES. No more than that:
+     * the file descriptors that somebody sends along must find none. */
+    size_t control_bytes;
 } port_kind;
 
 /* Messages of one read. */

@@ -106,8 +106,11 @@ static void count_drops(port *p)
         port_count_drops(p, memory[SK_MEMINFO_DROPS]);
 }
 
-static const port_kind socketcan = {
-    .close = close_socket, .read = read_socket, .send = send_to_socket, .count = count_drops};
+static const port_kind socketcan = {.close = close_socket,
+                                    .read = read_socket,
+                                    .send = send_to_socket,
+                                    .count = count_drops,
+                                    .control_bytes = PORT_CONTROL_BYTES};
 
 static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
                             char error[PORT_ERROR_TEXT_MAX])

@@ -80,8 +80,8 @@ static void disconnect_ecu(port *p)
     own(p)->ecu = -1;
 }
 
-/* The first one that waits is the ECU, when there is none; the others see at once that the place is
- * taken. */
+/* The first one that waits is the ECU, when there is none; behind an ECU they see at once that the
+ * place is taken. */
 static void accept_waiting(port *p)
 {
     port_unix *u = own(p);
@@ -91,8 +91,10 @@ static void accept_waiting(port *p)
             set_deaf(p, errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS);
             return;
         }
-        if (u->ecu < 0 && connect_ecu(p, fd))
-            continue;
+        if (u->ecu < 0 && connect_ecu(p, fd)) {
+            set_deaf(p, false);
+            return; /* it may have gone by now: that is seen first, and the next one takes its place */
+        }
         p->stats.refused++;
         (void)close(fd);
     }
@@ -114,6 +116,14 @@ static int messages_before_end(const port *p, int received)
     return count;
 }
 
+/* Of the ECU. That it has gone without having read all is told once; what it sent waits behind it. */
+static int receive(port *p)
+{
+    int received = port_receive(p, own(p)->ecu);
+    bool told = received < 0 && errno == ECONNRESET;
+    return told ? port_receive(p, own(p)->ecu) : received;
+}
+
 static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], bool *more)
 {
     *more = false;
@@ -121,7 +131,7 @@ static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], bool *more)
         accept_waiting(p);
     if (own(p)->ecu < 0)
         return 0;
-    int received = port_receive(p, own(p)->ecu);
+    int received = receive(p);
     bool nothing = received < 0 && (errno == EAGAIN || errno == EINTR);
     int count = messages_before_end(p, received);
     if (nothing)
@@ -155,7 +165,10 @@ static void close_port(port *p)
     free(p);
 }
 
-static const port_kind unix_kind = {.close = close_port, .read = read_frames, .send = send_frame};
+static const port_kind unix_kind = {.close = close_port,
+                                    .read = read_frames,
+                                    .send = send_frame,
+                                    .control_bytes = PORT_STAMP_BYTES};
 
 static port *make_port(void)
 {

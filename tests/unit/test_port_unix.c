@@ -207,6 +207,35 @@ static void frames_go_to_the_ecu_and_error_frames_too(void **state)
     close(ecu);
 }
 
+/* len8_dlc counts where it can be the DLC of eight bytes; the bus does not get to know what a program
+ * left behind the data. */
+static void only_what_counts_in_a_frame_is_taken(void **state)
+{
+    static const struct {
+        uint32_t can_id;
+        uint8_t len, len8_dlc, dlc, length;
+    } cases[] = {
+        {0x123, 2, 12, 2, 2},  {0x123, 8, 8, 8, 8},   {0x123, 8, 9, 9, 8},
+        {0x123, 8, 15, 15, 8}, {0x123, 8, 16, 8, 8},  {0x123, 8, 255, 8, 8},
+        {0x123, 0, 0, 0, 0},   {0x123 | CAN_RTR_FLAG, 5, 0, 5, 0},
+    };
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    int ecu = connect_to(f->path);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct can_frame raw = raw_frame(cases[i].can_id, 8);
+        raw.len = cases[i].len;
+        raw.len8_dlc = cases[i].len8_dlc;
+        assert_int_equal(send(ecu, &raw, sizeof raw, 0), sizeof raw);
+        assert_int_equal(read_all(f->port, frames), 1);
+        assert_true(cw_frame_valid(&frames[0].frame));
+        assert_int_equal(frames[0].frame.dlc, cases[i].dlc);
+        for (unsigned k = 0; k < 8; k++)
+            assert_int_equal(frames[0].frame.data[k], k < cases[i].length ? raw.data[k] : 0);
+    }
+    close(ecu);
+}
+
 /* An empty message is none that ends the connection. */
 static void messages_that_are_no_frames_are_counted(void **state)
 {
@@ -291,6 +320,77 @@ static void an_ecu_may_go_without_having_read(void **state)
     write_raw(ecu, 0x100);
     port_frame frames[PORT_BATCH];
     assert_int_equal(read_all(f->port, frames), 1);
+    close(ecu);
+}
+
+/* That it has not read all must not hide what it sent. */
+static void what_an_ecu_sent_counts_also_when_it_has_not_read(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[2 * PORT_BATCH];
+    const cw_frame frame = rig_frame(0x123, 0, 1);
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    assert_true(port_write(f->port, &frame));
+    for (unsigned i = 0; i < PORT_BATCH + 1; i++)
+        write_raw(ecu, i);
+    close(ecu);
+    assert_int_equal(read_all(f->port, frames), PORT_BATCH + 1);
+    assert_int_equal(frames[PORT_BATCH].frame.id, PORT_BATCH);
+    assert_false(readable(port_fd(f->port), 0));
+}
+
+/* It came, wrote and went before anybody looked: the next one need not wait for that. */
+static void an_ecu_that_has_gone_unseen_leaves_its_place(void **state)
+{
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    int first = connect_to(f->path);
+    write_raw(first, 0x100);
+    close(first);
+    int second = connect_to(f->path);
+    write_raw(second, 0x101);
+    assert_int_equal(read_all(f->port, frames), 2);
+    assert_int_equal(frames[1].frame.id, 0x101);
+    assert_int_equal(stats_of(f->port).connected, 2);
+    assert_int_equal(stats_of(f->port).refused, 0);
+    close(second);
+}
+
+static unsigned count_descriptors(void)
+{
+    unsigned count = 0;
+    for (int fd = 0; fd < 256; fd++)
+        count += fcntl(fd, F_GETFD) >= 0;
+    return count;
+}
+
+/* Nobody asked for them, and they would fill the table of a daemon that does not look. */
+static void descriptors_that_an_ecu_sends_along_are_not_taken(void **state)
+{
+    enum { PASSED = 30 };
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    _Alignas(struct cmsghdr) char control[CMSG_SPACE(PASSED * sizeof(int))] = {0};
+    struct can_frame raw = raw_frame(0x123, 2);
+    struct iovec vector = {.iov_base = &raw, .iov_len = sizeof raw};
+    struct msghdr message = {.msg_iov = &vector,
+                             .msg_iovlen = 1,
+                             .msg_control = control,
+                             .msg_controllen = sizeof control};
+    int ecu = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    struct cmsghdr *c = CMSG_FIRSTHDR(&message);
+    *c = (struct cmsghdr){.cmsg_level = SOL_SOCKET,
+                          .cmsg_type = SCM_RIGHTS,
+                          .cmsg_len = CMSG_LEN(PASSED * sizeof(int))};
+    for (unsigned i = 0; i < PASSED; i++)
+        memcpy(CMSG_DATA(c) + i * sizeof ecu, &ecu, sizeof ecu);
+    unsigned before = count_descriptors();
+    assert_int_equal(sendmsg(ecu, &message, 0), sizeof raw);
+    assert_int_equal(read_all(f->port, frames), 1);
+    assert_true(frames[0].realtime_ns > 0);
+    assert_int_equal(count_descriptors(), before);
     close(ecu);
 }
 
@@ -593,11 +693,15 @@ int main(void)
         cmocka_unit_test(names_tell_the_kind_of_a_port),
         ON_PORT(frames_come_with_the_time_at_which_they_were_sent),
         ON_PORT(frames_go_to_the_ecu_and_error_frames_too),
+        ON_PORT(only_what_counts_in_a_frame_is_taken),
         ON_PORT(messages_that_are_no_frames_are_counted),
         ON_PORT(fd_frames_are_left_to_the_bus_and_error_frames_ignored),
         ON_PORT(nobody_hears_while_no_ecu_is_connected),
         ON_PORT(what_an_ecu_sent_before_it_went_still_counts),
         ON_PORT(an_ecu_may_go_without_having_read),
+        ON_PORT(what_an_ecu_sent_counts_also_when_it_has_not_read),
+        ON_PORT(an_ecu_that_has_gone_unseen_leaves_its_place),
+        ON_PORT(descriptors_that_an_ecu_sends_along_are_not_taken),
         ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone),
         ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted),
         ON_PORT(running_out_of_descriptors_is_got_over),
