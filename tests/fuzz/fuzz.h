@@ -67,6 +67,8 @@ typedef struct fuzz_bus {
     uint64_t hash; /* over all events */
     cw_event last;
     bool partial; /* nodes have been removed: their statistics are gone */
+    void (*take)(void *user, const cw_event *event); /* gets each event; NULL: nobody does */
+    void *user;
     bool trace;   /* FUZZ_TRACE is in the environment: events go to standard error */
     char label;   /* ... behind this */
 } fuzz_bus;

@@ -210,6 +210,8 @@ void fuzz_bus_poll(fuzz_bus *b)
         b->count[b->last.kind] +=
             b->last.nodes ? (unsigned)__builtin_popcountll(b->last.nodes) : 1u;
         hash_event(b, &b->last);
+        if (b->take)
+            b->take(b->user, &b->last);
     }
 }
 
