@@ -30,7 +30,7 @@ PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
 FLOOD_ID = "7F0"
 FLOOD = ["cangen", PORTS["dash"], "-I", FLOOD_ID, "-L", "8", "-g", "1", "-c", "8"]
 PATIENCE_S = 40
-CONTENTION_ATTEMPTS = 3  # on a busy machine writing may take longer than the bus is busy
+CONTENTION_ATTEMPTS = 10  # on a busy machine writing may take longer than the bus is busy
 CONTENTION_MAX_S = 0.02
 
 
@@ -61,12 +61,15 @@ class Checks:
     """What the demo claims; it fails when one does not hold."""
 
     def __init__(self):
-        self.done, self.failed = 0, []
+        self.done, self.failed, self.skipped = 0, [], []
 
     def check(self, holds, claim):
         self.done += 1
         if not holds:
             self.failed.append(claim)
+
+    def skip(self, claim, why):
+        self.skipped.append(f"{claim}: {why}")
 
 
 def wait_until(condition, what):
@@ -215,7 +218,8 @@ class Demo:
         heading(1, "A contended start: dash keeps the bus busy, and all three write meanwhile")
         for _ in range(CONTENTION_ATTEMPTS):
             writes, on_bus = self.contend()
-            if writes[-1].time - writes[0].time < CONTENTION_MAX_S:
+            in_time = writes[-1].time - writes[0].time < CONTENTION_MAX_S
+            if in_time:
                 break
         burst_id = writes[0].identifier
         late = [w for w in writes if w.identifier != burst_id]
@@ -229,7 +233,11 @@ class Demo:
                 f"      +{1000 * (f.time - writes[0].time):6.3f} ms    {sender[f.text]:6}  {f.text}"
             )
         order = sorted((w.text for w in writes), key=arbitration_key)
-        self.checks.check([f.text for f in on_bus] == order, "contending frames come by priority")
+        claim = "contending frames come by priority"
+        if in_time:
+            self.checks.check([f.text for f in on_bus] == order, claim)
+        else:
+            self.checks.skip(claim, "this machine writes them more slowly than the bus sends them")
 
     def contend(self):
         """What was written, and what was on the bus."""
@@ -246,7 +254,7 @@ class Demo:
 
     def drive(self, name, flood):
         begin = time.time()
-        dropped = self.dropped("dash")
+        before = {ecu: self.dropped(ecu) for ecu in PORTS}
         if flood:
             generator = self.programs.start(*FLOOD)
         players = [play(self.programs, CAR_LOG, ecu) for ecu in ("engine", "brakes")]
@@ -259,15 +267,16 @@ class Demo:
         self.settle()
         dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
         counts = {ecu: Counter(f.identifier for f in frames) for ecu, frames in dumps.items()}
+        dropped = {ecu: self.dropped(ecu) - before[ecu] for ecu in PORTS}
         self.print_counts(counts)
-        if flood:
-            lost = self.dropped("dash") - dropped
-            print(f"   (in brackets: written by itself; {lost} of dash did not fit into its queue)")
-        else:
+        for ecu, count in dropped.items():
+            if count:
+                print(f"   ({count} of {ecu} did not fit into its queue)")
+        if not flood:
             print("   first frames of candump vcan2 (dash):")
             for frame in dumps["dash"][:3]:
                 print(f"   ({frame.time:.6f}) vcan2 {frame.text}")
-        self.check_counts(counts, name, self.dropped("dash") - dropped if flood else 0)
+        self.check_counts(counts, name, dropped)
 
     def dropped(self, ecu):
         return self.statistics.nodes[ecu].dropped_queue_full
@@ -283,15 +292,25 @@ class Demo:
                 for ecu in PORTS
             )
             print(f"   {identifier:10}  {sender:6}  " + "".join(f"{cell:>9}" for cell in cells))
+        print("   (in brackets: written by itself)")
 
     def check_counts(self, counts, name, dropped):
+        """All others got what was written, but for what did not fit into the sender's queue. That
+        is the flood, and on a machine that is too slow for the bus perhaps more."""
         for identifier, sender in self.sender.items():
             written = counts[sender][identifier]
             got = {counts[ecu][identifier] for ecu in PORTS if ecu != sender}
-            lost = dropped if identifier == FLOOD_ID else 0
-            claim = f"{identifier}: {written} written, {lost} dropped, {got} received ({name})"
-            self.checks.check(got == {written - lost}, claim)
+            claim = f"{identifier}: {written} written, {got} received ({name})"
+            whole = len(got) == 1 and (dropped[sender] or got == {written})
+            self.checks.check(whole and max(got) <= written, claim)
             self.checks.check(written or identifier == FLOOD_ID, f"{identifier} is played ({name})")
+        for sender, lost in dropped.items():
+            own = [i for i, ecu in self.sender.items() if ecu == sender]
+            written = sum(counts[sender][i] for i in own)
+            for ecu in PORTS.keys() - {sender}:
+                got = sum(counts[ecu][i] for i in own)
+                claim = f"{sender} wrote {written}, {lost} dropped, {ecu} got {got} ({name})"
+                self.checks.check(got == written - lost, claim)
 
     # -- 4 and 5 --
 
@@ -388,6 +407,8 @@ def main():
         heading(5, "Statistics from LCM")
         demo.numbers()
         demo.stop()
+    for claim in demo.checks.skipped:
+        print(f"SKIPPED: {claim}")
     for claim in demo.checks.failed:
         print(f"FAILED: {claim}")
     print(f"\n{demo.checks.done - len(demo.checks.failed)} of {demo.checks.done} checks hold.")
