@@ -89,7 +89,7 @@ picture: build ## draw the picture in README.md again
 	  --from 120us --to 200us
 
 FUZZ ?= 60
-fuzz: ## look for inputs that break parsers, controller or bus, for FUZZ=60 seconds in all
+fuzz: ## look for inputs that break parsers, ports, controller or bus, for FUZZ=60 seconds in all
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
 
@@ -154,13 +154,23 @@ FUZZ_SEEDS_fuzz_trace := tests/traces
 FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
 fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 
+# Bytes of an input at most, where that is more than the longest one to begin with.
+FUZZ_BYTES_fuzz_bus := 1000
+FUZZ_BYTES_fuzz_control := 4000
+FUZZ_BYTES_fuzz_frame := 64
+FUZZ_BYTES_fuzz_mac := 1000
+FUZZ_BYTES_fuzz_port := 2000
+FUZZ_BYTES_fuzz_trace := 4000
+fuzz_bytes = $(if $(FUZZ_BYTES_$(1)),-max_len=$(FUZZ_BYTES_$(1)))
+
 # What was found is left in build/fuzz/found/NAME, an input that breaks something beside it.
 FUZZ_EACH = $(shell expr $(FUZZ) / $(words $(FUZZ_TARGETS)) + 1)
 fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	@$(foreach target,$(FUZZ_TARGETS),echo "== $(target)" && mkdir -p $(BUILD)/found/$(target) && \
 	  $(BUILD)/$(target) -max_total_time=$(FUZZ_EACH) -timeout=30 -rss_limit_mb=4096 \
 	  -verbosity=0 -print_final_stats=1 -print_funcs=0 -close_fd_mask=1 -use_value_profile=1 \
-	  -artifact_prefix=$(BUILD)/found/$(target)- $(BUILD)/found/$(target) \
+	  -artifact_prefix=$(BUILD)/found/$(target)- $(call fuzz_bytes,$(target)) \
+	  $(BUILD)/found/$(target) \
 	  $(call fuzz_seeds,$(target)) &&) true
 
 # What scripts/mutate builds and runs for each changed controller.
