@@ -6,6 +6,7 @@
  * Input: bytes for the server; those in `marks` are left out and do something else meanwhile.
  */
 #include "fuzz.h"
+#include "../unit/fake_engine.h"
 
 #include "control.h"
 #include "log.h"
@@ -20,7 +21,7 @@
 
 #define CLIENTS 3u
 #define UPDATE_BITS 100u
-#define RULES_MAX 32u
+#define MORE_RULES 32u
 #define TURNS_MAX 4000u /* of the loop, until something that must come counts as missing */
 
 /* Bytes that JSON text does not have. */
@@ -30,57 +31,6 @@
 #define MARK_FINISH 0x04u /* the client will write no more */
 #define MARK_CLOSE 0x05u  /* the client goes, another comes */
 #define MARKS_END 0x06u
-
-/* ---- The fake engine ------------------------------------------------------------------------- */
-
-struct engine {
-    const cfg *config;
-    void *memory;
-    cw_bus *bus;
-    inputs inputs;
-    engine_observer *observer;
-    void *user;
-    bool reload_fails;
-};
-
-static void take_events(void *user)
-{
-    engine *e = user;
-    cw_event event;
-    while (cw_bus_poll(e->bus, &event))
-        e->observer(e->user, &event);
-}
-
-void engine_update(engine *e)
-{
-    uint64_t end = cw_bus_now(e->bus) + UPDATE_BITS * (uint64_t)e->config->bit_ticks;
-    inputs_advance(&e->inputs, end);
-}
-
-inputs *engine_change(engine *e)
-{
-    engine_update(e);
-    return &e->inputs;
-}
-
-const cw_bus *engine_bus(const engine *e)
-{
-    return e->bus;
-}
-
-void engine_report(const engine *e, report *out)
-{
-    (void)e;
-    memset(out, 0, sizeof *out);
-}
-
-bool engine_reload(engine *e, FILE *errors)
-{
-    e->reload_fails = !e->reload_fails;
-    if (e->reload_fails)
-        fputs("bus.yaml:1:1: not now\n", errors);
-    return !e->reload_fails;
-}
 
 /* ---- Messages, of which there would be many -------------------------------------------------- */
 
@@ -153,20 +103,6 @@ static cfg *load(const char *socket_path)
     return config;
 }
 
-static void make_bus(engine *e, live *config_of)
-{
-    cw_node_config nodes[CW_NODES_MAX];
-    cw_bus_config bus_config;
-    const cfg *config = live_config(config_of);
-    cfg_bus_config(&bus_config, nodes, config);
-    bus_config.rule_room = RULES_MAX;
-    e->config = config;
-    e->memory = malloc(cw_bus_size(&bus_config));
-    e->bus = cw_bus_init(e->memory, &bus_config);
-    REQUIRE(e->bus != NULL);
-    inputs_init(&e->inputs, config_of, e->bus, take_events, e);
-}
-
 static int connect_client(const rig *r)
 {
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
@@ -180,11 +116,12 @@ static void start(rig *r)
     *r = (rig){.address = {.sun_family = AF_UNIX}, .loop = ev_loop_new(0)};
     (void)snprintf(r->address.sun_path, sizeof r->address.sun_path, "%s/bus.sock", folder);
     r->live = live_new(load(r->address.sun_path));
-    make_bus(&r->engine, r->live);
+    REQUIRE(fake_engine_make(&r->engine, r->live, MORE_RULES, UPDATE_BITS));
+    r->engine.reload_errors = "bus.yaml:1:1: not now\n";
+    r->engine.reload_in_turn = true;
     r->control = control_start(r->loop, r->live, &r->engine);
     REQUIRE(r->control != NULL);
-    r->engine.observer = control_event;
-    r->engine.user = r->control;
+    engine_observe(&r->engine, control_event, r->control);
     for (unsigned i = 0; i < CLIENTS; i++)
         r->clients[i] = connect_client(r);
 }

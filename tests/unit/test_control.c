@@ -2,12 +2,13 @@
  *
  * test_control.c - the control socket: requests, live events, and clients that mean harm.
  *
- * Server and clients are in this process, on a real socket in a folder of its own. The engine is a
- * fake: a real bus whose time goes on with each engine_update().
+ * Server and clients are in this process, on a real socket in a folder of its own. The engine is
+ * the fake of fake_engine.h.
  */
 #include "control.h"
 #include "control_requests.h"
 #include "control_server.h"
+#include "fake_engine.h"
 #include "status.h"
 
 #include <errno.h>
@@ -33,63 +34,6 @@
 #define PATIENCE_TURNS 200000 /* of the loop, until something that must come counts as missing */
 #define UPDATE_BITS 2000
 #define TEXT_MAX (1u << 16)
-
-/* ---- The fake engine ------------------------------------------------------------------------- */
-
-struct engine {
-    const cfg *config;
-    void *memory;
-    cw_bus *bus;
-    inputs inputs;
-    engine_observer *observer;
-    void *observer_user;
-    const char *reload_errors; /* NULL: a reload is good */
-};
-
-static void take_events(void *user)
-{
-    engine *e = user;
-    cw_event event;
-    while (cw_bus_poll(e->bus, &event))
-        if (e->observer)
-            e->observer(e->observer_user, &event);
-}
-
-void engine_update(engine *e)
-{
-    uint64_t target = cw_bus_now(e->bus) + (uint64_t)UPDATE_BITS * e->config->bit_ticks;
-    inputs_advance(&e->inputs, target);
-}
-
-inputs *engine_change(engine *e)
-{
-    engine_update(e);
-    return &e->inputs;
-}
-
-const cw_bus *engine_bus(const engine *e)
-{
-    return e->bus;
-}
-
-void engine_report(const engine *e, report *out)
-{
-    (void)e;
-    memset(out, 0, sizeof *out);
-}
-
-void engine_observe(engine *e, engine_observer *observer, void *user)
-{
-    e->observer = observer;
-    e->observer_user = user;
-}
-
-bool engine_reload(engine *e, FILE *errors)
-{
-    if (e->reload_errors)
-        fputs(e->reload_errors, errors);
-    return !e->reload_errors;
-}
 
 /* ---- A bus with a control socket ------------------------------------------------------------- */
 
@@ -122,20 +66,6 @@ static cfg *load(const rig *r)
     return config;
 }
 
-static void make_bus(engine *e, live *config_of)
-{
-    cw_node_config nodes[CW_NODES_MAX];
-    cw_bus_config bus_config;
-    const cfg *config = live_config(config_of);
-    cfg_bus_config(&bus_config, nodes, config);
-    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
-    e->config = config;
-    e->memory = malloc(cw_bus_size(&bus_config));
-    e->bus = cw_bus_init(e->memory, &bus_config);
-    assert_non_null(e->bus);
-    inputs_init(&e->inputs, config_of, e->bus, take_events, e);
-}
-
 static int set_up(void **state)
 {
     rig *r = calloc(1, sizeof *r);
@@ -144,7 +74,8 @@ static int set_up(void **state)
     snprintf(r->path, sizeof r->path, "%s/bus.sock", r->folder);
     r->loop = ev_loop_new(0);
     r->live = live_new(load(r));
-    make_bus(&r->engine, r->live);
+    uint16_t more = (uint16_t)(CW_RULES_MAX - live_config(r->live)->rule_count);
+    assert_true(fake_engine_make(&r->engine, r->live, more, UPDATE_BITS));
     r->control = control_start(r->loop, r->live, &r->engine);
     assert_non_null(r->control);
     engine_observe(&r->engine, control_event, r->control);
