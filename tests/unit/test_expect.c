@@ -7,6 +7,7 @@
  */
 #include "expect.h"
 
+#include <inttypes.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -342,6 +343,39 @@ static void junit_is_good_xml(void **state)
     expect_report_free(&report);
 }
 
+/* To the nearest millisecond; three decimals are what all readers take. */
+static void junit_times_are_rounded(void **state)
+{
+    static const struct {
+        uint64_t ticks;
+        const char *time;
+    } cases[] = {
+        {0, "0.000"},
+        {1, "0.001"}, /* never nothing for something */
+        {39999, "0.001"},
+        {80000, "0.001"},
+        {119999, "0.001"},
+        {120000, "0.002"},
+        {CW_CLOCK_HZ - 40001, "0.999"},
+        {CW_CLOCK_HZ - 40000, "1.000"}, /* carried */
+        {61 * (uint64_t)CW_CLOCK_HZ + 40000, "61.001"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char wanted[32];
+        char *text = NULL;
+        size_t size = 0;
+        FILE *out = open_memstream(&text, &size);
+        assert_non_null(out);
+        expect_report_junit(out, &(expect_report){.count = 0}, "b", cases[i].ticks);
+        fclose(out);
+        (void)snprintf(wanted, sizeof wanted, " time=\"%s\"", cases[i].time);
+        if (!strstr(text, wanted))
+            fail_msg("%" PRIu64 " ticks: %s wanted, got %s", cases[i].ticks, wanted, text);
+        free(text);
+    }
+}
+
 static void outcomes_without_memory_are_refused(void **state)
 {
     (void)state;
@@ -359,6 +393,7 @@ int main(void)
         cmocka_unit_test(outcomes_say_how_long_they_looked),
         cmocka_unit_test(the_text_has_a_line_for_each),
         cmocka_unit_test(junit_is_good_xml),
+        cmocka_unit_test(junit_times_are_rounded),
         cmocka_unit_test(outcomes_without_memory_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
