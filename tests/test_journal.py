@@ -95,6 +95,14 @@ def test_until_ends_it_before(write):
     assert len(sent(write(lines()), "--until", "1h")) == 3
 
 
+def test_a_skip_can_be_waited_for(write):
+    entries = lines()
+    entries.insert(4, {"at": 2 * RELOAD_TICK - 160, "skip": 1000})
+    events = play(write(entries), "--events", "-", "--until-event", "skip").stdout.splitlines()
+    assert '"event":"skip"' in events[-1]
+    assert not any('"event":"skip"' in line or "124#" in line for line in events[:-1])
+
+
 def test_a_node_that_is_waited_for_keeps_its_name(write):
     assert sent(write(lines()), "--until-event", "b:tx") == sent(write(lines()))
     events = play(write(lines()), "--events", "-", "--until-event", "b:rx:124").stdout.splitlines()

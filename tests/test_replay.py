@@ -438,12 +438,54 @@ def test_until_is_the_latest_end(write):
 
 
 @pytest.mark.parametrize("text, message", [
-    ("buss-off", "expected [NODE:]EVENT"), ("fault:none", "there is no such rule"),
-    ("x:error", "expected [NODE:]EVENT"), ("error:123", "expected [NODE:]EVENT"),
-    ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"), ("", "expected [NODE:]EVENT"),
+    ("buss-off", "no event 'buss-off': expected [NODE:]EVENT"), ("c:foo", "no event 'foo'"),
+    ("foo:bar", "no event 'foo'"), ("error:123", "':123' cannot follow"),
+    ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"), ("c:skip", "events of the bus"),
+    ("", "expected [NODE:]EVENT"), ("record", "recordings are canwired's"),
+    ("c:record", "recordings are canwired's"), ("tolerated", "no event 'tolerated'"),
 ])
-def test_wrong_events_are_refused(text, message, write):
-    assert message in sim(write(UNTIL), "--until-event", text, status=1).stderr
+def test_wrong_events_are_wrong_usage(text, message, write):
+    error = sim(write(UNTIL), "--until-event", text, status=2).stderr
+    assert f"--until-event {text}: " in error and message in error
+
+
+@pytest.mark.parametrize("text, message", [
+    ("fault:none", "there is no rule 'none': there is bits\n"),
+    ("x:error", "there is no node 'x': there is a, tx, c\n"),
+    ("nope:rx:124", "there is no node 'nope': there is a, tx, c\n"),
+])
+def test_what_the_file_does_not_have_is_refused(text, message, write):
+    error = sim(write(UNTIL), "--until-event", text, status=1).stderr
+    assert error == f"canwire sim: --until-event {text}: {message}"
+
+
+def test_every_event_that_is_expected_can_be_awaited(write):
+    told = sim(write(UNTIL), "--until-event", "", status=2).stderr
+    kinds = re.search(r"'canwire watch' \(([^)]*)\)", told)[1].split(", ")
+    kinds += re.search(r"a state \(([^)]*)\)", told)[1].split(", ") + ["fault", "skip"]
+    assert len(kinds) == 15
+    for kind in kinds:
+        sim(write(UNTIL), "--until", "1ms", "--until-event", kind)
+    watched = canwire("watch", "--help").stdout.partition("these kinds:")[2].partition("--json")[0]
+    assert {*re.findall("[a-z-]+", watched)} - {"record"} <= {*kinds}
+
+
+LATE = """
+bus: { bitrate: 500000 }
+nodes:
+  - { name: a, traffic: [ { send: 123#, every: 1s } ] }
+  - { name: b, traffic: [ { send: 124#, offset: OFFSET } ] }
+"""
+
+
+@pytest.mark.parametrize("offset, until, told", [
+    ("9s", [], False), ("12s", [], True), ("12s", ["--until", "13s"], False)])
+def test_a_run_that_may_never_end_says_so(offset, until, told, write):
+    path = write(LATE.replace("OFFSET", offset))
+    result = sim(path, "--until-event", "b:tx", "--log", "-", *until)
+    assert result.stdout.splitlines()[-1].endswith(" b 124#")
+    assert result.stderr.count("not yet after 10 s of bus time") == told
+    assert ("only --until TIME ends the run" in result.stderr) == told
 
 
 # ---- Progress ------------------------------------------------------------------------------------

@@ -326,8 +326,8 @@ def test_wrong_usage_is_status_two(arguments):
     [("--until", "soon"), ("--until", "-1s"), ("--until", "10"), ("--seed", "x"), ("--seed", "-1"),
      ("--seed", "18446744073709551616"), ("--seed", "")],
 )
-def test_a_bad_value_is_status_one(write, option, value):
-    assert f"{option} {value}" in sim(write(SMALL), option, value, status=1).stderr
+def test_a_bad_value_is_status_two(write, option, value):
+    assert f"{option} {value}" in sim(write(SMALL), option, value, status=2).stderr
 
 
 def test_a_bad_configuration_is_status_one_and_says_where(write):
@@ -363,3 +363,42 @@ def test_two_outputs_do_not_share_a_file(tmp_path):
     assert f"{out}: two outputs into one file" in result.stderr
     assert not out.exists()
     assert len(sim(scenario, "--log", "-", "--events", "-").stdout.splitlines()) > 2
+
+
+# An output that is there already, with what a run that does not begin must leave in it.
+REFUSED = {
+    "traffic without end": (ENDLESS, [], 1),
+    "a bad configuration": (SMALL.replace("bitrate", "bitrat"), [], 1),
+    "another output that cannot be written": (SMALL, ["--junit", "/nowhere/out"], 1),
+    "a picture that is known to be too long": (ENDLESS, ["--svg", "SVG", "--until", "1s"], 1),
+    "a window behind the end": (ENDLESS, ["--svg", "SVG", "--until", "1ms", "--from", "2ms"], 1),
+    "a window of nothing": (SMALL, ["--svg", "SVG", "--from", "1ms", "--to", "1ms"], 2),
+    "no such node": (SMALL, ["--until-event", "c:tx"], 1),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_leaves_outputs_as_they_are(name, write, tmp_path):
+    text, arguments, status = REFUSED[name]
+    outputs = []
+    for what in ("events", "log", "pcapng", "stats", "vcd"):
+        (tmp_path / what).write_text("what was there")
+        outputs += [f"--{what}", tmp_path / what]
+    arguments = [tmp_path / "svg" if a == "SVG" else a for a in arguments]
+    sim(write(text), *outputs, *arguments, status=status)
+    assert {p.read_text() for p in tmp_path.iterdir() if p.name != "bus.yaml"} == {"what was there"}
+    assert not (tmp_path / "svg").exists()
+
+
+def test_an_output_is_written_from_its_start(write, tmp_path):
+    (tmp_path / "out").write_text("what was there" * 1000)
+    for what in ("events", "log", "pcapng", "stats", "vcd", "svg", "junit"):
+        sim(write(SMALL), f"--{what}", tmp_path / "out")
+        sim(write(SMALL), f"--{what}", tmp_path / "new")
+        assert (tmp_path / "out").read_bytes() == (tmp_path / "new").read_bytes() != b""
+        (tmp_path / "new").unlink()
+
+
+def test_outputs_may_be_pipes(write):
+    result = sim(write(SMALL), "--log", "/dev/stdout")
+    assert result.stdout == "(0000000000.000178) a 123#DEADBEEF\n"

@@ -247,16 +247,34 @@ def test_rows(write, bits, rows):
 @pytest.mark.parametrize("window", [["--until", "10ms"], ["--to", "4002us"],
                                     ["--from", "1us", "--to", "4001us"]])
 def test_too_many_bits_are_status_one(write, window):
-    result = sim(write(small()), "--svg", "-", "--until", "10ms", *window, status=1)
+    result = sim(write(small()), "--svg", "-", "--events", "-", "--until", "10ms", *window, status=1)
     assert "2000" in result.stderr and "--from" in result.stderr
     assert result.stdout == ""
 
 
-@pytest.mark.parametrize("window", [["--from", "3us", "--to", "2us"], ["--from", "soon"],
-                                    ["--from", "1s"], ["--to", "0s"]])
-def test_a_bad_window_is_status_one(write, window):
-    result = sim(write(small()), "--svg", "-", *window, status=1)
+@pytest.mark.parametrize("window, status", [
+    (["--from", "3us", "--to", "2us"], 2), (["--from", "1ms", "--to", "1ms"], 2),
+    (["--from", "soon"], 2), (["--to", "0s"], 2), (["--from", "1s"], 1)])
+def test_a_bad_window_is_refused(write, window, status):
+    result = sim(write(small()), "--svg", "-", *window, status=status)
     assert window[0] in result.stderr and result.stdout == ""
+
+
+def test_a_window_of_nothing_says_what_is_wrong(write):
+    result = sim(write(small()), "--svg", "-", "--from", "1ms", "--to", "1ms", status=2)
+    assert result.stderr == "canwire sim: --to 1ms: expected a time after that of --from, 1ms\n"
+
+
+@pytest.mark.parametrize("before", [None, "what was there"])
+def test_a_picture_that_becomes_too_long_leaves_its_file_alone(write, tmp_path, before):
+    out = tmp_path / "f.svg"
+    if before:
+        out.write_text(before)
+    path = write(small("123#, every: 1ms, count: 10"))
+    result = sim(path, "--svg", out, "--log", tmp_path / "log", status=1)
+    assert "2000" in result.stderr and "--from" in result.stderr
+    assert out.exists() == bool(before) and (not before or out.read_text() == before)
+    assert len((tmp_path / "log").read_text().splitlines()) == 10
 
 
 def test_the_picture_repeats_and_goes_to_a_file(write, tmp_path):

@@ -13,27 +13,32 @@
 #include "sim_until.h"
 #include "summary.h"
 
-#include <errno.h>
 #include <getopt.h>
-#include <stdlib.h>
+#include <inttypes.h>
 #include <string.h>
 #include <unistd.h>
+
+typedef enum output {
+    OUT_EVENTS = 0,
+    OUT_LOG,
+    OUT_PCAPNG,
+    OUT_STATS,
+    OUT_VCD,
+    OUT_SVG,
+    OUT_JUNIT,
+    OUT_COUNT
+} output;
 
 typedef struct sim_options {
     const char *file; /* NULL with a journal */
     const char *journal;
-    const char *until;
+    time_option until;
+    time_option from;
+    time_option to;
     const char *until_event;
-    const char *seed;
-    const char *events;
-    const char *log;
-    const char *pcapng;
-    const char *stats;
-    const char *vcd;
-    const char *svg;
-    const char *junit;
-    const char *from;
-    const char *to;
+    bool has_seed;
+    uint64_t seed;
+    const char *outputs[OUT_COUNT]; /* NULL: not wanted */
     bool step;
 } sim_options;
 
@@ -41,13 +46,11 @@ typedef struct sim {
     cfg *config; /* NULL with a journal, whose own is that of the run */
     sim_journal journal;
     sim_run run;
-    FILE *events; /* NULL: not wanted */
-    FILE *log;
-    FILE *pcapng;
-    FILE *stats;
+    outfile out[OUT_COUNT];
     sim_trace trace;
     sim_until awaited;
     sim_judge judge;
+    int failure; /* exit status when something fails */
 } sim;
 
 static const char usage[] =
@@ -66,14 +69,16 @@ static const char help[] =
     "                 or after 10 s of bus time without a frame or a release\n"
     "  --until-event [NODE:]EVENT\n"
     "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
-    "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE\n"
+    "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE.\n"
+    "                 If it does not come, the run ends as it does without this option; but when\n"
+    "                 traffic has no `count`, and there is no --until, it never ends\n"
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from 1970 on\n"
     "  --stats F      statistics as JSON, at the end\n"
     "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
-    "  --svg F        the same as a picture, for reports\n"
+    "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
     "  --from TIME    of these only the bits from this bus time on\n"
     "  --to TIME      ... up to this one\n"
     "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
@@ -81,7 +86,9 @@ static const char help[] =
     "\n"
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
     "reported in any case, on standard error when an F is standard output.\n"
-    "Exit status: 0, 1 bad input, 2 wrong usage, 3 an expectation failed.\n";
+    "Exit status: 0, 1 a file is bad or cannot be read or written, or FILE has no such node or rule,\n"
+    "2 wrong usage: an option, its value or what they say together is not allowed, 3 an expectation\n"
+    "failed.\n";
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -94,81 +101,43 @@ static bool has_endless_traffic(const cfg *config)
     return false;
 }
 
-static bool set_until(sim *s, const char *text)
+static bool set_until(sim *s, const time_option *o)
 {
-    cfg_time until;
-    if (text) {
-        const char *wrong = text_parse_time(&until, text);
-        if (wrong) {
-            fprintf(stderr, "canwire sim: --until %s: %s\n", text, wrong);
-            return false;
-        }
+    bool endless = !s->journal.player && has_endless_traffic(s->config);
+    if (o->text) {
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
-        s->run.until = text_time_ticks_sum(until, 1, beyond, s->run.config->bit_ticks) - 1;
-    } else if (!s->awaited.text && !s->journal.player && has_endless_traffic(s->config)) {
+        s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
+    } else if (endless && !s->awaited.text) {
         fprintf(stderr,
                 "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME or "
                 "--until-event EVENT\n",
                 s->config->file);
         return false;
+    } else if (endless) {
+        sim_until_warn(&s->awaited);
     }
     return true;
-}
-
-static bool set_seed(cfg *config, const char *text)
-{
-    if (!text)
-        return true;
-    char *end;
-    errno = 0;
-    unsigned long long seed = strtoull(text, &end, 10);
-    if (errno != 0 || *end != '\0' || *text < '0' || *text > '9') {
-        fprintf(stderr, "canwire sim: --seed %s: a whole number from 0 to %llu is expected\n", text,
-                (unsigned long long)UINT64_MAX);
-        return false;
-    }
-    config->seed = seed;
-    return true;
-}
-
-static bool open_output(FILE **out, const char *name)
-{
-    if (!name)
-        return true;
-    *out = strcmp(name, "-") == 0 ? stdout : fopen(name, "we");
-    if (!*out)
-        fprintf(stderr, "canwire sim: %s: %s\n", name, strerror(errno));
-    return *out != NULL;
-}
-
-static bool close_output(FILE *out, const char *name)
-{
-    if (!out)
-        return true;
-    bool good = !ferror(out);
-    good = (out == stdout ? fflush(out) : fclose(out)) == 0 && good;
-    if (!good)
-        fprintf(stderr, "canwire sim: %s: %s\n", name, strerror(errno));
-    return good;
 }
 
 static void write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
-    if (s->events)
-        output_event(s->events, s->run.config, event);
-    if (s->log)
-        output_log(s->log, s->run.config, event);
-    if (s->pcapng)
-        pcapng_event(s->pcapng, s->run.config, event, text_ticks_ns(event->tick));
+    if (s->out[OUT_EVENTS].stream)
+        output_event(s->out[OUT_EVENTS].stream, s->run.config, event);
+    if (s->out[OUT_LOG].stream)
+        output_log(s->out[OUT_LOG].stream, s->run.config, event);
+    if (s->out[OUT_PCAPNG].stream)
+        pcapng_event(s->out[OUT_PCAPNG].stream, s->run.config, event, text_ticks_ns(event->tick));
 }
 
 static bool make_bus(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
-    if (!s->config || !set_seed(s->config, o->seed))
+    if (!s->config)
         return false;
+    if (o->has_seed)
+        s->config->seed = o->seed;
     if (sim_open(&s->run, s->config))
         return true;
     fprintf(stderr, "canwire sim: out of memory\n");
@@ -181,80 +150,115 @@ static bool open_journal(sim *s, const sim_options *o)
                                .judge = &s->judge,
                                .trace = &s->trace,
                                .awaited = &s->awaited,
-                               .pcapng = &s->pcapng};
+                               .pcapng = &s->out[OUT_PCAPNG]};
     return sim_journal_open(&s->journal, o->journal);
 }
 
 static void add_writer(sim *s, const sim_options *o)
 {
-    const sim_sink writer = {.user = s, .event = write_event,
-                             .kinds = o->events || o->pcapng ? 0 : 1u << CW_EVENT_TX};
+    sim_sink writer = {.user = s, .event = write_event, .kinds = 1u << CW_EVENT_TX};
+    if (o->outputs[OUT_EVENTS] || o->outputs[OUT_PCAPNG])
+        writer.kinds = 0;
     s->run.step = o->step;
     sim_add_sink(&s->run, &writer);
 }
 
-/* Behind what else looks on: what has to do with events comes before what has to do with bits. */
-static bool start_trace(sim *s, const sim_options *o)
+static bool set_window(sim *s, const sim_options *o)
 {
-    if (!sim_trace_window(&s->trace, o->from, o->to, s->run.config, "canwire sim"))
-        return false;
-    if (!open_output(&s->trace.vcd_out, o->vcd) || !open_output(&s->trace.svg_out, o->svg))
-        return false;
-    return sim_trace_start(&s->trace, &s->run, "canwire sim");
+    bool good = sim_trace_window(&s->trace, &o->from, &o->to, s->run.config, "canwire sim");
+    if (!good)
+        s->failure = CLI_USAGE;
+    return good;
 }
 
-static bool start_pcapng(sim *s, const char *name)
+static bool set_event(sim *s, const sim_options *o)
 {
-    if (!open_output(&s->pcapng, name))
-        return false;
-    if (s->pcapng)
-        pcapng_begin(s->pcapng, s->run.config);
-    return true;
+    bool good = sim_until_start(&s->awaited, o->until_event, &s->run);
+    if (!good && !s->awaited.unknown_name)
+        s->failure = CLI_USAGE;
+    return good;
 }
 
+static bool open_outputs(sim *s, const sim_options *o)
+{
+    bool good = true;
+    for (unsigned i = 0; i < OUT_COUNT && good; i++)
+        good = outfile_open(&s->out[i], o->outputs[i], "canwire sim");
+    s->trace.vcd_out = &s->out[OUT_VCD];
+    s->trace.svg_out = &s->out[OUT_SVG];
+    s->judge.junit = &s->out[OUT_JUNIT];
+    return good;
+}
+
+/* Tick at which the run ends if nothing fails, CW_NEVER: that is not known yet. */
+static uint64_t known_end(const sim *s, const sim_options *o)
+{
+    return o->until_event || o->journal ? CW_NEVER : s->run.until;
+}
+
+/* Those that are written while the bus runs. */
+static void begin_outputs(sim *s)
+{
+    (void)outfile_begin(&s->out[OUT_EVENTS]);
+    (void)outfile_begin(&s->out[OUT_LOG]);
+    if (outfile_begin(&s->out[OUT_PCAPNG]))
+        pcapng_begin(s->out[OUT_PCAPNG].stream, s->run.config);
+}
+
+/* The trace is behind what else looks on: what has to do with events comes before what has to do
+ * with bits. No output is touched until all is known to be possible. */
 static bool set_up(sim *s, const sim_options *o)
 {
     if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
         return false;
     add_writer(s, o);
-    return sim_until_start(&s->awaited, o->until_event, &s->run) && set_until(s, o->until) &&
-           open_output(&s->events, o->events) && open_output(&s->log, o->log) &&
-           start_pcapng(s, o->pcapng) && open_output(&s->stats, o->stats) &&
-           open_output(&s->judge.junit, o->junit) &&
-           sim_judge_start(&s->judge, &s->run, o->journal) && start_trace(s, o);
+    bool good = set_event(s, o) && set_until(s, &o->until) && set_window(s, o) &&
+                open_outputs(s, o) && sim_judge_start(&s->judge, &s->run, o->journal) &&
+                sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
+    if (good)
+        begin_outputs(s);
+    return good;
+}
+
+static bool wants_output(const sim_options *o)
+{
+    bool any = false;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        any = any || o->outputs[i];
+    return any;
+}
+
+static bool close_outputs(sim *s)
+{
+    bool good = true;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        good = outfile_close(&s->out[i], "canwire sim") && good;
+    return good;
 }
 
 static bool finish(sim *s, const sim_options *o)
 {
-    if (s->stats)
-        output_stats(s->stats, s->run.config, s->run.bus);
-    if (!s->stats && !s->events && !s->log && !s->pcapng && !s->trace.vcd_out &&
-        !s->trace.svg_out && !s->judge.junit)
+    if (outfile_begin(&s->out[OUT_STATS]))
+        output_stats(s->out[OUT_STATS].stream, s->run.config, s->run.bus);
+    if (!wants_output(o))
         summary_print(stdout, s->run.config, s->run.bus);
     bool good = sim_judge_finish(&s->judge, &s->run);
     good = sim_trace_finish(&s->trace, "canwire sim") && good;
-    good = close_output(s->judge.junit, o->junit) && good;
-    good = close_output(s->trace.vcd_out, o->vcd) && good;
-    good = close_output(s->trace.svg_out, o->svg) && good;
-    good = close_output(s->events, o->events) && good;
-    good = close_output(s->log, o->log) && good;
-    good = close_output(s->pcapng, o->pcapng) && good;
-    return close_output(s->stats, o->stats) && good;
+    return close_outputs(s) && good;
 }
 
 static bool writes_to_stdout(const sim_options *o)
 {
-    const char *const outputs[] = {o->events, o->log, o->pcapng, o->stats,
-                                   o->vcd,    o->svg, o->junit};
     bool any = false;
-    for (size_t i = 0; i < sizeof outputs / sizeof outputs[0]; i++)
-        any = any || (outputs[i] && strcmp(outputs[i], "-") == 0);
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        any = any || (o->outputs[i] && strcmp(o->outputs[i], "-") == 0);
     return any;
 }
 
 static void tear_down(sim *s)
 {
     sim_trace_close(&s->trace);
+    (void)close_outputs(s);
     sim_judge_close(&s->judge);
     sim_close(&s->run);
     sim_journal_close(&s->journal);
@@ -267,103 +271,118 @@ static void tear_down(sim *s)
  * that stands there twice, or NULL. */
 static const char *shared_output(const sim_options *o)
 {
-    const char *const outputs[] = {o->events, o->log, o->pcapng, o->stats,
-                                   o->vcd,    o->svg, o->junit};
-    const size_t count = sizeof outputs / sizeof outputs[0];
-    for (size_t i = 0; i < count; i++)
-        for (size_t k = i + 1; k < count; k++)
-            if (outputs[i] && outputs[k] && strcmp(outputs[i], "-") != 0 &&
-                strcmp(outputs[i], outputs[k]) == 0)
-                return outputs[i];
+    for (size_t i = 0; i < OUT_COUNT; i++)
+        for (size_t k = i + 1; k < OUT_COUNT; k++)
+            if (o->outputs[i] && o->outputs[k] && strcmp(o->outputs[i], "-") != 0 &&
+                strcmp(o->outputs[i], o->outputs[k]) == 0)
+                return o->outputs[i];
     return NULL;
+}
+
+/* Says what is wrong; returns the exit status. */
+static int refuse(const char *what, const char *why)
+{
+    fprintf(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
+    return CLI_USAGE;
+}
+
+static bool take_time(time_option *out, const char *option, const char *text)
+{
+    const char *wrong = text_parse_time(&out->time, text);
+    out->text = text;
+    if (wrong)
+        fprintf(stderr, "canwire sim: %s %s: %s\n", option, text, wrong);
+    return !wrong;
+}
+
+static bool take_seed(sim_options *o, const char *text)
+{
+    o->has_seed = true;
+    if (!text_parse_uint(&o->seed, text))
+        return true;
+    fprintf(stderr, "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n",
+            text, UINT64_MAX);
+    return false;
+}
+
+#define OPTION_OUTPUT 256 /* of getopt's values: the first output */
+
+/* False after a message, when the value is bad. */
+static bool take_option(sim_options *o, int option)
+{
+    if (option >= OPTION_OUTPUT)
+        o->outputs[option - OPTION_OUTPUT] = optarg;
+    else if (option == 'u')
+        return take_time(&o->until, "--until", optarg);
+    else if (option == 'f')
+        return take_time(&o->from, "--from", optarg);
+    else if (option == 'o')
+        return take_time(&o->to, "--to", optarg);
+    else if (option == 's')
+        return take_seed(o, optarg);
+    else if (option == 'E')
+        o->until_event = optarg;
+    else if (option == 'J')
+        o->journal = optarg;
+    else if (option == 'S')
+        o->step = true;
+    else
+        return false;
+    return true;
+}
+
+/* What does not go together. Returns -1 to go on, else the exit status. */
+static int check_options(const sim_options *o)
+{
+    const char *shared = shared_output(o);
+    if (o->journal && o->has_seed)
+        return refuse("--seed", "it is in the journal");
+    if ((o->from.text || o->to.text) && !o->outputs[OUT_VCD] && !o->outputs[OUT_SVG])
+        return refuse("--from and --to", "they are for --vcd and --svg");
+    if (shared)
+        return refuse(shared, "two outputs into one file");
+    return -1;
 }
 
 /* Returns -1 to go on, else the exit status. */
 static int parse_options(sim_options *o, int argc, char **argv)
 {
     static const struct option options[] = {
-        {"until", required_argument, NULL, 'u'}, {"seed", required_argument, NULL, 's'},
-        {"events", required_argument, NULL, 'e'}, {"log", required_argument, NULL, 'l'},
-        {"stats", required_argument, NULL, 't'},  {"step", no_argument, NULL, 'S'},
-        {"vcd", required_argument, NULL, 'v'},    {"svg", required_argument, NULL, 'g'},
-        {"from", required_argument, NULL, 'f'},   {"to", required_argument, NULL, 'o'},
-        {"help", no_argument, NULL, 'h'},         {"until-event", required_argument, NULL, 'E'},
-        {"junit", required_argument, NULL, 'j'},  {"pcapng", required_argument, NULL, 'p'},
-        {"journal", required_argument, NULL, 'J'}, {NULL, 0, NULL, 0},
+        {"until", required_argument, NULL, 'u'},
+        {"until-event", required_argument, NULL, 'E'},
+        {"seed", required_argument, NULL, 's'},
+        {"journal", required_argument, NULL, 'J'},
+        {"from", required_argument, NULL, 'f'},
+        {"to", required_argument, NULL, 'o'},
+        {"step", no_argument, NULL, 'S'},
+        {"help", no_argument, NULL, 'h'},
+        {"events", required_argument, NULL, OPTION_OUTPUT + OUT_EVENTS},
+        {"log", required_argument, NULL, OPTION_OUTPUT + OUT_LOG},
+        {"pcapng", required_argument, NULL, OPTION_OUTPUT + OUT_PCAPNG},
+        {"stats", required_argument, NULL, OPTION_OUTPUT + OUT_STATS},
+        {"vcd", required_argument, NULL, OPTION_OUTPUT + OUT_VCD},
+        {"svg", required_argument, NULL, OPTION_OUTPUT + OUT_SVG},
+        {"junit", required_argument, NULL, OPTION_OUTPUT + OUT_JUNIT},
+        {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        switch (c) {
-        case 'u':
-            o->until = optarg;
-            break;
-        case 'J':
-            o->journal = optarg;
-            break;
-        case 'E':
-            o->until_event = optarg;
-            break;
-        case 's':
-            o->seed = optarg;
-            break;
-        case 'e':
-            o->events = optarg;
-            break;
-        case 'l':
-            o->log = optarg;
-            break;
-        case 'p':
-            o->pcapng = optarg;
-            break;
-        case 't':
-            o->stats = optarg;
-            break;
-        case 'v':
-            o->vcd = optarg;
-            break;
-        case 'g':
-            o->svg = optarg;
-            break;
-        case 'j':
-            o->junit = optarg;
-            break;
-        case 'f':
-            o->from = optarg;
-            break;
-        case 'o':
-            o->to = optarg;
-            break;
-        case 'S':
-            o->step = true;
-            break;
-        case 'h':
+        if (c == 'h') {
             fputs(usage, stdout);
             fputs(help, stdout);
-            return 0;
-        default:
+            return CLI_OK;
+        }
+        if (!take_option(o, c)) {
             fputs(usage, stderr);
-            return 2;
+            return CLI_USAGE;
         }
     }
     if (optind + (o->journal ? 0 : 1) != argc) {
         fputs(usage, stderr);
-        return 2;
-    }
-    if (o->journal && o->seed) {
-        fprintf(stderr, "canwire sim: --seed is in the journal\n%s", usage);
-        return 2;
-    }
-    if ((o->from || o->to) && !o->vcd && !o->svg) {
-        fprintf(stderr, "canwire sim: --from and --to are for --vcd and --svg\n%s", usage);
-        return 2;
-    }
-    const char *shared = shared_output(o);
-    if (shared) {
-        fprintf(stderr, "canwire sim: %s: two outputs into one file\n%s", shared, usage);
-        return 2;
+        return CLI_USAGE;
     }
     o->file = argv[optind];
-    return -1;
+    return check_options(o);
 }
 
 int cli_sim(int argc, char **argv)
@@ -372,11 +391,11 @@ int cli_sim(int argc, char **argv)
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
-    sim s = {.judge.to_stderr = writes_to_stdout(&options)};
+    sim s = {.judge.to_stderr = writes_to_stdout(&options), .failure = CLI_BAD_INPUT};
     bool good = set_up(&s, &options);
     if (good) {
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
-        sim_progress_start(&s.run.progress, room);
+        sim_progress_start(&s.run.progress, room, options.until_event);
         good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
         sim_until_finish(&s.awaited);
         good = finish(&s, &options) && good;
@@ -384,6 +403,6 @@ int cli_sim(int argc, char **argv)
     bool met = s.judge.report.failed == 0;
     tear_down(&s);
     if (!good)
-        return CLI_BAD_INPUT;
+        return s.failure;
     return met ? CLI_OK : CLI_EXPECTATION;
 }

@@ -42,8 +42,8 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
     sim_judge_leave(j->judge, j->run);
     if (!same)
         sim_trace_leave(j->trace, "canwire sim");
-    if (!same && *j->pcapng)
-        pcapng_begin(*j->pcapng, next);
+    if (!same && j->pcapng->stream)
+        pcapng_begin(j->pcapng->stream, next);
 }
 
 static void go_over(void *user)

@@ -18,7 +18,7 @@ typedef struct sim_journal {
     sim_judge *judge;
     sim_trace *trace;
     sim_until *awaited;
-    FILE **pcapng;
+    outfile *pcapng;
 } sim_journal;
 
 /* Opens a journal and the run. All but the player is to be set. False after a message. */

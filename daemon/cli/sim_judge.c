@@ -50,8 +50,9 @@ bool sim_judge_finish(sim_judge *j, const sim_run *run)
         return fail();
     if (any)
         expect_report_text(j->to_stderr ? stderr : stdout, &j->report);
-    if (j->junit)
-        expect_report_junit(j->junit, &j->report, run->config->bus_name, cw_bus_now(run->bus));
+    if (j->junit->stream)
+        expect_report_junit(outfile_begin(j->junit), &j->report, run->config->bus_name,
+                            cw_bus_now(run->bus));
     return true;
 }
 

@@ -6,11 +6,12 @@
 #define CANWIRE_SIM_JUDGE_H
 
 #include "expect.h"
+#include "outfile.h"
 #include "sim_run.h"
 
 /* All zeros judges nothing. */
 typedef struct sim_judge {
-    FILE *junit;       /* JUnit XML goes there; the caller's; or NULL */
+    outfile *junit;    /* JUnit XML goes there, if it is open; not owned */
     bool to_stderr;    /* the report as text does, not to standard output */
     expect *judge;     /* NULL: nothing is expected */
     bool no_memory;

@@ -12,7 +12,8 @@
 #define LOOK_TICKS (CW_CLOCK_HZ / 100u) /* bus time between two looks at the clock */
 #define FIRST_NS INT64_C(1000000000)
 #define PERIOD_NS INT64_C(250000000)
-#define LINE_MAX_BYTES 128
+#define LINE_MAX_BYTES 192
+#define AWAITED_MAX 32 /* letters of the event that the run waits for */
 
 static int64_t wall_ns(void)
 {
@@ -21,9 +22,9 @@ static int64_t wall_ns(void)
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-void sim_progress_start(sim_progress *p, bool wanted)
+void sim_progress_start(sim_progress *p, bool wanted, const char *awaited)
 {
-    *p = (sim_progress){.on = wanted && isatty(STDERR_FILENO)};
+    *p = (sim_progress){.on = wanted && isatty(STDERR_FILENO), .awaited = awaited};
     if (!p->on)
         return;
     p->start_ns = wall_ns();
@@ -69,6 +70,9 @@ void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
                             wall * (double)(end - stats.ticks) / (double)stats.ticks);
         used += snprintf(line + used, sizeof line - (size_t)used, " left");
     }
+    if (p->awaited)
+        used += snprintf(line + used, sizeof line - (size_t)used, ", waits for %.*s", AWAITED_MAX,
+                         p->awaited);
     unsigned before = p->width;
     p->width = (unsigned)used;
     p->next_ns = now_ns + PERIOD_NS;

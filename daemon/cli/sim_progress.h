@@ -16,10 +16,12 @@ typedef struct sim_progress {
     int64_t next_ns;
     uint64_t looked; /* tick at which the clock was last looked at */
     unsigned width;  /* characters that are on the terminal now */
+    const char *awaited; /* NULL: nothing; not owned */
 } sim_progress;
 
-/* Begins to count. It is on when standard error is a terminal and nothing else writes to one. */
-void sim_progress_start(sim_progress *p, bool wanted);
+/* Begins to count. It is on when standard error is a terminal and nothing else writes to one. The
+ * line tells what the run waits for, if that is not NULL. */
+void sim_progress_start(sim_progress *p, bool wanted, const char *awaited);
 
 /* Whether a new line is due. Cheap; to be asked often. */
 bool sim_progress_is_due(sim_progress *p, uint64_t now);

@@ -11,32 +11,18 @@
 
 /* ---- The window ------------------------------------------------------------------------------ */
 
-static bool parse_tick(uint64_t *tick, const char *option, const char *text, const cfg *config,
-                       const char *program)
+bool sim_trace_window(sim_trace *self, const time_option *from, const time_option *to,
+                      const cfg *config, const char *program)
 {
-    cfg_time time;
-    if (!text)
-        return true;
-    const char *wrong = text_parse_time(&time, text);
-    if (wrong)
-        fprintf(stderr, "%s: %s %s: %s\n", program, option, text, wrong);
-    else
-        *tick = text_time_ticks(time, config->bit_ticks);
-    return !wrong;
-}
-
-bool sim_trace_window(sim_trace *self, const char *from, const char *to, const cfg *config,
-                      const char *program)
-{
-    self->from = 0;
-    self->to = CW_NEVER;
-    if (!parse_tick(&self->from, "--from", from, config, program) ||
-        !parse_tick(&self->to, "--to", to, config, program))
-        return false;
+    self->from = from->text ? text_time_ticks(from->time, config->bit_ticks) : 0;
+    self->to = to->text ? text_time_ticks(to->time, config->bit_ticks) : CW_NEVER;
     if (self->from < self->to)
         return true;
-    fprintf(stderr, "%s: --from %s --to %s: the window ends before it begins\n", program,
-            from ? from : "0", to ? to : "");
+    if (to->text)
+        fprintf(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program, to->text,
+                from->text ? from->text : "0");
+    else
+        fprintf(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
     return false;
 }
 
@@ -46,11 +32,12 @@ bool sim_trace_window(sim_trace *self, const char *from, const char *to, const c
 static void begin(sim_trace *self, const cw_bus *bus)
 {
     self->begun = true;
-    if (self->vcd_out)
-        self->vcd = vcd_open(self->vcd_out, self->run->config, bus);
-    if (self->svg_out)
+    if (self->vcd_out->stream)
+        self->vcd = vcd_open(outfile_begin(self->vcd_out), self->run->config, bus);
+    if (self->svg_out->stream)
         self->svg = svg_new(self->run->config, bus);
-    self->no_memory = (self->vcd_out && !self->vcd) || (self->svg_out && !self->svg);
+    self->no_memory =
+        (self->vcd_out->stream && !self->vcd) || (self->svg_out->stream && !self->svg);
 }
 
 /* At the very start of the window only what acts from then on; that comes before the bit has been
@@ -105,19 +92,33 @@ static bool fits_picture(uint64_t bits, const char *program)
     return bits <= SVG_BITS_MAX;
 }
 
-/* Whole bits that overlap with the window. */
-static uint64_t window_bits(const sim_trace *self, uint32_t bit_ticks)
+/* Bits of the window that the run is sure to have, as far as its end is known; where it is not, all
+ * bits that overlap with a window that has an end. */
+static uint64_t known_bits(const sim_trace *self, uint64_t end, uint32_t bit_ticks)
 {
-    return (self->to - 1) / bit_ticks - self->from / bit_ticks + 1;
+    uint64_t bits = end != CW_NEVER ? end / bit_ticks : 0; /* whole ones, from the start on */
+    if (self->to <= end && self->to != CW_NEVER)
+        bits = (self->to - 1) / bit_ticks + 1;
+    return bits > self->from / bit_ticks ? bits - self->from / bit_ticks : 0;
 }
 
-bool sim_trace_start(sim_trace *self, sim_run *run, const char *program)
+/* What is known before the run, so that no output is touched for it. */
+static bool is_possible(const sim_trace *self, uint64_t end, uint32_t bit_ticks,
+                        const char *program)
+{
+    if (end != CW_NEVER && self->from > end && self->from - end >= bit_ticks) {
+        fprintf(stderr, "%s: --from: the run ends before\n", program);
+        return false;
+    }
+    return !self->svg_out->stream || fits_picture(known_bits(self, end, bit_ticks), program);
+}
+
+bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program)
 {
     const uint32_t bit_ticks = run->config->bit_ticks;
-    if (!self->vcd_out && !self->svg_out)
+    if (!self->vcd_out->stream && !self->svg_out->stream)
         return true;
-    if (self->svg_out && self->to != CW_NEVER &&
-        !fits_picture(window_bits(self, bit_ticks), program))
+    if (!is_possible(self, end, bit_ticks, program))
         return false;
     const sim_sink sink = {
         .user = self,
@@ -137,7 +138,7 @@ static bool draw(const sim_trace *self, const char *program)
 {
     if (!fits_picture(svg_count(self->svg), program))
         return false;
-    bool good = svg_write(self->svg_out, self->svg);
+    bool good = svg_write(outfile_begin(self->svg_out), self->svg);
     if (!good)
         fprintf(stderr, "%s: out of memory\n", program);
     return good;

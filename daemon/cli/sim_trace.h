@@ -5,14 +5,21 @@
 #ifndef CANWIRE_SIM_TRACE_H
 #define CANWIRE_SIM_TRACE_H
 
+#include "outfile.h"
 #include "sim_run.h"
 #include "svg.h"
 #include "vcd.h"
 
+/* A time on the command line. */
+typedef struct time_option {
+    const char *text; /* NULL: it is not given */
+    cfg_time time;
+} time_option;
+
 typedef struct sim_trace {
     const sim_run *run; /* not owned */
-    FILE *vcd_out;      /* NULL: not wanted; not owned */
-    FILE *svg_out;
+    outfile *vcd_out;   /* not owned; one that is not open is not wanted */
+    outfile *svg_out;
     uint64_t from; /* ticks; bits that overlap with the window are in it */
     uint64_t to;   /* CW_NEVER: to the end of the run */
     bool begun;    /* the run has reached the window */
@@ -23,13 +30,15 @@ typedef struct sim_trace {
     svg *svg;
 } sim_trace;
 
-/* Sets the window; either text may be NULL. False after a message that begins with `program`. */
-bool sim_trace_window(sim_trace *self, const char *from, const char *to, const cfg *config,
-                      const char *program);
+/* Sets the window; either end may be NULL. False after a message that begins with `program`, when
+ * there is nothing between them. */
+bool sim_trace_window(sim_trace *self, const time_option *from, const time_option *to,
+                      const cfg *config, const char *program);
 
-/* Makes it look on; the outputs and the window are set. False after a message, when the window is
- * too long for a picture. */
-bool sim_trace_start(sim_trace *self, sim_run *run, const char *program);
+/* Makes it look on; the outputs and the window are set. `end` is the tick at which the run ends,
+ * CW_NEVER when that is not known. False after a message, when the window is too long for a picture
+ * or the run ends before it begins. */
+bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program);
 
 /* After the run: ends the outputs, which are then to be closed. False after a message, when there
  * is nothing in the window, or too much for a picture. */

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * outfile.c - a file that is written to: what it had stays until there is something to write.
+ */
+#include "outfile.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <unistd.h>
+
+#define MODE 0666 /* less the umask */
+
+static bool complain(const outfile *self, const char *why, const char *program)
+{
+    fprintf(stderr, "%s: %s: %s\n", program, self->name, why);
+    return false;
+}
+
+/* Returns a file descriptor, or -1. */
+static int open_as_it_is(outfile *self)
+{
+    int fd = open(self->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, MODE);
+    self->made = fd >= 0;
+    if (fd < 0 && errno == EEXIST)
+        fd = open(self->name, O_WRONLY | O_CREAT | O_CLOEXEC, MODE);
+    return fd;
+}
+
+bool outfile_open(outfile *self, const char *name, const char *program)
+{
+    *self = (outfile){.name = name};
+    if (!name)
+        return true;
+    if (strcmp(name, "-") == 0) {
+        self->stream = stdout;
+        return true;
+    }
+    int fd = open_as_it_is(self);
+    self->stream = fd >= 0 ? fdopen(fd, "w") : NULL;
+    if (self->stream)
+        return true;
+    bool good = complain(self, strerror(errno), program);
+    if (fd >= 0)
+        (void)close(fd);
+    return good;
+}
+
+/* What cannot be cut, a pipe or a terminal, has nothing to lose. */
+FILE *outfile_begin(outfile *self)
+{
+    if (self->stream && self->stream != stdout && !self->begun)
+        (void)!ftruncate(fileno(self->stream), 0);
+    self->begun = true;
+    return self->stream;
+}
+
+bool outfile_close(outfile *self, const char *program)
+{
+    FILE *stream = self->stream;
+    if (!stream)
+        return true;
+    bool failed = ferror(stream) != 0;
+    bool closed = (stream == stdout ? fflush(stream) : fclose(stream)) == 0;
+    self->stream = NULL;
+    if (!self->begun && self->made)
+        (void)unlink(self->name);
+    if (closed && !failed)
+        return true;
+    return complain(self, closed ? "not all could be written" : strerror(errno), program);
+}
