@@ -88,8 +88,8 @@ int cli_bits(int argc, char **argv)
         problem = "not a classical CAN frame";
     }
     if (problem != NULL) {
-        fprintf(stderr, "canwire bits: %s: %s\n", chosen.frame, problem);
-        return CLI_BAD_INPUT;
+        fprintf(stderr, "canwire bits: FRAME %s: %s\n", chosen.frame, problem);
+        return CLI_USAGE;
     }
     if (chosen.raw) {
         print_raw(&bits);
@@ -121,7 +121,9 @@ static void print_help(void)
         "  -h, --help  this text\n"
         "\n"
         "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
-        "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n",
+        "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n"
+        "\n"
+        "Exit status: 0, 2 wrong usage: FRAME is none, or an option is not allowed.\n",
         stdout);
 }
 

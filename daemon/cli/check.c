@@ -16,8 +16,8 @@ static const char usage[] =
     "usage: canwire check [--ports] FILE\n"
     "\n"
     "Validates a configuration or a fault profile, and reads the recordings that it replays to\n"
-    "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message. Exit status: 0\n"
-    "good, 1 bad, 2 wrong usage.\n"
+    "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
+    "Exit status: 0 good, 1 bad, 2 wrong usage: an option is not allowed.\n"
     "\n"
     "  --ports   only print the interfaces that the nodes use, one a line\n";
 
@@ -40,8 +40,10 @@ int cli_check(int argc, char **argv)
             fputs(usage, stdout);
             return CLI_OK;
         }
-        if (option == '?')
+        if (option == '?') {
+            fputs(usage, stderr);
             return CLI_USAGE;
+        }
         ports = true;
     }
     if (optind != argc - 1) {

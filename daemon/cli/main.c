@@ -35,6 +35,7 @@ static const command commands[] = {
     {"reload", "go over to what the configuration says now", cli_reload},
 };
 
+#define NAME_MAX_BYTES 32 /* "canwire " and the name of a command */
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])
 
 static int run_tool(int argc, char **argv);
@@ -67,8 +68,9 @@ static void print_usage(FILE *out)
         fprintf(out, "  %-8s %s\n", commands[i].name, commands[i].help);
     }
     fputs("\n"
-          "exit status: 0 success, 1 bad input or refused, 2 wrong usage, 3 an expectation failed "
-          "(sim)\n",
+          "exit status: 0 success, 1 a file is bad or cannot be read or written, or the bus refuses,\n"
+          "2 wrong usage: an option or a value on the command line is not allowed, 3 an expectation\n"
+          "failed (sim)\n",
           out);
 }
 
@@ -98,6 +100,16 @@ static int refuse_command(const char *name)
     return CLI_USAGE;
 }
 
+/* getopt begins its messages with argv[0]. */
+static int run_command(const command *c, int argc, char **argv)
+{
+    char name[NAME_MAX_BYTES];
+
+    (void)snprintf(name, sizeof name, "canwire %s", c->name);
+    argv[0] = name;
+    return c->run(argc, argv);
+}
+
 static int help(int argc, char **argv)
 {
     if (argc < 2) {
@@ -116,7 +128,7 @@ static int help(int argc, char **argv)
     char option[] = "--help";
     char *arguments[] = {argv[1], option, NULL};
 
-    return found->run(2, arguments);
+    return run_command(found, 2, arguments);
 }
 
 static int run_tool(int argc, char **argv)
@@ -136,5 +148,5 @@ static int run_tool(int argc, char **argv)
     }
     const command *found = find_command(name);
 
-    return found == NULL ? refuse_command(name) : found->run(argc - 1, argv + 1);
+    return found == NULL ? refuse_command(name) : run_command(found, argc - 1, argv + 1);
 }
