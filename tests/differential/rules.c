@@ -270,6 +270,8 @@ static void random_position(diff_maker *m, cw_rule *rule)
     if (diff_chance(r, 200))
         rule->field = seldom[diff_below(r, sizeof seldom / sizeof seldom[0])];
     rule->index = (uint16_t)diff_below(r, field_bits(rule->field));
+    if (rule->field == CW_FIELD_BIT && diff_chance(r, 300))
+        rule->index = 0; /* the SOF by its other name */
     rule->bits = (uint16_t)(diff_chance(r, 700) ? 1 : diff_magnitude(r, 1, 40));
     rule->level = diff_chance(r, 500);
     if (rule->action == CW_ACTION_FORCE && diff_chance(r, 200))

@@ -83,6 +83,14 @@ static void a_rule_stops_that_a_loser_has_not_met(rig *r)
     disturb(r, 26, CW_ACTION_DISCONNECT, NODE(0));
 }
 
+/* bit[0] is the SOF, which no leap may have begun with. */
+static void a_rule_on_the_first_bit_by_its_number(rig *r)
+{
+    cw_rule flip = flip_of("flip", CW_FIELD_BIT, 0, NODE(0));
+    flip.count = 2;
+    (void)add(r, &flip);
+}
+
 static rig *run(void (*story)(rig *r), bool stepping)
 {
     const cw_frame first = rig_frame(0x100, 0, 4);
@@ -103,7 +111,7 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     (void)state;
     static void (*const stories[])(rig *r) = {
         a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
-        a_rule_stops_that_a_loser_has_not_met};
+        a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
         rig *leaping = run(stories[i], false);
         rig *stepping = run(stories[i], true);
