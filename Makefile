@@ -154,8 +154,10 @@ FUZZ_SEEDS_fuzz_trace := tests/traces
 FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
 fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 
-# Bytes of an input at most, where that is more than the longest one to begin with.
+# Bytes of an input at most; those of the longest one to begin with where there is no number. Those of
+# fuzz_config include files that are no configurations: with their length it would be slow.
 FUZZ_BYTES_fuzz_bus := 1000
+FUZZ_BYTES_fuzz_config := 8000
 FUZZ_BYTES_fuzz_control := 4000
 FUZZ_BYTES_fuzz_frame := 64
 FUZZ_BYTES_fuzz_mac := 1000

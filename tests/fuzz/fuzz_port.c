@@ -324,12 +324,15 @@ static void keep(side *s, const message *m)
     s->waiting[s->count++] = *m;
 }
 
-/* The number beside a message may be older than the last one that was told. */
+/* The number beside a message may be older than the last one that was told. It is taken modulo 2^32:
+ * no more than half of that can be lost until it is told. */
 static void add_losses(rig *r, message *m)
 {
     counts *c = &r->sides[CAN].counts;
     unsigned how = fuzz_u8(&r->in);
-    c->lost += how & 2u ? fuzz_u32(&r->in) & 0x3FFFFFFFu : how >> 6;
+    uint64_t more = how & 2u ? fuzz_u32(&r->in) : how >> 6;
+    if (c->lost + more - c->lost_told <= INT32_MAX)
+        c->lost += more;
     uint64_t told = how & 4u && c->lost >= 9 ? c->lost - 9 : c->lost;
     m->has_losses = how & 1u;
     m->losses = (uint32_t)told;
