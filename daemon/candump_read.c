@@ -64,23 +64,24 @@ static const char *read_date(uint64_t *ns, const char *text)
     return end;
 }
 
-/* "(...)", if there is one. NULL after a complaint. */
-static const char *read_stamp(trace_input *in, candump_state *s, trace_record *r, const char *text)
+/* "(...)", if there is one; goes on behind it. False after a complaint. */
+static bool read_stamp(trace_input *in, candump_state *s, trace_record *r, const char **text)
 {
     uint64_t ns;
-    if (*text != '(')
-        return text;
-    const char *end = trace_seconds(&ns, text + 1);
+    if (**text != '(')
+        return true;
+    const char *end = trace_seconds(&ns, *text + 1);
     if (!end)
-        end = read_date(&ns, text + 1);
+        end = read_date(&ns, *text + 1);
     if (!end || *end != ')') {
-        (void)trace_bad_text(in, text, "%s", stamp_problem);
-        return NULL;
+        (void)trace_bad_text(in, *text, "%s", stamp_problem);
+        return false;
     }
     s->time_ns = s->delta ? s->time_ns + ns : ns;
     r->timed = true;
     r->time_ns = s->time_ns;
-    return trace_blanks(end + 1);
+    *text = trace_blanks(end + 1);
+    return true;
 }
 
 /* ---- Log lines ------------------------------------------------------------------------------- */
@@ -254,8 +255,7 @@ static trace_result read_line(trace_input *in, candump_state *s, trace_record *r
     const char *escape = strchr(text, '\x1B');
     if (escape)
         return trace_bad_text(in, escape, "an escape sequence: record without colours (-c)");
-    text = read_stamp(in, s, r, text);
-    if (!text)
+    if (!read_stamp(in, s, r, &text))
         return TRACE_BAD;
     size_t length = trace_word(text);
     trace_set_channel(r, text, length);

@@ -155,6 +155,14 @@ static cfg_owner *make_owner(const char *file);
 static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *walk, diag *errors,
                       wanted kind);
 
+static void free_owner(cfg_owner *owner)
+{
+    if (!owner)
+        return;
+    arena_free(&owner->arena);
+    free(owner);
+}
+
 static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
 {
     diag found = {.file.name = file};
@@ -166,7 +174,7 @@ static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
     else if (read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION))
         return &owner->config;
     diag_flush(&found, errors);
-    cfg_free(owner ? &owner->config : NULL);
+    free_owner(owner);
     return NULL;
 }
 
@@ -198,17 +206,13 @@ bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
     *rule_count = good ? owner->config.rule_count : 0;
     *config = good && !is_profile ? &owner->config : NULL;
     if (!*config)
-        cfg_free(owner ? &owner->config : NULL);
+        free_owner(owner);
     return good;
 }
 
 void cfg_free(cfg *config)
 {
-    if (!config)
-        return;
-    cfg_owner *owner = (cfg_owner *)config;
-    arena_free(&owner->arena);
-    free(owner);
+    free_owner((cfg_owner *)config);
 }
 
 static uint8_t find_node(const cfg *config, const char *name)
@@ -354,7 +358,7 @@ static cfg_owner *make_owner(const char *file)
     owner->config.file = arena_print(&owner->arena, "%s", file);
     if (owner->config.file)
         return owner;
-    cfg_free(&owner->config);
+    free_owner(owner);
     return NULL;
 }
 

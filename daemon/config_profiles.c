@@ -553,7 +553,7 @@ static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors)
     size_t running = walk->running->count;
     const cw_rule *rules = walk->config->rules;
     uint16_t places[CW_RULES_MAX];
-    size_t before;
+    bool placed;
 
     owner->rules.rules = arena_alloc(&owner->arena, (count + 1) * sizeof *rules);
     if (!owner->rules.rules) {
@@ -562,14 +562,16 @@ static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors)
     }
     memset(places, 0xFF, sizeof places);
     do {
-        before = owner->rules.count;
+        placed = false;
         for (size_t i = 0; i < count; i++) {
             bool waits = rules[i].has_after && rules[i].after >= running &&
                          places[rules[i].after - running] == UINT16_MAX;
-            if (places[i] == UINT16_MAX && !waits)
-                place(owner, walk, places, i);
+            if (places[i] != UINT16_MAX || waits)
+                continue;
+            place(owner, walk, places, i);
+            placed = true;
         }
-    } while (owner->rules.count > before);
+    } while (placed);
     if (owner->rules.count < count)
         diag_add(errors, 0, 0,
                  "there are rules that come after each other in a circle; a running "

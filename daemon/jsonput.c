@@ -8,22 +8,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void end_if_failed(bool failed)
+static _Noreturn void end_without_memory(void)
 {
-    if (!failed)
-        return;
     fputs("canwire: out of memory\n", stderr);
     abort();
 }
 
 void put(json_t *object, const char *key, json_t *value)
 {
-    end_if_failed(json_object_set_new(object, key, value) != 0);
+    if (json_object_set_new(object, key, value) != 0)
+        end_without_memory();
 }
 
 void put_last(json_t *array, json_t *value)
 {
-    end_if_failed(json_array_append_new(array, value) != 0);
+    if (json_array_append_new(array, value) != 0)
+        end_without_memory();
 }
 
 void put_count(json_t *object, const char *key, uint64_t value)
@@ -59,7 +59,8 @@ json_t *text_to_json(const char *text, size_t length)
     if (value)
         return value;
     char *ascii = malloc(length + 1);
-    end_if_failed(!ascii);
+    if (!ascii)
+        end_without_memory();
     memcpy(ascii, text, length);
     for (size_t i = 0; i < length; i++)
         if ((unsigned char)text[i] >= 0x80)

@@ -83,19 +83,26 @@ static void give_to_group(const pathsocket *s, const char *what)
                     strerror(errno));
 }
 
+/* 0 or the number of what went wrong. */
+static int open_path(pathsocket *s, int type, int backlog, const char *what)
+{
+    if (!s->path)
+        return ENOMEM;
+    s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s->fd < 0)
+        return errno;
+    int number = bind_path(s, type, what);
+    if (number != 0)
+        return number;
+    give_to_group(s, what);
+    return listen(s->fd, backlog) == 0 ? 0 : errno;
+}
+
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX])
 {
     *s = (pathsocket){.fd = -1, .path = strdup(path)};
-    int number = s->path ? 0 : ENOMEM;
-    if (number == 0) {
-        s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-        number = s->fd < 0 ? errno : bind_path(s, type, what);
-    }
-    if (number == 0) {
-        give_to_group(s, what);
-        number = listen(s->fd, backlog) == 0 ? 0 : errno;
-    }
+    int number = open_path(s, type, backlog, what);
     if (number != 0)
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(path, number));
     return number == 0;

@@ -171,8 +171,8 @@ static trace_format detect(trace_input *in)
     if (is_asc(line))
         return TRACE_ASC;
     in->line = 1;
-    in->text = text;
-    (void)trace_bad_text(in, text,
+    in->text = "";
+    (void)trace_bad_text(in, in->text,
                          "this is neither a candump log, nor Vector ASC, nor pcapng (name it with "
                          "'format' if it is)");
     return TRACE_DETECT;
