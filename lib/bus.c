@@ -212,8 +212,8 @@ static void note_start(cw_bus *bus, unsigned i)
     bus_node *n = &bus->nodes[i];
     cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     cw_share_lost(bus, i);
-    if (slot->attempts++ > 0)
-        n->stats.retransmissions++;
+    n->stats.retransmissions += slot->tried;
+    slot->tried = true;
     if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: nothing of it is on the wire */
         return;
     bus->error_flag = (flag_watch){.now = false};
@@ -381,22 +381,29 @@ static void step(cw_bus *bus)
 
 /* ---- Idle time ------------------------------------------------------------------------------- */
 
-/* Whole bits between two ticks, rounded up or down. */
-static uint64_t bits_between(const cw_bus *bus, uint64_t from, uint64_t to, bool up)
+/* Whole bits from now up to a tick. */
+static uint64_t bits_before(const cw_bus *bus, uint64_t tick)
 {
-    if (to == CW_NEVER)
+    if (tick == CW_NEVER)
         return CW_QUIET_FOREVER;
-    uint64_t ticks = to > from ? to - from : 0;
-    return ticks / bus->bit_ticks + (up && ticks % bus->bit_ticks != 0);
+    return tick > bus->now ? (tick - bus->now) / bus->bit_ticks : 0;
+}
+
+/* The same, with the bit that the tick is in. */
+static uint64_t bits_until(const cw_bus *bus, uint64_t tick)
+{
+    uint64_t bits = bits_before(bus, tick);
+    bool amid = bits != CW_QUIET_FOREVER && tick > bus->now + bits * bus->bit_ticks;
+    return bits + amid;
 }
 
 /* Bits that can be skipped now: nobody drives or reports anything, nothing comes in. */
 static uint64_t quiet_bits(cw_bus *bus, uint64_t tick)
 {
     uint64_t bits = (tick - bus->now) / bus->bit_ticks;
-    bits = cw_least(bits, bits_between(bus, bus->now, cw_inbox_first(bus), false));
-    bits = cw_least(bits, bits_between(bus, bus->now, bus->next_restart, true));
-    bits = cw_least(bits, bits_between(bus, bus->now, bus->faults.next_due, true));
+    bits = cw_least(bits, bits_before(bus, cw_inbox_first(bus)));
+    bits = cw_least(bits, bits_until(bus, bus->next_restart));
+    bits = cw_least(bits, bits_until(bus, bus->faults.next_due));
     if (bus->faults.awake_count)
         bits = cw_fault_only_noise(bus) ? cw_fault_noise_free(bus, bits) : 0;
     if (bits == 0)

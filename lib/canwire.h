@@ -583,9 +583,10 @@ uint64_t cw_bus_now(const cw_bus *bus);
 
 /* Hands a frame to a node at a tick; before cw_bus_now() it counts as now. It takes part in the
  * first bit that starts at or after at_tick, and is dropped with an event when the node cannot
- * take it (queue full, bus-off, listen-only, bad frame). CW_FULL: the inbox is full; advance the
- * bus to one bit after cw_bus_inbox_first(), by when that frame has come up, and call again.
- * CW_INVALID: no such node. */
+ * take it (queue full, bus-off, listen-only, bad frame). One for CW_NEVER never comes up: it holds
+ * its place in the inbox, and counts as pending, until cw_node_flush(). CW_FULL: the inbox is full;
+ * advance the bus to one bit after cw_bus_inbox_first(), by when that frame has come up, and call
+ * again. CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
 /* Tick of the earliest frame that was handed in and has not come up yet, or CW_NEVER. */
@@ -633,7 +634,9 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule);
  * holds back go on their way. CW_INVALID: no such rule. */
 cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index);
 
-/* Ends what a rule is doing, but leaves the rule in place. */
+/* Ends what a rule is doing, but leaves the rule in place: what it has counted stays, and it acts
+ * again when it matches again; one that had no end of its own (CW_NEVER) can so be ended and fired
+ * again. Frames that it holds back go on their way. CW_INVALID: no such rule. */
 cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
 
 /* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual or over. */

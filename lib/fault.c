@@ -21,32 +21,6 @@ bool cw_fault_is_over(const cw_fault *f)
     return f->rule.count != 0 && f->hits >= f->rule.count;
 }
 
-/* ---- Kinds of actions ------------------------------------------------------------------------ */
-
-/* Has a position: bound to a transmission, acts when the position is reached. */
-static bool is_position_action(cw_action action)
-{
-    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
-}
-
-static bool is_host_action(cw_action action)
-{
-    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
-}
-
-/* Lasts for a time. */
-static bool is_window_action(cw_action action)
-{
-    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
-           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
-}
-
-/* Changes who is on which wire, or who acknowledges. */
-static bool is_topology_action(cw_action action)
-{
-    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
-}
-
 /* ---- Frames and filters ---------------------------------------------------------------------- */
 
 static uint32_t can_id(const cw_frame *frame)
@@ -374,7 +348,7 @@ static void begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
     cw_fault_due(bus, f->next_at);
     if (cw_fault_needs_bits(f))
         cw_fault_wake(bus, rule);
-    bus->faults.rewired = bus->faults.rewired || is_topology_action(f->rule.action);
+    bus->faults.rewired = bus->faults.rewired || cw_is_topology_action(f->rule.action);
 }
 
 void cw_fault_end_action(cw_bus *bus, unsigned rule)
@@ -388,13 +362,13 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule)
     f->to_act = false;
     f->active_until = CW_NEVER;
     cw_fault_let_go(bus, rule);
-    if (is_topology_action(f->rule.action))
+    if (cw_is_topology_action(f->rule.action))
         cw_fault_apply_topology(bus);
 }
 
 static void act(cw_bus *bus, unsigned rule)
 {
-    if (is_window_action(fault_at(bus, rule)->rule.action))
+    if (cw_is_window_action(fault_at(bus, rule)->rule.action))
         begin_window(bus, rule, 0);
     else
         cw_fault_command(bus, rule);
@@ -436,7 +410,7 @@ static void match_transmission(cw_bus *bus, unsigned rule, unsigned node)
     if (!again && !begins(bus, rule, bus->now, told))
         return;
     f->hit_now = f->rule.action != CW_ACTION_NOISE;
-    if (is_window_action(f->rule.action))
+    if (cw_is_window_action(f->rule.action))
         begin_window(bus, rule, cw_node_bit(node));
     else
         act_later(bus, rule, told);
@@ -456,10 +430,9 @@ void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame)
     while (cw_candidates_next(&c, &rule, bus)) {
         cw_fault *f = fault_at(bus, rule);
         const cw_rule *r = &f->rule;
-        if (!cw_fault_names(r->from, self) || is_host_action(r->action) ||
-            r->action == CW_ACTION_REPLY)
+        if (!cw_fault_names(r->from, self) || !cw_acts_on_wire(r->action))
             continue;
-        if (is_position_action(r->action)) {
+        if (cw_is_position_action(r->action)) {
             f->bound |= cw_fault_is_over(f) ? 0 : self;
             cw_fault_wake(bus, rule);
         } else if (r->action != CW_ACTION_WRONG_CRC) {
@@ -649,12 +622,12 @@ static bool kinds_exist(const cw_rule *r)
 /* What is needed to know the moment: a frame, a position in it. */
 static bool moment_known(const cw_rule *r)
 {
-    bool needs_frame = is_position_action(r->action) || is_host_action(r->action) ||
+    bool needs_frame = cw_is_position_action(r->action) || cw_is_host_action(r->action) ||
                        r->action == CW_ACTION_REPLY || r->action == CW_ACTION_WRONG_CRC;
     bool position = r->field != CW_FIELD_NONE && (r->bits >= 1 || r->for_ticks > 0) &&
                     (r->bits <= CW_PATTERN_MAX || r->action != CW_ACTION_GLITCH);
     return (!needs_frame || r->trigger == CW_TRIGGER_FRAME) &&
-           (!is_position_action(r->action) || position);
+           (!cw_is_position_action(r->action) || position);
 }
 
 /* Numbers of single actions. */
@@ -708,7 +681,7 @@ static void count_kinds(cw_bus *bus)
     set->known = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_fault *f = &set->faults[i];
-        set->host_rules += f->used && is_host_action(f->rule.action);
+        set->host_rules += f->used && cw_is_host_action(f->rule.action);
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
         set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;

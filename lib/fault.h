@@ -97,6 +97,39 @@ typedef struct cw_levels {
     uint64_t sampled;
 } cw_levels;
 
+/* ---- Kinds of actions ------------------------------------------------------------------------ */
+
+/* Has a position: bound to a transmission, acts when the position is reached. */
+static inline bool cw_is_position_action(cw_action action)
+{
+    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
+}
+
+/* Acts on frames between a host and its controller. */
+static inline bool cw_is_host_action(cw_action action)
+{
+    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
+}
+
+/* Its frame is one on the wire, not one that a host hands in or gets. */
+static inline bool cw_acts_on_wire(cw_action action)
+{
+    return !cw_is_host_action(action) && action != CW_ACTION_REPLY;
+}
+
+/* Lasts for a time. */
+static inline bool cw_is_window_action(cw_action action)
+{
+    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
+           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
+}
+
+/* Changes who is on which wire, or who acknowledges. */
+static inline bool cw_is_topology_action(cw_action action)
+{
+    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
+}
+
 /* ---- fault.c --------------------------------------------------------------------------------- */
 
 /* A node begins to transmit what is in its offered slot. */

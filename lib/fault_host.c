@@ -168,8 +168,7 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
     cw_candidates_begin(&c, bus, &original);
     while (cw_candidates_next(&c, &rule, bus)) {
         const cw_rule *r = &bus->faults.faults[rule].rule;
-        bool host = r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE;
-        if (!host || r->side != side || !cw_fault_names(r->from, from) ||
+        if (!cw_is_host_action(r->action) || r->side != side || !cw_fault_names(r->from, from) ||
             !cw_fault_names(r->at, self) || !is_hit(bus, rule, side, tick))
             continue;
         if (!act_on_frame(bus, rule, node, frame, tick, origin))

@@ -11,13 +11,6 @@
 
 /* ---- Rules and the frames that wait ---------------------------------------------------------- */
 
-static bool acts_on_wire(const cw_rule *r)
-{
-    bool host_side = (r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE) ||
-                     r->action == CW_ACTION_REPLY;
-    return !host_side;
-}
-
 static const cw_frame *next_frame(const bus_node *n)
 {
     return &n->queue.slots[cw_queue_first(&n->queue)].frame;
@@ -29,7 +22,7 @@ static const cw_fault *next_rule(cw_candidates *c, const cw_bus *bus, unsigned n
     unsigned rule;
     while (cw_candidates_next(c, &rule, bus)) {
         const cw_fault *f = &bus->faults.faults[rule];
-        if (acts_on_wire(&f->rule) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
+        if (cw_acts_on_wire(f->rule.action) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
             !cw_fault_is_over(f))
             return f;
     }
@@ -39,9 +32,7 @@ static const cw_fault *next_rule(cw_candidates *c, const cw_bus *bus, unsigned n
 /* Its bit of a frame is one that a node which loses arbitration does not come to. */
 static bool acts_late(const cw_rule *r)
 {
-    bool position = r->action == CW_ACTION_FLIP || r->action == CW_ACTION_FORCE ||
-                    r->action == CW_ACTION_GLITCH;
-    return position && r->field >= CW_FIELD_R1 && r->field <= CW_FIELD_OVERLOAD_DELIMITER;
+    return cw_is_position_action(r->action) && r->field >= CW_FIELD_R1 && r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
 static void watch(cw_bus *bus, unsigned node)
@@ -82,10 +73,8 @@ static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
 
 static bool has_later_position(const cw_rule *r)
 {
-    bool position = r->action == CW_ACTION_FLIP || r->action == CW_ACTION_FORCE ||
-                    r->action == CW_ACTION_GLITCH;
     bool sof = r->field == CW_FIELD_SOF || (r->field == CW_FIELD_BIT && r->index == 0);
-    return position && !sof;
+    return cw_is_position_action(r->action) && !sof;
 }
 
 bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)

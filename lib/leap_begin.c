@@ -124,8 +124,8 @@ static void begin_attempt(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
-    if (n->queue.slots[n->offered_slot].attempts++ > 0)
-        n->stats.retransmissions++;
+    n->stats.retransmissions += n->queue.slots[n->offered_slot].tried;
+    n->queue.slots[n->offered_slot].tried = true;
 }
 
 static void prepare_loser(cw_bus *bus, unsigned i)

@@ -14,9 +14,9 @@ typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
     uint64_t number;    /* of the put: the order in which they came */
-    uint32_t attempts;  /* transmissions begun */
     uint32_t key;       /* lower goes first */
     uint16_t source;    /* for the owner: 0 after a put */
+    bool tried;         /* ... a transmission has begun; false after a put */
 } cw_queue_slot;
 
 typedef struct cw_queue {

@@ -20,7 +20,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
         cw_push_drop(bus, i, CW_SIDE_TX, &slot->frame, CW_DROP_QUEUE_FULL, bus->now);
         return;
     }
-    n->queue.slots[n->queue.newest].attempts = slot->attempts;
+    n->queue.slots[n->queue.newest].tried = slot->tried;
     if (has_begun(&old->mac) && old->offered_slot == from)
         n->offered_slot = n->queue.newest;
     bus->queued++;

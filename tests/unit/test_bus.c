@@ -429,6 +429,29 @@ static void a_full_inbox_refuses_until_the_bus_has_gone_on(void **state)
     rig_free(r);
 }
 
+/* It never comes up, and there is no place for another until its node is flushed. */
+static void a_frame_for_never_holds_its_place(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame f = rig_frame(0x123, 0, 0);
+    r->config.inbox = 2;
+    rig_start(r);
+    rig_send(r, 0, &f, CW_NEVER);
+    rig_send(r, 1, &f, 0);
+    rig_run_bits(r, 500);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 1);
+    assert_int_equal(cw_bus_inbox_first(r->bus), CW_NEVER);
+    assert_int_equal(cw_bus_pending(r->bus), 1);
+    rig_send(r, 1, &f, 0);
+    assert_int_equal(cw_node_send(r->bus, 1, &f, 0), CW_FULL);
+    rig_run_bits(r, 1000);
+    assert_int_equal(cw_bus_pending(r->bus), 1);
+    assert_int_equal(cw_node_flush(r->bus, 0), CW_OK);
+    assert_int_equal(cw_bus_pending(r->bus), 0);
+    rig_free(r);
+}
+
 /* What canwire.h says of CW_FULL: advance to cw_bus_inbox_first(), call again. A tick that is the
  * end of a bit comes up there. */
 static void a_hand_in_at_the_end_of_a_bit_comes_up_there(void **state)
@@ -1460,6 +1483,7 @@ int main(void)
         cmocka_unit_test(queue_order_is_by_priority_or_fifo),
         cmocka_unit_test(bad_frames_are_counted_and_never_sent),
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
+        cmocka_unit_test(a_frame_for_never_holds_its_place),
         cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
         cmocka_unit_test(hand_in_before_now_counts_as_now),
         cmocka_unit_test(the_smallest_event_ring_changes_nothing),

@@ -33,7 +33,7 @@ static unsigned take(bench *b)
     uint16_t slot = cw_queue_first(&b->queue);
     unsigned mark = b->slots[slot].frame.data[0];
     assert_int_equal(b->slots[slot].handed_in, mark);
-    assert_int_equal(b->slots[slot].attempts, 0);
+    assert_int_equal(b->slots[slot].tried, false);
     cw_queue_remove(&b->queue, slot);
     return mark;
 }
