@@ -228,7 +228,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
     trace_reader *reader = trace_open(traffic->file, traffic->format, problem);
 
     if (!reader) {
-        schema_complain(self, at, "replay: %s", problem);
+        schema_complain_elsewhere(self, at, problem);
         return;
     }
     for (unsigned i = 0; i < LOOK_ENTRIES && result == TRACE_RECORD && record.kind != TRACE_FRAME;
@@ -239,7 +239,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
         result = TRACE_BAD;
     }
     if (result == TRACE_BAD)
-        schema_complain(self, at, "replay: %s", trace_problem(reader));
+        schema_complain_elsewhere(self, at, trace_problem(reader));
     trace_close(reader);
 }
 

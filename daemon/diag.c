@@ -12,29 +12,39 @@ static bool is_repeated(const diag *self, const diag_message *message);
 static int compare(const void *a, const void *b);
 static void print_message(const diag_message *message, FILE *out);
 
-void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
+/* Takes over the text, which is NULL when there is no memory. */
+static void add(diag *self, diag_message message)
 {
-    va_list args;
-
     if (self->count == DIAG_MAX) {
         self->overflow = true;
+        free(message.text);
         return;
     }
-    diag_message *message = &self->messages[self->count];
-    *message = (diag_message){
-        .file = self->file,
-        .line = line,
-        .column = column,
-        .number = self->count,
-    };
-    va_start(args, format);
-    if (vasprintf(&message->text, format, args) < 0)
-        message->text = NULL;
-    va_end(args);
-    if (is_repeated(self, message))
-        free(message->text);
+    message.file = self->file;
+    message.number = self->count;
+    self->messages[self->count] = message;
+    if (is_repeated(self, &message))
+        free(message.text);
     else
         self->count++;
+}
+
+void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
+{
+    diag_message message = {.line = line, .column = column};
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&message.text, format, args) < 0)
+        message.text = NULL;
+    va_end(args);
+    add(self, message);
+}
+
+void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
+{
+    add(self, (diag_message){
+                  .line = line, .column = column, .elsewhere = true, .text = strdup(text)});
 }
 
 diag_file diag_enter(diag *self, const char *name, size_t number)
@@ -94,7 +104,9 @@ static void print_message(const diag_message *message, FILE *out)
 {
     const char *text = message->text ? message->text : "out of memory";
 
-    if (message->line == 0)
+    if (message->elsewhere && message->text)
+        fprintf(out, "%s\n", text);
+    else if (message->line == 0)
         fprintf(out, "%s: %s\n", message->file.name, text);
     else
         fprintf(out, "%s:%zu:%zu: %s\n", message->file.name, message->line, message->column, text);

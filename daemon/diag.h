@@ -22,6 +22,7 @@ typedef struct diag_message {
     size_t line;   /* from 1; 0: about the file itself */
     size_t column; /* from 1, in characters */
     size_t number; /* keeps the order of messages about one place */
+    bool elsewhere; /* see diag_add_elsewhere() */
     char *text;
 } diag_message;
 
@@ -36,6 +37,10 @@ typedef struct diag {
 /* Adds a message, but not the same one twice. */
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
+
+/* The same about what is wrong in a file that is named there: the text begins with the place in that
+ * file, and line and column only say which messages it stands among. */
+void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text);
 
 /* The messages to come are about another file; returns the present one, to be set again. */
 diag_file diag_enter(diag *self, const char *name, size_t number);

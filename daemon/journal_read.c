@@ -530,7 +530,7 @@ journal_reader *journal_open(const char *file, FILE *errors)
 {
     int fd = open(file, O_RDONLY | O_CLOEXEC);
     if (fd < 0) {
-        fprintf(errors, "%s: cannot open: %s\n", file, strerror(errno));
+        fprintf(errors, "%s: %s\n", file, strerror(errno));
         return NULL;
     }
     journal_reader *r = calloc(1, sizeof *r);

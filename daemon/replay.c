@@ -11,6 +11,7 @@
 
 #define ENTRIES_AT_ONCE 1000u /* that are passed over before others get their turn */
 #define PLACE_MAX TRACE_CHANNEL_MAX
+#define OTHERS_MAX 8u /* interfaces of the file that are told when the one asked for is none */
 
 /* Entries of one kind that were not replayed. */
 typedef struct tally {
@@ -31,6 +32,10 @@ struct replay {
     uint64_t matched;                 /* frames of this pass */
     tally left_out[TRACE_KIND_COUNT]; /* of the first pass */
     tally stepped_back;
+    bool heard; /* there is something of the interface that is asked for */
+    bool more;  /* there are more others than are kept */
+    unsigned other_count;
+    char others[OTHERS_MAX][TRACE_CHANNEL_MAX]; /* names of the other interfaces of the file */
     trace_reader *reader;
 };
 
@@ -113,10 +118,26 @@ static bool is_wanted(const replay *r, const trace_record *record)
     return cw_frame_matches(&record->frame, t->filters, t->filter_count);
 }
 
-static bool is_on_channel(const replay *r, const trace_record *record)
+static void keep_other(replay *r, const char *channel)
+{
+    for (unsigned i = 0; i < r->other_count; i++)
+        if (strcmp(r->others[i], channel) == 0)
+            return;
+    r->more = r->other_count == OTHERS_MAX;
+    if (!r->more)
+        memcpy(r->others[r->other_count++], channel, TRACE_CHANNEL_MAX);
+}
+
+static bool is_on_channel(replay *r, const trace_record *record)
 {
     const char *wanted = r->traffic->channel;
-    return !wanted || record->channel[0] == '\0' || strcmp(wanted, record->channel) == 0;
+    if (!wanted || record->channel[0] == '\0')
+        return true;
+    bool same = strcmp(wanted, record->channel) == 0;
+    r->heard = r->heard || same;
+    if (!r->heard)
+        keep_other(r, record->channel);
+    return same;
 }
 
 /* ---- Passes ---------------------------------------------------------------------------------- */
@@ -153,9 +174,10 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
         return result == TRACE_END ? end_pass(r) : REPLAY_FAILED;
     if (record.timed)
         *tick = tick_of(r, elapsed_ns(r, &record));
-    if (record.kind != TRACE_FRAME && record.kind != TRACE_MARK && is_on_channel(r, &record))
+    bool here = is_on_channel(r, &record);
+    if (record.kind != TRACE_FRAME && record.kind != TRACE_MARK && here)
         count(r, &r->left_out[record.kind], &record);
-    if (record.kind != TRACE_FRAME || !is_on_channel(r, &record) || !is_wanted(r, &record))
+    if (record.kind != TRACE_FRAME || !here || !is_wanted(r, &record))
         return REPLAY_PAUSE;
     if (!record.timed && !r->traffic->fast) {
         trace_complain(r->reader, &record, TRACE_NO_TIME);
@@ -205,6 +227,15 @@ static void add_tally(const replay *r, FILE *out, const char *begin, const char 
             t->count > 1 ? "the first at " : "", place);
 }
 
+/* The interface that is asked for is none of the file. */
+static void add_interfaces(const replay *r, FILE *out)
+{
+    fprintf(out, "no interface '%s'; there is", r->traffic->channel);
+    for (unsigned i = 0; i < r->other_count; i++)
+        fprintf(out, "%s %s", i > 0 ? "," : "", r->others[i]);
+    fputs(r->more ? " and more" : "", out);
+}
+
 bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
 {
     static const char *const steps[2] = {"entry that steps back in time",
@@ -226,7 +257,11 @@ bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
         fputs(", sent at once (if candump -t d made it, say 'format: candump-delta')", out);
         any = true;
     }
-    if (r->passes > 0 && r->matched == 0) {
+    if (r->passes > 0 && r->traffic->channel && !r->heard && r->other_count > 0) {
+        fputs(any ? "; " : "", out);
+        add_interfaces(r, out);
+        any = true;
+    } else if (r->passes > 0 && r->matched == 0) {
         fprintf(out, "%sno frame%s", any ? "; " : "",
                 r->traffic->filter_count || r->traffic->channel ? " that is asked for" : "");
         any = true;

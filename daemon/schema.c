@@ -199,6 +199,11 @@ void schema_complain(schema *self, const yaml_node_t *at, const char *format, ..
     free(text);
 }
 
+void schema_complain_elsewhere(schema *self, const yaml_node_t *at, const char *text)
+{
+    diag_add_elsewhere(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, text);
+}
+
 void schema_expected(schema *self, const schema_key *key, const yaml_node_t *value,
                      const char *expected)
 {

@@ -70,7 +70,7 @@ char *yaml_file_read(size_t *size, const char *file, diag *errors)
     FILE *in = fopen(file, "rbe");
 
     if (!in) {
-        diag_add(errors, 0, 0, "cannot open: %s", strerror(errno));
+        diag_add(errors, 0, 0, "%s", strerror(errno));
         return NULL;
     }
     char *bytes = malloc(YAML_FILE_MAX + 1);

@@ -202,7 +202,7 @@ def test_wrong_usage_is_status_two(write, arguments):
 
 
 def test_what_is_no_journal_is_status_one(tmp_path):
-    assert f"{tmp_path}/none: cannot open: " in play(tmp_path / "none", status=1).stderr
+    assert f"{tmp_path}/none: No such file or directory" in play(tmp_path / "none", status=1).stderr
     assert f"{tmp_path}:1:1: cannot read: " in play(tmp_path, status=1).stderr
     (tmp_path / "bus.yaml").write_text(FIRST)
     assert "bus.yaml:1:" in play(tmp_path / "bus.yaml", status=1).stderr

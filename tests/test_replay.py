@@ -362,6 +362,39 @@ def test_a_bad_line_ends_the_run_with_its_place(write, tmp_path):
     assert f"{tmp_path}/bad.log:3:9: '125#Z'" in check.stderr
 
 
+PCAPNG_HEAD = bytes.fromhex("0a0d0d0a1c0000004d3c2b1a01000000ffffffffffffffff1c000000")
+
+# What a recording is, the place of what is wrong in it, and what is said there.
+BAD_RECORDINGS = {
+    "candump": (b"(1.0) a 123#\n(1.1) a 1234#\n", ":2:9: ", "3 hexadecimal digits"),
+    "candump time": (b"(1.0 a 123#\n", ":1:1: ", "(1436509052.249713)"),
+    "asc": (b"base hex timestamps absolute\n0.1 1 123 Rx d 9G\n", ":2:16: ", "0 to 15"),
+    "asc head": (b"base oct timestamps absolute\n", ":1:6: ", "'hex' or 'dec'"),
+    "pcapng": (PCAPNG_HEAD + b"\1\0\0\0\7\0\0\0", ": byte 28: ", ""),
+    "neither": (b"hello\n", ":1:1: ", "neither a candump log, nor Vector ASC, nor pcapng"),
+    "none": (None, ": ", "No such file or directory"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_RECORDINGS)
+@pytest.mark.parametrize("command", ["check", "sim"])
+def test_errors_of_recordings_have_one_form(name, command, write, tmp_path):
+    content, place, message = BAD_RECORDINGS[name]
+    if content is not None:
+        (tmp_path / "bad").write_bytes(content)
+    error = canwire(command, write(bus("replay: bad")), status=1).stderr
+    assert error.startswith(f"{tmp_path}/bad{place}") and message in error
+    assert len(error.splitlines()) == 1
+
+
+def test_an_interface_that_is_none_is_told_with_those_there_are(write):
+    log = f"{TRACES}/candump/log.log"
+    path = write(bus(f"replay: {log}, interface: can9"))
+    told = f"{log}: no interface 'can9'; there is vcan7, can-log1\n"
+    assert sim(path).stderr == f"canwire sim: {told}"
+    assert f"a: {told}" in canwire("check", path).stdout
+
+
 def test_check_says_what_would_be_replayed(write):
     path = write(bus(f"replay: {TRACES}/candump/log.log, only: 123"))
     check = canwire("check", path)

@@ -37,7 +37,7 @@ SEMANTIC = [
     "is in the list twice", "is in the map twice", "is named twice", "nothing is separated",
     "wait for the same states", "another node", "needs a frame on the bus",
     "error frames (#MASK)", "for error frames (#MASK), not for both", "more frame filters than fit",
-    "within 0.1 %", "whole nanoseconds", "too large", "window must end after", "cannot open",
+    "within 0.1 %", "whole nanoseconds", "too large", "window must end after", "No such file",
     "cannot read", "profiles: there are errors", "no fault profile", "has no parameter",
     "of the profile needs a value", "there is no parameter", "has more than 63 characters",
     "No such file", "not a regular file", "this is neither", "there is no time stamp",

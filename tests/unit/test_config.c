@@ -954,7 +954,7 @@ static void what_is_no_file_is_refused(void **state)
 
     (void)state;
     assert_string_equal(missing,
-                        "tests/config/none.yaml: cannot open: No such file or directory\n");
+                        "tests/config/none.yaml: No such file or directory\n");
     assert_string_equal(directory, "tests/config: cannot read: Is a directory\n");
     free(missing);
     free(directory);
