@@ -26,18 +26,25 @@ void *arena_alloc(arena *self, size_t size)
     return block->memory;
 }
 
-char *arena_print(arena *self, const char *format, ...)
+char *arena_print_list(arena *self, const char *format, va_list args)
 {
-    va_list args;
     va_list again;
 
-    va_start(args, format);
     va_copy(again, args);
     int length = vsnprintf(NULL, 0, format, args);
     char *text = length < 0 ? NULL : arena_alloc(self, (size_t)length + 1);
     if (text)
         vsnprintf(text, (size_t)length + 1, format, again);
     va_end(again);
+    return text;
+}
+
+char *arena_print(arena *self, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    char *text = arena_print_list(self, format, args);
     va_end(args);
     return text;
 }

@@ -21,6 +21,9 @@ void *arena_alloc(arena *self, size_t size);
 /* A formatted string; NULL when there is no memory. */
 char *arena_print(arena *self, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
+char *arena_print_list(arena *self, const char *format, va_list args)
+    __attribute__((format(printf, 2, 0)));
+
 void arena_free(arena *self);
 
 #endif

@@ -341,7 +341,7 @@ static void read_line(schema *self, const schema_key *key, yaml_node_t *value, v
         schema_expected(self, key, value, expected);
         return;
     }
-    const char *name = arena_print(self->arena, "%.*s", (int)(point - text), text);
+    const char *name = schema_print(self, "%.*s", (int)(point - text), text);
     int node = name ? cfg_read_node(self, key, value, name) : -1;
     rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
     rule->node = (uint8_t)(node < 0 ? 0 : node);

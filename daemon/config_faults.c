@@ -156,13 +156,12 @@ static void check_distinct(schema *self, const yaml_node_t *value, const char *n
                         other - walk->list + 1);
 }
 
-/* The name of a rule with the prefix of its profile. */
+/* The name of a rule with the prefix of its profile, or NULL after a complaint. */
 static const char *full_name(schema *self, const char *name)
 {
     const cfg_walk *walk = self->user;
-    const char *full = walk->prefix ? arena_print(self->arena, "%s.%s", walk->prefix, name) : name;
 
-    return full ? full : name;
+    return walk->prefix ? schema_print(self, "%s.%s", walk->prefix, name) : name;
 }
 
 /* A name that is missing or not known yet leaves the rule without. */
@@ -177,6 +176,8 @@ static void read_name(schema *self, yaml_node_t *value, cw_rule *rule)
     if (!text)
         return;
     const char *full = full_name(self, text);
+    if (!full)
+        return;
     if (full != text && strlen(full) > RULE_NAME_MAX)
         schema_complain(self, name, "name: '%s' has more than %d characters with its prefix", full,
                         RULE_NAME_MAX);
@@ -365,7 +366,7 @@ static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const 
                      const char *text)
 {
     cfg_time time = {0};
-    const char *problem = text ? text_parse_time(&time, text) : "out of memory";
+    const char *problem = text_parse_time(&time, text);
 
     schema_problem(self, key, value, problem);
     *tick = text_time_ticks(time, cfg_of(self)->bit_ticks);
@@ -388,8 +389,8 @@ void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, vo
         schema_expected(self, key, value, expected);
         return;
     }
-    const char *begin = arena_print(self->arena, "%.*s", (int)length, text);
-    if (length > 0 && !read_end(self, &rule->time_begin, key, value, begin))
+    const char *begin = schema_print(self, "%.*s", (int)length, text);
+    if (!begin || (length > 0 && !read_end(self, &rule->time_begin, key, value, begin)))
         return;
     if (*end == '\0' || !read_end(self, &rule->time_end, key, value, end))
         return;

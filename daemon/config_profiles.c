@@ -216,6 +216,19 @@ static void read_value(schema *self, const schema_key *key, yaml_node_t *value, 
         found->value = schema_copy(self, text);
 }
 
+/* No name: out of memory, which was said. */
+static void add_parameter(schema *self, yaml_node_t *at, yaml_node_t *value, parameters *all,
+                          const char *name)
+{
+    if (!name)
+        return;
+    schema_key own = {.name = name};
+    parameter *added = &all->list[all->count++];
+
+    *added = (parameter){.name = name, .at = at};
+    read_value(self, &own, value, added);
+}
+
 static void read_parameter(schema *self, const schema_key *key, yaml_node_t *name,
                            yaml_node_t *value, parameters *all)
 {
@@ -233,13 +246,8 @@ static void read_parameter(schema *self, const schema_key *key, yaml_node_t *nam
     else if (all->count == PARAMETERS_MAX)
         schema_complain(self, name, "%s: these are more than %u parameters", key->name,
                         PARAMETERS_MAX);
-    else {
-        parameter *added = &all->list[all->count++];
-        schema_key own = {.name = text};
-
-        *added = (parameter){.name = schema_copy(self, text), .at = name};
-        read_value(self, &own, value, added);
-    }
+    else
+        add_parameter(self, name, value, all, schema_copy(self, text));
 }
 
 /* A map of names and values; nothing is an empty one. */
@@ -406,15 +414,17 @@ static const char *take_parameter(schema *self, const yaml_node_t *at, const par
                         "'$' begins a parameter, $NAME or ${NAME}; $$ stands for a dollar");
         return NULL;
     }
-    guess.word = arena_print(self->arena, "%.*s", (int)length, name);
-    for (size_t i = 0; guess.word && i < known->count; i++) {
+    guess.word = schema_print(self, "%.*s", (int)length, name);
+    if (!guess.word)
+        return NULL;
+    for (size_t i = 0; i < known->count; i++) {
         const parameter *candidate = &known->list[i];
 
         nearest_consider(&guess, candidate->name);
         if (strcmp(candidate->name, guess.word) == 0)
             return candidate->value ? candidate->value : open_text;
     }
-    schema_complain(self, at, "there is no parameter '%.40s'%s", guess.word ? guess.word : "",
+    schema_complain(self, at, "there is no parameter '%.40s'%s", guess.word,
                     schema_suggestion(self, &guess));
     return NULL;
 }

@@ -119,10 +119,12 @@ void server_write(server_client *client, const char *text, size_t length)
 {
     if (client->doomed)
         return;
-    if (buffer_length(&client->out) + length > SERVER_OUTPUT_MAX ||
-        !buffer_append(&client->out, text, length)) {
+    bool full = buffer_length(&client->out) + length > SERVER_OUTPUT_MAX;
+    if (full || !buffer_append(&client->out, text, length)) {
         if (may_log(client->server))
-            log_warning("control: a client that does not read its replies is disconnected");
+            log_warning("control: %s is disconnected",
+                        full ? "a client that does not read its replies"
+                             : "out of memory, a client");
         client->doomed = true;
     }
     ev_io_start(client->server->loop, &client->writer); /* it also sees to the doomed */

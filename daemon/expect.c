@@ -431,7 +431,8 @@ static bool conclude(expect_report *report, const cfg *config, const cfg_expect 
     if (got)
         o.met = judge(got, config, e, t, bus);
     o.ticks = end > e->when.time_begin ? end - e->when.time_begin : 0;
-    bool good = wanted && fclose(wanted) == 0;
+    bool good = !e->name || o.name;
+    good = wanted && fclose(wanted) == 0 && good;
     good = got && fclose(got) == 0 && good;
     return expect_report_add(report, o) && good;
 }

@@ -450,18 +450,18 @@ static bool read_more(journal_reader *r)
 {
     if (r->at_end)
         return false;
-    if (buffer_length(&r->bytes) > LINE_BYTES_MAX || !buffer_reserve(&r->bytes, READ_BYTES)) {
-        r->over = true;
+    r->over = true;
+    if (buffer_length(&r->bytes) > LINE_BYTES_MAX)
         return wrong(r, NULL, "the line is too long");
-    }
+    if (!buffer_reserve(&r->bytes, READ_BYTES))
+        return no_memory(r);
     ssize_t count;
     do
         count = read(r->fd, r->bytes.data + r->bytes.end, READ_BYTES);
     while (count < 0 && errno == EINTR);
-    if (count < 0) {
-        r->over = true;
+    if (count < 0)
         return wrong(r, NULL, "cannot read: %s", strerror(errno));
-    }
+    r->over = false;
     r->bytes.end += (size_t)count;
     r->at_end = count == 0;
     return count > 0;

@@ -1,17 +1,29 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.c - fills JSON objects and arrays.
+ * jsonput.c - fills JSON objects and arrays, writes them.
  */
 #include "jsonput.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static _Noreturn void end_without_memory(void)
 {
     fputs("canwire: out of memory\n", stderr);
-    abort();
+    exit(EXIT_FAILURE);
+}
+
+static void *allocate(size_t size)
+{
+    void *memory = malloc(size);
+    if (!memory)
+        end_without_memory();
+    return memory;
+}
+
+void json_must_have_memory(void)
+{
+    json_set_alloc_funcs(allocate, free);
 }
 
 void put(json_t *object, const char *key, json_t *value)
@@ -24,6 +36,12 @@ void put_last(json_t *array, json_t *value)
 {
     if (json_array_append_new(array, value) != 0)
         end_without_memory();
+}
+
+void put_out(FILE *out, const json_t *value)
+{
+    (void)json_dumpf(value, out, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
+    fputc('\n', out);
 }
 
 void put_count(json_t *object, const char *key, uint64_t value)

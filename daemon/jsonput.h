@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.h - fills JSON objects and arrays.
+ * jsonput.h - fills JSON objects and arrays, writes them.
  *
- * Half a report would be read as zeros, so running out of memory ends the program.
+ * Half a report would be read as zeros, so running out of memory ends the program, with status 1.
  */
 #ifndef CANWIRE_JSONPUT_H
 #define CANWIRE_JSONPUT_H
@@ -10,12 +10,22 @@
 #include <jansson.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
+
+/*
+ * To be called by main() first: running out of memory ends the program in jansson, too. By itself it
+ * leaves out parts of texts, or crashes.
+ */
+void json_must_have_memory(void);
 
 /* Takes the value. */
 void put(json_t *object, const char *key, json_t *value);
 
 /* Takes the value, as the last element of an array. */
 void put_last(json_t *array, json_t *value);
+
+/* Writes the value on lines of its own. Whether that could be written is known to the stream. */
+void put_out(FILE *out, const json_t *value);
 
 /* JSON integers are signed here; what does not fit saturates. */
 void put_count(json_t *object, const char *key, uint64_t value);

@@ -6,6 +6,7 @@
 #include "control.h"
 #include "engine.h"
 #include "journal.h"
+#include "jsonput.h"
 #include "log.h"
 #include "losses.h"
 #include "notify.h"
@@ -439,6 +440,7 @@ int main(int argc, char **argv)
 {
     const char *file = NULL;
     const char *journal_file = NULL;
+    json_must_have_memory();
     int status = parse_options(&file, &journal_file, argc, argv);
     if (status >= 0)
         return status;

@@ -66,8 +66,7 @@ void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
     put(root, "bus", output_bus_stats(config, bus));
     put(root, "nodes", stats_of_nodes(config, bus));
     put(root, "rules", stats_of_rules(config, bus));
-    json_dumpf(root, out, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
-    fputc('\n', out);
+    put_out(out, root);
     json_decref(root);
 }
 

@@ -269,11 +269,6 @@ void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])
     reload_remap(p->last_tx_bits, sizeof p->last_tx_bits[0], from);
 }
 
-uint64_t publisher_dropped(publisher *p)
-{
-    return p->dropped;
-}
-
 /* Takes over data, which may be NULL when there was no memory. */
 static void enqueue(publisher *p, const char *channel, void *data, int size)
 {

@@ -29,7 +29,4 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 /* Queues an EVENT message for every node that it concerns, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);
 
-/* Messages dropped so far. */
-uint64_t publisher_dropped(publisher *p);
-
 #endif

@@ -250,6 +250,18 @@ char *schema_copy(schema *self, const char *text)
     return copy ? strcpy(copy, text) : NULL;
 }
 
+char *schema_print(schema *self, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    char *text = arena_print_list(self->arena, format, args);
+    va_end(args);
+    if (!text)
+        diag_add(self->errors, 0, 0, "out of memory");
+    return text;
+}
+
 static const char *allowed_keys(schema *self, const schema_key *keys)
 {
     const char *list = "";

@@ -126,4 +126,7 @@ void *schema_alloc(schema *self, size_t count, size_t size);
 /* A copy of a text, or NULL after a complaint. */
 char *schema_copy(schema *self, const char *text);
 
+/* A text in memory of the configuration, or NULL after a complaint. */
+char *schema_print(schema *self, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
 #endif

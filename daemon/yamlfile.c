@@ -135,7 +135,8 @@ static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text
     const yaml_mark_t *mark = &parser->problem_mark;
     const char *problem = parser->problem ? parser->problem : "unknown error";
 
-    if (parser->error == YAML_MEMORY_ERROR)
+    /* yaml_parser_load() sets no error when it has no memory for a node. */
+    if (parser->error == YAML_MEMORY_ERROR || parser->error == YAML_NO_ERROR)
         diag_add(errors, 0, 0, "out of memory");
     else if (parser->error == YAML_READER_ERROR)
         complain_at(text, parser->problem_offset, problem, errors);

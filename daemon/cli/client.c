@@ -161,15 +161,24 @@ static void print_refusal(const client *c, const json_t *reply)
         complain(c, "%s", error ? error : "refused without a reason");
 }
 
+static const char *why_no_reply(int number)
+{
+    if (number == EAGAIN)
+        return "it does not answer";
+    return number == ENOMEM ? "out of memory" : "it ended the connection";
+}
+
 static json_t *read_reply(client *c)
 {
     errno = 0;
     const char *line = read_line(c);
-    json_t *reply = line ? json_loads(line, 0, NULL) : NULL;
+    int number = errno;
+    json_error_t error = {.text = ""};
+    json_t *reply = line ? json_loads(line, 0, &error) : NULL;
     if (!line)
-        complain(c, "%s", errno == EAGAIN ? "it does not answer" : "it ended the connection");
+        complain(c, "%s", why_no_reply(number));
     else if (!json_is_object(reply))
-        complain(c, "what it answers is no JSON object");
+        complain(c, "what it answers is no JSON object%s%s", *error.text ? ": " : "", error.text);
     else if (json_is_true(json_object_get(reply, "ok")))
         return reply;
     else

@@ -4,6 +4,7 @@
  */
 #include "client.h"
 #include "command.h"
+#include "jsonput.h"
 #include "status.h"
 
 static const char help[] =
@@ -29,12 +30,10 @@ int cli_faults(int argc, char **argv)
     if (!reply)
         return CLI_BAD_INPUT;
     const json_t *faults = json_object_get(reply, "faults");
-    if (json) {
-        json_dumpf(faults, stdout, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
-        putchar('\n');
-    } else {
+    if (json)
+        put_out(stdout, faults);
+    else
         status_print_faults(stdout, faults);
-    }
     json_decref(reply);
     return CLI_OK;
 }

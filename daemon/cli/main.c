@@ -3,6 +3,7 @@
  * main.c - the canwire tool: finds the subcommand and runs it.
  */
 #include "cli.h"
+#include "jsonput.h"
 #include "nearest.h"
 
 #include <stdio.h>
@@ -43,6 +44,7 @@ static int finish(int status);
 
 int main(int argc, char **argv)
 {
+    json_must_have_memory();
     return finish(run_tool(argc, argv));
 }
 

@@ -182,7 +182,7 @@ static void take_line(recording *r, const char *text)
         result = event_read(&event, &time_ns, line, &r->config);
     if (result == EVENT_NO_SUCH_NODE)
         result = look_again(r, &event, &time_ns, line);
-    if (result == EVENT_NO_SUCH_NODE)
+    if (result == EVENT_NO_SUCH_NODE || !line)
         r->lost++;
     if (result == EVENT_READ && event.kind == CW_EVENT_SKIP)
         r->epoch_ns += event.ticks / 2 * 25;

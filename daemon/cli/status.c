@@ -29,19 +29,13 @@ static json_t *ask(const char *bus)
     return status;
 }
 
-static void print_json(const json_t *value)
-{
-    json_dumpf(value, stdout, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
-    putchar('\n');
-}
-
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
     if (!status)
         return CLI_BAD_INPUT;
     if (json)
-        print_json(status);
+        put_out(stdout, status);
     else
         status_print(stdout, status);
     json_decref(status);
@@ -80,7 +74,7 @@ static int show_all(bool json)
     (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, client_folder());
     bool good = glob(pattern, 0, NULL, &found) != 0 || ask_all(list, &found);
     if (json)
-        print_json(list);
+        put_out(stdout, list);
     else
         print_all(list);
     globfree(&found);

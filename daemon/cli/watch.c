@@ -58,13 +58,16 @@ static void print_event(json_t *event)
 
 static void print_line(const char *line)
 {
-    json_t *event = json_loads(line, 0, NULL);
+    json_error_t error;
+    json_t *event = json_loads(line, 0, &error);
     const json_t *lost = json_object_get(event, "lost");
     if (lost)
         printf("%15s  %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n", "",
                json_integer_value(lost));
     else if (json_is_object(event))
         print_event(event);
+    else
+        fprintf(stderr, "canwire watch: an event is left out: %s\n", event ? "no object" : error.text);
     json_decref(event);
 }
 
