@@ -2,6 +2,7 @@
  *
  * test_midway.c - rules that come and go while a frame is on the wire: the same as bit by bit.
  */
+#include "codec.h"
 #include "rig.h"
 
 static cw_rule rule_of(const char *name, cw_trigger trigger, cw_action action)
@@ -91,6 +92,30 @@ static void a_rule_on_the_first_bit_by_its_number(rig *r)
     (void)add(r, &flip);
 }
 
+/* A frame with another number of stuff bits when the last bit of its CRC is wrong. */
+static cw_frame frame_that_shows_its_crc(void)
+{
+    cw_frame frame = rig_frame(0x200, 0, 0);
+    cw_bits right, wrong;
+    do {
+        frame.id++;
+        assert_int_equal(cw_bits_encode(&right, &frame), CW_OK);
+        assert_int_equal(cw_bits_encode_crc(&wrong, &frame, 1), CW_OK);
+    } while (right.length == wrong.length);
+    return frame;
+}
+
+/* The second attempt is with the right one. */
+static void a_wrong_crc_once(rig *r)
+{
+    const cw_frame frame = frame_that_shows_its_crc();
+    cw_rule wrong = rule_of("wrong", CW_TRIGGER_FRAME, CW_ACTION_WRONG_CRC);
+    wrong.nodes = wrong.from = NODE(2);
+    wrong.count = 1;
+    (void)add(r, &wrong);
+    rig_send(r, 2, &frame, 300 * BIT);
+}
+
 static rig *run(void (*story)(rig *r), bool stepping)
 {
     const cw_frame first = rig_frame(0x100, 0, 4);
@@ -111,7 +136,8 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     (void)state;
     static void (*const stories[])(rig *r) = {
         a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
-        a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number};
+        a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number,
+        a_wrong_crc_once};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
         rig *leaping = run(stories[i], false);
         rig *stepping = run(stories[i], true);
