@@ -17,6 +17,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/can/error.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -35,6 +36,7 @@
 #define WAITING_MAX 256u  /* messages that have been written and not been read */
 #define BURST_MAX 80u     /* more than PORT_BATCH */
 #define FDS_PASSED_MAX 24u
+#define TURNS_MAX 100u /* of reading, until a port is taken to be one that wakes for nothing */
 #define FDS_SEEN 128 /* file descriptors that are looked at */
 #define CLASSES_KNOWN 0x3FFu /* of error frames: all bits that linux/can/error.h names */
 
@@ -270,6 +272,13 @@ static void check_counters(const side *s)
     REQUIRE(errors >= want->errors_out && errors - want->errors_out <= want->overflow_tells);
 }
 
+/* What the loop of a daemon would wake for. */
+static bool is_readable(const port *p)
+{
+    struct pollfd wait = {.fd = port_fd(p), .events = POLLIN};
+    return wait.fd >= 0 && poll(&wait, 1, 0) == 1;
+}
+
 /* All that waits: exactly the frames that were written, in that order. */
 static void read_all(rig *r, unsigned node)
 {
@@ -277,7 +286,8 @@ static void read_all(rig *r, unsigned node)
     port_frame frames[PORT_BATCH];
     unsigned next = 0;
     bool more = true;
-    while (more) {
+    for (unsigned turn = 0; more || is_readable(s->port); turn++) {
+        REQUIRE(turn < TURNS_MAX);
         unsigned count = port_read(s->port, frames, &more);
         REQUIRE(count <= PORT_BATCH);
         for (unsigned i = 0; i < count; i++) {
