@@ -154,8 +154,8 @@ FUZZ_SEEDS_fuzz_trace := tests/traces
 FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
 fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 
-# Bytes of an input at most; those of the longest one to begin with where there is no number. Those of
-# fuzz_config include files that are no configurations: with their length it would be slow.
+# Bytes of an input at most; those of the longest one to begin with where there is no number. Those
+# of fuzz_config include files that are no configurations: with their length it would be slow.
 FUZZ_BYTES_fuzz_bus := 1000
 FUZZ_BYTES_fuzz_config := 8000
 FUZZ_BYTES_fuzz_control := 4000
@@ -212,7 +212,8 @@ $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^
 
 # All that runs the scenarios of the differential test, but for what compares.
-DIGEST_PARTS := $(filter-out $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
+DIGEST_PARTS := $(filter-out \
+  $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
   $(wildcard tests/differential/*.c))
 $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^

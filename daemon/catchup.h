@@ -23,17 +23,17 @@ typedef struct catchup {
     int64_t suspended_ns; /* that the machine has spent suspended since it was started */
 } catchup;
 
-/* Time that a bus has to skip, as a whole number of ticks and of nanoseconds (both even ticks): none
- * when it is at most limit behind, else all it is behind. due: tick of the first thing that should
- * have happened, CW_NEVER: none. All in ticks. */
+/* Time that a bus has to skip, as a whole number of ticks and of nanoseconds (both even ticks):
+ * none when it is at most limit behind, else all it is behind. due: tick of the first thing that
+ * should have happened, CW_NEVER: none. All in ticks. */
 uint64_t catchup_excess(uint64_t due, uint64_t now, uint64_t limit);
 
-/* Notes the clocks at the start. boot_ns (CLOCK_BOOTTIME) has to be read after monotonic_ns, so that
- * the difference is rather too large. */
+/* Notes the clocks at the start. boot_ns (CLOCK_BOOTTIME) has to be read after monotonic_ns, so
+ * that the difference is rather too large. */
 void catchup_begin(catchup *c, int64_t boot_ns, int64_t monotonic_ns);
 
-/* How long the machine was suspended since the last call, in ns; 0 when it was not. boot_ns has to be
- * read before monotonic_ns, so that the difference is rather too small. */
+/* How long the machine was suspended since the last call, in ns; 0 when it was not. boot_ns has
+ * to be read before monotonic_ns, so that the difference is rather too small. */
 uint64_t catchup_suspended(catchup *c, int64_t boot_ns, int64_t monotonic_ns);
 
 /* Counts what was skipped. */

@@ -19,8 +19,8 @@ typedef struct claim {
 
 #define CLAIM_NONE {.lock = -1, .owner = -1}
 
-/* Claims the interface of an index for a bus. False, with the reason in error ("in use by bus NAME of
- * canwired, pid PID"), when another process has it, or with errno's reason. */
+/* Claims the interface of an index for a bus. False, with the reason in error ("in use by bus
+ * NAME of canwired, pid PID"), when another process has it, or with errno's reason. */
 bool claim_take(claim *c, unsigned index, const char *bus, char *error, size_t error_size);
 
 /* CLAIM_NONE is fine. */

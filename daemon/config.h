@@ -92,7 +92,13 @@ typedef enum cfg_expect_kind {
 } cfg_expect_kind;
 
 /* The part of the delays, in percent, that has a limit of its own. */
-typedef enum cfg_percentile { CFG_P50 = 0, CFG_P90, CFG_P95, CFG_P99, CFG_PERCENTILES } cfg_percentile;
+typedef enum cfg_percentile {
+    CFG_P50 = 0,
+    CFG_P90,
+    CFG_P95,
+    CFG_P99,
+    CFG_PERCENTILES
+} cfg_percentile;
 
 typedef struct cfg_expect {
     cw_rule when;  /* first, for the readers of rules: filters, data, from, time_begin, time_end */

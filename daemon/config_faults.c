@@ -82,7 +82,8 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
     cfg_walk *walk = self->user;
     cfg *config = walk->config;
     size_t first = config->rule_count;
-    size_t count = schema_count_one(self, key, value, 0, CW_RULES_MAX - first - config->reply_count);
+    size_t room = CW_RULES_MAX - first - config->reply_count;
+    size_t count = schema_count_one(self, key, value, 0, room);
 
     walk->list = first;
     if (!grow_rules(self, count))

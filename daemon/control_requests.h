@@ -33,7 +33,9 @@ typedef struct request_world {
 /* What a request did beyond its reply. */
 typedef struct request_result {
     bool watch_changed;
-    uint32_t watch; /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants to see from now on */
+    /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants to see from now
+     * on */
+    uint32_t watch;
 } request_result;
 
 /* Carries out a request, a line of JSON; returns the reply, to be released by the caller. *result

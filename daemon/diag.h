@@ -38,8 +38,8 @@ typedef struct diag {
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 
-/* The same about what is wrong in a file that is named there: the text begins with the place in that
- * file, and line and column only say which messages it stands among. */
+/* The same about what is wrong in a file that is named there: the text begins with the place in
+ * that file, and line and column only say which messages it stands among. */
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text);
 
 /* The messages to come are about another file; returns the present one, to be set again. */

@@ -66,9 +66,9 @@ static int64_t monotonic_of(const engine *e, uint64_t tick)
     return e->epoch_ns + (int64_t)((tick * 25 + 1) / 2);
 }
 
-/* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the future is
- * now, one from before the last wake-up the bus itself takes for now, and the frames of a port come
- * in the order in which they are read. */
+/* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the
+ * future is now, one from before the last wake-up the bus itself takes for now, and the frames
+ * of a port come in the order in which they are read. */
 static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
                              const clock_pair *now)
 {
@@ -262,12 +262,13 @@ static void arm_timer(engine *e)
     int64_t ns = next_wake_ns(e);
     struct itimerspec at = {.it_value = {.tv_sec = 0}};
     if (ns != INT64_MAX)
-        at.it_value = (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = ns % NS_PER_S};
+        at.it_value =
+            (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = ns % NS_PER_S};
     (void)timerfd_settime(e->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
 }
 
-/* A timer that is due has been set for a little earlier, to be up in time. One that was not, or rings
- * for another reason, finds nothing to wait for. */
+/* A timer that is due has been set for a little earlier, to be up in time. One that was not, or
+ * rings for another reason, finds nothing to wait for. */
 static void spin(const engine *e)
 {
     if (e->config->pacing != CFG_PACING_SPIN ||

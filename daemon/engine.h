@@ -41,9 +41,10 @@ inputs *engine_change(engine *e);
 /* The same as it is, to look on. */
 inputs *engine_inputs(engine *e);
 
-/* Reads the configuration's file again; the bus goes over to what it says at the end of the frame on
- * the wire, or after 1000 bit times. Nodes are matched by name and keep their state and queue; rules
- * begin anew, injected ones are gone. False, with nothing changed, after writing a line per error. */
+/* Reads the configuration's file again; the bus goes over to what it says at the end of the
+ * frame on the wire, or after 1000 bit times. Nodes are matched by name and keep their state and
+ * queue; rules begin anew, injected ones are gone. False, with nothing changed, after writing a
+ * line per error. */
 bool engine_reload(engine *e, FILE *errors);
 
 /* Is told when the bus has gone over to another configuration, with the old node for each new one
@@ -60,8 +61,9 @@ void engine_observe(engine *e, engine_observer *observer, void *user);
 typedef void engine_bit_observer(void *user, const cw_bus *bus);
 void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user);
 
-/* Bus time as wall clock (CLOCK_REALTIME), in nanoseconds since 1970. It goes on as bus time does;
- * where somebody sets the clock, or the two have drifted apart by 1 ms, it goes over to the clock. */
+/* Bus time as wall clock (CLOCK_REALTIME), in nanoseconds since 1970. It goes on as bus time
+ * does; where somebody sets the clock, or the two have drifted apart by 1 ms, it goes over to
+ * the clock. */
 uint64_t engine_realtime_ns(const engine *e, uint64_t tick);
 
 /* What is to be shown beyond the bus itself. */

@@ -102,7 +102,8 @@ static bool is_news(const engine *e, unsigned node, unsigned index, const char *
     return has_index(e, node, index);
 }
 
-/* First of all those that had an interface that is another's now: it can be opened once at a time. */
+/* First of all those that had an interface that is another's now: it can be opened once at a
+ * time. */
 static void lose_other_names(engine *e, unsigned index, const char *name)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)

@@ -97,7 +97,8 @@ void engine_carry_links_over(engine *e, const reload *r);
 
 /* ---- engine_reload.c ------------------------------------------------------------------------- */
 
-/* Bit by bit up to now, until a frame ends; then over to the next configuration, if there is one. */
+/* Bit by bit up to now, until a frame ends; then over to the next configuration, if there is
+ * one. */
 void engine_run_to_boundary(engine *e, uint64_t now);
 
 #endif

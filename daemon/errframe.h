@@ -22,8 +22,8 @@ bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporti
 /* That frames were lost on their way to the bus. */
 errframe errframe_rx_overflow(void);
 
-/* Whether the frame may be left out in a storm: all but state changes, restarts and overflows on the
- * way to the bus. */
+/* Whether the frame may be left out in a storm: all but state changes, restarts and overflows on
+ * the way to the bus. */
 bool errframe_is_minor(const errframe *frame);
 
 /* Lets ERRFRAME_BURST minor frames pass at once, and one more each ERRFRAME_REFILL_TICKS of bus

@@ -100,8 +100,8 @@ static void write_attribute(FILE *out, const char *name, const char *value)
     fputc('"', out);
 }
 
-/* In seconds; more than three decimals are not taken by all readers. To the nearest millisecond, but
- * what took time is never shown as having taken none. */
+/* In seconds; more than three decimals are not taken by all readers. To the nearest millisecond,
+ * but what took time is never shown as having taken none. */
 static void write_time(FILE *out, uint64_t ticks)
 {
     const uint64_t ms_ticks = CW_CLOCK_HZ / 1000u;

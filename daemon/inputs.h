@@ -29,7 +29,8 @@ typedef enum input_kind {
 typedef struct input {
     input_kind kind;
     uint64_t now;  /* tick up to which the bus had been simulated */
-    bool advanced; /* cw_bus_advance() was called since the input before, if only up to `now` again */
+    /* cw_bus_advance() was called since the input before, if only up to `now` again */
+    bool advanced;
     unsigned node;
     const cw_frame *frame; /* need not be valid */
     uint64_t at_tick;

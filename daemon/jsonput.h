@@ -13,8 +13,8 @@
 #include <stdio.h>
 
 /*
- * To be called by main() first: running out of memory ends the program in jansson, too. By itself it
- * leaves out parts of texts, or crashes.
+ * To be called by main() first: running out of memory ends the program in jansson, too. By itself
+ * it leaves out parts of texts, or crashes.
  */
 void json_must_have_memory(void);
 

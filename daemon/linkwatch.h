@@ -12,8 +12,8 @@ typedef struct linkwatch linkwatch;
 
 /* All are called from the loop. */
 typedef struct linkwatch_calls {
-    /* An interface is there, perhaps with another name or state than before. up: it can carry frames,
-     * which a vxcan does only when its peer is up, too. */
+    /* An interface is there, perhaps with another name or state than before. up: it can carry
+     * frames, which a vxcan does only when its peer is up, too. */
     void (*seen)(void *user, unsigned index, const char *name, bool up);
     void (*gone)(void *user, unsigned index);
     /* All interfaces of a list that was asked for have been seen. */

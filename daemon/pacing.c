@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * pacing.c - when the daemon wakes up for what is due, and how much of a processor it may burn for it.
+ * pacing.c - when the daemon wakes up for what is due, and how much of a processor it may burn for
+ * it.
  */
 #include "pacing.h"
 

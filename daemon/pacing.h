@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * pacing.h - when the daemon wakes up for what is due, and how much of a processor it may burn for it.
+ * pacing.h - when the daemon wakes up for what is due, and how much of a processor it may burn for
+ * it.
  *
  * All times are CLOCK_MONOTONIC in ns unless they say otherwise.
  */
@@ -14,8 +15,9 @@
 
 #define PACING_SPIN_NS INT64_C(50000) /* of `spin`: the last part of a wait is spent awake */
 
-/* The kernel stops real-time processes that take more than 95 % of a second (sched_rt_runtime_us). So
- * `spin` only fills up what the daemon runs anyway, to this much of the time in a window so far. */
+/* The kernel stops real-time processes that take more than 95 % of a second
+ * (sched_rt_runtime_us). So `spin` only fills up what the daemon runs anyway, to this much of
+ * the time in a window so far. */
 #define PACING_WINDOW_NS INT64_C(100000000)
 #define PACING_DUTY_PERCENT 85
 #define PACING_ADVANCE_NS INT64_C(200000) /* at the begin of a window */

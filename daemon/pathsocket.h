@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * pathsocket.h - a Unix socket that listens at a path: for the daemon's group, and removed at the end.
+ * pathsocket.h - a Unix socket that listens at a path: for the daemon's group, and removed at the
+ * end.
  */
 #ifndef CANWIRE_PATHSOCKET_H
 #define CANWIRE_PATHSOCKET_H

@@ -14,7 +14,7 @@
 #include <string.h>
 #include <time.h>
 
-#define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about frames that were lost */
+#define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about lost frames */
 
 /* ---- Opening and closing --------------------------------------------------------------------- */
 
@@ -115,8 +115,8 @@ void port_count_drops(port *p, uint32_t drops)
     p->stats.kernel_dropped += (uint32_t)news;
 }
 
-/* What the kernel says beside a message: when it arrived, 0 when it does not tell, and how many were
- * dropped before it. */
+/* What the kernel says beside a message: when it arrived, 0 when it does not tell, and how many
+ * were dropped before it. */
 static int64_t take_control(port *p, struct msghdr *header)
 {
     int64_t arrival_ns = 0;

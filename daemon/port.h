@@ -36,13 +36,13 @@ typedef struct port_stats {
     uint64_t refused;        /* connections refused since an ECU was connected already */
 } port_stats;
 
-/* Whether a port of that name can be opened but for its own fault: of an interface, whether there is
- * one, of whatever kind; also when that cannot be told. */
+/* Whether a port of that name can be opened but for its own fault: of an interface, whether
+ * there is one, of whatever kind; also when that cannot be told. */
 bool port_exists(const char *name);
 
-/* Opens a port by its name (portname.h): a vcan or vxcan interface for a bus, which has it alone among
- * all canwired, or a Unix socket in place of one, whose messages are struct can_frame. NULL after
- * writing why, with the remedy, to error. */
+/* Opens a port by its name (portname.h): a vcan or vxcan interface for a bus, which has it alone
+ * among all canwired, or a Unix socket in place of one, whose messages are struct can_frame.
+ * NULL after writing why, with the remedy, to error. */
 port *port_open(const char *name, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
 
 void port_close(port *p);
@@ -65,8 +65,8 @@ bool port_write(port *p, const cw_frame *frame);
  * limited (errframe_limit_pass()); what is left out is counted. tick: bus time of the event. */
 bool port_write_error(port *p, const errframe *frame, uint64_t tick);
 
-/* Writes an error frame (CRTL RX_OVERFLOW) when more frames of the ECU are known to have been lost in
- * the kernel, ten times a second at most. tick: bus time. */
+/* Writes an error frame (CRTL RX_OVERFLOW) when more frames of the ECU are known to have been
+ * lost in the kernel, ten times a second at most. tick: bus time. */
 void port_tell_overflow(port *p, uint64_t tick);
 
 void port_get_stats(port *p, port_stats *stats);

@@ -34,8 +34,8 @@ typedef struct port_kind {
     port_sent (*send)(port *p, const struct can_frame *frame);
     /* Brings those counters up to date that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
-    /* Room for what the kernel tells beside a message, at most PORT_CONTROL_BYTES. No more than that:
-     * the file descriptors that somebody sends along must find none. */
+    /* Room for what the kernel tells beside a message, at most PORT_CONTROL_BYTES. No more than
+     * that: the file descriptors that somebody sends along must find none. */
     size_t control_bytes;
 } port_kind;
 

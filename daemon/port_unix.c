@@ -5,8 +5,8 @@
  *
  * The ECU connects to a path, one at a time, or has the other end of a socket that canwired
  * inherited. While none is connected the node stays on the bus, as it does on a vcan interface that
- * nobody has opened. The file descriptor of the port is an epoll set, which stays the same when ECUs
- * come and go.
+ * nobody has opened. The file descriptor of the port is an epoll set, which stays the same when
+ * ECUs come and go.
  */
 #include "port_kind.h"
 
@@ -93,7 +93,7 @@ static void accept_waiting(port *p)
         }
         if (u->ecu < 0 && connect_ecu(p, fd)) {
             set_deaf(p, false);
-            return; /* it may have gone by now: that is seen first, and the next one takes its place */
+            return; /* it may have gone by now: that is seen first, and the next one comes in */
         }
         p->stats.refused++;
         (void)close(fd);
@@ -116,7 +116,8 @@ static int messages_before_end(const port *p, int received)
     return count;
 }
 
-/* Of the ECU. That it has gone without having read all is told once; what it sent waits behind it. */
+/* Of the ECU. That it has gone without having read all is told once; what it sent waits behind
+ * it. */
 static int receive(port *p)
 {
     int received = port_receive(p, own(p)->ecu);

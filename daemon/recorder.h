@@ -15,10 +15,10 @@
 
 typedef struct recorder recorder;
 
-/* Begins a recording of what is still to come on a bus. config must stay where it is and have the
- * nodes of the bus; what is copied, but its file must live longer. bus may be NULL unless the
- * format is VCD. news is called in another thread when the recording has ended. NULL with *error, an errno
- * as of spool_open(). */
+/* Begins a recording of what is still to come on a bus. config must stay where it is and have
+ * the nodes of the bus; what is copied, but its file must live longer. bus may be NULL unless
+ * the format is VCD. news is called in another thread when the recording has ended. NULL with
+ * *error, an errno as of spool_open(). */
 recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
                          spool_news *news, void *user, int *error);
 

@@ -2,9 +2,9 @@
  *
  * release.h - the traffic of nodes without port: when which frame is handed in.
  *
- * The same in canwired and in `canwire sim`. Release k of a `send` is at offset + k * every, k < count,
- * delayed by up to `jitter`; that of a `replay` comes from a file, at its time there or, with
- * `speed: max`, whenever the node has nothing else to send. Replies are rules of the bus.
+ * The same in canwired and in `canwire sim`. Release k of a `send` is at offset + k * every, k <
+ * count, delayed by up to `jitter`; that of a `replay` comes from a file, at its time there or,
+ * with `speed: max`, whenever the node has nothing else to send. Replies are rules of the bus.
  */
 #ifndef CANWIRE_RELEASE_H
 #define CANWIRE_RELEASE_H
@@ -39,11 +39,12 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node);
  * changed. There must be one. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);
 
-/* Whether a file is replayed as fast as possible: then release_look() is to be called before the first
- * bit and after each one that may have left its node with nothing to send. */
+/* Whether a file is replayed as fast as possible: then release_look() is to be called before the
+ * first bit and after each one that may have left its node with nothing to send. */
 bool release_is_fast(const release_plan *plan);
 
-/* The end of the next bit after which release_look() is due, if no faults are at work on the bus. */
+/* The end of the next bit after which release_look() is due, if no faults are at work on the
+ * bus. */
 uint64_t release_look_at(const release_plan *plan, const cw_bus *bus);
 
 /* Plans the next frames of such files, whose nodes have nothing to send, for the coming bit. */
@@ -52,8 +53,8 @@ void release_look(release_plan *plan, const cw_bus *bus);
 /* Whether a file could not be read to its end. */
 bool release_failed(const release_plan *plan);
 
-/* When the last release will be, as far as can be known at a tick: guessed by how much of the files is
- * done. CW_NEVER: not at all. */
+/* When the last release will be, as far as can be known at a tick: guessed by how much of the
+ * files is done. CW_NEVER: not at all. */
 uint64_t release_guess_end(const release_plan *plan, uint64_t now);
 
 /* Gives a new bus the replies of a configuration. */

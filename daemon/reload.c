@@ -85,7 +85,8 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
         return true;
     r->setup.ports[i] = port_open(node->port, r->config->bus_name, error);
     if (!r->setup.ports[i])
-        fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name, error);
+        fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name,
+                error);
     return r->setup.ports[i] != NULL;
 }
 

@@ -2,8 +2,8 @@
  *
  * reload.h - from one configuration to the next while the bus runs: what is prepared beforehand.
  *
- * Everything that can fail (reading the file, opening ports, memory) is done here, before the bus is
- * touched. Nodes are matched by name.
+ * Everything that can fail (reading the file, opening ports, memory) is done here, before the bus
+ * is touched. Nodes are matched by name.
  */
 #ifndef CANWIRE_RELOAD_H
 #define CANWIRE_RELOAD_H
@@ -36,13 +36,13 @@ typedef struct reload {
     uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */
 } reload;
 
-/* Reads the file of a configuration again. pending: what the bus was to go over to so far, or NULL; the
- * new one is to take its place and gets the ports that it has opened. NULL, with nothing changed,
- * after writing a line per error. */
+/* Reads the file of a configuration again. pending: what the bus was to go over to so far, or
+ * NULL; the new one is to take its place and gets the ports that it has opened. NULL, with
+ * nothing changed, after writing a line per error. */
 reload *reload_prepare(const cfg *old, reload *pending, FILE *errors);
 
-/* Moves what an array keeps of each node to the node's new place; what new nodes have is all zero. The
- * array has CW_NODES_MAX elements of that size. */
+/* Moves what an array keeps of each node to the node's new place; what new nodes have is all
+ * zero. The array has CW_NODES_MAX elements of that size. */
 void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX]);
 
 /* Frees what has not been taken out of it. NULL is fine. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * report.h - what the daemon knows of its bus beyond the library, to be shown: the nodes' interfaces,
- * and how it keeps pace.
+ * report.h - what the daemon knows of its bus beyond the library, to be shown: the nodes'
+ * interfaces, and how it keeps pace.
  */
 #ifndef CANWIRE_REPORT_H
 #define CANWIRE_REPORT_H

@@ -106,7 +106,8 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fputs("    can ", out);
     print_modes(out, settings);
     fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
-            has_link(node) ? upper(state, text(node, "state")) : "STOPPED", number(node, "tec"), number(node, "rec"),
+            has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
+            number(node, "tec"), number(node, "rec"),
             number(settings, "restart-ms"));
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }

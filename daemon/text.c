@@ -357,7 +357,8 @@ void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
     uint64_t part = ns % unit;
     int used = snprintf(out, TIME_TEXT_MAX, "%" PRIu64, digits == 9 ? seconds : ns / unit);
     if (part > 0) {
-        used += snprintf(out + used, TIME_TEXT_MAX - (size_t)used, ".%0*" PRIu64, (int)digits, part);
+        used +=
+            snprintf(out + used, TIME_TEXT_MAX - (size_t)used, ".%0*" PRIu64, (int)digits, part);
         while (out[used - 1] == '0')
             used--;
     }

@@ -73,7 +73,8 @@ const char *text_parse_probability(uint64_t *out, const char *text);
 /* 10ms, 250us, 2s, 100bit, 1.5ms, 500ns, 1min, 1h. A number without unit only when it is 0. */
 const char *text_parse_time(cfg_time *out, const char *text);
 
-/* Bytes: 64kB, 100MB, 2GB, or with powers of 1024 KiB, MiB, GiB; a number without unit are bytes. */
+/* Bytes: 64kB, 100MB, 2GB, or with powers of 1024 KiB, MiB, GiB; a number without unit are
+ * bytes. */
 const char *text_parse_size(uint64_t *bytes, const char *text);
 
 /* Ticks of a span, rounded up, so that `<=` against ends of bits stays exact. Saturates. */

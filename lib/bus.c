@@ -509,8 +509,8 @@ bool cw_bus_idle(const cw_bus *bus)
     return !busy;
 }
 
-/* When nobody knows when a frame or a flag ends, look again after this many bits; when faults are at
- * work on the wire, after more. */
+/* When nobody knows when a frame or a flag ends, look again after this many bits; when faults
+ * are at work on the wire, after more. */
 #define LOOK_AGAIN_BITS 6u
 #define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
 

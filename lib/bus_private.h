@@ -267,7 +267,8 @@ bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
 /* Room in the queue of a node: for what its configuration and rules from the start may set. */
 uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
 
-/* The frame of a node's queue that goes first, or the one in a slot, encoded and ready to be sent. */
+/* The frame of a node's queue that goes first, or the one in a slot, encoded and ready to be
+ * sent. */
 void cw_offer_first(bus_node *node);
 void cw_offer_slot(bus_node *node, uint16_t slot);
 

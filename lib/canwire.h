@@ -107,7 +107,7 @@ typedef struct cw_place {
     cw_field field;
     uint8_t index;
     bool stuff;
-    bool extended; /* surely in an extended frame: from its SRR as transmitter, else after its IDE */
+    bool extended; /* surely in an extended frame: as transmitter from its SRR, else after IDE */
 } cw_place;
 
 /* ---- Wire bits of a frame -------------------------------------------------------------------- */
@@ -351,7 +351,8 @@ typedef enum cw_trigger {
  * others when a transmission of the frame begins. */
 typedef enum cw_action {
     /* Levels. FLIP, FORCE and GLITCH have a position and so a frame trigger. The others last for
-     * for_ticks; 0: till cleared, but NOISE and NO_ACK with a frame trigger for that transmission: */
+     * for_ticks; 0: till cleared, but NOISE and NO_ACK with a frame trigger for that
+     * transmission: */
     CW_ACTION_FLIP = 0,   /* inverts `bits` wire bits from (field, index) on */
     CW_ACTION_FORCE,      /* sets them to `level`; for_ticks, when set, instead of bits */
     CW_ACTION_GLITCH,     /* pattern of `bits` bits from there on */
@@ -435,7 +436,7 @@ typedef struct cw_rule {
     uint8_t data_mask[8];
     uint8_t data_value[8];
     uint64_t from;         /* transmitters; 0: every node */
-    uint64_t state_nodes;  /* all of these are in one of the states of state_mask (1u << cw_state) */
+    uint64_t state_nodes;  /* all of these are in a state of state_mask (1u << cw_state) */
     uint8_t state_mask;
     uint64_t time_begin;   /* ticks, half open: begin <= start of bit < end */
     uint64_t time_end;     /* CW_NEVER: no end */
@@ -565,13 +566,13 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 
 #define CW_NO_NODE UINT8_MAX
 
-/* Goes on where another bus is: time, statistics, and for each node i the state, counters and frames
- * of the old bus's node from[i] (CW_NO_NODE: a new node, it integrates), with the settings of the
- * new one. Rules start anew; frames that old rules held back go on their way. The new bus must be
- * at tick 0 and the events of the old one taken; the old one may be thrown away afterwards. Frames of nodes
- * that are no more are lost: see cw_node_flush(); frames for which a smaller queue has no room are
- * dropped with an event. CW_INVALID, with nothing changed: another bit rate, no such node, an inbox
- * too small for what waits. */
+/* Goes on where another bus is: time, statistics, and for each node i the state, counters and
+ * frames of the old bus's node from[i] (CW_NO_NODE: a new node, it integrates), with the
+ * settings of the new one. Rules start anew; frames that old rules held back go on their way.
+ * The new bus must be at tick 0 and the events of the old one taken; the old one may be thrown
+ * away afterwards. Frames of nodes that are no more are lost: see cw_node_flush(); frames for
+ * which a smaller queue has no room are dropped with an event. CW_INVALID, with nothing changed:
+ * another bit rate, no such node, an inbox too small for what waits. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED); it leaves the bus for good. CW_FULL:
@@ -605,19 +606,19 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
  * same; it is the reference, and what looks at single bits needs it. Off after cw_bus_init(). */
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
 
-/* Which kinds of events are kept for cw_bus_poll(), as bits 1u << cw_event_kind; the others only count
- * in the statistics. All of them after cw_bus_init(). Leaving out lost arbitrations makes a bus with
- * many busy nodes faster. */
+/* Which kinds of events are kept for cw_bus_poll(), as bits 1u << cw_event_kind; the others only
+ * count in the statistics. All of them after cw_bus_init(). Leaving out lost arbitrations makes
+ * a bus with many busy nodes faster. */
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 
 /* Takes the oldest event; false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 
-/* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on again.
- * Off it neither drives nor samples; its frames, those that come later too, are dropped with events
- * (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it integrates. Frames
- * that rules hold back stay. All nodes are on at first; nothing happens when it is so already.
- * CW_FULL: poll events, then call again. CW_INVALID: no such node. */
+/* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on
+ * again. Off it neither drives nor samples; its frames, those that come later too, are dropped
+ * with events (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it
+ * integrates. Frames that rules hold back stay. All nodes are on at first; nothing happens when
+ * it is so already. CW_FULL: poll events, then call again. CW_INVALID: no such node. */
 cw_status cw_node_attach(cw_bus *bus, unsigned node, bool on);
 
 /* Whether a node is on; false also when there is no such node. */
@@ -639,7 +640,8 @@ cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index);
  * again. Frames that it holds back go on their way. CW_INVALID: no such rule. */
 cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
 
-/* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual or over. */
+/* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual or
+ * over. */
 cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index);
 
 /* Changes settings of a node at the next bit. A node whose listen-only or loopback changes leaves
@@ -724,7 +726,7 @@ typedef struct cw_node_stats {
     uint64_t rx_accepted;    /* that its controller received */
     uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
     uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
-    uint64_t rx_dropped[CW_DROP_COUNT]; /* on their way to the host; QUEUE_FULL: by the event ring */
+    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by the event ring */
     uint64_t arbitration_lost;
     uint64_t retransmissions; /* attempts after the first one of a frame */
     uint64_t errors[CW_ERROR_COUNT];
@@ -748,7 +750,7 @@ typedef struct cw_node_stats {
 typedef struct cw_bus_stats {
     uint64_t ticks;        /* cw_bus_now() */
     uint64_t bits;         /* bit times since tick 0 */
-    uint64_t busy_bits;    /* of these, SOF to the third intermission bit, error and overload frames */
+    uint64_t busy_bits;    /* of these, SOF to third intermission bit, error and overload frames */
     uint64_t frames;       /* successful frames */
     uint64_t frame_bits;   /* their wire bits, SOF to EOF */
     uint64_t error_frames; /* error signalling on the wire, superposed flags counted once */
@@ -764,8 +766,8 @@ typedef struct cw_bus_stats {
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 
 /* Whether no frame of the node is unaccounted for: handed_in and made_by_rules are the sum of
- * tx_frames, queue, held and dropped; rx_accepted and rx_made_by_rules that of rx_frames, rx_held and
- * rx_dropped. */
+ * tx_frames, queue, held and dropped; rx_accepted and rx_made_by_rules that of rx_frames,
+ * rx_held and rx_dropped. */
 bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */

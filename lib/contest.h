@@ -9,7 +9,7 @@
 
 /* Zeroed by cw_contest_init(). */
 typedef struct cw_contest {
-    uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are the nodes */
+    uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
     unsigned leaves;
     uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
     uint64_t lost;

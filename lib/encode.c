@@ -4,7 +4,8 @@
  *
  * The bits of a frame, not stuffed, are laid out in whole bytes. A table tells what each becomes on
  * the wire, given the bits before it. Five bytes become at most 50 bits: these are collected in one
- * word before they go to their place. Where stuff bits are is seen afterwards: behind five equal bits.
+ * word before they go to their place. Where stuff bits are is seen afterwards: behind five equal
+ * bits.
  */
 #include "codec.h"
 #include "codec_tables.h"
@@ -138,8 +139,8 @@ static inline void stuff_five(part *p, const uint8_t bytes[PART_BYTES])
     stuff_byte(p, bytes[4]);
 }
 
-/* A row of bits, the first one in the lowest bit, behind those that are there. Two shifts, since one
- * by 64 bits is not defined. */
+/* A row of bits, the first one in the lowest bit, behind those that are there. Two shifts, since
+ * one by 64 bits is not defined. */
 static inline void append(uint64_t level[4], unsigned *at, uint64_t row, unsigned length)
 {
     unsigned word = *at / 64, shift = *at % 64;

@@ -4,9 +4,8 @@
  *
  * fault.c decides when a rule acts: what it is bound to, whether a match becomes a hit, when it is
  * due. What it does then is in fault_level.c (levels of bits), fault_noise.c, fault_control.c
- * (controllers), fault_host.c (frames on the host side) and fault_traffic.c; fault_leap.c tells what
- * it wants of a frame that is leapt over. What follows on the bus is the
- * controllers' affair.
+ * (controllers), fault_host.c (frames on the host side) and fault_traffic.c; fault_leap.c tells
+ * what it wants of a frame that is leapt over. What follows on the bus is the controllers' affair.
  */
 #ifndef CANWIRE_FAULT_H
 #define CANWIRE_FAULT_H

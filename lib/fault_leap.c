@@ -2,8 +2,8 @@
  *
  * fault_leap.c - what fault rules want of a frame that could be leapt over.
  *
- * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes a
- * hit. So a leap goes up to that bit, and over it when the rule passes over the match.
+ * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
+ * a hit. So a leap goes up to that bit, and over it when the rule passes over the match.
  */
 #include "bus_private.h"
 
@@ -32,7 +32,8 @@ static const cw_fault *next_rule(cw_candidates *c, const cw_bus *bus, unsigned n
 /* Its bit of a frame is one that a node which loses arbitration does not come to. */
 static bool acts_late(const cw_rule *r)
 {
-    return cw_is_position_action(r->action) && r->field >= CW_FIELD_R1 && r->field <= CW_FIELD_OVERLOAD_DELIMITER;
+    return cw_is_position_action(r->action) && r->field >= CW_FIELD_R1 &&
+           r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
 static void watch(cw_bus *bus, unsigned node)

@@ -167,8 +167,8 @@ static void apply_position(const cw_fault *f, uint64_t *levels, uint64_t nodes)
         set_level(levels, nodes, f->rule.pattern_level >> i & 1u);
 }
 
-/* Whom a rule's level concerns; 0 when not in this pass. A bit at a position is one of the wire that
- * its transmitter is on. */
+/* Whom a rule's level concerns; 0 when not in this pass. A bit at a position is one of the wire
+ * that its transmitter is on. */
 static uint64_t concerned(const cw_fault *f, bool wire)
 {
     const cw_rule *r = &f->rule;

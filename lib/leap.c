@@ -4,9 +4,9 @@
  *
  * While all nodes are idle, no fault rule is at work and somebody wants to send, what the frame
  * will do follows from its encoding: who loses arbitration and where, when receivers acknowledge
- * and take it, when it ends. So the bus goes from one of these moments to the next. Controllers stay
- * idle meanwhile; when a fault rule wants to look at a bit, or somebody does something to a node,
- * they are put where they would be by then (leap_end.c), and single bits go on from there.
+ * and take it, when it ends. So the bus goes from one of these moments to the next. Controllers
+ * stay idle meanwhile; when a fault rule wants to look at a bit, or somebody does something to a
+ * node, they are put where they would be by then (leap_end.c), and single bits go on from there.
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */

@@ -4,9 +4,9 @@
  *
  * Receivers without errors of their own take every bit in the same way. They follow one shared
  * controller, so that a bit costs the same for 2 nodes and for 64. A follower keeps its counters,
- * modes and frames; only the point of the frame at which it is, is the shared one's. It gets its own
- * controller back as soon as it does something different: it begins to transmit, samples another
- * level than the others, becomes error passive, or somebody does something to it.
+ * modes and frames; only the point of the frame at which it is, is the shared one's. It gets its
+ * own controller back as soon as it does something different: it begins to transmit, samples
+ * another level than the others, becomes error passive, or somebody does something to it.
  */
 #include "bus_private.h"
 

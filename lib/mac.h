@@ -14,8 +14,8 @@
 #define CW_SUSPEND_BITS 8u
 #define CW_QUIET_FOREVER UINT64_MAX
 
-/* Takes the controller off the bus at once: it neither drives nor samples. What it was sending stays
- * offered. A bus-off controller stays bus-off and goes on with its recovery. */
+/* Takes the controller off the bus at once: it neither drives nor samples. What it was sending
+ * stays offered. A bus-off controller stays bus-off and goes on with its recovery. */
 void cw_mac_disconnect(cw_mac *mac);
 
 /* Back on the bus: it integrates (M10). */
@@ -24,9 +24,9 @@ void cw_mac_reconnect(cw_mac *mac);
 /* Neither taken off the bus nor bus-off. */
 bool cw_mac_is_on_bus(const cw_mac *mac);
 
-/* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3. Nothing
- * happens when the controller is not on the bus. Returns whether the frame being sent was given up
- * (one-shot). */
+/* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3.
+ * Nothing happens when the controller is not on the bus. Returns whether the frame being sent
+ * was given up (one-shot). */
 bool cw_mac_force_error(cw_mac *mac);
 
 /* Recessive bits, at least, that the controller takes without driving a dominant bit and without
@@ -36,20 +36,22 @@ uint64_t cw_mac_quiet_bits(const cw_mac *mac);
 /* Takes that many recessive bits at once, bits <= cw_mac_quiet_bits(). */
 void cw_mac_skip(cw_mac *mac, uint64_t bits);
 
-/* Bits, at least, until this controller ends something that a host sees (a frame, a recovery), if
- * nothing is put in; CW_QUIET_FOREVER when it is not up to it. waiting: a frame waits to be sent. */
+/* Bits, at least, until this controller ends something that a host sees (a frame, a recovery),
+ * if nothing is put in; CW_QUIET_FOREVER when it is not up to it. waiting: a frame waits to be
+ * sent. */
 uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
 
-/* Whether both are at the same point of the same frame or between frames, both not as transmitters,
- * so that the same levels take them the same way but for counters, modes and what they want to send. */
+/* Whether both are at the same point of the same frame or between frames, both not as
+ * transmitters, so that the same levels take them the same way but for counters, modes and what
+ * they want to send. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
 
 /* Goes to the point where another controller is, which is no transmitter. Counters, modes and the
  * offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 
-/* Goes to where an idle receiver is after n wire bits of a frame, n at least 1, without errors; then
- * its intermission. The ACK slot was dominant. */
+/* Goes to where an idle receiver is after n wire bits of a frame, n at least 1, without errors;
+ * then its intermission. The ACK slot was dominant. */
 void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits, unsigned n);
 
 /* A controller at a point as a receiver turns out to be the transmitter of its offered frame, of

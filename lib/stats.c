@@ -42,7 +42,8 @@ void cw_delay_add(cw_delay *delay, uint64_t ticks)
 
 uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille)
 {
-    uint64_t wanted = delay->count / 1000 * permille + (delay->count % 1000 * permille + 999) / 1000;
+    uint64_t wanted =
+        delay->count / 1000 * permille + (delay->count % 1000 * permille + 999) / 1000;
     uint64_t seen = 0;
     for (unsigned b = 0; b < CW_DELAY_BUCKETS; b++) {
         seen += delay->bucket[b];

@@ -17,8 +17,8 @@ TIMEOUT_S = 120
 
 def run(program, *arguments, status=0, cwd=None):
     """A program that must end with that status."""
-    result = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
-                            timeout=TIMEOUT_S, check=False)
+    result = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True,
+                            cwd=cwd, timeout=TIMEOUT_S, check=False)
     assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
     return result
 

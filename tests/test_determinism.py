@@ -2,9 +2,9 @@
 """The same file and seed give the same bytes: with each compiler, optimisation and machine word.
 
 `canwire sim` is built by gcc without and with all optimisation, and by clang; all that it writes is
-compared, for each of the scenarios and for a large random one. The library alone is also built for 32
-bits: tests/determinism/digest.c runs random scenarios of the differential test and hashes all that
-comes out of them.
+compared, for each of the scenarios and for a large random one. The library alone is also built for
+32 bits: tests/determinism/digest.c runs random scenarios of the differential test and hashes all
+that comes out of them.
 """
 
 import os
@@ -101,12 +101,14 @@ def random_bus():
         lines.append(f"    order: {draw.choice(['priority', 'fifo'])}")
         lines.append("    traffic:")
         for _ in range(3):
-            frame = f"{draw.randrange(0x40) * 32 + node:03X}#{draw.randbytes(draw.randrange(9)).hex()}"
+            number = draw.randrange(0x40) * 32 + node
+            frame = f"{number:03X}#{draw.randbytes(draw.randrange(9)).hex()}"
             if draw.random() < 0.3:
                 frame = f"{draw.randrange(1 << 24) * 32 + node:08X}#R{draw.randrange(9)}"
             lines.append(f"      - {{ send: {frame}, every: {draw.randrange(5, 90)}ms, "
                          f"offset: {draw.randrange(900)}us, jitter: {draw.randrange(1, 5000)}us }}")
-        lines.append(f"      - {{ reply: {draw.randrange(0x800):03X}#11, to: {draw.randrange(8)}00:700, "
+        lines.append(f"      - {{ reply: {draw.randrange(0x800):03X}#11, "
+                     f"to: {draw.randrange(8)}00:700, "
                      f"delay: {draw.randrange(500)}us, count: {draw.randrange(1, 30)} }}")
     lines.append("  - { name: player, traffic: [ { replay: "
                  f"{ROOT}/tests/traces/drive.pcapng, count: 50 }}, {{ replay: "
@@ -114,7 +116,8 @@ def random_bus():
     lines.append("faults:")
     for rule in range(RULES):
         action = ACTIONS[rule % len(ACTIONS)].format(draw.randrange(2))
-        when = f"probability: {draw.choice(['0.01', '0.05', '3e-3'])}, hold-off: 2ms, frame: \"0:0\""
+        when = f"probability: {draw.choice(['0.01', '0.05', '3e-3'])}, hold-off: 2ms, " \
+               "frame: \"0:0\""
         if action.startswith(("noise", "stuck", "disconnect", "partition")):
             when = f"time: {draw.randrange(1000)}ms..{draw.randrange(1001, 2000)}ms"
         lines.append(f"  - {{ name: r{rule}, when: {{ {when} }}, do: {{ {action} }} }}")

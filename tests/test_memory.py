@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """No memory: whatever allocation fails, a program ends with a word and status 1, or does it all.
 
-Each program runs many times; in run n, allocation n fails (failing_heap.c). A canwired that runs may
-end, too, but it never takes over half a configuration. Needs no CAN in the kernel.
+Each program runs many times; in run n, allocation n fails (failing_heap.c). A canwired that runs
+may end, too, but it never takes over half a configuration. Needs no CAN in the kernel.
 CANWIRE is the tool, by default build/release/canwire; canwired is beside it. With sanitizers, which
 also find what is leaked on the way out, only some of the allocations have their turn.
 """
@@ -35,7 +35,9 @@ nodes:
   - { name: dash, traffic: [ { reply: 700#11, to: "700" } ] }
 profiles: [ { file: PROFILES/deaf-ecu.yaml, with: { victim: dash } } ]
 faults:
-  - { name: crc, when: { frame: "123", count: 1, time: 1ms.. }, do: { flip: "crc[3]", at: [engine] } }
+  - name: crc
+    when: { frame: "123", count: 1, time: 1ms.. }
+    do: { flip: "crc[3]", at: [engine] }
 expect:
   - { delivered: 3, frame: "123", from: load, to: engine }
   - { name: never, state: bus-off, node: engine, reached: never }
@@ -94,8 +96,8 @@ def fixture_running(folder):
 @pytest.fixture(name="library", scope="module")
 def fixture_library(tmp_path_factory):
     library = tmp_path_factory.mktemp("heap") / "failing_heap.so"
-    subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", library,
-                    ROOT / "tests/failing_heap.c"], check=True)
+    subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o",
+                    library, ROOT / "tests/failing_heap.c"], check=True)
     return library
 
 
@@ -180,8 +182,10 @@ def test_a_journal_that_is_run_again(folder, library, running):
 def test_canwired_at_its_start(folder, library):
     """Its last step at the start fails always, so that it ends. A journal may say what it lacks."""
     count, good = fail_each(
-        folder, library, [CANWIRE.with_name("canwired"), "-c", "stopped.yaml", "--journal", "new.journal"],
-        "(?i)out of memory|cannot allocate memory|journal new.journal: at least . lines? (is|are) missing")
+        folder, library,
+        [CANWIRE.with_name("canwired"), "-c", "stopped.yaml", "--journal", "new.journal"],
+        "(?i)out of memory|cannot allocate memory|"
+        "journal new.journal: at least . lines? (is|are) missing")
     assert count > 300 and "record no/such/folder/bus.log: No such file" in good.stderr
 
 
@@ -197,7 +201,7 @@ def test_canwired_while_it_runs(folder, library):
         return all(re.search(f"^{name} ", text, re.M) for name in names)
 
     def attempt(words, n):
-        """The client's exit status and message, what is in effect then, and whether n was reached."""
+        """The client's status and message, what is in effect then, and whether n was reached."""
         fail.write_text(str(n))
         result = subprocess.run([CANWIRE, *words], cwd=folder, timeout=PATIENCE_S, check=False,
                                 capture_output=True, text=True)

@@ -39,8 +39,8 @@ def tshark(capture, *fields):
 
 def simulate(tmp_path, text=BUS):
     (tmp_path / "bus.yaml").write_text(text)
-    sim("bus.yaml", "--until", "60ms", "--pcapng", "bus.pcapng", "--events", "events", "--log", "log",
-        cwd=tmp_path)
+    sim("bus.yaml", "--until", "60ms", "--pcapng", "bus.pcapng", "--events", "events", "--log",
+        "log", cwd=tmp_path)
     return [json.loads(line) for line in (tmp_path / "events").read_text().splitlines()]
 
 

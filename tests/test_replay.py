@@ -257,7 +257,7 @@ def test_max_speed_leaves_no_gap_and_keeps_the_order(write, tmp_path):
 
 
 def test_max_speed_is_the_same_bit_by_bit(write, tmp_path):
-    """Also where nodes collide, are alone, one-shot or lose arbitration; each bit is stepped with VCD."""
+    """Also where nodes collide, are alone, one-shot or lose arbitration; VCD steps each bit."""
     (tmp_path / "fast.log").write_text(FAST)
     same = bus("replay: fast.log, speed: max", "send: 001#, every: 3ms, count: 9",
                more="    traffic: [ { replay: fast.log, speed: max, only: 6F0:7F0 }, "
@@ -473,7 +473,8 @@ def test_until_is_the_latest_end(write):
 @pytest.mark.parametrize("text, message", [
     ("buss-off", "no event 'buss-off': expected [NODE:]EVENT"), ("c:foo", "no event 'foo'"),
     ("foo:bar", "no event 'foo'"), ("error:123", "':123' cannot follow"),
-    ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"), ("c:skip", "events of the bus"),
+    ("tx:9", "identifiers have 3"), ("c:fault", "events of the bus"),
+    ("c:skip", "events of the bus"),
     ("", "expected [NODE:]EVENT"), ("record", "recordings are canwired's"),
     ("c:record", "recordings are canwired's"), ("tolerated", "no event 'tolerated'"),
 ])
@@ -563,7 +564,7 @@ def slow_run(path, tmp_path, stderr):
     process = subprocess.Popen(
         [CANWIRE, "sim", path, "--until", "3s", "--events", tmp_path / "events"],
         stdout=subprocess.PIPE, stderr=stderr)
-    threading.Timer(1.5, reader.proceed.set).start()  # more than the second in which nothing is told
+    threading.Timer(1.5, reader.proceed.set).start()  # nothing is told in the first second
     return process, reader
 
 

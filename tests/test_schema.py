@@ -42,7 +42,8 @@ SEMANTIC = [
     "of the profile needs a value", "there is no parameter", "has more than 63 characters",
     "No such file", "not a regular file", "this is neither", "there is no time stamp",
     "expected a line of candump", "expected an event such as", "at most as long as 'every'",
-    "at most 107 bytes", "merge keys", "expected a size from", "$$ stands for a dollar", "error frames (bit 20000000)",
+    "at most 107 bytes", "merge keys", "expected a size from", "$$ stands for a dollar",
+    "error frames (bit 20000000)",
     "min is more than max", "does not get its own frames",
 ]
 
@@ -157,7 +158,7 @@ def test_examples_of_the_reference_are_good(tmp_path):
     VALIDATOR.validate(convert(compose(path.read_text())))
 
 
-# ---- Files that differ in one place ---------------------------------------------------------------
+# ---- Files that differ in one place --------------------------------------------------------------
 
 REPLACEMENTS = ["", "-1", "x y", "0", "1.5", "0500", "99999999999999999999", "on", "dominant", "tx",
                 "123", "12345678", "crc[15]", "10ms", "2s..5s", "60%", "123#11", "#4", "$", "1e-5"]

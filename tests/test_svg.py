@@ -121,7 +121,8 @@ def test_waves_are_the_levels(write):
     wire = shown.classed("wire")[0].find(SVG + "path").get("d")
     digits = "".join(e.text for e in shown.classed("wire")[0].find(SVG + "g"))
     assert levels(wire, width) == digits == bits
-    for node, driven in (("a", bits[:-9] + "1" + bits[-8:]), ("b", "1" * (len(bits) - 9) + "0" + "1" * 8)):
+    for node, driven in (("a", bits[:-9] + "1" + bits[-8:]),
+                         ("b", "1" * (len(bits) - 9) + "0" + "1" * 8)):
         lane = shown.node(node)[0]
         assert levels(shown.classed("sampled", lane)[0].get("d"), width) == bits
         assert levels(shown.classed("driven", lane)[0].get("d"), width) == driven
@@ -135,7 +136,8 @@ def test_events_stand_beside_their_nodes(write):
 
 
 def test_arbitration_splits_the_identifier(write):
-    shown = picture(write(small().replace("- name: b", "- name: b\n    traffic: [ { send: 12C# } ]")),
+    shown = picture(write(small().replace(
+        "- name: b", "- name: b\n    traffic: [ { send: 12C# } ]")),
                     "--to", "100us")
     assert shown.texts("note", "b") == ["arbitration lost"]
     assert shown.fields("a").count("id") == 1 and shown.fields("b").count("id") == 2
@@ -153,7 +155,8 @@ def test_the_picture_in_the_readme_is_what_the_tool_draws():
 
 def test_errors_and_their_flags():
     shown = picture(PICTURE.with_suffix(".yaml"), "--from", "120us", "--to", "200us")
-    assert {name: shown.fields(name).count("error-flag") for name in ("engine", "gearbox", "dash")} == {
+    nodes = ("engine", "gearbox", "dash")
+    assert {name: shown.fields(name).count("error-flag") for name in nodes} == {
         "engine": 1, "gearbox": 1, "dash": 1}
     assert shown.fields("gearbox")[-5:] == [
         "ack-delimiter", "error-flag", "error-wait", "error-delimiter", "intermission"]
@@ -232,14 +235,16 @@ def test_long_names_are_cut(write):
 # ---- Window and size -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bits, rows", [(1, 1), (2, 1), (79, 1), (80, 1), (81, 2), (161, 3), (2000, 25)])
+@pytest.mark.parametrize("bits, rows", [(1, 1), (2, 1), (79, 1), (80, 1), (81, 2), (161, 3),
+                                        (2000, 25)])
 def test_rows(write, bits, rows):
     text = sim(write(small()), "--svg", "-", "--until", "10ms", "--to", f"{2 * bits}us").stdout
     shown = Picture(text)
     assert len(shown.rows) == rows
     width = int(shown.root.get("width"))
     assert 680 <= width <= 860
-    assert sum(len(lane.findall(SVG + "g/" + SVG + "text")) for lane in shown.classed("wire")) == bits
+    lanes = shown.classed("wire")
+    assert sum(len(lane.findall(SVG + "g/" + SVG + "text")) for lane in lanes) == bits
     edges = [int(x) for x in re.findall(r" x=\"(-?\d+)\"", text)]
     assert min(edges) >= 0 and max(edges) <= width
 
@@ -247,7 +252,8 @@ def test_rows(write, bits, rows):
 @pytest.mark.parametrize("window", [["--until", "10ms"], ["--to", "4002us"],
                                     ["--from", "1us", "--to", "4001us"]])
 def test_too_many_bits_are_status_one(write, window):
-    result = sim(write(small()), "--svg", "-", "--events", "-", "--until", "10ms", *window, status=1)
+    result = sim(write(small()), "--svg", "-", "--events", "-", "--until", "10ms", *window,
+                 status=1)
     assert "2000" in result.stderr and "--from" in result.stderr
     assert result.stdout == ""
 

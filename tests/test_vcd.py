@@ -17,7 +17,8 @@ from simtool import TIMEOUT_S, canwire, raw, sim
 UNITS = 20  # of the dump in a bit at 500 kbit/s: 100 ns
 JOIN = 11  # the first SOF
 
-FRAMES = ["123#DEADBEEF", "7FF#R4", "000#", "12345678#00FF00FF", "1FFFFFFF#R", "555#0000000000000000",
+FRAMES = ["123#DEADBEEF", "7FF#R4", "000#", "12345678#00FF00FF", "1FFFFFFF#R",
+          "555#0000000000000000",
           "001#1122334455667788_F", "100#F8F8F8F83C"]
 
 ONE_BAD_BIT = """
@@ -165,7 +166,8 @@ faults:
 
 def test_rules_of_one_bit_stand_together(write):
     names = "abcdefghijklmnopqrstuvwxyz012345678901234567890123456789"
-    rules = "".join(f"  - {{ name: {i}{names}, when: {{ time: 10us }}, do: {{ counters: a, tec: {i} }} }}\n"
+    rules = "".join(f"  - {{ name: {i}{names}, when: {{ time: 10us }}, "
+                    f"do: {{ counters: a, tec: {i} }} }}\n"
                     for i in range(6))
     vcd = dump(write(several(["555#"]) + "faults:\n" + rules))
     told = vcd.at("rule", 100)
@@ -236,7 +238,8 @@ def test_the_dump_repeats(write):
     assert len({sim(path, "--vcd", "-").stdout for _ in range(2)}) == 1
 
 
-@pytest.mark.parametrize("window", [("--from", "2us", "--to", "2us"), ("--from", "3us", "--to", "2us"),
+@pytest.mark.parametrize("window", [("--from", "2us", "--to", "2us"),
+                                    ("--from", "3us", "--to", "2us"),
                                     ("--from", "soon"), ("--to", "5"), ("--to", "0s")])
 def test_a_bad_window_is_status_two(write, window):
     assert window[0] in sim(write(ARBITRATION), "--vcd", "-", *window, status=2).stderr
@@ -304,9 +307,9 @@ def test_sigrok_decodes_the_wire(write, tmp_path):
                 identifier, data = frame.split("#")
                 remote = data.startswith("R")
                 payload = [] if remote else list(bytes.fromhex(data))
-                crc = int(re.search(r"crc +([0-9A-F]{4})", canwire("bits", frame).stdout).group(1), 16)
-                assert (got["id"], got["data"], got["remote"]) == (int(identifier, 16), payload, remote)
-                assert got["crc"] == crc and got["ack"]
+                crc = re.search(r"crc +([0-9A-F]{4})", canwire("bits", frame).stdout).group(1)
+                assert (got["id"], got["data"]) == (int(identifier, 16), payload)
+                assert got["remote"] == remote and got["crc"] == int(crc, 16) and got["ack"]
 
 
 def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):

@@ -15,8 +15,8 @@ static void print_help(const command *c)
            "  -h, --help   this text\n"
            "\n"
            "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
-           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a file cannot be read or\n"
-           "written, 2 wrong usage: an option or its value is not allowed.\n",
+           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a file cannot be\n"
+           "read or written, 2 wrong usage: an option or its value is not allowed.\n",
            c->usage, c->help);
 }
 

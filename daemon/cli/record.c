@@ -23,7 +23,8 @@
 static const char help[] =
     "Writes what happens on a bus into FILE until you press Ctrl-C: every frame, in a capture\n"
     "also error frames. The bus does not wait; how many events were lost, since this or the disk\n"
-    "was too slow, is told. When FILE has reached the size it becomes FILE.1, that FILE.2 and so on.\n"
+    "was too slow, is told. When FILE has reached the size it becomes FILE.1, that FILE.2 and so\n"
+    "on.\n"
     "\n"
     "      --format F   candump (default for .log, .candump) or pcapng (.pcapng, for Wireshark)\n"
     "      --size S     64kB to 1000GB; default 100MB\n"

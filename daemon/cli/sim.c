@@ -61,8 +61,8 @@ static const char usage[] =
 
 static const char help[] =
     "\n"
-    "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes with\n"
-    "a port are there but send nothing.\n"
+    "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
+    "with a port are there but send nothing.\n"
     "\n"
     "  --journal FILE what canwired --journal has written down, once more\n"
     "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done,\n"
@@ -75,7 +75,8 @@ static const char help[] =
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
-    "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from 1970 on\n"
+    "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from\n"
+    "                 1970 on\n"
     "  --stats F      statistics as JSON, at the end\n"
     "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
     "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
@@ -86,9 +87,9 @@ static const char help[] =
     "\n"
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
     "reported in any case, on standard error when an F is standard output.\n"
-    "Exit status: 0, 1 a file is bad or cannot be read or written, or FILE has no such node or rule,\n"
-    "2 wrong usage: an option, its value or what they say together is not allowed, 3 an expectation\n"
-    "failed.\n";
+    "Exit status: 0, 1 a file is bad or cannot be read or written, or FILE has no such node or\n"
+    "rule, 2 wrong usage: an option, its value or what they say together is not allowed, 3 an\n"
+    "expectation failed.\n";
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -110,8 +111,8 @@ static bool set_until(sim *s, const time_option *o)
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
     } else if (endless && !s->awaited.text) {
         fprintf(stderr,
-                "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME or "
-                "--until-event EVENT\n",
+                "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME "
+                "or --until-event EVENT\n",
                 s->config->file);
         return false;
     } else if (endless) {

@@ -184,8 +184,8 @@ static uint64_t next_look(const sim_run *s)
     return release_look_at(s->plan, s->bus);
 }
 
-/* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file that is
- * replayed as fast as possible has its turn. */
+/* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file
+ * that is replayed as fast as possible has its turn. */
 static void advance(sim_run *s, uint64_t tick)
 {
     const uint32_t bit_ticks = s->config->bit_ticks;
@@ -322,7 +322,7 @@ bool sim_go(sim_run *s)
     sim_end(s);
     if (!goes_on)
         fprintf(stderr,
-                "canwire sim: ended before the last release, after %u s of bus time without a frame "
-                "(--until TIME waits longer)\n", QUIET_LIMIT_S);
+                "canwire sim: ended before the last release, after %u s of bus time without a "
+                "frame (--until TIME waits longer)\n", QUIET_LIMIT_S);
     return !release_failed(s->plan);
 }

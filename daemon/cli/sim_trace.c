@@ -19,8 +19,8 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
     if (self->from < self->to)
         return true;
     if (to->text)
-        fprintf(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program, to->text,
-                from->text ? from->text : "0");
+        fprintf(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program,
+                to->text, from->text ? from->text : "0");
     else
         fprintf(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
     return false;

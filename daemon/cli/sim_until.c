@@ -10,8 +10,8 @@
 
 static const char expected[] =
     "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
-    "arbitration-lost, state, link), a state (error-active, error-warning, error-passive, bus-off), "
-    "tx:FILTER or the like for frames, fault[:RULE], or skip";
+    "arbitration-lost, state, link), a state (error-active, error-warning, error-passive, "
+    "bus-off), tx:FILTER or the like for frames, fault[:RULE], or skip";
 
 /* Events of the bus, not of a node. */
 #define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)
@@ -171,8 +171,8 @@ static void warn(sim_until *u)
     u->warns = false;
     sim_progress_wipe(&u->run->progress);
     fprintf(stderr,
-            "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic without "
-            "`count`, so that without the event only --until TIME ends the run\n",
+            "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
+            "without `count`, so that without the event only --until TIME ends the run\n",
             u->text, WARN_S);
 }
 

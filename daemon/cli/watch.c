@@ -67,7 +67,8 @@ static void print_line(const char *line)
     else if (json_is_object(event))
         print_event(event);
     else
-        fprintf(stderr, "canwire watch: an event is left out: %s\n", event ? "no object" : error.text);
+        fprintf(stderr, "canwire watch: an event is left out: %s\n",
+                event ? "no object" : error.text);
     json_decref(event);
 }
 

@@ -5,7 +5,8 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits sim status watch record faults inject clear fire restart set reload help"
+_canwire_commands="check vcan bits sim status watch record faults inject clear fire restart set"
+_canwire_commands+=" reload help"
 _canwire_events="fault link drop restart arbitration-lost error overload rx tx state skip"
 
 # Words of $1 that begin as the word being typed.
@@ -65,7 +66,9 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --format | --size | --files | --with | --until | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | --vcd | --svg | --junit | --journal) continue ;;
+        --format | --size | --files | --with | --until | \
+            --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | \
+            --vcd | --svg | --junit | --journal) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -78,7 +81,8 @@ _canwire_argument() {
     case $1:$place in
     check:0 | sim:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
     vcan:0) _canwire_words "up down" ;;
-    status:0 | watch:0 | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | set:0 | reload:0)
+    status:0 | watch:0 | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
+        set:0 | reload:0)
         _canwire_bus
         ;;
     clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;

@@ -5,8 +5,9 @@
  *
  * usage: digest [BITS [SEED]]
  *
- * The scenarios are those of the differential test, of the seeds from SEED on until BITS have gone by;
- * events, statistics and states are hashed in place of being compared. Prints a line for each scenario.
+ * The scenarios are those of the differential test, of the seeds from SEED on until BITS have gone
+ * by; events, statistics and states are hashed in place of being compared. Prints a line for each
+ * scenario.
  */
 #include "../differential/differential.h"
 
@@ -32,7 +33,8 @@ static void add_array(const uint64_t *values, size_t count)
         add(values[i]);
 }
 
-#define ADD_ALL(...) add_array((const uint64_t[]){__VA_ARGS__}, sizeof((uint64_t[]){__VA_ARGS__}) / 8)
+#define ADD_ALL(...)                                                                               \
+    add_array((const uint64_t[]){__VA_ARGS__}, sizeof((uint64_t[]){__VA_ARGS__}) / 8)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 

@@ -114,7 +114,8 @@ typedef struct diff_scenario {
 /* Text of a rule name. */
 const char *diff_name(unsigned number);
 
-/* A configuration to give to the library; valid as long as the plan is and is not filled in again.*/
+/* A configuration to give to the library; valid as long as the plan is and is not filled in
+ * again. */
 const cw_bus_config *diff_fill_in(diff_plan *plan, cw_rule rules[DIFF_RULES_MAX]);
 
 void diff_scenario_copy(diff_scenario *to, const diff_scenario *from);

@@ -47,7 +47,8 @@ static void path_of(char path[64], const char *name)
 
 static void remove_folder(void)
 {
-    static const char *const names[] = {"files/input.yaml", "files/profiles", "files/traces", "profiles",
+    static const char *const names[] = {"files/input.yaml", "files/profiles", "files/traces",
+                                        "profiles",
                                         "files", ""};
     char path[64];
     for (size_t i = 0; owner == getpid() && i < sizeof names / sizeof names[0]; i++) {

@@ -2,13 +2,14 @@
  *
  * fuzz_port.c - whatever ECUs write into their ports, and what the bus makes of it.
  *
- * Two nodes of a bus have ports: "ecu" a Unix socket with a hostile program at its other end, "can" a
- * port whose messages are made up as the kernel gives them from a raw CAN socket. Each message is a
- * frame for the bus, the one that was written, or counted under its reason; what goes out is a frame
- * of linux/can.h that says the same; and the books of ports and bus agree.
+ * Two nodes of a bus have ports: "ecu" a Unix socket with a hostile program at its other end, "can"
+ * a port whose messages are made up as the kernel gives them from a raw CAN socket. Each message is
+ * a frame for the bus, the one that was written, or counted under its reason; what goes out is a
+ * frame of linux/can.h that says the same; and the books of ports and bus agree.
  *
  * Input: the kind of socket, modes of the nodes, then operations until it is used up (operate()).
- * The first files in corpus/port were put together by hand, one for each thing that a program may do.
+ * The first files in corpus/port were put together by hand, one for each thing that a program may
+ * do.
  */
 #include "fuzz.h"
 
@@ -334,8 +335,8 @@ static void keep(side *s, const message *m)
     s->waiting[s->count++] = *m;
 }
 
-/* The number beside a message may be older than the last one that was told. It is taken modulo 2^32:
- * no more than half of that can be lost until it is told. */
+/* The number beside a message may be older than the last one that was told. It is taken modulo
+ * 2^32: no more than half of that can be lost until it is told. */
 static void add_losses(rig *r, message *m)
 {
     counts *c = &r->sides[CAN].counts;

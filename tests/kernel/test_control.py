@@ -90,7 +90,8 @@ def test_status_shows_nodes_as_ip_does(control, ecus):
     assert "    can state ERROR-ACTIVE (berr-counter tx 0 rx 0) restart-ms 0\n" in text
     titles = "re-started bus-errors arbit-lost error-warn error-pass bus-off"
     assert f"\t  {titles}\n\t  " + " ".join(["0         "] * 5) + " 0\n" in text
-    node = r"2: gearbox@vcan1:.*RX:  bytes packets errors dropped  missed   mcast\n +4 +1 +0 +0 +0 +0\n"
+    node = r"2: gearbox@vcan1:.*RX:  bytes packets errors dropped  missed   mcast\n" \
+           r" +4 +1 +0 +0 +0 +0\n"
     assert re.search(node, text, re.DOTALL)
     assert control.node("gearbox")["interface"]["written"] == 1
     listed = json.loads(control.tool("status", "--json"))
@@ -140,7 +141,8 @@ def test_an_ecu_goes_bus_off_by_hand_and_comes_back(control, ecus):
     engine, gearbox = ecus
     rule = "{name: kill, when: {manual: yes}, do: {bus-off: engine}}"
     control.tool("inject", "powertrain", rule)
-    assert "not bus-off but error-active" in control.tool("restart", "powertrain", "engine", status=1)
+    refusal = control.tool("restart", "powertrain", "engine", status=1)
+    assert "not bus-off but error-active" in refusal
     control.tool("fire", "powertrain", "kill")
     wait_until(lambda: control.node("engine")["state"] == "bus-off", "bus-off")
     engine.send(FRAME)
@@ -234,7 +236,7 @@ def test_the_socket_of_a_live_daemon_is_refused_and_that_of_a_dead_one_replaced(
     assert control.status()["pid"] == third.process.pid
 
 
-# ---- Clients that mean harm while the bus is busy -------------------------------------------------
+# ---- Clients that mean harm while the bus is busy ------------------------------------------------
 
 
 def huge_lines(control):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Error frames that ECUs get, on real vcan: as linux/can/error.h and the SJA1000 driver have them."""
+"""Error frames that ECUs get, on real vcan: as linux/can/error.h and the SJA1000 driver have
+them."""
 
 import socket
 import subprocess

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Interfaces that come and go while the bus runs: the node leaves, the others go on, it comes back."""
+"""Interfaces that come and go while the bus runs: the node leaves, the others go on, it comes
+back."""
 
 import errno
 import json
@@ -134,7 +135,8 @@ def test_the_node_leaves_the_others_go_on_and_it_comes_back(way, vcan, bus):
     ip(*away)
     b.wait_link("dash", state)
     text = b.shell.run("status", "links")
-    assert f"3: dash@vcan2: qlen 16 order priority link {state.upper()}\n    can state STOPPED " in text
+    assert f"3: dash@vcan2: qlen 16 order priority link {state.upper()}\n" \
+           "    can state STOPPED " in text
     assert "2: gearbox@vcan1: qlen 16 order priority\n    can state ERROR-ACTIVE " in text
     b.exchange("vcan0", "vcan1", 0x200)
     b.exchange("vcan1", "vcan0", 0x201)
@@ -181,7 +183,8 @@ def test_what_it_had_to_send_is_dropped_and_its_counters_are_reset(vcan, bus):
     vcan(3)
     b = bus(THREE)
     b.shell.run("inject", "links",
-                "{ name: alone, when: { time: 0s }, do: { partition: [[dash], [engine, gearbox]] } }")
+                "{ name: alone, when: { time: 0s }, "
+                "do: { partition: [[dash], [engine, gearbox]] } }")
     b.ecu("vcan2").send(*frames(0x100, 5))
     wait_until(lambda: b.nodes()["dash"]["tec"] == 128, "TEC 128")
     ip("link set vcan2 down")

@@ -100,7 +100,8 @@ def test_a_recording_is_replayed_at_its_times(vcan, can_socket, canwired, log, t
     watch.close()
     got = watch.sent("player")
     assert [frame for _, frame in got] == FRAMES
-    lengths = [(len(subprocess.run([CANWIRE, "bits", "--raw", frame], capture_output=True, text=True,
+    lengths = [(len(subprocess.run([CANWIRE, "bits", "--raw", frame], capture_output=True,
+                                   text=True,
                                    check=True).stdout.strip())) for frame in FRAMES[::40]]
     starts = [end - bits * BIT_NS for (end, _), bits in zip(got[::40], lengths)]
     for start, time_us in zip(starts, TIMES_US[::40]):
@@ -142,7 +143,8 @@ def test_replies_stay_when_rules_come_and_go(vcan, can_socket, canwired):
     daemon = canwired(HEAD + player("reply: 123#CAFE"))
     shell = Shell(daemon)
     for name in ("one", "two"):
-        shell.run("inject", "traffic", f"{{ name: {name}, when: {{ frame: 7FE }}, do: {{ drop: tx }} }}")
+        shell.run("inject", "traffic", 
+                  f"{{ name: {name}, when: {{ frame: 7FE }}, do: {{ drop: tx }} }}")
     assert "two" in shell.run("faults", "traffic")
     shell.run("clear", "traffic")
     shell.run("inject", "traffic",

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What the tests under a real systemd share: canwire installed, and buses as units.
 
-Run with: make build man deb; scripts/guest --systemd -- build/venv/bin/python -m pytest tests/systemd
+Run with: make build man deb
+          scripts/guest --systemd -- build/venv/bin/python -m pytest tests/systemd
 Without systemd they fail; they are never skipped.
 """
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * bitwise.h - frames to wire bits, one bit after the other: the reference for the library's encoder.
+ * bitwise.h - frames to wire bits, one bit after the other: the reference for the library's
+ * encoder.
  */
 #ifndef CANWIRE_TEST_BITWISE_H
 #define CANWIRE_TEST_BITWISE_H

@@ -191,7 +191,8 @@ static void frames_go_to_the_ecu_and_error_frames_too(void **state)
     fixture *f = *state;
     struct can_frame out;
     int ecu = connect_to(f->path);
-    const cw_frame frame = {.id = 0x1ABCDEF0, .flags = CW_FRAME_EXTENDED, .dlc = 3, .data = {1, 2, 3}};
+    const cw_frame frame = {
+        .id = 0x1ABCDEF0, .flags = CW_FRAME_EXTENDED, .dlc = 3, .data = {1, 2, 3}};
     const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
     assert_int_equal(read_none(f->port), 0);
     assert_true(port_write(f->port, &frame));
@@ -207,8 +208,8 @@ static void frames_go_to_the_ecu_and_error_frames_too(void **state)
     close(ecu);
 }
 
-/* len8_dlc counts where it can be the DLC of eight bytes; the bus does not get to know what a program
- * left behind the data. */
+/* len8_dlc counts where it can be the DLC of eight bytes; the bus does not get to know what a
+ * program left behind the data. */
 static void only_what_counts_in_a_frame_is_taken(void **state)
 {
     static const struct {
@@ -665,8 +666,8 @@ static void ecus_exchange_frames_through_the_engine(void **state)
         exchange_frames(f->folder, pacings[i]);
 }
 
-/* A frame starts when it was written, whenever the engine wakes up: two that were written 3 ms apart
- * are so on the bus, also when the engine sees both at once. */
+/* A frame starts when it was written, whenever the engine wakes up: two that were written 3 ms
+ * apart are so on the bus, also when the engine sees both at once. */
 static void pacing_does_not_shift_the_bus(void **state)
 {
     fixture *f = *state;

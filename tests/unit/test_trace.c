@@ -668,10 +668,13 @@ static const replay_case replays[] = {
     {{.count = 1, .channel = (char[]){"can2"}}, 0, "", "note: no frame that is asked for\n"},
     {{.count = 1, .channel = (char[]){"x"}},
      0,
-     "(1.0) 1 001#\n(1.0) 2 001#\n(1.0) 1 001#\n(1.0) 3 001#\n(1.0) 4 001#\n(1.0) 5 001#\n(1.0) 6 001#\n"
-     "(1.0) 7 001#\n(1.0) 8 001#\n(1.0) 9 001#\n(1.0) 1 001#\n",
+     "(1.0) 1 001#\n(1.0) 2 001#\n(1.0) 1 001#\n(1.0) 3 001#\n(1.0) 4 001#\n(1.0) 5 001#\n"
+     "(1.0) 6 001#\n(1.0) 7 001#\n(1.0) 8 001#\n(1.0) 9 001#\n(1.0) 1 001#\n",
      "note: no interface 'x'; there is 1, 2, 3, 4, 5, 6, 7, 8 and more\n"},
-    {{.count = 1, .channel = (char[]){"b"}, .filters = {{.value = 1, .mask = 1}}, .filter_count = 1},
+    {{.count = 1,
+      .channel = (char[]){"b"},
+      .filters = {{.value = 1, .mask = 1}},
+      .filter_count = 1},
      0,
      "(1.0) a 123#\n(1.0) b 124#\n",
      "note: no frame that is asked for\n"},

@@ -27,10 +27,13 @@ static cfg *make_config(const rt_bus_options *o, const int ports[RT_NODES])
     FILE *out = fd < 0 ? NULL : fdopen(fd, "w");
     if (!out)
         return NULL;
-    fprintf(out, "bus: { bitrate: %u }\npacing: %s\ncatch-up: 60s\nnodes:\n", RT_BITRATE, o->pacing);
+    fprintf(out, "bus: { bitrate: %u }\npacing: %s\ncatch-up: 60s\nnodes:\n", RT_BITRATE,
+            o->pacing);
     for (unsigned i = 0; i < RT_NODES; i++)
         if (o->own_traffic && i == RT_NODES - 1)
-            fprintf(out, "  - { name: n%u, traffic: [ { send: 123#0123456789ABCDEF, every: 250us } ] }\n",
+            fprintf(out,
+                    "  - { name: n%u, traffic: [ { send: 123#0123456789ABCDEF, every: 250us } ] "
+                    "}\n",
                     i);
         else
             fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo }\n", i, ports[i]);

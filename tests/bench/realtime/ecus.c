@@ -3,8 +3,8 @@
  * ecus.c - the ECUs of all buses, in one thread.
  *
  * To keep a bus at 100 % load an ECU has WINDOW frames under way: it sends another one when one of
- * its frames comes to the ECU of the next node. Frames are numbered; every ECU looks whether what it
- * gets of each other one is the next frame.
+ * its frames comes to the ECU of the next node. Frames are numbered; every ECU looks whether what
+ * it gets of each other one is the next frame.
  */
 #include "realtime.h"
 

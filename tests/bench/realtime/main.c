@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * main.c - bench_realtime: the daemon's engine in real time, with socketpairs in place of CAN sockets.
+ * main.c - bench_realtime: the daemon's engine in real time, with socketpairs in place of CAN
+ * sockets.
  *
  * First how late frames are delivered, for each pacing and beside a bare timerfd, in turns. Then
- * RT_BUSES buses at 100 % load on one processor: no frame may be lost, every count has to agree. Exit
- * status 1 when it does not.
+ * RT_BUSES buses at 100 % load on one processor: no frame may be lost, every count has to agree.
+ * Exit status 1 when it does not.
  */
 #include "realtime.h"
 
@@ -159,7 +160,8 @@ static void measure_lateness(const plan *p)
 
 /* ---- Many buses ------------------------------------------------------------------------------ */
 
-/* What the ECUs sent the buses sent, and every ECU got what the others of its bus sent, in order. */
+/* What the ECUs sent the buses sent, and every ECU got what the others of its bus sent, in
+ * order. */
 static bool counts_agree(const rt_ecu *ecus, const rt_result *results)
 {
     bool good = true;

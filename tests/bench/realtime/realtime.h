@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * realtime.h - the daemon's engine in real time, on sockets: one process a bus, all on one processor,
- * and the ECUs of all of them in another process.
+ * realtime.h - the daemon's engine in real time, on sockets: one process a bus, all on one
+ * processor, and the ECUs of all of them in another process.
  */
 #ifndef CANWIRE_BENCH_REALTIME_H
 #define CANWIRE_BENCH_REALTIME_H
@@ -39,7 +39,8 @@ int64_t rt_cpu_ns(void);
 /* Ends the program with a message. */
 _Noreturn void rt_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
-/* This process runs on one processor, or on all the others. Does nothing where there is only one. */
+/* This process runs on one processor, or on all the others. Does nothing where there is only
+ * one. */
 void rt_run_on_engine_cpu(void);
 void rt_run_elsewhere(void);
 
@@ -59,8 +60,8 @@ typedef struct rt_bus_options {
     bool own_traffic; /* its last node sends by itself, 46 % load, and has no ECU */
 } rt_bus_options;
 
-/* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed here.
- * It ends with SIGTERM. */
+/* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed
+ * here. It ends with SIGTERM. */
 pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int ports[RT_NODES]);
 
 /* ---- timer.c --------------------------------------------------------------------------------- */

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#define QUEUE 16u         /* frames of a node: more than are sent in a slice, so it never runs dry */
+#define QUEUE 16u         /* frames of a node: more than are sent in a slice: it never runs dry */
 #define SLICE_BITS 1000u  /* between two looks at the events */
 #define EVENTS 4096u
 #define JOIN_BITS 11u

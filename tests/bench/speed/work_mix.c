@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * work_mix.c - the periodic traffic of a car: eight ECUs, 88 messages of 1 to 8 bytes, each 2 to 100
- * times a second; the bus carries 4096 frames a second.
+ * work_mix.c - the periodic traffic of a car: eight ECUs, 88 messages of 1 to 8 bytes, each 2 to
+ * 100 times a second; the bus carries 4096 frames a second.
  */
 #include "works.h"
 
@@ -45,8 +45,8 @@ static int by_tick(const void *left, const void *right)
     return (int)a->message - (int)b->message;
 }
 
-/* Short periods have low identifiers; offsets are spread, by a multiplier that shares no factor with
- * what is taken of its products. */
+/* Short periods have low identifiers; offsets are spread, by a multiplier that shares no factor
+ * with what is taken of its products. */
 static void plan(mix *m)
 {
     unsigned message = 0, count = 0;
