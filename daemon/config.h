@@ -44,9 +44,16 @@ typedef struct cfg_traffic {
     uint8_t filter_count;
 } cfg_traffic;
 
+/* Where something is in its file, both from 1 on; 0: nowhere. */
+typedef struct cfg_place {
+    int line;
+    int column;
+} cfg_place;
+
 typedef struct cfg_node {
     char *name;
     char *port;          /* interface name, or NULL */
+    cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
     char *netns;         /* network namespace that the peer is in; NULL: that of the port */
     uint8_t modes;       /* CW_MODE_* */
@@ -70,7 +77,9 @@ typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT
 /* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
 typedef struct cfg_lcm {
     bool enabled;    /* an `lcm` key is present */
+    cfg_place place;
     char *url;       /* default "udpm://239.255.76.67:7667?ttl=0" */
+    cfg_place url_place;
     cfg_time period; /* default 1s */
     uint32_t events; /* default error, state, restart, overload, drop, fault */
 } cfg_lcm;
@@ -148,7 +157,9 @@ typedef struct cfg {
     size_t file_count;
     cfg_file *files; /* as they were when they were read: the configuration first, then profiles */
     char *bus_name; /* default "can" */
+    cfg_place bus_name_place;
     uint32_t bitrate_bps;
+    cfg_place bitrate_place;
     uint32_t bit_ticks;
     uint64_t seed;
     size_t node_count;
@@ -162,6 +173,7 @@ typedef struct cfg {
     cfg_record *records;
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
+    cfg_place control_place;
     cfg_pacing pacing;
     cfg_missing_port missing_port;
     cfg_time catch_up; /* how far the bus may fall behind; default 1s */

@@ -31,11 +31,11 @@ typedef struct setting {
     uint8_t which;
 } setting;
 
-static schema_reader read_position, read_level, read_levels, read_line, read_node, read_groups,
-    read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting, read_restart,
+static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
+    read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting, read_restart,
     read_order;
 static action_settler settle_force, settle_stuck, settle_wrong_crc, settle_counters, settle_set,
-    settle_side, settle_change, settle_send;
+    settle_side, settle_change, settle_send, settle_babble;
 
 static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
 static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
@@ -65,7 +65,7 @@ static const schema_choice sides[] = {
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 #define AT                                                                                         \
     {                                                                                              \
-        .name = "at", .read = cfg_read_node_set, MEMBER(at)                                        \
+        .name = "at", .read = read_at, MEMBER(at)                                                  \
     }
 #define FOR                                                                                        \
     {                                                                                              \
@@ -169,7 +169,10 @@ static const schema_key send_keys[] = {
     FRAME("send"), AS,  {.name = "every", .read = cfg_read_ticks_min, MEMBER(period_ticks)},
     FOR,           END,
 };
-static const schema_key babble_keys[] = {FRAME("babble"), AS, FOR, END};
+static const schema_key babble_keys[] = {
+    FRAME("babble"), AS,  {.name = "every", .read = cfg_read_ticks_min, MEMBER(period_ticks)},
+    FOR,             END,
+};
 static const schema_key load_keys[] = {
     {.name = "load", .read = read_load, MEMBER(load_permille)}, AS, FOR, END};
 static const schema_key reply_keys[] = {
@@ -209,7 +212,7 @@ static const action actions[] = {
     {"reorder", CW_ACTION_REORDER, true, reorder_keys, settle_side},
     {"change", CW_ACTION_CHANGE, true, change_keys, settle_change},
     {"send", CW_ACTION_SEND, false, send_keys, settle_send},
-    {"babble", CW_ACTION_BABBLE, false, babble_keys, NULL},
+    {"babble", CW_ACTION_BABBLE, false, babble_keys, settle_babble},
     {"load", CW_ACTION_LOAD, false, load_keys, NULL},
     {"reply", CW_ACTION_REPLY, true, reply_keys, NULL},
 };
@@ -345,6 +348,19 @@ static void read_line(schema *self, const schema_key *key, yaml_node_t *value, v
     int node = name ? cfg_read_node(self, key, value, name) : -1;
     rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
     rule->node = (uint8_t)(node < 0 ? 0 : node);
+}
+
+/* Nodes; `wire`, unless a node is called so, is what is meant without `at`: all of them. */
+static void read_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    bool wire = value->type == YAML_SCALAR_NODE &&
+                strcmp((const char *)value->data.scalar.value, "wire") == 0;
+
+    for (size_t i = 0; wire && i < walk->config->node_count; i++)
+        wire = strcmp(walk->config->nodes[i].name, "wire") != 0;
+    if (!wire)
+        cfg_read_node_set(self, key, value, object);
 }
 
 static void read_node(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -537,7 +553,7 @@ static void settle_set(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "set", "there is no key that says what to set");
 }
 
-/* `at` are receivers: with it the default is their side. */
+/* Without a side `at` are receivers; at the side of the sender it is one more word for `from`. */
 static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool given = rule->action == CW_ACTION_DROP || has(self, map, "side");
@@ -546,10 +562,13 @@ static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
         return;
     if (!given)
         rule->side = CW_SIDE_RX;
-    else if (rule->side == CW_SIDE_TX && !self->has_open)
-        complain_at(self, map, "at",
-                    "it names receivers; for the side of the sender (tx) give "
-                    "its name in 'from' of 'when'");
+    if (rule->side == CW_SIDE_RX)
+        return;
+    if (rule->from && rule->at && !(rule->from & rule->at))
+        complain_at(self, map, "at", "the rule waits for frames 'from' another node");
+    if (rule->at)
+        rule->from = rule->from ? rule->from & rule->at : rule->at;
+    rule->at = 0;
 }
 
 static void settle_change(schema *self, yaml_node_t *map, cw_rule *rule)
@@ -560,6 +579,13 @@ static void settle_change(schema *self, yaml_node_t *map, cw_rule *rule)
     settle_side(self, map, rule);
     if (change->type == YAML_MAPPING_NODE && !schema_pair(self, &value, change, 0))
         complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
+}
+
+/* With a time between its frames it is what `send` does. */
+static void settle_babble(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    if (has(self, map, "every"))
+        rule->action = CW_ACTION_SEND;
 }
 
 static void settle_send(schema *self, yaml_node_t *map, cw_rule *rule)

@@ -45,21 +45,40 @@ static bool same_text(const char *a, const char *b)
     return a == b || (a && b && strcmp(a, b) == 0);
 }
 
-static bool stays(bool same, const char *file, const char *what, FILE *errors)
+/* What is missing in the file is told at its beginning. */
+static void print_place(FILE *errors, const cfg *config, cfg_place place)
 {
-    if (!same)
-        fprintf(errors, "%s: %s cannot change while the bus runs: restart canwired\n", file, what);
-    return same;
+    fprintf(errors, "%s:%d:%d: ", config->file, place.line ? place.line : 1,
+            place.column ? place.column : 1);
 }
+
+/* A setting that a new configuration must not change. */
+typedef struct fixed {
+    const char *name;
+    bool same;
+    cfg_place place;
+} fixed;
 
 static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 {
-    const char *file = new->file;
-    bool good = stays(same_text(new->bus_name, old->bus_name), file, "bus.name", errors);
-    good = stays(new->bitrate_bps == old->bitrate_bps, file, "bus.bitrate", errors) && good;
-    good = stays(same_text(new->control, old->control), file, "control", errors) && good;
-    good = stays(new->lcm.enabled == old->lcm.enabled, file, "lcm", errors) && good;
-    return stays(same_text(new->lcm.url, old->lcm.url), file, "lcm.url", errors) && good;
+    const cfg_lcm *lcm = &new->lcm;
+    const fixed settings[] = {
+        {"bus.name", same_text(new->bus_name, old->bus_name), new->bus_name_place},
+        {"bus.bitrate", new->bitrate_bps == old->bitrate_bps, new->bitrate_place},
+        {"control", same_text(new->control, old->control), new->control_place},
+        {"lcm", lcm->enabled == old->lcm.enabled, lcm->place},
+        {"lcm.url", same_text(lcm->url, old->lcm.url), lcm->url_place},
+    };
+    bool good = true;
+    for (size_t i = 0; i < sizeof settings / sizeof settings[0]; i++) {
+        if (settings[i].same)
+            continue;
+        print_place(errors, new, settings[i].place);
+        fprintf(errors, "%s cannot change while the bus runs: restart canwired\n",
+                settings[i].name);
+        good = false;
+    }
+    return good;
 }
 
 /* ---- Nodes and ports ------------------------------------------------------------------------- */
@@ -84,9 +103,10 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
     if (may_be_missing(r->config, node->port))
         return true;
     r->setup.ports[i] = port_open(node->port, r->config->bus_name, error);
-    if (!r->setup.ports[i])
-        fprintf(errors, "%s:%d: node %s: port %s\n", r->config->file, node->line, node->name,
-                error);
+    if (!r->setup.ports[i]) {
+        print_place(errors, r->config, node->port_place);
+        fprintf(errors, "node %s: port %s\n", node->name, error);
+    }
     return r->setup.ports[i] != NULL;
 }
 

@@ -31,6 +31,7 @@ typedef struct bus_node {
     cw_queue queue;
     uint64_t restart_ticks;
     uint64_t restart_at;   /* tick of the next restart request, or CW_NEVER */
+    uint64_t off_at;       /* tick of the last bus-off */
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
     uint32_t inbox;        /* its frames in the inbox */
@@ -257,6 +258,10 @@ void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 void cw_queue_changed(cw_bus *bus, unsigned node);
 
 void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
+
+/* When a node in bus-off restarts by itself: restart_ticks after bus-off, not before now; or
+ * CW_NEVER (R12). */
+uint64_t cw_automatic_restart(const cw_bus *bus, unsigned node);
 
 void cw_find_next_restart(cw_bus *bus);
 

@@ -216,6 +216,15 @@ void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
     bus->next_restart = cw_least(bus->next_restart, tick);
 }
 
+uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    if (n->restart_ticks == 0)
+        return CW_NEVER;
+    uint64_t due = cw_after(n->off_at, n->restart_ticks);
+    return due > bus->now ? due : bus->now;
+}
+
 cw_status cw_node_restart(cw_bus *bus, unsigned i)
 {
     if (i >= bus->node_count)
@@ -269,7 +278,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     n->restart_ticks = ticks;
     if (n->mac.phase != CW_MAC_BUS_OFF)
         return;
-    n->restart_at = ticks ? cw_after(bus->now, ticks) : CW_NEVER;
+    n->restart_at = cw_automatic_restart(bus, i);
     cw_find_next_restart(bus);
 }
 

@@ -136,8 +136,9 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
         n->stats.error_passive++;
     if (after == CW_STATE_BUS_OFF) {
         n->stats.bus_off++;
+        n->off_at = bus->now;
         if (n->restart_ticks)
-            cw_schedule_restart(bus, i, cw_after(bus->now, n->restart_ticks));
+            cw_schedule_restart(bus, i, cw_automatic_restart(bus, i));
     }
     cw_fault_error(bus, i, e);
 }

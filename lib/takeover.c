@@ -38,15 +38,15 @@ static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
             take_over_slot(bus, i, old, old->queue.order[k]);
 }
 
-/* As cw_node_set() would do it: a changed restart-ms counts from now, a
- * listener drops its queue. */
+/* As cw_node_set() would do it. */
 static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
 {
     static const cw_settings no_change = {.which = CW_SET_MODES};
     bus_node *n = &bus->nodes[i];
+    n->off_at = old->off_at;
     n->restart_at = old->restart_at;
     if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
-        n->restart_at = n->restart_ticks ? cw_after(bus->now, n->restart_ticks) : CW_NEVER;
+        n->restart_at = cw_automatic_restart(bus, i);
     if (n->mac.modes & CW_MODE_LISTEN_ONLY)
         (void)cw_node_set(bus, i, &no_change);
 }

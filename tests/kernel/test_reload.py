@@ -433,10 +433,10 @@ BAD_FILES = {
     "empty": ("", ":1:1: "),
 }
 CHANGES = {
-    "bus.bitrate": GOOD.replace("500000", "250000"),
-    "bus.name": GOOD.replace("name: reload", "name: other"),
-    "control": GOOD.replace("reload.sock", "other.sock"),
-    "lcm": GOOD + "lcm: {}\n",
+    "bus.bitrate": (GOOD.replace("500000", "250000"), r":1:\d+"),
+    "bus.name": (GOOD.replace("name: reload", "name: other"), r":1:\d+"),
+    "control": (GOOD.replace("reload.sock", "other.sock"), r":2:10"),
+    "lcm": (GOOD + "lcm: {}\n", r":6:6"),
 }
 
 
@@ -469,8 +469,9 @@ def test_a_bad_file_changes_nothing_and_says_why(name, vcan, rig, candump):
 @pytest.mark.parametrize("what", CHANGES)
 def test_what_needs_a_restart_is_refused_with_a_word(what, vcan, rig, candump):
     vcan(2)
-    pattern = f": {re.escape(what)} cannot change while the bus runs: restart canwired"
-    check_refused(rig(GOOD), CHANGES[what], pattern, candump)
+    text, place = CHANGES[what]
+    pattern = f"{place}: {re.escape(what)} cannot change while the bus runs: restart canwired"
+    check_refused(rig(GOOD), text, pattern, candump)
 
 
 def test_a_file_that_is_gone_changes_nothing(vcan, rig):
@@ -492,7 +493,7 @@ def test_a_missing_interface_refuses_the_whole_reload(vcan, rig, candump):
     assert "node dash: port vcan2: " in error and "ip link add" in error
     r.hang_up()
     wait_until(lambda: UNCHANGED in r.log(), "the refusal")
-    assert f"{r.daemon.config}:5: node dash: port vcan2: " in r.log()
+    assert f"{r.daemon.config}:5:25: node dash: port vcan2: " in r.log()
     nodes = r.nodes()
     assert list(nodes) == ["engine", "gearbox"] and nodes["engine"]["settings"]["queue"] == 16
     subprocess.run("ip link add vcan2 type vcan && ip link set vcan2 up", shell=True, check=True)
