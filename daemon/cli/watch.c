@@ -7,16 +7,19 @@
 #include "jsonput.h"
 
 #include <string.h>
+#include <unistd.h>
 
 static const char help[] =
     "Shows what happens on a bus until it ends or you press Ctrl-C: a line per event and node, "
     "from\n"
-    "now on. When this reads too slowly, the bus does not wait; how many events were lost is "
-    "told.\n"
+    "now on; a table on a terminal, else lines of JSON. When this reads too slowly, the bus does "
+    "not\n"
+    "wait; how many events were lost is told.\n"
     "\n"
     "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
     "               error, overload, rx, tx, state, skip, record\n"
-    "      --json   as lines of JSON, as the bus sends them\n";
+    "      --json   lines of JSON, as the bus sends them, on a terminal, too\n"
+    "      --text   the table, not only on a terminal\n";
 
 /* The members that a line of text begins with, in columns. */
 #define NODE_WIDTH 16
@@ -108,20 +111,23 @@ static json_t *make_request(char **words, int count)
 int cli_watch(int argc, char **argv)
 {
     bool json = false;
+    bool text = false;
     int first = 0;
     client bus;
-    const command c = {.usage = "canwire watch BUS [KIND...] [--json]",
+    const command c = {.usage = "canwire watch BUS [KIND...] [--json|--text]",
                        .help = help,
                        .words_min = 1,
                        .words_max = -1,
-                       .options = {{.name = "json", .flag = &json}}};
+                       .options = {{.name = "json", .flag = &json},
+                                   {.name = "text", .flag = &text}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;
     if (!client_open(&bus, argv[first]))
         return CLI_BAD_INPUT;
     json_t *reply = client_ask(&bus, make_request(argv + first + 1, argc - first - 1));
-    status = reply ? show_events(&bus, json) : CLI_BAD_INPUT;
+    bool lines = json || (!text && !isatty(STDOUT_FILENO));
+    status = reply ? show_events(&bus, lines) : CLI_BAD_INPUT;
     json_decref(reply);
     client_close(&bus);
     return status;

@@ -49,7 +49,8 @@ _canwire_options() {
     check) echo --ports --help ;;
     bits) echo --raw --help ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
-    status | faults | watch) echo --json --help ;;
+    status | faults) echo --json --help ;;
+    watch) echo --json --text --help ;;
     record) echo --format --size --files --help ;;
     inject) echo --with --help ;;
     clear) echo --injected --help ;;

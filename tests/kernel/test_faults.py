@@ -407,10 +407,11 @@ def test_set_one_shot_gives_up_after_one_attempt(car):
 
 def test_watch_shows_what_happens(car, tmp_path):
     c = car()
-    for mark in "text", "json", "kinds":  # a rule to fire until each of them watches
+    for mark in "text", "json", "plain", "kinds":  # a rule to fire until each of them watches
         c.shell.inject(f"{{ name: {mark}, when: {{ manual: yes }}, "
                        "do: { counters: dash, tec: 0 } }")
-    words = {"text": [], "json": ["--json"], "kinds": ["fault,rx", "drop"]}
+    words = {"text": ["--text"], "json": ["--json"], "plain": [],
+             "kinds": ["fault,rx", "drop"]}
     files = {mark: tmp_path / f"watch.{mark}" for mark in words}
     watches = [c.shell.watch(file, *words[mark]) for mark, file in files.items()]
 
@@ -424,6 +425,9 @@ def test_watch_shows_what_happens(car, tmp_path):
     c.settle()
     for file in files.values():
         wait_until(lambda f=file: f.read_text().count(LAST) >= 2, "the last frame")
+    frames = {mark: [line for line in file.read_text().splitlines() if "123#AB" in line]
+              for mark, file in files.items()}
+    assert frames["plain"] == frames["json"]  # no terminal
     lines = [json.loads(line) for line in files["json"].read_text().splitlines()]
     frame = [(e["node"], e["event"]) for e in lines if e.get("frame") == "123#AB"]
     assert frame == [("gearbox", "rx"), ("dash", "rx"), ("engine", "tx")]
@@ -431,10 +435,10 @@ def test_watch_shows_what_happens(car, tmp_path):
     text = [line.split() for line in files["text"].read_text().splitlines()]
     assert ["gearbox", "rx", "123#AB"] in [line[1:] for line in text]
     assert ["engine", "tx", "123#AB"] in [line[1:] for line in text]
-    kinds = [line.split()[2] for line in files["kinds"].read_text().splitlines()]
+    kinds = [json.loads(line)["event"] for line in files["kinds"].read_text().splitlines()]
     assert set(kinds) == {"fault", "rx"}
     c.daemon.stop()
-    assert [watch.wait(TIMEOUT_S) for watch in watches] == [1, 1, 1]  # the bus has ended
+    assert [watch.wait(TIMEOUT_S) for watch in watches] == [1] * len(watches)  # the bus has ended
 
 
 # ---- Profiles ------------------------------------------------------------------------------------
