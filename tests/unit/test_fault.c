@@ -1683,7 +1683,7 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
     assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_QUEUE_FULL], 1);
     assert_int_equal(rig_stats(r, 1).dropped[CW_DROP_LISTEN_ONLY], 3);
     assert_int_equal(rig_nth(r, CW_EVENT_STATE, 0)->state, CW_STATE_ERROR_ACTIVE);
-    assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, 105 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, 100 * BIT); /* R12: from bus-off */
     assert_int_equal(rig_count(r, CW_EVENT_RESTART, 3), 0); /* restart-ms is 0 now */
     assert_int_equal(cw_bus_pending(r->bus), 2);
     rig_free(old);
