@@ -5,11 +5,19 @@ One table over all subcommands of canwire, and canwired. What a bus that runs re
 one, in tests/kernel/test_control.py. Needs no CAN in the kernel.
 """
 
+import fcntl
+import os
+import pty
 import re
+import socket
+import struct
+import subprocess
+import termios
+import threading
 
 import pytest
 
-from simtool import CANWIRED, canwire, run
+from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, run
 
 GOOD = """
 bus: { name: small, bitrate: 500000 }
@@ -143,3 +151,153 @@ def test_canwired_has_the_same_rule(write, words, status, message):
     words = [str(path) if w == "FILE" else w for w in words]
     result = run(CANWIRED, *words, status=status, cwd=path.parent)
     assert message in result.stderr
+
+
+# ---- The tool itself -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", [["chekc"], ["help", "chekc"]])
+def test_a_command_that_was_probably_meant(words):
+    assert canwire(*words, status=2).stderr == \
+        "canwire: unknown command 'chekc', did you mean 'check'?\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_has_two_ways(call, name):
+    assert call("help", name, status=0).stdout == call(name, "--help", status=0).stdout
+
+
+def test_usage_of_the_tool():
+    whole = canwire("--help").stdout
+    assert canwire("help").stdout == canwire("-h").stdout == whole
+    assert canwire(status=2).stderr == whole
+    assert canwire("help", "bits", "sim", status=2).stderr == "usage: canwire help [COMMAND]\n"
+    version = canwire("--version").stdout
+    assert re.fullmatch(r"canwire \d+\.\d+\.\d+\n", version) and canwire("-V").stdout == version
+    assert run(CANWIRED, "--version").stdout == version.replace("canwire", "canwired")
+
+
+@pytest.mark.parametrize("words", [["bits", "123#"], ["check", "FILE"], ["sim", "FILE"], ["--help"]])
+def test_output_that_cannot_be_written_is_no_success(write, words):
+    words = [CANWIRE, *(str(write(GOOD)) if w == "FILE" else w for w in words)]
+    with open("/dev/full", "w", encoding="ascii") as full:
+        result = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+                                timeout=TIMEOUT_S)
+    assert result.returncode == 1
+    assert result.stderr == "canwire: standard output: No space left on device\n"
+
+
+# ---- canwire bits --------------------------------------------------------------------------------
+
+
+def test_letters_of_options_may_stand_together():
+    error = canwire("bits", "-rx", "123#", status=2).stderr
+    assert error.startswith("canwire bits: wrong option -x\n")
+    assert canwire("bits", "-r", "123#").stdout == canwire("bits", "123#", "--raw").stdout
+
+
+def on_terminal(*words, columns, **environment):
+    """What canwire writes to a terminal of that width."""
+    outside, inside = pty.openpty()
+    fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("4H", 24, columns, 0, 0))
+    environment = {k: v for k, v in os.environ.items()
+                   if k not in ("COLUMNS", "NO_COLOR", "TERM")} | environment
+    with subprocess.Popen([CANWIRE, *words], stdout=inside, env=environment) as process:
+        os.close(inside)
+        text = b""
+        with open(outside, "rb", buffering=0) as terminal:
+            try:
+                while more := terminal.read(4096):
+                    text += more
+            except OSError:
+                pass  # the terminal has gone with its last program
+        assert process.wait(TIMEOUT_S) == 0
+    return text.decode().replace("\r\n", "\n")
+
+
+FRAME = "123#1122334455667788"
+
+
+def rows_wide(text):
+    """Columns of the widest line of bits, without colours."""
+    text = re.sub("\033\\[[0-9;]*m", "", text)
+    return max(len(line) for line in text.splitlines()
+               if line.startswith(("field", "bit", "level", "stuff", "hex")))
+
+
+@pytest.mark.parametrize("columns, environment, least, most", [
+    (60, {}, 30, 60), (150, {}, 100, 150), (60, {"COLUMNS": "100"}, 60, 100),
+    (60, {"COLUMNS": "wide"}, 30, 60), (0, {}, 60, 80), (5, {}, 6, 60)])
+def test_rows_are_as_wide_as_the_terminal(columns, environment, least, most):
+    width = rows_wide(on_terminal("bits", FRAME, columns=columns, **environment))
+    assert least < width <= most
+
+
+@pytest.mark.parametrize("environment, coloured", [
+    ({}, True), ({"TERM": "xterm"}, True), ({"TERM": "dumb"}, False), ({"NO_COLOR": "1"}, False),
+    ({"NO_COLOR": ""}, True)])
+def test_colours_are_for_terminals_that_want_them(environment, coloured):
+    assert ("\033[" in on_terminal("bits", FRAME, columns=80, **environment)) == coloured
+    assert "\033" not in canwire("bits", FRAME).stdout
+
+
+# ---- A bus that does not answer as it should -------------------------------------------------------
+
+
+@pytest.fixture(name="odd_bus")
+def fixture_odd_bus(tmp_path):
+    """odd_bus(ANSWER) listens at ./odd.sock, takes one request and answers with that."""
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(tmp_path / "odd.sock"))
+    listener.listen()
+    threads = []
+
+    def start(answer):
+        def serve():
+            client, _ = listener.accept()
+            with client:
+                client.recv(65536)
+                client.sendall(answer)
+
+        threads.append(threading.Thread(target=serve))
+        threads[-1].start()
+
+    yield start
+    for thread in threads:
+        thread.join(TIMEOUT_S)
+    listener.close()
+
+
+@pytest.mark.parametrize("answer, message", [
+    (b"", "it ended the connection"),
+    (b"hello\n", "what it answers is no JSON object: "),
+    (b"[1]\n", "what it answers is no JSON object\n"),
+    (b'{"ok": false}\n', "refused without a reason"),
+    (b'{"ok": false, "error": "not today"}\n', "not today"),
+    (b'{"ok": false, "errors": ["f.yaml:1:2: no", "f.yaml:3:4: never"]}\n',
+     "f.yaml:1:2: no\nf.yaml:3:4: never\n"),
+])
+@pytest.mark.parametrize("words", [["status"], ["faults"], ["clear"], ["watch"], ["reload"]])
+def test_a_bus_that_answers_something_else(odd_bus, tmp_path, words, answer, message):
+    odd_bus(answer)
+    error = canwire(*words, "./odd.sock", status=1, cwd=tmp_path).stderr
+    assert message in error
+    assert error.startswith("f.yaml" if message.startswith("f.yaml") else "canwire: bus ./odd.sock: ")
+
+
+@pytest.mark.parametrize("bus, message", [
+    ("./odd.sock", "nobody listens at ./odd.sock (is canwired running?)"),
+    ("./" + "x" * 108, "the path of its socket is too long"),
+    ("nosuch", "no such bus (is canwired@nosuch running?)"),
+    ("./bus.yaml/x", "./bus.yaml/x: Not a directory"),
+])
+def test_why_a_bus_cannot_be_reached(call, tmp_path, bus, message):
+    with socket.socket(socket.AF_UNIX) as gone:
+        gone.bind(str(tmp_path / "odd.sock"))
+    assert call("status", bus, status=1).stderr == f"canwire: bus {bus}: {message}\n"
+
+
+def test_no_bus_at_all(tmp_path):
+    result = subprocess.run([CANWIRE, "status"], env=os.environ | {"CANWIRE_RUN": str(tmp_path)},
+                            capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert (result.returncode, result.stderr) == (0, f"canwire: no bus in {tmp_path}\n")

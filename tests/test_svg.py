@@ -217,6 +217,21 @@ def test_a_silent_node_is_off(write):
         assert len(levels(driven, 720 // 50)) == end
 
 
+def test_drops_and_restarts_are_noted(write):
+    shown = picture(write("""
+bus: { name: small, bitrate: 500000 }
+nodes:
+  - { name: a, queue: 1, traffic: [ { send: 555#00 }, { send: 556#, offset: 60us } ] }
+  - { name: b }
+faults:
+  - { name: kill, when: { time: 500us }, do: { bus-off: b } }
+  - { name: mend, when: { time: 600us }, do: { restart: b } }
+"""), "--until", "4ms", "--to", "3ms")
+    assert "dropped (queue-full) 556#" in shown.texts("note", "a")
+    notes = shown.texts("note", "b")
+    assert any(n.startswith("TEC 256, bus-off") for n in notes) and any("restart" in n for n in notes)
+
+
 def test_hits_of_one_rule_close_together_are_named_once(write):
     shown = picture(write(small("555#00", """faults:
   - { name: storm, when: { time: 0s..20us }, do: { noise: 1, for: 20us } }

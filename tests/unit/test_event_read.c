@@ -1,0 +1,151 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_event_read.c - lines of events become the events again that they were written from.
+ */
+#include "event_read.h"
+#include "output.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define TICK 160160u
+#define ENGINE 0x1u
+#define GEARBOX 0x2u
+
+static char engine[] = "engine";
+static char gearbox[] = "gearbox";
+static char bus_name[] = "bus";
+static cfg_node nodes[] = {{.name = engine}, {.name = gearbox}};
+static const cfg config = {.bus_name = bus_name, .node_count = 2, .nodes = nodes};
+
+static const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {0xCA, 0xFE}};
+
+static event_read_result read_text(cw_event *out, uint64_t *time_ns, const char *text)
+{
+    json_error_t error;
+    json_t *line = json_loads(text, 0, &error);
+    assert_non_null(line);
+    event_read_result result = event_read(out, time_ns, line, &config);
+    json_decref(line);
+    return result;
+}
+
+/* Written, read and written again: the same line. */
+static void check(const cw_event *event)
+{
+    char *lines[2] = {NULL, NULL};
+    cw_event now = *event;
+    uint64_t time_ns = 0;
+    for (unsigned i = 0; i < 2; i++) {
+        size_t size;
+        FILE *out = open_memstream(&lines[i], &size);
+        assert_non_null(out);
+        output_event(out, &config, &now);
+        assert_int_equal(fclose(out), 0);
+        assert_int_equal(read_text(&now, &time_ns, lines[i]), EVENT_READ);
+        assert_int_equal(time_ns, TICK / 2 * 25);
+        assert_int_equal(now.tick, TICK);
+        assert_int_equal(now.kind, event->kind);
+        now.error.flag = event->error.flag; /* it is told, but no receiver of events needs it */
+        now.error.place.extended = event->error.place.extended;
+    }
+    assert_string_equal(lines[0], lines[1]);
+    free(lines[0]);
+    free(lines[1]);
+}
+
+static void test_errors_of_each_type_in_each_field(void **state)
+{
+    (void)state;
+    for (unsigned type = 0; type < CW_ERROR_COUNT; type++)
+        for (unsigned field = 0; field < CW_FIELD_COUNT; field++)
+            for (unsigned stuff = 0; stuff < 2; stuff++)
+                check(&(cw_event){.tick = TICK,
+                                  .kind = CW_EVENT_ERROR,
+                                  .nodes = GEARBOX,
+                                  .tec = 8,
+                                  .rec = 1,
+                                  .error = {.role = stuff ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER,
+                                            .type = (cw_error_type)type,
+                                            .place = {.field = (cw_field)field,
+                                                      .index = 3,
+                                                      .stuff = stuff != 0}}});
+}
+
+static void test_each_state_and_each_reason_of_a_drop(void **state)
+{
+    (void)state;
+    for (unsigned to = 0; to < CW_STATE_COUNT; to++)
+        check(&(cw_event){.tick = TICK,
+                          .kind = CW_EVENT_STATE,
+                          .nodes = ENGINE,
+                          .state = (cw_state)to,
+                          .tec = 256,
+                          .rec = 128});
+    for (unsigned why = 0; why < CW_DROP_COUNT; why++)
+        check(&(cw_event){.tick = TICK,
+                          .kind = CW_EVENT_DROP,
+                          .nodes = ENGINE,
+                          .frame = frame,
+                          .why = (cw_drop)why});
+}
+
+static void test_frames_restarts_and_time_that_is_skipped(void **state)
+{
+    (void)state;
+    const cw_event_kind kinds[] = {CW_EVENT_RX, CW_EVENT_TX, CW_EVENT_ARBITRATION_LOST,
+                                   CW_EVENT_RESTART};
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        check(&(cw_event){.tick = TICK,
+                          .kind = kinds[i],
+                          .nodes = GEARBOX,
+                          .frame = frame,
+                          .lost_bit = 11});
+    check(&(cw_event){.tick = TICK, .kind = CW_EVENT_SKIP, .ticks = 80000000});
+}
+
+static void test_what_is_not_understood_is_no_event(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text;
+        event_read_result result;
+    } cases[] = {
+        {"{\"t\":1,\"node\":\"dash\",\"event\":\"restart\"}", EVENT_NO_SUCH_NODE},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"explosion\"}", EVENT_OTHER},
+        {"{\"t\":-1,\"node\":\"engine\",\"event\":\"restart\"}", EVENT_OTHER},
+        {"{\"t\":2e9,\"node\":\"engine\",\"event\":\"restart\"}", EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"tx\",\"frame\":\"hello\"}", EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"state\",\"state\":\"tired\"}", EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"drop\",\"frame\":\"1#\",\"why\":\"rain\"}",
+         EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"drop\",\"frame\":\"001#\",\"why\":\"rain\"}",
+         EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"error\",\"type\":\"odd\",\"field\":\"crc\"}",
+         EVENT_OTHER},
+        {"{\"t\":1,\"node\":\"engine\",\"event\":\"error\",\"type\":\"crc\",\"field\":\"tail\"}",
+         EVENT_OTHER},
+        {"[1, 2]", EVENT_OTHER},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cw_event event;
+        uint64_t time_ns;
+        assert_int_equal(read_text(&event, &time_ns, cases[i].text), cases[i].result);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_errors_of_each_type_in_each_field),
+        cmocka_unit_test(test_each_state_and_each_reason_of_a_drop),
+        cmocka_unit_test(test_frames_restarts_and_time_that_is_skipped),
+        cmocka_unit_test(test_what_is_not_understood_is_no_event),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
