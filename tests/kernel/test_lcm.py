@@ -2,6 +2,7 @@
 """What a Python program that subscribes to LCM learns about a bus."""
 
 import json
+import signal
 import time
 
 from canbits import Frame, wire_bits
@@ -132,3 +133,29 @@ def test_a_node_alone_becomes_error_passive_and_stays_so(vcan, can_socket, canwi
         "error-warning",
         "error-passive",
     ]
+
+
+def test_nodes_keep_their_counts_when_a_reload_moves_them(vcan, can_socket, canwired, listen):
+    vcan(2)
+    messages = listen("moved")
+    text = """
+bus: { name: moved, bitrate: 250000 }
+nodes:
+"""
+    a, b = "  - { name: a, port: vcan0 }\n", "  - { name: b, port: vcan1 }\n"
+    more = "lcm: { period: PERIOD, events: [tx] }\n"
+    daemon = canwired(text + a + b + more.replace("PERIOD", "100ms"))
+    frame = Frame.parse("123#DEADBEEF")
+    can_socket("vcan0").send(*[frame] * 10)
+    messages.wait_node("a", lambda m: m.tx_frames == 10, "the frames")
+    daemon.config.write_text(text + "  - { name: new }\n" + b + a + more.replace("PERIOD", "50ms"))
+    daemon.notifications.clear()
+    daemon.process.send_signal(signal.SIGHUP)
+    messages.wait_node("new", lambda m: m.tx_frames == 0, "the new configuration")
+    can_socket("vcan1").send(frame)
+    messages.wait_node("b", lambda m: m.tx_frames == 1, "a frame of the other node")
+    last = messages.wait_final(daemon.stop())[1]
+    assert {n: (m.tx_frames, m.rx_frames) for n, m in last.items()} == {
+        "a": (10, 1), "b": (1, 10), "new": (0, 1)}
+    assert all(0 <= m.load_period_permille <= 1000 for m in messages.nodes)
+    assert [e.node for e in messages.events] == ["a"] * 10 + ["b"]
