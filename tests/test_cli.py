@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wrong command lines: what is wrong on them ends with status 2, what is wrong in files with 1.
+"""Wrong command lines: a wrong form ends with status 2, a bad value or file with 1.
 
 One table over all subcommands of canwire, and canwired. What a bus that runs refuses is tested with
 one, in tests/kernel/test_control.py. Needs no CAN in the kernel.
@@ -59,9 +59,8 @@ VALUES = [
 ]
 
 # Arguments that are no options.
+FRAMES = [("123", "#"), ("123#GG", "123#DEADBEEF"), ("800#", "up to 7FF")]
 ARGUMENTS = [
-    (["bits", "123"], "FRAME 123: ", "#"),
-    (["bits", "123#GG"], "FRAME 123#GG: ", "123#DEADBEEF"),
     (["vcan", "sideways", "FILE"], "usage: canwire vcan up|down FILE", ""),
     (["set", BUS, "node", "queue"], "queue: ", "expected KEY=VALUE"),
     (["help", "explode"], "unknown command 'explode'", ""),
@@ -103,9 +102,16 @@ def test_too_much_or_too_little_is_wrong_usage(call, name):
 
 @pytest.mark.parametrize("name, option, value, allowed", VALUES)
 def test_a_bad_value_names_its_option_and_what_is_allowed(call, name, option, value, allowed):
-    error = call(name, option, value, *COMMANDS[name], status=2).stderr
+    error = call(name, option, value, *COMMANDS[name], status=1).stderr
     assert error.startswith(f"canwire {name}: {option} {value}: ") and allowed in error
+    assert "usage" not in error
     assert f"{option}' requires an argument" in call(name, option, status=2).stderr
+
+
+@pytest.mark.parametrize("frame, allowed", FRAMES)
+def test_a_bad_frame_is_named_with_what_is_allowed(call, frame, allowed):
+    error = call("bits", frame, status=1).stderr
+    assert error.startswith(f"canwire bits: FRAME {frame}: ") and allowed in error
 
 
 @pytest.mark.parametrize("words, message, allowed", ARGUMENTS)

@@ -478,8 +478,8 @@ def test_until_is_the_latest_end(write):
     ("", "expected [NODE:]EVENT"), ("record", "recordings are canwired's"),
     ("c:record", "recordings are canwired's"), ("tolerated", "no event 'tolerated'"),
 ])
-def test_wrong_events_are_wrong_usage(text, message, write):
-    error = sim(write(UNTIL), "--until-event", text, status=2).stderr
+def test_wrong_events_are_refused(text, message, write):
+    error = sim(write(UNTIL), "--until-event", text, status=1).stderr
     assert f"--until-event {text}: " in error and message in error
 
 
@@ -494,7 +494,7 @@ def test_what_the_file_does_not_have_is_refused(text, message, write):
 
 
 def test_every_event_that_is_expected_can_be_awaited(write):
-    told = sim(write(UNTIL), "--until-event", "", status=2).stderr
+    told = sim(write(UNTIL), "--until-event", "", status=1).stderr
     kinds = re.search(r"'canwire watch' \(([^)]*)\)", told)[1].split(", ")
     kinds += re.search(r"a state \(([^)]*)\)", told)[1].split(", ") + ["fault", "skip"]
     assert len(kinds) == 15

@@ -326,8 +326,8 @@ def test_wrong_usage_is_status_two(arguments):
     [("--until", "soon"), ("--until", "-1s"), ("--until", "10"), ("--seed", "x"), ("--seed", "-1"),
      ("--seed", "18446744073709551616"), ("--seed", "")],
 )
-def test_a_bad_value_is_status_two(write, option, value):
-    assert f"{option} {value}" in sim(write(SMALL), option, value, status=2).stderr
+def test_a_bad_value_is_status_one(write, option, value):
+    assert f"{option} {value}" in sim(write(SMALL), option, value, status=1).stderr
 
 
 def test_a_bad_configuration_is_status_one_and_says_where(write):
@@ -372,7 +372,7 @@ REFUSED = {
     "another output that cannot be written": (SMALL, ["--junit", "/nowhere/out"], 1),
     "a picture that is known to be too long": (ENDLESS, ["--svg", "SVG", "--until", "1s"], 1),
     "a window behind the end": (ENDLESS, ["--svg", "SVG", "--until", "1ms", "--from", "2ms"], 1),
-    "a window of nothing": (SMALL, ["--svg", "SVG", "--from", "1ms", "--to", "1ms"], 2),
+    "a window of nothing": (SMALL, ["--svg", "SVG", "--from", "1ms", "--to", "1ms"], 1),
     "no such node": (SMALL, ["--until-event", "c:tx"], 1),
 }
 

@@ -273,16 +273,16 @@ def test_too_many_bits_are_status_one(write, window):
     assert result.stdout == ""
 
 
-@pytest.mark.parametrize("window, status", [
-    (["--from", "3us", "--to", "2us"], 2), (["--from", "1ms", "--to", "1ms"], 2),
-    (["--from", "soon"], 2), (["--to", "0s"], 2), (["--from", "1s"], 1)])
-def test_a_bad_window_is_refused(write, window, status):
-    result = sim(write(small()), "--svg", "-", *window, status=status)
+@pytest.mark.parametrize("window", [
+    ["--from", "3us", "--to", "2us"], ["--from", "1ms", "--to", "1ms"],
+    ["--from", "soon"], ["--to", "0s"], ["--from", "1s"]])
+def test_a_bad_window_is_refused(write, window):
+    result = sim(write(small()), "--svg", "-", *window, status=1)
     assert window[0] in result.stderr and result.stdout == ""
 
 
 def test_a_window_of_nothing_says_what_is_wrong(write):
-    result = sim(write(small()), "--svg", "-", "--from", "1ms", "--to", "1ms", status=2)
+    result = sim(write(small()), "--svg", "-", "--from", "1ms", "--to", "1ms", status=1)
     assert result.stderr == "canwire sim: --to 1ms: expected a time after that of --from, 1ms\n"
 
 

@@ -89,7 +89,7 @@ int cli_bits(int argc, char **argv)
     }
     if (problem != NULL) {
         fprintf(stderr, "canwire bits: FRAME %s: %s\n", chosen.frame, problem);
-        return CLI_USAGE;
+        return CLI_BAD_INPUT;
     }
     if (chosen.raw) {
         print_raw(&bits);
@@ -123,7 +123,7 @@ static void print_help(void)
         "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
         "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n"
         "\n"
-        "Exit status: 0, 2 wrong usage: FRAME is none, or an option is not allowed.\n",
+        "Exit status: 0, 1 FRAME is none, 2 wrong usage.\n",
         stdout);
 }
 

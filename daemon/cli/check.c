@@ -17,7 +17,7 @@ static const char usage[] =
     "\n"
     "Validates a configuration or a fault profile, and reads the recordings that it replays to\n"
     "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
-    "Exit status: 0 good, 1 bad, 2 wrong usage: an option is not allowed.\n"
+    "Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports   only print the interfaces that the nodes use, one a line\n";
 

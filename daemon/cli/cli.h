@@ -10,8 +10,8 @@
 
 enum cli_exit {
     CLI_OK = 0,
-    CLI_BAD_INPUT = 1, /* of a file, or what the bus refuses */
-    CLI_USAGE = 2, /* an option, or a value on the command line that does not stand for anything */
+    CLI_BAD_INPUT = 1, /* a value or a file that is bad, or what the bus refuses */
+    CLI_USAGE = 2,     /* a command line that has not the form of the usage line */
     CLI_EXPECTATION = 3, /* sim: an expectation of the configuration failed */
 };
 

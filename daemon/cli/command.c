@@ -15,8 +15,8 @@ static void print_help(const command *c)
            "  -h, --help   this text\n"
            "\n"
            "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
-           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a file cannot be\n"
-           "read or written, 2 wrong usage: an option or its value is not allowed.\n",
+           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a value or a file is\n"
+           "bad, 2 wrong usage.\n",
            c->usage, c->help);
 }
 
@@ -57,8 +57,10 @@ int command_parse(const command *c, int *first, int argc, char **argv)
             print_help(c);
             return CLI_OK;
         }
-        if (value < OPTION_BASE || !take_option(c, value))
+        if (value < OPTION_BASE)
             return refuse(c);
+        if (!take_option(c, value))
+            return CLI_BAD_INPUT;
     }
     int words = argc - optind;
     if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))

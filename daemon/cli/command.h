@@ -15,7 +15,7 @@
 typedef struct command_option {
     const char *name;
     bool *flag;
-    bool (*text)(void *user, const char *argument); /* false: wrong usage */
+    bool (*text)(void *user, const char *argument); /* false: a bad value, told */
 } command_option;
 
 typedef struct command {

@@ -70,9 +70,8 @@ static void print_usage(FILE *out)
         fprintf(out, "  %-8s %s\n", commands[i].name, commands[i].help);
     }
     fputs("\n"
-          "exit status: 0 success, 1 a file is bad or cannot be read or written, or the bus\n"
-          "refuses, 2 wrong usage: an option or a value on the command line is not allowed, 3 an\n"
-          "expectation failed (sim)\n",
+          "exit status: 0 success, 1 a value or a file is bad, or the bus refuses, 2 wrong usage,\n"
+          "3 an expectation failed (sim)\n",
           out);
 }
 

@@ -50,7 +50,6 @@ typedef struct sim {
     sim_trace trace;
     sim_until awaited;
     sim_judge judge;
-    int failure; /* exit status when something fails */
 } sim;
 
 static const char usage[] =
@@ -87,9 +86,8 @@ static const char help[] =
     "\n"
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
     "reported in any case, on standard error when an F is standard output.\n"
-    "Exit status: 0, 1 a file is bad or cannot be read or written, or FILE has no such node or\n"
-    "rule, 2 wrong usage: an option, its value or what they say together is not allowed, 3 an\n"
-    "expectation failed.\n";
+    "Exit status: 0, 1 a value or a file is bad, or FILE has no such node or rule, 2 wrong\n"
+    "usage, 3 an expectation failed.\n";
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -166,18 +164,12 @@ static void add_writer(sim *s, const sim_options *o)
 
 static bool set_window(sim *s, const sim_options *o)
 {
-    bool good = sim_trace_window(&s->trace, &o->from, &o->to, s->run.config, "canwire sim");
-    if (!good)
-        s->failure = CLI_USAGE;
-    return good;
+    return sim_trace_window(&s->trace, &o->from, &o->to, s->run.config, "canwire sim");
 }
 
 static bool set_event(sim *s, const sim_options *o)
 {
-    bool good = sim_until_start(&s->awaited, o->until_event, &s->run);
-    if (!good && !s->awaited.unknown_name)
-        s->failure = CLI_USAGE;
-    return good;
+    return sim_until_start(&s->awaited, o->until_event, &s->run);
 }
 
 static bool open_outputs(sim *s, const sim_options *o)
@@ -325,10 +317,8 @@ static bool take_option(sim_options *o, int option)
         o->until_event = optarg;
     else if (option == 'J')
         o->journal = optarg;
-    else if (option == 'S')
-        o->step = true;
     else
-        return false;
+        o->step = true;
     return true;
 }
 
@@ -373,10 +363,12 @@ static int parse_options(sim_options *o, int argc, char **argv)
             fputs(help, stdout);
             return CLI_OK;
         }
-        if (!take_option(o, c)) {
+        if (c == '?') {
             fputs(usage, stderr);
             return CLI_USAGE;
         }
+        if (!take_option(o, c))
+            return CLI_BAD_INPUT;
     }
     if (optind + (o->journal ? 0 : 1) != argc) {
         fputs(usage, stderr);
@@ -392,7 +384,7 @@ int cli_sim(int argc, char **argv)
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
-    sim s = {.judge.to_stderr = writes_to_stdout(&options), .failure = CLI_BAD_INPUT};
+    sim s = {.judge.to_stderr = writes_to_stdout(&options)};
     bool good = set_up(&s, &options);
     if (good) {
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
@@ -404,6 +396,6 @@ int cli_sim(int argc, char **argv)
     bool met = s.judge.report.failed == 0;
     tear_down(&s);
     if (!good)
-        return s.failure;
+        return CLI_BAD_INPUT;
     return met ? CLI_OK : CLI_EXPECTATION;
 }

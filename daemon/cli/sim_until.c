@@ -67,7 +67,6 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     const bool nodes = strcmp(what, "node") == 0;
     const size_t count = nodes ? config->node_count : config->rule_count;
     const char *before = ": there is ";
-    u->unknown_name = true;
     fprintf(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
             (int)length, word);
     for (size_t i = 0; i < count; i++) {
