@@ -7,6 +7,7 @@
  */
 #include "replay.h"
 #include "text.h"
+#include "trace_format.h"
 #include "trace_read.h"
 
 #include <inttypes.h>
@@ -354,7 +355,7 @@ static void lines_of_asc_are_read_or_refused(void **state)
 typedef struct capture {
     bool big;
     size_t size;
-    unsigned char bytes[4096];
+    unsigned char bytes[16384];
 } capture;
 
 static void put(capture *c, uint64_t value, unsigned bytes)
@@ -559,6 +560,62 @@ static void damaged_captures_are_refused(void **state)
     }
 }
 
+/* A block of each kind that has not even room for what stands in all of its kind. */
+static void blocks_without_room_are_refused(void **state)
+{
+    static const struct {
+        uint32_t type;
+        unsigned bytes; /* of its body */
+        const char *expected;
+    } cases[] = {
+        {1, 4, "bad: byte 60: an interface block that is too short\n"},
+        {6, 16, "bad: byte 60: a packet block that is too short\n"},
+        {2, 0, "bad: byte 60: a packet block that is too short\n"},
+        {3, 0, "bad: byte 60: a packet block that is too short\n"},
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        capture c = {.size = 0};
+        put_section(&c, i & 1);
+        put_interface(&c, 227, NULL, 9);
+        assert_int_equal(c.size, 60);
+        size_t start = begin_block(&c, cases[i].type);
+        for (unsigned k = 0; k < cases[i].bytes; k++)
+            put(&c, 0, 1);
+        end_block(&c, start);
+        assert_reads(c.bytes, c.size, TRACE_DETECT, cases[i].expected);
+    }
+}
+
+static void a_packet_needs_an_interface(void **state)
+{
+    capture c = {.size = 0};
+    (void)state;
+    put_section(&c, false);
+    put_packet(&c, 3, 0, 0, FRAME(data_frame));
+    assert_reads(c.bytes, c.size, TRACE_DETECT,
+                 "bad: byte 28: a packet before any interface is described\n");
+}
+
+static void interfaces_have_a_maximum(void **state)
+{
+    char expected[80];
+    capture c = {.size = 0};
+    (void)state;
+    put_section(&c, false);
+    for (unsigned i = 0; i < TRACE_INTERFACES_MAX; i++)
+        put_interface(&c, 227, NULL, -1);
+    put_packet(&c, 6, TRACE_INTERFACES_MAX - 1, 0, FRAME(data_frame));
+    assert_true(c.size < sizeof c.bytes / 2);
+    snprintf(expected, sizeof expected, "%zu 0.000000000 %u 123#CAFE\n", c.size - 44,
+             TRACE_INTERFACES_MAX - 1);
+    assert_reads(c.bytes, c.size, TRACE_DETECT, expected);
+    snprintf(expected, sizeof expected, "%zu 0.000000000 %u 123#CAFE\nbad: byte %zu: more than %u "
+             "interfaces\n", c.size - 44, TRACE_INTERFACES_MAX - 1, c.size, TRACE_INTERFACES_MAX);
+    put_interface(&c, 227, NULL, -1);
+    assert_reads(c.bytes, c.size, TRACE_DETECT, expected);
+}
+
 /* Its header and packets, in either byte order and resolution. */
 static void older_captures_are_read(void **state)
 {
@@ -758,6 +815,9 @@ int main(void)
         cmocka_unit_test(captures_are_read),
         cmocka_unit_test(bad_packets_are_refused),
         cmocka_unit_test(damaged_captures_are_refused),
+        cmocka_unit_test(blocks_without_room_are_refused),
+        cmocka_unit_test(a_packet_needs_an_interface),
+        cmocka_unit_test(interfaces_have_a_maximum),
         cmocka_unit_test(older_captures_are_read),
         cmocka_unit_test(the_format_is_found_out),
         cmocka_unit_test(replays_are_at_their_times),
