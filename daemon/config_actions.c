@@ -32,8 +32,8 @@ typedef struct setting {
 } setting;
 
 static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
-    read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting, read_restart,
-    read_order;
+    read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
+    read_restart, read_order;
 static action_settler settle_force, settle_stuck, settle_wrong_crc, settle_counters, settle_set,
     settle_side, settle_change, settle_send, settle_babble;
 

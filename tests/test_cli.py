@@ -183,7 +183,8 @@ def test_usage_of_the_tool():
     assert run(CANWIRED, "--version").stdout == version.replace("canwire", "canwired")
 
 
-@pytest.mark.parametrize("words", [["bits", "123#"], ["check", "FILE"], ["sim", "FILE"], ["--help"]])
+@pytest.mark.parametrize("words", [["bits", "123#"], ["check", "FILE"], ["sim", "FILE"],
+                                   ["--help"]])
 def test_output_that_cannot_be_written_is_no_success(write, words):
     words = [CANWIRE, *(str(write(GOOD)) if w == "FILE" else w for w in words)]
     with open("/dev/full", "w", encoding="ascii") as full:
@@ -247,7 +248,7 @@ def test_colours_are_for_terminals_that_want_them(environment, coloured):
     assert "\033" not in canwire("bits", FRAME).stdout
 
 
-# ---- A bus that does not answer as it should -------------------------------------------------------
+# ---- A bus that does not answer as it should -----------------------------------------------------
 
 
 @pytest.fixture(name="odd_bus")
@@ -288,7 +289,8 @@ def test_a_bus_that_answers_something_else(odd_bus, tmp_path, words, answer, mes
     odd_bus(answer)
     error = canwire(*words, "./odd.sock", status=1, cwd=tmp_path).stderr
     assert message in error
-    assert error.startswith("f.yaml" if message.startswith("f.yaml") else "canwire: bus ./odd.sock: ")
+    start = "f.yaml" if message.startswith("f.yaml") else "canwire: bus ./odd.sock: "
+    assert error.startswith(start)
 
 
 @pytest.mark.parametrize("bus, message", [
