@@ -15,8 +15,8 @@ static void print_help(const command *c)
            "  -h, --help   this text\n"
            "\n"
            "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
-           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a value or a file is\n"
-           "bad, 2 wrong usage.\n",
+           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a value or a file\n"
+           "is bad, 2 wrong usage.\n",
            c->usage, c->help);
 }
 

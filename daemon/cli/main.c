@@ -104,7 +104,7 @@ static int refuse_command(const char *name)
 /* getopt begins its messages with argv[0]. */
 static int run_command(const command *c, int argc, char **argv)
 {
-    char name[NAME_MAX_BYTES];
+    static char name[NAME_MAX_BYTES]; /* argv lives on */
 
     (void)snprintf(name, sizeof name, "canwire %s", c->name);
     argv[0] = name;
