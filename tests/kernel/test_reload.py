@@ -366,7 +366,7 @@ def test_bad_reloads_under_load_are_no_disturbance(vcan, rig, can_socket):
     before = {name: node["settings"] for name, node in r.nodes().items()}
     engine, gearbox = can_socket("vcan0"), can_socket("vcan1")
     written = [sequence_frame(0x100, k) for k in range(3000)]
-    bad = list(BAD_FILES.values()) + [(text, "") for text in CHANGES.values()]
+    bad = list(BAD_FILES.values()) + list(CHANGES.values())
     received = []
     for i, (text, _) in enumerate(2 * bad):
         engine.send(*written[i * 150 : (i + 1) * 150])

@@ -30,8 +30,9 @@ nodes:
 """
 
 
-def player(*entries, name="player"):
-    return f"  - {{ name: {name}, traffic: [ {', '.join(f'{{ {e} }}' for e in entries)} ] }}\n"
+def player(*entries, name="player", more=""):
+    traffic = ", ".join(f"{{ {e} }}" for e in entries)
+    return f"  - {{ name: {name}, traffic: [ {traffic} ]{more} }}\n"
 
 
 @pytest.fixture(name="log")
@@ -236,7 +237,8 @@ def test_what_candump_records_is_replayed(vcan, can_socket, tmp_path):
         more = ", format: candump-delta" if name == "delta" else ""
         (tmp_path / "sim.yaml").write_text(
             "bus: { bitrate: 1000000 }\nnodes:\n  - { name: b }\n"
-            + player(f"replay: {tmp_path / name}{more}"))
+            # recorded faster than a bus is: some wait for others
+            + player(f"replay: {tmp_path / name}{more}", more=", order: fifo"))
         output = subprocess.run([CANWIRE, "sim", tmp_path / "sim.yaml", "--log", "-"],
                                 capture_output=True, text=True, check=True, timeout=PATIENCE_S,
                                 env=os.environ)
