@@ -82,6 +82,16 @@ def test_noisy_harness(play):
     assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
 
 
+def test_noisy_harness_at_one_ecu(play):
+    """Whatever it reads wrongly, it is the first that finds an error."""
+    run = play("noisy-harness", "victim: dash")
+    hits = [e["t"] for e in run.of("fault")]
+    assert 5 <= len(hits) <= 30 and run.nothing_lost()
+    errors = run.of("error")
+    for begin, end in zip(hits, hits[1:] + [1.0]):
+        assert next(e["node"] for e in errors if begin <= e["t"] < end) == "dash"
+
+
 def test_loose_connector(play):
     run = play("loose-connector", "victim: gearbox")
     openings = run.of("fault")
