@@ -86,7 +86,7 @@ static int settle_format(recording *r)
         return -1;
     fprintf(stderr, "canwire record: VCD needs every bit, which the control socket does not carry: "
                     "use 'record' in the configuration, or canwire sim --vcd\n");
-    return CLI_USAGE;
+    return CLI_BAD_INPUT;
 }
 
 /* ---- The bus --------------------------------------------------------------------------------- */
