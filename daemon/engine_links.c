@@ -158,6 +158,7 @@ static void on_gone(void *user, unsigned index)
 static void on_listing(void *user)
 {
     engine *e = user;
+    e->links.listing = true;
     e->links.mentioned = 0;
     ev_timer_stop(e->loop, &e->links.retry);
 }
@@ -165,9 +166,12 @@ static void on_listing(void *user)
 static void on_listed(void *user)
 {
     engine *e = user;
+    e->links.listing = false;
     if (e->stopping)
         return;
     engine_update(e);
+    if (e->links.listing) /* the update was a reload: nodes have other places, another list comes */
+        return;
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (portname_is_interface(e->config->nodes[i].port) && !(e->links.mentioned & bit_of(i)))
             lose_port(e, i);

@@ -25,7 +25,8 @@ typedef struct port_watch {
 typedef struct engine_links {
     linkwatch *watch;
     report_link state[CW_NODES_MAX];
-    uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
+    bool listing;       /* a list of interfaces is being read */
+    uint64_t mentioned; /* nodes whose interface has come up in it */
     uint64_t refused;   /* nodes whose interface is there but could not be opened */
     ev_timer retry;     /* of these */
 } engine_links;
