@@ -14,7 +14,7 @@
 #include <net/if.h>
 #include <string.h>
 
-#define RETRY_S 1.0 /* of interfaces that are there but cannot be opened */
+#define RETRY_S 1.0 /* of interfaces that are there but cannot be opened, and of lists */
 
 static uint64_t bit_of(unsigned node)
 {
@@ -158,7 +158,7 @@ static void on_gone(void *user, unsigned index)
 static void on_listing(void *user)
 {
     engine *e = user;
-    e->links.listing = true;
+    e->links.awaited = true;
     e->links.mentioned = 0;
     ev_timer_stop(e->loop, &e->links.retry);
 }
@@ -166,16 +166,24 @@ static void on_listing(void *user)
 static void on_listed(void *user)
 {
     engine *e = user;
-    e->links.listing = false;
+    e->links.awaited = false;
     if (e->stopping)
         return;
     engine_update(e);
-    if (e->links.listing) /* the update was a reload: nodes have other places, another list comes */
+    if (e->links.awaited) /* the update was a reload: nodes have other places, another list comes */
         return;
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (portname_is_interface(e->config->nodes[i].port) && !(e->links.mentioned & bit_of(i)))
             lose_port(e, i);
     engine_update(e);
+}
+
+/* Until there is another list, nodes are where they were. */
+static void on_failed(void *user)
+{
+    engine *e = user;
+    e->links.awaited = true;
+    ev_timer_again(e->loop, &e->links.retry);
 }
 
 static void on_retry(struct ev_loop *loop, ev_timer *timer, int events)
@@ -215,8 +223,11 @@ bool engine_open_ports(engine *e)
 
 bool engine_watch_links(engine *e)
 {
-    static const linkwatch_calls calls = {
-        .seen = on_seen, .gone = on_gone, .listing = on_listing, .listed = on_listed};
+    static const linkwatch_calls calls = {.seen = on_seen,
+                                          .gone = on_gone,
+                                          .listing = on_listing,
+                                          .listed = on_listed,
+                                          .failed = on_failed};
     ev_init(&e->links.retry, on_retry);
     e->links.retry.repeat = RETRY_S;
     e->links.retry.data = e;

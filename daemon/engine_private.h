@@ -25,10 +25,10 @@ typedef struct port_watch {
 typedef struct engine_links {
     linkwatch *watch;
     report_link state[CW_NODES_MAX];
-    bool listing;       /* a list of interfaces is being read */
-    uint64_t mentioned; /* nodes whose interface has come up in it */
+    bool awaited;       /* there is a list of interfaces to come */
+    uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
     uint64_t refused;   /* nodes whose interface is there but could not be opened */
-    ev_timer retry;     /* of these */
+    ev_timer retry;     /* of these, and of a list that could not be had */
 } engine_links;
 
 struct engine {

@@ -28,10 +28,21 @@ struct linkwatch {
     int fd;
     bool listing;    /* a list is being read */
     bool incomplete; /* ... and does not tell all, so that another one is to follow */
+    bool failing;    /* the last one could not be had, as has been logged */
     alignas(struct nlmsghdr) char buffer[MESSAGE_BYTES];
 };
 
 /* ---- Asking ---------------------------------------------------------------------------------- */
+
+static void fail(linkwatch *w, int number)
+{
+    if (!w->failing)
+        log_warning("interfaces cannot be listed: %s; trying again", strerror(number));
+    w->failing = true;
+    w->listing = false;
+    w->incomplete = false;
+    w->calls->failed(w->user);
+}
 
 void linkwatch_list(linkwatch *w)
 {
@@ -51,7 +62,7 @@ void linkwatch_list(linkwatch *w)
     if (w->listing)
         w->calls->listing(w->user);
     else
-        log_warning("interfaces cannot be listed: %s", strerror(errno));
+        fail(w, errno);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -85,9 +96,26 @@ static void take_link(linkwatch *w, const struct nlmsghdr *header)
                        (info->ifi_flags & UP_FLAGS) == UP_FLAGS);
 }
 
-static void take_end(linkwatch *w)
+/* What NLMSG_DONE and NLMSG_ERROR begin with: 0, or the negative number of an error. */
+static int error_of(const struct nlmsghdr *header)
 {
+    int error = 0;
+    if (header->nlmsg_len >= NLMSG_LENGTH(sizeof error))
+        memcpy(&error, NLMSG_DATA(header), sizeof error);
+    return error;
+}
+
+static void take_end(linkwatch *w, const struct nlmsghdr *header)
+{
+    int error = error_of(header);
+    if (!w->listing) /* it has broken off before */
+        return;
+    if (error < 0) {
+        fail(w, -error);
+        return;
+    }
     w->listing = false;
+    w->failing = false;
     if (w->incomplete)
         linkwatch_list(w);
     else
@@ -102,7 +130,7 @@ static void take_messages(linkwatch *w, size_t size)
         if (h->nlmsg_flags & NLM_F_DUMP_INTR) /* links have changed while it was made */
             w->incomplete = true;
         if (h->nlmsg_type == NLMSG_DONE || h->nlmsg_type == NLMSG_ERROR)
-            take_end(w);
+            take_end(w, h);
         else if (h->nlmsg_type == RTM_NEWLINK || h->nlmsg_type == RTM_DELLINK)
             take_link(w, h);
     }

@@ -20,6 +20,9 @@ typedef struct linkwatch_calls {
     void (*listed)(void *user);
     /* Such a list begins. */
     void (*listing)(void *user);
+    /* There is no such list, or no more of it: what it has not told of may be there all the same.
+     * Why has been logged. The user is to ask again, some time later. */
+    void (*failed)(void *user);
 } linkwatch_calls;
 
 /* Asks for a first list. `calls` and `user` must live longer. NULL after logging why. */

@@ -29,6 +29,7 @@
 static struct {
     const char *links[LINKS]; /* all up; NULL: there is none; the index is one more */
     unsigned requests;        /* that have not been answered */
+    int send_error;           /* of requests; 0: none */
     int sockets[2];           /* of the daemon, of the kernel */
 } kernel;
 
@@ -55,6 +56,10 @@ ssize_t send(int fd, const void *data, size_t size, int flags)
     (void)flags;
     assert_int_equal(fd, kernel.sockets[0]);
     assert_int_equal(request->nlmsg_type, RTM_GETLINK);
+    if (kernel.send_error) {
+        errno = kernel.send_error;
+        return -1;
+    }
     kernel.requests++;
     return (ssize_t)size;
 }
@@ -104,6 +109,20 @@ static void answer_list(unsigned links, uint16_t type, int error)
             answer_link(i);
     answer_end(type, error);
 }
+
+/* ---- Configurations -------------------------------------------------------------------------- */
+
+#define NODE_A {.name = (char[]){"a"}, .port = (char[]){"vcan0"}}
+#define NODE_B {.name = (char[]){"b"}, .port = (char[]){"vcan1"}}
+#define NODE_C {.name = (char[]){"c"}, .port = (char[]){"unix:/run/c.sock"}}
+#define NODE_D {.name = (char[]){"d"}}
+
+static cfg_node as_started[NODES] = {NODE_A, NODE_B, NODE_C, NODE_D};
+static cfg_node exchanged[NODES] = {NODE_C, NODE_B, NODE_A, NODE_D};
+static const cfg configs[] = {
+    {.bus_name = (char[]){"links"}, .node_count = NODES, .nodes = as_started},
+    {.bus_name = (char[]){"links"}, .node_count = NODES, .nodes = exchanged},
+};
 
 /* ---- Ports and bus --------------------------------------------------------------------------- */
 
@@ -193,25 +212,21 @@ void engine_unwatch_port(engine *e, unsigned node)
     (void)node;
 }
 
-/* A reload changes nothing but asks for the interfaces. */
+/* A reload exchanges the places of a node that has an interface and of one that has none. */
 void engine_update(engine *e)
 {
-    static const reload same = {.port_from = {0, 1, 2, 3}};
+    static const reload exchange = {.port_from = {2, 1, 0, 3}};
+    port *first = e->now.ports[0];
     if (bus.reloads == 0)
         return;
     bus.reloads--;
-    engine_carry_links_over(e, &same);
+    e->now.ports[0] = e->now.ports[2];
+    e->now.ports[2] = first;
+    e->config = e->config == &configs[0] ? &configs[1] : &configs[0];
+    engine_carry_links_over(e, &exchange);
 }
 
 /* ---- Start and end --------------------------------------------------------------------------- */
-
-static cfg_node nodes[NODES] = {
-    {.name = (char[]){"a"}, .port = (char[]){"vcan0"}},
-    {.name = (char[]){"b"}, .port = (char[]){"vcan1"}},
-    {.name = (char[]){"c"}, .port = (char[]){"unix:/run/c.sock"}},
-    {.name = (char[]){"d"}},
-};
-static const cfg config = {.bus_name = (char[]){"links"}, .node_count = NODES, .nodes = nodes};
 
 /* Two interfaces are there; the first list has been asked for. */
 static engine *start(void)
@@ -223,7 +238,7 @@ static engine *start(void)
     engine *e = calloc(1, sizeof *e);
     assert_non_null(e);
     e->loop = ev_loop_new(EVFLAG_AUTO);
-    e->config = &config;
+    e->config = &configs[0];
     memset(bus.attached, true, sizeof bus.attached);
     assert_true(engine_open_ports(e));
     assert_int_equal(bus.opened, 3);
@@ -248,7 +263,7 @@ static void read_answers(engine *e)
     ev_run(e->loop, EVRUN_NOWAIT);
 }
 
-/* By node: U(p), D(own), M(issing), or - for none. */
+/* By place: U(p), D(own), M(issing), or - for none. */
 static void assert_links(const engine *e, const char *expected)
 {
     static const char letters[] = {[REPORT_NO_LINK] = '-', [REPORT_LINK_UP] = 'U',
@@ -314,7 +329,96 @@ static void an_interface_that_goes_during_such_a_reload(void **state)
     assert_int_equal(bus.reloads, 0);
     answer_list(LINKS, NLMSG_DONE, 0);
     read_answers(e);
+    assert_links(e, "UUM-");
+    end(e);
+}
+
+/* The timer rings when it is due, which takes too long here. */
+static void ring(engine *e)
+{
+    assert_true(ev_is_active(&e->links.retry));
+    ev_invoke(e->loop, &e->links.retry, EV_TIMER);
+}
+
+/* How a list can end that says nothing of the interfaces which it has not told of. */
+static void a_list_that_fails_is_asked_for_again(void **state)
+{
+    (void)state;
+    static const struct {
+        unsigned links;
+        uint16_t type;
+    } cases[] = {{0, NLMSG_ERROR}, {0, NLMSG_DONE}, {1, NLMSG_DONE}, {1, NLMSG_ERROR}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        engine *e = start();
+        for (unsigned times = 0; times < 3; times++) {
+            answer_list(cases[i].links, cases[i].type, -ENOMEM);
+            read_answers(e);
+            assert_links(e, "UUU-");
+            assert_int_equal(kernel.requests, 0);
+            ring(e);
+        }
+        kernel.links[1] = NULL;
+        answer_list(LINKS, NLMSG_DONE, 0);
+        read_answers(e);
+        assert_links(e, "UMU-");
+        assert_false(ev_is_active(&e->links.retry));
+        end(e);
+    }
+}
+
+static void a_list_that_cannot_be_asked_for(void **state)
+{
+    (void)state;
+    engine *e = start();
+    answer_list(LINKS, NLMSG_DONE, 0);
+    read_answers(e);
+    kernel.send_error = ENOBUFS;
+    kernel.links[0] = NULL;
+    linkwatch_list(e->links.watch);
+    ring(e);
+    assert_links(e, "UUU-");
+    kernel.send_error = 0;
+    ring(e);
+    answer_list(LINKS, NLMSG_DONE, 0);
+    read_answers(e);
     assert_links(e, "MUU-");
+    end(e);
+}
+
+/* What comes after a list has been given up is not another one's. */
+static void an_end_without_a_list(void **state)
+{
+    (void)state;
+    engine *e = start();
+    answer_list(0, NLMSG_ERROR, -ENOMEM);
+    answer_end(NLMSG_DONE, 0);
+    read_answers(e);
+    assert_links(e, "UUU-");
+    ring(e);
+    answer_list(LINKS, NLMSG_DONE, 0);
+    answer_end(NLMSG_ERROR, -EBUSY);
+    read_answers(e);
+    assert_links(e, "UUU-");
+    assert_false(ev_is_active(&e->links.retry));
+    end(e);
+}
+
+/* The list was one of the nodes before the reload. */
+static void a_reload_in_the_end_of_a_list_that_cannot_ask_for_another(void **state)
+{
+    (void)state;
+    engine *e = start();
+    bus.reloads = 1;
+    kernel.send_error = ENOBUFS;
+    answer_list(LINKS, NLMSG_DONE, 0);
+    read_answers(e);
+    assert_links(e, "UUU-");
+    kernel.send_error = 0;
+    ring(e);
+    kernel.links[1] = NULL;
+    answer_list(LINKS, NLMSG_DONE, 0);
+    read_answers(e);
+    assert_links(e, "UMU-");
     end(e);
 }
 
@@ -324,6 +428,10 @@ int main(void)
         cmocka_unit_test(who_is_not_in_the_list_leaves_and_comes_back),
         cmocka_unit_test(a_reload_that_is_over_in_the_end_of_a_list),
         cmocka_unit_test(an_interface_that_goes_during_such_a_reload),
+        cmocka_unit_test(a_list_that_fails_is_asked_for_again),
+        cmocka_unit_test(a_list_that_cannot_be_asked_for),
+        cmocka_unit_test(an_end_without_a_list),
+        cmocka_unit_test(a_reload_in_the_end_of_a_list_that_cannot_ask_for_another),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
