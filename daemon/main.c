@@ -300,8 +300,6 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
     if (!s->engine)
         return false;
     s->loop = loop;
-    if (journal_file && !start_journal(s, journal_file))
-        return false;
     engine_on_change(s->engine, on_change, s);
     if (s->config->control) {
         s->control = control_start(loop, s->live, s->engine);
@@ -316,7 +314,9 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
         return false;
     engine_observe(s->engine, on_event, s);
     observe_bits(s);
-    return true;
+    /* Last: it puts another file in the place of the one there, which must not happen when the
+     * same bus runs already and this one is refused. Up to here nothing has been put in. */
+    return !journal_file || start_journal(s, journal_file);
 }
 
 static bool run(service *s, struct ev_loop *loop, const char *journal_file)
