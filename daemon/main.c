@@ -444,6 +444,8 @@ int main(int argc, char **argv)
     int status = parse_options(&file, &journal_file, argc, argv);
     if (status >= 0)
         return status;
+    /* A log that nobody reads any more, or an LCM server that is gone, is no reason to end. */
+    (void)signal(SIGPIPE, SIG_IGN);
     service s = {.live = load(file)};
     if (!s.live)
         return 1;

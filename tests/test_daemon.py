@@ -6,6 +6,7 @@ the programs.
 """
 
 import json
+import os
 import signal
 import subprocess
 
@@ -100,3 +101,29 @@ def test_a_journal_that_cannot_begin_is_an_error(tmp_path):
     (tmp_path / "bus.yaml").write_text(BUS)
     assert "journal no/journal: No such file" in refused(tmp_path, "--journal", "no/journal")
     assert not (tmp_path / "day.sock").exists()
+
+
+# ---- Whoever reads the messages ------------------------------------------------------------------
+
+
+def test_a_reader_of_the_messages_that_is_gone_does_not_end_it(canwired, tmp_path):
+    reader, writer = os.pipe()
+    bus = canwired("--journal", "day.journal", stderr=writer)
+    os.close(writer)
+    os.close(reader)
+    for _ in range(2):  # each client is a message, and so is each reload
+        bus.canwire("reload", "./day.sock")
+    assert bus.status()["bus"]["name"] == "day"
+    bus.stop()
+    assert '"end":' in (tmp_path / "day.journal").read_text()
+
+
+def test_a_reader_of_events_that_is_gone_ends_the_tool_quietly(canwired):
+    bus = canwired()
+    with subprocess.Popen([CANWIRE, "watch", "./day.sock"], cwd=bus.folder, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True) as watch:
+        assert watch.stdout.readline()
+        watch.stdout.close()
+        assert watch.stderr.read() == ""
+        assert watch.wait(PATIENCE_S) == -signal.SIGPIPE
+    bus.stop()
