@@ -112,6 +112,18 @@ static const port_kind socketcan = {.close = close_socket,
                                     .count = count_drops,
                                     .control_bytes = PORT_CONTROL_BYTES};
 
+/* The kernel also finds an interface by its alternative names. It tells of changes only by the
+ * name itself, so that a node with another one would be off the bus at once. */
+static bool is_own_name(const port *p, const char *interface, char error[PORT_ERROR_TEXT_MAX])
+{
+    char name[IF_NAMESIZE];
+    if (!if_indextoname(p->index, name) || strcmp(name, interface) == 0)
+        return true;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%.*s: only another name (altname) of %s: use that",
+                   IF_NAMESIZE - 1, interface, name);
+    return false;
+}
+
 static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
                             char error[PORT_ERROR_TEXT_MAX])
 {
@@ -137,7 +149,7 @@ port *port_socketcan_open(const char *interface, const char *bus, char error[POR
         close_socket(p);
         return NULL;
     }
-    if (claim_interface(s, interface, bus, error))
+    if (is_own_name(p, interface, error) && claim_interface(s, interface, bus, error))
         return p;
     close_socket(p);
     return NULL;

@@ -338,6 +338,27 @@ def test_an_interface_of_another_kind_is_not_waited_for(vcan, launch):
     assert "node gearbox: port lo: No such device for CAN: it is another kind" in daemon.stderr()
 
 
+def test_a_port_is_named_as_its_interface_and_not_by_an_altname(vcan, bus, launch):
+    """It is refused at a start and at a reload, also where missing interfaces are waited for."""
+    vcan(3)
+    ip("link property add dev vcan1 altname gear-can",
+       "link property add dev vcan2 altname dash-can")
+    refusal = "port {}: only another name (altname) of {}: use that"
+    for more in "", "missing-port: wait\n":
+        daemon = launch(TWO.replace("vcan1", "gear-can") + more)
+        assert daemon.wait() == 1
+        assert "node gearbox: " + refusal.format("gear-can", "vcan1") in daemon.stderr()
+    b = bus(TWO)
+    for own, other in ("vcan2", "dash-can"), ("vcan1", "gear-can"):
+        b.daemon.config.write_text(THREE.replace(own, other))
+        assert refusal.format(other, own) in b.shell.run("reload", "links", status=1)
+    b.exchange("vcan0", "vcan1", 0x100)
+    reload(b, THREE)
+    b.exchange("vcan0", "vcan2", 0x101)
+    assert set(node["link"] for node in b.nodes().values()) == {"up"}
+    b.stop()
+
+
 def test_an_interface_that_is_down_at_the_start(vcan, bus):
     vcan(3)
     ip("link set vcan2 down")
