@@ -67,6 +67,18 @@ static void start_retrying(engine *e, unsigned node, const char *error)
     ev_timer_again(e->loop, &e->links.retry);
 }
 
+/* Once is enough: the limit is the machine's. */
+static void tell_small_buffer(engine *e, unsigned node)
+{
+    const port *p = e->now.ports[node];
+    if (!p || e->links.told_small || port_buffer_bytes(p) >= PORT_BUFFER_BYTES)
+        return;
+    e->links.told_small = true;
+    log_warning("an interface may have %u KiB of frames waiting, not %d, before the kernel drops "
+                "more: sysctl net.core.rmem_max=%d",
+                port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
+}
+
 static void gain_port(engine *e, unsigned node)
 {
     char error[PORT_ERROR_TEXT_MAX];
@@ -79,6 +91,7 @@ static void gain_port(engine *e, unsigned node)
     e->now.ports[node] = p;
     conserve_opened(&e->books, node, p);
     engine_watch_port(e, node);
+    tell_small_buffer(e, node);
 }
 
 /* ---- What rtnetlink says --------------------------------------------------------------------- */
@@ -205,6 +218,7 @@ static bool open_port(engine *e, unsigned node)
     e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])
         log_node_error(config->name, "port %s", error);
+    tell_small_buffer(e, node);
     return e->now.ports[node] != NULL;
 }
 
@@ -263,6 +277,7 @@ void engine_carry_links_over(engine *e, const reload *r)
         report_link state = link_after(e, r, before, i);
         e->links.state[i] = state;
         inputs_attach(&e->inputs, i, state == REPORT_NO_LINK || state == REPORT_LINK_UP);
+        tell_small_buffer(e, i);
     }
     linkwatch_list(e->links.watch);
 }

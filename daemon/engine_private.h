@@ -29,6 +29,7 @@ typedef struct engine_links {
     uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
     uint64_t refused;   /* nodes whose interface is there but could not be opened */
     ev_timer retry;     /* of these, and of a list that could not be had */
+    bool told_small;    /* that the kernel keeps a port short of room has been logged */
 } engine_links;
 
 struct engine {

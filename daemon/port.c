@@ -56,6 +56,7 @@ port *port_new(const port_kind *kind, size_t size)
         return NULL;
     p->kind = kind;
     p->fd = -1;
+    p->buffer_bytes = PORT_BUFFER_BYTES;
     prepare_messages(&p->messages);
     return p;
 }
@@ -69,6 +70,11 @@ void port_close(port *p)
 unsigned port_index(const port *p)
 {
     return p->index;
+}
+
+unsigned port_buffer_bytes(const port *p)
+{
+    return p->buffer_bytes;
 }
 
 int port_fd(const port *p)

@@ -10,6 +10,7 @@
 
 #define PORT_BATCH 64          /* frames of one read */
 #define PORT_ERROR_TEXT_MAX 160
+#define PORT_BUFFER_BYTES (8 << 20) /* that a port asks for, for frames that wait to be read */
 
 typedef struct port port;
 
@@ -50,6 +51,10 @@ void port_close(port *p);
 /* Of the interface that it was opened on, which may have another name or be gone by now; 0 where
  * there is none. */
 unsigned port_index(const port *p);
+
+/* What the kernel has granted of PORT_BUFFER_BYTES, as net.core.rmem_max counts: when it is full,
+ * more is dropped. All of it where an ECU waits instead. */
+unsigned port_buffer_bytes(const port *p);
 
 /* Readable when frames wait. */
 int port_fd(const port *p);

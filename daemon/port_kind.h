@@ -52,6 +52,7 @@ struct port {
     const port_kind *kind;
     int fd;         /* readable when frames wait; -1 while it is being opened */
     unsigned index; /* of its interface, or 0 */
+    unsigned buffer_bytes; /* see port_buffer_bytes() */
     port_stats stats;
     uint32_t drops;        /* as the kernel counts them, modulo 2^32 */
     uint64_t told_dropped; /* of stats.kernel_dropped, what the ECU has been told of ... */

@@ -21,8 +21,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define RECEIVE_BUFFER_BYTES (8 << 20)
-
 typedef struct socketcan_port {
     port port;
     claim claim;
@@ -35,11 +33,22 @@ static bool set_option(int fd, int level, int option, int value)
     return setsockopt(fd, level, option, &value, sizeof value) == 0;
 }
 
-static bool set_options(int fd)
+/* Without CAP_NET_ADMIN no more than net.core.rmem_max is granted. The kernel doubles it, for what
+ * it keeps beside a frame, and tells the double. */
+static void ask_for_room(port *p)
 {
-    /* without CAP_NET_ADMIN the kernel's own limit has to do */
-    if (!set_option(fd, SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES))
-        (void)set_option(fd, SOL_SOCKET, SO_RCVBUF, RECEIVE_BUFFER_BYTES);
+    int granted = 0;
+    socklen_t size = sizeof granted;
+    if (!set_option(p->fd, SOL_SOCKET, SO_RCVBUFFORCE, PORT_BUFFER_BYTES))
+        (void)set_option(p->fd, SOL_SOCKET, SO_RCVBUF, PORT_BUFFER_BYTES);
+    if (getsockopt(p->fd, SOL_SOCKET, SO_RCVBUF, &granted, &size) == 0)
+        p->buffer_bytes = (unsigned)granted / 2;
+}
+
+static bool set_options(port *p)
+{
+    const int fd = p->fd;
+    ask_for_room(p);
     return set_option(fd, SOL_SOCKET, SO_TIMESTAMPNS, 1) &&
            set_option(fd, SOL_SOCKET, SO_RXQ_OVFL, 1) &&
            set_option(fd, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1) &&
@@ -144,7 +153,7 @@ port *port_socketcan_open(const char *interface, const char *bus, char error[POR
     socketcan_port *s = (socketcan_port *)p;
     s->claim = (claim)CLAIM_NONE;
     p->fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
-    if (p->fd < 0 || !set_options(p->fd) || !bind_to(p, interface)) {
+    if (p->fd < 0 || !set_options(p) || !bind_to(p, interface)) {
         explain(error, interface, p->index != 0, errno);
         close_socket(p);
         return NULL;

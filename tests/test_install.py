@@ -13,7 +13,8 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 MUST = [  # of each kind
     "/bin/canwire", "/sbin/canwired", "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/sysusers.d/canwire.conf",
-    "/lib/tmpfiles.d/canwire.conf", "/share/bash-completion/completions/canwire",
+    "/lib/tmpfiles.d/canwire.conf", "/lib/sysctl.d/10-canwire.conf",
+    "/share/bash-completion/completions/canwire",
     "/share/man/man1/canwire.1", "/share/man/man5/canwire.yaml.5",
     "/share/man/man7/canwire-faults.7", "/share/man/man8/canwired.8",
     "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",

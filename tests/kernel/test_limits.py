@@ -38,6 +38,30 @@ def stop(daemon, bus="limits"):
     return daemon.stop()
 
 
+# ---- Room in the kernel --------------------------------------------------------------------------
+
+
+def room_without_capability():
+    """What the kernel grants such a process, or more, of the 8 MiB that canwired asks for."""
+    with socket.socket() as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
+        return s.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+@pytest.mark.parametrize("words", [(), ("setpriv", "--bounding-set", "-all", "--inh-caps", "-all")],
+                         ids=["root", "no capability"])
+def test_too_little_room_is_told_once(vcan, canwired, words):
+    """Root gets its 8 MiB. Another process gets what net.core.rmem_max is, 208 KiB by default."""
+    vcan(2)
+    text = canwired(TWO, before=words).stop()
+    room = room_without_capability() if words else 8 << 20
+    lines = [line for line in text.splitlines() if "net.core.rmem_max" in line]
+    assert len(lines) == (room < 8 << 20)
+    for line in lines:
+        assert line.endswith(f"an interface may have {room // 1024} KiB of frames waiting, not "
+                             "8192, before the kernel drops more: sysctl net.core.rmem_max=8388608")
+
+
 # ---- Interfaces that run full --------------------------------------------------------------------
 
 

@@ -57,6 +57,10 @@ def drop_in(unit, text):
     (folder / "test.conf").write_text(text)
 
 
+RMEM_MAX = Path("/proc/sys/net/core/rmem_max")  # the limit of the kernel for receive buffers
+RMEM_MAX_DEFAULT = "212992"
+
+
 PAIR = """
 bus: {{ name: {0}, bitrate: 500000 }}
 control: /run/canwire/{0}.sock

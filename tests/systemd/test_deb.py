@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT, PAIR, Bus, run, systemctl
+from conftest import PAIR, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, Bus, run, systemctl
 
 ELSEWHERE = ["/etc", "/run", "/var"]  # where a package may leave what it does not list
 NOT_OURS = ["/run/systemd", "/run/log", "/run/lock", "/var/lib/dpkg", "/var/lib/apt", "/var/cache",
@@ -48,7 +48,9 @@ def files_of(package):
 
 def test_it_is_installed_used_and_purged_without_a_trace(package):
     before, accounts_before, files = tree(), accounts(), files_of(package)
+    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
     dpkg("-i", package)
+    assert RMEM_MAX.read_text() == "8388608\n"
     assert len(files) > 40 and [f for f in files if not f.is_file()] == []
     assert Path("/etc/canwire").is_dir() and Path("/run/canwire").is_dir()
     assert run("which", "canwire", "canwired").split() == ["/usr/bin/canwire", "/usr/sbin/canwired"]

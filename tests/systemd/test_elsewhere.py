@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import PAIR, ROOT, Bus, systemctl
+from conftest import PAIR, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, Bus, systemctl
 
 PREFIX = Path("/opt/canwire")
 ACCOUNTS = ("/lib/sysusers.d/canwire.conf", "/lib/tmpfiles.d/canwire.conf")
@@ -23,6 +23,7 @@ def install_files(what):
 @pytest.fixture(name="elsewhere")
 def fixture_elsewhere():
     assert not [f for f in ACCOUNTS for p in ("/usr", "/usr/local") if Path(p + f).exists()]
+    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
     install_files("install")
     yield
     install_files("uninstall")
@@ -30,7 +31,8 @@ def fixture_elsewhere():
 
 
 def test_what_is_installed_elsewhere_runs(elsewhere):  # pylint: disable=unused-argument
-    """User and runtime directory are there at once."""
+    """User, runtime directory and room at sockets are there at once."""
+    assert RMEM_MAX.read_text() == "8388608\n"
     assert Path("/run/canwire").group() == "canwire"
     bus = Bus("opt", PAIR.format("opt"))
     bus.start()

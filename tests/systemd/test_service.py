@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import FRAME, ROOT, can_socket, drop_in, run, systemctl, wait_until
+from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_in, run, systemctl,
+                      wait_until)
 
 EXPOSURE_MAX = 1.5  # of 10
 WATCHDOG = "[Service]\nWatchdogSec=4s\n"  # the tests need not wait for so long
@@ -26,6 +27,8 @@ def installed():
     drop_in("canwired@", WATCHDOG)
     drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
     drop_in("canwired@real", (ROOT / "systemd/realtime.conf").read_text())
+    drop_in("canwired@room", "[Service]\nWatchdogSec=0\n")  # it is stopped for a while
+    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
     run(ROOT / "scripts/install-files", "install")  # it goes with the guest
 
 
@@ -104,6 +107,31 @@ def test_messages_have_fields(bus):
     lost = one.messages("CANWIRE_NODE=a")[0]
     assert lost["MESSAGE"].startswith("node a: ") and "queue full" in lost["MESSAGE"]
     assert (lost["PRIORITY"], lost["CANWIRE_BUS"]) == ("4", "fields")
+
+
+def room_warnings(one):
+    return [m["PRIORITY"] for m in one.messages() if "sysctl net.core.rmem_max=8388608" in
+            m["MESSAGE"]]
+
+
+def test_its_sockets_have_room(bus):
+    """A thousand and more frames wait while it has to wait itself; less, and it warns."""
+    count = 4000
+    one = bus("room", lambda text: text + "catch-up: 60s\n")
+    pid = one.pid()
+    os.kill(pid, signal.SIGSTOP)
+    with can_socket("room0") as a:
+        for _ in range(count):
+            a.send(FRAME.pack())
+    os.kill(pid, signal.SIGCONT)
+    a = wait_until(lambda: (n := one.status()["nodes"][0])["interface"]["read"] == count and n,
+                   "all that is read")
+    assert a["interface"]["kernel_dropped"] == 0
+    assert room_warnings(one) == []
+    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
+    systemctl("restart", one.unit)
+    assert room_warnings(one) == ["4"]
+    RMEM_MAX.write_text("8388608")
 
 
 def test_errors_of_a_bad_configuration_are_errors_in_the_journal(bus):

@@ -135,6 +135,7 @@ static struct {
     unsigned opened; /* so far */
     bool attached[NODES];
     unsigned reloads; /* that are ready, one for each update */
+    unsigned short_bytes; /* what ports that are asked lack of the room they should have */
 } bus;
 
 static unsigned index_of(const char *name)
@@ -172,6 +173,12 @@ void port_close(port *p)
 unsigned port_index(const port *p)
 {
     return p->index;
+}
+
+unsigned port_buffer_bytes(const port *p)
+{
+    (void)p;
+    return PORT_BUFFER_BYTES - bus.short_bytes;
 }
 
 void conserve_opened(conserve *c, unsigned node, port *opened)
@@ -422,6 +429,24 @@ static void a_reload_in_the_end_of_a_list_that_cannot_ask_for_another(void **sta
     end(e);
 }
 
+/* Also of a port that is opened later. */
+static void too_little_room_is_told(void **state)
+{
+    (void)state;
+    engine *e = start();
+    kernel.links[1] = NULL;
+    answer_list(LINKS, NLMSG_DONE, 0);
+    read_answers(e);
+    assert_false(e->links.told_small);
+    bus.short_bytes = 1;
+    kernel.links[1] = "vcan1";
+    answer_link(1);
+    read_answers(e);
+    assert_links(e, "UUU-");
+    assert_true(e->links.told_small);
+    end(e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -432,6 +457,7 @@ int main(void)
         cmocka_unit_test(a_list_that_cannot_be_asked_for),
         cmocka_unit_test(an_end_without_a_list),
         cmocka_unit_test(a_reload_in_the_end_of_a_list_that_cannot_ask_for_another),
+        cmocka_unit_test(too_little_room_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
