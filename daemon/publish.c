@@ -26,6 +26,8 @@
 #define QUEUE_MESSAGES 4096
 #define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
 #define RETRY_S 2
+#define LINGER_S 1  /* at the end, for what is queued */
+#define GIVE_UP_S 2 /* then the thread hangs in liblcm and is left behind */
 #define WARNING_S 10 /* between two warnings that messages get lost */
 #define CHANNEL_MAX 64
 
@@ -158,32 +160,17 @@ static void note_sent(const publisher *p, outage *o, bool good)
     o->warned = false;
 }
 
-static void send_all(publisher *p, lcm_t *lcm)
-{
-    message m;
-    outage now = {.lost = 0};
-    (void)pthread_mutex_lock(&p->lock);
-    while (next_message(p, &m)) {
-        (void)pthread_mutex_unlock(&p->lock);
-        bool good = lcm_publish(lcm, m.channel, m.data, m.size) == 0;
-        note_sent(p, &now, good);
-        if (!good)
-            p->dropped++;
-        free_message(&m);
-        (void)pthread_mutex_lock(&p->lock);
-    }
-    (void)pthread_mutex_unlock(&p->lock);
-}
-
-/* Waits a while, dropping what comes. False: stop. */
-static bool wait_without_lcm(publisher *p)
+/* Waits a while, dropping what comes, and adds how much that was. False: stop. */
+static bool wait_without_lcm(publisher *p, uint64_t *lost)
 {
     struct timespec until = in_seconds(RETRY_S);
     (void)pthread_mutex_lock(&p->lock);
     while (!p->stopping && !is_past(&until)) {
-        for (; p->count > 0; p->count--, p->dropped++) {
+        for (; p->count > 0; p->count--) {
             free_message(&p->queue[p->first]);
             p->first = (p->first + 1) % QUEUE_MESSAGES;
+            p->dropped++;
+            (*lost)++;
         }
         (void)pthread_cond_timedwait(&p->changed, &p->lock, &until);
     }
@@ -192,12 +179,34 @@ static bool wait_without_lcm(publisher *p)
     return !stop;
 }
 
+/* liblcm writes lines of its own when it fails, so not message after message. */
+static void send_all(publisher *p, lcm_t *lcm)
+{
+    message m;
+    outage now = {.lost = 0};
+    bool go_on = true;
+    (void)pthread_mutex_lock(&p->lock);
+    while (go_on && next_message(p, &m)) {
+        (void)pthread_mutex_unlock(&p->lock);
+        bool good = lcm_publish(lcm, m.channel, m.data, m.size) == 0;
+        note_sent(p, &now, good);
+        free_message(&m);
+        if (!good) {
+            p->dropped++;
+            go_on = wait_without_lcm(p, &now.lost);
+        }
+        (void)pthread_mutex_lock(&p->lock);
+    }
+    (void)pthread_mutex_unlock(&p->lock);
+}
+
 static void *run(void *argument)
 {
     publisher *p = argument;
     bool warned = false;
+    uint64_t lost = 0; /* the warning has said so */
     lcm_t *lcm = try_connect(p, &warned);
-    while (!lcm && wait_without_lcm(p))
+    while (!lcm && wait_without_lcm(p, &lost))
         lcm = try_connect(p, &warned);
     if (!lcm)
         return NULL;
@@ -251,17 +260,32 @@ publisher *publisher_start(const cfg *config)
     return p;
 }
 
+/* Whether the thread has ended: a server that stalls holds it for ever. */
+static bool wait_for_thread(const publisher *p)
+{
+    struct timespec until = in_seconds(GIVE_UP_S);
+    return pthread_clockjoin_np(p->thread, NULL, CLOCK_MONOTONIC, &until) == 0;
+}
+
 void publisher_stop(publisher *p)
 {
     if (!p)
         return;
     (void)pthread_mutex_lock(&p->lock);
     p->stopping = true;
-    p->deadline = in_seconds(1);
+    p->deadline = in_seconds(LINGER_S);
     (void)pthread_cond_signal(&p->changed);
     (void)pthread_mutex_unlock(&p->lock);
-    (void)pthread_join(p->thread, NULL);
-    free_publisher(p);
+    bool ended = wait_for_thread(p);
+    (void)pthread_mutex_lock(&p->lock);
+    unsigned left = p->count;
+    (void)pthread_mutex_unlock(&p->lock);
+    if (!ended)
+        log_warning("LCM at %s does not answer: the last %u messages are lost", p->url, left);
+    else if (left > 0)
+        log_info("LCM at %s: the last %u messages are lost", p->url, left);
+    if (ended)
+        free_publisher(p);
 }
 
 void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])

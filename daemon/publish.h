@@ -17,7 +17,8 @@ typedef struct publisher publisher;
 /* Starts the thread. NULL when there is no memory or no thread. The config must live longer. */
 publisher *publisher_start(const cfg *config);
 
-/* Sends what is queued, waiting a second at most, and ends the thread. NULL is fine. */
+/* Sends what is queued, waiting a second at most, and ends the thread. One that hangs in liblcm is
+ * left behind with its memory, for the process to end: another second later. NULL is fine. */
 void publisher_stop(publisher *p);
 
 /* The configuration has changed: nodes have other places. */

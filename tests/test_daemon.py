@@ -5,10 +5,15 @@ Nodes have traffic of their own here, so this needs no CAN in the kernel. CANWIR
 the programs.
 """
 
+import contextlib
 import json
 import os
+import re
 import signal
+import socket
+import struct
 import subprocess
+import threading
 
 import pytest
 
@@ -127,3 +132,102 @@ def test_a_reader_of_events_that_is_gone_ends_the_tool_quietly(canwired):
         assert watch.stderr.read() == ""
         assert watch.wait(PATIENCE_S) == -signal.SIGPIPE
     bus.stop()
+
+
+# ---- A server of LCM's that does not do its part -------------------------------------------------
+
+LCM = BUS.replace("5ms", "200us").replace("500000", "1000000") + (
+    "lcm: { url: 'tcpq://127.0.0.1:PORT', period: 50ms, events: [rx, tx] }\n")
+HELLO = struct.Struct(">II")
+SERVER_HELLO = HELLO.pack(0x287617FA, 0x0100)
+
+
+class LcmServer:
+    """As lcm-tcpq-server, as far as one client that publishes sees it."""
+
+    def __init__(self, port=0):
+        self.listener = socket.socket()
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.listener.settimeout(PATIENCE_S)
+        self.listener.bind(("127.0.0.1", port))
+        self.listener.listen(1)
+        self.port = self.listener.getsockname()[1]
+        self.client = None
+
+    def accept(self, answer=True):
+        self.client, _ = self.listener.accept()
+        self.client.settimeout(PATIENCE_S)
+        if answer:
+            assert len(self.client.recv(HELLO.size, socket.MSG_WAITALL)) == HELLO.size
+            self.client.sendall(SERVER_HELLO)
+
+    def receive(self, size):
+        received = 0
+        while received < size:
+            part = len(self.client.recv(size - received))
+            assert part, "the connection was closed"
+            received += part
+
+    def drain(self):
+        while self.client.recv(1 << 16):
+            pass
+
+    def close(self):
+        if self.client:
+            with contextlib.suppress(OSError):  # what was not read goes with it
+                self.client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            self.client.close()
+        self.listener.close()
+
+
+@pytest.fixture(name="lcm_server")
+def fixture_lcm_server():
+    """lcm_server() listens at a port of its own, lcm_server(PORT) at that one."""
+    started = []
+
+    def start(*port):
+        started.append(LcmServer(*port))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.close()
+
+
+def wait_frames(bus, count):
+    """Waits until so many more frames were on the bus."""
+    goal = bus.status()["bus"]["frames"] + count
+    wait_until(lambda: bus.status()["bus"]["frames"] >= goal, f"{count} frames")
+
+
+@pytest.mark.parametrize("answer", [False, True])
+def test_a_server_that_stalls_does_not_keep_canwired_from_ending(canwired, lcm_server, answer):
+    server = lcm_server()
+    bus = canwired(text=LCM.replace("PORT", str(server.port)))
+    server.accept(answer)
+    if answer:
+        server.receive(1000)
+    wait_frames(bus, 10000)  # several MB of messages: more than all buffers
+    assert "does not answer: the last" in bus.stop()
+
+
+def test_a_server_that_is_gone_is_tried_again_now_and_then(canwired, lcm_server):
+    server = lcm_server()
+    bus = canwired(text=LCM.replace("PORT", str(server.port)))
+    server.accept()
+    server.receive(1000)
+    server.close()
+    wait_until(lambda: "messages cannot be sent and are lost" in bus.read_log(), "the warning")
+    wait_frames(bus, 10000)
+    assert len(bus.read_log().splitlines()) < 100
+    server = lcm_server(server.port)
+    server.accept()
+    server.receive(1000)
+    wait_until(lambda: "works again" in bus.read_log(), "the news")
+    lost = int(re.search(r"works again, (\d+) messages were lost", bus.read_log()).group(1))
+    assert lost > 10000
+    drain = threading.Thread(target=server.drain)
+    drain.start()
+    assert "does not answer" not in bus.stop()
+    drain.join()
