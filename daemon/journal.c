@@ -20,7 +20,7 @@
 #define FILES 2        /* that are kept: this one and the one before */
 #define LINE_BYTES 512 /* of a short line */
 #define RECORD_HEAD 8u /* what a record needs in the queue besides its bytes, at most */
-#define CLOSE_S 2      /* to wait for a disk that takes no more */
+#define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
 
 struct journal {
     spool *spool;
@@ -368,7 +368,8 @@ void journal_stop(journal *j, const inputs *in)
         put_mark(j, "end", in);
     if (j->broken)
         mark_broken(j);
-    int error = spool_wait(j->spool, CLOSE_S) ? spool_error(j->spool) : ETIMEDOUT;
+    const struct timespec until = spool_in_seconds(CLOSE_S);
+    int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
     (void)spool_close(j->spool, 0);
     if (j->broken)
         log_error("journal %s: at least %" PRIu64 " lines are missing at its end", j->file,

@@ -301,10 +301,10 @@ void recorder_end(recorder *r)
     spool_end(r->spool);
 }
 
-bool recorder_wait(recorder *r, unsigned patience_s)
+bool recorder_wait(recorder *r, const struct timespec *until)
 {
     recorder_end(r);
-    return spool_wait(r->spool, patience_s);
+    return spool_wait(r->spool, until);
 }
 
 bool recorder_has_ended(const recorder *r)

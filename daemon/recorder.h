@@ -41,8 +41,9 @@ void recorder_set_limits(recorder *r, uint64_t size, unsigned files);
 /* Nothing more is recorded; does not wait for what is still to be written. */
 void recorder_end(recorder *r);
 
-/* The same, and waits up to that time. Whether it has been written, or cannot be. */
-bool recorder_wait(recorder *r, unsigned patience_s);
+/* The same, and waits up to that moment of CLOCK_MONOTONIC. Whether it has been written, or cannot
+ * be. */
+bool recorder_wait(recorder *r, const struct timespec *until);
 
 /* Whether that has been written, or cannot be. */
 bool recorder_has_ended(const recorder *r);

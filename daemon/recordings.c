@@ -15,7 +15,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PATIENCE_S 5 /* at the end, for a disk that is slow */
+/* At the end, for a disk that is slow: all recordings together. With CLOSE_S of journal.c and
+ * GIVE_UP_S of publish.c it is less than TimeoutStopSec of canwired@.service. */
+#define PATIENCE_S 4
 
 typedef struct entry {
     struct entry *next; /* of those that are ending */
@@ -268,11 +270,11 @@ void recordings_reload(recordings *all, const cw_bus *bus)
     }
 }
 
-static void stop(entry *e)
+static void stop(entry *e, const struct timespec *until)
 {
     if (!e->recorder)
         return;
-    bool written = recorder_wait(e->recorder, PATIENCE_S);
+    bool written = recorder_wait(e->recorder, until);
     int error = recorder_error(e->recorder);
     log_lost(e);
     if (!recorder_close(e->recorder, 0) && !written)
@@ -285,14 +287,18 @@ void recordings_stop(recordings *all)
 {
     if (!all)
         return;
+    for (size_t i = 0; i < all->count; i++) /* first all, so that none waits for another */
+        if (all->entries[i]->recorder)
+            recorder_end(all->entries[i]->recorder);
+    const struct timespec until = spool_in_seconds(PATIENCE_S);
     for (size_t i = 0; i < all->count; i++) {
-        stop(all->entries[i]);
+        stop(all->entries[i], &until);
         free_entry(all->entries[i]);
     }
     while (all->ending) {
         entry *e = all->ending;
         all->ending = e->next;
-        stop(e);
+        stop(e, &until);
         free_entry(e);
     }
     ev_async_stop(all->loop, &all->news);

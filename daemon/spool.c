@@ -388,14 +388,19 @@ bool spool_has_ended(spool *s)
     return ended;
 }
 
-bool spool_wait(spool *s, unsigned patience_s)
+struct timespec spool_in_seconds(unsigned seconds)
 {
-    struct timespec until;
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    t.tv_sec += (time_t)seconds;
+    return t;
+}
+
+bool spool_wait(spool *s, const struct timespec *until)
+{
     spool_end(s);
-    (void)clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += (time_t)patience_s;
     (void)pthread_mutex_lock(&s->lock);
-    while (!s->ended && pthread_cond_timedwait(&s->changed, &s->lock, &until) == 0)
+    while (!s->ended && pthread_cond_timedwait(&s->changed, &s->lock, until) == 0)
         ;
     bool ended = s->ended;
     (void)pthread_mutex_unlock(&s->lock);
@@ -416,7 +421,8 @@ bool spool_close(spool *s, unsigned patience_s)
 {
     if (!s)
         return true;
-    if (!spool_wait(s, patience_s) && !leave(s))
+    const struct timespec until = spool_in_seconds(patience_s);
+    if (!spool_wait(s, &until) && !leave(s))
         return false;
     (void)pthread_join(s->thread, NULL);
     free_spool(s);

@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <time.h>
 
 #define SPOOL_QUEUE_BYTES (8u * 1024u * 1024u)
 #define SPOOL_RECORD_MAX (256u * 1024u) /* bytes */
@@ -50,8 +51,11 @@ void spool_end(spool *s);
 /* Whether the thread has done all it will do. */
 bool spool_has_ended(spool *s);
 
-/* As spool_end(), and waits up to that time. Whether it has ended. */
-bool spool_wait(spool *s, unsigned patience_s);
+/* A moment from now on, as spool_wait() wants it. */
+struct timespec spool_in_seconds(unsigned seconds);
+
+/* As spool_end(), and waits up to that moment of CLOCK_MONOTONIC. Whether it has ended. */
+bool spool_wait(spool *s, const struct timespec *until);
 
 /* Frees a spool that has ended or is to end; waits for it up to that time. False when it has not
  * ended by then, since the disk hangs: it is then left alone, for the process to end. NULL is

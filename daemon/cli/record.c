@@ -223,7 +223,8 @@ static const char *why(int error)
 static int finish(recording *r)
 {
     recorder_stats stats;
-    (void)recorder_wait(r->recorder, PATIENCE_S);
+    const struct timespec until = spool_in_seconds(PATIENCE_S);
+    (void)recorder_wait(r->recorder, &until);
     int error = recorder_error(r->recorder);
     recorder_get_stats(r->recorder, &stats);
     (void)recorder_close(r->recorder, PATIENCE_S);
