@@ -21,6 +21,8 @@
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
 #define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
+#define RELEASES_AT_ONCE 16u /* before a look at the clock */
+#define RELEASES_OF_A_TICK 1024u /* the same within one tick */
 #define NS_PER_S INT64_C(1000000000)
 #define IDLE_SHOWN_BITS 24 /* of an idle bus: until no node is suspended or integrates any more */
 #define CLOCK_STEP_NS 1000000 /* what the wall clock may be away from bus time in recordings */
@@ -193,10 +195,27 @@ static void read_ports(engine *e, const clock_pair *now)
             read_port(e, i, now);
 }
 
-/* Hands in what is to be released up to a tick. */
-static void run_releases(engine *e, uint64_t now)
+/* Whether this wake-up has lasted for long enough. */
+static bool is_over(const engine *e)
 {
-    while (release_next_tick(e->now.plan) <= now) {
+    return clock_ns(CLOCK_MONOTONIC) >= e->deadline_ns;
+}
+
+/* Hands in what is to be released up to a tick. Returns up to which tick that has been done: there
+ * may be more of it than any machine can do. A tick is done as a whole where it can be. */
+static uint64_t run_releases(engine *e, uint64_t now)
+{
+    uint64_t last = CW_NEVER;
+    unsigned count = 0; /* since the clock was looked at */
+    uint64_t tick;
+    while ((tick = release_next_tick(e->now.plan)) <= now) {
+        bool look = count >= (tick == last ? RELEASES_OF_A_TICK : RELEASES_AT_ONCE);
+        if (look && is_over(e)) {
+            now = tick > 0 ? tick - 1 : 0;
+            break;
+        }
+        count = look ? 1 : count + 1;
+        last = tick;
         unsigned node;
         bool frame = release_first(e->now.plan, &node) != NULL;
         if (inputs_release(&e->inputs, e->now.plan) != CW_OK)
@@ -206,21 +225,24 @@ static void run_releases(engine *e, uint64_t now)
     }
     if (now > e->released)
         e->released = now;
+    return now;
 }
 
 /* A file that is replayed as fast as possible looks after each bit whether it is its turn. */
-void engine_run_to(engine *e, uint64_t tick)
+uint64_t engine_run_to(engine *e, uint64_t tick)
 {
     uint64_t end;
+    uint64_t reached;
     release_look(e->now.plan, e->now.bus);
     do {
         end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
         if (end > tick || !release_is_fast(e->now.plan))
             end = tick;
-        run_releases(e, end);
-        advance(e, end);
+        reached = run_releases(e, end);
+        advance(e, reached);
         release_look(e->now.plan, e->now.bus);
-    } while (end < tick);
+    } while (reached == end && end < tick);
+    return reached;
 }
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
@@ -317,13 +339,12 @@ static void skip_missed_time(engine *e)
  * falls behind, but keeps no signal and no statistics waiting. */
 static void catch_up(engine *e, uint64_t now)
 {
-    int64_t deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
     uint64_t tick;
     do {
         uint64_t next = next_tick(e);
         tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
-        engine_run_to(e, tick);
-    } while (tick < now && clock_ns(CLOCK_MONOTONIC) < deadline_ns);
+        tick = engine_run_to(e, tick);
+    } while (tick < now && !is_over(e));
 }
 
 /* Bit by bit up to now, so that the bus stops where the frame ends. */
@@ -349,8 +370,10 @@ static void wake(engine *e)
         run_out(e, now);
     } else {
         read_ports(e, &clocks);
+        e->deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
         engine_run_to_boundary(e, now);
-        catch_up(e, now);
+        if (!e->next || !is_over(e))
+            catch_up(e, now);
     }
     arm_timer(e);
 }

@@ -56,6 +56,7 @@ struct engine {
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
     int timer_fd;
+    int64_t deadline_ns; /* CLOCK_MONOTONIC: when this wake-up is to give others their turn */
     int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
     pacing_duty duty;
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
@@ -71,8 +72,9 @@ struct engine {
 
 /* ---- engine.c -------------------------------------------------------------------------------- */
 
-/* Releases and bus up to a tick. */
-void engine_run_to(engine *e, uint64_t tick);
+/* Releases and bus up to a tick. Returns the tick that was reached; it is an earlier one when there
+ * are so many releases that the time of this wake-up is over. */
+uint64_t engine_run_to(engine *e, uint64_t tick);
 
 /* Hands in what still waits at a port. */
 void engine_read_rest(engine *e, unsigned node);
@@ -99,8 +101,8 @@ void engine_carry_links_over(engine *e, const reload *r);
 
 /* ---- engine_reload.c ------------------------------------------------------------------------- */
 
-/* Bit by bit up to now, until a frame ends; then over to the next configuration, if there is
- * one. */
+/* Bit by bit up to now, until a frame ends or the time of this wake-up is over; then over to the
+ * next configuration, if there is one. */
 void engine_run_to_boundary(engine *e, uint64_t now);
 
 #endif

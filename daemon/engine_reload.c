@@ -73,7 +73,8 @@ static void go_over(engine *e)
     reload_free(r);
 }
 
-/* Up to now bit by bit until a frame ends; then over to the next configuration. */
+/* Up to now bit by bit until a frame ends; then over to the next configuration. With too much to
+ * release it gets there in several wake-ups. */
 void engine_run_to_boundary(engine *e, uint64_t now)
 {
     while (e->next) {
@@ -82,9 +83,8 @@ void engine_run_to_boundary(engine *e, uint64_t now)
             return;
         }
         uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
-        if (end > now)
+        if (end > now || engine_run_to(e, end) < end)
             return;
-        engine_run_to(e, end);
     }
 }
 

@@ -231,3 +231,31 @@ def test_a_server_that_is_gone_is_tried_again_now_and_then(canwired, lcm_server)
     drain.start()
     assert "does not answer" not in bus.stop()
     drain.join()
+
+
+# ---- More traffic than any machine can do --------------------------------------------------------
+
+FRAME = "(0.000000) can0 123#DEADBEEF\n"
+OTHERS = "(0.000000) can0 7FF#\n" * 2000
+REPLAY = BUS.replace("send: 123#DEADBEEF, every: 5ms", "replay: day.log, MORE")
+TOO_MUCH = {
+    "send": (BUS.replace("5ms", "1ns"), ""),
+    "replay": (REPLAY.replace("MORE", "loop: yes, gap: 1ns"), FRAME),
+    "search": (REPLAY.replace("MORE", "loop: yes, gap: 1ns, only: '123:7FF'"), OTHERS + FRAME),
+    "tick": (REPLAY.replace("MORE", "loop: yes, gap: 1ns"), FRAME * 20000),
+}
+
+
+@pytest.mark.parametrize("text, trace", TOO_MUCH.values(), ids=TOO_MUCH)
+def test_too_much_traffic_leaves_time_for_all_else(canwired, tmp_path, text, trace):
+    (tmp_path / "day.log").write_text(trace)
+    bus = canwired(text=text)
+    wait_until(lambda: bus.status()["nodes"][0]["dropped"]["queue-full"] > 0, "a full queue")
+    bus.canwire("reload", "./day.sock")
+    wait_until(lambda: "configuration reloaded" in bus.read_log(), "the reload")
+    before = bus.status()["nodes"][0]["handed_in"]
+    wait_until(lambda: bus.status()["nodes"][0]["handed_in"] > before, "more of it")
+    engine = bus.status()["nodes"][0]
+    assert engine["handed_in"] == (engine["tx_frames"] + engine["queue"]
+                                   + sum(engine["dropped"].values()))
+    bus.stop()
