@@ -318,7 +318,8 @@ static void stop_ticking(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
-/* When the bus is too far behind, bus time stands still for what it has missed. */
+/* When the bus is too far behind, bus time stands still for what it has missed, and what has arrived
+ * meanwhile comes as much earlier. */
 static void skip_missed_time(engine *e)
 {
     int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* goes on while the machine is suspended */
@@ -326,9 +327,11 @@ static void skip_missed_time(engine *e)
     uint64_t excess = catchup_excess(next_tick(e), tick_of(e, now_ns), e->catch_up_ticks);
     uint64_t skipped_ns = excess / 2 * 25;
     e->epoch_ns += (int64_t)skipped_ns;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        e->arrived[i] -= e->arrived[i] < excess ? e->arrived[i] : excess;
     skipped_ns += catchup_suspended(&e->catchup, boot_ns, now_ns);
     if (skipped_ns > 0) {
-        const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2);
+        const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2, excess);
         catchup_note(&e->catchup, skipped_ns);
         tell(e, &event);
     }

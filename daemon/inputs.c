@@ -181,9 +181,10 @@ void inputs_attach(inputs *in, unsigned node, bool on)
     in->drain(in->drain_user);
 }
 
-cw_event inputs_skip(inputs *in, uint64_t ticks)
+cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier)
 {
-    note(in, (input){.kind = INPUT_SKIP, .skipped = ticks});
+    cw_bus_bring_forward(in->bus, earlier);
+    note(in, (input){.kind = INPUT_SKIP, .skipped = ticks, .earlier = earlier});
     return (cw_event){.kind = CW_EVENT_SKIP, .tick = cw_bus_now(in->bus), .ticks = ticks};
 }
 

@@ -42,6 +42,7 @@ typedef struct input {
     const cw_settings *settings;
     bool on;
     uint64_t skipped;  /* ticks */
+    uint64_t earlier;  /* the same: frames that wait come so much earlier */
     const cfg *config; /* the new one */
 } input;
 
@@ -96,8 +97,9 @@ cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
 /* cw_node_attach(), with all events taken */
 void inputs_attach(inputs *in, unsigned node, bool on);
 
-/* Changes nothing at the bus, but in its events there is one, to be passed on by the caller. */
-cw_event inputs_skip(inputs *in, uint64_t ticks);
+/* Time passes without the bus, of which frames in the inbox have waited so many ticks already:
+ * cw_bus_bring_forward(). The event is to be passed on by the caller. */
+cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier);
 
 /* Drops the frames of nodes that are no more, with events, and lets another bus take over
  * (cw_bus_take_over()); config is what it is made of. The names of the nodes become those of that

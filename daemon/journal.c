@@ -239,6 +239,7 @@ static void put_other(journal *j, const input *what)
         break;
     case INPUT_SKIP:
         put_count(line, "skip", what->skipped);
+        put_count(line, "earlier", what->earlier);
         break;
     case INPUT_RELOAD:
         put(line, "reload", files_to_json(what->config));

@@ -195,7 +195,8 @@ static bool act_on_node(journal_player *p)
 
 static bool skip(journal_player *p)
 {
-    const cw_event event = inputs_skip(&p->inputs, p->entry.what.skipped);
+    const input *what = &p->entry.what;
+    const cw_event event = inputs_skip(&p->inputs, what->skipped, what->earlier);
     p->calls.event(p->user, &event);
     return true;
 }

@@ -49,7 +49,7 @@ typedef struct inbox_entry {
     cw_frame frame;
 } inbox_entry;
 
-/* A ring, sorted by tick, then node, then arrival. */
+/* A ring, sorted by tick, then node (not behind cw_bus_bring_forward()), then arrival. */
 typedef struct inbox {
     inbox_entry *entries;
     unsigned capacity;

@@ -590,6 +590,11 @@ uint64_t cw_bus_now(const cw_bus *bus);
  * again. CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
+/* Frames that have not come up yet come so many ticks earlier, but not before cw_bus_now(), in the
+ * order in which they would have; those for CW_NEVER stay. For a bus whose time stood still while
+ * that of its hosts went on. */
+void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks);
+
 /* Tick of the earliest frame that was handed in and has not come up yet, or CW_NEVER. */
 uint64_t cw_bus_inbox_first(const cw_bus *bus);
 

@@ -36,6 +36,16 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     return CW_OK;
 }
 
+void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
+{
+    for (unsigned i = 0; i < bus->inbox.count; i++) {
+        inbox_entry *e = inbox_at(&bus->inbox, i);
+        if (e->at_tick == CW_NEVER || e->at_tick <= bus->now)
+            continue;
+        e->at_tick = e->at_tick - bus->now > ticks ? e->at_tick - ticks : bus->now;
+    }
+}
+
 uint64_t cw_bus_inbox_first(const cw_bus *bus)
 {
     return cw_inbox_first(bus);

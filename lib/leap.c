@@ -279,6 +279,8 @@ uint64_t cw_leap_recessive_bits(const cw_bus *bus)
 uint64_t cw_leap_horizon(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
+    if (leap->broken)
+        return 1; /* what comes then is another frame's */
     if (leap->at < leap->length - CW_RX_BEFORE_END)
         return leap->length - CW_RX_BEFORE_END - leap->at;
     if (leap->at < leap->length)

@@ -19,8 +19,9 @@ const char *diff_action_name(cw_action action)
 const char *diff_op_name(diff_op_kind kind)
 {
     static const char *const names[DIFF_OP_COUNT] = {
-        "send",  "restart", "add rule",   "clear rule", "stop rule", "fire rule", "set",
-        "flush", "attach",  "set events", "take over",  "stepping",  "check"};
+        "send",   "restart",    "add rule",  "clear rule",    "stop rule", "fire rule", "set",
+        "flush",  "attach",     "set events", "take over",    "bring forward", "stepping",
+        "check"};
     return names[kind];
 }
 

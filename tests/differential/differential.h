@@ -62,6 +62,7 @@ typedef enum diff_op_kind {
     DIFF_ATTACH,
     DIFF_SET_EVENTS,
     DIFF_TAKE_OVER,
+    DIFF_BRING_FORWARD,
     DIFF_STEPPING, /* of the fast bus */
     DIFF_CHECK,    /* all that can be read is compared */
     DIFF_OP_COUNT
@@ -80,6 +81,7 @@ typedef struct diff_op {
         cw_settings settings;
         bool on;        /* STEPPING, ATTACH */
         uint32_t kinds; /* SET_EVENTS */
+        uint64_t ticks; /* BRING_FORWARD */
         uint8_t from[CW_NODES_MAX]; /* TAKE_OVER */
     };
 } diff_op;

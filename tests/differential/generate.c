@@ -473,8 +473,8 @@ static diff_op_kind random_op_kind(diff_random *r)
     } often[] = {{DIFF_RESTART, 10},  {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
                  {DIFF_STOP_RULE, 6}, {DIFF_FIRE_RULE, 20}, {DIFF_SET, 20},
                  {DIFF_FLUSH, 1},     {DIFF_ATTACH, 16},    {DIFF_SET_EVENTS, 3},
-                 {DIFF_STEPPING, 12}, {DIFF_TAKE_OVER, 4}};
-    unsigned drawn = (unsigned)diff_below(r, 124);
+                 {DIFF_STEPPING, 12}, {DIFF_TAKE_OVER, 4},  {DIFF_BRING_FORWARD, 4}};
+    unsigned drawn = (unsigned)diff_below(r, 128);
     unsigned i = 0;
     for (; drawn >= often[i].weight; i++)
         drawn -= often[i].weight;
@@ -501,8 +501,8 @@ static void find_moments(generator *g)
     const diff_scenario *s = g->scenario;
     g->moments = diff_allocate(NULL, 2 * s->op_count * sizeof s->ops[0]); /* half of it to sort */
     for (unsigned i = 0; i < s->op_count; i++) {
-        if (s->ops[i].kind != DIFF_SEND)
-            continue;
+        if (s->ops[i].kind != DIFF_SEND || s->ops[i].send.at_tick >= s->end)
+            continue; /* bits up to the end of time are too many */
         diff_op *moment = &g->moments[g->moment_count++];
         *moment = s->ops[i];
         moment->tick = moment->send.at_tick;
@@ -566,6 +566,8 @@ static void add_operation(generator *g, uint64_t tick, unsigned node)
         op.settings = diff_random_settings(&g->maker);
     if (op.kind == DIFF_STEPPING)
         op.on = diff_chance(r, 300);
+    if (op.kind == DIFF_BRING_FORWARD)
+        op.ticks = diff_below(r, diff_magnitude(r, 1, 500) * g->maker.bit);
     if (op.kind == DIFF_ATTACH)
         op.on = diff_chance(r, 650);
     if (op.kind == DIFF_SET_EVENTS) /* all but a few kinds */

@@ -395,6 +395,10 @@ static void operate(pair *p, const diff_op *op)
     case DIFF_TAKE_OVER:
         take_over(p, op);
         break;
+    case DIFF_BRING_FORWARD:
+        cw_bus_bring_forward(p->fast.bus, op->ticks);
+        cw_bus_bring_forward(p->reference.bus, op->ticks);
+        break;
     case DIFF_STEPPING:
         cw_bus_set_stepping(p->fast.bus, op->on);
         break;

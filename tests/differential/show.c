@@ -341,6 +341,9 @@ static void write_call(FILE *out, const diff_scenario *s, const diff_op *op)
             fprintf(out, "%s%u", i ? ", " : "", op->from[i]);
         fputs("});\n", out);
         break;
+    case DIFF_BRING_FORWARD:
+        fprintf(out, "cw_bus_bring_forward(bus, %" PRIu64 ");\n", op->ticks);
+        break;
     case DIFF_STEPPING:
         fprintf(out, "cw_bus_set_stepping(fast, %s);\n", op->on ? "true" : "false");
         break;

@@ -452,6 +452,57 @@ static void a_frame_for_never_holds_its_place(void **state)
     rig_free(r);
 }
 
+/* b's frame has waited less than c's; brought forward they come in that order, at once or as much
+ * earlier, and their delay counts from then. */
+static void what_waits_in_the_inbox_is_brought_forward(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame low = rig_frame(0x300, 0, 0), high = rig_frame(0x100, 0, 0);
+    rig_start(r);
+    rig_run_bits(r, 20);
+    rig_send(r, 2, &low, 30 * BIT);
+    rig_send(r, 1, &high, 40 * BIT);
+    rig_send(r, 0, &high, 500 * BIT);
+    rig_send(r, 0, &low, CW_NEVER);
+    cw_bus_bring_forward(r->bus, 15 * BIT);
+    assert_int_equal(cw_bus_inbox_first(r->bus), 20 * BIT);
+    rig_run_bits(r, 400);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->from, 1u << 2);
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->handed_in, 20 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->handed_in, 25 * BIT);
+    assert_int_equal(cw_bus_inbox_first(r->bus), 485 * BIT);
+    cw_bus_bring_forward(r->bus, UINT64_MAX);
+    assert_int_equal(cw_bus_inbox_first(r->bus), cw_bus_now(r->bus));
+    rig_run_bits(r, 600);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
+    assert_int_equal(cw_bus_pending(r->bus), 1); /* the one for never */
+    rig_free(r);
+}
+
+/* A node in loopback sends while another's frame, which is the longer one, is leapt over. */
+static void nothing_happens_before_the_next_event(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame longer = rig_frame(0x6C0, 0, 8), own = rig_frame(0x7C2, 0, 0);
+    r->nodes[2].modes = CW_MODE_LOOPBACK | CW_MODE_PRESUME_ACK;
+    rig_start(r);
+    rig_send(r, 0, &longer, 0);
+    rig_send(r, 2, &own, 23 * BIT);
+    while (cw_bus_next(r->bus) != CW_NEVER && cw_bus_now(r->bus) < 1000 * BIT) {
+        uint64_t next = cw_bus_next(r->bus);
+        size_t before = r->count;
+        if (next > cw_bus_now(r->bus) + BIT)
+            rig_run(r, next - 1);
+        assert_int_equal(r->count, before);
+        rig_run(r, next > cw_bus_now(r->bus) ? next : next + BIT);
+    }
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    rig_free(r);
+}
+
 /* What canwire.h says of CW_FULL: advance to cw_bus_inbox_first(), call again. A tick that is the
  * end of a bit comes up there. */
 static void a_hand_in_at_the_end_of_a_bit_comes_up_there(void **state)
@@ -1483,6 +1534,8 @@ int main(void)
         cmocka_unit_test(queue_order_is_by_priority_or_fifo),
         cmocka_unit_test(bad_frames_are_counted_and_never_sent),
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
+        cmocka_unit_test(what_waits_in_the_inbox_is_brought_forward),
+        cmocka_unit_test(nothing_happens_before_the_next_event),
         cmocka_unit_test(a_frame_for_never_holds_its_place),
         cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
         cmocka_unit_test(hand_in_before_now_counts_as_now),

@@ -292,7 +292,8 @@ static void do_set(host *h)
 
 static void do_skip(host *h)
 {
-    const cw_event event = inputs_skip(&h->inputs, 1 + draw(h, 1000000));
+    uint64_t ticks = 1 + draw(h, 1000000);
+    const cw_event event = inputs_skip(&h->inputs, ticks, draw(h, 2) ? ticks : 0);
     output_event(h->events.out, live_config(h->live), &event);
 }
 
@@ -557,7 +558,7 @@ static const bad_journal bad_journals[] = {
     {HEADER CONFIG "{\"at\":-160,\"fire\":\"r\"}\n", ":3:7: at: expected a whole number"},
     {HEADER CONFIG "{\"at\":1.5,\"fire\":\"r\"}\n", ":3:7: at: expected a whole number"},
     {HEADER CONFIG "{\"at\":161,\"fire\":\"r\"}\n", ":3:7: at: not the end of a bit"},
-    {HEADER CONFIG "{\"at\":160,\"skip\":1}\n{\"at\":0,\"skip\":1}\n",
+    {HEADER CONFIG "{\"at\":160,\"skip\":1,\"earlier\":0}\n{\"at\":0,\"skip\":1,\"earlier\":1}\n",
      ":4:7: at: before the line above"},
     {HEADER CONFIG "{\"at\":0}\n", ":3:1: this is no line of a journal"},
     {HEADER CONFIG "{\"at\":0,\"sned\":\"a\"}\n",
