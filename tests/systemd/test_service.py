@@ -172,6 +172,22 @@ def test_a_bad_reload_fails_and_changes_nothing(bus):
     assert one.carries()
 
 
+def test_interfaces_that_were_deleted_are_made_again(bus):
+    one = bus("gone")
+    run("ip", "link", "del", "gone0")
+    systemctl("restart", one.unit)
+    assert one.carries()
+    run("ip", "link", "del", "gone1")
+    os.kill(one.pid(), signal.SIGKILL)
+    wait_until(lambda: "gone1" in links() and one.show("ActiveState") == "active", "the restart")
+    assert one.carries()
+    run("ip", "link", "del", "gone0")
+    systemctl("reload", one.unit)
+    wait_until(lambda: one.status()["nodes"][0]["link"] == "up", "the interface")
+    assert one.carries()
+    assert one.show("NRestarts") == "1", "none of it has failed"
+
+
 def test_a_bus_that_hangs_is_killed_and_comes_back(bus):
     one = bus("hang")
     pid = one.pid()
