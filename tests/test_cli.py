@@ -56,6 +56,7 @@ VALUES = [
     ("record", "--size", "big", "64kB"),
     ("record", "--files", "0", "from 1 to"),
     ("inject", "--with", "rate", "KEY=VALUE"),
+    ("reload", "--pid", "0", "the number of a process"),
 ]
 
 # Arguments that are no options.
@@ -64,6 +65,8 @@ ARGUMENTS = [
     (["vcan", "sideways", "FILE"], "usage: canwire vcan up|down FILE", ""),
     (["set", BUS, "node", "queue"], "queue: ", "expected KEY=VALUE"),
     (["help", "explode"], "unknown command 'explode'", ""),
+    (["reload", "--config", "FILE", BUS], "usage: canwire reload", ""),
+    (["reload", "--pid", "1", BUS], "usage: canwire reload", ""),
     (["explode"], "unknown command 'explode'", ""),
 ]
 
@@ -122,14 +125,16 @@ def test_a_bad_argument_is_wrong_usage(call, words, message, allowed):
 
 def test_every_option_with_a_value_is_in_the_table(call):
     tried = {(name, option) for name, option, _, _ in VALUES}
-    files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal"}
+    files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal",
+             "--config"}
     for name in COMMANDS:
         for line in call(name, "--help", status=0).stdout.splitlines():
             option = re.match(r" +(--[a-z-]+) \[?[A-Z]", line)
             assert not option or option[1] in files or (name, option[1]) in tried, line
 
 
-@pytest.mark.parametrize("words", [["check", "FILE"], ["sim", "FILE"], ["vcan", "up", "FILE"]])
+@pytest.mark.parametrize("words", [["check", "FILE"], ["sim", "FILE"], ["vcan", "up", "FILE"],
+                                   ["reload", "--config", "FILE"]])
 def test_a_bad_file_is_status_one_and_has_its_place(words, write, call):
     write(GOOD.replace("bitrate", "bitrat"))
     error = call(*words, status=1).stderr

@@ -54,6 +54,7 @@ _canwire_options() {
     record) echo --format --size --files --help ;;
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
+    reload) echo --config --pid --help ;;
     *) echo --help ;;
     esac
 }
@@ -69,7 +70,7 @@ _canwire_place() {
         case ${COMP_WORDS[i - 1]} in
         --format | --size | --files | --with | --until | \
             --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | \
-            --vcd | --svg | --junit | --journal) continue ;;
+            --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word

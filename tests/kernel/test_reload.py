@@ -508,6 +508,44 @@ def test_a_missing_interface_refuses_the_whole_reload(vcan, rig, candump):
         subprocess.run(["ip", "link", "del", "vcan2"], check=True)
 
 
+# ---- By file and process, as a service manager does ----------------------------------------------
+
+
+def ask_by_file(r, *words, status=0):
+    return r.shell.run("reload", "--config", str(r.daemon.config), *words, status=status)
+
+
+def test_a_bus_is_found_by_its_file(vcan, rig):
+    """What it refuses ends with 1, and another process at the socket is not asked."""
+    vcan(3)
+    r = rig(GOOD)
+    pid = str(r.daemon.process.pid)
+    for words in (), ("--pid", pid):
+        r.reload(GOOD, lambda r, w=words: ask_by_file(r, *w))
+    assert r.log().count(RELOADED) == 2
+    assert f"that is process {pid}, not 1\n" in ask_by_file(r, "--pid", "1", status=1)
+    r.write(bus(ENGINE, GEARBOX, bitrate=250000))
+    told = ask_by_file(r, "--pid", pid, status=1)
+    assert told.endswith("bus.bitrate cannot change while the bus runs: restart canwired\n")
+    r.write("bus: {}\n")
+    assert "bus.yaml:1:6: " in ask_by_file(r, "--pid", pid, status=1)
+    assert r.daemon.stop().count(RELOADED) == 2
+
+
+def test_a_bus_without_control_socket_gets_a_signal(vcan, rig, tmp_path):
+    vcan(3)
+    r = rig(GOOD.replace("control: reload.sock\n", ""))
+    assert "has no control socket: --pid is needed" in ask_by_file(r, status=1)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "manager"))
+        manager.settimeout(PATIENCE_S)
+        r.shell.environment["NOTIFY_SOCKET"] = manager.getsockname()
+        r.reload(r.daemon.config.read_text(),
+                 lambda r: ask_by_file(r, "--pid", str(r.daemon.process.pid)))
+        assert manager.recv(100) == b"RELOADING=1"
+    assert r.daemon.stop().count(RELOADED) == 1
+
+
 # ---- systemd -------------------------------------------------------------------------------------
 
 

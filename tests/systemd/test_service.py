@@ -167,9 +167,35 @@ def test_a_bad_reload_fails_and_changes_nothing(bus):
     assert [m for m in one.messages() if "bitrate: expected" in m["MESSAGE"]]
     assert one.show("ActiveState") == "active"
     one.config.write_text(good.replace("500000", "250000"))
-    systemctl("reload", one.unit)
+    assert "failed" in systemctl("reload", one.unit, status=1)
+    assert [m["PRIORITY"] for m in one.messages() if "bus.bitrate cannot change" in m["MESSAGE"]
+            ] == ["3"]
     wait_until(lambda: "reload refused: " in one.show("StatusText"), "the status")
+    assert one.show("ActiveState") == "active"
     assert one.carries()
+    one.config.write_text(good)
+    systemctl("reload", one.unit)
+    wait_until(lambda: "refused" not in one.show("StatusText"), "the status")
+
+
+def test_a_bus_without_control_socket_is_reloaded_by_signal(bus):
+    one = bus("mute", lambda text: text.replace("control: /run/canwire/mute.sock\n", ""))
+    pid = one.pid()
+    with one.config.open("a") as file:
+        file.write("  - { name: c, port: mute2 }\n")
+    systemctl("reload", one.unit)
+    assert [m for m in one.messages() if m["MESSAGE"] == "mute: configuration reloaded, 3 nodes"]
+    assert (one.pid(), one.show("ActiveState")) == (pid, "active")
+    assert one.carries()
+
+
+def test_a_reload_that_would_be_of_another_bus_is_refused(bus):
+    one, two = bus("one"), bus("two")
+    one.config.write_text(one.config.read_text().replace("/one.sock", "/two.sock"))
+    assert "failed" in systemctl("reload", one.unit, status=1)
+    assert [m for m in one.messages() if f"that is process {two.pid()}, not {one.pid()}" in
+            m["MESSAGE"]]
+    assert not [m for m in two.messages() if "reloaded" in m["MESSAGE"]]
 
 
 def test_interfaces_that_were_deleted_are_made_again(bus):
