@@ -62,7 +62,7 @@ all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build
 
-build: $(DAEMON) $(TOOL)
+build: $(DAEMON) $(TOOL) ## canwired and canwire alone, with what is installed
 
 test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan)
 	@scripts/install-deps all
@@ -79,7 +79,7 @@ bench: ## what canwire costs, in ns and instructions, beside others; build/bench
 	@$(MAKE) --no-print-directory build $(BUILD)/bench $(BUILD)/bench_realtime
 	@scripts/bench --build $(BUILD)
 
-check: ## static checks: what the library needs of the outside, shell scripts
+check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; what the library needs
 	@scripts/install-deps all
 	@$(MAKE) --no-print-directory LIB_LTO= BUILD=build/check build/check/libcanwire.a
 	@scripts/check build/check/libcanwire.a

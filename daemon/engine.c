@@ -318,8 +318,8 @@ static void stop_ticking(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
-/* When the bus is too far behind, bus time stands still for what it has missed, and what has arrived
- * meanwhile comes as much earlier. */
+/* When the bus is too far behind, bus time stands still for what it has missed, and what has
+ * arrived meanwhile comes as much earlier. */
 static void skip_missed_time(engine *e)
 {
     int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* goes on while the machine is suspended */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * losses.c - says in the log what was lost since the last look: nothing is dropped silently.
+ * losses.c - says in the log what was lost since the last look, for nothing is dropped silently,
+ * and who went bus-off.
  */
 #include "losses.h"
 
@@ -23,6 +24,8 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 2] = "error frames left out",
     [CW_DROP_COUNT + 3] = "messages that are no frames",
     [CW_DROP_COUNT + 4] = "connections refused, an ECU is connected already",
+    [CW_DROP_COUNT + 5] = "bus-off",
+    [CW_DROP_COUNT + 6] = "restarts",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -38,6 +41,8 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 2] = interface->errors_left_out;
     now[CW_DROP_COUNT + 3] = interface->malformed;
     now[CW_DROP_COUNT + 4] = interface->refused;
+    now[CW_DROP_COUNT + 5] = stats.bus_off;
+    now[CW_DROP_COUNT + 6] = stats.restarts;
 }
 
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS], const char *name)

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * losses.h - says in the log what was lost since the last look: nothing is dropped silently.
+ * losses.h - says in the log what was lost since the last look, for nothing is dropped silently,
+ * and who went bus-off.
  */
 #ifndef CANWIRE_LOSSES_H
 #define CANWIRE_LOSSES_H
@@ -8,7 +9,7 @@
 #include "config.h"
 #include "report.h"
 
-#define LOSS_KINDS (CW_DROP_COUNT + 5)
+#define LOSS_KINDS (CW_DROP_COUNT + 7)
 
 /* What has been logged so far; starts all zero. */
 typedef struct losses {
@@ -18,8 +19,8 @@ typedef struct losses {
 /* The configuration has changed: nodes have other places. */
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 
-/* One line for each node that has lost something since the last call. Drops that the
- * configuration asks for (one-shot, faults) and those of bus-off are no news and not logged. */
+/* One line for each node that has lost something or went bus-off since the last call. Drops that
+ * the configuration asks for (one-shot, faults) and those of bus-off are no news and not logged. */
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond);
 
 #endif

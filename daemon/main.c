@@ -198,18 +198,31 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
 }
 
+/* What is wrong with a node, NULL: nothing. */
+static const char *trouble_of(const service *s, unsigned node, report_link link)
+{
+    cw_node_stats stats;
+    if (link == REPORT_LINK_DOWN)
+        return "link down";
+    if (link == REPORT_LINK_MISSING)
+        return "link missing";
+    if (cw_node_get_stats(engine_bus(s->engine), node, &stats) != CW_OK ||
+        stats.state == CW_STATE_ERROR_ACTIVE)
+        return NULL;
+    return cw_state_name(stats.state);
+}
+
 /* ", engine bus-off" and so on, as far as there is room. */
-static void print_trouble(char out[TROUBLE_BYTES], const service *s)
+static void print_trouble(char out[TROUBLE_BYTES], const service *s, const report *beyond)
 {
     size_t used = 0;
     out[0] = '\0';
     for (unsigned i = 0; i < s->config->node_count && used < TROUBLE_BYTES; i++) {
-        cw_node_stats stats;
-        if (cw_node_get_stats(engine_bus(s->engine), i, &stats) != CW_OK ||
-            stats.state == CW_STATE_ERROR_ACTIVE)
+        const char *trouble = trouble_of(s, i, beyond->nodes[i].link);
+        if (!trouble)
             continue;
         int length = snprintf(out + used, TROUBLE_BYTES - used, ", %s %s", s->config->nodes[i].name,
-                              cw_state_name(stats.state));
+                              trouble);
         used += length > 0 ? (size_t)length : 0;
     }
 }
@@ -227,7 +240,7 @@ static void tell_status(service *s)
     if (s->journal)
         journal_mark(s->journal, engine_inputs(s->engine));
     cw_bus_get_stats(engine_bus(s->engine), &stats);
-    print_trouble(trouble, s);
+    print_trouble(trouble, s, &beyond);
     notify_status(s->notifier,
                   "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
                   " error frames%s%s",

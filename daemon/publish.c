@@ -23,6 +23,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#define REMEDY "ip link set lo up && ip route add 224.0.0.0/4 dev lo"
 #define QUEUE_MESSAGES 4096
 #define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
 #define RETRY_S 2
@@ -107,9 +108,8 @@ static lcm_t *try_connect(const publisher *p, bool *warned)
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
     if (!lcm && !*warned)
-        log_warning("LCM at %s cannot start, trying again every %d s; without a multicast route: "
-                    "ip link set lo up && ip route add 224.0.0.0/4 dev lo",
-                    url, RETRY_S);
+        log_warning("LCM at %s cannot start, trying again every %d s; without a multicast route: %s",
+                    url, RETRY_S, REMEDY);
     *warned = !lcm;
     return lcm;
 }
@@ -147,8 +147,8 @@ static void note_sent(const publisher *p, outage *o, bool good)
 {
     o->lost += !good;
     if (!good && !o->warned && is_past(&o->next_warning)) {
-        log_warning("LCM at %s: messages cannot be sent and are lost: %s", p->url,
-                    strerror(errno));
+        log_warning("LCM at %s: messages cannot be sent and are lost: %s%s", p->url,
+                    strerror(errno), errno == ENETUNREACH ? "; " REMEDY : "");
         o->next_warning = in_seconds(WARNING_S);
         o->warned = true;
     }
