@@ -108,7 +108,7 @@ static lcm_t *try_connect(const publisher *p, bool *warned)
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
     if (!lcm && !*warned)
-        log_warning("LCM at %s cannot start, trying again every %d s; without a multicast route: %s",
+        log_warning("LCM at %s cannot start, trying again every %d s; without multicast route: %s",
                     url, RETRY_S, REMEDY);
     *warned = !lcm;
     return lcm;
