@@ -514,6 +514,19 @@ bool cw_bus_idle(const cw_bus *bus)
 #define LOOK_AGAIN_BITS 6u
 #define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
 
+/* Whether a node reads on in a frame whose transmitters have left it, with a passive flag. */
+static bool is_orphaned(const cw_bus *bus)
+{
+    bool read = bus->followers && bus->common.phase == CW_MAC_FRAME;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
+        if (cw_mac_is_sending(m))
+            return false;
+        read = read || m->phase == CW_MAC_FRAME;
+    }
+    return read;
+}
+
 /* Bits until a controller may have something to report. */
 static uint64_t horizon(const cw_bus *bus)
 {
@@ -535,8 +548,9 @@ uint64_t cw_bus_next(const cw_bus *bus)
     if (bus->news)
         return bus->now;
     uint64_t bits = horizon(bus);
-    if (bits == CW_QUIET_FOREVER && !cw_bus_idle(bus))
-        bits = LOOK_AGAIN_BITS;
+    bool unknown = bits == CW_QUIET_FOREVER && !cw_bus_idle(bus);
+    if (unknown || (!bus->leap.active && is_orphaned(bus)))
+        bits = cw_least(bits, LOOK_AGAIN_BITS);
     if (bus->faults.awake_count)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER

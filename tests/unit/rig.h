@@ -102,6 +102,19 @@ static inline void rig_run_bits(rig *r, uint64_t bits)
     rig_run(r, bits * BIT);
 }
 
+/* Up to a tick; no frame is received or sent before the moment that cw_bus_next() tells. */
+static inline void rig_run_by_next(rig *r, uint64_t end)
+{
+    while (cw_bus_next(r->bus) != CW_NEVER && cw_bus_now(r->bus) < end) {
+        uint64_t next = cw_bus_next(r->bus);
+        size_t before = r->count;
+        rig_run(r, next > cw_bus_now(r->bus) + BIT ? next : cw_bus_now(r->bus) + BIT);
+        for (size_t i = before; i < r->count; i++)
+            if (r->events[i].kind == CW_EVENT_RX || r->events[i].kind == CW_EVENT_TX)
+                assert_true(r->events[i].tick >= next);
+    }
+}
+
 static inline void rig_send(rig *r, unsigned node, const cw_frame *frame, uint64_t tick)
 {
     assert_int_equal(cw_node_send(r->bus, node, frame, tick), CW_OK);

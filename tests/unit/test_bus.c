@@ -491,14 +491,7 @@ static void nothing_happens_before_the_next_event(void **state)
     rig_start(r);
     rig_send(r, 0, &longer, 0);
     rig_send(r, 2, &own, 23 * BIT);
-    while (cw_bus_next(r->bus) != CW_NEVER && cw_bus_now(r->bus) < 1000 * BIT) {
-        uint64_t next = cw_bus_next(r->bus);
-        size_t before = r->count;
-        if (next > cw_bus_now(r->bus) + BIT)
-            rig_run(r, next - 1);
-        assert_int_equal(r->count, before);
-        rig_run(r, next > cw_bus_now(r->bus) ? next : next + BIT);
-    }
+    rig_run_by_next(r, 1000 * BIT);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     rig_free(r);
 }

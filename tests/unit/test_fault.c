@@ -1690,6 +1690,30 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
     rig_free(r);
 }
 
+/* A passive flag of the transmitter around the end of the CRC: when what is left of that is
+ * recessive, the receivers take the frame all the same, and nobody is left who sends it. */
+static void a_frame_that_its_transmitter_leaves_is_foreseen(void **state)
+{
+    (void)state;
+    unsigned taken = 0;
+    for (unsigned k = 0; k < 64 * 32; k++) {
+        const cw_frame frame = rig_frame(0x6C0 + k / 32, 0, 0);
+        rig *r = rig_new(3);
+        cw_rule *passive = rig_rule(r, new_rule("passive", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
+        passive->nodes = NODE(0);
+        passive->tec = 200;
+        cw_rule *flag = rig_rule(r, new_rule("flag", CW_TRIGGER_TIME, CW_ACTION_ERROR_FLAG));
+        flag->nodes = NODE(0);
+        flag->time_begin = (11 + 20 + k % 32) * BIT;
+        rig_start(r);
+        rig_send(r, 0, &frame, 0);
+        rig_run_by_next(r, 300 * BIT);
+        taken += rig_count(r, CW_EVENT_RX, 1) > 1;
+        rig_free(r);
+    }
+    assert_in_range(taken, 64, 64 * 16);
+}
+
 /* A smaller queue keeps what goes first, not what has lost an arbitration before. */
 static void a_smaller_queue_keeps_the_first_frames(void **state)
 {
@@ -1944,6 +1968,7 @@ int main(void)
         cmocka_unit_test(a_bus_that_takes_over_goes_on),
         cmocka_unit_test(nodes_are_matched_when_taking_over),
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
+        cmocka_unit_test(a_frame_that_its_transmitter_leaves_is_foreseen),
         cmocka_unit_test(a_smaller_queue_keeps_the_first_frames),
         cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
