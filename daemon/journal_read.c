@@ -280,7 +280,8 @@ static bool read_set(journal_reader *r, journal_entry *entry)
 static bool read_skip(journal_reader *r, journal_entry *entry)
 {
     return read_number(r, &entry->what.skipped, "skip", INT64_MAX) &&
-           read_number(r, &entry->what.earlier, "earlier", INT64_MAX);
+           (!value_of(r, "earlier") ||
+            read_number(r, &entry->what.earlier, "earlier", INT64_MAX));
 }
 
 static bool read_file(journal_reader *r, cfg_file *file, const json_t *value, const char *key)
@@ -353,7 +354,8 @@ static const line_spec specs[] = {
     {"set", JOURNAL_INPUT, INPUT_SET, read_set, JSON_STRING, {{"settings", JSON_OBJECT, true}}},
     {"attach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
     {"detach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
-    {"skip", JOURNAL_INPUT, INPUT_SKIP, read_skip, JSON_INTEGER, {{"earlier", JSON_INTEGER, true}}},
+    {"skip", JOURNAL_INPUT, INPUT_SKIP, read_skip, JSON_INTEGER,
+     {{"earlier", JSON_INTEGER, false}}},
     {"reload", JOURNAL_INPUT, INPUT_RELOAD, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
     {"mark", JOURNAL_MARK, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
     {"end", JOURNAL_END, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},

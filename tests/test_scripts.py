@@ -68,6 +68,8 @@ class Soak:
         self.process = subprocess.Popen(  # pylint: disable=consider-using-with
             [copy_script("soak", root), "1s", "7", self.programs[1], "canwired"],
             stdout=subprocess.PIPE, text=True, start_new_session=True,
+            # what starts these tests in the background may have it ignored
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
     def pids(self):
