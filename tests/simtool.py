@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of `canwire sim` and its relatives share: the tool, run to its end.
+"""What the tests of `canwire sim` and its relatives share: the tool and canwired, run to their end.
 
 CANWIRE is the tool, by default build/release/canwire; canwired is the one beside it.
 """
 
 import json
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -43,3 +44,17 @@ def raw(frame):
     """What `canwire bits` says, with the ACK that another node gives."""
     bits = canwire("bits", frame, "--raw").stdout.strip()
     return bits[:-9] + "0" + bits[-8:]
+
+
+def read_clean_log(path):
+    """The messages of a canwired, among which sanitizers have none."""
+    text = path.read_text()
+    assert "Sanitizer" not in text and "runtime error" not in text, text
+    return text
+
+
+def stop_canwired(process, log):
+    """Ends a canwired, which ends well; its messages."""
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(TIMEOUT_S) == 0, log.read_text()
+    return read_clean_log(log)

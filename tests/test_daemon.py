@@ -17,7 +17,7 @@ import threading
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED
+from simtool import CANWIRE, CANWIRED, read_clean_log, stop_canwired
 from test_record import PATIENCE_S, wait_until
 
 BUS = """bus: { name: day, bitrate: 500000 }
@@ -50,15 +50,12 @@ class Daemon:
         return json.loads(self.canwire("status", "./day.sock", "--json"))
 
     def stop(self):
-        self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(PATIENCE_S) == 0, self.log.read_text()
+        text = stop_canwired(self.process, self.log)
         assert not (self.folder / "day.sock").exists()
-        return self.read_log()
+        return text
 
     def read_log(self):
-        text = self.log.read_text()
-        assert "Sanitizer" not in text and "runtime error" not in text, text
-        return text
+        return read_clean_log(self.log)
 
 
 @pytest.fixture(name="canwired")

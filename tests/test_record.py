@@ -16,7 +16,7 @@ from pathlib import Path
 import can
 import pytest
 
-from simtool import CANWIRE, CANWIRED
+from simtool import CANWIRE, CANWIRED, stop_canwired
 
 PATIENCE_S = 30
 
@@ -83,11 +83,7 @@ class Bus:
             Path(re.search(r"file: ([^ ,]+)", r).group(1)).name for r in records}, "the reload")
 
     def stop(self):
-        self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait(PATIENCE_S) == 0, self.log.read_text()
-        text = self.log.read_text()
-        assert "Sanitizer" not in text and "runtime error" not in text, text
-        return text
+        return stop_canwired(self.process, self.log)
 
 
 @pytest.fixture(name="bus")
