@@ -103,7 +103,7 @@ soak: ## 10^9 bits of random scenarios, SOAK=10m of random trouble for canwired 
 	@$(MAKE) --no-print-directory VARIANT=san BUILD=build/san build
 	@scripts/soak '$(SOAK)' '$(SEED)' $(DIFFERENTIAL) build/san/canwired
 
-cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; half an hour
+cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; ten minutes
 	@scripts/install-deps build test
 	@scripts/venv
 	@$(MAKE) --no-print-directory VARIANT=cover CC=gcc BUILD=build/cover build
