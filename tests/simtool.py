@@ -58,3 +58,11 @@ def stop_canwired(process, log):
     process.send_signal(signal.SIGTERM)
     assert process.wait(TIMEOUT_S) == 0, log.read_text()
     return read_clean_log(log)
+
+
+def kill_all(processes):
+    """Those that still run."""
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+            process.wait()

@@ -17,7 +17,7 @@ import threading
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, read_clean_log, stop_canwired
+from simtool import CANWIRE, CANWIRED, kill_all, read_clean_log, stop_canwired
 from test_record import PATIENCE_S, wait_until
 
 BUS = """bus: { name: day, bitrate: 500000 }
@@ -69,10 +69,7 @@ def fixture_canwired(tmp_path):
         return started[-1]
 
     yield start
-    for each in started:
-        if each.process.poll() is None:
-            each.process.kill()
-            each.process.wait()
+    kill_all(each.process for each in started)
 
 
 # ---- Starts that are refused ---------------------------------------------------------------------

@@ -16,7 +16,7 @@ from pathlib import Path
 import can
 import pytest
 
-from simtool import CANWIRE, CANWIRED, stop_canwired
+from simtool import CANWIRE, CANWIRED, kill_all, stop_canwired
 
 PATIENCE_S = 30
 
@@ -95,10 +95,7 @@ def fixture_bus(tmp_path):
         return started[-1]
 
     yield start
-    for each in started:
-        if each.process.poll() is None:
-            each.process.kill()
-            each.process.wait()
+    kill_all(each.process for each in started)
 
 
 def lines(path):
