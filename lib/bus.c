@@ -353,23 +353,22 @@ static void end_bit(cw_bus *bus)
     bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
 }
 
-static void step(cw_bus *bus)
+void cw_find_levels(cw_bus *bus, cw_levels *levels)
+{
+    if (bus->faults.awake_count)
+        cw_fault_driven(bus, levels);
+    bus->driven = levels->driven;
+    levels->clean = levels->wire = levels->sampled = wired_and(bus, levels->driven);
+    bus->wire = levels->sampled == UINT64_MAX;
+    if (bus->faults.awake_count)
+        cw_fault_sampled(bus, levels);
+}
+
+static void finish_bit(cw_bus *bus, const cw_levels *levels)
 {
     bit_reports reports;
-    bus->crowd.valid = false;
-    cw_levels levels = {.driven = drive_all(bus)};
-    watch_wire(bus, 1);
-    if (bus->faults.awake_count)
-        cw_fault_driven(bus, &levels);
-    bus->driven = levels.driven;
-    levels.clean = levels.wire = levels.sampled = wired_and(bus, levels.driven);
-    bus->wire = levels.sampled == UINT64_MAX;
-    if (bus->faults.awake_count)
-        cw_fault_sampled(bus, &levels);
-    if (bus->stepping)
-        cw_view_note(bus, &levels);
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
-    sample_all(bus, levels.sampled, &reports);
+    sample_all(bus, levels->sampled, &reports);
     end_bit(bus);
     if (bus->faults.awake_count)
         cw_fault_emit(bus);
@@ -377,6 +376,24 @@ static void step(cw_bus *bus)
         settle(bus, &reports);
     if (!bus->stepping)
         gather(bus, &reports);
+}
+
+static void step(cw_bus *bus)
+{
+    bus->crowd.valid = false;
+    cw_levels levels = {.driven = drive_all(bus)};
+    watch_wire(bus, 1);
+    cw_find_levels(bus, &levels);
+    if (bus->stepping)
+        cw_view_note(bus, &levels);
+    finish_bit(bus, &levels);
+}
+
+void cw_step_with(cw_bus *bus, const cw_levels *levels)
+{
+    (void)drive_all(bus);
+    watch_wire(bus, 1);
+    finish_bit(bus, levels);
 }
 
 /* ---- Idle time ------------------------------------------------------------------------------- */

@@ -3,7 +3,7 @@
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
  *   bus.c      set-up, time: one bit after the other, idle time skipped
- *   leap*.c    clean frames in one go; contest.c who wins them, and what it costs the others
+ *   leap*.c    clean frames without controllers; contest.c who wins them, and what it costs the others
  *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
@@ -113,6 +113,9 @@ typedef struct cw_crowd {
 typedef struct cw_leap {
     bool active;
     bool broken;          /* it must end with the bit in progress */
+    bool at_work;         /* rules act on the levels of its bits */
+    bool traffic;         /* rules may send something at the end of each bit */
+    bool unseen;          /* all losses have been counted beforehand */
     uint8_t node;         /* the transmitter */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
     uint16_t stop;        /* a rule looks at this bit, ... */
@@ -276,6 +279,12 @@ uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
  * sent. */
 void cw_offer_first(bus_node *node);
 void cw_offer_slot(bus_node *node, uint16_t slot);
+
+/* The levels of the bit in progress, from what is driven. */
+void cw_find_levels(cw_bus *bus, cw_levels *levels);
+
+/* Simulates the bit in progress, whose levels have been found. */
+void cw_step_with(cw_bus *bus, const cw_levels *levels);
 
 /* ---- leap.c ---------------------------------------------------------------------------------- */
 

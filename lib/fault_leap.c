@@ -3,7 +3,8 @@
  * fault_leap.c - what fault rules want of a frame that could be leapt over.
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
- * a hit. So a leap goes up to that bit, and over it when the rule passes over the match.
+ * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. Rules that
+ * hold a level for a time need the levels of all bits, but no controllers.
  */
 #include "bus_private.h"
 
@@ -176,6 +177,52 @@ bool cw_fault_lets_pass(cw_bus *bus)
     if (leap->at >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
         return false;
     return passes_over(bus, leap->stop_rule);
+}
+
+/* ---- Rules at work --------------------------------------------------------------------------- */
+
+static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)
+{
+    return &bus->faults.faults[bus->faults.awake[i]];
+}
+
+bool cw_fault_needs_controllers(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++)
+        if (awake_fault(bus, i)->for_attempt)
+            return true;
+    return false;
+}
+
+bool cw_fault_is_at_work(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        const cw_fault *f = awake_fault(bus, i);
+        if (f->bits_left > 0 || (f->active && f->rule.action == CW_ACTION_STUCK))
+            return true;
+    }
+    return false;
+}
+
+bool cw_fault_has_traffic(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        cw_action action = awake_fault(bus, i)->rule.action;
+        if (action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD)
+            return true;
+    }
+    return false;
+}
+
+uint64_t cw_fault_stuck_lines(const cw_bus *bus)
+{
+    uint64_t nodes = 0;
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        const cw_fault *f = awake_fault(bus, i);
+        if (f->active && f->rule.action == CW_ACTION_STUCK && f->rule.line == CW_LINE_TX)
+            nodes |= cw_node_bit(f->rule.node);
+    }
+    return nodes;
 }
 
 void cw_fault_unbind(cw_bus *bus)

@@ -2,11 +2,14 @@
  *
  * leap.c - clean frames without their single bits.
  *
- * While all nodes are idle, no fault rule is at work and somebody wants to send, what the frame
- * will do follows from its encoding: who loses arbitration and where, when receivers acknowledge
- * and take it, when it ends. So the bus goes from one of these moments to the next. Controllers
- * stay idle meanwhile; when a fault rule wants to look at a bit, or somebody does something to a
- * node, they are put where they would be by then (leap_end.c), and single bits go on from there.
+ * While all nodes are idle and somebody wants to send, what the frame will do follows from its
+ * encoding: who loses arbitration and where, when receivers acknowledge and take it, when it ends.
+ * So the bus goes from one of these moments to the next. Controllers stay idle meanwhile; when a
+ * fault rule wants to look at a bit, or somebody does something to a node, they are put where they
+ * would be by then (leap_end.c), and single bits go on from there.
+ *
+ * Rules that act on levels in every bit do so on those that the frame says. As long as nobody sees
+ * a difference, the leap goes on, bit by bit but without controllers.
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */
@@ -136,15 +139,20 @@ static void count_bits(cw_bus *bus, unsigned bits)
     bus->stats.bits += bits;
     bus->stats.busy_bits += bits;
     cw_load_add(&bus->load, bits, true);
-    if (bus->faults.awake_count)
-        cw_fault_pass_noise(bus, bits);
+}
+
+static void move(cw_bus *bus, unsigned bits)
+{
+    bus->leap.at = (uint16_t)(bus->leap.at + bits);
+    bus->now += (uint64_t)bits * bus->bit_ticks;
 }
 
 static void pass(cw_bus *bus, unsigned bits)
 {
-    bus->leap.at = (uint16_t)(bus->leap.at + bits);
-    bus->now += (uint64_t)bits * bus->bit_ticks;
+    move(bus, bits);
     count_bits(bus, bits);
+    if (bus->faults.awake_count && !bus->leap.at_work)
+        cw_fault_pass_noise(bus, bits);
 }
 
 /* Whole bits up to a tick, no more than that many. */
@@ -167,6 +175,8 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     due = cw_least(due, cw_inbox_first(bus));
     if (due - bus->now < (uint64_t)bits * bus->bit_ticks) /* due is later than now */
         bits = bits_up_to(bus, due + bus->bit_ticks - 1, bits);
+    if (leap->traffic)
+        bits = (unsigned)cw_least(bits, 1);
     return bus->faults.awake_count ? (unsigned)cw_fault_noise_free(bus, bits) : bits;
 }
 
@@ -176,6 +186,53 @@ static void end_slot(cw_bus *bus)
     bus->recessive_bits = CW_ACK_BEFORE_END + CW_INTERMISSION_BITS;
     if (bus->faults.awake_count)
         cw_fault_unbind(bus);
+}
+
+/* ---- Rules at work --------------------------------------------------------------------------- */
+
+/* The nodes that drive a dominant bit; of contenders whose losses are not seen the winner alone,
+ * which makes no difference to the wire (see passes_arbitration()). */
+static uint64_t find_drivers(const cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    uint64_t drivers = cw_node_bit(leap->node);
+    if (leap->at == leap->length - CW_ACK_BEFORE_END - 1)
+        return bus->crowd.answerers & ~drivers;
+    if (leap->at >= leap->length || cw_bits_level(leap->bits, leap->at))
+        return 0;
+    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
+        if (leap->lost_at[cw_lowest_node(rest)] != leap->at)
+            drivers |= rest & (~rest + 1);
+    return drivers;
+}
+
+/* Rules act on the bit that comes next. Returns whether it is still what it was to be. */
+static bool stands_rules(cw_bus *bus, cw_levels *levels)
+{
+    const uint64_t drivers = find_drivers(bus);
+    const uint64_t expected = drivers ? 0 : UINT64_MAX;
+    levels->driven = ~drivers;
+    cw_find_levels(bus, levels);
+    return levels->wire == expected && ((levels->sampled ^ expected) & bus->leap.riders) == 0;
+}
+
+/* Passes all but the last of some bits, each with what rules do to it. When they change a bit, be
+ * it the last one, the controllers take it as it is, the leap is over, and it returns false. */
+static bool pass_under_rules(cw_bus *bus, unsigned bits)
+{
+    cw_levels levels;
+    unsigned passed = 0;
+    bool stands;
+    while ((stands = stands_rules(bus, &levels)) && passed + 1 < bits) {
+        passed++;
+        move(bus, 1);
+    }
+    count_bits(bus, passed);
+    if (stands)
+        return true;
+    cw_leap_end(bus);
+    cw_step_with(bus, &levels);
+    return false;
 }
 
 /* ---- The rest at once ------------------------------------------------------------------------ */
@@ -195,7 +252,10 @@ static void leap_over(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     const unsigned length = leap->length;
-    count_bits(bus, length + CW_INTERMISSION_BITS - leap->at);
+    const unsigned bits = length + CW_INTERMISSION_BITS - leap->at;
+    count_bits(bus, bits);
+    if (bus->faults.awake_count)
+        cw_fault_pass_noise(bus, bits);
     if (move_to(bus, length - CW_ACK_BEFORE_END) && bus->crowd.counting)
         lower_counters(bus);
     if (move_to(bus, length - CW_RX_BEFORE_END))
@@ -212,6 +272,7 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
     return !leap->undecided && leap->stop == CW_NO_STOP && !host_side_acts(bus) &&
+           !leap->at_work && !leap->traffic &&
            tick - bus->now >= ticks && cw_leap_is_quiet_until(bus, bus->now + ticks) &&
            cw_leap_is_noise_free(bus, bits);
 }
@@ -253,7 +314,10 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         cw_leap_end(bus);
         return;
     }
-    pass(bus, bits - 1);
+    if (!leap->at_work)
+        pass(bus, bits - 1);
+    else if (!pass_under_rules(bus, bits))
+        return;
     cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
     pass(bus, 1);
     run_moment(bus);

@@ -17,6 +17,18 @@ static inline bool cw_leap_is_quiet_until(const cw_bus *bus, uint64_t tick)
     return bus->next_restart >= tick && bus->faults.next_due >= tick && cw_inbox_first(bus) >= tick;
 }
 
+/* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
+#define CW_ARBITRATION_BITS_BASE 17u
+#define CW_ARBITRATION_BITS_EXTENDED 41u
+
+static inline unsigned cw_leap_arbitration_bits(const cw_bus *bus)
+{
+    return bus->leap.bits->extended ? CW_ARBITRATION_BITS_EXTENDED : CW_ARBITRATION_BITS_BASE;
+}
+
+/* Where a contender loses, and with which frame. */
+void cw_leap_find_loss(cw_bus *bus, unsigned node);
+
 /* Whether noise leaves so many bits to come alone. */
 static inline bool cw_leap_is_noise_free(cw_bus *bus, unsigned bits)
 {

@@ -8,10 +8,6 @@
 #include "codec.h"
 #include "confinement.h"
 
-/* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
-#define ARBITRATION_BITS_BASE 17u
-#define ARBITRATION_BITS_EXTENDED 41u
-
 /* ---- Who is there ---------------------------------------------------------------------------- */
 
 /* A node that is neither idle nor away for longer than a frame: no leap. */
@@ -66,7 +62,7 @@ static bool can_begin(cw_bus *bus)
     if (bus->crowd.calm && bus->faults.awake_count)
         cw_fault_unbind(bus);
     if (bus->faults.awake_count &&
-        (!cw_fault_only_noise(bus) || cw_fault_noise_free(bus, 1) == 0))
+        (cw_fault_needs_controllers(bus) || cw_fault_noise_free(bus, 1) == 0))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
     return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
@@ -128,12 +124,11 @@ static void begin_attempt(cw_bus *bus, unsigned i)
     n->queue.slots[n->offered_slot].tried = true;
 }
 
-static void prepare_loser(cw_bus *bus, unsigned i)
+void cw_leap_find_loss(cw_bus *bus, unsigned i)
 {
     cw_leap *leap = &bus->leap;
     uint32_t differing = cw_contest_key(bus, i) ^ cw_contest_key(bus, leap->node);
     pin_frame(&bus->nodes[i]);
-    begin_attempt(bus, i);
     leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
     leap->lost_at[i] = (uint8_t)cw_bits_wire_index(leap->bits, 1u + leap->lost_bit[i]);
 }
@@ -143,8 +138,10 @@ static void prepare_losses(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     leap->undecided = leap->contenders & ~cw_node_bit(leap->node);
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
-        prepare_loser(bus, cw_lowest_node(rest));
+    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
+        cw_leap_find_loss(bus, cw_lowest_node(rest));
+        begin_attempt(bus, cw_lowest_node(rest));
+    }
     begin_attempt(bus, leap->node);
 }
 
@@ -159,17 +156,20 @@ static void count_losses(cw_bus *bus)
     n->lost_before = bus->contest.lost;
     bus->stats.arbitration_lost += cw_count_bits(leap->contenders) - 1;
     leap->undecided = 0;
+    leap->unseen = true;
 }
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
-/* Whether nobody can see the single losses. */
+/* Whether nobody can see the single losses. With no contender's line in the hands of a rule, the
+ * winner's level is that of the wire. */
 static bool passes_arbitration(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
-    unsigned bits = leap->bits->extended ? ARBITRATION_BITS_EXTENDED : ARBITRATION_BITS_BASE;
+    unsigned bits = cw_leap_arbitration_bits(bus);
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return leap->stop >= bits && tick - bus->now >= ticks &&
+    return leap->stop >= bits && tick - bus->now >= ticks && !leap->traffic &&
+           !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
            cw_leap_is_quiet_until(bus, bus->now + ticks) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
@@ -180,6 +180,9 @@ static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
     encode(n);
     bus->leap.active = true;
     bus->leap.broken = false;
+    bus->leap.unseen = false;
+    bus->leap.at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
+    bus->leap.traffic = bus->faults.awake_count && cw_fault_has_traffic(bus);
     bus->leap.node = (uint8_t)winner;
     bus->leap.at = 0;
     bus->leap.stop = CW_NO_STOP;
@@ -220,7 +223,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
         !is_leapable(bus, contenders, winner))
         return false;
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
-    if (watched && cw_fault_acts_at_start(bus, watched))
+    if (watched && (cw_fault_acts_at_start(bus, watched) || cw_fault_is_at_work(bus)))
         return false;
     begin(bus, winner, contenders);
     start_transmissions(bus, watched, tick);

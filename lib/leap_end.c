@@ -37,6 +37,31 @@ static void bind_rest(cw_bus *bus)
     }
 }
 
+/* Losses that were counted beforehand but did not come to pass. */
+static void take_back_losses(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    uint64_t losers = leap->contenders & ~cw_node_bit(leap->node);
+    if (!leap->unseen || leap->at >= cw_leap_arbitration_bits(bus))
+        return;
+    for (uint64_t rest = losers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_leap_find_loss(bus, i);
+        if (leap->lost_at[i] < leap->at)
+            continue;
+        cw_share_lost(bus, i);
+        bus->nodes[i].stats.arbitration_lost--;
+        bus->stats.arbitration_lost--;
+        leap->undecided |= cw_node_bit(i);
+    }
+}
+
+/* Before the first bit nobody has seen anything. */
+static uint64_t nodes_in_frame(const cw_leap *leap)
+{
+    return leap->at > 0 ? leap->riders : 0;
+}
+
 void cw_leap_end(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
@@ -44,11 +69,13 @@ void cw_leap_end(cw_bus *bus)
     if (!leap->active)
         return;
     leap->active = false;
-    bus->recessive_bits = cw_leap_recessive_bits(bus);
+    take_back_losses(bus);
+    if (leap->at > 0)
+        bus->recessive_bits = cw_leap_recessive_bits(bus);
     find_point(&point, bus);
-    if (bus->followers)
+    if (bus->followers && leap->at > 0)
         cw_mac_go_to_point(&bus->common, &point);
-    for (uint64_t rest = leap->riders & ~bus->followers; rest; rest &= rest - 1)
+    for (uint64_t rest = nodes_in_frame(leap) & ~bus->followers; rest; rest &= rest - 1)
         cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
     for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &point);

@@ -1117,6 +1117,8 @@ static void count_run(cw_mac *m, const cw_bits *bits, unsigned n)
 void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned n)
 {
     begin_frame(m, CW_ROLE_RECEIVER);
+    if (n == 0)
+        return;
     if (n >= bits->length) {
         enter(m, CW_MAC_INTERMISSION);
         m->count = (uint8_t)(n - bits->length);

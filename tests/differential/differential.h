@@ -17,7 +17,7 @@
 #define DIFF_RULES_MAX 40u  /* of one configuration, and added while the bus runs */
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
 #define DIFF_NAMES 256u     /* distinct names of rules */
-#define DIFF_STYLES 12u
+#define DIFF_STYLES 13u
 
 /* ---- Random numbers -------------------------------------------------------------------------- */
 

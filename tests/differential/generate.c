@@ -37,24 +37,30 @@ typedef struct style {
     unsigned checks;  /* comparisons in 10000 bits */
     bool small;       /* rings and inboxes */
     bool helps;       /* see add_plan_helper() */
+    bool lines;       /* see add_line_rule() */
 } style;
 
 static const style styles[DIFF_STYLES] = {
-    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false},
-    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false},
-    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false},
+    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false, false},
     {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     6, 10, false, true},
+     6, 10, false, true, false},
     {"bits", 12, 4000, 60000, 12,
      POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
-     2, 40, false, true},
-    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false, false},
-    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false, false},
-    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false},
-    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false},
-    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false},
-    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false},
-    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false},
+     2, 40, false, true, false},
+    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false, false,
+     false},
+    {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false, false,
+     false},
+    {"lines", 8, 4000, 50000, 40, ACTION(STUCK) | ACTION(FORCE) | ACTION(BABBLE) | ACTION(LOAD), 4,
+     900, 20, 2, 20, false, false, true},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false, false},
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false, false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false, false},
+    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false,
+     false},
 };
 
 const char *diff_style_name(unsigned number)
@@ -165,6 +171,33 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
     }
 }
 
+/* A line that is stuck for a while, mostly so that the other nodes can do without it; or levels
+ * forced from one frame on for so long that the next ones have begun. */
+static void add_line_rule(generator *g, diff_plan *plan)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    cw_rule *rule = &plan->rules[plan->config.rule_count - 1u].rule;
+    bool forced = diff_chance(r, 300);
+    *rule = (cw_rule){.action = forced ? CW_ACTION_FORCE : CW_ACTION_STUCK,
+                      .trigger = forced ? CW_TRIGGER_FRAME : CW_TRIGGER_TIME,
+                      .field = CW_FIELD_INTERMISSION, .bits = 1, .time_end = CW_NEVER,
+                      .every = 1, .probability = UINT64_MAX};
+    rule->node = (uint8_t)diff_below(r, m->nodes);
+    rule->time_begin = diff_below(r, m->bits * m->bit);
+    rule->level = diff_chance(r, 800);
+    rule->line = diff_chance(r, 600) ? CW_LINE_TX : (cw_line)diff_below(r, 3);
+    rule->for_ticks = diff_random_ticks(m, 1, forced || rule->line != CW_LINE_TX ? 60 : 20000);
+    rule->dominant_timeout = diff_random_ticks(m, 1, 20);
+    if (diff_chance(r, 500))
+        rule->at = diff_random_nodes(m);
+    if (forced) {
+        const cw_frame *f = &m->frames[diff_below(r, m->frame_count)];
+        rule->filter_count = 1;
+        rule->filters[0] = (cw_filter){.value = f->id, .mask = 0x7FF};
+    }
+}
+
 /* Whether the library takes the configuration. */
 static bool is_accepted(diff_plan *plan)
 {
@@ -188,6 +221,8 @@ static void random_rules(generator *g, diff_plan *plan, unsigned count)
         add_plan_rule(g, plan);
         if (diff_chance(&g->maker.random, helped))
             add_plan_helper(g, plan, first);
+        if (g->style->lines && diff_chance(&g->maker.random, 900))
+            add_line_rule(g, plan);
         plan->config.rule_room--;
         if (is_accepted(plan))
             continue;
@@ -600,7 +635,7 @@ static void choose_events(generator *g)
                   .kinds = UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST)};
     if (diff_chance(r, 200))
         op.kinds &= ~((uint32_t)diff_draw(r) & (uint32_t)diff_draw(r));
-    if (diff_chance(r, 300))
+    if (diff_chance(r, g->style->lines ? 800 : 300))
         diff_add_op(g->scenario, &op);
 }
 

@@ -116,6 +116,133 @@ static void a_wrong_crc_once(rig *r)
     rig_send(r, 2, &frame, 300 * BIT);
 }
 
+/* ---- Levels that rules hold ------------------------------------------------------------------ */
+
+static void stick(rig *r, cw_line line, unsigned node, bool level, uint64_t from, uint64_t bits)
+{
+    cw_rule stuck = rule_of("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK);
+    stuck.line = line;
+    stuck.node = (uint8_t)node;
+    stuck.level = level;
+    stuck.time_begin = from * BIT;
+    stuck.for_ticks = bits * BIT;
+    (void)add(r, &stuck);
+}
+
+/* Nodes 0 and 1 begin together; node 0 would win. */
+static void the_winner_is_mute(rig *r)
+{
+    stick(r, CW_LINE_TX, 0, CW_RECESSIVE, 12, 100);
+}
+
+static void a_loser_is_mute(rig *r)
+{
+    stick(r, CW_LINE_TX, 1, CW_RECESSIVE, 12, 100);
+}
+
+static void a_listener_is_mute(rig *r)
+{
+    stick(r, CW_LINE_TX, 2, CW_RECESSIVE, 12, 400);
+}
+
+static void nobody_can_acknowledge(rig *r)
+{
+    stick(r, CW_LINE_TX, 2, CW_RECESSIVE, 12, 200);
+    stick(r, CW_LINE_TX, 1, CW_RECESSIVE, 12, 200);
+}
+
+/* Before the first SOF its time is up. */
+static void a_line_was_dominant_for_too_long(rig *r)
+{
+    cw_rule stuck = rule_of("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK);
+    stuck.line = CW_LINE_TX;
+    stuck.node = 2;
+    stuck.for_ticks = 500 * BIT;
+    stuck.dominant_timeout = BIT;
+    (void)add(r, &stuck);
+}
+
+static void the_wire_is_cut_at_the_first_bit(rig *r)
+{
+    stick(r, CW_LINE_WIRE, 0, CW_RECESSIVE, 12, 9);
+}
+
+static void a_deaf_node(rig *r)
+{
+    stick(r, CW_LINE_RX, 2, CW_RECESSIVE, 12, 60);
+}
+
+static void a_deaf_node_that_sends(rig *r)
+{
+    stick(r, CW_LINE_RX, 1, CW_RECESSIVE, 12, 60);
+}
+
+/* The pattern begins behind the frame of node 2, and those of nodes 0 and 1 come right after it:
+ * it changes one bit of the arbitration that both are in, the one that decides it, or a later
+ * one. */
+static void change_after_node_2(rig *r, unsigned bit)
+{
+    const cw_frame third = rig_frame(0x080, 0, 0);
+    cw_rule glitch = rule_of("glitch", CW_TRIGGER_FRAME, CW_ACTION_GLITCH);
+    glitch.field = CW_FIELD_INTERMISSION;
+    glitch.from = NODE(2);
+    glitch.bits = 60;
+    glitch.pattern_mask = UINT64_C(1) << (3 + bit);
+    glitch.pattern_level = bit % 2 ? 0 : UINT64_MAX;
+    glitch.filter_count = 1;
+    glitch.filters[0] = (cw_filter){.value = third.id, .mask = 0x7FF};
+    (void)add(r, &glitch);
+    rig_send(r, 2, &third, 19 * BIT);
+}
+
+static void the_sof_is_changed(rig *r)
+{
+    change_after_node_2(r, 0);
+}
+
+static void a_bit_of_both_is_changed(rig *r)
+{
+    change_after_node_2(r, 1);
+}
+
+static void a_bit_of_both_is_made_recessive(rig *r)
+{
+    change_after_node_2(r, 6);
+}
+
+static void the_deciding_bit_is_changed(rig *r)
+{
+    change_after_node_2(r, 14);
+}
+
+static void a_bit_of_the_data_is_changed(rig *r)
+{
+    change_after_node_2(r, 25);
+}
+
+static void a_node_babbles(rig *r)
+{
+    cw_rule babble = rule_of("babble", CW_TRIGGER_TIME, CW_ACTION_BABBLE);
+    babble.node = 2;
+    babble.frame = rig_frame(0x300, 0, 1);
+    babble.time_begin = 12 * BIT;
+    babble.for_ticks = 300 * BIT;
+    (void)add(r, &babble);
+}
+
+static void a_node_fills_up_while_another_is_mute(rig *r)
+{
+    cw_rule load = rule_of("load", CW_TRIGGER_TIME, CW_ACTION_LOAD);
+    load.node = 2;
+    load.load_permille = 700;
+    load.time_begin = 12 * BIT;
+    load.for_ticks = 400 * BIT;
+    (void)add(r, &load);
+    stick(r, CW_LINE_TX, 1, CW_RECESSIVE, 12, 400);
+}
+
+/* ---- Both ways ------------------------------------------------------------------------------- */
+
 static rig *run(void (*story)(rig *r), bool stepping)
 {
     const cw_frame first = rig_frame(0x100, 0, 4);
@@ -149,10 +276,62 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     }
 }
 
+static void assert_same_stats(const rig *a, const rig *b)
+{
+    const cw_bus_stats bus_a = rig_bus_stats(a);
+    const cw_bus_stats bus_b = rig_bus_stats(b);
+    assert_memory_equal(&bus_a, &bus_b, sizeof bus_a);
+    for (unsigned i = 0; i < a->config.node_count; i++) {
+        const cw_node_stats node_a = rig_stats(a, i);
+        const cw_node_stats node_b = rig_stats(b, i);
+        assert_memory_equal(&node_a, &node_b, sizeof node_a);
+    }
+}
+
+static void watch_levels(void (*story)(rig *r), bool lost)
+{
+    rig *rigs[2];
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rigs[stepping] = rig_new(3);
+        r->config.rule_room = 4;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping);
+        if (!lost)
+            cw_bus_set_events(r->bus, UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST));
+        for (unsigned i = 0; i < 4; i++) {
+            const cw_frame frame = rig_frame(0x100 + i % 2, 0, 2);
+            rig_send(r, i % 2, &frame, 20 * BIT);
+        }
+        story(r);
+        rig_run_bits(r, 900);
+    }
+    rig_assert_same_events(rigs[0], rigs[1]);
+    assert_same_stats(rigs[0], rigs[1]);
+    rig_free(rigs[0]);
+    rig_free(rigs[1]);
+}
+
+/* Also when nobody sees who loses arbitration, so that it was thought to be over beforehand. */
+static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
+{
+    (void)state;
+    static void (*const stories[])(rig *r) = {
+        the_winner_is_mute, a_loser_is_mute, a_listener_is_mute, nobody_can_acknowledge,
+        a_line_was_dominant_for_too_long, the_wire_is_cut_at_the_first_bit, a_deaf_node,
+        a_deaf_node_that_sends, the_sof_is_changed, a_bit_of_both_is_changed,
+        a_bit_of_both_is_made_recessive, the_deciding_bit_is_changed, a_bit_of_the_data_is_changed,
+        a_node_babbles, a_node_fills_up_while_another_is_mute};
+    for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
+        watch_levels(stories[i], true);
+        watch_levels(stories[i], false);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rules_that_change_in_a_frame_act_as_bit_by_bit),
+        cmocka_unit_test(levels_that_rules_hold_act_as_bit_by_bit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
