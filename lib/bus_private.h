@@ -122,8 +122,10 @@ typedef struct cw_leap {
     uint16_t stop_rule;   /* ... this one */
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;
+    cw_frame frame;       /* what they are of; the queue may have another one there at the end */
     uint64_t riders;
     uint64_t contenders;  /* nodes that began to transmit */
+    uint64_t watched;     /* of these, those whose bits rules look at before the leap is over */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */

@@ -280,10 +280,11 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
     f->matches++;
     if (f->hits > 0 && told - f->last_hit < r->hold_off)
         return false;
-    if (f->matches <= r->skip)
+    if (f->to_pass > 0) {
+        f->to_pass--;
         return false;
-    if (f->passed++ % r->every != 0)
-        return false;
+    }
+    f->to_pass = r->every - 1;
     cw_fault_forget_ahead(bus, f);
     if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
         return false;
@@ -705,6 +706,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
     *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
                     .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
     f->rule.name = NULL; /* not ours to keep */
+    f->to_pass = rule->skip;
     if (f->rule.every == 0)
         f->rule.every = 1;
     cw_prng_init(&f->prng, bus->seed, rule->name);

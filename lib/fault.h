@@ -26,6 +26,7 @@ typedef struct cw_fault {
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
+    uint32_t to_pass;     /* matches to pass over before the next that is taken */
     bool rx_hit;          /* what was decided at rx_tick */
     uint32_t clear_bits;  /* NOISE: bits to come whose draws have been looked at and flip nothing */
     uint64_t bits_done;   /* of a position action under way */
@@ -36,7 +37,6 @@ typedef struct cw_fault {
     uint64_t scope;
     uint64_t matches;
     uint64_t hits;
-    uint64_t passed;      /* matches since skip was used up */
     uint64_t last_hit;    /* tick */
     uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */
     uint64_t arm_at[CW_ARMINGS_MAX]; /* ticks of the armings under way, sorted */
@@ -84,6 +84,7 @@ typedef struct cw_fault_set {
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
     uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
     uint64_t early;         /* ... and those where it may do so before arbitration is lost */
+    uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on a watched frame, if it is only one */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
@@ -201,7 +202,8 @@ bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
  * that a rule looks at; CW_NO_STOP. */
 void cw_fault_find_stop(cw_bus *bus, unsigned from);
 
-/* In a leap, at its stop: true when it is no hit. The match is counted then. */
+/* In a leap, at its stop or, when nothing happens up to there, before it: true when it is no hit.
+ * The match is counted then. */
 bool cw_fault_lets_pass(cw_bus *bus);
 
 /* No transmission is under way any more. */

@@ -3,8 +3,9 @@
  * fault_leap.c - what fault rules want of a frame that could be leapt over.
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
- * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. Rules that
- * hold a level for a time need the levels of all bits, but no controllers.
+ * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. No rule is
+ * bound to a transmission before single bits go on. Rules that hold a level for a time need the
+ * levels of all bits, but no controllers.
  */
 #include "bus_private.h"
 
@@ -17,17 +18,16 @@ static const cw_frame *next_frame(const bus_node *n)
     return &n->queue.slots[cw_queue_first(&n->queue)].frame;
 }
 
-/* The next rule on the wire for a frame of that node. */
-static const cw_fault *next_rule(cw_candidates *c, const cw_bus *bus, unsigned node)
+/* The next rule on the wire for a frame of that node; false when there are no more. */
+static bool next_rule(cw_candidates *c, unsigned *rule, const cw_bus *bus, unsigned node)
 {
-    unsigned rule;
-    while (cw_candidates_next(c, &rule, bus)) {
-        const cw_fault *f = &bus->faults.faults[rule];
+    while (cw_candidates_next(c, rule, bus)) {
+        const cw_fault *f = &bus->faults.faults[*rule];
         if (cw_acts_on_wire(f->rule.action) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
             !cw_fault_is_over(f))
-            return f;
+            return true;
     }
-    return NULL;
+    return false;
 }
 
 /* Its bit of a frame is one that a node which loses arbitration does not come to. */
@@ -41,14 +41,15 @@ static void watch(cw_bus *bus, unsigned node)
 {
     cw_fault_set *set = &bus->faults;
     uint64_t self = cw_node_bit(node);
-    const cw_fault *f;
+    unsigned rule;
     cw_candidates c;
     set->watched &= ~self;
     set->early &= ~self;
     cw_candidates_begin(&c, bus, next_frame(&bus->nodes[node]));
-    while ((f = next_rule(&c, bus, node))) {
+    while (next_rule(&c, &rule, bus, node)) {
+        set->watcher[node] = set->watched & self ? CW_SEVERAL_RULES : (uint16_t)rule;
         set->watched |= self;
-        if (!acts_late(&f->rule))
+        if (!acts_late(&set->faults[rule].rule))
             set->early |= self;
     }
 }
@@ -83,12 +84,14 @@ bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
 {
     for (uint64_t rest = nodes & bus->faults.early; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        const cw_fault *f;
+        unsigned rule;
         cw_candidates c;
         cw_candidates_begin(&c, bus, next_frame(&bus->nodes[i]));
-        while ((f = next_rule(&c, bus, i)))
-            if (!has_later_position(&f->rule) && !is_out_of_time(bus, &f->rule))
+        while (next_rule(&c, &rule, bus, i)) {
+            const cw_rule *r = &bus->faults.faults[rule].rule;
+            if (!has_later_position(r) && !is_out_of_time(bus, r))
                 return true;
+        }
     }
     return false;
 }
@@ -110,43 +113,52 @@ static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned 
            (!loser || *n <= leap->lost_at[node]);
 }
 
-/* The first bit from `from` on that one rule looks at. */
-static unsigned rule_stop(const cw_bus *bus, const cw_fault *f, unsigned from)
+/* The leap stops at the bit of a node's transmission that one rule looks at, unless that bit lies
+ * before `from` or behind a stop that has been found. */
+static void stop_for(cw_bus *bus, unsigned rule, unsigned node, unsigned from)
 {
-    unsigned stop = CW_NO_STOP;
-    uint64_t nodes = f->bound & bus->leap.contenders;
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        unsigned n;
-        if (find_bit(bus, &n, &f->rule, cw_lowest_node(rest)) && n >= from && n < stop)
-            stop = n;
-    }
-    return stop;
+    cw_leap *leap = &bus->leap;
+    const cw_rule *r = &bus->faults.faults[rule].rule;
+    unsigned n;
+    if (!cw_is_position_action(r->action) || is_out_of_time(bus, r) ||
+        !find_bit(bus, &n, r, node) || n < from || n > leap->stop)
+        return;
+    bool another = n == leap->stop && leap->stop_rule != rule;
+    leap->stop_rule = another ? CW_SEVERAL_RULES : (uint16_t)rule;
+    leap->stop = (uint16_t)n;
+}
+
+static void stop_for_all(cw_bus *bus, unsigned node, unsigned from)
+{
+    const bus_node *n = &bus->nodes[node];
+    unsigned rule;
+    cw_candidates c;
+    cw_candidates_begin(&c, bus, &n->queue.slots[n->offered_slot].frame);
+    while (next_rule(&c, &rule, bus, node))
+        stop_for(bus, rule, node, from);
 }
 
 /* One rule has one bit in one transmission. */
-static bool is_last_stop(const cw_bus *bus, unsigned from)
+static bool was_last_stop(const cw_bus *bus, unsigned from)
 {
-    const cw_fault_set *set = &bus->faults;
-    uint64_t bound = set->faults[set->awake[0]].bound;
-    return from > 0 && set->awake_count == 1 && (bound & (bound - 1)) == 0;
+    uint64_t watched = bus->leap.watched;
+    return from > 0 && (watched & (watched - 1)) == 0 &&
+           bus->faults.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
 }
 
 void cw_fault_find_stop(cw_bus *bus, unsigned from)
 {
-    const cw_fault_set *set = &bus->faults;
     cw_leap *leap = &bus->leap;
     leap->stop = CW_NO_STOP;
-    for (unsigned i = 0; i < set->awake_count && !is_last_stop(bus, from); i++) {
-        const cw_fault *f = &set->faults[set->awake[i]];
-        if (is_out_of_time(bus, &f->rule) || cw_fault_is_over(f))
-            continue;
-        unsigned n = rule_stop(bus, f, from);
-        if (n == leap->stop)
-            leap->stop_rule = CW_SEVERAL_RULES;
-        if (n >= leap->stop)
-            continue;
-        leap->stop = (uint16_t)n;
-        leap->stop_rule = set->awake[i];
+    if (was_last_stop(bus, from))
+        return;
+    for (uint64_t rest = leap->watched; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        unsigned rule = bus->faults.watcher[i];
+        if (rule == CW_SEVERAL_RULES)
+            stop_for_all(bus, i, from);
+        else
+            stop_for(bus, rule, i, from);
     }
 }
 
@@ -154,29 +166,30 @@ void cw_fault_find_stop(cw_bus *bus, unsigned from)
 typedef struct match_state {
     cw_prng prng;
     uint64_t matches;
-    uint64_t passed;
     uint32_t armed;
+    uint32_t to_pass;
 } match_state;
 
-static bool passes_over(cw_bus *bus, unsigned rule)
+static bool passes_over(cw_bus *bus, unsigned rule, uint64_t start)
 {
     cw_fault *f = &bus->faults.faults[rule];
-    const match_state s = {f->prng, f->matches, f->passed, f->armed};
-    if (!cw_fault_takes_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
+    const match_state s = {f->prng, f->matches, f->armed, f->to_pass};
+    if (!cw_fault_takes_match(bus, rule, start, start + bus->bit_ticks))
         return true;
     f->prng = s.prng; /* it is a hit: as if nobody had asked, the bit itself will */
     f->matches = s.matches;
-    f->passed = s.passed;
     f->armed = s.armed;
+    f->to_pass = s.to_pass;
     return false;
 }
 
 bool cw_fault_lets_pass(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    if (leap->at >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
+    if (leap->stop >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
         return false;
-    return passes_over(bus, leap->stop_rule);
+    uint64_t ahead = (uint64_t)leap->stop - leap->at;
+    return passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */

@@ -185,7 +185,7 @@ static void end_slot(cw_bus *bus)
     bus->leap.active = false;
     bus->recessive_bits = CW_ACK_BEFORE_END + CW_INTERMISSION_BITS;
     if (bus->faults.awake_count)
-        cw_fault_unbind(bus);
+        cw_fault_fall_asleep(bus);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
@@ -266,15 +266,27 @@ static void leap_over(cw_bus *bus)
     end_slot(bus);
 }
 
+/* Rules are asked in advance, as far as nobody can see that before it is time: up to a hit or the
+ * next moment. False when something is left to be asked. */
+static bool rules_let_pass(cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    if (leap->stop == CW_NO_STOP)
+        return true;
+    const unsigned moment = next_moment(bus);
+    while (leap->stop < moment && cw_fault_lets_pass(bus))
+        cw_fault_find_stop(bus, leap->stop + 1u);
+    return leap->stop == CW_NO_STOP;
+}
+
 static bool can_leap_over(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return !leap->undecided && leap->stop == CW_NO_STOP && !host_side_acts(bus) &&
-           !leap->at_work && !leap->traffic &&
+    return !leap->undecided && !host_side_acts(bus) && !leap->at_work && !leap->traffic &&
            tick - bus->now >= ticks && cw_leap_is_quiet_until(bus, bus->now + ticks) &&
-           cw_leap_is_noise_free(bus, bits);
+           cw_leap_is_noise_free(bus, bits) && rules_let_pass(bus);
 }
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
@@ -340,7 +352,8 @@ uint64_t cw_leap_recessive_bits(const cw_bus *bus)
     return leap->at - n;
 }
 
-uint64_t cw_leap_horizon(const cw_bus *bus)
+/* As if no rule had a hit. */
+static uint64_t clean_horizon(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     if (leap->broken)
@@ -350,4 +363,11 @@ uint64_t cw_leap_horizon(const cw_bus *bus)
     if (leap->at < leap->length)
         return leap->length - leap->at;
     return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+}
+
+uint64_t cw_leap_horizon(const cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    uint64_t bits = clean_horizon(bus);
+    return leap->stop == CW_NO_STOP ? bits : cw_least(bits, leap->stop + 1u - leap->at);
 }

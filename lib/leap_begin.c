@@ -94,17 +94,6 @@ static void encode(bus_node *n)
     cw_offer_first(n);
 }
 
-/* Rules on bits are bound to their transmissions as they would be at SOF. */
-static void bind_rules(cw_bus *bus, uint64_t nodes)
-{
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        bus_node *n = &bus->nodes[i];
-        encode(n);
-        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
-    }
-}
-
 /* ---- Losing arbitration ---------------------------------------------------------------------- */
 
 /* The frame that a contender has begun with, whatever comes to its queue meanwhile. */
@@ -188,6 +177,7 @@ static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
     bus->leap.stop = CW_NO_STOP;
     bus->leap.length = n->mac.tx.length;
     bus->leap.bits = &n->mac.tx;
+    bus->leap.frame = n->queue.slots[n->offered_slot].frame;
     bus->leap.riders = bus->crowd.riders;
     bus->leap.contenders = contenders;
     bus->error_flag = (flag_watch){.now = false};
@@ -199,7 +189,7 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
     uint64_t self = cw_node_bit(leap->node);
-    bind_rules(bus, watched);
+    leap->watched = watched;
     if (watched == self)
         cw_fault_find_stop(bus, 0);
     bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
@@ -208,6 +198,8 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
         return;
     }
     prepare_losses(bus);
+    for (uint64_t rest = watched & ~self; rest; rest &= rest - 1)
+        encode(&bus->nodes[cw_lowest_node(rest)]);
     if (watched)
         cw_fault_find_stop(bus, 0);
 }

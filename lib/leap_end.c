@@ -25,16 +25,19 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
     cw_mac_become_transmitter(&n->mac, bus->leap.at);
 }
 
-/* Those who were to lose may do well after all, so rules on their later bits count again. */
-static void bind_rest(cw_bus *bus)
+/* Rules are bound to those who transmit, as they would have been at SOF. Those who were to lose may
+ * do well after all, so that rules on their later bits count again. */
+static void bind_rules(cw_bus *bus)
 {
-    const cw_fault_set *set = &bus->faults;
-    uint64_t nodes = bus->leap.undecided & set->watched & ~set->early;
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+    const cw_leap *leap = &bus->leap;
+    uint64_t watched = bus->faults.watched;
+    for (uint64_t rest = leap->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];
         cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
     }
+    if (watched & cw_node_bit(leap->node))
+        cw_fault_transmission(bus, leap->node, &leap->frame);
 }
 
 /* Losses that were counted beforehand but did not come to pass. */
@@ -79,6 +82,6 @@ void cw_leap_end(cw_bus *bus)
         cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
     for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &point);
-    bind_rest(bus);
+    bind_rules(bus);
     bus->crowd.valid = false;
 }

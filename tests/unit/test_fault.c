@@ -733,6 +733,104 @@ static void noise_and_a_position_in_one_bit(void **state)
     assert_int_equal(stats[0].matches, stats[1].matches);
 }
 
+/* Two rules on each frame; only the second one has hits, one in so many frames. */
+static rig *two_patient_rules(cw_field first, cw_field second, unsigned every, bool stepping)
+{
+    rig *r = rig_new(2);
+    rig_flip(r, "first", first, first == CW_FIELD_EOF ? 6 : 0)->skip = 1000;
+    rig_flip(r, "second", second, 0)->every = every;
+    r->config.inbox = 16;
+    r->config.events = stepping ? 4096 : 0;
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    return r;
+}
+
+static void send_sixteen(rig *r)
+{
+    for (unsigned n = 0; n < 16; n++) {
+        const cw_frame frame = rig_frame(0x100 + n, 0, 8);
+        rig_send(r, n % 2, &frame, cw_bus_now(r->bus));
+    }
+}
+
+static void assert_same_matches(const rig *fast, const rig *reference)
+{
+    for (unsigned rule = 0; rule < 2; rule++) {
+        cw_rule_stats a, b;
+        assert_int_equal(cw_rule_get_stats(fast->bus, rule, &a), CW_OK);
+        assert_int_equal(cw_rule_get_stats(reference->bus, rule, &b), CW_OK);
+        assert_int_equal(a.matches, b.matches);
+        assert_int_equal(a.hits, b.hits);
+    }
+}
+
+/* Whoever looks finds the matches of the bits that have passed, be it amid a frame or because the
+ * ring of events is full, whatever the rules let pass. */
+static void matches_count_with_their_bits(void **state)
+{
+    (void)state;
+    static const struct {
+        cw_field first;
+        cw_field second;
+        unsigned every;
+    } cases[] = {{CW_FIELD_CRC, CW_FIELD_EOF, 1000},
+                 {CW_FIELD_R0, CW_FIELD_DATA, 40},
+                 {CW_FIELD_DATA, CW_FIELD_DATA, 1000},
+                 {CW_FIELD_EOF, CW_FIELD_INTERMISSION, 1000}};
+    for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        rig *fast = two_patient_rules(cases[i].first, cases[i].second, cases[i].every, false);
+        rig *reference = two_patient_rules(cases[i].first, cases[i].second, cases[i].every, true);
+        unsigned full = 0;
+        for (uint64_t bit = 0; bit < 60000; bit += 1 + bit % 190) {
+            if (cw_bus_pending(fast->bus) == 0) {
+                send_sixteen(fast);
+                send_sixteen(reference);
+            }
+            bool stuck = cw_bus_advance(fast->bus, bit * BIT) == CW_FULL;
+            rig_run(reference, cw_bus_now(fast->bus));
+            assert_same_matches(fast, reference);
+            full += stuck;
+            if (stuck)
+                rig_run_bits(fast, bit);
+            rig_run_bits(reference, bit);
+        }
+        assert_int_not_equal(full, 0);
+        rig_poll(fast);
+        rig_assert_same_events(fast, reference);
+        rig_free(fast);
+        rig_free(reference);
+    }
+}
+
+/* An error in the intermission, when the queue holds another frame in the same place already. */
+static void a_rule_knows_its_frame_to_the_end(void **state)
+{
+    (void)state;
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        const cw_frame other = rig_frame(0x456, 0, 0);
+        cw_rule *flip = rig_flip(r, "flip", CW_FIELD_ERROR_FLAG, 2);
+        exactly(flip, 0x123);
+        cw_rule *error = rig_rule(r, new_rule("error", CW_TRIGGER_ARMED, CW_ACTION_ERROR_FLAG));
+        error->nodes = NODE(1);
+        error->manual = true;
+        r->nodes[0].queue = 1;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        rig_send(r, 0, &frame, 0);
+        while (rig_count(r, CW_EVENT_TX, 0) == 0)
+            rig_run(r, cw_bus_now(r->bus) + BIT);
+        rig_send(r, 0, &other, cw_bus_now(r->bus));
+        rig_run(r, cw_bus_now(r->bus) + BIT);
+        assert_int_equal(cw_bus_fire_rule(r->bus, 1), CW_OK);
+        rig_run_bits(r, 500);
+        assert_int_equal(hits(r, 0), 1);
+        rig_free(r);
+    }
+}
+
 /* O1 a: an error after two overload frames gives no right to a third one, in whatever way the nodes
  * are simulated. */
 static void two_overload_frames_are_all_before_the_next_frame(void **state)
@@ -1941,6 +2039,8 @@ int main(void)
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
         cmocka_unit_test(noise_and_a_position_in_one_bit),
+        cmocka_unit_test(matches_count_with_their_bits),
+        cmocka_unit_test(a_rule_knows_its_frame_to_the_end),
         cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
         cmocka_unit_test(a_state_changes_while_a_node_is_away),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
