@@ -4,8 +4,8 @@
  *
  * Time goes on from the end of one bit to the end of the next. In each bit all nodes drive, frames
  * handed in meanwhile go to their queues, then all nodes sample; so the order of the nodes cannot
- * matter but for the order of events. While nothing is on the wire and nobody wants to send, bits
- * are skipped in one go.
+ * matter but for the order of events. Bits in which the wire keeps its level and no controller has
+ * anything to tell, on an idle bus or in a flag or delimiter, are skipped in one go.
  */
 #include "bus_private.h"
 
@@ -396,7 +396,7 @@ void cw_step_with(cw_bus *bus, const cw_levels *levels)
     finish_bit(bus, levels);
 }
 
-/* ---- Idle time ------------------------------------------------------------------------------- */
+/* ---- Several bits of one level ----------------------------------------------------------------- */
 
 /* Whole bits from now up to a tick. */
 static uint64_t bits_before(const cw_bus *bus, uint64_t tick)
@@ -414,59 +414,92 @@ static uint64_t bits_until(const cw_bus *bus, uint64_t tick)
     return bits + amid;
 }
 
-/* Bits that can be skipped now: nobody drives or reports anything, nothing comes in. */
-static uint64_t quiet_bits(cw_bus *bus, uint64_t tick)
+/* Whether some node has a frame that it may begin to send in the next bit. */
+static bool can_start(const cw_bus *bus)
 {
-    uint64_t bits = (tick - bus->now) / bus->bit_ticks;
+    uint64_t own = bus->waiting & ~bus->followers;
+    if (bus->waiting != own && cw_mac_can_start(&bus->common))
+        return true;
+    for (; own; own &= own - 1)
+        if (cw_mac_can_start(&bus->nodes[cw_lowest_node(own)].mac))
+            return true;
+    return false;
+}
+
+/* The level of the wire as long as nobody begins or ends to drive it. */
+static bool held_level(const cw_bus *bus)
+{
+    bool held = bus->followers && cw_mac_holds_wire(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; !held && rest; rest &= rest - 1)
+        held = cw_mac_holds_wire(&bus->nodes[cw_lowest_node(rest)].mac);
+    return held ? CW_DOMINANT : CW_RECESSIVE;
+}
+
+/* Bits in which all controllers drive what they do now, and have nothing to report. */
+static uint64_t steady_bits(const cw_bus *bus, bool level)
+{
+    uint64_t bits = CW_QUIET_FOREVER;
+    if (bus->group_count > 1 && !level)
+        return 0;
+    if (bus->followers)
+        bits = cw_mac_steady_bits(&bus->common, level);
+    for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
+        bits = cw_least(bits, cw_mac_steady_bits(&bus->nodes[cw_lowest_node(rest)].mac, level));
+    return bits > 0 && can_start(bus) ? 0 : bits;
+}
+
+/* Bits that can be skipped now: no controller does anything new, nothing comes in. */
+static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
+{
+    if (bus->faults.awake_count && !cw_fault_only_noise(bus))
+        return 0;
+    uint64_t bits = steady_bits(bus, level);
+    if (bits == 0)
+        return 0;
+    bits = cw_least(bits, (tick - bus->now) / bus->bit_ticks);
     bits = cw_least(bits, bits_before(bus, cw_inbox_first(bus)));
     bits = cw_least(bits, bits_until(bus, bus->next_restart));
     bits = cw_least(bits, bits_until(bus, bus->faults.next_due));
-    if (bus->faults.awake_count)
-        bits = cw_fault_only_noise(bus) ? cw_fault_noise_free(bus, bits) : 0;
-    if (bits == 0)
-        return 0;
-    for (uint64_t rest = bus->waiting; rest; rest &= rest - 1)
-        if (cw_mac_can_start(cw_mac_of(bus, cw_lowest_node(rest))))
-            return 0;
-    if (bus->followers)
-        bits = cw_least(bits, cw_mac_quiet_bits(&bus->common));
-    for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
-        bits = cw_least(bits, cw_mac_quiet_bits(&bus->nodes[cw_lowest_node(rest)].mac));
-    return bits;
+    return bus->faults.awake_count ? cw_fault_noise_free(bus, bits) : bits;
 }
 
-static void skip(cw_bus *bus, uint64_t bits)
+static void skip(cw_bus *bus, uint64_t bits, bool level)
 {
     watch_wire(bus, bits);
     if (bus->faults.awake_count)
         cw_fault_pass_noise(bus, bits);
     if (bus->followers)
-        cw_mac_skip(&bus->common, bits);
+        cw_mac_skip(&bus->common, bits, level);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_mac *m = &bus->nodes[i].mac;
         unsigned phase = m->phase;
-        cw_mac_skip(m, bits);
+        cw_mac_skip(m, bits, level);
         bus->crowd.valid = bus->crowd.valid && m->phase == phase;
         cw_join(bus, i);
     }
     bus->now += bits * bus->bit_ticks;
     bus->stats.bits += bits;
-    bus->recessive_bits += bits;
+    bus->recessive_bits = level ? bus->recessive_bits + bits : 0;
 }
 
 /* Some bits, at least one. */
 static void go_on(cw_bus *bus, uint64_t tick)
 {
+    if (bus->stepping) {
+        step(bus);
+        return;
+    }
     if (bus->leap.active) {
         cw_leap_on(bus, tick);
         return;
     }
-    if (!bus->stepping && cw_leap_begin(bus, tick))
+    if (cw_leap_begin(bus, tick))
         return;
-    uint64_t bits = bus->stepping ? 0 : quiet_bits(bus, tick);
+    bool level = held_level(bus);
+    uint64_t bits = bits_to_skip(bus, level, tick);
     if (bits > 0)
-        skip(bus, bits);
+        skip(bus, bits, level);
     else
         step(bus);
 }

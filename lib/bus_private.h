@@ -2,7 +2,7 @@
  *
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
- *   bus.c      set-up, time: one bit after the other, idle time skipped
+ *   bus.c      set-up, time: one bit after the other, equal ones in one go
  *   leap*.c    clean frames without controllers; contest.c who wins them, and what it costs the others
  *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events

@@ -260,6 +260,17 @@ static bool drive_frame(const cw_mac *m)
     return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
 }
 
+static bool in_dominant_flag(const cw_mac *m)
+{
+    return m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_OVERLOAD_FLAG;
+}
+
+/* M11, M15. */
+static bool is_hidden(const cw_mac *m)
+{
+    return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
+}
+
 bool cw_mac_drive(cw_mac *m)
 {
     if (m->offered && cw_mac_can_start(m))
@@ -268,10 +279,14 @@ bool cw_mac_drive(cw_mac *m)
     m->driven = CW_RECESSIVE;
     if (m->phase == CW_MAC_FRAME)
         m->driven = drive_frame(m);
-    else if (m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_OVERLOAD_FLAG)
+    else if (in_dominant_flag(m))
         m->driven = CW_DOMINANT;
-    bool hidden = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK); /* M11, M15 */
-    return hidden ? CW_RECESSIVE : m->driven;
+    return is_hidden(m) ? CW_RECESSIVE : m->driven;
+}
+
+bool cw_mac_holds_wire(const cw_mac *m)
+{
+    return in_dominant_flag(m) && !is_hidden(m);
 }
 
 /* ---- Errors (E1..E9) and overload (O1, O2) --------------------------------------------------- */
@@ -704,13 +719,18 @@ static void sample_suspend(cw_mac *m, bool level, cw_mac_report *r)
 
 /* ---- Sample: error and overload frames ------------------------------------------------------- */
 
+static void end_flag(cw_mac *m)
+{
+    enter(m, m->phase == CW_MAC_OVERLOAD_FLAG ? CW_MAC_OVERLOAD_WAIT : CW_MAC_ERROR_WAIT);
+}
+
 /* Active error flag and overload flag. */
 static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (level)
         detect_in_flag(m, r);
     else if (++m->count == CW_FLAG_BITS)
-        enter(m, m->phase == CW_MAC_ERROR_ACTIVE ? CW_MAC_ERROR_WAIT : CW_MAC_OVERLOAD_WAIT);
+        end_flag(m);
 }
 
 /* A counter moves without an error of its own. */
@@ -733,7 +753,7 @@ static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
     m->count = m->count && level == m->last ? (uint8_t)(m->count + 1) : 1;
     m->last = level;
     if (m->count == CW_FLAG_BITS)
-        enter(m, CW_MAC_ERROR_WAIT);
+        end_flag(m);
 }
 
 /* R2, R6: dominant bits after the own flag; count is how many. */
@@ -846,12 +866,19 @@ void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
     }
 }
 
-/* ---- For the bus ----------------------------------------------------------------------------- */
+/* ---- For the bus: several bits of one level --------------------------------------------------- */
 
-/* Equal bits that a passive flag has seen, if recessive ones go on with them (E7). */
-static unsigned recessive_flag_bits(const cw_mac *m)
+/* What the controller sees when the wire has a level, with what it drives now. */
+static bool sees(const cw_mac *m, bool level)
 {
-    return m->count && m->last ? m->count : 0;
+    cw_mac now = {.modes = m->modes, .driven = !in_dominant_flag(m)};
+    return cw_mac_visible(&now, level);
+}
+
+/* Equal bits that a passive flag has seen, if bits of this level go on with them (E7). */
+static unsigned flag_bits(const cw_mac *m, bool level)
+{
+    return m->count && m->last == level ? m->count : 0;
 }
 
 /* E8: a controller that waits for the delimiter takes its first bit next. */
@@ -861,10 +888,62 @@ static unsigned delimiter_bits(const cw_mac *m)
     return waits ? 0 : m->count;
 }
 
-uint64_t cw_mac_quiet_bits(const cw_mac *m)
+/* Of a receiver: up to the last bit but one of the present step, or a stuff bit. */
+static uint64_t steady_frame_bits(const cw_mac *m, bool level)
 {
-    if (m->told_state != m->confinement.state)
+    bool stuffed = cw_steps[m->step].flags & CW_STEP_STUFFED;
+    if (is_transmitter(m) || m->may_join || !stuffed || stuff_bit_due(m))
         return 0;
+    unsigned left = step_length(m) - m->index - 1u;
+    unsigned run = CW_STUFF_RUN - (level == m->last ? m->run : 0u);
+    return left < run ? left : run;
+}
+
+/* R2, R6: up to a dominant bit that moves a counter. */
+static uint64_t tolerated_bits(const cw_mac *m)
+{
+    bool first = m->count == 0 && m->phase == CW_MAC_ERROR_WAIT && !is_transmitter(m);
+    return first ? 0 : 7u - m->count % 8u;
+}
+
+static uint64_t steady_dominant_bits(const cw_mac *m)
+{
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_INTEGRATING:
+    case CW_MAC_RECOVERING:
+        return CW_QUIET_FOREVER;
+    case CW_MAC_FRAME:
+        return steady_frame_bits(m, CW_DOMINANT);
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        return CW_FLAG_BITS - (uint64_t)m->count;
+    case CW_MAC_ERROR_PASSIVE:
+        return m->ack_deferred ? 0 : CW_FLAG_BITS - (uint64_t)flag_bits(m, CW_DOMINANT);
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_OVERLOAD_WAIT:
+        return tolerated_bits(m);
+    case CW_MAC_IDLE:
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER:
+    case CW_MAC_INTERMISSION:
+    case CW_MAC_SUSPEND:
+    case CW_MAC_PHASE_COUNT:
+        return 0;
+    }
+    return 0;
+}
+
+/* The last bit of the delimiter may lead to an overload frame (O1 a), or to the intermission. */
+static uint64_t steady_delimiter_bits(const cw_mac *m)
+{
+    unsigned left = CW_DELIMITER_BITS - delimiter_bits(m);
+    return m->overloads_wanted > 0 ? left - 1 : left + CW_INTERMISSION_BITS;
+}
+
+static uint64_t steady_recessive_bits(const cw_mac *m)
+{
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_OFF:
     case CW_MAC_BUS_OFF:
@@ -877,16 +956,17 @@ uint64_t cw_mac_quiet_bits(const cw_mac *m)
         return CW_SUSPEND_BITS - (uint64_t)m->count;
     case CW_MAC_RECOVERING: /* all but the last bit of the last group */
         return CW_INTEGRATION_BITS * (CW_RECOVERY_GROUPS - (uint64_t)m->groups) - m->count - 1;
+    case CW_MAC_FRAME:
+        return steady_frame_bits(m, CW_RECESSIVE);
     case CW_MAC_ERROR_PASSIVE:
-        return CW_FLAG_BITS - (uint64_t)recessive_flag_bits(m);
+        return CW_FLAG_BITS - (uint64_t)flag_bits(m, CW_RECESSIVE);
     case CW_MAC_ERROR_WAIT:
     case CW_MAC_ERROR_DELIMITER:
     case CW_MAC_OVERLOAD_WAIT:
-    case CW_MAC_OVERLOAD_DELIMITER: /* the last bit may lead to an overload frame (O1 a) */
-        return CW_DELIMITER_BITS - (uint64_t)delimiter_bits(m) - (m->overloads_wanted > 0);
+    case CW_MAC_OVERLOAD_DELIMITER:
+        return steady_delimiter_bits(m);
     case CW_MAC_INTERMISSION:
         return CW_INTERMISSION_BITS - (uint64_t)m->count;
-    case CW_MAC_FRAME:
     case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_OVERLOAD_FLAG:
     case CW_MAC_PHASE_COUNT:
@@ -895,29 +975,25 @@ uint64_t cw_mac_quiet_bits(const cw_mac *m)
     return 0;
 }
 
-static void skip_passive_flag(cw_mac *m, unsigned bits)
+uint64_t cw_mac_steady_bits(const cw_mac *m, bool level)
 {
-    m->count = (uint8_t)(recessive_flag_bits(m) + bits);
-    m->last = CW_RECESSIVE;
-    if (m->count == CW_FLAG_BITS)
-        enter(m, CW_MAC_ERROR_WAIT);
+    if (m->told_state != m->confinement.state)
+        return 0;
+    return sees(m, level) ? steady_recessive_bits(m) : steady_dominant_bits(m);
 }
 
-static void skip_delimiter(cw_mac *m, unsigned bits)
+static void skip_frame_bits(cw_mac *m, unsigned bits, bool level)
 {
-    bool error = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_ERROR_DELIMITER;
-    unsigned count = delimiter_bits(m) + bits;
-    enter(m, error ? CW_MAC_ERROR_DELIMITER : CW_MAC_OVERLOAD_DELIMITER);
+    for (; bits > 0; bits--, m->index++)
+        take_bit(m, level);
+}
+
+static void skip_flag(cw_mac *m, unsigned count, bool level)
+{
     m->count = (uint8_t)count;
-    if (count == CW_DELIMITER_BITS)
-        enter(m, CW_MAC_INTERMISSION);
-}
-
-static void skip_recovery(cw_mac *m, uint64_t bits)
-{
-    uint64_t seen = m->count + bits;
-    m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
-    m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
+    m->last = level;
+    if (m->count == CW_FLAG_BITS)
+        end_flag(m);
 }
 
 /* Counts up to the end of a phase that is followed by idle. */
@@ -932,15 +1008,52 @@ static void skip_to_idle(cw_mac *m, uint64_t bits, unsigned end)
         become_idle(m);
 }
 
-void cw_mac_skip(cw_mac *m, uint64_t bits)
+static void skip_delimiter(cw_mac *m, unsigned bits)
 {
-    assert(bits <= cw_mac_quiet_bits(m));
+    bool error = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_ERROR_DELIMITER;
+    unsigned count = delimiter_bits(m) + bits;
+    if (count < CW_DELIMITER_BITS) {
+        enter(m, error ? CW_MAC_ERROR_DELIMITER : CW_MAC_OVERLOAD_DELIMITER);
+        m->count = (uint8_t)count;
+        return;
+    }
+    enter(m, CW_MAC_INTERMISSION);
+    skip_to_idle(m, count - CW_DELIMITER_BITS, CW_INTERMISSION_BITS);
+}
+
+static void skip_wait(cw_mac *m, unsigned bits, bool level)
+{
+    if (level)
+        skip_delimiter(m, bits);
+    else
+        m->count = (uint8_t)(m->count + bits);
+}
+
+static void skip_recovery(cw_mac *m, uint64_t bits, bool level)
+{
+    uint64_t seen = level ? m->count + bits : 0;
+    m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
+    m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
+}
+
+static void skip_integration(cw_mac *m, uint64_t bits, bool level)
+{
+    if (level)
+        skip_to_idle(m, bits, CW_INTEGRATION_BITS);
+    else
+        m->count = 0;
+}
+
+void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
+{
+    assert(bits > 0 && bits <= cw_mac_steady_bits(m, level));
+    level = sees(m, level);
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_RECOVERING:
-        skip_recovery(m, bits);
+        skip_recovery(m, bits, level);
         break;
     case CW_MAC_INTEGRATING:
-        skip_to_idle(m, bits, CW_INTEGRATION_BITS);
+        skip_integration(m, bits, level);
         break;
     case CW_MAC_SUSPEND:
         skip_to_idle(m, bits, CW_SUSPEND_BITS);
@@ -948,25 +1061,33 @@ void cw_mac_skip(cw_mac *m, uint64_t bits)
     case CW_MAC_INTERMISSION:
         skip_to_idle(m, bits, CW_INTERMISSION_BITS);
         break;
+    case CW_MAC_FRAME:
+        skip_frame_bits(m, (unsigned)bits, level);
+        break;
     case CW_MAC_ERROR_PASSIVE:
-        skip_passive_flag(m, (unsigned)bits);
+        skip_flag(m, flag_bits(m, level) + (unsigned)bits, level);
+        break;
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        skip_flag(m, m->count + (unsigned)bits, m->last);
         break;
     case CW_MAC_ERROR_WAIT:
-    case CW_MAC_ERROR_DELIMITER:
     case CW_MAC_OVERLOAD_WAIT:
+        skip_wait(m, (unsigned)bits, level);
+        break;
+    case CW_MAC_ERROR_DELIMITER:
     case CW_MAC_OVERLOAD_DELIMITER:
         skip_delimiter(m, (unsigned)bits);
         break;
     case CW_MAC_OFF:
     case CW_MAC_BUS_OFF:
     case CW_MAC_IDLE:
-    case CW_MAC_FRAME:
-    case CW_MAC_ERROR_ACTIVE:
-    case CW_MAC_OVERLOAD_FLAG:
     case CW_MAC_PHASE_COUNT:
-        break; /* nothing counts, or no bits are skipped */
+        break; /* nothing counts */
     }
 }
+
+/* ---- For the bus ----------------------------------------------------------------------------- */
 
 /* Of a transmitter: the last but one EOF bit, where the receivers take the frame, then the last. */
 static uint64_t bits_to_frame_end(const cw_mac *m)
@@ -996,7 +1117,7 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
             return CW_FRAME_BITS_MIN - 2;
         return CW_QUIET_FOREVER; /* the transmitter knows */
     case CW_MAC_RECOVERING:
-        return cw_mac_quiet_bits(m) + 1;
+        return steady_recessive_bits(m) + 1;
     case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_ERROR_PASSIVE:
     case CW_MAC_OVERLOAD_FLAG:

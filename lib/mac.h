@@ -29,12 +29,16 @@ bool cw_mac_is_on_bus(const cw_mac *mac);
  * was given up (one-shot). */
 bool cw_mac_force_error(cw_mac *mac);
 
-/* Recessive bits, at least, that the controller takes without driving a dominant bit and without
- * anything to report; 0 when the next bit must be simulated. CW_QUIET_FOREVER: any number. */
-uint64_t cw_mac_quiet_bits(const cw_mac *mac);
+/* Bits, at least, in which the controller goes on driving what it drives, with nothing to report,
+ * when the wire has this level in all of them; 0 when the next bit must be simulated.
+ * CW_QUIET_FOREVER: any number. */
+uint64_t cw_mac_steady_bits(const cw_mac *mac, bool level);
 
-/* Takes that many recessive bits at once, bits <= cw_mac_quiet_bits(). */
-void cw_mac_skip(cw_mac *mac, uint64_t bits);
+/* Takes that many bits at once, bits <= cw_mac_steady_bits(). */
+void cw_mac_skip(cw_mac *mac, uint64_t bits, bool level);
+
+/* Whether its flag keeps the wire dominant. */
+bool cw_mac_holds_wire(const cw_mac *mac);
 
 /* Bits, at least, until this controller ends something that a host sees (a frame, a recovery),
  * if nothing is put in; CW_QUIET_FOREVER when it is not up to it. waiting: a frame waits to be

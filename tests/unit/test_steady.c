@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_steady.c - a controller that takes several bits at once is where it comes by taking them one
+ * by one, and did neither drive nor report anything new in them.
+ */
+#include "mac.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define WALKS 4000
+#define WALK_BITS 400
+#define LOOK_BITS 40
+
+static uint64_t draw(uint64_t *state)
+{
+    *state = *state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return *state >> 24;
+}
+
+/* What of a controller goes on into the next bit. */
+static void assert_same(const cw_mac *a, const cw_mac *b)
+{
+    assert_int_equal(a->phase, b->phase);
+    assert_int_equal(a->role, b->role);
+    assert_int_equal(a->groups, b->groups);
+    assert_int_equal(a->overloads_in_row, b->overloads_in_row);
+    assert_int_equal(a->ack_deferred, b->ack_deferred);
+    assert_int_equal(a->confinement.tec, b->confinement.tec);
+    assert_int_equal(a->confinement.rec, b->confinement.rec);
+    if (a->phase != CW_MAC_IDLE)
+        assert_int_equal(a->count, b->count);
+    if (a->phase == CW_MAC_ERROR_PASSIVE && a->count > 0)
+        assert_int_equal(a->last, b->last);
+    if (a->phase == CW_MAC_FRAME && a->role == CW_ROLE_RECEIVER)
+        assert_true(cw_mac_same_point(a, b));
+}
+
+/* How many of so many bits of a level the controller takes steadily. */
+static uint64_t take_one_by_one(cw_mac *m, bool level, uint64_t bits)
+{
+    const bool holds = cw_mac_holds_wire(m);
+    cw_mac_report report;
+    for (uint64_t n = 0; n < bits; n++) {
+        bool driven = cw_mac_drive(m);
+        assert_int_equal(driven, holds ? CW_DOMINANT : CW_RECESSIVE);
+        cw_mac_sample(m, level, &report);
+        assert_int_equal(report.what, 0);
+    }
+    return bits;
+}
+
+/* Returns how many bits it was steady, for the test to know that it saw something. */
+static uint64_t compare(const cw_mac *m, bool level)
+{
+    uint64_t bits = cw_mac_steady_bits(m, level);
+    if (cw_mac_holds_wire(m) && level)
+        return 0; /* somebody changes the wire: nothing is skipped */
+    bits = bits < LOOK_BITS ? bits : LOOK_BITS;
+    for (uint64_t part = 1; part <= bits; part++) {
+        cw_mac slow = *m;
+        cw_mac fast = *m;
+        (void)take_one_by_one(&slow, level, part);
+        cw_mac_skip(&fast, part, level);
+        assert_same(&fast, &slow);
+    }
+    return bits;
+}
+
+static cw_mac random_controller(uint64_t *seed)
+{
+    static const uint8_t modes[] = {0, 0, 0, CW_MODE_LISTEN_ONLY, CW_MODE_LOOPBACK,
+                                    CW_MODE_ONE_SHOT};
+    static const uint16_t counters[] = {0, 0, 90, 127, 130, 250};
+    cw_mac m;
+    cw_mac_report report;
+    cw_mac_init(&m, modes[draw(seed) % 6], 96);
+    assert_int_equal(cw_mac_set_counters(&m, counters[draw(seed) % 6], counters[draw(seed) % 5]),
+                     CW_OK);
+    for (unsigned i = 0; i < CW_INTEGRATION_BITS; i++) {
+        (void)cw_mac_drive(&m);
+        cw_mac_sample(&m, CW_RECESSIVE, &report);
+    }
+    return m;
+}
+
+/* Now and then the host wants something. */
+static void disturb(cw_mac *m, uint64_t *seed)
+{
+    const cw_frame frame = {.id = (uint32_t)draw(seed) & 0x7FF, .dlc = (uint8_t)(draw(seed) % 3)};
+    if (draw(seed) % 30 == 0)
+        (void)cw_mac_offer(m, &frame);
+    if (draw(seed) % 60 == 0)
+        (void)cw_mac_request_overload(m, 1 + (unsigned)(draw(seed) % 2));
+    if (draw(seed) % 60 == 0)
+        (void)cw_mac_request_restart(m);
+    if (draw(seed) % 200 == 0)
+        (void)cw_mac_force_error(m);
+}
+
+static void steady_bits_can_be_taken_at_once(void **state)
+{
+    (void)state;
+    uint64_t seed = 1;
+    uint64_t steady[CW_MAC_PHASE_COUNT][2] = {{0}};
+    for (unsigned walk = 0; walk < WALKS; walk++) {
+        cw_mac m = random_controller(&seed);
+        uint64_t change = 2 + draw(&seed) % 12; /* long runs in some walks */
+        bool level = CW_RECESSIVE;
+        for (unsigned bit = 0; bit < WALK_BITS; bit++) {
+            cw_mac_report report;
+            disturb(&m, &seed);
+            steady[m.phase][0] += compare(&m, CW_DOMINANT);
+            steady[m.phase][1] += compare(&m, CW_RECESSIVE);
+            level = draw(&seed) % change == 0 ? !level : level;
+            bool driven = cw_mac_drive(&m);
+            cw_mac_sample(&m, draw(&seed) % 40 ? level && driven : level, &report);
+        }
+    }
+    const unsigned in_both[] = {CW_MAC_FRAME,        CW_MAC_ERROR_PASSIVE, CW_MAC_ERROR_WAIT,
+                                CW_MAC_OVERLOAD_WAIT, CW_MAC_BUS_OFF,      CW_MAC_RECOVERING};
+    for (unsigned i = 0; i < sizeof in_both / sizeof in_both[0]; i++) {
+        assert_int_not_equal(steady[in_both[i]][0], 0);
+        assert_int_not_equal(steady[in_both[i]][1], 0);
+    }
+    assert_int_not_equal(steady[CW_MAC_ERROR_ACTIVE][0], 0);
+    assert_int_not_equal(steady[CW_MAC_OVERLOAD_FLAG][0], 0);
+    assert_int_not_equal(steady[CW_MAC_ERROR_DELIMITER][1], 0);
+    assert_int_not_equal(steady[CW_MAC_OVERLOAD_DELIMITER][1], 0);
+    assert_int_not_equal(steady[CW_MAC_INTERMISSION][1], 0);
+    assert_int_not_equal(steady[CW_MAC_SUSPEND][1], 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(steady_bits_can_be_taken_at_once),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
