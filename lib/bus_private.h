@@ -341,8 +341,8 @@ void cw_settle_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 /* The node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
-/* The node has sent the frame of its offered slot. */
-void cw_settle_sent(cw_bus *bus, unsigned node);
+/* The node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
+void cw_settle_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 
 /* The node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);

@@ -126,6 +126,10 @@ typedef struct cw_bits {
 /* Encodes a frame (F1..F7). Returns CW_INVALID, leaving *bits alone, when !cw_frame_valid(). */
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame);
 
+/* The length alone, in a third of the time: bits->length after cw_bits_encode(), SOF to EOF with
+ * stuff bits; 0 when !cw_frame_valid(). */
+unsigned cw_frame_wire_bits(const cw_frame *frame);
+
 /* Level of wire bit n, n < bits->length. */
 bool cw_bits_level(const cw_bits *bits, unsigned n);
 

@@ -15,6 +15,7 @@
 #define BASE_HEAD_BITS 19u /* SOF to the DLC */
 #define EXTENDED_HEAD_BITS 39u
 #define PART_BYTES 5u
+#define LENGTHS_MASK 0xFFFu /* of a sum of entries of cw_stuff_table: their lengths */
 #define TAIL_BITS (3u + CW_EOF_BITS) /* delimiter, ACK slot, delimiter, EOF: all recessive */
 
 /* Before SOF come so many bits that the CRC ends with a byte. They alternate and end recessive, so
@@ -226,4 +227,21 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inve
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
 {
     return cw_bits_encode_crc(bits, frame, 0);
+}
+
+unsigned cw_frame_wire_bits(const cw_frame *frame)
+{
+    if (!cw_frame_valid(frame))
+        return 0;
+    plain_bytes plain;
+    uint64_t lengths = 0; /* as in part, but of all bytes */
+    unsigned state = CW_STUFF_FIRST;
+    const content c = content_of(frame);
+    lay_out(&plain, &c, crc_of(&c));
+    for (unsigned n = 0; n < plain.count; n++) {
+        unsigned entry = state + plain.bytes[n];
+        lengths += cw_stuff_table[entry];
+        state = cw_stuff_next[entry];
+    }
+    return (unsigned)(lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
 }

@@ -100,7 +100,7 @@ static void finish_transmission(cw_bus *bus)
     m->offered = false;
     cw_confinement_tx_success(&m->confinement);
     m->told_state = m->confinement.state;
-    cw_settle_sent(bus, leap->node);
+    cw_settle_sent(bus, leap->node, leap->length);
     cw_tell_state(bus, leap->node);
 }
 
@@ -237,17 +237,19 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
 
 /* ---- The rest at once ------------------------------------------------------------------------ */
 
-/* Goes up to a bit that lies ahead; false when it does not. */
+/* Goes up to a bit that lies ahead, and frames that come before its end go to their queues; false
+ * when it does not lie ahead. */
 static bool move_to(cw_bus *bus, unsigned at)
 {
     if (bus->leap.at >= at)
         return false;
     bus->now += (uint64_t)(at - bus->leap.at) * bus->bit_ticks;
     bus->leap.at = (uint16_t)at;
+    cw_take_inbox_before(bus, bus->now);
     return true;
 }
 
-/* To the end, where nothing can come in between. */
+/* To the end, where nothing comes in between but frames for the queues. */
 static void leap_over(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
@@ -256,6 +258,8 @@ static void leap_over(cw_bus *bus)
     count_bits(bus, bits);
     if (bus->faults.awake_count)
         cw_fault_pass_noise(bus, bits);
+    while (leap->undecided && move_to(bus, next_loss(leap)))
+        tell_losses(bus);
     if (move_to(bus, length - CW_ACK_BEFORE_END) && bus->crowd.counting)
         lower_counters(bus);
     if (move_to(bus, length - CW_RX_BEFORE_END))
@@ -279,14 +283,38 @@ static bool rules_let_pass(cw_bus *bus)
     return leap->stop == CW_NO_STOP;
 }
 
+/* Whether nothing but frames for the queues comes in before that tick. Those for nodes in loopback
+ * are sent at once (M15). */
+static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
+{
+    bool loopback = (bus->leap.riders | bus->crowd.away) != bus->all;
+    return bus->next_restart >= tick && bus->faults.next_due >= tick &&
+           (!loopback || cw_inbox_first(bus) >= tick);
+}
+
 static bool can_leap_over(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return !leap->undecided && !host_side_acts(bus) && !leap->at_work && !leap->traffic &&
-           tick - bus->now >= ticks && cw_leap_is_quiet_until(bus, bus->now + ticks) &&
-           cw_leap_is_noise_free(bus, bits) && rules_let_pass(bus);
+    return tick - bus->now >= ticks && !host_side_acts(bus) && !leap->at_work && !leap->traffic &&
+           is_undisturbed_until(bus, bus->now + ticks) && cw_leap_is_noise_free(bus, bits) &&
+           rules_let_pass(bus);
+}
+
+bool cw_leap_whole(cw_bus *bus, uint64_t tick)
+{
+    cw_leap *leap = &bus->leap;
+    bus_node *n = &bus->nodes[leap->node];
+    const uint16_t slot = cw_queue_first(&n->queue);
+    leap->length = (uint16_t)cw_frame_wire_bits(&n->queue.slots[slot].frame);
+    if (!can_leap_over(bus, tick))
+        return false;
+    n->offered_slot = slot;
+    n->mac.offered = false; /* not encoded */
+    cw_leap_count_losses(bus);
+    leap_over(bus);
+    return true;
 }
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */

@@ -11,6 +11,14 @@
 #define CW_ACK_BEFORE_END 8u /* the ACK slot has been sampled */
 #define CW_RX_BEFORE_END 1u  /* M7 */
 
+/* The frame that is about to begin, with its intermission, in one go, without its bits; for one of
+ * which nobody sees more than the end. False, with nothing done: it cannot be. */
+bool cw_leap_whole(cw_bus *bus, uint64_t tick);
+
+/* All losses of the contest at once; what they add to single nodes is shared out later
+ * (contest.c). */
+void cw_leap_count_losses(cw_bus *bus);
+
 /* Whether nothing is due or comes in before that tick. */
 static inline bool cw_leap_is_quiet_until(const cw_bus *bus, uint64_t tick)
 {

@@ -134,8 +134,7 @@ static void prepare_losses(cw_bus *bus)
     begin_attempt(bus, leap->node);
 }
 
-/* All losses at once; what they add to single nodes is shared out later (contest.c). */
-static void count_losses(cw_bus *bus)
+void cw_leap_count_losses(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     bus_node *n = &bus->nodes[leap->node];
@@ -163,25 +162,32 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
 
-static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
+static void prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
 {
-    bus_node *n = &bus->nodes[winner];
-    encode(n);
-    bus->leap.active = true;
-    bus->leap.broken = false;
-    bus->leap.unseen = false;
-    bus->leap.at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
-    bus->leap.traffic = bus->faults.awake_count && cw_fault_has_traffic(bus);
-    bus->leap.node = (uint8_t)winner;
-    bus->leap.at = 0;
-    bus->leap.stop = CW_NO_STOP;
-    bus->leap.length = n->mac.tx.length;
-    bus->leap.bits = &n->mac.tx;
-    bus->leap.frame = n->queue.slots[n->offered_slot].frame;
-    bus->leap.riders = bus->crowd.riders;
-    bus->leap.contenders = contenders;
+    cw_leap *leap = &bus->leap;
+    leap->node = (uint8_t)winner;
+    leap->broken = false;
+    leap->unseen = false;
+    leap->at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
+    leap->traffic = bus->faults.awake_count && cw_fault_has_traffic(bus);
+    leap->at = 0;
+    leap->stop = CW_NO_STOP;
+    leap->riders = bus->crowd.riders;
+    leap->contenders = contenders;
+    leap->undecided = 0;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
+}
+
+static void begin(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    bus_node *n = &bus->nodes[leap->node];
+    encode(n);
+    leap->active = true;
+    leap->length = n->mac.tx.length;
+    leap->bits = &n->mac.tx;
+    leap->frame = n->queue.slots[n->offered_slot].frame;
 }
 
 /* All begin to transmit; rules look at the frames of those that are watched. */
@@ -194,7 +200,7 @@ static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
         cw_fault_find_stop(bus, 0);
     bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
     if (leap->contenders == self || hidden) {
-        count_losses(bus);
+        cw_leap_count_losses(bus);
         return;
     }
     prepare_losses(bus);
@@ -217,7 +223,12 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
     if (watched && (cw_fault_acts_at_start(bus, watched) || cw_fault_is_at_work(bus)))
         return false;
-    begin(bus, winner, contenders);
+    prepare(bus, winner, contenders);
+    bool losses_seen = contenders != cw_node_bit(winner) &&
+                       cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
+    if (watched == 0 && !losses_seen && cw_leap_whole(bus, tick))
+        return true;
+    begin(bus);
     start_transmissions(bus, watched, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;

@@ -10,23 +10,23 @@ static const cw_queue_slot *offered_slot(const bus_node *n)
     return &n->queue.slots[n->offered_slot];
 }
 
-static void count_sent(cw_bus *bus, bus_node *n)
+static void count_sent(cw_bus *bus, bus_node *n, unsigned wire_bits)
 {
     const cw_queue_slot *slot = offered_slot(n);
     n->stats.tx_frames++;
     n->stats.tx_bytes += cw_frame_length(&slot->frame);
-    n->stats.tx_bits += n->mac.tx.length;
+    n->stats.tx_bits += wire_bits;
     if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
         bus->stats.frames++;
-        bus->stats.frame_bits += n->mac.tx.length;
+        bus->stats.frame_bits += wire_bits;
     }
     cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
 }
 
-void cw_settle_sent(cw_bus *bus, unsigned i)
+void cw_settle_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
     bus_node *n = &bus->nodes[i];
-    count_sent(bus, n);
+    count_sent(bus, n, wire_bits);
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
     e->frame = offered_slot(n)->frame;
@@ -160,6 +160,6 @@ void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if (r->what & CW_REPORT_RX)
         cw_receive(bus, i, cw_mac_received(cw_mac_of(bus, i)));
     if (r->what & CW_REPORT_TX)
-        cw_settle_sent(bus, i);
+        cw_settle_sent(bus, i, bus->nodes[i].mac.tx.length);
     cw_tell_state(bus, i);
 }

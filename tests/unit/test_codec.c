@@ -49,6 +49,8 @@ static void check_bitwise(const cw_frame *f, uint16_t inverted)
     assert_memory_equal(bits.stuff, expected.stuff, sizeof bits.stuff);
     assert_int_equal(bits.crc, expected.crc);
     assert_int_equal(bits.length, expected.length);
+    if (!inverted)
+        assert_int_equal(cw_frame_wire_bits(f), expected.length);
     assert_int_equal(bits.data_bits, expected.data_bits);
     assert_int_equal(bits.extended, expected.extended);
 }
@@ -272,6 +274,7 @@ static void only_classical_frames_in_range_are_encoded(void **state)
         assert_int_equal(cw_frame_valid(&cases[i].frame), cases[i].valid);
         assert_int_equal(cw_bits_encode(&bits, &cases[i].frame),
                          cases[i].valid ? CW_OK : CW_INVALID);
+        assert_int_equal(cw_frame_wire_bits(&cases[i].frame), cases[i].valid ? bits.length : 0);
         if (!cases[i].valid)
             assert_memory_equal(&bits, &before, sizeof bits);
     }
