@@ -32,21 +32,21 @@ static bool find_kind(cw_event_kind *kind, const char *word)
     return false;
 }
 
-static bool find_state(cw_state *state, const char *word)
+static bool find_state(uint8_t *state, const char *word)
 {
     for (unsigned i = 0; i < CW_STATE_COUNT; i++)
         if (strcmp(cw_state_name((cw_state)i), word) == 0) {
-            *state = (cw_state)i;
+            *state = (uint8_t)i;
             return true;
         }
     return false;
 }
 
-static bool find_drop(cw_drop *why, const char *word)
+static bool find_drop(uint8_t *why, const char *word)
 {
     for (unsigned i = 0; i < CW_DROP_COUNT; i++)
         if (strcmp(cw_drop_name((cw_drop)i), word) == 0) {
-            *why = (cw_drop)i;
+            *why = (uint8_t)i;
             return true;
         }
     return false;

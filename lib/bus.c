@@ -138,6 +138,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_contest_init(&bus->contest, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(&bus->nodes[i], &config->nodes[i]);
+    cw_ring_find_enough(bus);
     for (unsigned i = 0; i < config->rule_count; i++) {
         unsigned index;
         if (cw_bus_add_rule(bus, &index, &config->rules[i]) != CW_OK)

@@ -62,6 +62,7 @@ typedef struct event_ring {
     unsigned capacity;
     unsigned first;
     unsigned count;
+    uint64_t enough; /* room for the worst bit there can be, whatever waits at present */
 } event_ring;
 
 /* A frame that a host rule holds back. */
@@ -204,8 +205,16 @@ static inline void cw_share_lost(cw_bus *bus, unsigned node)
 
 /* ---- events.c -------------------------------------------------------------------------------- */
 
+/* The most room that a bit can need; to be found anew when rules come or go. */
+void cw_ring_find_enough(cw_bus *bus);
+
+bool cw_ring_has_room_now(const cw_bus *bus);
+
 /* Whether the worst that can happen up to the end of the next bit fits into the ring. */
-bool cw_ring_has_room(const cw_bus *bus);
+static inline bool cw_ring_has_room(const cw_bus *bus)
+{
+    return bus->ring.capacity - bus->ring.count >= bus->ring.enough || cw_ring_has_room_now(bus);
+}
 
 /* The least size of the ring with which the bus never stands still. */
 unsigned cw_ring_least(const cw_bus_config *config);
@@ -259,7 +268,7 @@ void cw_run_due_node(cw_bus *bus, unsigned node);
 
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
-/* To be called when frames have come to or left the queue of a node. */
+/* To be called when the frame that goes first at a node may be another one. */
 void cw_queue_changed(cw_bus *bus, unsigned node);
 
 void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);

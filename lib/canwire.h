@@ -547,18 +547,18 @@ typedef struct cw_event {
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
     uint16_t rec;
     cw_error error; /* ERROR; TOLERATED: role and place only */
-    cw_state state; /* STATE: the new one */
-    cw_state state_before; /* STATE */
-    cw_drop why;    /* DROP */
+    uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
+    uint16_t rule;  /* FAULT: index of the rule */
+    uint8_t state;  /* STATE: the new one, a cw_state */
+    uint8_t state_before; /* STATE */
+    uint8_t why;    /* DROP: a cw_drop */
     uint8_t lost_bit; /* ARBITRATION_LOST */
     bool up;        /* LINK */
-    uint64_t ticks; /* SKIP: how long */
-    uint16_t rule;  /* FAULT: index of the rule */
-    uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
+    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
     uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire;
                        0: a node that cw_bus_take_over() has left behind */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
-    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
+    uint64_t ticks; /* SKIP: how long */
 } cw_event;
 
 /* Bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented ranges. */

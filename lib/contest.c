@@ -32,7 +32,7 @@ static uint64_t entry_of(const cw_bus *bus, unsigned i)
     const cw_queue *q = &bus->nodes[i].queue;
     if (q->count == 0)
         return NO_ENTRY;
-    return (uint64_t)cw_arbitration_key(&q->slots[q->order[0]].frame) << KEY_SHIFT | i;
+    return (uint64_t)cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) << KEY_SHIFT | i;
 }
 
 static uint64_t play(uint64_t a, uint64_t b)
@@ -98,7 +98,7 @@ static uint64_t lost_share(const cw_bus *bus, unsigned i)
 static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
 {
     const cw_queue *q = &bus->nodes[i].queue;
-    return attempts && !q->slots[q->order[0]].tried ? attempts - 1 : attempts;
+    return attempts && !q->slots[cw_queue_first(q)].tried ? attempts - 1 : attempts;
 }
 
 static void add_received(const cw_bus *bus, const bus_node *n, cw_node_stats *stats)
@@ -129,7 +129,7 @@ void cw_share_lost_now(cw_bus *bus, unsigned i)
         return;
     n->stats.arbitration_lost += lost;
     n->stats.retransmissions += retransmissions(bus, i, lost);
-    n->queue.slots[n->queue.order[0]].tried = true;
+    n->queue.slots[cw_queue_first(&n->queue)].tried = true;
 }
 
 void cw_set_contenders(cw_bus *bus, uint64_t nodes)

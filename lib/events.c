@@ -10,12 +10,25 @@
 /* Events that one node can have in one bit besides drops of frames. */
 #define EVENTS_PER_NODE 8u
 
-bool cw_ring_has_room(const cw_bus *bus)
+/* Of a bit before which so many frames are in queues, in the inbox and in the hands of rules. */
+static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
     const cw_fault_set *f = &bus->faults;
-    uint64_t frames = (uint64_t)bus->inbox.count + bus->held_count + bus->node_count;
-    uint64_t worst = (uint64_t)bus->node_count * EVENTS_PER_NODE + 2u * f->count + bus->queued +
-                     frames * (1 + f->host_rules + f->copies);
+    return (uint64_t)bus->node_count * EVENTS_PER_NODE + 2u * f->count + queued +
+           (handed_in + held + bus->node_count) * (1 + f->host_rules + f->copies);
+}
+
+void cw_ring_find_enough(cw_bus *bus)
+{
+    uint64_t queues = 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        queues += bus->nodes[i].queue.capacity;
+    bus->ring.enough = worst_bit(bus, queues, bus->inbox.capacity, CW_HELD_FRAMES);
+}
+
+bool cw_ring_has_room_now(const cw_bus *bus)
+{
+    uint64_t worst = worst_bit(bus, bus->queued, bus->inbox.count, bus->held_count);
     uint64_t room = bus->ring.capacity - bus->ring.count;
     /* rules on the host side may want more than there is at all; then the ring is emptied first,
      * and what does not fit even so is counted as lost */

@@ -689,6 +689,7 @@ static void count_kinds(cw_bus *bus)
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
             set->copies += f->rule.number;
     }
+    cw_ring_find_enough(bus);
 }
 
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
@@ -740,8 +741,8 @@ static void disown_frames(cw_bus *bus, unsigned rule)
     for (unsigned i = 0; i < bus->node_count; i++) {
         cw_queue *q = &bus->nodes[i].queue;
         for (unsigned k = 0; k < q->count; k++)
-            if (q->slots[q->order[k]].source == rule + 1)
-                q->slots[q->order[k]].source = 0;
+            if (q->slots[cw_queue_nth(q, k)].source == rule + 1)
+                q->slots[cw_queue_nth(q, k)].source = 0;
     }
 }
 

@@ -89,7 +89,8 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
         return;
     }
     bus->queued++;
-    cw_queue_changed(bus, i);
+    if (cw_queue_first(&n->queue) == n->queue.newest)
+        cw_queue_changed(bus, i);
     n->queue.slots[n->queue.newest].source = (uint16_t)source;
     if (source)
         bus->faults.faults[source - 1].outstanding++;

@@ -4,7 +4,6 @@
  */
 #include "queue.h"
 
-#include <assert.h>
 #include <string.h>
 
 void cw_queue_init(cw_queue *q, cw_queue_slot *slots, uint16_t *order, uint16_t capacity,
@@ -29,11 +28,11 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
 {
     unsigned low = 0;
     unsigned high = q->count;
-    if (high == 0 || q->slots[q->order[high - 1]].key <= key)
-        return high;
+    if (high == 0 || q->slots[q->order[0]].key <= key)
+        return 0;
     while (low < high) {
         unsigned middle = (low + high) / 2;
-        if (q->slots[q->order[middle]].key <= key)
+        if (q->slots[q->order[middle]].key > key)
             low = middle + 1;
         else
             high = middle;
@@ -57,9 +56,9 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     return true;
 }
 
-static bool goes_before(const cw_queue_slot *a, const cw_queue_slot *b)
+static bool goes_after(const cw_queue_slot *a, const cw_queue_slot *b)
 {
-    return a->key < b->key || (a->key == b->key && a->number < b->number);
+    return a->key > b->key || (a->key == b->key && a->number > b->number);
 }
 
 void cw_queue_set_order(cw_queue *q, cw_order mode)
@@ -69,25 +68,22 @@ void cw_queue_set_order(cw_queue *q, cw_order mode)
         uint16_t slot = q->order[i];
         q->slots[slot].key = mode == CW_ORDER_PRIORITY ? priority_key(&q->slots[slot].frame) : 0;
         unsigned place = i;
-        for (; place > 0 && goes_before(&q->slots[slot], &q->slots[q->order[place - 1]]); place--)
+        for (; place > 0 && goes_after(&q->slots[slot], &q->slots[q->order[place - 1]]); place--)
             q->order[place] = q->order[place - 1];
         q->order[place] = slot;
     }
 }
 
-uint16_t cw_queue_first(const cw_queue *q)
-{
-    assert(q->count > 0);
-    return q->order[0];
-}
-
 void cw_queue_remove(cw_queue *q, uint16_t slot)
 {
-    unsigned place = 0;
-    while (place < q->count && q->order[place] != slot)
-        place++;
-    assert(place < q->count);
-    q->count--;
-    memmove(&q->order[place], &q->order[place + 1], (q->count - place) * sizeof q->order[0]);
-    q->order[q->count] = slot;
+    assert(q->count > 0);
+    unsigned last = --q->count;
+    unsigned place = last; /* mostly it is the one that goes first */
+    while (q->order[place] != slot) {
+        assert(place > 0);
+        place--;
+    }
+    for (; place < last; place++)
+        q->order[place] = q->order[place + 1];
+    q->order[last] = slot;
 }

@@ -10,6 +10,8 @@
 
 #include "canwire.h"
 
+#include <assert.h>
+
 typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
@@ -21,7 +23,7 @@ typedef struct cw_queue_slot {
 
 typedef struct cw_queue {
     cw_queue_slot *slots; /* capacity of them */
-    uint16_t *order;      /* the first count: slots in use, next one first; then the free ones */
+    uint16_t *order;      /* the first count: slots in use, next one last; then the free ones */
     uint16_t count;
     uint16_t capacity;
     uint64_t puts;
@@ -38,8 +40,18 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
 /* Sorts what waits anew; equal ones stay in the order in which they came. */
 void cw_queue_set_order(cw_queue *q, cw_order mode);
 
+/* The slot that goes n-th, from 0; n < count. */
+static inline uint16_t cw_queue_nth(const cw_queue *q, unsigned n)
+{
+    assert(n < q->count);
+    return q->order[q->count - 1u - n];
+}
+
 /* The slot that goes first; the queue must not be empty. */
-uint16_t cw_queue_first(const cw_queue *q);
+static inline uint16_t cw_queue_first(const cw_queue *q)
+{
+    return cw_queue_nth(q, 0);
+}
 
 /* Takes a slot in use out of the queue; its contents stay readable until the next put. */
 void cw_queue_remove(cw_queue *q, uint16_t slot);

@@ -70,16 +70,16 @@ static void next_slices(cw_load *load, uint64_t number)
 {
     uint64_t passed = number < CW_LOAD_SLICES ? number : CW_LOAD_SLICES;
     load->slice_number += number;
+    load->slice = (unsigned)(load->slice_number % CW_LOAD_SLICES);
     for (uint64_t i = 0; i < passed; i++)
         load->busy[(load->slice_number - i) % CW_LOAD_SLICES] = 0;
 }
 
-void cw_load_add(cw_load *load, uint64_t bits, bool busy)
+void cw_load_add_slices(cw_load *load, uint64_t bits, bool busy)
 {
-    load->bits += bits;
     while (bits > load->slice_left) {
         if (busy)
-            load->busy[load->slice_number % CW_LOAD_SLICES] += (uint32_t)load->slice_left;
+            load->busy[load->slice] += (uint32_t)load->slice_left;
         bits -= load->slice_left;
         uint64_t whole = busy ? 0 : (bits - 1) / load->slice_bits;
         next_slices(load, 1 + whole);
@@ -88,7 +88,7 @@ void cw_load_add(cw_load *load, uint64_t bits, bool busy)
     }
     load->slice_left -= bits;
     if (busy)
-        load->busy[load->slice_number % CW_LOAD_SLICES] += (uint32_t)bits;
+        load->busy[load->slice] += (uint32_t)bits;
 }
 
 unsigned cw_load_second_permille(const cw_load *load)

@@ -17,13 +17,27 @@ typedef struct cw_load {
     uint64_t bits;        /* bits seen */
     uint64_t slice_left;   /* bits that the present slice still takes */
     uint64_t slice_number; /* of the present slice since bit 0 */
+    unsigned slice;        /* its place: slice_number % CW_LOAD_SLICES */
     uint32_t busy[CW_LOAD_SLICES];
 } cw_load;
 
 void cw_load_init(cw_load *load, uint32_t bit_ticks);
 
+/* Adds bits that are all busy or all not, more than the present slice takes, but for load->bits. */
+void cw_load_add_slices(cw_load *load, uint64_t bits, bool busy);
+
 /* Adds bits that are all busy or all not. */
-void cw_load_add(cw_load *load, uint64_t bits, bool busy);
+static inline void cw_load_add(cw_load *load, uint64_t bits, bool busy)
+{
+    load->bits += bits;
+    if (bits > load->slice_left) {
+        cw_load_add_slices(load, bits, busy);
+        return;
+    }
+    load->slice_left -= bits;
+    if (busy)
+        load->busy[load->slice] += (uint32_t)bits;
+}
 
 unsigned cw_load_second_permille(const cw_load *load);
 

@@ -34,8 +34,8 @@ static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
     if (begun)
         take_over_slot(bus, i, old, old->offered_slot);
     for (unsigned k = 0; k < old->queue.count; k++)
-        if (!begun || old->queue.order[k] != old->offered_slot)
-            take_over_slot(bus, i, old, old->queue.order[k]);
+        if (!begun || cw_queue_nth(&old->queue, k) != old->offered_slot)
+            take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k));
 }
 
 /* As cw_node_set() would do it. */
