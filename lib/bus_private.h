@@ -62,6 +62,7 @@ typedef struct event_ring {
     unsigned capacity;
     unsigned first;
     unsigned count;
+    uint64_t newest_tick; /* of the last event in it; or of one that was taken */
     uint64_t enough; /* room for the worst bit there can be, whatever waits at present */
 } event_ring;
 

@@ -9,6 +9,7 @@
  */
 #include "bus_private.h"
 
+#include "bits.h"
 #include "codec.h"
 
 /* ---- The tournament -------------------------------------------------------------------------- */
@@ -134,9 +135,12 @@ void cw_share_lost_now(cw_bus *bus, unsigned i)
 
 void cw_set_contenders(cw_bus *bus, uint64_t nodes)
 {
+    if (nodes == bus->contest.contenders)
+        return;
     for (uint64_t rest = nodes ^ bus->contest.contenders; rest; rest &= rest - 1)
         cw_share_lost(bus, cw_lowest_node(rest));
     bus->contest.contenders = nodes;
+    bus->contest.contender_count = cw_count_bits(nodes);
 }
 
 static void share_received(cw_bus *bus, unsigned i)

@@ -12,6 +12,7 @@ typedef struct cw_contest {
     uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
     unsigned leaves;
     uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
+    unsigned contender_count;
     uint64_t lost;
     uint64_t listeners;  /* nodes that have received all of these since their rx_*_before */
     uint64_t rx_frames;

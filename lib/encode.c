@@ -15,7 +15,7 @@
 #define BASE_HEAD_BITS 19u /* SOF to the DLC */
 #define EXTENDED_HEAD_BITS 39u
 #define PART_BYTES 5u
-#define LENGTHS_MASK 0xFFFu /* of a sum of entries of cw_stuff_table: their lengths */
+#define LENGTHS_MASK 0xFFFu /* of all bytes of a frame, in the sum of their entries */
 #define TAIL_BITS (3u + CW_EOF_BITS) /* delimiter, ACK slot, delimiter, EOF: all recessive */
 
 /* Before SOF come so many bits that the CRC ends with a byte. They alternate and end recessive, so
@@ -229,19 +229,34 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
     return cw_bits_encode_crc(bits, frame, 0);
 }
 
+/* As stuff_byte(), but only how many bits they become. */
+static inline void measure_byte(part *p, uint8_t byte)
+{
+    p->lengths += cw_stuff_table[p->state + byte];
+    p->state = cw_stuff_next[p->state + byte];
+}
+
+static inline void measure_five(part *p, const uint8_t bytes[PART_BYTES])
+{
+    measure_byte(p, bytes[0]);
+    measure_byte(p, bytes[1]);
+    measure_byte(p, bytes[2]);
+    measure_byte(p, bytes[3]);
+    measure_byte(p, bytes[4]);
+}
+
 unsigned cw_frame_wire_bits(const cw_frame *frame)
 {
     if (!cw_frame_valid(frame))
         return 0;
     plain_bytes plain;
-    uint64_t lengths = 0; /* as in part, but of all bytes */
-    unsigned state = CW_STUFF_FIRST;
+    part p = {.state = CW_STUFF_FIRST};
+    unsigned n = 0;
     const content c = content_of(frame);
     lay_out(&plain, &c, crc_of(&c));
-    for (unsigned n = 0; n < plain.count; n++) {
-        unsigned entry = state + plain.bytes[n];
-        lengths += cw_stuff_table[entry];
-        state = cw_stuff_next[entry];
-    }
-    return (unsigned)(lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
+    for (; n + PART_BYTES <= plain.count; n += PART_BYTES)
+        measure_five(&p, plain.bytes + n);
+    for (; n < plain.count; n++)
+        measure_byte(&p, plain.bytes[n]);
+    return (unsigned)(p.lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
 }

@@ -116,29 +116,21 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
     unsigned place = find_place(ring, added);
     open_gap(ring, place);
     *event_at(ring, place) = *added;
+    ring->newest_tick = newest_event(ring)->tick;
     return event_at(ring, place);
-}
-
-/* The usual case: behind all that are there. NULL when it is not. */
-static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick)
-{
-    event_ring *ring = &bus->ring;
-    bool behind = ring->count == 0 || newest_event(ring)->tick < tick;
-    if (!behind || ring->count == ring->capacity || !cw_wants_event(bus, kind))
-        return NULL;
-    ring->count++;
-    return newest_event(ring);
 }
 
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
-    cw_event *appended = append(bus, kind, tick);
-    if (appended) {
-        *appended = (cw_event){.kind = kind, .tick = tick, .nodes = nodes};
-        return appended;
-    }
     const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
-    return insert(bus, &event);
+    event_ring *ring = &bus->ring;
+    bool usual = ring->newest_tick < tick && ring->count < ring->capacity; /* behind all others */
+    if (!usual || !cw_wants_event(bus, kind))
+        return insert(bus, &event);
+    cw_event *added = event_at(ring, ring->count++);
+    ring->newest_tick = tick;
+    *added = event;
+    return added;
 }
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)

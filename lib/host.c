@@ -6,50 +6,9 @@
 
 #include "confinement.h"
 
-/* ---- Hand-in --------------------------------------------------------------------------------- */
+#include <assert.h>
 
-static inbox_entry *inbox_at(const inbox *box, unsigned i)
-{
-    unsigned place = box->first + i;
-    return &box->entries[place < box->capacity ? place : place - box->capacity];
-}
-
-static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
-{
-    return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
-}
-
-cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
-{
-    inbox *box = &bus->inbox;
-    if (i >= bus->node_count)
-        return CW_INVALID;
-    if (box->count == box->capacity)
-        return CW_FULL;
-    if (at_tick < bus->now)
-        at_tick = bus->now;
-    unsigned place = box->count++;
-    for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
-        *inbox_at(box, place) = *inbox_at(box, place - 1);
-    *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
-    bus->nodes[i].inbox++;
-    return CW_OK;
-}
-
-void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
-{
-    for (unsigned i = 0; i < bus->inbox.count; i++) {
-        inbox_entry *e = inbox_at(&bus->inbox, i);
-        if (e->at_tick == CW_NEVER || e->at_tick <= bus->now)
-            continue;
-        e->at_tick = e->at_tick - bus->now > ticks ? e->at_tick - ticks : bus->now;
-    }
-}
-
-uint64_t cw_bus_inbox_first(const cw_bus *bus)
-{
-    return cw_inbox_first(bus);
-}
+/* ---- Queues ---------------------------------------------------------------------------------- */
 
 void cw_queue_changed(cw_bus *bus, unsigned i)
 {
@@ -76,46 +35,33 @@ static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
     return n->queue.count >= n->queue_limit ? CW_DROP_QUEUE_FULL : CW_DROP_COUNT;
 }
 
-void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+static void enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
-    if (bus->leap.active)
-        cw_leap_frame_came(bus, i, tick);
-    cw_share_lost(bus, i);
-    cw_drop why = refusal(bus, i, frame);
-    if (why != CW_DROP_COUNT || !cw_queue_put(&n->queue, frame, tick)) {
-        cw_push_drop(bus, i, CW_SIDE_TX, frame,
-                     why != CW_DROP_COUNT ? why : CW_DROP_QUEUE_FULL, tick);
-        return;
-    }
+    bool put = cw_queue_put(&n->queue, frame, tick);
+    assert(put);
+    (void)put;
     bus->queued++;
     if (cw_queue_first(&n->queue) == n->queue.newest)
         cw_queue_changed(bus, i);
     n->queue.slots[n->queue.newest].source = (uint16_t)source;
-    if (source)
-        bus->faults.faults[source - 1].outstanding++;
     if (n->queue.count > n->stats.queue_peak)
         n->stats.queue_peak = n->queue.count;
 }
 
-/* The earliest frame of the inbox: rules on the host side first, then the queue. */
-static void take_first(cw_bus *bus)
+void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
-    inbox *box = &bus->inbox;
-    inbox_entry entry = *inbox_at(box, 0);
-    box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
-    box->count--;
-    bus->nodes[entry.node].inbox--;
-    bus->nodes[entry.node].stats.handed_in++;
-    if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
-        cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
-    cw_fault_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
-}
-
-void cw_take_inbox(cw_bus *bus, uint64_t tick)
-{
-    while (cw_inbox_first(bus) < tick)
-        take_first(bus);
+    if (bus->leap.active)
+        cw_leap_frame_came(bus, i, tick);
+    cw_share_lost(bus, i);
+    cw_drop why = refusal(bus, i, frame);
+    if (why != CW_DROP_COUNT) {
+        cw_push_drop(bus, i, CW_SIDE_TX, frame, why, tick);
+        return;
+    }
+    enqueue(bus, i, frame, tick, source);
+    if (source)
+        bus->faults.faults[source - 1].outstanding++;
 }
 
 void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
@@ -138,6 +84,96 @@ static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
         cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, bus->now);
         cw_remove_slot(bus, i, slot);
     }
+}
+
+/* ---- Hand-in --------------------------------------------------------------------------------- */
+
+static inbox_entry *inbox_at(const inbox *box, unsigned i)
+{
+    unsigned place = box->first + i;
+    return &box->entries[place < box->capacity ? place : place - box->capacity];
+}
+
+static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
+{
+    return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
+}
+
+/* Whether nothing comes before a frame for now: neither frames nor what rules and nodes are to do
+ * at this tick. */
+static bool is_next(const cw_bus *bus)
+{
+    return bus->inbox.count == 0 && bus->faults.next_due > bus->now &&
+           bus->next_restart > bus->now && !bus->news && bus->faults.host_rules == 0 &&
+           bus->faults.awake_count == 0 && bus->held_count == 0;
+}
+
+/* Such a frame needs no place in the inbox. False, with nothing done, when it does: or when it
+ * would be dropped, since events come only while the bus advances. */
+static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
+{
+    if (!is_next(bus) || refusal(bus, i, frame) != CW_DROP_COUNT)
+        return false;
+    if (bus->leap.active)
+        cw_leap_frame_came(bus, i, bus->now);
+    cw_share_lost(bus, i);
+    bus->nodes[i].stats.handed_in++;
+    enqueue(bus, i, frame, bus->now, 0);
+    return true;
+}
+
+cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
+{
+    inbox *box = &bus->inbox;
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (at_tick < bus->now)
+        at_tick = bus->now;
+    if (at_tick == bus->now && hand_in_now(bus, i, frame))
+        return CW_OK;
+    if (box->count == box->capacity)
+        return CW_FULL;
+    unsigned place = box->count++;
+    for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
+        *inbox_at(box, place) = *inbox_at(box, place - 1);
+    *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
+    bus->nodes[i].inbox++;
+    return CW_OK;
+}
+
+void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
+{
+    for (unsigned i = 0; i < bus->inbox.count; i++) {
+        inbox_entry *e = inbox_at(&bus->inbox, i);
+        if (e->at_tick == CW_NEVER || e->at_tick <= bus->now)
+            continue;
+        e->at_tick = e->at_tick - bus->now > ticks ? e->at_tick - ticks : bus->now;
+    }
+}
+
+uint64_t cw_bus_inbox_first(const cw_bus *bus)
+{
+    return cw_inbox_first(bus);
+}
+
+/* The earliest frame of the inbox: rules on the host side first, then the queue. */
+static void take_first(cw_bus *bus)
+{
+    inbox *box = &bus->inbox;
+    inbox_entry entry = *inbox_at(box, 0);
+    box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
+    box->count--;
+    bus->nodes[entry.node].inbox--;
+    bus->nodes[entry.node].stats.handed_in++;
+    if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
+        cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
+    cw_fault_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
+}
+
+void cw_take_inbox(cw_bus *bus, uint64_t tick)
+{
+    while (cw_inbox_first(bus) < tick)
+        take_first(bus);
 }
 
 static void flush_inbox(cw_bus *bus, unsigned i)

@@ -239,11 +239,12 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
 
 /* Goes up to a bit that lies ahead, and frames that come before its end go to their queues; false
  * when it does not lie ahead. */
-static bool move_to(cw_bus *bus, unsigned at)
+static inline bool move_to(cw_bus *bus, unsigned at)
 {
-    if (bus->leap.at >= at)
+    const unsigned from = bus->leap.at;
+    if (from >= at)
         return false;
-    bus->now += (uint64_t)(at - bus->leap.at) * bus->bit_ticks;
+    bus->now += (uint64_t)(at - from) * bus->bit_ticks;
     bus->leap.at = (uint16_t)at;
     cw_take_inbox_before(bus, bus->now);
     return true;
@@ -260,7 +261,7 @@ static void leap_over(cw_bus *bus)
         cw_fault_pass_noise(bus, bits);
     while (leap->undecided && move_to(bus, next_loss(leap)))
         tell_losses(bus);
-    if (move_to(bus, length - CW_ACK_BEFORE_END) && bus->crowd.counting)
+    if (bus->crowd.counting && move_to(bus, length - CW_ACK_BEFORE_END))
         lower_counters(bus);
     if (move_to(bus, length - CW_RX_BEFORE_END))
         receive(bus);

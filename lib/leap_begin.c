@@ -142,7 +142,7 @@ void cw_leap_count_losses(cw_bus *bus)
     begin_attempt(bus, leap->node);
     bus->contest.lost++;
     n->lost_before = bus->contest.lost;
-    bus->stats.arbitration_lost += cw_count_bits(leap->contenders) - 1;
+    bus->stats.arbitration_lost += bus->contest.contender_count - 1;
     leap->undecided = 0;
     leap->unseen = true;
 }
