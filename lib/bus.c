@@ -64,7 +64,7 @@ static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++) {
         uint16_t capacity = cw_queue_room(c, i);
         cw_queue_slot *slots = carve(a, capacity, sizeof *slots);
-        uint16_t *order = carve(a, capacity, sizeof *order);
+        cw_queue_place *order = carve(a, capacity, sizeof *order);
         if (nodes)
             cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order);
     }

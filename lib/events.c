@@ -120,17 +120,25 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
     return event_at(ring, place);
 }
 
+/* The usual case: behind all that are there. NULL when it is not. */
+static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick)
+{
+    event_ring *ring = &bus->ring;
+    if (ring->newest_tick >= tick || ring->count == ring->capacity || !cw_wants_event(bus, kind))
+        return NULL;
+    ring->newest_tick = tick;
+    return event_at(ring, ring->count++);
+}
+
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
+    cw_event *added = append(bus, kind, tick);
+    if (added) {
+        *added = (cw_event){.kind = kind, .tick = tick, .nodes = nodes};
+        return added;
+    }
     const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
-    event_ring *ring = &bus->ring;
-    bool usual = ring->newest_tick < tick && ring->count < ring->capacity; /* behind all others */
-    if (!usual || !cw_wants_event(bus, kind))
-        return insert(bus, &event);
-    cw_event *added = event_at(ring, ring->count++);
-    ring->newest_tick = tick;
-    *added = event;
-    return added;
+    return insert(bus, &event);
 }
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)

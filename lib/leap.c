@@ -308,7 +308,7 @@ bool cw_leap_whole(cw_bus *bus, uint64_t tick)
     cw_leap *leap = &bus->leap;
     bus_node *n = &bus->nodes[leap->node];
     const uint16_t slot = cw_queue_first(&n->queue);
-    leap->length = (uint16_t)cw_frame_wire_bits(&n->queue.slots[slot].frame);
+    leap->length = n->queue.slots[slot].wire_bits;
     if (!can_leap_over(bus, tick))
         return false;
     n->offered_slot = slot;

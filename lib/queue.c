@@ -6,12 +6,12 @@
 
 #include <string.h>
 
-void cw_queue_init(cw_queue *q, cw_queue_slot *slots, uint16_t *order, uint16_t capacity,
+void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode)
 {
     *q = (cw_queue){.slots = slots, .order = order, .capacity = capacity, .mode = mode};
     for (uint16_t i = 0; i < capacity; i++)
-        order[i] = i;
+        order[i].slot = i;
 }
 
 /* The identifier as arbitration sees it: base id, then IDE, then the extension. RTR does not count,
@@ -23,54 +23,55 @@ static uint32_t priority_key(const cw_frame *frame)
     return (frame->id >> 18) << 19 | 1u << 18 | (frame->id & 0x3FFFFu);
 }
 
-/* Where a new frame goes: behind all that are at least as urgent. */
+/* Where a new frame goes: behind all that are at least as urgent. A binary search in which only the
+ * number of frames decides on branches, since the processor cannot foresee keys. */
 static unsigned find_place(const cw_queue *q, uint32_t key)
 {
-    unsigned low = 0;
-    unsigned high = q->count;
-    if (high == 0 || q->slots[q->order[0]].key <= key)
+    unsigned place = 0;
+    unsigned rest = q->count;
+    if (rest == 0 || q->order[0].key <= key)
         return 0;
-    while (low < high) {
-        unsigned middle = (low + high) / 2;
-        if (q->slots[q->order[middle]].key > key)
-            low = middle + 1;
-        else
-            high = middle;
+    while (rest > 1) {
+        unsigned half = rest / 2;
+        place += q->order[place + half].key > key ? half : 0;
+        rest -= half;
     }
-    return low;
+    return place + 1;
 }
 
+/* The length is found here, where nothing waits for it, and not when the frame's turn comes. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
 {
     if (q->count == q->capacity)
         return false;
     uint32_t key = q->mode == CW_ORDER_PRIORITY ? priority_key(frame) : 0;
     unsigned place = find_place(q, key);
-    uint16_t slot = q->order[q->count];
+    uint16_t slot = q->order[q->count].slot;
     memmove(&q->order[place + 1], &q->order[place], (q->count - place) * sizeof q->order[0]);
-    q->order[place] = slot;
+    q->order[place] = (cw_queue_place){.key = key, .slot = slot};
     q->count++;
     q->newest = slot;
-    q->slots[slot] = (cw_queue_slot){
-        .frame = *frame, .handed_in = handed_in, .number = q->puts++, .key = key};
+    q->slots[slot] = (cw_queue_slot){.frame = *frame, .handed_in = handed_in, .number = q->puts++,
+                                     .wire_bits = (uint8_t)cw_frame_wire_bits(frame)};
     return true;
 }
 
-static bool goes_after(const cw_queue_slot *a, const cw_queue_slot *b)
+static bool goes_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
 {
-    return a->key > b->key || (a->key == b->key && a->number > b->number);
+    return a->key > b->key ||
+           (a->key == b->key && q->slots[a->slot].number > q->slots[b->slot].number);
 }
 
 void cw_queue_set_order(cw_queue *q, cw_order mode)
 {
     q->mode = mode;
     for (unsigned i = 0; i < q->count; i++) {
-        uint16_t slot = q->order[i];
-        q->slots[slot].key = mode == CW_ORDER_PRIORITY ? priority_key(&q->slots[slot].frame) : 0;
+        cw_queue_place moved = q->order[i];
+        moved.key = mode == CW_ORDER_PRIORITY ? priority_key(&q->slots[moved.slot].frame) : 0;
         unsigned place = i;
-        for (; place > 0 && goes_after(&q->slots[slot], &q->slots[q->order[place - 1]]); place--)
+        for (; place > 0 && goes_after(q, &moved, &q->order[place - 1]); place--)
             q->order[place] = q->order[place - 1];
-        q->order[place] = slot;
+        q->order[place] = moved;
     }
 }
 
@@ -79,11 +80,11 @@ void cw_queue_remove(cw_queue *q, uint16_t slot)
     assert(q->count > 0);
     unsigned last = --q->count;
     unsigned place = last; /* mostly it is the one that goes first */
-    while (q->order[place] != slot) {
+    while (q->order[place].slot != slot) {
         assert(place > 0);
         place--;
     }
     for (; place < last; place++)
         q->order[place] = q->order[place + 1];
-    q->order[last] = slot;
+    q->order[last].slot = slot;
 }

@@ -16,14 +16,20 @@ typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
     uint64_t number;    /* of the put: the order in which they came */
-    uint32_t key;       /* lower goes first */
     uint16_t source;    /* for the owner: 0 after a put */
+    uint8_t wire_bits;  /* of the frame, SOF to EOF */
     bool tried;         /* ... a transmission has begun; false after a put */
 } cw_queue_slot;
 
+/* A slot in use, or a free one. */
+typedef struct cw_queue_place {
+    uint32_t key; /* lower goes first */
+    uint16_t slot;
+} cw_queue_place;
+
 typedef struct cw_queue {
     cw_queue_slot *slots; /* capacity of them */
-    uint16_t *order;      /* the first count: slots in use, next one last; then the free ones */
+    cw_queue_place *order; /* the first count: slots in use, next one last; then the free ones */
     uint16_t count;
     uint16_t capacity;
     uint64_t puts;
@@ -31,10 +37,10 @@ typedef struct cw_queue {
     cw_order mode;
 } cw_queue;
 
-void cw_queue_init(cw_queue *q, cw_queue_slot *slots, uint16_t *order, uint16_t capacity,
+void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode);
 
-/* False when the queue is full. */
+/* The frame must be valid. False when the queue is full. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
 
 /* Sorts what waits anew; equal ones stay in the order in which they came. */
@@ -44,7 +50,7 @@ void cw_queue_set_order(cw_queue *q, cw_order mode);
 static inline uint16_t cw_queue_nth(const cw_queue *q, unsigned n)
 {
     assert(n < q->count);
-    return q->order[q->count - 1u - n];
+    return q->order[q->count - 1u - n].slot;
 }
 
 /* The slot that goes first; the queue must not be empty. */

@@ -13,7 +13,7 @@
 typedef struct bench {
     cw_queue queue;
     cw_queue_slot slots[SLOTS];
-    uint16_t order[SLOTS];
+    cw_queue_place order[SLOTS];
 } bench;
 
 static void open_queue(bench *b, uint16_t capacity, cw_order mode)
@@ -132,8 +132,8 @@ static unsigned slow_first(const slow_queue *q)
 static uint16_t find_slot(const bench *b, unsigned number)
 {
     for (uint16_t i = 0; i < b->queue.count; i++)
-        if (b->slots[b->order[i]].handed_in == number)
-            return b->order[i];
+        if (b->slots[b->order[i].slot].handed_in == number)
+            return b->order[i].slot;
     fail_msg("frame %u is lost", number);
     return 0;
 }
