@@ -5,7 +5,9 @@
  * Levels, fields, faults and errors belong to a bit and change at its start; states and counters
  * change at its end. sigrok 0.5 takes texts for unknown words and passes over them, word by word:
  * so the identifier of a text begins with a letter that begins no value (f, q, e, n), and there are
- * no comments among the values. Newer sigrok refuses files with variables of type event.
+ * no comments among the values. It gives up at the first vector of more than one bit, but passes
+ * over numbers of type real: so the counters are real. Newer sigrok shows these as curves, and
+ * refuses files with variables of type event.
  */
 #include "vcd.h"
 
@@ -82,8 +84,8 @@ static void write_header(vcd *self)
         fprintf(out, "$var string 1 f%zu %s.field $end\n", i, name);
         fprintf(out, "$var string 1 e%zu %s.error $end\n", i, name);
         fprintf(out, "$var string 1 q%zu %s.state $end\n", i, name);
-        fprintf(out, "$var integer 32 c%zu %s.tec $end\n", i, name);
-        fprintf(out, "$var integer 32 k%zu %s.rec $end\n", i, name);
+        fprintf(out, "$var real 64 c%zu %s.tec $end\n", i, name);
+        fprintf(out, "$var real 64 k%zu %s.rec $end\n", i, name);
     }
     fprintf(out, "$var wire 1 m fault $end\n");
     fprintf(out, "$var string 1 n rule $end\n");
@@ -128,14 +130,8 @@ static void write_time(vcd *self, uint64_t tick)
 
 static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigned value)
 {
-    unsigned top = 1;
     write_time(self, tick);
-    while (value >> top)
-        top++;
-    fputc('b', self->out);
-    while (top-- > 0)
-        fputc(value >> top & 1u ? '1' : '0', self->out);
-    fprintf(self->out, " %c%zu\n", id, node);
+    fprintf(self->out, "r%u %c%zu\n", value, id, node);
 }
 
 static void write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)

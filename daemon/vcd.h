@@ -13,7 +13,7 @@
  *   NODE.field         text: see bit_part_print()
  *   NODE.error         text: type of the error that the node detects in this bit
  *   NODE.state         text: error-active ... bus-off
- *   NODE.tec NODE.rec  integers
+ *   NODE.tec NODE.rec  whole numbers, of type real
  *
  * Only changes are written, so idle time costs nothing. The unit of time is the coarsest that
  * divides a bit into ten or more: sigrok unfolds the file to a sample for each unit.

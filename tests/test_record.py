@@ -172,6 +172,7 @@ def test_a_live_dump_is_that_of_the_simulation(bus, tmp_path):
     assert live.split("$enddefinitions")[0] == simulated.split("$enddefinitions")[0]
     assert values(live) == values(simulated)
     assert len(values(live)) > 1000
+    assert any(change == "r8 c0" for _, change in values(live))  # a counter that is no single bit
 
 
 def test_rotated_files_are_complete_and_hold_everything(bus, tmp_path):

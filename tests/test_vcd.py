@@ -60,7 +60,7 @@ class Vcd:
         self.types, self.ids = {}, {}
         for kind, size, key, name in re.findall(r"\$var (\S+) (\d+) (\S+) (\S+) \$end", header):
             assert name not in self.ids and key not in self.ids.values()
-            assert int(size) == {"wire": 1, "string": 1, "integer": 32}[kind]
+            assert int(size) == {"wire": 1, "string": 1, "real": 64}[kind]
             self.types[key], self.ids[name] = kind, key
         self.changes = {key: [] for key in self.types}
         self.times = []
@@ -75,13 +75,13 @@ class Vcd:
             return
         if line in ("$dumpvars", "$end"):
             return
-        change = re.fullmatch(r"([01])(\S+)|b([01]+) (\S+)|s(\S*) (\S+)", line)
+        change = re.fullmatch(r"([01])(\S+)|r(\d+) (\S+)|s(\S*) (\S+)", line)
         assert change, line
-        level, wire, number, integer, text, string = change.groups()
+        level, wire, number, real, text, string = change.groups()
         if wire:
             key, value, kind = wire, int(level), "wire"
-        elif integer:
-            key, value, kind = integer, int(number, 2), "integer"
+        elif real:
+            key, value, kind = real, int(number), "real"
         else:
             key, value, kind = string, text, "string"
         assert self.types[key] == kind
@@ -274,7 +274,7 @@ def decoded(path, line, bitrate):
     """Frames as sigrok's decoder tells them: identifier, then data bytes or the DLC of a remote."""
     out = subprocess.run(
         ["sigrok-cli", "-l", "1", "-i", str(path), "-P",
-         f"can:can_rx={line}:nominal_bitrate={bitrate}"],
+         f"can:can_rx={line}:nominal_bitrate={bitrate}:fast_bitrate={bitrate}"],
         capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
     frames = []
     for text in out.splitlines():
@@ -312,6 +312,36 @@ def test_sigrok_decodes_the_wire(write, tmp_path):
                 assert got["remote"] == remote and got["crc"] == int(crc, 16) and got["ack"]
 
 
+def sigrok_levels(path, line):
+    """What sigrok takes from a dump, a level for each unit of it."""
+    shown = subprocess.run(["sigrok-cli", "-l", "1", "-i", str(path), "-C", line, "-O", "csv"],
+                           capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
+    return "".join(level for level in shown.splitlines() if level in ("0", "1"))
+
+
+def test_sigrok_reads_a_run_with_errors_to_its_end(write, tmp_path):
+    need("sigrok-cli", "sigrok-cli")
+    count = 12
+    path = write(ONE_BAD_BIT.replace("send: 123#DEADBEEF",
+                                     f"send: 123#DEADBEEF, every: 1ms, count: {count}")
+                 .replace("count: 1 }", "every: 4 }") +
+                 "  - { name: preset, when: { time: 6500us }, do: { counters: dash, tec: 130 } }\n")
+    sim(path, "--vcd", tmp_path / "f.vcd")
+    vcd = Vcd((tmp_path / "f.vcd").read_text())
+    assert max(value for _, value in vcd.values("engine.tec")) >= 8
+    assert vcd.at("dash.state", vcd.end) == "error-passive"
+    errors = len([text for _, text in vcd.values("gearbox.error") if text == "crc"])
+    assert errors == 4  # of 16 attempts
+    for line in ("wire", "engine.driven", "gearbox.sampled"):
+        levels = sigrok_levels(tmp_path / "f.vcd", line)
+        bits = vcd.end // UNITS
+        assert levels[UNITS // 2:bits * UNITS:UNITS] == vcd.bits(line, 0, bits)
+    # its decoder knows no error frames: of a flag and the frame behind it makes one of its own
+    whole = [f for f in decoded(tmp_path / "f.vcd", "wire", 500000)
+             if f["data"] == [0xDE, 0xAD, 0xBE, 0xEF]]
+    assert len(whole) == count and {f["id"] for f in whole} == {0x123}
+
+
 def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):
     need("sigrok-cli", "sigrok-cli")
     sim(write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
@@ -324,7 +354,7 @@ def test_sigrok_sees_all_levels_by_their_names(write, tmp_path):
 
 def test_gtkwave_reads_what_was_written(write, tmp_path):
     need("vcd2fst", "gtkwave, which is not among scripts/install-deps: it brings a desktop")
-    sim(write(ONE_BAD_BIT), "--vcd", tmp_path / "f.vcd")
+    sim(write(ONE_BAD_BIT.replace("count: 1", "count: 9")), "--vcd", tmp_path / "f.vcd")
     subprocess.run(["vcd2fst", "f.vcd", "f.fst"], cwd=tmp_path, timeout=TIMEOUT_S, check=True)
     back = subprocess.run(["fst2vcd", "f.fst"], cwd=tmp_path, text=True, capture_output=True,
                           timeout=TIMEOUT_S, check=True).stdout
