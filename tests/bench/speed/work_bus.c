@@ -39,7 +39,14 @@ static cw_rule flip_id(const char *name, unsigned number)
     return r;
 }
 
-/* Keeps the bus from leaping: its last node, which must not send, acknowledges in vain. */
+/* Noise that never comes, for each attempt, so that it asks in every bit who is sending. */
+static cw_rule no_noise(void)
+{
+    return (cw_rule){.name = "noise", .action = CW_ACTION_NOISE, .time_end = CW_NEVER,
+                     .every = 1, .probability = UINT64_MAX};
+}
+
+/* Is at work in every bit: its node, the last one, which must not send, acknowledges in vain. */
 static cw_rule mute(unsigned node)
 {
     return (cw_rule){.name = "mute", .trigger = CW_TRIGGER_TIME, .action = CW_ACTION_STUCK,
@@ -53,6 +60,8 @@ static unsigned make_rules(cw_rule *rules, const bench_bus_options *o)
     unsigned count = 0;
     if (o->every)
         rules[count++] = flip_every("flip", o->every);
+    if (o->lockstep)
+        rules[count++] = no_noise();
     if (o->bit_by_bit)
         rules[count++] = mute(o->nodes - 1);
     for (unsigned i = 0; i < o->rules; i++) {

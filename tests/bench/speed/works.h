@@ -59,6 +59,7 @@ typedef struct bench_bus_options {
     bool lost;        /* events tell lost arbitrations, too */
     bool stepping;    /* cw_bus_set_stepping(): every node in every bit */
     bool bit_by_bit;  /* a rule is at work in every bit; the last node must not be a sender */
+    bool lockstep;    /* a rule must see the controllers in every bit */
     unsigned every;   /* attempt that gets a wrong CRC bit, 0: none */
     unsigned rules;   /* with exact identifiers that nobody sends */
 } bench_bus_options;
