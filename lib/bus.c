@@ -307,29 +307,33 @@ static void watch_wire(cw_bus *bus, uint64_t bits)
 
 typedef struct bit_reports {
     uint64_t together; /* nodes for which `common` holds */
-    bool news;         /* there is something to settle */
+    uint64_t news;     /* nodes for which there is something to settle */
     cw_mac_report common;
     cw_mac_report own[CW_NODES_MAX];
 } bit_reports;
 
 static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
 {
-    unsigned what = 0;
     cw_split_followers(bus, levels);
     reports->together = bus->followers;
+    reports->news = 0;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_mac_sample(&bus->nodes[i].mac, levels >> i & 1u, &reports->own[i]);
-        what |= reports->own[i].what;
+        if (reports->own[i].what & ~CW_REPORT_STARTED)
+            reports->news |= cw_node_bit(i);
     }
-    reports->news = what & ~CW_REPORT_STARTED;
     if (bus->followers && cw_sample_common(bus, levels, &reports->common))
-        reports->news = true;
+        reports->news |= reports->together;
 }
 
 static void settle(cw_bus *bus, const bit_reports *reports)
 {
-    for (unsigned i = 0; i < bus->node_count; i++) {
+    bool reception = reports->news == reports->together && reports->common.what == CW_REPORT_RX;
+    if (reception && cw_settle_reception(bus))
+        return;
+    for (uint64_t rest = reports->news; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
         bool together = reports->together >> i & 1u;
         cw_settle_node(bus, i, together ? &reports->common : &reports->own[i]);
     }

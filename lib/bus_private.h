@@ -357,6 +357,20 @@ void cw_settle_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 /* The node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
+/* Nodes, at least one, have received the frame of a sender as it was sent, and nothing acts on it
+ * on the host side. */
+void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const cw_frame *frame);
+
+/* Whether a frame may be more to its receivers than an event. */
+static inline bool cw_host_side_acts(const cw_bus *bus)
+{
+    return bus->faults.host_rules || bus->faults.reply_rules || bus->held_count;
+}
+
+/* Followers have received a frame in this bit, and nobody else has anything to tell. Returns
+ * whether that could be settled for all of them at once. */
+bool cw_settle_reception(cw_bus *bus);
+
 /* A state that has changed since it was last told. */
 void cw_tell_new_state(cw_bus *bus, unsigned node);
 

@@ -121,10 +121,9 @@ static bool is_in_frame(cw_field field)
 static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
 {
     uint64_t reached = 0;
-    for (unsigned node = 0; node < bus->node_count; node++) {
+    for (uint64_t rest = f->bound; rest; rest &= rest - 1) {
+        unsigned node = cw_lowest_node(rest);
         const cw_mac *mac = &bus->nodes[node].mac;
-        if (!(f->bound & cw_node_bit(node)))
-            continue;
         if (mac->role != CW_ROLE_TRANSMITTER ||
             (is_in_frame(f->rule.field) && !cw_mac_is_sending(mac)))
             f->bound &= ~cw_node_bit(node);
@@ -204,9 +203,9 @@ static void check_scope(cw_bus *bus, unsigned rule)
     cw_fault *f = &bus->faults.faults[rule];
     if (!f->active || !f->for_attempt)
         return;
-    for (unsigned node = 0; node < bus->node_count; node++)
-        if (!cw_mac_is_sending(&bus->nodes[node].mac))
-            f->scope &= ~cw_node_bit(node);
+    for (uint64_t rest = f->scope; rest; rest &= rest - 1)
+        if (!cw_mac_is_sending(&bus->nodes[cw_lowest_node(rest)].mac))
+            f->scope &= ~cw_node_bit(cw_lowest_node(rest));
     if (f->scope == 0)
         cw_fault_end_action(bus, rule);
 }

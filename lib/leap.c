@@ -66,12 +66,6 @@ static void copy_received(cw_frame *to, const cw_frame *from)
         to->data[i] = 0;
 }
 
-/* Whether a frame may be more to its receivers than an event. */
-static bool host_side_acts(const cw_bus *bus)
-{
-    return bus->faults.host_rules || bus->faults.reply_rules || bus->held_count;
-}
-
 static void receive(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
@@ -79,18 +73,12 @@ static void receive(cw_bus *bus)
     uint64_t receivers = leap->riders & ~cw_node_bit(leap->node);
     cw_frame frame;
     copy_received(&frame, &n->queue.slots[n->offered_slot].frame);
-    if (host_side_acts(bus)) {
+    if (cw_host_side_acts(bus)) {
         for (uint64_t rest = receivers; rest; rest &= rest - 1)
             cw_receive(bus, cw_lowest_node(rest), &frame);
         return;
     }
-    cw_set_listeners(bus, leap->riders);
-    cw_count_received(bus, leap->node, cw_frame_length(&frame));
-    cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
-    e->nodes = receivers;
-    e->from = cw_node_bit(leap->node);
-    e->handed_in = n->queue.slots[n->offered_slot].handed_in;
-    e->frame = frame;
+    cw_receive_together(bus, leap->node, receivers, &frame);
 }
 
 static void finish_transmission(cw_bus *bus)
@@ -298,7 +286,7 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return tick - bus->now >= ticks && !host_side_acts(bus) && !leap->at_work && !leap->traffic &&
+    return tick - bus->now >= ticks && !cw_host_side_acts(bus) && !leap->at_work && !leap->traffic &&
            is_undisturbed_until(bus, bus->now + ticks) && cw_leap_is_noise_free(bus, bits) &&
            rules_let_pass(bus);
 }

@@ -121,6 +121,30 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
     cw_fault_passed(bus, i, CW_SIDE_RX, bus->now);
 }
 
+void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const cw_frame *frame)
+{
+    const bus_node *n = &bus->nodes[sender];
+    cw_set_listeners(bus, receivers | cw_node_bit(sender));
+    cw_count_received(bus, sender, cw_frame_length(frame));
+    cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
+    e->nodes = receivers;
+    e->from = cw_node_bit(sender);
+    e->handed_in = n->queue.slots[n->offered_slot].handed_in;
+    e->frame = *frame;
+}
+
+bool cw_settle_reception(cw_bus *bus)
+{
+    const cw_frame frame = bus->common.rx;
+    if (cw_host_side_acts(bus) || bus->group_count > 1)
+        return false;
+    uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
+    if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, &frame))
+        return false;
+    cw_receive_together(bus, cw_lowest_node(senders), bus->followers, &frame);
+    return true;
+}
+
 void cw_tell_new_state(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
