@@ -285,7 +285,7 @@ static void arm_timer(engine *e)
     struct itimerspec at = {.it_value = {.tv_sec = 0}};
     if (ns != INT64_MAX)
         at.it_value =
-            (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = ns % NS_PER_S};
+            (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = (long)(ns % NS_PER_S)};
     (void)timerfd_settime(e->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
 }
 

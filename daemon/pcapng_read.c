@@ -7,6 +7,7 @@
  */
 #include "pcapng_format.h"
 #include "trace_format.h"
+#include "wide.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -26,8 +27,6 @@
 #define PCAP_PACKET_HEAD 16u
 #define PCAP_US 0xA1B2C3D4u
 #define PCAP_NS 0xA1B23C4Du
-
-__extension__ typedef unsigned __int128 wide;
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
@@ -69,19 +68,21 @@ static trace_result need(trace_input *in, const unsigned char **bytes, size_t co
 static bool time_of(uint64_t *ns, const pcap_interface *i, uint64_t count)
 {
     unsigned power = i->resolution & ~RESOLUTION_BINARY;
-    wide units = 1;
+    uint64_t units = 1; /* in a second */
+    uint64_t rest;
     if (i->resolution & RESOLUTION_BINARY)
-        units = (wide)1 << power;
+        units <<= power;
     else
         for (unsigned k = 0; k < power; k++)
             units *= 10;
-    wide seconds = count / units;
+    uint64_t seconds = count / units;
     if (seconds > SECONDS_MAX)
         return false;
     int64_t whole = (int64_t)seconds + i->offset_s;
     if (whole < 0 || (uint64_t)whole > SECONDS_MAX)
         return false;
-    *ns = (uint64_t)whole * NS_PER_S + (uint64_t)((count % units) * NS_PER_S / units);
+    *ns = (uint64_t)whole * NS_PER_S +
+          wide_divide(&rest, wide_product(count % units, NS_PER_S), units).low;
     return true;
 }
 

@@ -4,6 +4,9 @@
  */
 #include "text.h"
 
+#include "wide.h"
+
+#include <assert.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -25,8 +28,6 @@
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 #define DECIMAL_DIGITS "0123456789"
-
-__extension__ typedef unsigned __int128 wide;
 
 /* A decimal number kept exactly: (whole * 10^digits + fraction) / 10^digits. */
 typedef struct decimal {
@@ -96,7 +97,7 @@ static bool add_digit(uint64_t *value, char c);
 static bool parse_decimal(decimal *out, const char **text);
 static bool parse_exponent(int *exponent, const char **text);
 static bool scale_fraction(decimal *number, int exponent);
-static wide power_of_ten(unsigned exponent);
+static uint64_t power_of_ten(unsigned exponent);
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
 static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks);
 static cw_field find_field(const char *name, size_t length);
@@ -257,9 +258,11 @@ const char *text_parse_probability(uint64_t *out, const char *text)
     if (number.whole > 1 || (number.whole == 1 && number.digits > 0))
         return probability_problem;
     /* Below 1 with 19 digits the quotient is at most 2^64 - 2, so "always" stays distinct. */
-    *out = number.whole == 1
-               ? UINT64_MAX
-               : (uint64_t)(((wide)number.fraction << 64) / power_of_ten(number.digits));
+    uint64_t rest;
+    *out = number.whole == 1 ? UINT64_MAX
+                             : wide_divide(&rest, (wide){.high = number.fraction},
+                                           power_of_ten(number.digits))
+                                   .low;
     return NULL;
 }
 
@@ -310,13 +313,13 @@ const char *text_parse_size(uint64_t *bytes, const char *text)
 
 uint64_t text_time_ticks(cfg_time time, uint32_t bit_ticks)
 {
-    return saturated_ticks(time.ns, time.bits, bit_ticks);
+    return saturated_ticks(wide_of(time.ns), wide_of(time.bits), bit_ticks);
 }
 
 uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, uint32_t bit_ticks)
 {
-    return saturated_ticks((wide)k * step.ns + start.ns, (wide)k * step.bits + start.bits,
-                           bit_ticks);
+    return saturated_ticks(wide_sum(wide_product(k, step.ns), wide_of(start.ns)),
+                           wide_sum(wide_product(k, step.bits), wide_of(start.bits)), bit_ticks);
 }
 
 const char *text_parse_position(cw_field *field, uint16_t *index, const char *text)
@@ -599,10 +602,12 @@ static bool parse_decimal(decimal *out, const char **text)
     return parse_fraction(out, text);
 }
 
-static wide power_of_ten(unsigned exponent)
+/* Of at most FRACTION_DIGITS_MAX. */
+static uint64_t power_of_ten(unsigned exponent)
 {
-    wide power = 1;
+    uint64_t power = 1;
 
+    assert(exponent <= FRACTION_DIGITS_MAX);
     while (exponent-- > 0)
         power *= 10;
     return power;
@@ -631,21 +636,27 @@ static bool parse_exponent(int *exponent, const char **text)
 /* Shifts the point of a number, as long as it stays within 0..1 and 19 decimals. */
 static bool scale_fraction(decimal *number, int exponent)
 {
-    wide digits = (wide)number->whole * power_of_ten(number->digits) + number->fraction;
+    wide digits = wide_sum(wide_product(number->whole, power_of_ten(number->digits)),
+                           wide_of(number->fraction));
     int decimals = (int)number->digits - exponent;
+    uint64_t rest;
 
-    for (; decimals > 0 && digits % 10 == 0; decimals--)
-        digits /= 10;
-    if (digits == 0)
+    for (; decimals > 0; decimals--) {
+        wide tenth = wide_divide(&rest, digits, 10);
+        if (rest != 0)
+            break;
+        digits = tenth;
+    }
+    if (digits.high == 0 && digits.low == 0)
         decimals = 0;
     if (decimals < 0 || decimals > (int)FRACTION_DIGITS_MAX)
         return false;
-    wide scale = power_of_ten((unsigned)decimals);
-    if (digits > scale)
+    uint64_t scale = power_of_ten((unsigned)decimals);
+    if (digits.high > 0 || digits.low > scale)
         return false;
     *number = (decimal){
-        .whole = (uint64_t)(digits / scale),
-        .fraction = (uint64_t)(digits % scale),
+        .whole = digits.low / scale,
+        .fraction = digits.low % scale,
         .digits = (unsigned)decimals,
     };
     return true;
@@ -653,29 +664,33 @@ static bool scale_fraction(decimal *number, int exponent)
 
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit)
 {
-    wide scale = power_of_ten(number.digits);
-    wide fraction = (wide)number.fraction * unit->ns;
-    wide ns = (wide)number.whole * unit->ns + fraction / scale;
+    uint64_t rest;
+    wide fraction = wide_divide(&rest, wide_product(number.fraction, unit->ns),
+                                power_of_ten(number.digits));
+    wide ns = wide_sum(wide_product(number.whole, unit->ns), fraction);
 
     if (unit->ns == 0 && number.digits > 0)
         return "bit times are whole numbers";
-    if (fraction % scale != 0)
+    if (rest != 0)
         return "times are whole nanoseconds";
-    if (ns > UINT64_MAX)
+    if (ns.high > 0)
         return "the time is too large";
-    *out = (cfg_time){.ns = (uint64_t)ns, .bits = unit->ns == 0 ? number.whole : 0};
+    *out = (cfg_time){.ns = ns.low, .bits = unit->ns == 0 ? number.whole : 0};
     return NULL;
 }
 
-/* Rounds up once; CW_NEVER when the sum leaves 64 bits. */
+/* Rounds up once; CW_NEVER when the sum leaves 64 bits. 25 ns are 2 ticks. */
 static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks)
 {
-    const wide ns_max = (wide)UINT64_MAX * (NS_PER_S / CW_CLOCK_HZ + 1);
+    static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");
+    uint64_t rest;
+    wide pairs = wide_divide(&rest, ns, 25);
 
-    if (ns > ns_max || bits > UINT64_MAX)
+    if (pairs.high > 0 || bits.high > 0)
         return CW_NEVER;
-    wide ticks = (ns * CW_CLOCK_HZ + NS_PER_S - 1) / NS_PER_S + bits * bit_ticks;
-    return ticks > CW_NEVER ? CW_NEVER : (uint64_t)ticks;
+    wide ticks = wide_sum(wide_product(pairs.low, 2), wide_of((rest * 2 + 24) / 25));
+    ticks = wide_sum(ticks, wide_product(bits.low, bit_ticks));
+    return ticks.high > 0 ? CW_NEVER : ticks.low;
 }
 
 static cw_field find_field(const char *name, size_t length)

@@ -160,3 +160,12 @@ def test_random_scenarios_are_the_same_on_32_bits(builds):
     header = (narrow / "digest").read_bytes()[:5]
     assert header == b"\x7fELF\x01"  # 32 bits
     assert digest(narrow) == digest(builds["gcc-O3"])
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="gcc -m32 is for x86-64")
+def test_the_programs_compile_for_32_bits():
+    sources = [*ROOT.glob("daemon/*.c"), *ROOT.glob("daemon/cli/*.c")]
+    assert len(sources) > 80
+    # as objects: linking would need other packages' libraries of 32 bits
+    build("gcc-m32", "gcc -m32", "-O2",
+          *(str(source.relative_to(ROOT).with_suffix(".o")) for source in sources))

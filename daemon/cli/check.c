@@ -60,7 +60,7 @@ static void print_ports(const cfg *config)
             puts(config->nodes[i].port);
 }
 
-static const char *plural(size_t count)
+static const char *plural(uint64_t count)
 {
     return count == 1 ? "" : "s";
 }
