@@ -123,7 +123,7 @@ typedef struct cw_leap {
     uint16_t stop;        /* a rule looks at this bit, ... */
     uint16_t stop_rule;   /* ... this one */
     uint16_t length;      /* SOF to EOF */
-    const cw_bits *bits;
+    const cw_bits *bits;  /* NULL: not encoded, see cw_leap_bits() */
     cw_frame frame;       /* what they are of; the queue may have another one there at the end */
     uint64_t riders;
     uint64_t contenders;  /* nodes that began to transmit */

@@ -291,16 +291,22 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
            rules_let_pass(bus);
 }
 
-bool cw_leap_whole(cw_bus *bus, uint64_t tick)
+bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
+    bus_node *n = &bus->nodes[winner];
     const uint16_t slot = cw_queue_first(&n->queue);
+    leap->riders = bus->crowd.riders;
     leap->length = n->queue.slots[slot].wire_bits;
-    if (!can_leap_over(bus, tick))
+    uint64_t ticks = (uint64_t)(leap->length + CW_INTERMISSION_BITS) * bus->bit_ticks;
+    if (tick - bus->now < ticks || bus->faults.awake_count || cw_host_side_acts(bus) ||
+        !is_undisturbed_until(bus, bus->now + ticks))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */
+    leap->node = (uint8_t)winner;
+    leap->contenders = contenders;
+    leap->at = 0;
     cw_leap_count_losses(bus);
     leap_over(bus);
     return true;
@@ -364,7 +370,9 @@ uint64_t cw_leap_recessive_bits(const cw_bus *bus)
         return n - (leap->length - CW_ACK_BEFORE_END);
     if (n == leap->length - CW_ACK_BEFORE_END)
         return 0;
-    while (n > 0 && cw_bits_level(leap->bits, n - 1))
+    cw_bits room;
+    const cw_bits *bits = cw_leap_bits(bus, &room);
+    while (n > 0 && cw_bits_level(bits, n - 1))
         n--;
     return leap->at - n;
 }

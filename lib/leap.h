@@ -11,9 +11,9 @@
 #define CW_ACK_BEFORE_END 8u /* the ACK slot has been sampled */
 #define CW_RX_BEFORE_END 1u  /* M7 */
 
-/* The frame that is about to begin, with its intermission, in one go, without its bits; for one of
- * which nobody sees more than the end. False, with nothing done: it cannot be. */
-bool cw_leap_whole(cw_bus *bus, uint64_t tick);
+/* A node's frame with its intermission in one go, without its bits; nobody sees more of it than its
+ * end. False, with nothing done: it cannot be. */
+bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick);
 
 /* All losses of the contest at once; what they add to single nodes is shared out later
  * (contest.c). */
@@ -31,11 +31,21 @@ static inline bool cw_leap_is_quiet_until(const cw_bus *bus, uint64_t tick)
 
 static inline unsigned cw_leap_arbitration_bits(const cw_bus *bus)
 {
-    return bus->leap.bits->extended ? CW_ARBITRATION_BITS_EXTENDED : CW_ARBITRATION_BITS_BASE;
+    bool extended = bus->leap.frame.flags & CW_FRAME_EXTENDED;
+    return extended ? CW_ARBITRATION_BITS_EXTENDED : CW_ARBITRATION_BITS_BASE;
 }
 
-/* Where a contender loses, and with which frame. */
-void cw_leap_find_loss(cw_bus *bus, unsigned node);
+/* The frame on the wire in bits. Mostly nobody asks for them: then it is encoded into *room. */
+static inline const cw_bits *cw_leap_bits(const cw_bus *bus, cw_bits *room)
+{
+    if (bus->leap.bits)
+        return bus->leap.bits;
+    (void)cw_bits_encode(room, &bus->leap.frame);
+    return room;
+}
+
+/* Where a contender loses to the frame with these bits, and with which frame. */
+void cw_leap_find_loss(cw_bus *bus, unsigned node, const cw_bits *bits);
 
 /* Whether noise leaves so many bits to come alone. */
 static inline bool cw_leap_is_noise_free(cw_bus *bus, unsigned bits)

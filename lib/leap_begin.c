@@ -113,22 +113,24 @@ static void begin_attempt(cw_bus *bus, unsigned i)
     n->queue.slots[n->offered_slot].tried = true;
 }
 
-void cw_leap_find_loss(cw_bus *bus, unsigned i)
+void cw_leap_find_loss(cw_bus *bus, unsigned i, const cw_bits *bits)
 {
     cw_leap *leap = &bus->leap;
     uint32_t differing = cw_contest_key(bus, i) ^ cw_contest_key(bus, leap->node);
     pin_frame(&bus->nodes[i]);
     leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
-    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(leap->bits, 1u + leap->lost_bit[i]);
+    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(bits, 1u + leap->lost_bit[i]);
 }
 
 /* Losses one by one, where somebody may see them. */
 static void prepare_losses(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
+    cw_bits room;
+    const cw_bits *bits = cw_leap_bits(bus, &room);
     leap->undecided = leap->contenders & ~cw_node_bit(leap->node);
     for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
-        cw_leap_find_loss(bus, cw_lowest_node(rest));
+        cw_leap_find_loss(bus, cw_lowest_node(rest), bits);
         begin_attempt(bus, cw_lowest_node(rest));
     }
     begin_attempt(bus, leap->node);
@@ -162,9 +164,25 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
 
-static void prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
+/* Its bits are found only when they are needed. */
+static void choose_frame(cw_bus *bus, bool bits)
 {
     cw_leap *leap = &bus->leap;
+    bus_node *n = &bus->nodes[leap->node];
+    if (bits)
+        encode(n);
+    else
+        pin_frame(n);
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    leap->bits = bits ? &n->mac.tx : NULL;
+    leap->length = slot->wire_bits;
+    leap->frame = slot->frame;
+}
+
+static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
+{
+    cw_leap *leap = &bus->leap;
+    leap->active = true;
     leap->node = (uint8_t)winner;
     leap->broken = false;
     leap->unseen = false;
@@ -175,19 +193,6 @@ static void prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->riders = bus->crowd.riders;
     leap->contenders = contenders;
     leap->undecided = 0;
-    bus->error_flag = (flag_watch){.now = false};
-    bus->overload_flag = (flag_watch){.now = false};
-}
-
-static void begin(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
-    encode(n);
-    leap->active = true;
-    leap->length = n->mac.tx.length;
-    leap->bits = &n->mac.tx;
-    leap->frame = n->queue.slots[n->offered_slot].frame;
 }
 
 /* All begin to transmit; rules look at the frames of those that are watched. */
@@ -223,12 +228,14 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
     if (watched && (cw_fault_acts_at_start(bus, watched) || cw_fault_is_at_work(bus)))
         return false;
-    prepare(bus, winner, contenders);
     bool losses_seen = contenders != cw_node_bit(winner) &&
                        cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
-    if (watched == 0 && !losses_seen && cw_leap_whole(bus, tick))
+    bus->error_flag = (flag_watch){.now = false};
+    bus->overload_flag = (flag_watch){.now = false};
+    if (!watched && !losses_seen && cw_leap_whole(bus, winner, contenders, tick))
         return true;
-    begin(bus);
+    begin(bus, winner, contenders);
+    choose_frame(bus, watched || losses_seen || bus->leap.at_work);
     start_transmissions(bus, watched, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;

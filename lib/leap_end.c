@@ -10,8 +10,10 @@
 static void find_point(cw_mac *m, const cw_bus *bus)
 {
     const bus_node *n = &bus->nodes[bus->leap.node];
+    cw_bits room;
     cw_mac_init(m, 0, CW_REC_MAX);
-    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, bus->leap.bits, bus->leap.at);
+    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, cw_leap_bits(bus, &room),
+                         bus->leap.at);
 }
 
 static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
@@ -47,9 +49,11 @@ static void take_back_losses(cw_bus *bus)
     uint64_t losers = leap->contenders & ~cw_node_bit(leap->node);
     if (!leap->unseen || leap->at >= cw_leap_arbitration_bits(bus))
         return;
+    cw_bits room;
+    const cw_bits *bits = cw_leap_bits(bus, &room);
     for (uint64_t rest = losers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        cw_leap_find_loss(bus, i);
+        cw_leap_find_loss(bus, i, bits);
         if (leap->lost_at[i] < leap->at)
             continue;
         cw_share_lost(bus, i);
