@@ -401,7 +401,7 @@ void cw_step_with(cw_bus *bus, const cw_levels *levels)
     finish_bit(bus, levels);
 }
 
-/* ---- Several bits of one level ----------------------------------------------------------------- */
+/* ---- Several bits of one level --------------------------------------------------------------- */
 
 /* Whole bits from now up to a tick. */
 static uint64_t bits_before(const cw_bus *bus, uint64_t tick)

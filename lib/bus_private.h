@@ -3,7 +3,7 @@
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
  *   bus.c      set-up, time: one bit after the other, equal ones in one go
- *   leap*.c    clean frames without controllers; contest.c who wins them, and what it costs the others
+ *   leap*.c    clean frames without controllers; contest.c who wins them, and what the others pay
  *   lockstep.c one controller for all nodes that do the same
  *   events.c   the ring of events
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
@@ -119,6 +119,7 @@ typedef struct cw_leap {
     bool traffic;         /* rules may send something at the end of each bit */
     bool unseen;          /* all losses have been counted beforehand */
     uint8_t node;         /* the transmitter */
+    uint8_t tail;         /* last bits of frame and intermission that are not leapt over */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
     uint16_t stop;        /* a rule looks at this bit, ... */
     uint16_t stop_rule;   /* ... this one */

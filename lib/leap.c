@@ -143,6 +143,12 @@ static void pass(cw_bus *bus, unsigned bits)
         cw_fault_pass_noise(bus, bits);
 }
 
+/* Where it ends at the latest. */
+static unsigned end_of(const cw_leap *leap)
+{
+    return leap->length + CW_INTERMISSION_BITS - leap->tail;
+}
+
 /* Whole bits up to a tick, no more than that many. */
 static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
 {
@@ -156,6 +162,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = next_moment(bus) - leap->at;
+    bits = (unsigned)cw_least(bits, end_of(leap) - (uint64_t)leap->at);
     if (leap->stop != CW_NO_STOP)
         bits = (unsigned)cw_least(bits, (uint64_t)leap->stop - leap->at);
     bits = bits_up_to(bus, tick, bits);
@@ -286,7 +293,8 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return tick - bus->now >= ticks && !cw_host_side_acts(bus) && !leap->at_work && !leap->traffic &&
+    bool each_bit = leap->at_work || leap->traffic;
+    return tick - bus->now >= ticks && leap->tail == 0 && !each_bit && !cw_host_side_acts(bus) &&
            is_undisturbed_until(bus, bus->now + ticks) && cw_leap_is_noise_free(bus, bits) &&
            rules_let_pass(bus);
 }
@@ -318,7 +326,7 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
 static void look_at_stop(cw_bus *bus)
 {
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
-    if (bus->leap.broken || !cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
+    if (!cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
         cw_leap_end(bus);
     else
         cw_fault_find_stop(bus, bus->leap.at + 1u);
@@ -336,7 +344,11 @@ void cw_leap_frame_came(cw_bus *bus, unsigned i, uint64_t tick)
 void cw_leap_on(cw_bus *bus, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
-    if (leap->broken || leap->at == leap->stop) {
+    if (leap->broken || leap->at == end_of(leap)) {
+        cw_leap_end(bus);
+        return;
+    }
+    if (leap->at == leap->stop) {
         look_at_stop(bus);
         return;
     }

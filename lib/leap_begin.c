@@ -80,10 +80,19 @@ static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     const cw_crowd *crowd = &bus->crowd;
     uint64_t self = cw_node_bit(winner);
-    bool acknowledged = (crowd->answerers & ~self) != 0;
     bool given_up = contenders != self && (contenders & crowd->one_shot); /* M13 */
-    bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement); /* M8 */
-    return acknowledged && !given_up && !suspends && !error_rules_may_act(bus, contenders, winner);
+    return !given_up && !error_rules_may_act(bus, contenders, winner);
+}
+
+/* What the controllers have to do themselves: to miss an acknowledgement, to suspend transmission
+ * after the intermission (M8). */
+static unsigned find_tail(const cw_bus *bus, unsigned winner)
+{
+    const unsigned from_ack_slot = CW_ACK_BEFORE_END + 1 + CW_INTERMISSION_BITS;
+    if ((bus->crowd.answerers & ~cw_node_bit(winner)) == 0)
+        return from_ack_slot;
+    bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);
+    return suspends ? CW_INTERMISSION_BITS : 0;
 }
 
 /* The frame of a node as the wire would carry it. */
@@ -232,7 +241,9 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
                        cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    if (!watched && !losses_seen && cw_leap_whole(bus, winner, contenders, tick))
+    bus->leap.tail = (uint8_t)find_tail(bus, winner);
+    bool whole = !watched && !losses_seen && bus->leap.tail == 0;
+    if (whole && cw_leap_whole(bus, winner, contenders, tick))
         return true;
     begin(bus, winner, contenders);
     choose_frame(bus, watched || losses_seen || bus->leap.at_work);

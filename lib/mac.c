@@ -866,7 +866,7 @@ void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
     }
 }
 
-/* ---- For the bus: several bits of one level --------------------------------------------------- */
+/* ---- For the bus: several bits of one level -------------------------------------------------- */
 
 /* What the controller sees when the wire has a level, with what it drives now. */
 static bool sees(const cw_mac *m, bool level)
