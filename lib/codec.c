@@ -124,11 +124,44 @@ bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned ind
     return place.field == field && place.index == index;
 }
 
+/* ---- From positions to wire bits ------------------------------------------------------------- */
+
+/* Where a field lies in a frame without stuff bits and data; what is behind the data lies further
+ * back by its bits. A field that the frame has not is 0 bits long. */
+typedef struct field_span {
+    uint8_t first;
+    uint8_t length;
+} field_span;
+
+static const field_span base_fields[CW_FIELD_COUNT] = {
+    [CW_FIELD_SOF] = {0, 1},       [CW_FIELD_ID] = {1, CW_BASE_ID_BITS},
+    [CW_FIELD_RTR] = {12, 1},      [CW_FIELD_IDE] = {13, 1},
+    [CW_FIELD_R0] = {14, 1},       [CW_FIELD_DLC] = {15, 4},
+    [CW_FIELD_DATA] = {19, 0},     [CW_FIELD_CRC] = {19, CW_CRC_BITS},
+    [CW_FIELD_CRC_DELIMITER] = {34, 1}, [CW_FIELD_ACK_SLOT] = {35, 1},
+    [CW_FIELD_ACK_DELIMITER] = {36, 1}, [CW_FIELD_EOF] = {37, CW_EOF_BITS},
+};
+
+static const field_span extended_fields[CW_FIELD_COUNT] = {
+    [CW_FIELD_SOF] = {0, 1},       [CW_FIELD_ID] = {1, CW_EXTENDED_ID_BITS},
+    [CW_FIELD_SRR] = {12, 1},      [CW_FIELD_IDE] = {13, 1},
+    [CW_FIELD_RTR] = {32, 1},      [CW_FIELD_R1] = {33, 1},
+    [CW_FIELD_R0] = {34, 1},       [CW_FIELD_DLC] = {35, 4},
+    [CW_FIELD_DATA] = {39, 0},     [CW_FIELD_CRC] = {39, CW_CRC_BITS},
+    [CW_FIELD_CRC_DELIMITER] = {54, 1}, [CW_FIELD_ACK_SLOT] = {55, 1},
+    [CW_FIELD_ACK_DELIMITER] = {56, 1}, [CW_FIELD_EOF] = {57, CW_EOF_BITS},
+};
+
+/* Each stuff bit at or before it moves a bit further back. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
 {
     unsigned n = u;
-    for (unsigned moved; (moved = u + cw_bitset_count_upto(bits->stuff, n)) != n;)
-        n = moved;
+    for (unsigned word = 0; word < CW_BIT_WORDS; word++)
+        for (uint64_t rest = bits->stuff[word]; rest; rest &= rest - 1) {
+            if (64 * word + (unsigned)__builtin_ctzll(rest) > n)
+                return n;
+            n++;
+        }
     return n;
 }
 
@@ -140,35 +173,21 @@ static bool find_stuff_bit(const cw_bits *bits, unsigned *n, unsigned index)
     return false;
 }
 
-/* As find_step(), for a position; *u is moved behind the row when it is not in there. */
-static bool find_place(unsigned *u, const cw_bits *bits, const uint8_t *row, size_t steps,
-                       cw_field field, unsigned index)
-{
-    for (size_t i = 0; i < steps; i++) {
-        unsigned length = row[i] == CW_STEP_DATA ? bits->data_bits : cw_steps[row[i]].length;
-        cw_place first = cw_step_place((cw_step)row[i], 0, bits->extended);
-        if (first.field == field && index >= first.index && index < first.index + length) {
-            *u += index - first.index;
-            return true;
-        }
-        *u += length;
-    }
-    return false;
-}
-
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index)
 {
-    unsigned u = 0;
+    const field_span *span = bits->extended ? &extended_fields[field] : &base_fields[field];
+    unsigned u = span->first + index;
     *n = index;
     if (field == CW_FIELD_BIT)
         return index < bits->length;
     if (field == CW_FIELD_STUFF)
         return find_stuff_bit(bits, n, index);
-    bool head = bits->extended ? find_place(&u, bits, extended_steps, sizeof extended_steps, field,
-                                            index)
-                               : find_place(&u, bits, base_steps, sizeof base_steps, field, index);
-    if (!head && !find_place(&u, bits, tail_steps, sizeof tail_steps, field, index))
+    if (index >= (field == CW_FIELD_DATA ? bits->data_bits : span->length))
         return false;
+    if (field == CW_FIELD_ID && index >= CW_BASE_ID_BITS)
+        u += 2; /* SRR and IDE lie in between */
+    if (field > CW_FIELD_DATA)
+        u += bits->data_bits;
     *n = cw_bits_wire_index(bits, u);
     return true;
 }

@@ -3,6 +3,7 @@
  * test_codec.c - frames to wire bits and back (F1..F8), against a model of its own.
  */
 #include "bitwise.h"
+#include "codec.h"
 #include "model.h"
 #include "rig.h"
 
@@ -190,6 +191,30 @@ static const field_run tail[] = {
     {CW_FIELD_EOF, 0, 7},
 };
 
+static void assert_found(const cw_bits *bits, unsigned n, cw_field field, unsigned index)
+{
+    unsigned found;
+    assert_true(cw_bits_find(bits, &found, field, index));
+    assert_int_equal(found, n);
+    assert_true(cw_bits_find(bits, &found, CW_FIELD_BIT, n));
+    assert_int_equal(found, n);
+}
+
+/* Positions that are none of the frame's bits are not found. */
+static void assert_no_more_found(const cw_bits *bits)
+{
+    unsigned found;
+    unsigned n;
+    for (unsigned field = CW_FIELD_SOF; field < CW_FIELD_COUNT; field++) {
+        for (unsigned index = 0; index <= CW_BITS_MAX; index++) {
+            for (n = 0; n < bits->length; n++)
+                if (cw_bits_is_at(bits, n, (cw_field)field, index))
+                    break;
+            assert_int_equal(cw_bits_find(bits, &found, (cw_field)field, index), n < bits->length);
+        }
+    }
+}
+
 /* Checks one field from wire bit n on; returns the bit behind it. stuff counts stuff bits. */
 static unsigned check_field(const cw_bits *bits, unsigned n, field_run run, unsigned *stuff)
 {
@@ -200,6 +225,7 @@ static unsigned check_field(const cw_bits *bits, unsigned n, field_run run, unsi
         assert_false(place.stuff);
         assert_true(cw_bits_is_at(bits, n, run.field, run.first + i));
         assert_true(cw_bits_is_at(bits, n, CW_FIELD_BIT, n));
+        assert_found(bits, n, run.field, run.first + i);
         n++;
         if (n == bits->length || !(cw_bits_place(bits, n).stuff))
             continue;
@@ -207,6 +233,7 @@ static unsigned check_field(const cw_bits *bits, unsigned n, field_run run, unsi
         assert_int_equal(place.field, run.field);
         assert_int_equal(place.index, run.first + i);
         assert_false(cw_bits_is_at(bits, n, run.field, run.first + i));
+        assert_found(bits, n, CW_FIELD_STUFF, *stuff);
         assert_true(cw_bits_is_at(bits, n, CW_FIELD_STUFF, (*stuff)++));
         assert_true(cw_bits_is_at(bits, n, CW_FIELD_BIT, n));
         n++;
@@ -240,6 +267,8 @@ static void every_bit_has_its_place(void **state)
         n = check_fields(&bits, n, tail, 4, &stuff);
         assert_int_equal(n, bits.length);
         assert_int_equal(stuff, count_stuff_bits(model_encode(&f).plain));
+        if (i < FRAMES / 1000)
+            assert_no_more_found(&bits);
     }
 }
 
