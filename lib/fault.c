@@ -9,8 +9,6 @@
 
 #include <string.h>
 
-#define NO_RULE UINT16_MAX
-
 static cw_fault *fault_at(cw_bus *bus, unsigned rule)
 {
     return &bus->faults.faults[rule];
@@ -33,15 +31,19 @@ static uint32_t can_id(const cw_frame *frame)
     return id;
 }
 
-bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count)
+static bool id_matches(uint32_t id, const cw_filter *filters, unsigned count)
 {
-    uint32_t id = can_id(frame);
     for (unsigned i = 0; i < count; i++) {
         bool same = (id & filters[i].mask) == (filters[i].value & filters[i].mask);
         if (same != filters[i].inverted)
             return true;
     }
     return count == 0;
+}
+
+bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count)
+{
+    return id_matches(can_id(frame), filters, count);
 }
 
 static bool data_matches(const cw_rule *rule, const cw_frame *frame)
@@ -70,7 +72,6 @@ static bool has_exact_id(const cw_rule *rule, uint32_t *id)
     return (f->mask & needed) == needed;
 }
 
-/* Most identifiers are no rule's; a look at one bit tells. */
 static unsigned id_hash(uint32_t id)
 {
     return id * UINT32_C(2654435761) >> 20;
@@ -80,6 +81,11 @@ static bool may_be_exact(const cw_fault_set *set, uint32_t id)
 {
     unsigned hash = id_hash(id);
     return set->id_filter[hash / 64] >> (hash % 64) & 1u;
+}
+
+bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame)
+{
+    return may_be_exact(set, can_id(frame) & ~CW_FILTER_REMOTE);
 }
 
 static void filter_ids(cw_fault_set *set)
@@ -167,8 +173,8 @@ static void index_remove(cw_fault_set *set, unsigned rule)
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame)
 {
     const cw_fault_set *set = &bus->faults;
-    uint32_t id = can_id(frame) & ~CW_FILTER_REMOTE;
-    *c = (cw_candidates){.frame = frame};
+    *c = (cw_candidates){.frame = frame, .id = can_id(frame)};
+    uint32_t id = c->id & ~CW_FILTER_REMOTE;
     if (!may_be_exact(set, id))
         return;
     c->exact = find_exact(set, id, 0);
@@ -177,22 +183,30 @@ void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *fr
         c->exact_end++;
 }
 
+/* The next rule of either list, in order. */
+static bool next_in_lists(cw_candidates *c, unsigned *rule, const cw_fault_set *set)
+{
+    bool exact = c->exact < c->exact_end;
+    bool wild = c->wild < set->wild_count;
+    if (exact && wild)
+        exact = set->exact[c->exact].rule < set->wild[c->wild];
+    if (exact)
+        *rule = set->exact[c->exact++].rule;
+    else if (wild)
+        *rule = set->wild[c->wild++];
+    return exact || wild;
+}
+
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
 {
     const cw_fault_set *set = &bus->faults;
-    for (;;) {
-        unsigned from_exact = c->exact < c->exact_end ? set->exact[c->exact].rule : UINT16_MAX;
-        unsigned from_wild = c->wild < set->wild_count ? set->wild[c->wild] : UINT16_MAX;
-        if (from_exact == UINT16_MAX && from_wild == UINT16_MAX)
-            return false;
-        bool exact = from_exact < from_wild;
-        *rule = exact ? from_exact : from_wild;
-        c->exact += exact;
-        c->wild += !exact;
+    while (next_in_lists(c, rule, set)) {
         const cw_rule *r = &set->faults[*rule].rule;
-        if (cw_frame_matches(c->frame, r->filters, r->filter_count) && data_matches(r, c->frame))
+        if (id_matches(c->id, r->filters, r->filter_count) &&
+            (r->data_length == 0 || data_matches(r, c->frame)))
             return true;
     }
+    return false;
 }
 
 /* ---- Matches and hits ------------------------------------------------------------------------ */
@@ -268,6 +282,8 @@ void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
     cw_fault *f = fault_at(bus, rule);
     f->hits++;
     f->last_hit = told;
+    if (cw_fault_is_over(f))
+        cw_fault_watch_anew(bus);
     arm_followers(bus, rule, told);
 }
 
@@ -679,7 +695,6 @@ static void count_kinds(cw_bus *bus)
     set->noise_rules = 0;
     set->error_rules = 0;
     set->copies = 0;
-    set->known = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_fault *f = &set->faults[i];
         set->host_rules += f->used && cw_is_host_action(f->rule.action);
@@ -690,6 +705,7 @@ static void count_kinds(cw_bus *bus)
             set->copies += f->rule.number;
     }
     cw_ring_find_enough(bus);
+    cw_fault_watch_anew(bus);
 }
 
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
@@ -751,7 +767,7 @@ static void abandon_followers(cw_bus *bus, unsigned rule)
 {
     for (unsigned i = 0; i < bus->faults.count; i++)
         if (bus->faults.faults[i].rule.after == rule)
-            bus->faults.faults[i].rule.after = NO_RULE;
+            bus->faults.faults[i].rule.after = CW_NO_RULE;
 }
 
 cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)

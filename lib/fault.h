@@ -56,6 +56,15 @@ typedef struct frame_origin {
     uint64_t handed_in;
 } frame_origin;
 
+/* What rules want of a frame that waits to be sent. */
+typedef struct cw_watch {
+    uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
+    bool early;    /* one may do so before arbitration is lost */
+} cw_watch;
+
+#define CW_NO_RULE UINT16_MAX
+#define CW_SEVERAL_RULES (UINT16_MAX - 1)
+
 /* An exact identifier and the rule that waits for it. */
 typedef struct cw_fault_key {
     uint32_t id; /* with CW_FILTER_EXTENDED */
@@ -84,7 +93,9 @@ typedef struct cw_fault_set {
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
     uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
     uint64_t early;         /* ... and those where it may do so before arbitration is lost */
-    uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on a watched frame, if it is only one */
+    uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
+    cw_watch usual;         /* what the rules in `wild` want, if it is the same of each frame */
+    bool has_usual;
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
@@ -147,11 +158,16 @@ bool cw_fault_is_over(const cw_fault *fault);
 
 /* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
 typedef struct cw_candidates {
+    const cw_frame *frame;
+    uint32_t id;
     unsigned exact;
     unsigned exact_end;
     unsigned wild;
-    const cw_frame *frame;
 } cw_candidates;
+
+/* False: no rule waits for exactly that identifier. Most identifiers are no rule's; a look at one
+ * bit tells. */
+bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame);
 
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
@@ -187,6 +203,9 @@ void cw_fault_fall_asleep(cw_bus *bus);
 
 /* ---- fault_leap.c ---------------------------------------------------------------------------- */
 
+/* To be called when the rules have changed. */
+void cw_fault_watch_anew(cw_bus *bus);
+
 /* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
  * them only those where it may do so before they lose. */
 uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
@@ -195,8 +214,6 @@ uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
 bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
 
 #define CW_NO_STOP UINT16_MAX
-
-#define CW_SEVERAL_RULES UINT16_MAX
 
 /* Finds where the leap has to stop next, and for which rule: at the first wire bit, from `from` on,
  * that a rule looks at; CW_NO_STOP. */

@@ -37,21 +37,54 @@ static bool acts_late(const cw_rule *r)
            r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
+static void add_watcher(cw_watch *w, const cw_fault_set *set, unsigned rule)
+{
+    w->rule = w->rule == CW_NO_RULE ? (uint16_t)rule : CW_SEVERAL_RULES;
+    w->early = w->early || !acts_late(&set->faults[rule].rule);
+}
+
+/* Whether a rule takes each frame of each node. */
+static bool is_undemanding(const cw_rule *r)
+{
+    return r->filter_count == 0 && r->data_length == 0 && r->from == 0;
+}
+
+void cw_fault_watch_anew(cw_bus *bus)
+{
+    cw_fault_set *set = &bus->faults;
+    set->known = 0;
+    set->usual = (cw_watch){.rule = CW_NO_RULE};
+    set->has_usual = true;
+    for (unsigned i = 0; i < set->wild_count; i++) {
+        const cw_fault *f = &set->faults[set->wild[i]];
+        if (!cw_acts_on_wire(f->rule.action) || cw_fault_is_over(f))
+            continue;
+        set->has_usual = set->has_usual && is_undemanding(&f->rule);
+        add_watcher(&set->usual, set, set->wild[i]);
+    }
+}
+
+static cw_watch watch_closely(const cw_bus *bus, unsigned node, const cw_frame *frame)
+{
+    cw_watch w = {.rule = CW_NO_RULE};
+    unsigned rule;
+    cw_candidates c;
+    cw_candidates_begin(&c, bus, frame);
+    while (next_rule(&c, &rule, bus, node))
+        add_watcher(&w, &bus->faults, rule);
+    return w;
+}
+
 static void watch(cw_bus *bus, unsigned node)
 {
     cw_fault_set *set = &bus->faults;
-    uint64_t self = cw_node_bit(node);
-    unsigned rule;
-    cw_candidates c;
-    set->watched &= ~self;
-    set->early &= ~self;
-    cw_candidates_begin(&c, bus, next_frame(&bus->nodes[node]));
-    while (next_rule(&c, &rule, bus, node)) {
-        set->watcher[node] = set->watched & self ? CW_SEVERAL_RULES : (uint16_t)rule;
-        set->watched |= self;
-        if (!acts_late(&set->faults[rule].rule))
-            set->early |= self;
-    }
+    const cw_frame *frame = next_frame(&bus->nodes[node]);
+    const uint64_t self = cw_node_bit(node);
+    bool usual = set->has_usual && !cw_fault_may_be_exact(set, frame);
+    const cw_watch w = usual ? set->usual : watch_closely(bus, node, frame);
+    set->watcher[node] = w.rule;
+    set->watched = w.rule == CW_NO_RULE ? set->watched & ~self : set->watched | self;
+    set->early = w.early ? set->early | self : set->early & ~self;
 }
 
 uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)

@@ -750,7 +750,7 @@ static void send_sixteen(rig *r)
 {
     for (unsigned n = 0; n < 16; n++) {
         const cw_frame frame = rig_frame(0x100 + n, 0, 8);
-        rig_send(r, n % 2, &frame, cw_bus_now(r->bus));
+        rig_send(r, n % 2, &frame, cw_bus_now(r->bus) + (n < 4 ? 0 : 41 * n * BIT));
     }
 }
 
