@@ -266,15 +266,20 @@ static void leap_over(cw_bus *bus)
     end_slot(bus);
 }
 
-/* Rules are asked in advance, as far as nobody can see that before it is time: up to a hit or the
- * next moment. False when something is left to be asked. */
+/* Whether nothing happens up to the end of the bit at which the leap stops. */
+static bool goes_straight_to_stop(const cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    uint64_t ticks = ((uint64_t)leap->stop + 1 - leap->at) * bus->bit_ticks;
+    return leap->stop < next_moment(bus) && cw_inbox_first(bus) >= bus->now + ticks;
+}
+
+/* Rules are asked in advance, as far as nobody can see that before it is time. False when something
+ * is left to be asked, or is a hit. */
 static bool rules_let_pass(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    if (leap->stop == CW_NO_STOP)
-        return true;
-    const unsigned moment = next_moment(bus);
-    while (leap->stop < moment && cw_fault_lets_pass(bus))
+    while (leap->stop != CW_NO_STOP && goes_straight_to_stop(bus) && cw_fault_lets_pass(bus))
         cw_fault_find_stop(bus, leap->stop + 1u);
     return leap->stop == CW_NO_STOP;
 }
