@@ -152,6 +152,19 @@ static const field_span extended_fields[CW_FIELD_COUNT] = {
     [CW_FIELD_ACK_DELIMITER] = {56, 1}, [CW_FIELD_EOF] = {57, CW_EOF_BITS},
 };
 
+/* NULL: there is no such bit. */
+static const field_span *find_span(bool extended, unsigned data_bits, cw_field field,
+                                   unsigned index)
+{
+    const field_span *span = extended ? &extended_fields[field] : &base_fields[field];
+    return index < (field == CW_FIELD_DATA ? data_bits : span->length) ? span : NULL;
+}
+
+bool cw_frame_has_bit(const cw_frame *frame, cw_field field, unsigned index)
+{
+    return find_span(frame->flags & CW_FRAME_EXTENDED, 8 * cw_frame_length(frame), field, index);
+}
+
 /* Each stuff bit at or before it moves a bit further back. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
 {
@@ -175,15 +188,15 @@ static bool find_stuff_bit(const cw_bits *bits, unsigned *n, unsigned index)
 
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index)
 {
-    const field_span *span = bits->extended ? &extended_fields[field] : &base_fields[field];
-    unsigned u = span->first + index;
     *n = index;
     if (field == CW_FIELD_BIT)
         return index < bits->length;
     if (field == CW_FIELD_STUFF)
         return find_stuff_bit(bits, n, index);
-    if (index >= (field == CW_FIELD_DATA ? bits->data_bits : span->length))
+    const field_span *span = find_span(bits->extended, bits->data_bits, field, index);
+    if (!span)
         return false;
+    unsigned u = span->first + index;
     if (field == CW_FIELD_ID && index >= CW_BASE_ID_BITS)
         u += 2; /* SRR and IDE lie in between */
     if (field > CW_FIELD_DATA)

@@ -223,6 +223,10 @@ void cw_fault_find_stop(cw_bus *bus, unsigned from);
  * The match is counted then. */
 bool cw_fault_lets_pass(cw_bus *bus);
 
+/* The same for the whole frame of a node that is about to begin, when no other frame is watched and
+ * nothing can stop it. False, with nothing counted: its bits are needed. */
+bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node);
+
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
 

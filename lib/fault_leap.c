@@ -225,6 +225,33 @@ bool cw_fault_lets_pass(cw_bus *bus)
     return passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
 }
 
+/* Whether a match is a hit or none alike, at whatever bit of the frame that comes next. */
+static bool is_same_all_along(const cw_bus *bus, const cw_rule *r)
+{
+    uint64_t end = bus->now + (uint64_t)bus->leap.length * bus->bit_ticks;
+    return r->time_begin <= bus->now && r->time_end >= end && r->hold_off == 0 &&
+           r->state_nodes == 0;
+}
+
+/* Positions between frames, and those that only the encoding of a frame tells, are left out. */
+static bool is_in_frame(cw_field field)
+{
+    return field != CW_FIELD_INTERMISSION && field != CW_FIELD_SUSPEND &&
+           field != CW_FIELD_STUFF && field != CW_FIELD_BIT;
+}
+
+bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node)
+{
+    unsigned rule = bus->faults.watcher[node];
+    if (rule == CW_SEVERAL_RULES)
+        return false;
+    const cw_rule *r = &bus->faults.faults[rule].rule;
+    if (!cw_is_position_action(r->action) || !is_in_frame(r->field) || !is_same_all_along(bus, r))
+        return false;
+    return !cw_frame_has_bit(next_frame(&bus->nodes[node]), r->field, r->index) ||
+           passes_over(bus, rule, bus->now);
+}
+
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
 static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)

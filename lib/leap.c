@@ -313,7 +313,8 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     leap->length = n->queue.slots[slot].wire_bits;
     uint64_t ticks = (uint64_t)(leap->length + CW_INTERMISSION_BITS) * bus->bit_ticks;
     if (tick - bus->now < ticks || bus->faults.awake_count || cw_host_side_acts(bus) ||
-        !is_undisturbed_until(bus, bus->now + ticks))
+        !is_undisturbed_until(bus, bus->now + ticks) ||
+        (leap->watched && !cw_fault_lets_frame_pass(bus, winner)))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */

@@ -205,11 +205,11 @@ static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
 }
 
 /* All begin to transmit; rules look at the frames of those that are watched. */
-static void start_transmissions(cw_bus *bus, uint64_t watched, uint64_t tick)
+static void start_transmissions(cw_bus *bus, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
-    uint64_t self = cw_node_bit(leap->node);
-    leap->watched = watched;
+    const uint64_t self = cw_node_bit(leap->node);
+    const uint64_t watched = leap->watched;
     if (watched == self)
         cw_fault_find_stop(bus, 0);
     bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
@@ -237,17 +237,18 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
     if (watched && (cw_fault_acts_at_start(bus, watched) || cw_fault_is_at_work(bus)))
         return false;
-    bool losses_seen = contenders != cw_node_bit(winner) &&
-                       cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
+    const uint64_t losers = contenders & ~cw_node_bit(winner);
+    bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
     bus->leap.tail = (uint8_t)find_tail(bus, winner);
-    bool whole = !watched && !losses_seen && bus->leap.tail == 0;
+    bus->leap.watched = watched;
+    bool whole = !(watched & losers) && !losses_seen && bus->leap.tail == 0;
     if (whole && cw_leap_whole(bus, winner, contenders, tick))
         return true;
     begin(bus, winner, contenders);
     choose_frame(bus, watched || losses_seen || bus->leap.at_work);
-    start_transmissions(bus, watched, tick);
+    start_transmissions(bus, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;
 }
