@@ -6,6 +6,8 @@ tests/unit/test_journal.c and, with canwired on real vcan, in tests/kernel/test_
 """
 
 import json
+import os
+import subprocess
 
 import pytest
 
@@ -93,6 +95,21 @@ def test_until_ends_it_before(write):
     assert sent(write(lines()), "--until", "15ms") == [("a", "123#")]
     assert sent(write(lines()), "--until-event", "tx:124") == [("a", "123#"), ("a", "124#")]
     assert len(sent(write(lines()), "--until", "1h")) == 3
+
+
+@pytest.mark.parametrize("event", ["tx:124", "rx:125", "bus-off", "b:tx", "drop"])
+def test_an_event_ends_all_where_it_does_with_care_in_every_bit(event, write):
+    path, words = write(lines()), ("--until-event", event, "--events", "-", "--stats", "-")
+    quick, careful = play(path, *words), play(path, *words, "--step")
+    assert (quick.stdout, quick.stderr) == (careful.stdout, careful.stderr)
+
+
+def test_a_journal_from_a_pipe_is_read_once(write, tmp_path):
+    path = write(lines())
+    os.mkfifo(tmp_path / "pipe")
+    with subprocess.Popen(["cp", path, tmp_path / "pipe"]) as writer:
+        assert sent(tmp_path / "pipe", "--until-event", "tx:124") == [("a", "123#"), ("a", "124#")]
+    assert writer.returncode == 0
 
 
 def test_a_skip_can_be_waited_for(write):

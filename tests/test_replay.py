@@ -464,6 +464,16 @@ def test_a_run_ends_with_an_event(text, expected, write):
     assert len(got) == len(until) or json.loads(until[len(got)])["t"] > last
 
 
+@pytest.mark.parametrize("text", [a[0] for a in AWAITED])
+def test_all_ends_where_it_does_with_care_in_every_bit(text, write, tmp_path):
+    path, names = write(UNTIL), ("events", "log", "stats", "pcapng", "vcd")
+    def outputs(*more):
+        words = [word for name in names for word in (f"--{name}", tmp_path / name)]
+        told = sim(path, "--until-event", text, "--to", "1ms", *words, *more)
+        return told.stdout, told.stderr, *((tmp_path / name).read_bytes() for name in names)
+    assert outputs() == outputs("--step")
+
+
 def test_until_is_the_latest_end(write):
     result = sim(write(UNTIL), "--until", "3ms", "--until-event", "bus-off", "--stats", "-")
     assert json.loads(result.stdout)["bus"]["time_ns"] == 3_000_000

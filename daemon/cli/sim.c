@@ -9,6 +9,7 @@
 #include "sim_journal.h"
 #include "sim_judge.h"
 #include "sim_run.h"
+#include "sim_scout.h"
 #include "sim_trace.h"
 #include "sim_until.h"
 #include "summary.h"
@@ -146,7 +147,8 @@ static bool make_bus(sim *s, const sim_options *o)
 
 static bool open_journal(sim *s, const sim_options *o)
 {
-    s->journal = (sim_journal){.run = &s->run,
+    s->journal = (sim_journal){.errors = stderr,
+                               .run = &s->run,
                                .judge = &s->judge,
                                .trace = &s->trace,
                                .awaited = &s->awaited,
@@ -188,6 +190,15 @@ static bool open_outputs(sim *s, const sim_options *o)
 static uint64_t known_end(const sim *s, const sim_options *o)
 {
     return o->until_event || o->journal ? CW_NEVER : s->run.until;
+}
+
+/* Finds out first where an awaited event comes, since only there care has to be taken; not for the
+ * reference, which takes it all the time. */
+static void look_ahead(sim *s, const sim_options *o, bool progress)
+{
+    sim_scout scout = {.journal = o->journal, .run = &s->run, .progress = progress};
+    if (o->until_event && !o->step)
+        sim_scout_go(&scout, &s->awaited);
 }
 
 /* Those that are written while the bus runs. */
@@ -389,6 +400,7 @@ int cli_sim(int argc, char **argv)
     bool good = set_up(&s, &options);
     if (good) {
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
+        look_ahead(&s, &options, room);
         sim_progress_start(&s.run.progress, room, options.until_event);
         good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
         sim_until_finish(&s.awaited);

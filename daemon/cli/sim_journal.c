@@ -39,10 +39,11 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     const sim_journal *j = user;
     bool same = same_nodes(j->run->config, next, from);
-    sim_judge_leave(j->judge, j->run);
-    if (!same)
+    if (j->judge)
+        sim_judge_leave(j->judge, j->run);
+    if (!same && j->trace)
         sim_trace_leave(j->trace, "canwire sim");
-    if (!same && j->pcapng->stream)
+    if (!same && j->pcapng && j->pcapng->stream)
         pcapng_begin(j->pcapng->stream, next);
 }
 
@@ -50,7 +51,8 @@ static void go_over(void *user)
 {
     const sim_journal *j = user;
     sim_change(j->run, journal_player_config(j->player), journal_player_bus(j->player));
-    sim_judge_enter(j->judge, j->run);
+    if (j->judge)
+        sim_judge_enter(j->judge, j->run);
     sim_until_change(j->awaited);
 }
 
@@ -63,15 +65,15 @@ bool sim_journal_open(sim_journal *j, const char *file)
         .leaving = leave,
         .changed = go_over,
     };
-    j->player = journal_player_open(file, &calls, j, stderr);
+    j->player = journal_player_open(file, &calls, j, j->errors);
     if (!j->player)
         return false;
     if (strcmp(journal_player_writer(j->player), CANWIRE_VERSION) != 0)
-        fprintf(stderr, "canwire sim: %s: written by canwire %s; this is " CANWIRE_VERSION "\n",
+        fprintf(j->errors, "canwire sim: %s: written by canwire %s; this is " CANWIRE_VERSION "\n",
                 file, journal_player_writer(j->player));
     if (sim_open_bus(j->run, journal_player_config(j->player), journal_player_bus(j->player)))
         return true;
-    fprintf(stderr, "canwire sim: out of memory\n");
+    fprintf(j->errors, "canwire sim: out of memory\n");
     return false;
 }
 

@@ -14,11 +14,12 @@
 /* Those that look on and have to know of another configuration. */
 typedef struct sim_journal {
     journal_player *player; /* NULL: there is no journal */
+    FILE *errors;           /* for messages */
     sim_run *run;
-    sim_judge *judge;
+    sim_judge *judge; /* NULL: nobody judges, traces, writes */
     sim_trace *trace;
-    sim_until *awaited;
     outfile *pcapng;
+    sim_until *awaited;
 } sim_journal;
 
 /* Opens a journal and the run. All but the player is to be set. False after a message. */

@@ -10,7 +10,7 @@
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
 #define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
-#define SLICE_TICKS (CW_CLOCK_HZ / 4u) /* of bus time between two looks at the progress */
+#define SLICE_TICKS (CW_CLOCK_HZ / 4u) /* of bus time between two looks at what has happened */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
@@ -19,6 +19,8 @@
 static void tell(void *user, bool failed, const char *text)
 {
     sim_run *s = user;
+    if (s->quiet)
+        return;
     sim_progress_wipe(&s->progress);
     fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
 }
@@ -27,7 +29,7 @@ bool sim_open(sim_run *s, const cfg *config)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
-    *s = (sim_run){.config = config, .until = CW_NEVER};
+    *s = (sim_run){.config = config, .until = CW_NEVER, .careful_from = CW_NEVER};
     cfg_bus_config(&bus_config, nodes, config);
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
@@ -44,7 +46,7 @@ bool sim_open(sim_run *s, const cfg *config)
 bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
 {
     static const cfg no_traffic = {.node_count = 0};
-    *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER};
+    *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER, .careful_from = CW_NEVER};
     s->plan = release_plan_new(&no_traffic, tell, s);
     return s->plan != NULL;
 }
@@ -64,14 +66,13 @@ void sim_add_sink(sim_run *s, const sim_sink *sink)
     s->sinks[s->sink_count++] = *sink;
 }
 
-void sim_may_stop(sim_run *s)
+void sim_be_careful(sim_run *s, uint64_t from)
 {
-    s->may_stop = true;
+    s->careful_from = from == CW_NEVER ? from : from - from % s->config->bit_ticks;
 }
 
 void sim_stop(sim_run *s, uint64_t tick)
 {
-    assert(s->may_stop);
     s->stopped = true;
     s->until = tick;
 }
@@ -108,12 +109,18 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+/* Where the run is careful, it is expected to end. */
+static uint64_t guess_end(const sim_run *s, uint64_t now)
+{
+    uint64_t known = s->careful_from > now ? least(s->until, s->careful_from) : s->until;
+    return known != CW_NEVER ? known : release_guess_end(s->plan, now);
+}
+
 static void show_progress(sim_run *s)
 {
     uint64_t now = cw_bus_now(s->bus);
     if (sim_progress_is_due(&s->progress, now))
-        sim_progress_write(&s->progress, s->bus,
-                           s->until != CW_NEVER ? s->until : release_guess_end(s->plan, now));
+        sim_progress_write(&s->progress, s->bus, guess_end(s, now));
 }
 
 static void advance_bus(sim_run *s, uint64_t tick)
@@ -121,12 +128,12 @@ static void advance_bus(sim_run *s, uint64_t tick)
     uint64_t target;
     do {
         uint64_t left = tick > cw_bus_now(s->bus) ? tick - cw_bus_now(s->bus) : 0;
-        target = s->progress.on && left > SLICE_TICKS ? cw_bus_now(s->bus) + SLICE_TICKS : tick;
-        while (cw_bus_advance(s->bus, target) == CW_FULL)
+        target = left > SLICE_TICKS ? cw_bus_now(s->bus) + SLICE_TICKS : tick;
+        while (cw_bus_advance(s->bus, target) == CW_FULL && !s->stopped)
             pass_on_events(s);
         pass_on_events(s);
         show_progress(s);
-    } while (target < tick);
+    } while (target < tick && !s->stopped);
 }
 
 /* Start of the first bit from now on that a sink wants, or CW_NEVER. */
@@ -194,10 +201,10 @@ static void advance(sim_run *s, uint64_t tick)
         uint64_t look = next_look(s);
         bool now = wanted == cw_bus_now(s->bus);
         set_stepping(s, s->step || now);
-        if (now || s->may_stop)
+        if (now || cw_bus_now(s->bus) >= s->careful_from)
             advance_bit(s);
         else
-            advance_bus(s, least(least(tick, wanted), look));
+            advance_bus(s, least(least(tick, wanted), least(look, s->careful_from)));
         if (look == CW_NEVER)
             continue;
         release_look(s->plan, s->bus);
@@ -320,7 +327,7 @@ bool sim_go(sim_run *s)
     else if (goes_on)
         run_out(s);
     sim_end(s);
-    if (!goes_on)
+    if (!goes_on && !s->quiet)
         fprintf(stderr,
                 "canwire sim: ended before the last release, after %u s of bus time without a "
                 "frame (--until TIME waits longer)\n", QUIET_LIMIT_S);

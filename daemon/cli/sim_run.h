@@ -30,7 +30,8 @@ typedef struct sim_run {
     uint64_t last_activity; /* tick of the last tx or release */
     bool step;              /* every bit is simulated, whether somebody looks at it or not */
     bool stopped;           /* see sim_stop() */
-    bool may_stop;
+    bool quiet;             /* says nothing on standard error */
+    uint64_t careful_from;  /* see sim_be_careful() */
     bool stepping;          /* what the bus was told last */
     sim_progress progress;  /* started by the caller, if it is wanted */
     unsigned sink_count;
@@ -71,12 +72,13 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 
 /* ---- Stopping -------------------------------------------------------------------------------- */
 
-/* To be called before sim_go() when a sink may stop the run: the bus then never runs ahead of the
- * events. Costs speed. */
-void sim_may_stop(sim_run *s);
+/* To be called before sim_go() when a sink may stop the run at a tick or later, and all has to end
+ * there: from then on the bus never runs ahead of the events, which costs speed. At first it runs
+ * ahead of them to the end (CW_NEVER). */
+void sim_be_careful(sim_run *s, uint64_t from);
 
-/* For sinks: the run ends with the bit of the event that is being passed on, at its tick; the other
- * events of that tick are still passed on. */
+/* For sinks: the run ends with the event that is being passed on, at its tick; the other events of
+ * that tick are still passed on. The bus ends with the bit of it where it is careful. */
 void sim_stop(sim_run *s, uint64_t tick);
 
 #endif

@@ -183,6 +183,7 @@ static void look_at_event(void *user, const cw_event *event)
     if (u->happened || !is_awaited(u, event))
         return;
     u->happened = true;
+    u->tick = event->tick;
     sim_stop(u->run, event->tick);
 }
 
@@ -194,7 +195,7 @@ bool sim_until_start(sim_until *u, const char *text, sim_run *run)
         return true;
     if (!read_event(u, text))
         return false;
-    sim_may_stop(run);
+    sim_be_careful(run, 0);
     sim_add_sink(run, &sink);
     return true;
 }
