@@ -499,7 +499,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         cw_leap_on(bus, tick);
         return;
     }
-    if (cw_leap_begin(bus, tick))
+    if (cw_leap_begin(bus, tick) || cw_leap_resume(bus, tick))
         return;
     bool level = held_level(bus);
     uint64_t bits = bits_to_skip(bus, level, tick);

@@ -118,6 +118,7 @@ typedef struct cw_leap {
     bool at_work;         /* rules act on the levels of its bits */
     bool traffic;         /* rules may send something at the end of each bit */
     bool unseen;          /* all losses have been counted beforehand */
+    bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits of frame and intermission that are not leapt over */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
@@ -304,6 +305,9 @@ void cw_step_with(cw_bus *bus, const cw_levels *levels);
 /* Begins to leap over the frame that comes next and goes as far as the end of it, the next moment
  * at which something happens, or tick. False: nothing is done, bits are to be simulated singly. */
 bool cw_leap_begin(cw_bus *bus, uint64_t tick);
+
+/* The same amid a frame that has begun bit by bit. */
+bool cw_leap_resume(cw_bus *bus, uint64_t tick);
 
 /* Goes on in a leap; at least one bit lies before tick. */
 void cw_leap_on(cw_bus *bus, uint64_t tick);

@@ -230,9 +230,9 @@ bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node);
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
 
-/* Of the rules that are looked at in every bit, when nothing is bound: whether one has to see the
- * controllers; whether one acts on levels, other than noise that goes on and on; whether one may
- * send at the end of any bit. */
+/* Of the rules that are looked at in every bit: whether one has to see the controllers; whether one
+ * acts on levels, other than noise that goes on and on; whether one may send at the end of any
+ * bit. */
 bool cw_fault_needs_controllers(const cw_bus *bus);
 bool cw_fault_is_at_work(const cw_bus *bus);
 bool cw_fault_has_traffic(const cw_bus *bus);

@@ -262,7 +262,7 @@ static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)
 bool cw_fault_needs_controllers(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        if (awake_fault(bus, i)->for_attempt)
+        if (awake_fault(bus, i)->for_attempt || awake_fault(bus, i)->bound)
             return true;
     return false;
 }

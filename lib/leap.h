@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap.h - what the parts of a leap share: leap_begin.c, leap.c (on the way), leap_end.c.
+ * leap.h - what the parts of a leap share: leap_begin.c, leap_resume.c, leap.c (on the
+ *          way), leap_end.c.
  */
 #ifndef CANWIRE_LEAP_H
 #define CANWIRE_LEAP_H
@@ -14,6 +15,12 @@
 /* A node's frame with its intermission in one go, without its bits; nobody sees more of it than its
  * end. False, with nothing done: it cannot be. */
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick);
+
+/* Who is there: fills in the crowd. */
+void cw_leap_look_around(cw_bus *bus);
+
+/* A leap that begins with the frame of a node; which one and where in it is left to the caller. */
+void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
 
 /* All losses of the contest at once; what they add to single nodes is shared out later
  * (contest.c). */

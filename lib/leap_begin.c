@@ -38,7 +38,7 @@ static void count_node(cw_crowd *crowd, const cw_mac *m, uint64_t self)
 }
 
 /* Followers have a phase of their own that says idle, as the shared one does (see can_begin()). */
-static void look_around(cw_bus *bus)
+void cw_leap_look_around(cw_bus *bus)
 {
     cw_crowd crowd = {.valid = true, .calm = true};
     for (unsigned i = 0; i < bus->node_count; i++) {
@@ -58,7 +58,7 @@ static bool can_begin(cw_bus *bus)
         (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return false;
     if (!bus->crowd.valid)
-        look_around(bus);
+        cw_leap_look_around(bus);
     if (bus->crowd.calm && bus->faults.awake_count)
         cw_fault_unbind(bus);
     if (bus->faults.awake_count &&
@@ -109,7 +109,7 @@ static void encode(bus_node *n)
 static void pin_frame(bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
-    if (n->offered_slot != slot)
+    if (n->offered_slot != slot || n->wrong_crc)
         n->mac.offered = false; /* not encoded */
     n->offered_slot = slot;
 }
@@ -188,13 +188,15 @@ static void choose_frame(cw_bus *bus, bool bits)
     leap->frame = slot->frame;
 }
 
-static void begin(cw_bus *bus, unsigned winner, uint64_t contenders)
+void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
 {
     cw_leap *leap = &bus->leap;
     leap->active = true;
     leap->node = (uint8_t)winner;
+    leap->tail = (uint8_t)find_tail(bus, winner);
     leap->broken = false;
     leap->unseen = false;
+    leap->bound = false;
     leap->at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
     leap->traffic = bus->faults.awake_count && cw_fault_has_traffic(bus);
     leap->at = 0;
@@ -241,12 +243,11 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    bus->leap.tail = (uint8_t)find_tail(bus, winner);
     bus->leap.watched = watched;
-    bool whole = !(watched & losers) && !losses_seen && bus->leap.tail == 0;
+    bool whole = !(watched & losers) && !losses_seen && find_tail(bus, winner) == 0;
     if (whole && cw_leap_whole(bus, winner, contenders, tick))
         return true;
-    begin(bus, winner, contenders);
+    cw_leap_prepare(bus, winner, contenders);
     choose_frame(bus, watched || losses_seen || bus->leap.at_work);
     start_transmissions(bus, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */

@@ -32,7 +32,7 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
 static void bind_rules(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    uint64_t watched = bus->faults.watched;
+    uint64_t watched = leap->bound ? 0 : bus->faults.watched;
     for (uint64_t rest = leap->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];

@@ -1148,6 +1148,15 @@ static bool same_received(const cw_frame *a, const cw_frame *b)
            memcmp(a->data, b->data, sizeof a->data) == 0;
 }
 
+/* Where in a frame they are, and what they have read of it. */
+static bool same_place(const cw_mac *a, const cw_mac *b)
+{
+    return a->step == b->step && a->index == b->index && a->run == b->run && a->last == b->last &&
+           a->before_step == b->before_step && a->before_index == b->before_index &&
+           a->may_join == b->may_join && a->crc == b->crc && a->crc_error == b->crc_error &&
+           a->shift == b->shift && same_received(&a->rx, &b->rx);
+}
+
 /* Idle controllers have no past: begin_frame() sets all that a frame needs. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
 {
@@ -1155,12 +1164,19 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
         return false;
     if (a->phase == CW_MAC_IDLE)
         return true;
-    return a->step == b->step && a->index == b->index && a->count == b->count &&
-           a->run == b->run && a->last == b->last && a->before_step == b->before_step &&
-           a->before_index == b->before_index && a->may_join == b->may_join &&
-           a->crc == b->crc && a->crc_error == b->crc_error && a->shift == b->shift &&
-           a->ack_deferred == b->ack_deferred && a->overloads_in_row == b->overloads_in_row &&
-           same_received(&a->rx, &b->rx);
+    return same_place(a, b) && a->count == b->count && a->ack_deferred == b->ack_deferred &&
+           a->overloads_in_row == b->overloads_in_row;
+}
+
+bool cw_mac_reads_along(const cw_mac *m, const cw_mac *sender)
+{
+    return m->phase == CW_MAC_FRAME && !is_transmitter(m) && cw_mac_is_sending(sender) &&
+           same_place(m, sender);
+}
+
+void cw_mac_rest(cw_mac *m)
+{
+    become_idle(m);
 }
 
 void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)

@@ -50,6 +50,12 @@ uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
  * they want to send. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
 
+/* Whether it receives what another one sends, and has read the same bits of it. */
+bool cw_mac_reads_along(const cw_mac *mac, const cw_mac *sender);
+
+/* Idle from now on, as a receiver is after the intermission. */
+void cw_mac_rest(cw_mac *mac);
+
 /* Goes to the point where another controller is, which is no transmitter. Counters, modes and the
  * offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);

@@ -220,6 +220,15 @@ static void a_bit_of_the_data_is_changed(rig *r)
     change_after_node_2(r, 25);
 }
 
+/* Node 0 is alone, and sees its dominant bits although they do not get through. */
+static void two_faults_hide_each_other(rig *r)
+{
+    assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
+    assert_int_equal(cw_node_attach(r->bus, 2, false), CW_OK);
+    stick(r, CW_LINE_TX, 0, CW_RECESSIVE, 25, 3);
+    stick(r, CW_LINE_RX, 0, CW_DOMINANT, 25, 3);
+}
+
 static void a_node_babbles(rig *r)
 {
     cw_rule babble = rule_of("babble", CW_TRIGGER_TIME, CW_ACTION_BABBLE);
@@ -288,7 +297,18 @@ static void assert_same_stats(const rig *a, const rig *b)
     }
 }
 
-static void watch_levels(void (*story)(rig *r), bool lost)
+/* Also in the middle of whatever goes on. */
+static void assert_same_bit_by_bit(rig *a, rig *b, unsigned bits)
+{
+    for (unsigned bit = 0; bit < bits; bit++) {
+        rig_run_bits(a, bit);
+        rig_run_bits(b, bit);
+        assert_int_equal(cw_bus_recessive_bits(a->bus), cw_bus_recessive_bits(b->bus));
+        assert_int_equal(cw_bus_idle(a->bus), cw_bus_idle(b->bus));
+    }
+}
+
+static void watch_levels(void (*story)(rig *r), bool lost, unsigned single_bits)
 {
     rig *rigs[2];
     for (unsigned stepping = 0; stepping < 2; stepping++) {
@@ -303,8 +323,10 @@ static void watch_levels(void (*story)(rig *r), bool lost)
             rig_send(r, i % 2, &frame, 20 * BIT);
         }
         story(r);
-        rig_run_bits(r, 900);
     }
+    assert_same_bit_by_bit(rigs[0], rigs[1], single_bits);
+    rig_run_bits(rigs[0], 900);
+    rig_run_bits(rigs[1], 900);
     rig_assert_same_events(rigs[0], rigs[1]);
     assert_same_stats(rigs[0], rigs[1]);
     rig_free(rigs[0]);
@@ -320,10 +342,11 @@ static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
         a_line_was_dominant_for_too_long, the_wire_is_cut_at_the_first_bit, a_deaf_node,
         a_deaf_node_that_sends, the_sof_is_changed, a_bit_of_both_is_changed,
         a_bit_of_both_is_made_recessive, the_deciding_bit_is_changed, a_bit_of_the_data_is_changed,
-        a_node_babbles, a_node_fills_up_while_another_is_mute};
+        two_faults_hide_each_other, a_node_babbles, a_node_fills_up_while_another_is_mute};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
-        watch_levels(stories[i], true);
-        watch_levels(stories[i], false);
+        watch_levels(stories[i], true, 0);
+        watch_levels(stories[i], false, 0);
+        watch_levels(stories[i], true, 300);
     }
 }
 

@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * leap_resume.c - a frame that has begun bit by bit goes on as a leap, as soon as it is clear who
+ * sends it and all others read it as it is.
+ */
+#include "leap.h"
+
+/* ---- Whether it can go on -------------------------------------------------------------------- */
+
+static bool is_away(const cw_mac *m)
+{
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+}
+
+/* The nodes that send; they do not follow. Cheap: this is asked for every bit. */
+static uint64_t find_senders(const cw_bus *bus)
+{
+    uint64_t senders = 0;
+    if (bus->followers && bus->common.phase != CW_MAC_FRAME)
+        return 0;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
+        if (cw_mac_is_sending(&bus->nodes[cw_lowest_node(rest)].mac))
+            senders |= rest & (~rest + 1);
+    return senders;
+}
+
+/* Up to the ACK slot, where all do the same; in the first two bits others may still join (M6). */
+static bool is_in_its_middle(const bus_node *n)
+{
+    const cw_mac *m = &n->mac;
+    return !(m->modes & CW_MODE_LOOPBACK) && !n->wrong_crc && m->tx_next >= 2 &&
+           m->tx_next + CW_ACK_BEFORE_END + 1u < m->tx.length;
+}
+
+/* A node in loopback neither sees anything of the frame nor does it wait for its end. */
+static bool stays_out(const cw_bus *bus, unsigned i)
+{
+    const cw_mac *m = &bus->nodes[i].mac;
+    bool alone = m->phase == CW_MAC_IDLE && (m->modes & CW_MODE_LOOPBACK);
+    return is_away(m) || (alone && !(bus->waiting >> i & 1u));
+}
+
+static bool all_read_it(const cw_bus *bus, unsigned sender)
+{
+    const cw_mac *sent = &bus->nodes[sender].mac;
+    if (bus->followers && !cw_mac_reads_along(&bus->common, sent))
+        return false;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        const cw_mac *m = &bus->nodes[i].mac;
+        if (i != sender && !stays_out(bus, i) && !cw_mac_reads_along(m, sent))
+            return false;
+    }
+    return true;
+}
+
+/* Faults on the lines of a node can hide from it that the wire carries something else. */
+static bool wire_carried_it(const cw_bus *bus, const cw_mac *sent)
+{
+    unsigned recessive = 0;
+    while (recessive < sent->tx_next && cw_bits_level(&sent->tx, sent->tx_next - 1u - recessive))
+        recessive++;
+    return recessive == bus->recessive_bits;
+}
+
+static bool nobody_has_plans(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_mac *m = &bus->nodes[i].mac;
+        if (m->overloads_wanted > 0 || m->told_state != m->confinement.state)
+            return false;
+    }
+    return true;
+}
+
+static bool rules_allow_it(cw_bus *bus)
+{
+    return bus->faults.error_rules == 0 &&
+           (bus->faults.awake_count == 0 ||
+            (!cw_fault_needs_controllers(bus) && cw_fault_noise_free(bus, 1) > 0));
+}
+
+/* ---- Going on -------------------------------------------------------------------------------- */
+
+/* In a leap the controllers are idle. */
+static void put_to_rest(cw_bus *bus)
+{
+    if (bus->followers)
+        cw_mac_rest(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
+        if (!is_away(m))
+            cw_mac_rest(m);
+    }
+}
+
+static void take_over(cw_bus *bus, unsigned sender)
+{
+    cw_leap *leap = &bus->leap;
+    const bus_node *n = &bus->nodes[sender];
+    leap->at = n->mac.tx_next;
+    leap->length = n->mac.tx.length;
+    leap->bits = &n->mac.tx;
+    leap->frame = n->queue.slots[n->offered_slot].frame;
+    leap->watched = 0;
+    leap->bound = true;
+}
+
+bool cw_leap_resume(cw_bus *bus, uint64_t tick)
+{
+    const uint64_t senders = find_senders(bus);
+    if (senders == 0 || (senders & (senders - 1)))
+        return false;
+    const unsigned sender = cw_lowest_node(senders);
+    if (bus->group_count > 1 || bus->news || !is_in_its_middle(&bus->nodes[sender]) ||
+        !rules_allow_it(bus) || !all_read_it(bus, sender) || !nobody_has_plans(bus) ||
+        !wire_carried_it(bus, &bus->nodes[sender].mac))
+        return false;
+    put_to_rest(bus);
+    cw_leap_look_around(bus);
+    cw_leap_prepare(bus, sender, senders);
+    take_over(bus, sender);
+    cw_leap_on(bus, tick);
+    return true;
+}
