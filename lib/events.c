@@ -165,7 +165,7 @@ void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, 
                   uint64_t tick)
 {
     cw_event *e = cw_push_event(bus, CW_EVENT_DROP, tick, cw_node_bit(i));
-    e->why = why;
+    e->why = (uint8_t)why;
     e->frame = *frame;
     cw_node_stats *stats = &bus->nodes[i].stats;
     if (side == CW_SIDE_TX)

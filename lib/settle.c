@@ -152,8 +152,8 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
     cw_state after = cw_mac_state(&n->mac);
     n->told_state = (uint8_t)after;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_STATE, i);
-    e->state = after;
-    e->state_before = before;
+    e->state = (uint8_t)after;
+    e->state_before = (uint8_t)before;
     if (before < CW_STATE_ERROR_WARNING && after == CW_STATE_ERROR_WARNING)
         n->stats.error_warning++;
     if (before < CW_STATE_ERROR_PASSIVE && after == CW_STATE_ERROR_PASSIVE)
