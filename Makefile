@@ -81,7 +81,7 @@ bench: ## what canwire costs, in ns and instructions, beside others; build/bench
 
 check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; what the library needs
 	@scripts/install-deps all
-	@$(MAKE) --no-print-directory LIB_LTO= BUILD=build/check build/check/libcanwire.a
+	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a
 	@scripts/check build/check/libcanwire.a
 
 picture: build ## draw the picture in README.md again
@@ -236,17 +236,21 @@ $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
-# The engine is small functions in many files: optimised as one where gcc links a program.
+# The engine is optimised for speed; and as one, where gcc links a program, since it is small
+# functions in many files.
+ifeq ($(VARIANT),release)
+LIB_FLAGS := -O3
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
-ifeq ($(VARIANT)$(IS_GCC),releaseyes)
-LIB_LTO := -flto -ffat-lto-objects
+endif
+ifeq ($(IS_GCC),yes)
+LIB_FLAGS += -flto -ffat-lto-objects
 LINK_LTO := -flto=auto
 LINK_PLAIN := -fno-use-linker-plugin # tests take the engine's other code: they link faster
 endif
 
 $(BUILD)/lib/%.o: lib/%.c
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $(LIB_LTO) -c -o $@ $<
+	$(CC) $(ALL_CFLAGS) $(LIB_FLAGS) -c -o $@ $<
 
 $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 	@mkdir -p $(@D)

@@ -26,4 +26,10 @@ extern const uint64_t cw_stuff_table[CW_STUFF_STATES * 256];
 /* The state after the byte. */
 extern const uint16_t cw_stuff_next[CW_STUFF_STATES * 256];
 
+/* The same where it does not depend on the state before, for nine of ten bytes; or else
+ * CW_STUFF_DEPENDS. Indexed by the byte. */
+extern const uint16_t cw_stuff_after[256];
+
+#define CW_STUFF_DEPENDS (256u * CW_STUFF_STATES)
+
 #endif

@@ -58,11 +58,11 @@ void cw_contest_update(cw_bus *bus, unsigned i)
     unsigned place = c->leaves + i;
     if (c->entries[place] == entry)
         return;
-    do {
-        c->entries[place] = entry;
-        place /= 2;
-        entry = play(c->entries[2 * place], c->entries[2 * place + 1]);
-    } while (place > 0 && c->entries[place] != entry);
+    c->entries[place] = entry;
+    for (; place > 1; place /= 2) { /* to the end: whether a match ends otherwise is not foreseen */
+        entry = play(entry, c->entries[place ^ 1u]);
+        c->entries[place / 2] = entry;
+    }
 }
 
 /* Among some of those who wait; the others may not take part. */

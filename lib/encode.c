@@ -230,19 +230,28 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
 }
 
 /* As stuff_byte(), but only how many bits they become. */
-static inline void measure_byte(part *p, uint8_t byte)
+static inline uint64_t measure(const uint8_t *bytes, unsigned count, unsigned state)
 {
-    p->lengths += cw_stuff_table[p->state + byte];
-    p->state = cw_stuff_next[p->state + byte];
+    uint64_t lengths = 0;
+    for (unsigned n = 0; n < count; n++) {
+        unsigned entry = state + bytes[n];
+        lengths += cw_stuff_table[entry];
+        state = cw_stuff_next[entry];
+    }
+    return lengths;
 }
 
-static inline void measure_five(part *p, const uint8_t bytes[PART_BYTES])
+/* Each look-up waits for the one before it: so there are two rows of them at a time, of which the
+ * second one begins behind a byte after which the state is known. */
+static inline unsigned measure_all(const plain_bytes *plain)
 {
-    measure_byte(p, bytes[0]);
-    measure_byte(p, bytes[1]);
-    measure_byte(p, bytes[2]);
-    measure_byte(p, bytes[3]);
-    measure_byte(p, bytes[4]);
+    unsigned half = plain->count / 2;
+    while (half > 0 && cw_stuff_after[plain->bytes[half - 1]] == CW_STUFF_DEPENDS)
+        half--;
+    unsigned state = half > 0 ? cw_stuff_after[plain->bytes[half - 1]] : CW_STUFF_FIRST;
+    uint64_t lengths = measure(plain->bytes, half, CW_STUFF_FIRST) +
+                       measure(plain->bytes + half, plain->count - half, state);
+    return (unsigned)(lengths & LENGTHS_MASK);
 }
 
 unsigned cw_frame_wire_bits(const cw_frame *frame)
@@ -250,13 +259,7 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
     if (!cw_frame_valid(frame))
         return 0;
     plain_bytes plain;
-    part p = {.state = CW_STUFF_FIRST};
-    unsigned n = 0;
     const content c = content_of(frame);
     lay_out(&plain, &c, crc_of(&c));
-    for (; n + PART_BYTES <= plain.count; n += PART_BYTES)
-        measure_five(&p, plain.bytes + n);
-    for (; n < plain.count; n++)
-        measure_byte(&p, plain.bytes[n]);
-    return (unsigned)(p.lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
+    return measure_all(&plain) - plain.pad_bits + TAIL_BITS;
 }

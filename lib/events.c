@@ -201,7 +201,9 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     if (ring->count == 0)
         return false;
     *event = ring->events[ring->first];
-    ring->first = ring->first + 1 < ring->capacity ? ring->first + 1 : 0;
     ring->count--;
+    bool wraps = ring->count == 0 || ring->first + 1 == ring->capacity; /* an empty one stays in
+                                                                            the cache */
+    ring->first = wraps ? 0 : ring->first + 1;
     return true;
 }
