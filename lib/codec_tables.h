@@ -7,11 +7,11 @@
 
 #include <stdint.h>
 
-#define CW_CRC_TABLE_BYTES 13 /* of the longest frame, SOF to data: 39 bits and 8 bytes */
+#define CW_CRC_TABLE_BYTES 15 /* of the longest frame, SOF to CRC: 39 bits, 8 bytes, 15 bits */
 #define CW_STUFF_STATES 8
 
-/* [n][b]: CRC of the byte b with n zero bytes behind it (F6). The CRC of a row of bytes is the
- * exclusive or of those of its bytes. */
+/* [n][b]: what the byte b brings to the CRC of a frame with n bytes behind it, its last bit being
+ * that of the CRC (F6), whose own bits are 0. The CRC is the exclusive or of what all bytes bring. */
 extern const uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256];
 
 /* Stuffing (F7). What a byte becomes depends on the level of the bit before it and on how many
@@ -25,11 +25,5 @@ extern const uint64_t cw_stuff_table[CW_STUFF_STATES * 256];
 
 /* The state after the byte. */
 extern const uint16_t cw_stuff_next[CW_STUFF_STATES * 256];
-
-/* The same where it does not depend on the state before, for nine of ten bytes; or else
- * CW_STUFF_DEPENDS. Indexed by the byte. */
-extern const uint16_t cw_stuff_after[256];
-
-#define CW_STUFF_DEPENDS (256u * CW_STUFF_STATES)
 
 #endif

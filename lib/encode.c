@@ -15,14 +15,16 @@
 #define BASE_HEAD_BITS 19u /* SOF to the DLC */
 #define EXTENDED_HEAD_BITS 39u
 #define PART_BYTES 5u
+#define PLAIN_BYTES 16u /* one more than there are */
 #define LENGTHS_MASK 0xFFFu /* of all bytes of a frame, in the sum of their entries */
 #define TAIL_BITS (3u + CW_EOF_BITS) /* delimiter, ACK slot, delimiter, EOF: all recessive */
 
-/* Before SOF come so many bits that the CRC ends with a byte. They alternate and end recessive, so
- * they get no stuff bit; they are no part of the CRC. */
+/* Before SOF come so many bits that all that is stuffed, SOF to CRC, is whole bytes. They alternate
+ * and end recessive, so they get no stuff bit; they are no part of the CRC. */
 #define BASE_PAD_BITS 6u
+#define BASE_PAD 0x54u
 #define EXTENDED_PAD_BITS 2u
-#define PAD_PATTERN UINT64_C(0x5555555555555555)
+#define EXTENDED_PAD 0x40u
 
 /* What is to be sent, not stuffed, but for the CRC. The first bit is the highest one. */
 typedef struct content {
@@ -30,11 +32,14 @@ typedef struct content {
     uint64_t data; /* the last byte in the lowest bits */
     unsigned head_bits;
     unsigned pad_bits;
+    unsigned pad;    /* in the highest bits of a byte */
     unsigned length; /* bytes of the data field */
 } content;
 
+/* They stand at the end: pad, SOF to data, CRC. Before them are zeros. */
 typedef struct plain_bytes {
-    uint8_t bytes[24]; /* 15 at most; they are written eight at a time */
+    uint8_t bytes[PLAIN_BYTES];
+    const uint8_t *first;
     unsigned count;
     unsigned pad_bits;
 } plain_bytes;
@@ -80,44 +85,49 @@ static inline content content_of(const cw_frame *frame)
                   (uint64_t)(frame->id & 0x3FFFFu) << 7;
         c.head_bits = EXTENDED_HEAD_BITS;
         c.pad_bits = EXTENDED_PAD_BITS;
+        c.pad = EXTENDED_PAD;
     } else {
         c.head |= (uint64_t)frame->id << 7;
         c.head_bits = BASE_HEAD_BITS;
         c.pad_bits = BASE_PAD_BITS;
+        c.pad = BASE_PAD;
     }
     return c;
 }
 
-/* Bytes that are not there are 0 and bring nothing to it. */
-static inline unsigned crc_of(const content *c)
+/* The CRC of what stands before it. Bytes that are not there are 0 and bring nothing to it. */
+static inline unsigned crc_of(const uint8_t bytes[PLAIN_BYTES])
 {
-    unsigned crc = 0;
     const uint16_t(*behind)[256] = cw_crc_table;
-    crc ^= behind[0][c->data & 0xFF] ^ behind[1][c->data >> 8 & 0xFF];
-    crc ^= behind[2][c->data >> 16 & 0xFF] ^ behind[3][c->data >> 24 & 0xFF];
-    crc ^= behind[4][c->data >> 32 & 0xFF] ^ behind[5][c->data >> 40 & 0xFF];
-    crc ^= behind[6][c->data >> 48 & 0xFF] ^ behind[7][c->data >> 56];
-    behind += c->length;
-    crc ^= behind[0][c->head & 0xFF] ^ behind[1][c->head >> 8 & 0xFF];
-    crc ^= behind[2][c->head >> 16 & 0xFF] ^ behind[3][c->head >> 24 & 0xFF];
-    return crc ^ behind[4][c->head >> 32];
+    unsigned crc = 0;
+    crc ^= behind[14][bytes[1]] ^ behind[13][bytes[2]];
+    crc ^= behind[12][bytes[3]] ^ behind[11][bytes[4]];
+    crc ^= behind[10][bytes[5]] ^ behind[9][bytes[6]];
+    crc ^= behind[8][bytes[7]] ^ behind[7][bytes[8]];
+    crc ^= behind[6][bytes[9]] ^ behind[5][bytes[10]];
+    crc ^= behind[4][bytes[11]] ^ behind[3][bytes[12]];
+    crc ^= behind[2][bytes[13]] ^ behind[1][bytes[14]];
+    return crc;
 }
 
-/* With its pad the head is one bit more than whole bytes, with which the data begins; the CRC's 15
- * bits make it whole again. */
-static inline void lay_out(plain_bytes *plain, const content *c, unsigned crc)
+/* With some bits of the CRC inverted. Returns the CRC. */
+static inline unsigned lay_out(plain_bytes *plain, const content *c, unsigned inverted)
 {
-    unsigned head_bits = c->pad_bits + c->head_bits;
-    uint64_t head = PAD_PATTERN << c->head_bits | c->head;
-    uint64_t data = c->length > 0 ? c->data << (64 - 8 * c->length) : 0;
-    uint8_t *body = plain->bytes + head_bits / 8;
-    store_be(plain->bytes, head << (64 - head_bits));
-    store_be(body, head << 63 | data >> 1);
-    body[8] = (uint8_t)(data << 7);
-    body[c->length] |= (uint8_t)(crc >> 8);
-    body[c->length + 1] = (uint8_t)crc;
-    plain->count = head_bits / 8 + c->length + 2;
+    const unsigned behind = 8 * c->length + CW_CRC_BITS; /* bits behind the head */
+    uint64_t low = c->data << CW_CRC_BITS;
+    uint64_t high = c->data >> (64 - CW_CRC_BITS);
+    low |= behind < 64 ? c->head << behind : 0;
+    high |= behind < 64 ? c->head >> (64 - behind) : c->head << (behind - 64);
+    store_be(plain->bytes, high);
+    store_be(plain->bytes + 8, low);
+    unsigned crc = crc_of(plain->bytes) ^ inverted;
+    plain->count = (c->pad_bits + c->head_bits + behind) / 8;
     plain->pad_bits = c->pad_bits;
+    plain->first = plain->bytes + (PLAIN_BYTES - plain->count);
+    plain->bytes[PLAIN_BYTES - plain->count] |= (uint8_t)c->pad;
+    plain->bytes[PLAIN_BYTES - 2] |= (uint8_t)(crc >> 8);
+    plain->bytes[PLAIN_BYTES - 1] = (uint8_t)crc;
+    return crc;
 }
 
 /* ---- Stuffed --------------------------------------------------------------------------------- */
@@ -161,15 +171,15 @@ static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
 {
     part p = {.state = CW_STUFF_FIRST};
     unsigned at = 0, n = PART_BYTES;
-    stuff_five(&p, plain->bytes);
+    stuff_five(&p, plain->first);
     append_part(level, &at, &p, plain->pad_bits);
     for (; n + PART_BYTES <= plain->count; n += PART_BYTES) {
-        stuff_five(&p, plain->bytes + n);
+        stuff_five(&p, plain->first + n);
         append_part(level, &at, &p, 0);
     }
     p.level = p.lengths = 0;
     for (; n < plain->count; n++)
-        stuff_byte(&p, plain->bytes[n]);
+        stuff_byte(&p, plain->first[n]);
     if (p.lengths > 0)
         append_part(level, &at, &p, 0);
     unsigned stuffed = at;
@@ -211,8 +221,7 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inve
     plain_bytes plain;
     uint64_t level[4] = {0}; /* one more than there are, so that appending need not look */
     const content c = content_of(frame);
-    uint16_t crc = (uint16_t)(crc_of(&c) ^ inverted);
-    lay_out(&plain, &c, crc);
+    uint16_t crc = (uint16_t)lay_out(&plain, &c, inverted);
     unsigned stuffed = put_levels(level, &plain);
     assert(stuffed + TAIL_BITS <= CW_BITS_MAX);
     *bits = (cw_bits){.level = {level[0], level[1], level[2]},
@@ -230,28 +239,19 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
 }
 
 /* As stuff_byte(), but only how many bits they become. */
-static inline uint64_t measure(const uint8_t *bytes, unsigned count, unsigned state)
+static inline void measure_byte(part *p, uint8_t byte)
 {
-    uint64_t lengths = 0;
-    for (unsigned n = 0; n < count; n++) {
-        unsigned entry = state + bytes[n];
-        lengths += cw_stuff_table[entry];
-        state = cw_stuff_next[entry];
-    }
-    return lengths;
+    p->lengths += cw_stuff_table[p->state + byte];
+    p->state = cw_stuff_next[p->state + byte];
 }
 
-/* Each look-up waits for the one before it: so there are two rows of them at a time, of which the
- * second one begins behind a byte after which the state is known. */
-static inline unsigned measure_all(const plain_bytes *plain)
+static inline void measure_five(part *p, const uint8_t bytes[PART_BYTES])
 {
-    unsigned half = plain->count / 2;
-    while (half > 0 && cw_stuff_after[plain->bytes[half - 1]] == CW_STUFF_DEPENDS)
-        half--;
-    unsigned state = half > 0 ? cw_stuff_after[plain->bytes[half - 1]] : CW_STUFF_FIRST;
-    uint64_t lengths = measure(plain->bytes, half, CW_STUFF_FIRST) +
-                       measure(plain->bytes + half, plain->count - half, state);
-    return (unsigned)(lengths & LENGTHS_MASK);
+    measure_byte(p, bytes[0]);
+    measure_byte(p, bytes[1]);
+    measure_byte(p, bytes[2]);
+    measure_byte(p, bytes[3]);
+    measure_byte(p, bytes[4]);
 }
 
 unsigned cw_frame_wire_bits(const cw_frame *frame)
@@ -259,7 +259,13 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
     if (!cw_frame_valid(frame))
         return 0;
     plain_bytes plain;
+    part all = {.state = CW_STUFF_FIRST};
     const content c = content_of(frame);
-    lay_out(&plain, &c, crc_of(&c));
-    return measure_all(&plain) - plain.pad_bits + TAIL_BITS;
+    (void)lay_out(&plain, &c, 0);
+    unsigned n = 0;
+    for (; n + PART_BYTES <= plain.count; n += PART_BYTES)
+        measure_five(&all, plain.first + n);
+    for (; n < plain.count; n++)
+        measure_byte(&all, plain.first[n]);
+    return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
 }
