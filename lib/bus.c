@@ -453,6 +453,13 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
     return bits > 0 && can_start(bus) ? 0 : bits;
 }
 
+/* A frame that comes amid a bit changes nothing before the next one, unless rules look at it. */
+static uint64_t bits_up_to_inbox(const cw_bus *bus)
+{
+    uint64_t tick = cw_inbox_first(bus);
+    return cw_host_side_acts(bus) ? bits_before(bus, tick) : bits_until(bus, tick);
+}
+
 /* Bits that can be skipped now: no controller does anything new, nothing comes in. */
 static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
 {
@@ -462,7 +469,7 @@ static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
     if (bits == 0)
         return 0;
     bits = cw_least(bits, (tick - bus->now) / bus->bit_ticks);
-    bits = cw_least(bits, bits_before(bus, cw_inbox_first(bus)));
+    bits = cw_least(bits, bits_up_to_inbox(bus));
     bits = cw_least(bits, bits_until(bus, bus->next_restart));
     bits = cw_least(bits, bits_until(bus, bus->faults.next_due));
     return bus->faults.awake_count ? cw_fault_noise_free(bus, bits) : bits;
