@@ -79,7 +79,8 @@ static void carve_faults(arena *a, cw_fault_set *set, const cw_bus_config *c)
     uint16_t *awake = carve(a, capacity, sizeof *awake);
     if (set)
         *set = (cw_fault_set){.faults = faults, .exact = exact, .wild = wild, .awake = awake,
-                              .capacity = (unsigned)capacity, .next_due = CW_NEVER};
+                              .capacity = (unsigned)capacity, .stale = true,
+                              .next_due = CW_NEVER};
 }
 
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)

@@ -113,15 +113,8 @@ cw_place cw_bits_place(const cw_bits *bits, unsigned n)
 
 bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned index)
 {
-    if (field == CW_FIELD_BIT)
-        return n == index;
-    bool stuff = cw_bitset_get(bits->stuff, n);
-    if (field == CW_FIELD_STUFF)
-        return stuff && cw_bitset_count_upto(bits->stuff, n) == index + 1;
-    if (stuff)
-        return false;
-    cw_place place = cw_bits_place(bits, n);
-    return place.field == field && place.index == index;
+    unsigned found;
+    return cw_bits_find(bits, &found, field, index) && found == n;
 }
 
 /* ---- From positions to wire bits ------------------------------------------------------------- */
@@ -180,9 +173,12 @@ unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
 
 static bool find_stuff_bit(const cw_bits *bits, unsigned *n, unsigned index)
 {
-    for (*n = 0; *n < bits->length; (*n)++)
-        if (cw_bitset_get(bits->stuff, *n) && index-- == 0)
-            return true;
+    for (unsigned word = 0; word < CW_BIT_WORDS; word++)
+        for (uint64_t rest = bits->stuff[word]; rest; rest &= rest - 1)
+            if (index-- == 0) {
+                *n = 64 * word + (unsigned)__builtin_ctzll(rest);
+                return true;
+            }
     return false;
 }
 

@@ -218,9 +218,9 @@ static bool needs_arming(const cw_rule *rule)
 
 static bool states_match(const cw_bus *bus, const cw_rule *rule)
 {
-    for (unsigned i = 0; rule->state_nodes && i < bus->node_count; i++) {
-        unsigned state = 1u << cw_mac_state(&bus->nodes[i].mac);
-        if ((rule->state_nodes & cw_node_bit(i)) && !(rule->state_mask & state))
+    for (uint64_t rest = rule->state_nodes; rest; rest &= rest - 1) {
+        unsigned state = 1u << cw_mac_state(&bus->nodes[cw_lowest_node(rest)].mac);
+        if (!(rule->state_mask & state))
             return false;
     }
     return true;
@@ -282,9 +282,21 @@ void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
     cw_fault *f = fault_at(bus, rule);
     f->hits++;
     f->last_hit = told;
-    if (cw_fault_is_over(f))
-        cw_fault_watch_anew(bus);
+    bus->faults.stale = bus->faults.stale || cw_fault_is_over(f);
     arm_followers(bus, rule, told);
+}
+
+/* A match whose turn it is. */
+static bool draw_match(cw_bus *bus, cw_fault *f)
+{
+    const cw_rule *r = &f->rule;
+    f->to_pass = r->every - 1;
+    cw_fault_forget_ahead(bus, f);
+    if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
+        return false;
+    if (needs_arming(r))
+        f->armed--;
+    return true;
 }
 
 bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
@@ -300,13 +312,7 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
         f->to_pass--;
         return false;
     }
-    f->to_pass = r->every - 1;
-    cw_fault_forget_ahead(bus, f);
-    if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
-        return false;
-    if (needs_arming(r))
-        f->armed--;
-    return true;
+    return draw_match(bus, f);
 }
 
 bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
@@ -705,7 +711,7 @@ static void count_kinds(cw_bus *bus)
             set->copies += f->rule.number;
     }
     cw_ring_find_enough(bus);
-    cw_fault_watch_anew(bus);
+    set->stale = true;
 }
 
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)

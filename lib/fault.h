@@ -96,6 +96,8 @@ typedef struct cw_fault_set {
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
     cw_watch usual;         /* what the rules in `wild` want, if it is the same of each frame */
     bool has_usual;
+    bool stale;             /* rules have changed: that is to be found anew */
+    uint64_t always_known;  /* all nodes, when no frame is worth a comparison */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
 } cw_fault_set;
@@ -202,9 +204,6 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
 void cw_fault_fall_asleep(cw_bus *bus);
 
 /* ---- fault_leap.c ---------------------------------------------------------------------------- */
-
-/* To be called when the rules have changed. */
-void cw_fault_watch_anew(cw_bus *bus);
 
 /* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
  * them only those where it may do so before they lose. */

@@ -49,10 +49,8 @@ static bool is_undemanding(const cw_rule *r)
     return r->filter_count == 0 && r->data_length == 0 && r->from == 0;
 }
 
-void cw_fault_watch_anew(cw_bus *bus)
+static void find_usual(cw_fault_set *set)
 {
-    cw_fault_set *set = &bus->faults;
-    set->known = 0;
     set->usual = (cw_watch){.rule = CW_NO_RULE};
     set->has_usual = true;
     for (unsigned i = 0; i < set->wild_count; i++) {
@@ -62,6 +60,26 @@ void cw_fault_watch_anew(cw_bus *bus)
         set->has_usual = set->has_usual && is_undemanding(&f->rule);
         add_watcher(&set->usual, set, set->wild[i]);
     }
+}
+
+static void note_watch(cw_fault_set *set, unsigned node, cw_watch w)
+{
+    const uint64_t self = cw_node_bit(node);
+    set->watcher[node] = w.rule;
+    set->watched = (set->watched & ~self) | (w.rule == CW_NO_RULE ? 0 : self);
+    set->early = (set->early & ~self) | (w.early ? self : 0);
+}
+
+/* After rules have changed. */
+static void watch_anew(cw_bus *bus)
+{
+    cw_fault_set *set = &bus->faults;
+    set->stale = false;
+    find_usual(set);
+    set->always_known = set->has_usual && set->exact_count == 0 ? bus->all : 0;
+    set->known = set->always_known;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        note_watch(set, i, set->usual);
 }
 
 static cw_watch watch_closely(const cw_bus *bus, unsigned node, const cw_frame *frame)
@@ -79,12 +97,8 @@ static void watch(cw_bus *bus, unsigned node)
 {
     cw_fault_set *set = &bus->faults;
     const cw_frame *frame = next_frame(&bus->nodes[node]);
-    const uint64_t self = cw_node_bit(node);
     bool usual = set->has_usual && !cw_fault_may_be_exact(set, frame);
-    const cw_watch w = usual ? set->usual : watch_closely(bus, node, frame);
-    set->watcher[node] = w.rule;
-    set->watched = w.rule == CW_NO_RULE ? set->watched & ~self : set->watched | self;
-    set->early = w.early ? set->early | self : set->early & ~self;
+    note_watch(set, node, usual ? set->usual : watch_closely(bus, node, frame));
 }
 
 uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
@@ -92,6 +106,8 @@ uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
     cw_fault_set *set = &bus->faults;
     if (set->exact_count + set->wild_count == 0)
         return 0;
+    if (set->stale)
+        watch_anew(bus);
     for (uint64_t rest = nodes & ~set->known; rest; rest &= rest - 1)
         watch(bus, cw_lowest_node(rest));
     set->known |= nodes;

@@ -16,7 +16,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
         bus->waiting |= cw_node_bit(i);
     else
         bus->waiting &= ~cw_node_bit(i);
-    bus->faults.known &= ~cw_node_bit(i);
+    bus->faults.known &= ~cw_node_bit(i) | bus->faults.always_known;
     cw_contest_update(bus, i);
 }
 

@@ -237,7 +237,8 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
         !is_leapable(bus, contenders, winner))
         return false;
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
-    if (watched && (cw_fault_acts_at_start(bus, watched) || cw_fault_is_at_work(bus)))
+    bool at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
+    if (watched && (at_work || cw_fault_acts_at_start(bus, watched)))
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
