@@ -241,11 +241,76 @@ def test_hits_of_one_rule_close_together_are_named_once(write):
     assert len(xs) == 10 and names == ["storm"]
 
 
-def test_long_names_are_cut(write):
-    name = "n" * 32
-    shown = picture(write(small().replace("name: b", f"name: {name}")))
-    assert "n" * 12 + "\N{HORIZONTAL ELLIPSIS}" in shown.text
-    assert shown.node(name)
+def test_hits_without_a_name_of_their_own_are_joined_to_one_that_has(write):
+    shown = picture(write(small("555#00", """faults:
+  - { name: storm, when: { time: 20us }, do: { noise: 0.3, for: 400us } }
+  - { name: other, when: { time: 100us }, do: { counters: b, tec: 20 } }
+""")), "--until", "500us")
+    xs, names = shown.hits()
+    joints = [re.findall(r"(\d+) ", e.get("d")) for e in shown.classed("joint")]
+    assert len(joints) > 4 and len(xs) == len(names) + len(joints)
+    assert all(int(x) in xs for joint in joints for x in joint)
+
+
+def text_spans(shown, node):
+    """[(left, right, y, x of the line)] of the notes of a node, a list for each row."""
+    rows = []
+    for lane in shown.node(node):
+        lines = [[int(n) for n in re.match(r"M(\d+) (\d+)V(\d+)$", e.get("d")).groups()]
+                 for e in lane if e.tag == SVG + "path" and re.match(r"M\d+ \d+V\d+$", e.get("d"))]
+        spans = []
+        for e in shown.classed("note", lane):
+            x, width = int(e.get("x")), len(e.text) * 6
+            left = x - width if e.get("text-anchor") == "end" else x
+            own = x + 4 if e.get("text-anchor") == "end" else x - 4
+            spans.append((left, left + width, int(e.get("y")), own))
+        assert {line[0] for line in lines} == {span[3] for span in spans}
+        rows.append((spans, lines))
+    return rows
+
+
+def test_lines_of_notes_go_through_no_text(write):
+    path = write(small("555#00", """faults:
+  - { name: storm, when: { time: 20us }, do: { noise: 0.2, for: 400us } }
+"""))
+    count = 0
+    for end in range(110, 330, 14):
+        shown = picture(path, "--until", "500us", "--to", f"{end}us")
+        for node in "ab":
+            for spans, lines in text_spans(shown, node):
+                for left, right, y, _ in spans:
+                    count += 1
+                    assert 0 <= left and right <= int(shown.root.get("width"))
+                    assert not [x for x, _, low in lines if left < x < right and low >= y]
+    assert count > 100
+
+
+def test_names_have_room(write):
+    name = "engine-control-unit-front-right-"
+    longest = name + "m" * (32 - len(name))
+    shown = picture(write(small().replace("name: b", f"name: {longest}")))
+    assert longest in shown.text
+    first = min(int(e.get("x")) for e in shown.classed("field"))
+    assert first >= 14 + 32 * 6.62
+    assert min(int(e.get("x")) for e in picture(write(small())).classed("field")) == 112
+
+
+def test_lines_of_rules_are_below_all_that_has_text():
+    shown = picture(PICTURE.with_suffix(".yaml"), "--from", "120us", "--to", "200us")
+    order = list(shown.root.iter())
+    line = next(i for i, e in enumerate(order) if e.get("stroke-dasharray") == "1 3")
+    behind = [e for e in order[line:] if "field" in e.get("class", "").split()]
+    assert len(behind) == len(shown.classed("field"))
+    assert all(re.fullmatch("#[0-9a-f]{6}", e.get("fill")) and not e.get("fill-opacity")
+               for e in behind)
+
+
+@pytest.mark.parametrize("until, to, told", [
+    ("100us", "200us", "0 to 100 \u00b5s (the run ended before 200 \u00b5s)"),
+    ("200us", "200us", "0 to 200 \u00b5s"), ("200us", "99us", "0 to 100 \u00b5s")])
+def test_a_run_that_ends_too_early_is_in_the_caption(write, until, to, told):
+    shown = picture(write(small()), "--until", until, "--to", to)
+    assert f"500000 bit/s, {told}" in shown.text
 
 
 # ---- Window and size -----------------------------------------------------------------------------

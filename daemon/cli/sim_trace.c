@@ -138,7 +138,7 @@ static bool draw(const sim_trace *self, const char *program)
 {
     if (!fits_picture(svg_count(self->svg), program))
         return false;
-    bool good = svg_write(outfile_begin(self->svg_out), self->svg);
+    bool good = svg_write(outfile_begin(self->svg_out), self->svg, self->to);
     if (!good)
         fprintf(stderr, "%s: out of memory\n", program);
     return good;

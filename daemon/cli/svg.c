@@ -16,7 +16,9 @@
 
 #define BITS_FIRST 256   /* room to begin with */
 #define LETTERS_TURNED 3 /* of a label on its side */
-#define NAME_LETTERS 12  /* of a node, left of its lane */
+#define CAPTION_MAX 160
+#define WIRE_NAMES_MAX 128 /* bytes with the final 0; more than there is ever room for */
+#define ELLIPSIS "\xE2\x80\xA6"
 
 struct svg {
     const cfg *config;
@@ -291,6 +293,8 @@ static bool node_is_faulty(const cw_bit_view *bit, unsigned node)
 
 static void draw_digits(const pen *p, unsigned wire)
 {
+    put_rect(p, bit_x(p, p->row->first), p->y + SVG_WAVE + 1,
+             bit_x(p, p->row->end) - bit_x(p, p->row->first), 8, " fill=\"#ffffff\"");
     fputs("<g font-size=\"8\" fill=\"" FAINT "\" text-anchor=\"middle\">\n", p->out);
     for (size_t b = p->row->first; b < p->row->end; b++) {
         level l = wire_level(&p->svg->bits[b], wire);
@@ -302,7 +306,7 @@ static void draw_digits(const pen *p, unsigned wire)
 }
 
 /* Names of the nodes on a wire, as far as there is room. */
-static void print_wire_nodes(char out[SVG_LABEL_MAX], const pen *p, unsigned wire)
+static void print_wire_nodes(char out[WIRE_NAMES_MAX], const pen *p, unsigned wire)
 {
     const cw_bit_view *bit = &p->svg->bits[p->row->first];
     for (size_t b = p->row->first; b < p->row->end && bit->wire_count < p->row->wires; b++)
@@ -310,12 +314,13 @@ static void print_wire_nodes(char out[SVG_LABEL_MAX], const pen *p, unsigned wir
     uint64_t nodes = wire_nodes(bit, wire);
     size_t used = 0;
     out[0] = '\0';
-    for (unsigned i = 0; i < bit->node_count && used < SVG_LABEL_MAX - 1; i++)
+    const size_t room = (size_t)svg_layout_letters(&p->layout, SVG_NAME_SIZE_SMALL);
+    for (unsigned i = 0; i < bit->node_count && used < WIRE_NAMES_MAX - 1; i++)
         if (nodes >> i & 1u)
-            used += (size_t)snprintf(out + used, SVG_LABEL_MAX - used, "%s%s", used ? ", " : "",
+            used += (size_t)snprintf(out + used, WIRE_NAMES_MAX - used, "%s%s", used ? ", " : "",
                                      p->svg->config->nodes[i].name);
-    if (strlen(out) > NAME_LETTERS + 3)
-        memcpy(out + NAME_LETTERS, "\xE2\x80\xA6", 4);
+    if (strlen(out) > room)
+        memcpy(out + room - 1, ELLIPSIS, sizeof ELLIPSIS);
 }
 
 static void draw_wire(pen *p, unsigned wire)
@@ -323,9 +328,10 @@ static void draw_wire(pen *p, unsigned wire)
     fputs("<g class=\"wire\">\n", p->out);
     put_text(p, SVG_MARGIN, p->y + 12, " font-size=\"11\" font-weight=\"bold\"", "wire");
     if (p->row->wires > 1) {
-        char names[SVG_LABEL_MAX];
+        char names[WIRE_NAMES_MAX];
         print_wire_nodes(names, p, wire);
-        put_text(p, SVG_MARGIN, p->y + 24, " font-size=\"9\" fill=\"" FAINT "\"", names);
+        put_text(p, SVG_MARGIN, p->y + 24, SVG_NAME_FONT " font-size=\"9\" fill=\"" FAINT "\"",
+                 names);
     }
     draw_faults(p, p->y, wire_is_faulty, wire);
     draw_wave(p, p->y, wire_level, wire, " stroke=\"" INK "\" stroke-width=\"1.6\"");
@@ -393,6 +399,13 @@ static void draw_stuff(const pen *p, unsigned node, size_t first, size_t end)
     }
 }
 
+/* A colour, or what it is half-way to white: not see-through, since lines run below. */
+static unsigned long colour(const char *fill, bool half)
+{
+    unsigned long rgb = strtoul(fill + 1, NULL, 16);
+    return half ? (rgb >> 1 & 0x7F7F7F) + 0x808080 : rgb;
+}
+
 /* What a node is in for some bits of a row; a transmitter's fields are stronger than those of who
  * follows. */
 static void draw_part(const pen *p, unsigned node, size_t first, size_t end)
@@ -406,9 +419,9 @@ static void draw_part(const pen *p, unsigned node, size_t first, size_t end)
     char name[BIT_PART_TEXT_MAX];
     bit_part_print(name, &part);
     fprintf(p->out,
-            "<rect class=\"field %s\" x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\" fill=\"%s\"",
-            name, x, p->y, width, SVG_BAND, look->fill);
-    fprintf(p->out, "%s stroke=\"#ffffff\"/>\n", follows ? " fill-opacity=\".5\"" : "");
+            "<rect class=\"field %s\" x=\"%d\" y=\"%d\" width=\"%d\" height=\"%d\" "
+            "fill=\"#%06lx\" stroke=\"#ffffff\"/>\n",
+            name, x, p->y, width, SVG_BAND, colour(look->fill, follows));
     draw_stuff(p, node, first, end);
     draw_label(p, node, first, end);
 }
@@ -443,11 +456,15 @@ static bool in_lane(const pen *p, const placed_note *n, unsigned lane)
 /* The white behind it keeps lines of others out of the text. */
 static void draw_note_text(const pen *p, const placed_note *n, int y)
 {
-    const char *text = n->note->text;
-    fprintf(p->out, "<rect x=\"%d\" y=\"%d\" width=\"%d\" height=\"11\" fill=\"#ffffff\"/>\n",
-            n->text - 1, y - 9, (int)strlen(text) * SVG_LETTER * 9 / 10);
-    fprintf(p->out, "<text class=\"note\" font-size=\"9.5\" fill=\"%s\" x=\"%d\" y=\"%d\">",
-            note_colours[n->note->kind], n->text, y);
+    char text[NOTE_TEXT_MAX + sizeof ELLIPSIS];
+    const int width = svg_layout_text(n);
+    const bool whole = n->letters >= (int)strlen(n->note->text);
+    snprintf(text, sizeof text, "%.*s%s", whole ? n->letters : n->letters - 1, n->note->text,
+             whole ? "" : ELLIPSIS);
+    put_rect(p, n->text - 1, y - 9, width, 11, " fill=\"#ffffff\"");
+    fprintf(p->out, "<text class=\"note\" font-size=\"9.5\" fill=\"%s\" x=\"%d\" y=\"%d\"%s>",
+            note_colours[n->note->kind], n->before ? n->text + width : n->text, y,
+            n->before ? " text-anchor=\"end\"" : "");
     put_escaped(p->out, text);
     fputs("</text>\n", p->out);
 }
@@ -480,6 +497,8 @@ static void draw_hits(pen *p)
             continue;
         int top = bottom - (int)(n->level + 1) * SVG_NOTE + 3;
         fprintf(p->out, "<path d=\"M%d %dV%d\" stroke=\"" FAULT "\"/>\n", n->x, top, bottom - 5);
+        if (n->same)
+            put_line(p, n->x, top, n->joined, top, " class=\"joint\" stroke=\"" FAULT "\"");
         fprintf(p->out, "<path class=\"hit\" d=\"M%d %dh8l-4 6z\" fill=\"" FAULT "\"/>\n", n->x - 4,
                 bottom - 6);
         fprintf(p->out, "<path d=\"M%d %dV%d\" stroke=\"" FAULT "\" stroke-dasharray=\"1 3\"/>\n",
@@ -506,9 +525,7 @@ static void draw_node_name(const pen *p, unsigned node)
     unsigned tec = last ? last->tec : p->svg->before[node].tec;
     unsigned rec = last ? last->rec : p->svg->before[node].rec;
     char text[SVG_LABEL_MAX];
-    bool whole = strlen(name) <= NAME_LETTERS;
-    snprintf(text, sizeof text, "%.*s%s", NAME_LETTERS, name, whole ? "" : "\xE2\x80\xA6");
-    put_text(p, SVG_MARGIN, p->y + 13, " font-size=\"11\" font-weight=\"bold\"", text);
+    put_text(p, SVG_MARGIN, p->y + 13, SVG_NAME_FONT " font-size=\"11\" font-weight=\"bold\"", name);
     snprintf(text, sizeof text, "TEC %u, REC %u", tec, rec);
     put_text(p, SVG_MARGIN, p->y + 25, " font-size=\"9\" fill=\"" FAINT "\"", text);
     if (state != CW_STATE_ERROR_ACTIVE)
@@ -546,18 +563,23 @@ static void draw_row(pen *p)
     fputs("</g>\n", p->out);
 }
 
-static void draw_title(const pen *p)
+/* `to` is where the picture was to end. */
+static void draw_title(const pen *p, uint64_t to)
 {
     const cfg *config = p->svg->config;
     const cw_bit_view *first = &p->svg->bits[0];
     uint64_t end = p->svg->bits[p->svg->count - 1].end;
     char from[SVG_LABEL_MAX];
-    char to[SVG_LABEL_MAX];
-    char text[4 * SVG_LABEL_MAX];
+    char until[SVG_LABEL_MAX];
+    char text[CAPTION_MAX];
     print_us(from, first->start);
-    print_us(to, end);
-    snprintf(text, sizeof text, "%" PRIu32 " bit/s, %s to %s \xC2\xB5s", config->bitrate_bps, from,
-             to);
+    print_us(until, end);
+    int used = snprintf(text, sizeof text, "%" PRIu32 " bit/s, %s to %s \xC2\xB5s",
+                        config->bitrate_bps, from, until);
+    print_us(until, to);
+    if (to != CW_NEVER && end < to)
+        snprintf(text + used, sizeof text - (size_t)used,
+                 " (the run ended before %s \xC2\xB5s)", until);
     put_text(p, SVG_MARGIN, 20, " font-size=\"13\" font-weight=\"bold\"", config->bus_name);
     put_text(p, p->layout.width - SVG_MARGIN, 20, " text-anchor=\"end\"", text);
 }
@@ -565,7 +587,7 @@ static void draw_title(const pen *p)
 static void draw_legend(const pen *p)
 {
     int y = p->layout.height - 10;
-    int x = SVG_MARGIN + SVG_LABELS;
+    int x = SVG_MARGIN + p->layout.labels;
     fputs("<g class=\"legend\" font-size=\"9.5\" fill=\"" FAINT "\">\n", p->out);
     put_line(p, x, y - 3, x + 18, y - 3, " stroke=\"" DRIVEN "\" stroke-width=\"2\"");
     put_text(p, x + 23, y, "", "driven");
@@ -579,12 +601,12 @@ static void draw_legend(const pen *p)
     put_text(p, x + 261, y, "", "level changed by a fault");
     put_rect(p, x + 404, y - 11, 14, 14, " fill=\"#a9cdf0\"");
     put_text(p, x + 423, y, "", "transmitter");
-    put_rect(p, x + 494, y - 11, 14, 14, " fill=\"#a9cdf0\" fill-opacity=\".5\"");
+    put_rect(p, x + 494, y - 11, 14, 14, " fill=\"#d4e6f7\"");
     put_text(p, x + 513, y, "", "receiver");
     fputs("</g>\n", p->out);
 }
 
-bool svg_write(FILE *out, const svg *self)
+bool svg_write(FILE *out, const svg *self, uint64_t to)
 {
     pen p = {.out = out, .svg = self};
     bool good = svg_layout_make(&p.layout, &self->notes, self->bits, self->count);
@@ -595,7 +617,7 @@ bool svg_write(FILE *out, const svg *self)
                 "font-size=\"10\" fill=\"" INK "\">\n",
                 p.layout.width, p.layout.height, p.layout.width, p.layout.height);
         put_rect(&p, 0, 0, p.layout.width, p.layout.height, " fill=\"#ffffff\"");
-        draw_title(&p);
+        draw_title(&p, to);
         for (size_t r = 0; r < p.layout.row_count; r++) {
             p.row = &p.layout.rows[r];
             draw_row(&p);

@@ -9,9 +9,9 @@
 
 /* All in pixels. */
 #define SVG_MARGIN 14
-#define SVG_LABELS 98    /* names of lanes, left of the bits */
-#define SVG_AREA 720     /* at most, for the bits of a row */
-#define SVG_AREA_MIN 570 /* for title, legend and notes */
+#define SVG_LABELS_MIN 98 /* names of lanes, left of the bits */
+#define SVG_AREA 720      /* at most, for the bits of a row */
+#define SVG_AREA_MIN 570  /* for title, legend and notes */
 #define SVG_BIT_MIN 9
 #define SVG_BIT_MAX 24
 #define SVG_TITLE 30
@@ -25,13 +25,22 @@
 #define SVG_LEGEND 26
 #define SVG_LETTER 6 /* width of a letter of a note, at most on average */
 
+/* Names of nodes, which are as long as they like, are of letters that have one width. */
+#define SVG_NAME_FONT " font-family=\"'DejaVu Sans Mono','Liberation Mono',Menlo,monospace\""
+#define SVG_NAME_SIZE 11
+#define SVG_NAME_SIZE_SMALL 9
+#define SVG_NAME_PERMILLE 603 /* width of a letter, of the size */
+
 /* A note that has its place. Level 0 is nearest to the lane. */
 typedef struct placed_note {
     const note *note;
     unsigned level;
-    int x;     /* of the bit's end or middle */
-    int text;  /* where its text begins */
-    bool same; /* the text is that of the next one to the right: not written again */
+    int x;       /* of the bit's end or middle */
+    int text;    /* left edge of its text */
+    int letters; /* that there is room for, or all */
+    bool before; /* the text is left of x: it would run out of the picture else */
+    bool same;   /* the text is that of a neighbour: not written again */
+    int joined;  /* same: x of the neighbour */
 } placed_note;
 
 typedef struct svg_row {
@@ -44,7 +53,8 @@ typedef struct svg_row {
 } svg_row;
 
 typedef struct svg_layout {
-    int bit; /* width of one */
+    int bit;    /* width of one */
+    int labels; /* width of what is left of the bits */
     int width;
     int height;
     size_t row_count;
@@ -58,6 +68,12 @@ bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view
                      size_t count);
 
 void svg_layout_free(svg_layout *self);
+
+/* How many letters of names fit into the labels in this size. */
+int svg_layout_letters(const svg_layout *self, int size);
+
+/* Width of the text of a note. */
+int svg_layout_text(const placed_note *n);
 
 /* Left edge of a bit of a row. */
 int svg_layout_x(const svg_layout *self, const svg_row *row, size_t bit);

@@ -45,7 +45,7 @@ static const svg_style *phase_style(cw_mac_phase phase)
     static const svg_style styles[CW_MAC_PHASE_COUNT] = {
         [CW_MAC_OFF] = {"#cccccc", INK, {"off the bus", "off"}},
         [CW_MAC_INTEGRATING] = {"#f2f2f2", FAINT, {"integrating", "integr."}},
-        [CW_MAC_IDLE] = {"none", FAINT, {"idle"}},
+        [CW_MAC_IDLE] = {"#ffffff", FAINT, {"idle"}},
         [CW_MAC_ERROR_ACTIVE] = {ERROR_RED,
                                  "#ffffff",
                                  {"active error flag", "error flag", "error", "err"}},
