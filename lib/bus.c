@@ -494,6 +494,7 @@ static void skip(cw_bus *bus, uint64_t bits, bool level)
     bus->now += bits * bus->bit_ticks;
     bus->stats.bits += bits;
     bus->recessive_bits = level ? bus->recessive_bits + bits : 0;
+    cw_take_inbox_before(bus, bus->now); /* before what is due now, as in a single bit */
 }
 
 /* Some bits, at least one. */

@@ -8,6 +8,9 @@
  * fault rule wants to look at a bit, or somebody does something to a node, they are put where they
  * would be by then (leap_end.c), and single bits go on from there.
  *
+ * When nobody can see more of a frame than its end, its length is all that is needed: it is leapt
+ * over in one go, without its bits (cw_leap_whole()).
+ *
  * Rules that act on levels in every bit do so on those that the frame says. As long as nobody sees
  * a difference, the leap goes on, bit by bit but without controllers.
  *

@@ -9,11 +9,9 @@
 /* Where a receiver is after that many bits. */
 static void find_point(cw_mac *m, const cw_bus *bus)
 {
-    const bus_node *n = &bus->nodes[bus->leap.node];
     cw_bits room;
     cw_mac_init(m, 0, CW_REC_MAX);
-    cw_mac_go_into_frame(m, &n->queue.slots[n->offered_slot].frame, cw_leap_bits(bus, &room),
-                         bus->leap.at);
+    cw_mac_go_into_frame(m, &bus->leap.frame, cw_leap_bits(bus, &room), bus->leap.at);
 }
 
 static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)

@@ -881,6 +881,22 @@ static void restart_ms_runs_from_bus_off(void **state)
     }
 }
 
+/* Frames that come with a restart, at the end of a bit in which others come, have come up by then:
+ * nodes act in their order at that end, whatever came to other nodes before it. */
+static void frames_come_up_beside_a_restart(void **state)
+{
+    (void)state;
+    rig *r = new_failing_node(1000 * BIT);
+    cw_frame f = rig_frame(0x123, 0, 1);
+    uint64_t request = run_to_bus_off(r) + 1000 * BIT;
+    rig_send(r, 2, &f, request - BIT / 2);
+    rig_send(r, 1, &f, request);
+    rig_run(r, request);
+    assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, request);
+    assert_int_equal(cw_bus_inbox_first(r->bus), CW_NEVER);
+    rig_free(r);
+}
+
 /* R12: between two frames that follow each other lie exactly eleven recessive bits, from the ACK
  * delimiter to the end of intermission: one group a frame. */
 static void recovery_under_full_load_takes_128_frames(void **state)
@@ -1542,6 +1558,7 @@ int main(void)
         cmocka_unit_test(an_idle_bus_goes_to_the_end_of_time),
         cmocka_unit_test(restart_by_hand_takes_128_groups),
         cmocka_unit_test(restart_ms_runs_from_bus_off),
+        cmocka_unit_test(frames_come_up_beside_a_restart),
         cmocka_unit_test(recovery_under_full_load_takes_128_frames),
         cmocka_unit_test(one_shot_gives_up_after_one_attempt),
         cmocka_unit_test(listen_only_hears_all_and_drives_nothing),
