@@ -341,6 +341,7 @@ void cw_fault_fall_asleep(cw_bus *bus)
     for (unsigned i = 0; i < set->awake_count; i++) {
         unsigned rule = set->awake[i];
         cw_fault *f = fault_at(bus, rule);
+        cw_fault_unbind_ended(bus, f);
         f->awake = f->used && cw_fault_needs_bits(f);
         if (f->awake)
             set->awake[kept++] = (uint16_t)rule;

@@ -268,6 +268,10 @@ void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
  * rules and the hosts say; and undoes it. */
 void cw_fault_apply_topology(cw_bus *bus);
 
+/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
+ * comes is no frame bit any more and the rule's bit is one. */
+void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *fault);
+
 /* Whether the rule has to be looked at in the next bit. */
 bool cw_fault_needs_bits(const cw_fault *fault);
 

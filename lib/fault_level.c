@@ -116,18 +116,25 @@ static bool is_in_frame(cw_field field)
     return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;
 }
 
-/* The wires on which the named bit is reached, as nodes. A transmission is over for a rule when its
- * node has become a receiver or is idle. */
+void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *f)
+{
+    for (uint64_t rest = f->bound; rest; rest &= rest - 1) {
+        const cw_mac *mac = &bus->nodes[cw_lowest_node(rest)].mac;
+        bool ended = mac->role != CW_ROLE_TRANSMITTER ||
+                     (is_in_frame(f->rule.field) && !cw_mac_is_sending(mac));
+        if (ended)
+            f->bound &= ~(rest & (~rest + 1));
+    }
+}
+
+/* The wires on which the named bit is reached, as nodes. */
 static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
 {
     uint64_t reached = 0;
+    cw_fault_unbind_ended(bus, f);
     for (uint64_t rest = f->bound; rest; rest &= rest - 1) {
         unsigned node = cw_lowest_node(rest);
-        const cw_mac *mac = &bus->nodes[node].mac;
-        if (mac->role != CW_ROLE_TRANSMITTER ||
-            (is_in_frame(f->rule.field) && !cw_mac_is_sending(mac)))
-            f->bound &= ~cw_node_bit(node);
-        else if (is_reached(bus, &f->rule, mac))
+        if (is_reached(bus, &f->rule, &bus->nodes[node].mac))
             reached |= wire_of(bus, node);
     }
     return reached;
