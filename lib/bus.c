@@ -270,38 +270,40 @@ static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
         w->length += bits - 1;
 }
 
-typedef struct wire_view {
-    bool busy;
-    bool error;
-    bool overload;
-} wire_view;
+#define WIRE_BUSY 0x1u
+#define WIRE_ERROR 0x2u    /* an error flag */
+#define WIRE_OVERLOAD 0x4u /* an overload flag */
 
-/* What a node in loopback does, and the flags of one that only listens, are not on the wire (M11,
- * M15). */
-static void view_mac(wire_view *view, const cw_mac *m)
+/* What a node is doing to the wire. Nothing of one in loopback is there, nor are the flags of one
+ * that only listens (M11, M15). */
+static unsigned view_mac(const cw_mac *m)
 {
+    static const uint8_t views[CW_MAC_PHASE_COUNT] = {
+        [CW_MAC_FRAME] = WIRE_BUSY,
+        [CW_MAC_ERROR_ACTIVE] = WIRE_BUSY | WIRE_ERROR,
+        [CW_MAC_ERROR_PASSIVE] = WIRE_BUSY | WIRE_ERROR,
+        [CW_MAC_ERROR_WAIT] = WIRE_BUSY,
+        [CW_MAC_ERROR_DELIMITER] = WIRE_BUSY,
+        [CW_MAC_OVERLOAD_FLAG] = WIRE_BUSY | WIRE_OVERLOAD,
+        [CW_MAC_OVERLOAD_WAIT] = WIRE_BUSY,
+        [CW_MAC_OVERLOAD_DELIMITER] = WIRE_BUSY,
+        [CW_MAC_INTERMISSION] = WIRE_BUSY,
+    };
     if (m->modes & CW_MODE_LOOPBACK)
-        return;
-    view->busy = view->busy || cw_mac_is_busy(m);
-    if (m->modes & CW_MODE_LISTEN_ONLY)
-        return;
-    view->error = view->error || m->phase == CW_MAC_ERROR_ACTIVE ||
-                  m->phase == CW_MAC_ERROR_PASSIVE;
-    view->overload = view->overload || m->phase == CW_MAC_OVERLOAD_FLAG;
+        return 0;
+    return m->modes & CW_MODE_LISTEN_ONLY ? views[m->phase] & WIRE_BUSY : views[m->phase];
 }
 
 /* Load and flags, by what the nodes are doing in this bit and those that are skipped with it. */
 static void watch_wire(cw_bus *bus, uint64_t bits)
 {
-    wire_view view = {.busy = false};
-    if (bus->followers)
-        view_mac(&view, &bus->common);
+    unsigned view = bus->followers ? view_mac(&bus->common) : 0;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
-        view_mac(&view, &bus->nodes[cw_lowest_node(rest)].mac);
-    watch_flag(&bus->error_flag, view.error, bits, &bus->stats.error_frames);
-    watch_flag(&bus->overload_flag, view.overload, bits, &bus->stats.overload_frames);
-    bus->stats.busy_bits += view.busy ? bits : 0;
-    cw_load_add(&bus->load, bits, view.busy);
+        view |= view_mac(&bus->nodes[cw_lowest_node(rest)].mac);
+    watch_flag(&bus->error_flag, view & WIRE_ERROR, bits, &bus->stats.error_frames);
+    watch_flag(&bus->overload_flag, view & WIRE_OVERLOAD, bits, &bus->stats.overload_frames);
+    bus->stats.busy_bits += view & WIRE_BUSY ? bits : 0;
+    cw_load_add(&bus->load, bits, view & WIRE_BUSY);
 }
 
 /* ---- One bit --------------------------------------------------------------------------------- */

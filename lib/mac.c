@@ -848,11 +848,9 @@ static step_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
 
 bool cw_mac_visible(const cw_mac *m, bool level)
 {
-    if (m->modes & CW_MODE_LOOPBACK)
-        return m->driven;
-    if (m->modes & CW_MODE_LISTEN_ONLY)
-        return level && m->driven;
-    return level;
+    if (!is_hidden(m))
+        return level;
+    return m->driven && (level || (m->modes & CW_MODE_LOOPBACK));
 }
 
 void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)

@@ -32,7 +32,7 @@ static void note_place(cw_bus *bus, unsigned i, bool level)
 static void note_wires(cw_bus *bus)
 {
     bus->note.wire_count = bus->group_count;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; bus->group_count > 1 && i < bus->node_count; i++)
         for (unsigned g = 0; g < bus->group_count; g++)
             if (bus->groups[g] & cw_node_bit(i))
                 bus->note.nodes[i].wire = (uint8_t)g;
@@ -71,7 +71,7 @@ static void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
         .place = bus->note.nodes[i].place,
         .phase = (cw_mac_phase)bus->note.nodes[i].phase,
         .role = (cw_role)bus->note.nodes[i].role,
-        .wire = bus->note.nodes[i].wire,
+        .wire = bus->note.wire_count > 1 ? bus->note.nodes[i].wire : 0,
         .state = cw_mac_state(m),
         .tec = m->confinement.tec,
         .rec = m->confinement.rec,
