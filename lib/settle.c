@@ -44,11 +44,13 @@ static void settle_given_up(cw_bus *bus, unsigned i)
 
 void cw_tell_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
 {
+    bus->nodes[i].stats.arbitration_lost++;
+    bus->stats.arbitration_lost++;
+    if (!cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && bus->faults.error_rules == 0)
+        return;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
     e->lost_bit = bit;
     e->frame = offered_slot(&bus->nodes[i])->frame;
-    bus->nodes[i].stats.arbitration_lost++;
-    bus->stats.arbitration_lost++;
     cw_fault_error(bus, i, e);
 }
 
