@@ -62,7 +62,7 @@ typedef struct event_ring {
     unsigned capacity;
     unsigned first;
     unsigned count;
-    uint64_t newest_tick; /* of the last event in it; or of one that was taken */
+    uint64_t newest_tick; /* of the last event in it */
     uint64_t enough; /* room for the worst bit there can be, whatever waits at present */
 } event_ring;
 
@@ -243,6 +243,13 @@ void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *fram
 
 /* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+
+/* An event that rules may wait for. */
+static inline void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)
+{
+    if (bus->faults.error_rules || bus->faults.off)
+        cw_fault_error_now(bus, node, event);
+}
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
 

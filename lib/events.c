@@ -62,19 +62,24 @@ static uint64_t lowest(uint64_t nodes)
     return nodes & (~nodes + 1);
 }
 
-/* Those nodes of an event for which it comes behind a new one at the same tick: faults in the order
- * of the rules, then nodes, then kinds. UINT64_MAX: all of it. */
-static uint64_t nodes_behind(const cw_event *e, const cw_event *added)
+/* Those nodes of an event for which it comes behind one of another kind, for other nodes, at the
+ * same tick: nodes in their order, then kinds. */
+static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nodes)
+{
+    uint64_t self = lowest(nodes);
+    uint64_t higher = ~(self | (self - 1));
+    return e->nodes & (e->kind > kind ? higher | self : higher);
+}
+
+/* Those for which it comes behind a new one: faults come first, in the order of the rules.
+ * UINT64_MAX: all of it. */
+static uint64_t part_behind(const cw_event *e, const cw_event *added)
 {
     if (e->tick != added->tick)
         return 0;
     if (added->kind == CW_EVENT_FAULT)
         return e->kind != CW_EVENT_FAULT || e->rule > added->rule ? UINT64_MAX : 0;
-    if (e->kind == CW_EVENT_FAULT)
-        return 0;
-    uint64_t self = lowest(added->nodes);
-    uint64_t higher = ~(self | (self - 1));
-    return e->nodes & (e->kind > added->kind ? higher | self : higher);
+    return e->kind == CW_EVENT_FAULT ? 0 : nodes_behind(e, added->kind, added->nodes);
 }
 
 static void open_gap(event_ring *ring, unsigned place)
@@ -88,7 +93,7 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
     uint64_t behind = 0;
-    while (place > 0 && (behind = nodes_behind(event_at(ring, place - 1), added)) != 0) {
+    while (place > 0 && (behind = part_behind(event_at(ring, place - 1), added)) != 0) {
         cw_event *before = event_at(ring, place - 1);
         bool all = behind == UINT64_MAX || behind == before->nodes;
         if (!all && ring->count + 1 < ring->capacity) {
@@ -130,27 +135,35 @@ static inline void clear(cw_event *event)
     memset((unsigned char *)event + half, 0, sizeof *event - half);
 }
 
-/* The usual case: behind all that are there. NULL when it is not. */
-static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick)
+/* Whether the newest event comes behind one that is no fault. */
+static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t tick,
+                                uint64_t nodes)
+{
+    return ring->count > 0 && ring->newest_tick == tick &&
+           nodes_behind(newest_event(ring), kind, nodes);
+}
+
+/* The usual case: it comes behind all that are there. NULL when it does not. */
+static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     event_ring *ring = &bus->ring;
-    if (ring->newest_tick >= tick || ring->count == ring->capacity || !cw_wants_event(bus, kind))
+    if (newest_comes_behind(ring, kind, tick, nodes) || ring->count == ring->capacity ||
+        !cw_wants_event(bus, kind))
         return NULL;
     cw_event *added = event_at(ring, ring->count++);
     ring->newest_tick = tick;
     clear(added);
     added->tick = tick;
     added->kind = kind;
+    added->nodes = nodes;
     return added;
 }
 
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
-    cw_event *added = append(bus, kind, tick);
-    if (added) {
-        added->nodes = nodes;
+    cw_event *added = append(bus, kind, tick, nodes);
+    if (added)
         return added;
-    }
     const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
     return insert(bus, &event);
 }

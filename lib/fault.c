@@ -528,7 +528,7 @@ static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t clas
 }
 
 /* The event lies in the ring, which moves when a fault is told: look at it before. */
-void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)
+void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event)
 {
     uint32_t classes = error_class(event);
     if (event->kind == CW_EVENT_STATE && bus->faults.off)

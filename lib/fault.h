@@ -184,7 +184,7 @@ static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
 void cw_fault_run_due(cw_bus *bus);
 
 /* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
-void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event);
+void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event);
 
 /* Hits of the bit that has ended. */
 void cw_fault_emit(cw_bus *bus);
