@@ -286,33 +286,54 @@ void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
     arm_followers(bus, rule, told);
 }
 
-/* A match whose turn it is. */
-static bool draw_match(cw_bus *bus, cw_fault *f)
+/* A match comes. Whether it is its turn, so that only chance can still make it none. */
+static inline bool count_match(const cw_bus *bus, cw_fault *f, uint64_t start, uint64_t told)
 {
-    const cw_rule *r = &f->rule;
-    f->to_pass = r->every - 1;
-    cw_fault_forget_ahead(bus, f);
-    if (r->probability != UINT64_MAX && cw_prng_next(&f->prng) >= r->probability)
+    if (is_gated(bus, f, start))
         return false;
-    if (needs_arming(r))
-        f->armed--;
-    return true;
+    f->matches++;
+    if (f->hits > 0 && told - f->last_hit < f->rule.hold_off)
+        return false;
+    if (f->to_pass == 0)
+        return true;
+    f->to_pass--;
+    return false;
+}
+
+static bool draw_match(const cw_bus *bus, cw_fault *f)
+{
+    if (f->rule.probability == UINT64_MAX)
+        return true;
+    cw_fault_forget_ahead(bus, f);
+    return cw_prng_next(&f->prng) < f->rule.probability;
 }
 
 bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
     cw_fault *f = fault_at(bus, rule);
-    const cw_rule *r = &f->rule;
-    if (is_gated(bus, f, start))
+    if (!count_match(bus, f, start, told))
         return false;
-    f->matches++;
-    if (f->hits > 0 && told - f->last_hit < r->hold_off)
+    f->to_pass = f->rule.every - 1;
+    if (!draw_match(bus, f))
         return false;
-    if (f->to_pass > 0) {
-        f->to_pass--;
+    if (needs_arming(&f->rule))
+        f->armed--;
+    return true;
+}
+
+bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start)
+{
+    cw_fault *f = fault_at(bus, rule);
+    const cw_prng before = f->prng;
+    if (!count_match(bus, f, start, start + bus->bit_ticks))
+        return true;
+    if (draw_match(bus, f)) {
+        f->matches--;
+        f->prng = before;
         return false;
     }
-    return draw_match(bus, f);
+    f->to_pass = f->rule.every - 1;
+    return true;
 }
 
 bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)

@@ -200,6 +200,10 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule);
 /* As cw_fault_match(), up to the hit itself: a match that is none is counted, a hit is not. */
 bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
+/* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
+ * itself will. start: tick of the bit, or of any other for which all is the same. */
+bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start);
+
 /* Takes rules that have nothing to do any more out of the awake list. */
 void cw_fault_fall_asleep(cw_bus *bus);
 

@@ -211,34 +211,13 @@ void cw_fault_find_stop(cw_bus *bus, unsigned from)
     }
 }
 
-/* A match that is passed over changes no more than this. */
-typedef struct match_state {
-    cw_prng prng;
-    uint64_t matches;
-    uint32_t armed;
-    uint32_t to_pass;
-} match_state;
-
-static bool passes_over(cw_bus *bus, unsigned rule, uint64_t start)
-{
-    cw_fault *f = &bus->faults.faults[rule];
-    const match_state s = {f->prng, f->matches, f->armed, f->to_pass};
-    if (!cw_fault_takes_match(bus, rule, start, start + bus->bit_ticks))
-        return true;
-    f->prng = s.prng; /* it is a hit: as if nobody had asked, the bit itself will */
-    f->matches = s.matches;
-    f->armed = s.armed;
-    f->to_pass = s.to_pass;
-    return false;
-}
-
 bool cw_fault_lets_pass(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     if (leap->stop >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
         return false;
     uint64_t ahead = (uint64_t)leap->stop - leap->at;
-    return passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
+    return cw_fault_passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
 }
 
 /* Whether a match is a hit or none alike, at whatever bit of the frame that comes next. */
@@ -265,7 +244,7 @@ bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node)
     if (!cw_is_position_action(r->action) || !is_in_frame(r->field) || !is_same_all_along(bus, r))
         return false;
     return !cw_frame_has_bit(next_frame(&bus->nodes[node]), r->field, r->index) ||
-           passes_over(bus, rule, bus->now);
+           cw_fault_passes_over(bus, rule, bus->now);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
