@@ -233,6 +233,11 @@ bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node);
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
 
+/* Whether a rule is bound to a transmission; whether one looks at the bit that comes next in that of
+ * a node. */
+bool cw_fault_is_bound(const cw_bus *bus);
+bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node);
+
 /* Of the rules that are looked at in every bit: whether one has to see the controllers; whether one
  * acts on levels, other than noise that goes on and on; whether one may send at the end of any
  * bit. */

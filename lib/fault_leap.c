@@ -195,11 +195,22 @@ static bool was_last_stop(const cw_bus *bus, unsigned from)
            bus->faults.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
 }
 
+static void stop_for_bound(cw_bus *bus, unsigned from)
+{
+    const cw_fault_set *set = &bus->faults;
+    const unsigned node = bus->leap.node;
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (set->faults[set->awake[i]].bound & cw_node_bit(node))
+            stop_for(bus, set->awake[i], node, from);
+}
+
 void cw_fault_find_stop(cw_bus *bus, unsigned from)
 {
     cw_leap *leap = &bus->leap;
     leap->stop = CW_NO_STOP;
-    if (was_last_stop(bus, from))
+    if (leap->bound)
+        stop_for_bound(bus, from);
+    if (leap->watched == 0 || was_last_stop(bus, from))
         return;
     for (uint64_t rest = leap->watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
@@ -257,7 +268,7 @@ static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)
 bool cw_fault_needs_controllers(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        if (awake_fault(bus, i)->for_attempt || awake_fault(bus, i)->bound)
+        if (awake_fault(bus, i)->for_attempt)
             return true;
     return false;
 }
@@ -291,6 +302,26 @@ uint64_t cw_fault_stuck_lines(const cw_bus *bus)
             nodes |= cw_node_bit(f->rule.node);
     }
     return nodes;
+}
+
+bool cw_fault_is_bound(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++)
+        if (awake_fault(bus, i)->bound)
+            return true;
+    return false;
+}
+
+bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node)
+{
+    const cw_mac *m = &bus->nodes[node].mac;
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        const cw_fault *f = awake_fault(bus, i);
+        if ((f->bound & cw_node_bit(node)) &&
+            cw_bits_is_at(&m->tx, m->tx_next, f->rule.field, f->rule.index))
+            return true;
+    }
+    return false;
 }
 
 void cw_fault_unbind(cw_bus *bus)

@@ -183,7 +183,7 @@ static void end_slot(cw_bus *bus)
     bus->leap.active = false;
     bus->recessive_bits = CW_ACK_BEFORE_END + CW_INTERMISSION_BITS;
     if (bus->faults.awake_count)
-        cw_fault_fall_asleep(bus);
+        cw_fault_unbind(bus);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */

@@ -73,11 +73,16 @@ static bool nobody_has_plans(const cw_bus *bus)
     return true;
 }
 
-static bool rules_allow_it(cw_bus *bus)
+/* Rules that are bound see of a leap only the bits at which it stops. */
+static bool rules_allow_it(cw_bus *bus, unsigned sender)
 {
-    return bus->faults.error_rules == 0 &&
-           (bus->faults.awake_count == 0 ||
-            (!cw_fault_needs_controllers(bus) && cw_fault_noise_free(bus, 1) > 0));
+    if (bus->faults.error_rules > 0)
+        return false;
+    if (bus->faults.awake_count == 0)
+        return true;
+    bool at_work = cw_fault_is_bound(bus) && cw_fault_is_at_work(bus);
+    return !at_work && !cw_fault_needs_controllers(bus) && !cw_fault_looks_at_next(bus, sender) &&
+           cw_fault_noise_free(bus, 1) > 0;
 }
 
 /* ---- Going on -------------------------------------------------------------------------------- */
@@ -113,13 +118,14 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
         return false;
     const unsigned sender = cw_lowest_node(senders);
     if (bus->group_count > 1 || bus->news || !is_in_its_middle(&bus->nodes[sender]) ||
-        !rules_allow_it(bus) || !all_read_it(bus, sender) || !nobody_has_plans(bus) ||
+        !rules_allow_it(bus, sender) || !all_read_it(bus, sender) || !nobody_has_plans(bus) ||
         !wire_carried_it(bus, &bus->nodes[sender].mac))
         return false;
     put_to_rest(bus);
     cw_leap_look_around(bus);
     cw_leap_prepare(bus, sender, senders);
     take_over(bus, sender);
+    cw_fault_find_stop(bus, bus->leap.at);
     cw_leap_on(bus, tick);
     return true;
 }
