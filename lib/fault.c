@@ -721,6 +721,7 @@ static void count_kinds(cw_bus *bus)
     set->host_rules = 0;
     set->reply_rules = 0;
     set->noise_rules = 0;
+    set->traffic_rules = 0;
     set->error_rules = 0;
     set->copies = 0;
     for (unsigned i = 0; i < set->count; i++) {
@@ -728,6 +729,8 @@ static void count_kinds(cw_bus *bus)
         set->host_rules += f->used && cw_is_host_action(f->rule.action);
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
         set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
+        set->traffic_rules += f->used && (f->rule.action == CW_ACTION_BABBLE ||
+                                          f->rule.action == CW_ACTION_LOAD);
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
             set->copies += f->rule.number;

@@ -87,6 +87,7 @@ typedef struct cw_fault_set {
     unsigned host_rules;    /* rules on frames at the host side */
     unsigned reply_rules;
     unsigned noise_rules;
+    unsigned traffic_rules; /* that may send at any bit */
     unsigned error_rules;
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */

@@ -105,7 +105,7 @@ static bool is_next(const cw_bus *bus)
 {
     return bus->inbox.count == 0 && bus->faults.next_due > bus->now &&
            bus->next_restart > bus->now && !bus->news && bus->faults.host_rules == 0 &&
-           bus->faults.awake_count == 0 && bus->held_count == 0;
+           bus->faults.traffic_rules == 0 && bus->held_count == 0;
 }
 
 /* Such a frame needs no place in the inbox. False, with nothing done, when it does: or when it

@@ -116,6 +116,18 @@ static void a_wrong_crc_once(rig *r)
     rig_send(r, 2, &frame, 300 * BIT);
 }
 
+/* Whether it has a rule to wait for or not, a frame for now is in the queue that is flushed. */
+static void a_frame_for_now_of_a_node_that_goes(rig *r)
+{
+    cw_rule never = flip_of("never", CW_FIELD_ACK_SLOT, 0, NODE(0));
+    never.skip = 1000;
+    (void)add(r, &never);
+    rig_run_bits(r, 25);
+    const cw_frame more = rig_frame(0x080, 0, 0);
+    rig_send(r, 0, &more, 25 * BIT);
+    assert_int_equal(cw_node_attach(r->bus, 0, false), CW_OK);
+}
+
 /* ---- Levels that rules hold ------------------------------------------------------------------ */
 
 static void stick(rig *r, cw_line line, unsigned node, bool level, uint64_t from, uint64_t bits)
@@ -273,7 +285,7 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     static void (*const stories[])(rig *r) = {
         a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
         a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number,
-        a_wrong_crc_once};
+        a_wrong_crc_once, a_frame_for_now_of_a_node_that_goes};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
         rig *leaping = run(stories[i], false);
         rig *stepping = run(stories[i], true);
