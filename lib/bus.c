@@ -466,7 +466,7 @@ static uint64_t bits_up_to_inbox(const cw_bus *bus)
 /* Bits that can be skipped now: no controller does anything new, nothing comes in. */
 static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
 {
-    if (bus->faults.awake_count && !cw_fault_only_noise(bus))
+    if (bus->faults.awake_count && !cw_fault_is_steady(bus))
         return 0;
     uint64_t bits = steady_bits(bus, level);
     if (bits == 0)
@@ -475,7 +475,9 @@ static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
     bits = cw_least(bits, bits_up_to_inbox(bus));
     bits = cw_least(bits, bits_until(bus, bus->next_restart));
     bits = cw_least(bits, bits_until(bus, bus->faults.next_due));
-    return bus->faults.awake_count ? cw_fault_noise_free(bus, bits) : bits;
+    if (bus->faults.awake_count == 0)
+        return bits;
+    return cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, false));
 }
 
 static void skip(cw_bus *bus, uint64_t bits, bool level)

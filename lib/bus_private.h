@@ -116,7 +116,6 @@ typedef struct cw_leap {
     bool active;
     bool broken;          /* it must end with the bit in progress */
     bool at_work;         /* rules act on the levels of its bits */
-    bool traffic;         /* rules may send something at the end of each bit */
     bool unseen;          /* all losses have been counted beforehand */
     bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */

@@ -729,8 +729,7 @@ static void count_kinds(cw_bus *bus)
         set->host_rules += f->used && cw_is_host_action(f->rule.action);
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
         set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
-        set->traffic_rules += f->used && (f->rule.action == CW_ACTION_BABBLE ||
-                                          f->rule.action == CW_ACTION_LOAD);
+        set->traffic_rules += f->used && cw_is_steady_traffic(f->rule.action);
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
             set->copies += f->rule.number;

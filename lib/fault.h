@@ -138,6 +138,12 @@ static inline bool cw_is_window_action(cw_action action)
            (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
 }
 
+/* Sends whenever there is reason to, not at times that are known beforehand. */
+static inline bool cw_is_steady_traffic(cw_action action)
+{
+    return action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD;
+}
+
 /* Changes who is on which wire, or who acknowledges. */
 static inline bool cw_is_topology_action(cw_action action)
 {
@@ -234,17 +240,15 @@ bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node);
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
 
-/* Whether a rule is bound to a transmission; whether one looks at the bit that comes next in that of
- * a node. */
+/* Whether a rule is bound to a transmission; whether one looks at the bit that comes next in that
+ * of a node. */
 bool cw_fault_is_bound(const cw_bus *bus);
 bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node);
 
 /* Of the rules that are looked at in every bit: whether one has to see the controllers; whether one
- * acts on levels, other than noise that goes on and on; whether one may send at the end of any
- * bit. */
+ * acts on levels, other than noise that goes on and on. */
 bool cw_fault_needs_controllers(const cw_bus *bus);
 bool cw_fault_is_at_work(const cw_bus *bus);
-bool cw_fault_has_traffic(const cw_bus *bus);
 
 /* The nodes whose lines to the bus are stuck. */
 uint64_t cw_fault_stuck_lines(const cw_bus *bus);
@@ -254,8 +258,9 @@ uint64_t cw_fault_stuck_lines(const cw_bus *bus);
 /* The draws of the bit in progress. */
 void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
 
-/* Whether rules that are looked at in every bit are no more than noise that goes on and on. */
-bool cw_fault_only_noise(const cw_bus *bus);
+/* Whether rules that are looked at in every bit are no more than noise and traffic that go on and
+ * on. */
+bool cw_fault_is_steady(const cw_bus *bus);
 
 /* Bits to come, no more than that many, that such noise leaves alone. */
 uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits);
@@ -319,5 +324,9 @@ uint64_t cw_fault_next_held(const cw_bus *bus);
 
 /* Hands in what an active traffic rule owes at the present tick. */
 void cw_fault_traffic(cw_bus *bus, unsigned rule);
+
+/* Bits to come, no more than that many, before whose end such rules send nothing as long as no
+ * frame leaves a queue. busy: all these bits are. */
+uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy);
 
 #endif

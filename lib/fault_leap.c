@@ -283,16 +283,6 @@ bool cw_fault_is_at_work(const cw_bus *bus)
     return false;
 }
 
-bool cw_fault_has_traffic(const cw_bus *bus)
-{
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        cw_action action = awake_fault(bus, i)->rule.action;
-        if (action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD)
-            return true;
-    }
-    return false;
-}
-
 uint64_t cw_fault_stuck_lines(const cw_bus *bus)
 {
     uint64_t nodes = 0;

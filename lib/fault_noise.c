@@ -60,12 +60,15 @@ static bool is_steady_noise(const cw_fault *f)
            f->bits_left == 0 && f->bound == 0;
 }
 
-bool cw_fault_only_noise(const cw_bus *bus)
+bool cw_fault_is_steady(const cw_bus *bus)
 {
     const cw_fault_set *set = &bus->faults;
-    for (unsigned i = 0; i < set->awake_count; i++)
-        if (!is_steady_noise(&set->faults[set->awake[i]]))
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const cw_fault *f = &set->faults[set->awake[i]];
+        bool traffic = f->active && cw_is_steady_traffic(f->rule.action);
+        if (!traffic && !is_steady_noise(f)) /* one that is over falls asleep with a single bit */
             return false;
+    }
     return true;
 }
 

@@ -62,6 +62,33 @@ static void fill_up(cw_bus *bus, unsigned rule)
     send(bus, rule, &frame);
 }
 
+/* Idle bits after which the load has fallen to its target, at least one: the present tick has been
+ * looked at. */
+static uint64_t bits_to_target(const cw_bus *bus, const cw_fault *f)
+{
+    const uint64_t permille = f->rule.load_permille;
+    uint64_t busy = (bus->stats.busy_bits - f->busy_base) * 1000;
+    uint64_t target = (bus->stats.bits - f->bits_base) * permille;
+    if (busy <= target)
+        return 1;
+    return permille ? (busy - target + permille - 1) / permille : CW_QUIET_FOREVER;
+}
+
+uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
+{
+    const cw_fault_set *set = &bus->faults;
+    for (unsigned i = 0; set->traffic_rules && i < set->awake_count; i++) {
+        const cw_fault *f = &set->faults[set->awake[i]];
+        if (!f->active || !cw_is_steady_traffic(f->rule.action) || !can_take(bus, f))
+            continue;
+        if (f->rule.action == CW_ACTION_BABBLE)
+            bits = cw_least(bits, 1);
+        else if (!busy)
+            bits = cw_least(bits, bits_to_target(bus, f));
+    }
+    return bits;
+}
+
 void cw_fault_traffic(cw_bus *bus, unsigned rule)
 {
     const cw_fault *f = &bus->faults.faults[rule];

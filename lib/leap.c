@@ -173,9 +173,9 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     due = cw_least(due, cw_inbox_first(bus));
     if (due - bus->now < (uint64_t)bits * bus->bit_ticks) /* due is later than now */
         bits = bits_up_to(bus, due + bus->bit_ticks - 1, bits);
-    if (leap->traffic)
-        bits = (unsigned)cw_least(bits, 1);
-    return bus->faults.awake_count ? (unsigned)cw_fault_noise_free(bus, bits) : bits;
+    if (bus->faults.awake_count == 0)
+        return bits;
+    return (unsigned)cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, true));
 }
 
 static void end_slot(cw_bus *bus)
@@ -301,8 +301,9 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    bool each_bit = leap->at_work || leap->traffic;
-    return tick - bus->now >= ticks && leap->tail == 0 && !each_bit && !cw_host_side_acts(bus) &&
+    bool traffic = bus->faults.awake_count && bus->faults.traffic_rules; /* follows a frame */
+    return tick - bus->now >= ticks && leap->tail == 0 && !leap->at_work && !traffic &&
+           !cw_host_side_acts(bus) &&
            is_undisturbed_until(bus, bus->now + ticks) && cw_leap_is_noise_free(bus, bits) &&
            rules_let_pass(bus);
 }

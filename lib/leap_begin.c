@@ -167,7 +167,7 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return leap->stop >= bits && tick - bus->now >= ticks && !leap->traffic &&
+    return leap->stop >= bits && tick - bus->now >= ticks &&
            !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
            cw_leap_is_quiet_until(bus, bus->now + ticks) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
@@ -198,7 +198,6 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->unseen = false;
     leap->bound = false;
     leap->at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
-    leap->traffic = bus->faults.awake_count && cw_fault_has_traffic(bus);
     leap->at = 0;
     leap->stop = CW_NO_STOP;
     leap->riders = bus->crowd.riders;

@@ -251,14 +251,34 @@ static void a_node_babbles(rig *r)
     (void)add(r, &babble);
 }
 
-static void a_node_fills_up_while_another_is_mute(rig *r)
+static void fill_up(rig *r, unsigned permille)
 {
     cw_rule load = rule_of("load", CW_TRIGGER_TIME, CW_ACTION_LOAD);
     load.node = 2;
-    load.load_permille = 700;
+    load.load_permille = (uint16_t)permille;
     load.time_begin = 12 * BIT;
-    load.for_ticks = 400 * BIT;
+    load.for_ticks = 850 * BIT;
     (void)add(r, &load);
+}
+
+static void a_node_fills_up(rig *r)
+{
+    fill_up(r, 700);
+}
+
+static void a_node_fills_up_to_nothing(rig *r)
+{
+    fill_up(r, 0);
+}
+
+static void a_node_fills_up_to_all(rig *r)
+{
+    fill_up(r, 1000);
+}
+
+static void a_node_fills_up_while_another_is_mute(rig *r)
+{
+    fill_up(r, 600);
     stick(r, CW_LINE_TX, 1, CW_RECESSIVE, 12, 400);
 }
 
@@ -354,7 +374,8 @@ static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
         a_line_was_dominant_for_too_long, the_wire_is_cut_at_the_first_bit, a_deaf_node,
         a_deaf_node_that_sends, the_sof_is_changed, a_bit_of_both_is_changed,
         a_bit_of_both_is_made_recessive, the_deciding_bit_is_changed, a_bit_of_the_data_is_changed,
-        two_faults_hide_each_other, a_node_babbles, a_node_fills_up_while_another_is_mute};
+        two_faults_hide_each_other, a_node_babbles, a_node_fills_up, a_node_fills_up_to_nothing,
+        a_node_fills_up_to_all, a_node_fills_up_while_another_is_mute};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
         watch_levels(stories[i], true, 0);
         watch_levels(stories[i], false, 0);
