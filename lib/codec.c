@@ -145,17 +145,25 @@ static const field_span extended_fields[CW_FIELD_COUNT] = {
     [CW_FIELD_ACK_DELIMITER] = {56, 1}, [CW_FIELD_EOF] = {57, CW_EOF_BITS},
 };
 
-/* NULL: there is no such bit. */
-static const field_span *find_span(bool extended, unsigned data_bits, cw_field field,
-                                   unsigned index)
+/* Where a position is when stuff bits do not count; false when there is none. */
+static inline bool find_unstuffed(unsigned *u, bool extended, unsigned data_bits, cw_field field,
+                                  unsigned index)
 {
     const field_span *span = extended ? &extended_fields[field] : &base_fields[field];
-    return index < (field == CW_FIELD_DATA ? data_bits : span->length) ? span : NULL;
+    if (index >= (field == CW_FIELD_DATA ? data_bits : span->length))
+        return false;
+    *u = span->first + index;
+    if (field == CW_FIELD_ID && index >= CW_BASE_ID_BITS)
+        *u += 2; /* SRR and IDE lie in between */
+    if (field > CW_FIELD_DATA)
+        *u += data_bits;
+    return true;
 }
 
-bool cw_frame_has_bit(const cw_frame *frame, cw_field field, unsigned index)
+bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index)
 {
-    return find_span(frame->flags & CW_FRAME_EXTENDED, 8 * cw_frame_length(frame), field, index);
+    return find_unstuffed(n, frame->flags & CW_FRAME_EXTENDED, 8 * cw_frame_length(frame), field,
+                          index);
 }
 
 /* Each stuff bit at or before it moves a bit further back. */
@@ -189,14 +197,9 @@ bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned ind
         return index < bits->length;
     if (field == CW_FIELD_STUFF)
         return find_stuff_bit(bits, n, index);
-    const field_span *span = find_span(bits->extended, bits->data_bits, field, index);
-    if (!span)
+    unsigned u;
+    if (!find_unstuffed(&u, bits->extended, bits->data_bits, field, index))
         return false;
-    unsigned u = span->first + index;
-    if (field == CW_FIELD_ID && index >= CW_BASE_ID_BITS)
-        u += 2; /* SRR and IDE lie in between */
-    if (field > CW_FIELD_DATA)
-        u += bits->data_bits;
     *n = cw_bits_wire_index(bits, u);
     return true;
 }

@@ -60,6 +60,7 @@ typedef struct frame_origin {
 typedef struct cw_watch {
     uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
     bool early;    /* one may do so before arbitration is lost */
+    bool rough;    /* it is one rule only, and its answer is the same at any bit of the frame */
 } cw_watch;
 
 #define CW_NO_RULE UINT16_MAX
@@ -93,7 +94,8 @@ typedef struct cw_fault_set {
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
     uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
-    uint64_t early;         /* ... and those where it may do so before arbitration is lost */
+    uint64_t early;         /* ... those where it may do so before arbitration is lost, ... */
+    uint64_t rough;         /* ... and those whose stop may be found roughly */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
     cw_watch usual;         /* what the rules in `wild` want, if it is the same of each frame */
     bool has_usual;
@@ -226,16 +228,23 @@ bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
 #define CW_NO_STOP UINT16_MAX
 
 /* Finds where the leap has to stop next, and for which rule: at the first wire bit, from `from` on,
- * that a rule looks at; CW_NO_STOP. */
+ * that a rule looks at, or roughly when there are no bits yet; CW_NO_STOP. */
 void cw_fault_find_stop(cw_bus *bus, unsigned from);
 
 /* In a leap, at its stop or, when nothing happens up to there, before it: true when it is no hit.
  * The match is counted then. */
 bool cw_fault_lets_pass(cw_bus *bus);
 
-/* The same for the whole frame of a node that is about to begin, when no other frame is watched and
- * nothing can stop it. False, with nothing counted: its bits are needed. */
-bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node);
+/* For a frame with a rough stop that lies ahead, when nothing can keep the node from sending all of
+ * it: true when its bit is no hit, whichever it is. The match is counted then. */
+bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Whether the stop for the frame of a node may be found roughly: not behind the bit that a rule
+ * looks at, but without the bits of the frame. Mostly nobody needs more. */
+static inline bool cw_fault_stops_roughly(const cw_fault_set *set, unsigned node)
+{
+    return set->rough >> node & 1u;
+}
 
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);

@@ -37,10 +37,22 @@ static bool acts_late(const cw_rule *r)
            r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
+/* Whether a match is a hit or none alike at whatever bit of a frame, but for the rule's time. Bits
+ * between frames, and those that only the bits of a frame tell, are left out. */
+static bool takes_any_bit(const cw_rule *r)
+{
+    return cw_is_position_action(r->action) && r->field != CW_FIELD_INTERMISSION &&
+           r->field != CW_FIELD_SUSPEND && r->field != CW_FIELD_STUFF && r->field != CW_FIELD_BIT &&
+           r->hold_off == 0 && r->state_nodes == 0;
+}
+
 static void add_watcher(cw_watch *w, const cw_fault_set *set, unsigned rule)
 {
-    w->rule = w->rule == CW_NO_RULE ? (uint16_t)rule : CW_SEVERAL_RULES;
-    w->early = w->early || !acts_late(&set->faults[rule].rule);
+    const cw_rule *r = &set->faults[rule].rule;
+    bool only = w->rule == CW_NO_RULE;
+    w->rule = only ? (uint16_t)rule : CW_SEVERAL_RULES;
+    w->early = w->early || !acts_late(r);
+    w->rough = only && takes_any_bit(r);
 }
 
 /* Whether a rule takes each frame of each node. */
@@ -68,6 +80,7 @@ static void note_watch(cw_fault_set *set, unsigned node, cw_watch w)
     set->watcher[node] = w.rule;
     set->watched = (set->watched & ~self) | (w.rule == CW_NO_RULE ? 0 : self);
     set->early = (set->early & ~self) | (w.early ? self : 0);
+    set->rough = (set->rough & ~self) | (w.rough ? self : 0);
 }
 
 /* After rules have changed. */
@@ -158,6 +171,8 @@ static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned 
         *n = leap->length;
         return !loser;
     }
+    if (!leap->bits)
+        return cw_frame_find(&leap->frame, n, r->field, r->index);
     return cw_bits_find(&bus->nodes[node].mac.tx, n, r->field, r->index) &&
            (!loser || *n <= leap->lost_at[node]);
 }
@@ -231,30 +246,15 @@ bool cw_fault_lets_pass(cw_bus *bus)
     return cw_fault_passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
 }
 
-/* Whether a match is a hit or none alike, at whatever bit of the frame that comes next. */
-static bool is_same_all_along(const cw_bus *bus, const cw_rule *r)
-{
-    uint64_t end = bus->now + (uint64_t)bus->leap.length * bus->bit_ticks;
-    return r->time_begin <= bus->now && r->time_end >= end && r->hold_off == 0 &&
-           r->state_nodes == 0;
-}
-
-/* Positions between frames, and those that only the encoding of a frame tells, are left out. */
-static bool is_in_frame(cw_field field)
-{
-    return field != CW_FIELD_INTERMISSION && field != CW_FIELD_SUSPEND &&
-           field != CW_FIELD_STUFF && field != CW_FIELD_BIT;
-}
-
-bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node)
+bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node, const cw_frame *frame)
 {
     unsigned rule = bus->faults.watcher[node];
-    if (rule == CW_SEVERAL_RULES)
-        return false;
     const cw_rule *r = &bus->faults.faults[rule].rule;
-    if (!cw_is_position_action(r->action) || !is_in_frame(r->field) || !is_same_all_along(bus, r))
-        return false;
-    return !cw_frame_has_bit(next_frame(&bus->nodes[node]), r->field, r->index) ||
+    uint64_t end = bus->now + (uint64_t)bus->leap.length * bus->bit_ticks;
+    unsigned n;
+    if (r->time_begin > bus->now || r->time_end < end)
+        return false; /* it depends on the bit */
+    return !cw_frame_find(frame, &n, r->field, r->index) ||
            cw_fault_passes_over(bus, rule, bus->now);
 }
 

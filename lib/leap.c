@@ -277,11 +277,16 @@ static bool goes_straight_to_stop(const cw_bus *bus)
     return leap->stop < next_moment(bus) && cw_inbox_first(bus) >= bus->now + ticks;
 }
 
-/* Rules are asked in advance, as far as nobody can see that before it is time. False when something
- * is left to be asked, or is a hit. */
+/* Rules are asked in advance, as far as nobody can see that before it is time; one with a rough
+ * stop only when that is all. False when something is left to be asked, or is a hit. */
 static bool rules_let_pass(cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
+    cw_leap *leap = &bus->leap;
+    if (!leap->bits && leap->stop != CW_NO_STOP) {
+        if (cw_fault_lets_frame_pass(bus, leap->node, &leap->frame))
+            leap->stop = CW_NO_STOP;
+        return leap->stop == CW_NO_STOP;
+    }
     while (leap->stop != CW_NO_STOP && goes_straight_to_stop(bus) && cw_fault_lets_pass(bus))
         cw_fault_find_stop(bus, leap->stop + 1u);
     return leap->stop == CW_NO_STOP;
@@ -308,6 +313,12 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
            rules_let_pass(bus);
 }
 
+static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
+{
+    return cw_fault_stops_roughly(&bus->faults, winner) &&
+           cw_fault_lets_frame_pass(bus, winner, frame);
+}
+
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
@@ -318,7 +329,7 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     uint64_t ticks = (uint64_t)(leap->length + CW_INTERMISSION_BITS) * bus->bit_ticks;
     if (tick - bus->now < ticks || bus->faults.awake_count || cw_host_side_acts(bus) ||
         !is_undisturbed_until(bus, bus->now + ticks) ||
-        (leap->watched && !cw_fault_lets_frame_pass(bus, winner)))
+        (leap->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */
@@ -332,9 +343,23 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
 
+/* Where the leap stops roughly it is time to find out where it stops. */
+static void find_bits(cw_bus *bus)
+{
+    bus_node *n = &bus->nodes[bus->leap.node];
+    if (!n->mac.offered)
+        cw_offer_slot(n, n->offered_slot);
+    bus->leap.bits = &n->mac.tx;
+    cw_fault_find_stop(bus, 0);
+}
+
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
+    if (!bus->leap.bits) {
+        find_bits(bus);
+        return;
+    }
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
     if (!cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
         cw_leap_end(bus);

@@ -248,7 +248,8 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     if (whole && cw_leap_whole(bus, winner, contenders, tick))
         return true;
     cw_leap_prepare(bus, winner, contenders);
-    choose_frame(bus, watched || losses_seen || bus->leap.at_work);
+    bool rough = watched == cw_node_bit(winner) && cw_fault_stops_roughly(&bus->faults, winner);
+    choose_frame(bus, (watched && !rough) || losses_seen || bus->leap.at_work);
     start_transmissions(bus, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;

@@ -733,12 +733,15 @@ static void noise_and_a_position_in_one_bit(void **state)
     assert_int_equal(stats[0].matches, stats[1].matches);
 }
 
-/* Two rules on each frame; only the second one has hits, one in so many frames. */
-static rig *two_patient_rules(cw_field first, cw_field second, unsigned every, bool stepping)
+/* Two rules on each frame, or the first one alone; the last one has hits, one in so many frames. */
+static rig *patient_rules(cw_field first, cw_field second, unsigned every, bool stepping)
 {
     rig *r = rig_new(2);
     rig_flip(r, "first", first, first == CW_FIELD_EOF ? 6 : 0)->skip = 1000;
-    rig_flip(r, "second", second, 0)->every = every;
+    if (second != CW_FIELD_NONE)
+        rig_flip(r, "second", second, 0);
+    r->rules[r->config.rule_count - 1u].skip = 3;
+    r->rules[r->config.rule_count - 1u].every = every;
     r->config.inbox = 16;
     r->nodes[0].queue = 1;
     r->config.events = stepping ? 4096 : 0;
@@ -758,7 +761,7 @@ static void send_some(rig *r)
 
 static void assert_same_matches(const rig *fast, const rig *reference)
 {
-    for (unsigned rule = 0; rule < 2; rule++) {
+    for (unsigned rule = 0; rule < fast->config.rule_count; rule++) {
         cw_rule_stats a, b;
         assert_int_equal(cw_rule_get_stats(fast->bus, rule, &a), CW_OK);
         assert_int_equal(cw_rule_get_stats(reference->bus, rule, &b), CW_OK);
@@ -778,12 +781,15 @@ static void matches_count_with_their_bits(void **state)
         unsigned every;
     } cases[] = {{CW_FIELD_CRC, CW_FIELD_EOF, 1000},
                  {CW_FIELD_R0, CW_FIELD_DATA, 40},
+                 {CW_FIELD_CRC, CW_FIELD_NONE, 40},
+                 {CW_FIELD_EOF, CW_FIELD_NONE, 1000},
+                 {CW_FIELD_ID, CW_FIELD_NONE, 40},
                  {CW_FIELD_DATA, CW_FIELD_DATA, 1000},
                  {CW_FIELD_CRC_DELIMITER, CW_FIELD_INTERMISSION, 1000},
                  {CW_FIELD_EOF, CW_FIELD_INTERMISSION, 1000}};
     for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *fast = two_patient_rules(cases[i].first, cases[i].second, cases[i].every, false);
-        rig *reference = two_patient_rules(cases[i].first, cases[i].second, cases[i].every, true);
+        rig *fast = patient_rules(cases[i].first, cases[i].second, cases[i].every, false);
+        rig *reference = patient_rules(cases[i].first, cases[i].second, cases[i].every, true);
         unsigned full = 0;
         for (uint64_t bit = 0; bit < 60000; bit += 1 + bit % 900) {
             if (cw_bus_pending(fast->bus) == 0) {
