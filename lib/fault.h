@@ -96,6 +96,7 @@ typedef struct cw_fault_set {
     uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
     uint64_t early;         /* ... those where it may do so before arbitration is lost, ... */
     uint64_t rough;         /* ... and those whose stop may be found roughly */
+    uint64_t unusual;       /* nodes for which all that may be other than usual */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
     cw_watch usual;         /* what the rules in `wild` want, if it is the same of each frame */
     bool has_usual;

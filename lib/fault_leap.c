@@ -91,6 +91,7 @@ static void watch_anew(cw_bus *bus)
     find_usual(set);
     set->always_known = set->has_usual && set->exact_count == 0 ? bus->all : 0;
     set->known = set->always_known;
+    set->unusual = 0;
     for (unsigned i = 0; i < bus->node_count; i++)
         note_watch(set, i, set->usual);
 }
@@ -110,8 +111,12 @@ static void watch(cw_bus *bus, unsigned node)
 {
     cw_fault_set *set = &bus->faults;
     const cw_frame *frame = next_frame(&bus->nodes[node]);
+    const uint64_t self = cw_node_bit(node);
     bool usual = set->has_usual && !cw_fault_may_be_exact(set, frame);
+    if (usual && !(set->unusual & self))
+        return; /* as it was */
     note_watch(set, node, usual ? set->usual : watch_closely(bus, node, frame));
+    set->unusual = usual ? set->unusual & ~self : set->unusual | self;
 }
 
 uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
