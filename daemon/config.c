@@ -457,12 +457,6 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     return errors->count == 0;
 }
 
-static cfg_place place_of(const yaml_node_t *value)
-{
-    return (cfg_place){.line = (int)value->start_mark.line + 1,
-                       .column = (int)value->start_mark.column + 1};
-}
-
 static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_map(self, key->name, value, bus_keys, object);
@@ -472,7 +466,7 @@ static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *valu
 {
     cfg *config = object;
 
-    config->bus_name_place = place_of(value);
+    config->bus_name_place = cfg_place_of(value);
     config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
 }
 
@@ -494,7 +488,7 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
 {
     cfg *config = object;
 
-    config->bitrate_place = place_of(value);
+    config->bitrate_place = cfg_place_of(value);
     schema_read_uint(self, key, value, object);
     if (config->bitrate_bps == 0)
         return;
@@ -618,7 +612,7 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
 {
     cfg_node *node = object;
 
-    node->port_place = place_of(value);
+    node->port_place = cfg_place_of(value);
     node->port = read_port_name(self, key, value);
     check_interface(self, key, value, node->port, NULL);
 }
@@ -673,8 +667,8 @@ static void read_lcm(schema *self, const schema_key *key, yaml_node_t *value, vo
 
     config->lcm = (cfg_lcm){
         .enabled = true,
-        .place = place_of(value),
-        .url_place = place_of(value),
+        .place = cfg_place_of(value),
+        .url_place = cfg_place_of(value),
         .url = schema_copy(self, LCM_URL_DEFAULT),
         .period.ns = LCM_PERIOD_DEFAULT_NS,
         .events = LCM_EVENTS_DEFAULT,
@@ -688,7 +682,7 @@ static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value
     cfg_lcm *lcm = object;
     const char *text = schema_text(self, key, value, expected);
 
-    lcm->url_place = place_of(value);
+    lcm->url_place = cfg_place_of(value);
     if (text && !strstr(text, "://"))
         schema_expected(self, key, value, expected);
     if (text)
@@ -723,7 +717,7 @@ static void read_control(schema *self, const schema_key *key, yaml_node_t *value
     cfg *config = object;
     const char *text = schema_text(self, key, value, "the path of a socket");
 
-    config->control_place = place_of(value);
+    config->control_place = cfg_place_of(value);
     if (!text)
         return;
     config->control = cfg_resolve_path(self, config->file, text);

@@ -14,6 +14,12 @@
 
 #include <stdio.h>
 
+/* Where something is in its file, both from 1 on; 0: nowhere. */
+typedef struct cfg_place {
+    int line;
+    int column;
+} cfg_place;
+
 typedef enum cfg_traffic_kind {
     CFG_TRAFFIC_SEND = 0, /* `frame`, release k at offset + k * every + jitter, k < count */
     CFG_TRAFFIC_REPLAY,   /* the frames of a file, count times */
@@ -23,6 +29,7 @@ typedef enum cfg_traffic_kind {
 /* One entry of a node's traffic. */
 typedef struct cfg_traffic {
     cfg_traffic_kind kind;
+    cfg_place place;
     cw_frame frame;
     cfg_time offset; /* of a replay: of the first entry of the file */
     cfg_time every;
@@ -43,12 +50,6 @@ typedef struct cfg_traffic {
     cw_filter filters[CW_RULE_FILTERS_MAX];
     uint8_t filter_count;
 } cfg_traffic;
-
-/* Where something is in its file, both from 1 on; 0: nowhere. */
-typedef struct cfg_place {
-    int line;
-    int column;
-} cfg_place;
 
 typedef struct cfg_node {
     char *name;
@@ -139,7 +140,8 @@ typedef enum cfg_record_format {
 
 /* A file that is recorded while the bus runs. */
 typedef struct cfg_record {
-    char *file;
+    char *file;               /* without what means nothing in a path, as ./ */
+    cfg_place place;
     cfg_record_format format; /* default: by the end of the name */
     uint64_t size;            /* bytes of a file before the next is begun; default 100 MB */
     uint32_t files;           /* that are kept; default 5 */

@@ -47,6 +47,13 @@ schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
 
+/* Where a value is in its file. */
+static inline cfg_place cfg_place_of(const yaml_node_t *value)
+{
+    return (cfg_place){.line = (int)value->start_mark.line + 1,
+                       .column = (int)value->start_mark.column + 1};
+}
+
 /* The names of `order`. */
 extern const schema_choice cfg_orders[];
 

@@ -6,7 +6,9 @@
 
 #include "spool.h"
 
+#include <limits.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #define SIZE_DEFAULT 100000000u
 #define FILES_DEFAULT 5u
@@ -86,13 +88,56 @@ const char *cfg_record_parse_size(uint64_t *size, const char *text)
     return wrong;
 }
 
+/* Takes away what means nothing in a path: `.` and repeated slashes. */
+static void tidy_path(char *path)
+{
+    char *to = path;
+    for (const char *from = path; *from;) {
+        size_t length = strcspn(from, "/");
+        bool nothing = (length == 0 && from > path) || (length == 1 && *from == '.');
+        length += from[length] == '/';
+        if (!nothing || from[length] == '\0')
+            to = (char *)memmove(to, from, length) + length;
+        from += length;
+    }
+    *to = '\0';
+}
+
+/* The directory that a path ends in, and its name there. */
+static bool find_directory(struct stat *directory, const char **name, const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    char text[PATH_MAX] = ".";
+    size_t length = slash ? (size_t)(slash - path) + 1 : 0;
+    if (length >= sizeof text)
+        return false;
+    memcpy(text, path, length);
+    *name = path + length;
+    return stat(text, directory) == 0;
+}
+
+/* Also by other ways to the directory, as far as it is there already. */
+static bool same_file(const schema *self, const char *a, const char *b)
+{
+    const cfg_walk *walk = self->user;
+    struct stat in_a;
+    struct stat in_b;
+    const char *name_a;
+    const char *name_b;
+    if (strcmp(a, b) == 0)
+        return true;
+    return !walk->given && find_directory(&in_a, &name_a, a) &&
+           find_directory(&in_b, &name_b, b) && in_a.st_dev == in_b.st_dev &&
+           in_a.st_ino == in_b.st_ino && strcmp(name_a, name_b) == 0;
+}
+
 /* Complains when an entry read before has this file already. */
 static void check_file(schema *self, const schema_key *key, const yaml_node_t *value,
                        const cfg_record *record)
 {
     const cfg *config = cfg_of(self);
     for (size_t i = 0; record->file && i < config->record_count; i++)
-        if (config->records[i].file && strcmp(config->records[i].file, record->file) == 0)
+        if (config->records[i].file && same_file(self, config->records[i].file, record->file))
             schema_complain(self, value, "duplicate %s '%s'", key->name, record->file);
 }
 
@@ -102,7 +147,10 @@ static void read_file(schema *self, const schema_key *key, yaml_node_t *value, v
     const char *text = schema_text(self, key, value, "the path of a file");
     if (!text)
         return;
+    record->place = cfg_place_of(value);
     record->file = cfg_resolve_path(self, cfg_of(self)->file, text);
+    if (record->file)
+        tidy_path(record->file);
     check_file(self, key, value, record);
 }
 

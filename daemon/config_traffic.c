@@ -90,6 +90,34 @@ bool cfg_traffic_is_endless(const cfg_traffic *traffic)
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
+static bool is_known_key(const char *name)
+{
+    for (size_t i = 0; i < KINDS; i++)
+        for (const schema_key *key = kinds[i].keys; key->name; key++)
+            if (strcmp(key->name, name) == 0)
+                return true;
+    return false;
+}
+
+/* Without a key that names its kind. It may be there with a slip in it. */
+static void complain_missing(schema *self, const yaml_node_t *map)
+{
+    yaml_node_t *value;
+    const yaml_node_t *name;
+    for (size_t i = 0; (name = schema_pair(self, &value, map, i)); i++) {
+        const char *text = name->type == YAML_SCALAR_NODE ? (char *)name->data.scalar.value : "";
+        nearest guess = {.word = text};
+        for (size_t k = 0; k < KINDS; k++)
+            nearest_consider(&guess, kinds[k].keys[0].name);
+        if (*text == '\0' || is_known_key(text))
+            continue;
+        schema_complain(self, name, "traffic: unknown key '%s'%s; one of 'send', 'replay' and "
+                        "'reply' is needed", text, schema_suggestion(self, &guess));
+        return;
+    }
+    schema_complain(self, map, "traffic: one of the keys 'send', 'replay' and 'reply' is missing");
+}
+
 /* The kind that a map is of, or KINDS after a complaint. */
 static size_t find_kind(schema *self, yaml_node_t *map)
 {
@@ -105,14 +133,14 @@ static size_t find_kind(schema *self, yaml_node_t *map)
             found = i;
     }
     if (found == KINDS)
-        schema_complain(self, map,
-                        "traffic: one of the keys 'send', 'replay' and 'reply' is missing");
+        complain_missing(self, map);
     return found;
 }
 
 static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
 {
-    *traffic = (cfg_traffic){.count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
+    *traffic = (cfg_traffic){
+        .place = cfg_place_of(value), .count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
     size_t kind = CFG_TRAFFIC_SEND; /* of what is no map, for the complaint */
     if (value->type == YAML_MAPPING_NODE)
         kind = find_kind(self, value);
@@ -228,7 +256,11 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
     trace_reader *reader = trace_open(traffic->file, traffic->format, problem);
 
     if (!reader) {
-        schema_complain_elsewhere(self, at, problem);
+        /* what is wrong in the file has its place there, behind the name */
+        if (strncmp(problem + strlen(traffic->file), ": ", 2) == 0)
+            schema_complain(self, at, "replay: %s", problem);
+        else
+            schema_complain_elsewhere(self, at, problem);
         return;
     }
     for (unsigned i = 0; i < LOOK_ENTRIES && result == TRACE_RECORD && record.kind != TRACE_FRAME;

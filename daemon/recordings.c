@@ -94,7 +94,8 @@ static void begin(recordings *all, entry *e, const cw_bus *bus)
     if (e->recorder)
         log_info("record %s: begun", e->what.file);
     else
-        log_error("record %s: %s", e->what.file, why(e->error));
+        log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
+                  e->what.place.column, e->what.file, why(e->error));
 }
 
 static void tell(const recordings *all, const entry *e)
@@ -232,6 +233,7 @@ static entry *take_old(entry **old, size_t count, const cfg_record *what)
         if (!e || strcmp(e->what.file, what->file) != 0 || e->what.format != what->format)
             continue;
         old[i] = NULL;
+        e->what.place = what->place;
         e->what.size = what->size;
         e->what.files = what->files;
         return e;

@@ -235,7 +235,7 @@ def test_a_recording_is_repeated(write, tmp_path):
 def test_a_loop_needs_an_end(write, tmp_path):
     (tmp_path / "r.log").write_text("(5.0) a 123#\n")
     path = write(bus("replay: r.log, loop: on"))
-    assert "never ends" in sim(path, status=1).stderr
+    assert f"{path}:6:9: traffic without `count` never ends: " in sim(path, status=1).stderr
     assert len(transmissions(path, "--until", "10.5ms")) == 11
 
 
@@ -372,7 +372,6 @@ BAD_RECORDINGS = {
     "asc head": (b"base oct timestamps absolute\n", ":1:6: ", "'hex' or 'dec'"),
     "pcapng": (PCAPNG_HEAD + b"\1\0\0\0\7\0\0\0", ": byte 28: ", ""),
     "neither": (b"hello\n", ":1:1: ", "neither a candump log, nor Vector ASC, nor pcapng"),
-    "none": (None, ": ", "No such file or directory"),
 }
 
 
@@ -385,6 +384,14 @@ def test_errors_of_recordings_have_one_form(name, command, write, tmp_path):
     error = canwire(command, write(bus("replay: bad")), status=1).stderr
     assert error.startswith(f"{tmp_path}/bad{place}") and message in error
     assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["check", "sim"])
+def test_a_file_that_is_not_there_is_told_with_the_place_that_names_it(command, write, tmp_path):
+    path = write(bus("replay: none.log"))
+    line = path.read_text().splitlines().index("      - { replay: none.log }") + 1
+    error = canwire(command, path, status=1).stderr
+    assert error == f"{path}:{line}:19: replay: {tmp_path}/none.log: No such file or directory\n"
 
 
 def test_an_interface_that_is_none_is_told_with_those_there_are(write):

@@ -93,27 +93,28 @@ static const char help[] =
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-static bool has_endless_traffic(const cfg *config)
+/* Traffic that does not end by itself, or NULL. */
+static const cfg_traffic *find_endless(const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
         for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
             if (cfg_traffic_is_endless(&config->nodes[i].traffic[t]))
-                return true;
-    return false;
+                return &config->nodes[i].traffic[t];
+    return NULL;
 }
 
 static bool set_until(sim *s, const time_option *o)
 {
-    bool endless = !s->journal.player && has_endless_traffic(s->config);
+    const cfg_traffic *endless = s->journal.player ? NULL : find_endless(s->config);
     if (o->text) {
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
     } else if (endless && !s->awaited.text) {
         fprintf(stderr,
-                "canwire sim: %s: traffic without `count` never ends: give `count`, --until TIME "
-                "or --until-event EVENT\n",
-                s->config->file);
+                "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
+                "--until-event EVENT\n",
+                s->config->file, endless->place.line, endless->place.column);
         return false;
     } else if (endless) {
         sim_until_warn(&s->awaited);
