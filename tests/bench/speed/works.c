@@ -9,6 +9,11 @@
      .options = &(const bench_encode_options){.extended = is_extended},                            \
      .start = bench_encode_start, .run = bench_encode_run, .end = bench_encode_end}
 
+#define LENGTH(work, is_extended)                                                                  \
+    {.name = "length-" work, .unit = "frame", .units = 2000,                                       \
+     .options = &(const bench_encode_options){.extended = is_extended},                            \
+     .start = bench_encode_start, .run = bench_length_run, .end = bench_encode_end}
+
 #define FRAMES(work, ...)                                                                          \
     {.name = work, .unit = "frame", .units = 2000,                                                 \
      .options = &(const bench_bus_options){__VA_ARGS__}, .start = bench_bus_start,                 \
@@ -23,6 +28,8 @@
 const bench_work bench_works[] = {
     ENCODE("base", false),
     ENCODE("extended", true),
+    LENGTH("base", false),
+    LENGTH("extended", true),
     FRAMES("clean-2", .nodes = 2, .senders = 2),
     FRAMES("clean-4", .nodes = 4, .senders = 4),
     FRAMES("clean-16", .nodes = 16, .senders = 16),

@@ -50,6 +50,7 @@ typedef struct bench_encode_options {
 
 void *bench_encode_start(const void *options);
 uint64_t bench_encode_run(void *state, uint64_t units);
+uint64_t bench_length_run(void *state, uint64_t units);
 void bench_encode_end(void *state);
 
 /* A bus at 100 % load with frames of 8 bytes. */
