@@ -243,8 +243,9 @@ LIB_FLAGS := -O3
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
 endif
 ifeq ($(IS_GCC),yes)
-LIB_FLAGS += -flto -ffat-lto-objects
-LINK_LTO := -flto=auto
+INLINING := --param max-inline-insns-auto=200 --param inline-unit-growth=300
+LIB_FLAGS += -flto -ffat-lto-objects $(INLINING)
+LINK_LTO := -flto=auto $(INLINING)
 LINK_PLAIN := -fno-use-linker-plugin # tests take the engine's other code: they link faster
 endif
 
