@@ -292,7 +292,7 @@ static inline bool count_match(const cw_bus *bus, cw_fault *f, uint64_t start, u
     if (is_gated(bus, f, start))
         return false;
     f->matches++;
-    if (f->hits > 0 && told - f->last_hit < f->rule.hold_off)
+    if (f->rule.hold_off > 0 && f->hits > 0 && told - f->last_hit < f->rule.hold_off)
         return false;
     if (f->to_pass == 0)
         return true;
@@ -324,9 +324,9 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
 bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start)
 {
     cw_fault *f = fault_at(bus, rule);
-    const cw_prng before = f->prng;
     if (!count_match(bus, f, start, start + bus->bit_ticks))
         return true;
+    const cw_prng before = f->prng;
     if (draw_match(bus, f)) {
         f->matches--;
         f->prng = before;
