@@ -26,16 +26,18 @@ typedef struct tally {
 
 struct expect {
     const cfg *config;
+    cw_bus_stats start;
     size_t count;
     tally tallies[];
 };
 
-expect *expect_start(const cfg *config)
+expect *expect_start(const cfg *config, const cw_bus_stats *start)
 {
     expect *x = calloc(1, sizeof *x + config->expect_count * sizeof x->tallies[0]);
     if (!x)
         return NULL;
     x->config = config;
+    x->start = *start;
     x->count = config->expect_count;
     return x;
 }
@@ -166,7 +168,8 @@ static void write_nodes(FILE *out, const cfg *config, const char *before, uint64
     }
 }
 
-static void write_limits(FILE *out, const cfg_expect *e)
+/* Returns the last number. */
+static uint64_t write_limits(FILE *out, const cfg_expect *e)
 {
     if (e->min == e->max)
         fprintf(out, "%" PRIu64, e->min);
@@ -176,6 +179,7 @@ static void write_limits(FILE *out, const cfg_expect *e)
         fprintf(out, "at most %" PRIu64, e->max);
     else
         fprintf(out, "%" PRIu64 " to %" PRIu64, e->min, e->max);
+    return e->max == UINT64_MAX ? e->min : e->max;
 }
 
 static void write_filters(FILE *out, const cw_rule *when)
@@ -277,14 +281,17 @@ static void write_load_limits(FILE *out, const cfg_expect *e)
 
 static void write_counted(FILE *out, const cfg_expect *e)
 {
-    static const char *const names[CFG_EXPECT_COUNT] = {
-        [CFG_EXPECT_ERRORS] = "errors",     [CFG_EXPECT_DROPS] = "frames dropped",
-        [CFG_EXPECT_RESTARTS] = "restarts", [CFG_EXPECT_OVERLOADS] = "overload flags",
-        [CFG_EXPECT_FAULTS] = "hits",       [CFG_EXPECT_ARBITRATION_LOST] = "lost arbitrations",
-        [CFG_EXPECT_DELIVERED] = "frames",
+    static const char *const names[CFG_EXPECT_COUNT][2] = {
+        [CFG_EXPECT_ERRORS] = {"error", "errors"},
+        [CFG_EXPECT_DROPS] = {"frame dropped", "frames dropped"},
+        [CFG_EXPECT_RESTARTS] = {"restart", "restarts"},
+        [CFG_EXPECT_OVERLOADS] = {"overload flag", "overload flags"},
+        [CFG_EXPECT_FAULTS] = {"hit", "hits"},
+        [CFG_EXPECT_ARBITRATION_LOST] = {"lost arbitration", "lost arbitrations"},
+        [CFG_EXPECT_DELIVERED] = {"frame", "frames"},
     };
-    write_limits(out, e);
-    fprintf(out, " %s", names[e->kind]);
+    uint64_t number = write_limits(out, e);
+    fprintf(out, " %s", names[e->kind][number != 1]);
 }
 
 static void write_subject(FILE *out, const cfg_expect *e)
@@ -396,41 +403,42 @@ static bool judge_delays(FILE *out, const cfg_expect *e, const tally *t)
     return met;
 }
 
-static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *bus)
+static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start,
+                       const cw_bus_stats *bus)
 {
-    const cw_bus_stats start = {0};
-    uint64_t permille = cw_load_permille(&start, bus);
+    uint64_t permille = cw_load_permille(start, bus);
     write_permille(out, permille);
     return permille >= e->min && permille <= e->max;
 }
 
-static bool judge(FILE *out, const cfg *config, const cfg_expect *e, const tally *t,
-                  const cw_bus_stats *bus)
+static bool judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
 {
+    const cfg_expect *e = &x->config->expects[i];
     if (e->when.time_begin > bus->ticks) {
         write_span(out, "nothing: the run ended at ", bus->ticks);
         return false;
     }
     if (e->kind == CFG_EXPECT_DELAY)
-        return judge_delays(out, e, t);
+        return judge_delays(out, e, &x->tallies[i]);
     if (e->kind == CFG_EXPECT_LOAD)
-        return judge_load(out, e, bus);
-    return judge_counts(out, config, e, t);
+        return judge_load(out, e, &x->start, bus);
+    return judge_counts(out, x->config, e, &x->tallies[i]);
 }
 
-static bool conclude(expect_report *report, const cfg *config, const cfg_expect *e, const tally *t,
-                     const cw_bus_stats *bus)
+static bool conclude(expect_report *report, const expect *x, size_t i, const cw_bus_stats *bus)
 {
+    const cfg_expect *e = &x->config->expects[i];
     expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};
+    uint64_t begin = e->when.time_begin > x->start.ticks ? e->when.time_begin : x->start.ticks;
     uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
     size_t size;
     FILE *wanted = open_memstream(&o.wanted, &size);
     FILE *got = open_memstream(&o.got, &size);
     if (wanted)
-        write_wanted(wanted, config, e);
+        write_wanted(wanted, x->config, e);
     if (got)
-        o.met = judge(got, config, e, t, bus);
-    o.ticks = end > e->when.time_begin ? end - e->when.time_begin : 0;
+        o.met = judge(got, x, i, bus);
+    o.ticks = end > begin ? end - begin : 0;
     bool good = !e->name || o.name;
     good = wanted && fclose(wanted) == 0 && good;
     good = got && fclose(got) == 0 && good;
@@ -442,7 +450,7 @@ bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus)
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     for (size_t i = 0; i < x->count; i++)
-        if (!conclude(report, x->config, &x->config->expects[i], &x->tallies[i], &stats))
+        if (!conclude(report, x, i, &stats))
             return false;
     return true;
 }

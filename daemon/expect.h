@@ -12,8 +12,9 @@
 
 typedef struct expect expect;
 
-/* Begins to judge by config->expects; the configuration must live longer. NULL: no memory. */
-expect *expect_start(const cfg *config);
+/* Begins to judge by config->expects; the configuration must live longer. `start` is what the bus
+ * has counted up to now. NULL: no memory. */
+expect *expect_start(const cfg *config, const cw_bus_stats *start);
 
 /* Every event, in order. */
 void expect_event(expect *x, const cw_event *event);

@@ -28,6 +28,7 @@ bool expect_report_add(expect_report *report, expect_outcome outcome)
         free_texts(&outcome);
         return false;
     }
+    outcome.configuration = report->configuration;
     report->outcomes = longer;
     report->outcomes[report->count++] = outcome;
     report->failed += !outcome.met;
@@ -111,10 +112,31 @@ static void write_time(FILE *out, uint64_t ticks)
     fprintf(out, " time=\"%" PRIu64 ".%03" PRIu64 "\"", ms / 1000u, ms % 1000u);
 }
 
-static void write_case(FILE *out, const expect_outcome *o, const char *bus)
+/* What makes a name different from those of other cases. */
+static void write_which(FILE *out, const expect_report *report, const expect_outcome *o)
 {
-    fputs("    <testcase", out);
-    write_attribute(out, "name", o->name);
+    size_t before = 0; /* in the same configuration */
+    bool elsewhere = false;
+    for (const expect_outcome *other = report->outcomes;
+         other < report->outcomes + report->count; other++) {
+        if (strcmp(other->name, o->name) != 0)
+            continue;
+        elsewhere = elsewhere || other->configuration != o->configuration;
+        before += other < o && other->configuration == o->configuration;
+    }
+    if (elsewhere)
+        fprintf(out, " (configuration %u)", o->configuration);
+    if (before > 0)
+        fprintf(out, " (%zu)", before + 1);
+}
+
+static void write_case(FILE *out, const expect_report *report, const expect_outcome *o,
+                       const char *bus)
+{
+    fputs("    <testcase name=\"", out);
+    write_escaped(out, o->name);
+    write_which(out, report, o);
+    fputc('"', out);
     write_attribute(out, "classname", bus);
     write_time(out, o->ticks);
     if (o->met) {
@@ -145,6 +167,6 @@ void expect_report_junit(FILE *out, const expect_report *report, const char *bus
     write_time(out, ticks);
     fputs(">\n", out);
     for (size_t i = 0; i < report->count; i++)
-        write_case(out, &report->outcomes[i], bus);
+        write_case(out, report, &report->outcomes[i], bus);
     fputs("  </testsuite>\n</testsuites>\n", out);
 }

@@ -147,7 +147,7 @@ def test_junit_has_a_case_for_each(write):
     good, bad = suite
     assert (good.get("name"), good.get("classname"), len(good)) == ("good", "powertrain", 0)
     assert bad.get("time") == "0.050"
-    assert bad[0].get("message") == "wanted 1 frames dropped before 50ms, got 0"
+    assert bad[0].get("message") == "wanted 1 frame dropped before 50ms, got 0"
     assert float(suite.get("time")) == float(root.get("time")) == float(good.get("time")) >= 0.099
 
 

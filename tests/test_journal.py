@@ -7,6 +7,7 @@ tests/unit/test_journal.c and, with canwired on real vcan, in tests/kernel/test_
 
 import json
 import os
+import re
 import subprocess
 
 import pytest
@@ -81,14 +82,33 @@ def test_each_configuration_is_judged(write, tmp_path):
     result = play(path, "--junit", tmp_path / "junit")
     assert report.endswith(result.stdout)
     assert result.stdout.splitlines() == [
-        "ok     before: wanted 1 frames from a, got 1",
-        "ok     after: wanted 1 frames from a, got 1",
+        "ok     before: wanted 1 frame from a, got 1",
+        "ok     after: wanted 1 frame from a, got 1",
         "2 expectations, 2 met, 0 failed",
     ]
     text = (tmp_path / "junit").read_text()
     assert 'tests="2"' in text and 'name="before"' in text and 'name="after"' in text
     worse = lines(second.replace("delivered: 1", "delivered: 2"), first)
     assert "FAILED after" in play(write(worse), status=3).stdout
+
+
+def test_cases_of_each_configuration_have_names_and_times_of_their_own(write, tmp_path):
+    text = FIRST + ("expect: [ { name: same, errors: 0 }, { drops: 0 }, { drops: 0 }, "
+                    "{ name: rest, restarts: 0, time: 15ms.. } ]\n")
+    entries = lines(text, text)
+    entries.insert(5, {"at": 2 * RELOAD_TICK + RELOAD_TICK // 2, "reload": config(FIRST)})
+    entries.insert(6, {"at": 3 * RELOAD_TICK, "reload": config(text)})
+    play(write(entries), "--junit", tmp_path / "junit", status=3)
+    cases = re.findall(r'<testcase name="([^"]*)" classname="night" time="([^"]*)"',
+                       (tmp_path / "junit").read_text())
+    drops = "0 frames dropped"
+    assert cases == [  # the third one expects nothing
+        ("same (configuration 1)", "0.010"), (f"{drops} (configuration 1)", "0.010"),
+        (f"{drops} (configuration 1) (2)", "0.010"), ("rest (configuration 1)", "0.000"),
+        ("same (configuration 2)", "0.015"), (f"{drops} (configuration 2)", "0.015"),
+        (f"{drops} (configuration 2) (2)", "0.015"), ("rest (configuration 2)", "0.010"),
+        ("same (configuration 4)", "0.010"), (f"{drops} (configuration 4)", "0.010"),
+        (f"{drops} (configuration 4) (2)", "0.010"), ("rest (configuration 4)", "0.010")]
 
 
 def test_until_ends_it_before(write):

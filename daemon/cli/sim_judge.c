@@ -19,9 +19,12 @@ static void judge_event(void *user, const cw_event *event)
 
 void sim_judge_enter(sim_judge *j, const sim_run *run)
 {
+    cw_bus_stats start;
+    j->report.configuration++;
     if (run->config->expect_count == 0)
         return;
-    j->judge = expect_start(run->config);
+    cw_bus_get_stats(run->bus, &start);
+    j->judge = expect_start(run->config, &start);
     j->no_memory = j->no_memory || !j->judge;
 }
 

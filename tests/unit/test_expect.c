@@ -130,7 +130,7 @@ static expect_report judge(const cfg *config, const cw_event *events, size_t cou
 {
     expect_report report = {.count = 0};
     cw_bus *bus = make_bus(config);
-    expect *x = expect_start(config);
+    expect *x = expect_start(config, &(cw_bus_stats){.ticks = 0});
     assert_non_null(x);
     for (size_t i = 0; i < count; i++)
         expect_event(x, &events[i]);
@@ -160,14 +160,14 @@ static const judgement judgements[] = {
     {"{ delivered: 3, to: b }", true, "3 frames to b", "3"},
     {"{ delivered: 3, to: [ b, c ], from: a }", true, "3 frames from a to b, c", "b: 3, c: 3"},
     {"{ delivered: 3, to: [ b, c ] }", false, "3 frames to b, c", "b: 3, c: 4"},
-    {"{ delivered: 1, to: c, from: b }", true, "1 frames from b to c", "1"},
+    {"{ delivered: 1, to: c, from: b }", true, "1 frame from b to c", "1"},
     {"{ delivered: 0, data: DEAE }", true, "0 frames with data DEAE", "0"},
     {"{ delivered: 4, data: DE.D }", true, "4 frames with data DE.D", "4"},
     {"{ delivered: 0, data: DEAD00 }", true, "0 frames with data DEAD00", "0"},
     {"{ delivered: 1, frame: \"100:700\", time: 10ms..20ms }", true,
-     "1 frames 100:700 from 10ms to 20ms", "1"},
+     "1 frame 100:700 from 10ms to 20ms", "1"},
     {"{ delivered: 0, before: 10ms }", true, "0 frames before 10ms", "0"},
-    {"{ delivered: 1, before: 10.0001ms }", true, "1 frames before 10.0001ms", "1"},
+    {"{ delivered: 1, before: 10.0001ms }", true, "1 frame before 10.0001ms", "1"},
     /* delays: 2, 1, 10 ms and 25 ms at the sender; at b 2, 7, 10 ms */
     {"{ delay: 25ms }", true, "delays of at most 25ms for frames", "at most 25ms (at 80ms), of 4"},
     {"{ delay: 24999us }", false, "delays of at most 24.999ms for frames",
@@ -207,22 +207,22 @@ static const judgement judgements[] = {
     /* counts */
     {"{ errors: 3 }", true, "3 errors", "3"},
     {"{ errors: 2, node: b }", true, "2 errors at b", "2"},
-    {"{ errors: 1, node: [ a, b ] }", false, "1 errors at a, b", "a: 1, b: 2"},
+    {"{ errors: 1, node: [ a, b ] }", false, "1 error at a, b", "a: 1, b: 2"},
     {"{ errors: 2, type: [ crc, stuff ] }", true, "2 errors (stuff, crc)", "2"},
     {"{ errors: 0, type: ack }", true, "0 errors (ack)", "0"},
-    {"{ drops: 1 }", true, "1 frames dropped", "1"},
+    {"{ drops: 1 }", true, "1 frame dropped", "1"},
     {"{ drops: 0, why: queue-full }", true, "0 frames dropped (queue-full)", "0"},
     {"{ drops: 1, why: [ queue-full, bus-off ], frame: 124, node: b }", true,
-     "1 frames dropped 124 (queue-full, bus-off) at b", "1"},
+     "1 frame dropped 124 (queue-full, bus-off) at b", "1"},
     {"{ drops: 0, frame: 123 }", true, "0 frames dropped 123", "0"},
     {"{ restarts: 0 }", false, "0 restarts", "1"},
     {"{ restarts: 0, node: a }", true, "0 restarts at a", "0"},
-    {"{ overloads: { max: 1 } }", true, "at most 1 overload flags", "1"},
-    {"{ arbitration-lost: 1, frame: 124 }", true, "1 lost arbitrations 124", "1"},
-    {"{ arbitration-lost: 1, frame: 123 }", false, "1 lost arbitrations 123", "0"},
+    {"{ overloads: { max: 1 } }", true, "at most 1 overload flag", "1"},
+    {"{ arbitration-lost: 1, frame: 124 }", true, "1 lost arbitration 124", "1"},
+    {"{ arbitration-lost: 1, frame: 123 }", false, "1 lost arbitration 123", "0"},
     {"{ faults: 2 }", true, "2 hits", "2"},
-    {"{ faults: 1, rule: two }", true, "1 hits of two", "1"},
-    {"{ faults: 1, rule: one, time: 50ms.. }", false, "1 hits of one from 50ms", "0"},
+    {"{ faults: 1, rule: two }", true, "1 hit of two", "1"},
+    {"{ faults: 1, rule: one, time: 50ms.. }", false, "1 hit of one from 50ms", "0"},
     {"{ load: { max: 50% } }", true, "a load of 0.0 % to 50.0 %", "0.0 %"},
     {"{ load: { min: 0.1% } }", false, "a load of 0.1 % to 100.0 %", "0.0 %"},
     /* a window that the run did not come to */
