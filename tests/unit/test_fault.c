@@ -812,6 +812,43 @@ static void matches_count_with_their_bits(void **state)
     }
 }
 
+/* A frame that comes in the first bit of another one ends the leap over it (M6), which goes on
+ * later: up to the bits of the rules that are bound by then. */
+static rig *run_joined_frames(unsigned every, bool stepping)
+{
+    rig *r = rig_new(3);
+    rig_flip(r, "crc", CW_FIELD_CRC, 3)->every = every;
+    rig_flip(r, "end", CW_FIELD_EOF, 2)->skip = 1000;
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    for (unsigned i = 0; i < 20; i++) {
+        const uint64_t start = (JOIN + 400 * i) * BIT;
+        const cw_frame frame = rig_frame(0x100 + i, 0, i % 9);
+        const cw_frame later = rig_frame(0x200, 0, 0);
+        rig_run(r, start);
+        rig_send(r, 0, &frame, start);
+        rig_run(r, start + BIT);
+        rig_send(r, 1, &later, start + BIT);
+        for (unsigned bits = 2; bits < 400; bits += 1 + i)
+            rig_run(r, start + bits * BIT);
+    }
+    return r;
+}
+
+static void a_leap_that_goes_on_stops_for_bound_rules(void **state)
+{
+    (void)state;
+    for (unsigned every = 1; every < 4; every++) {
+        rig *fast = run_joined_frames(every, false);
+        rig *reference = run_joined_frames(every, true);
+        rig_assert_same_events(fast, reference);
+        assert_same_matches(fast, reference);
+        assert_int_not_equal(hits(fast, 0), 0);
+        rig_free(fast);
+        rig_free(reference);
+    }
+}
+
 /* An error in the intermission, when the queue holds another frame in the same place already. */
 static void a_rule_knows_its_frame_to_the_end(void **state)
 {
@@ -2049,6 +2086,7 @@ int main(void)
         cmocka_unit_test(a_disconnected_node_stays_away),
         cmocka_unit_test(noise_and_a_position_in_one_bit),
         cmocka_unit_test(matches_count_with_their_bits),
+        cmocka_unit_test(a_leap_that_goes_on_stops_for_bound_rules),
         cmocka_unit_test(a_rule_knows_its_frame_to_the_end),
         cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
         cmocka_unit_test(a_state_changes_while_a_node_is_away),
