@@ -29,7 +29,13 @@ typedef struct trace_input {
     unsigned char buffer[TRACE_BUFFER + 1];
 } trace_input;
 
-/* The next line goes to in->text, TRACE_RECORD when there is one. */
+#define TRACE_BOM_BYTES 3u
+
+/* Whether a text begins with a byte order mark of UTF-8, as editors of Windows write it. */
+bool trace_has_bom(const unsigned char *bytes, size_t count);
+
+/* The next line goes to in->text, TRACE_RECORD when there is one; of the first one without a byte
+ * order mark. */
 trace_result trace_line(trace_input *in);
 
 /* The next bytes, at most TRACE_BUFFER, all or none. They stay where they are until the next call.

@@ -83,6 +83,11 @@ trace_result trace_skip(trace_input *in, uint64_t count)
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
+bool trace_has_bom(const unsigned char *bytes, size_t count)
+{
+    return count >= TRACE_BOM_BYTES && memcmp(bytes, "\xEF\xBB\xBF", TRACE_BOM_BYTES) == 0;
+}
+
 trace_result trace_line(trace_input *in)
 {
     fill(in, TRACE_LINE_MAX + 1);
@@ -91,7 +96,10 @@ trace_result trace_line(trace_input *in)
         return TRACE_BAD;
     if (there == 0)
         return TRACE_END;
-    in->line++;
+    if (in->line++ == 0 && trace_has_bom(in->buffer + in->first, there)) {
+        take(in, TRACE_BOM_BYTES);
+        there -= TRACE_BOM_BYTES;
+    }
     in->text = (char *)in->buffer + in->first;
     const char *newline = memchr(in->text, '\n', there);
     size_t length = newline ? (size_t)(newline - in->text) : there;

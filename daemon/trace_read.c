@@ -162,6 +162,10 @@ static trace_format detect(trace_input *in)
         return TRACE_DETECT;
     if (is_capture(bytes, count))
         return TRACE_PCAPNG;
+    if (trace_has_bom(bytes, count)) {
+        bytes += TRACE_BOM_BYTES;
+        count -= TRACE_BOM_BYTES;
+    }
     if (count > 0)
         memcpy(text, bytes, count);
     text[count] = '\0';

@@ -326,6 +326,8 @@ def test_recording_from_outside_follows_a_reload(bus, tmp_path):
     (["x.vcd"], 1, "use 'record' in the configuration, or canwire sim --vcd"),
     (["x.log", "--format", "vcd"], 1, "use 'record' in the configuration"),
     (["x.txt"], 2, "--format is needed"),
+    (["-"], 2, "-: a file is needed"),
+    (["-", "--format", "candump"], 2, "-: a file is needed"),
     (["x.log", "--format", "asc"], 1, "expected candump or pcapng"),
     (["x.log", "--size", "1kB"], 1, "expected a size from 64kB to 1000GB"),
     (["x.log", "--files", "0"], 1, "expected a number from 1 to 1000"),

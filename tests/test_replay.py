@@ -408,6 +408,25 @@ def test_check_says_what_would_be_replayed(write):
     assert "log.log: 1 frame to replay" in check.stdout and "1 error frame (line 6)" in check.stdout
 
 
+@pytest.mark.parametrize("entry", ["replay: r", "replay: r, count: 2, gap: 1ms",
+                                   "replay: r, format: candump"])
+def test_a_byte_order_mark_is_passed_over(entry, write, tmp_path):
+    log = "(1.0) a 123#\r\n(1.001) a 124#\r\n"
+    (tmp_path / "r").write_bytes(b"\xef\xbb\xbf" + log.encode())
+    path = write(bus(entry))
+    marked = sim(path, "--log", "-").stdout
+    (tmp_path / "r").write_text(log)
+    assert marked == sim(path, "--log", "-").stdout and "124#" in marked
+    (tmp_path / "r").write_bytes(b"\xef\xbb\xbf(1.0) a 123#Z\n")  # a column is that of editors
+    assert f"{tmp_path}/r:1:9: '123#Z'" in canwire("check", path, status=1).stderr
+
+
+def test_a_byte_order_mark_before_asc_is_passed_over(write, tmp_path):
+    text = (TRACES / "drive.asc").read_bytes()
+    (tmp_path / "r").write_bytes(b"\xef\xbb\xbf" + text)
+    assert canwire("check", write(bus("replay: r"))).stdout.count("frames to replay") == 1
+
+
 def test_silence_in_a_recording_ends_a_run_without_until(write, tmp_path):
     (tmp_path / "long.log").write_text("(1.0) a 123#\n(9.0) a 124#\n(19.5) a 125#\n")
     path = write(bus("replay: long.log"))

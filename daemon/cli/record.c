@@ -75,6 +75,11 @@ static bool take_files(void *user, const char *text)
 /* Returns -1 to go on, else the exit status. */
 static int settle_format(recording *r)
 {
+    if (strcmp(r->what.file, "-") == 0) {
+        fprintf(stderr, "canwire record: -: a file is needed, which can be rotated; canwire watch "
+                        "writes events to standard output\n");
+        return CLI_USAGE;
+    }
     if (!r->has_format && !cfg_record_format_of_file(&r->what.format, r->what.file)) {
         fprintf(stderr,
                 "canwire record: %s: the name ends in none of .log, .candump and .pcapng: --format "
