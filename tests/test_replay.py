@@ -5,6 +5,7 @@ candump's files in tests/traces were made by candump; ASC is written by python-c
 text2pcap and editcap while the tests run. Needs no CAN in the kernel.
 """
 
+import fcntl
 import itertools
 import json
 import os
@@ -12,7 +13,10 @@ import pty
 import re
 import select
 import shutil
+import signal
+import struct
 import subprocess
+import termios
 import threading
 
 import can
@@ -561,10 +565,10 @@ def test_a_run_that_may_never_end_says_so(offset, until, told, write):
 # ---- Progress ------------------------------------------------------------------------------------
 
 
-def read_terminal(master, process):
-    """All that comes until the process has ended."""
+def read_terminal(master, process, until=None):
+    """All that comes until the process has ended, or up to some word."""
     got = b""
-    while True:
+    while not until or until not in got:
         ready, _, _ = select.select([master], [], [], TIMEOUT_S)
         assert ready, got
         try:
@@ -574,28 +578,32 @@ def read_terminal(master, process):
         if not piece:
             break
         got += piece
-    process.wait(TIMEOUT_S)
+    if not until:
+        process.wait(TIMEOUT_S)
     return got.decode()
 
 
 class SlowReader(threading.Thread):
     """Lets a run with many events wait until wall time has gone by, then takes all."""
 
-    def __init__(self, fifo):
+    def __init__(self, fifo, first):
         super().__init__()
-        self.fifo = fifo
-        self.proceed = threading.Event()
+        self.fifo, self.first = fifo, first
+        self.proceed, self.go_on = threading.Event(), threading.Event()
 
     def run(self):
         with open(self.fifo, "rb") as events_out:
             self.proceed.wait(TIMEOUT_S)
+            if self.first:  # bytes, after which it waits again
+                events_out.read(self.first)
+                self.go_on.wait(TIMEOUT_S)
             while events_out.read(1 << 20):
                 pass
 
 
-def slow_run(path, tmp_path, stderr):
+def slow_run(path, tmp_path, stderr, first=0):
     os.mkfifo(tmp_path / "events")
-    reader = SlowReader(tmp_path / "events")
+    reader = SlowReader(tmp_path / "events", first)
     reader.start()
     process = subprocess.Popen(
         [CANWIRE, "sim", path, "--until", "3s", "--events", tmp_path / "events"],
@@ -617,11 +625,39 @@ def test_long_runs_show_progress_on_a_terminal(write, tmp_path):
     lines = output.split("\r")
     shown = [line for line in lines if "bus time" in line]
     assert shown, output
-    assert re.fullmatch(r"\d+\.\d s of 3\.0 s bus time, \d+ frames, [0-9.e+-]+ x real time, "
+    assert re.fullmatch(r"\d+\.\d s of 3\.0 s bus time, \d+ frames, \d+(\.\d+)? x real time, "
                         r"\d+:\d\d left *", shown[0]), shown[0]
     assert len(shown) < 10  # by wall time, not by frame
     # at last it is wiped: blanks over the whole of the last line, and back to its beginning
     assert lines[-1] == "" and lines[-2].strip() == "" and len(lines[-2]) >= len(lines[-3].rstrip())
+
+
+@pytest.mark.parametrize("columns, told", [
+    (200, r"of 3\.0 s bus time, \d+ frames, \d.* x real time, \d+:\d\d left"),
+    (60, r"of 3\.0 s bus time, \d.* x real time, \d+:\d\d left"),
+    (40, r"of 3\.0 s bus time, \d+:\d\d left"), (20, r"of 3\.0 s bus$")])
+def test_progress_stays_on_one_line(columns, told, write, tmp_path):
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("4H", 24, columns, 0, 0))
+    process, reader = slow_run(write(BUSY), tmp_path, slave)
+    os.close(slave)
+    shown = [line for line in read_terminal(master, process).split("\r") if "bus" in line]
+    reader.join(TIMEOUT_S)
+    assert shown and re.search(told, shown[0].rstrip()), shown
+    assert max(map(len, shown)) < columns
+
+
+def test_an_interrupt_ends_the_line(write, tmp_path):
+    master, slave = pty.openpty()
+    process, reader = slow_run(write(BUSY), tmp_path, slave, 2_000_000)
+    os.close(slave)
+    before = read_terminal(master, process, b"bus time")
+    process.send_signal(signal.SIGINT)
+    output = before + read_terminal(master, process)
+    reader.go_on.set()
+    reader.join(TIMEOUT_S)
+    assert process.returncode == -signal.SIGINT
+    assert output.endswith("left\r\n") and output.count("\n") == 1, output
 
 
 def test_long_runs_show_nothing_in_a_pipe(write, tmp_path):

@@ -6,6 +6,9 @@
 
 #include <inttypes.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -13,6 +16,8 @@
 #define FIRST_NS INT64_C(1000000000)
 #define PERIOD_NS INT64_C(250000000)
 #define LINE_MAX_BYTES 192
+#define COLUMNS_DEFAULT 80 /* of a terminal that does not tell */
+#define CLOCK_MAX 32
 #define AWAITED_MAX 32 /* letters of the event that the run waits for */
 
 static int64_t wall_ns(void)
@@ -40,13 +45,102 @@ bool sim_progress_is_due(sim_progress *p, uint64_t now)
 }
 
 /* "1:02:03" or "2:03" */
-static int print_clock(char *out, size_t size, double seconds)
+static void print_clock(char *out, size_t size, double seconds)
 {
     uint64_t s = (uint64_t)seconds;
     if (s >= 3600)
-        return snprintf(out, size, "%" PRIu64 ":%02u:%02u", s / 3600, (unsigned)(s / 60 % 60),
-                        (unsigned)(s % 60));
-    return snprintf(out, size, "%u:%02u", (unsigned)(s / 60), (unsigned)(s % 60));
+        snprintf(out, size, "%" PRIu64 ":%02u:%02u", s / 3600, (unsigned)(s / 60 % 60),
+                 (unsigned)(s % 60));
+    else
+        snprintf(out, size, "%u:%02u", (unsigned)(s / 60), (unsigned)(s % 60));
+}
+
+/* Three digits that say something, without an exponent. */
+static void print_factor(FILE *out, double factor)
+{
+    double unit = 1;
+    while (factor / unit >= 999.5)
+        unit *= 10;
+    if (unit > 1)
+        fprintf(out, "%.0f", (double)(uint64_t)(factor / unit + 0.5) * unit);
+    else if (factor < 0.001)
+        fputs("0.001", out);
+    else
+        fprintf(out, "%.3g", factor);
+}
+
+/* What a line may tell, least important first: on a narrow terminal they are left out in turn. */
+typedef enum detail { DETAIL_AWAITED = 0, DETAIL_FRAMES, DETAIL_SPEED, DETAIL_COUNT } detail;
+
+/* What there is to tell. */
+typedef struct news {
+    const cw_bus_stats *stats;
+    uint64_t end;  /* CW_NEVER: unknown */
+    double wall_s; /* since the start */
+    const char *awaited;
+} news;
+
+/* Details from `first` on; cut to what there is room for. Returns how long it would be. */
+static size_t print_line(char *line, size_t size, const news *n, detail first)
+{
+    double done = (double)n->stats->ticks / CW_CLOCK_HZ;
+    bool known = n->end != CW_NEVER && n->end > n->stats->ticks && n->stats->ticks > 0;
+    char clock[CLOCK_MAX];
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+    if (!out)
+        return 0;
+    fprintf(out, "%.1f s", done);
+    if (known)
+        fprintf(out, " of %.1f s", (double)n->end / CW_CLOCK_HZ);
+    fputs(" bus time", out);
+    if (first <= DETAIL_FRAMES)
+        fprintf(out, ", %" PRIu64 " frames", n->stats->frames);
+    if (first <= DETAIL_SPEED) {
+        fputs(", ", out);
+        print_factor(out, done / n->wall_s);
+        fputs(" x real time", out);
+    }
+    if (known) {
+        print_clock(clock, sizeof clock,
+                    n->wall_s * (double)(n->end - n->stats->ticks) / (double)n->stats->ticks);
+        fprintf(out, ", %s left", clock);
+    }
+    if (n->awaited && first <= DETAIL_AWAITED)
+        fprintf(out, ", waits for %.*s", AWAITED_MAX, n->awaited);
+    (void)fclose(out);
+    snprintf(line, size, "%s", text ? text : "");
+    free(text);
+    return length;
+}
+
+/* Characters of a line that do not make it wrap. */
+static size_t terminal_room(void)
+{
+    struct winsize window;
+    size_t columns = COLUMNS_DEFAULT;
+    if (ioctl(STDERR_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col > 0)
+        columns = window.ws_col;
+    return columns < LINE_MAX_BYTES ? columns - 1 : LINE_MAX_BYTES - 1;
+}
+
+/* The line stays where it is; what comes then begins below it. SA_RESETHAND. */
+static void end_line(int signal)
+{
+    ssize_t written = write(STDERR_FILENO, "\n", 1);
+    (void)written;
+    (void)raise(signal);
+}
+
+static void watch_interrupt(sim_progress *p)
+{
+    struct sigaction ending = {.sa_flags = (int)SA_RESETHAND};
+    ending.sa_handler = end_line;
+    (void)sigemptyset(&ending.sa_mask);
+    (void)sigaction(SIGINT, NULL, &p->before);
+    if (p->before.sa_handler == SIG_DFL)
+        (void)sigaction(SIGINT, &ending, NULL);
 }
 
 void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
@@ -54,28 +148,22 @@ void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
     char line[LINE_MAX_BYTES];
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
-    int64_t now_ns = wall_ns();
-    double wall = (double)(now_ns - p->start_ns) / 1e9;
-    double done = (double)stats.ticks / CW_CLOCK_HZ;
-    bool known = end != CW_NEVER && end > stats.ticks && stats.ticks > 0;
-    int used = snprintf(line, sizeof line, "%.1f s", done);
-    if (known)
-        used += snprintf(line + used, sizeof line - (size_t)used, " of %.1f s",
-                         (double)end / CW_CLOCK_HZ);
-    used += snprintf(line + used, sizeof line - (size_t)used,
-                     " bus time, %" PRIu64 " frames, %.3g x real time", stats.frames, done / wall);
-    if (known) {
-        used += snprintf(line + used, sizeof line - (size_t)used, ", ");
-        used += print_clock(line + used, sizeof line - (size_t)used,
-                            wall * (double)(end - stats.ticks) / (double)stats.ticks);
-        used += snprintf(line + used, sizeof line - (size_t)used, " left");
-    }
-    if (p->awaited)
-        used += snprintf(line + used, sizeof line - (size_t)used, ", waits for %.*s", AWAITED_MAX,
-                         p->awaited);
-    unsigned before = p->width;
-    p->width = (unsigned)used;
+    const int64_t now_ns = wall_ns();
+    const news n = {.stats = &stats,
+                    .end = end,
+                    .wall_s = (double)(now_ns - p->start_ns) / 1e9,
+                    .awaited = p->awaited};
+    const size_t room = terminal_room();
+    for (unsigned first = 0; first <= DETAIL_COUNT; first++)
+        if (print_line(line, room + 1, &n, (detail)first) <= room)
+            break;
+    const unsigned before = p->width;
     p->next_ns = now_ns + PERIOD_NS;
+    if (line[0] == '\0')
+        return;
+    if (before == 0)
+        watch_interrupt(p);
+    p->width = (unsigned)strlen(line);
     fprintf(stderr, "\r%s%*s", line, before > p->width ? (int)(before - p->width) : 0, "");
     (void)fflush(stderr);
 }
@@ -87,4 +175,5 @@ void sim_progress_wipe(sim_progress *p)
     fprintf(stderr, "\r%*s\r", (int)p->width, "");
     (void)fflush(stderr);
     p->width = 0;
+    (void)sigaction(SIGINT, &p->before, NULL);
 }

@@ -3,12 +3,15 @@
  * sim_progress.h - one line on a terminal that tells how far a long run has come.
  *
  * Some times a second of wall time, from the second second on; wiped at the end and before other
- * messages. What goes elsewhere than to a terminal gets nothing of it.
+ * messages. On a narrow terminal it tells less. What goes elsewhere than to a terminal gets nothing
+ * of it.
  */
 #ifndef CANWIRE_SIM_PROGRESS_H
 #define CANWIRE_SIM_PROGRESS_H
 
 #include "canwire.h"
+
+#include <signal.h>
 
 typedef struct sim_progress {
     bool on;
@@ -16,6 +19,7 @@ typedef struct sim_progress {
     int64_t next_ns;
     uint64_t looked; /* tick at which the clock was last looked at */
     unsigned width;  /* characters that are on the terminal now */
+    struct sigaction before; /* they came; what SIGINT did */
     const char *awaited; /* NULL: nothing; not owned */
 } sim_progress;
 
