@@ -582,15 +582,17 @@ bool cw_bus_idle(const cw_bus *bus)
 #define LOOK_AGAIN_BITS 6u
 #define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
 
-/* Whether a node reads on in a frame whose transmitters have left it, with a passive flag. */
+/* Whether a node may read on in a frame whose transmitters have left it, with a passive flag. Who
+ * sends on another wire, or in loopback, does not send that frame. */
 static bool is_orphaned(const cw_bus *bus)
 {
     bool read = bus->followers && bus->common.phase == CW_MAC_FRAME;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
-        if (cw_mac_is_sending(m))
+        bool sends = cw_mac_is_sending(m);
+        if (sends && bus->group_count == 1 && !(m->modes & CW_MODE_LOOPBACK))
             return false;
-        read = read || m->phase == CW_MAC_FRAME;
+        read = read || (m->phase == CW_MAC_FRAME && !sends);
     }
     return read;
 }

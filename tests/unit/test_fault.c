@@ -1835,14 +1835,17 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
 }
 
 /* A passive flag of the transmitter around the end of the CRC: when what is left of that is
- * recessive, the receivers take the frame all the same, and nobody is left who sends it. */
-static void a_frame_that_its_transmitter_leaves_is_foreseen(void **state)
+ * recessive, the receivers take the frame all the same, and nobody is left who sends it. On another
+ * wire others may send. */
+static unsigned run_frames_that_are_left(bool partitioned)
 {
-    (void)state;
     unsigned taken = 0;
     for (unsigned k = 0; k < 64 * 32; k++) {
         const cw_frame frame = rig_frame(0x6C0 + k / 32, 0, 0);
-        rig *r = rig_new(3);
+        const cw_frame other = rig_frame(0x123, 0, 8);
+        rig *r = rig_new(5);
+        cw_rule *split = rig_rule(r, new_rule("split", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+        split->group[3] = split->group[4] = partitioned;
         cw_rule *passive = rig_rule(r, new_rule("passive", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
         passive->nodes = NODE(0);
         passive->tec = 200;
@@ -1851,11 +1854,20 @@ static void a_frame_that_its_transmitter_leaves_is_foreseen(void **state)
         flag->time_begin = (11 + 20 + k % 32) * BIT;
         rig_start(r);
         rig_send(r, 0, &frame, 0);
+        for (unsigned i = 0; partitioned && i < 3; i++)
+            rig_send(r, 3, &other, 0);
         rig_run_by_next(r, 300 * BIT);
         taken += rig_count(r, CW_EVENT_RX, 1) > 1;
         rig_free(r);
     }
-    assert_in_range(taken, 64, 64 * 16);
+    return taken;
+}
+
+static void a_frame_that_its_transmitter_leaves_is_foreseen(void **state)
+{
+    (void)state;
+    assert_in_range(run_frames_that_are_left(false), 64, 64 * 16);
+    assert_in_range(run_frames_that_are_left(true), 64, 64 * 16);
 }
 
 /* A smaller queue keeps what goes first, not what has lost an arbitration before. */
