@@ -19,7 +19,7 @@ static bool can_be_read_again(const char *file)
     return stat(file, &status) == 0 && S_ISREG(status.st_mode);
 }
 
-/* Runs ahead of its events: once the awaited one has been seen it does not matter where the bus is. */
+/* Runs ahead of its events: once the awaited one has been seen the bus may be anywhere. */
 static bool prepare(sim_run *ahead, sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     if (!sim_until_start(found, awaited->text, ahead))

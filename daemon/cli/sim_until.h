@@ -21,8 +21,8 @@ typedef struct sim_until {
     bool warns;        /* see sim_until_warn() */
 } sim_until;
 
-/* Reads what is waited for and adds the sink that stops the run, which is careful from the start on.
- * NULL as text: nothing is done. False after a message to standard error. */
+/* Reads what is waited for and adds the sink that stops the run, which is careful from the start
+ * on. NULL as text: nothing is done. False after a message to standard error. */
 bool sim_until_start(sim_until *u, const char *text, sim_run *run);
 
 /* The run has no other end: when the event has not come after 10 s of bus time, that is said, once,

@@ -525,7 +525,8 @@ static void draw_node_name(const pen *p, unsigned node)
     unsigned tec = last ? last->tec : p->svg->before[node].tec;
     unsigned rec = last ? last->rec : p->svg->before[node].rec;
     char text[SVG_LABEL_MAX];
-    put_text(p, SVG_MARGIN, p->y + 13, SVG_NAME_FONT " font-size=\"11\" font-weight=\"bold\"", name);
+    put_text(p, SVG_MARGIN, p->y + 13, SVG_NAME_FONT " font-size=\"11\" font-weight=\"bold\"",
+             name);
     snprintf(text, sizeof text, "TEC %u, REC %u", tec, rec);
     put_text(p, SVG_MARGIN, p->y + 25, " font-size=\"9\" fill=\"" FAINT "\"", text);
     if (state != CW_STATE_ERROR_ACTIVE)

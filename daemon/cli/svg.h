@@ -27,8 +27,8 @@ bool svg_bit(svg *self, const cw_bit_view *bit);
 /* Bits taken so far. */
 size_t svg_count(const svg *self);
 
-/* Draws what was kept, at least one bit. It was to go up to the tick `to`, CW_NEVER: to the end; the
- * caption tells when it does not. False when there is no memory; else the caller looks at
+/* Draws what was kept, at least one bit. It was to go up to the tick `to`, CW_NEVER: to the end;
+ * the caption tells when it does not. False when there is no memory; else the caller looks at
  * ferror(out). */
 bool svg_write(FILE *out, const svg *self, uint64_t to);
 

@@ -209,8 +209,9 @@ static void place_lane(svg_layout *self, svg_row *row, unsigned lane, shelf *on)
 static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
 {
     self->notes = calloc(notes->count + 1, sizeof *self->notes);
-    shelf on = {.notes = calloc(notes->count + 1, sizeof(placed_note *)),
-                .left = calloc(notes->count + 1, sizeof(int))};
+    shelf on = {.count = 0};
+    on.notes = calloc(notes->count + 1, sizeof *on.notes);
+    on.left = calloc(notes->count + 1, sizeof *on.left);
     bool good = self->notes && on.notes && on.left;
     for (size_t i = 0; good && i < notes->count; i++)
         if (note_bit(&notes->list[i]) < count)
