@@ -75,5 +75,7 @@ void cw_fault_command(cw_bus *bus, unsigned rule)
     for (unsigned i = 0; i < bus->node_count; i++)
         if (r->nodes & cw_node_bit(i))
             command(bus, i, r);
+    if (r->nodes & bus->faults.off)
+        bus->faults.rewired = true; /* out of bus-off is not back on the bus */
     bus->news = true;
 }

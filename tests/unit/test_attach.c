@@ -219,6 +219,32 @@ static void rules_on_a_node_that_is_off(void **state)
     rig_free(r);
 }
 
+/* Into bus-off and out of it at once: nobody sees the state change, and the node stays off. */
+static void counters_do_not_put_a_node_on_the_bus(void **state)
+{
+    (void)state;
+    static const cw_action actions[] = {CW_ACTION_BUS_OFF, CW_ACTION_COUNTERS};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        for (unsigned i = 0; i < 2; i++) {
+            cw_rule *rule = &r->rules[r->config.rule_count++];
+            *rule = (cw_rule){.name = i ? "counters" : "bus-off", .trigger = CW_TRIGGER_TIME,
+                              .time_begin = 100 * BIT, .time_end = CW_NEVER,
+                              .probability = UINT64_MAX, .action = actions[i], .nodes = NODE(1)};
+        }
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping);
+        assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
+        rig_send(r, 0, &frame, 200 * BIT);
+        rig_run_bits(r, 1000);
+        assert_told(r, 1, "link down;");
+        assert_int_equal(rig_stats(r, 0).tx_frames, 0);
+        assert_true(rig_stats(r, 0).errors[CW_ERROR_ACK] > 0);
+        rig_free(r);
+    }
+}
+
 static void a_bus_that_takes_over_leaves_it_off(void **state)
 {
     (void)state;
@@ -258,6 +284,7 @@ int main(void)
         cmocka_unit_test(what_is_so_already_changes_nothing),
         cmocka_unit_test(a_node_is_back_when_nothing_keeps_it_off),
         cmocka_unit_test(rules_on_a_node_that_is_off),
+        cmocka_unit_test(counters_do_not_put_a_node_on_the_bus),
         cmocka_unit_test(a_bus_that_takes_over_leaves_it_off),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
