@@ -709,6 +709,28 @@ static void a_disconnected_node_stays_away(void **state)
     rig_free(r);
 }
 
+/* Neither do they when the node has been bus-off for no time, of which no state is told. */
+static void counters_do_not_reconnect(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT))->nodes = NODE(1);
+    cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
+    off->nodes = NODE(1);
+    off->time_begin = 50 * BIT;
+    cw_rule *counters = rig_rule(r, new_rule("counters", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
+    counters->nodes = NODE(1);
+    counters->time_begin = 50 * BIT;
+    counters->tec = 0;
+    rig_start(r);
+    rig_send(r, 0, &frame, 100 * BIT);
+    rig_run_bits(r, 500);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 0);
+    assert_int_not_equal(rig_count(r, CW_EVENT_ERROR, 0), 0);
+    rig_free(r);
+}
+
 /* A match that is passed over counts once, also when noise flips the very bit. */
 static void noise_and_a_position_in_one_bit(void **state)
 {
@@ -2096,6 +2118,7 @@ int main(void)
         cmocka_unit_test(commands_at_the_end_of_a_frame),
         cmocka_unit_test(recovery_does_not_reconnect),
         cmocka_unit_test(a_disconnected_node_stays_away),
+        cmocka_unit_test(counters_do_not_reconnect),
         cmocka_unit_test(noise_and_a_position_in_one_bit),
         cmocka_unit_test(matches_count_with_their_bits),
         cmocka_unit_test(a_leap_that_goes_on_stops_for_bound_rules),
