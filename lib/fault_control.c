@@ -16,14 +16,11 @@ static void force_error(cw_bus *bus, unsigned i)
     cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, bus->now);
 }
 
-/* A node that is kept off the bus does not come back with its counters. */
-static void set_counters(const cw_bus *bus, unsigned i, cw_mac *mac, const cw_rule *rule)
+static void set_counters(cw_mac *mac, const cw_rule *rule)
 {
     unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
     unsigned rec = rule->rec == CW_KEEP ? cw_mac_rec(mac) : rule->rec;
     (void)cw_mac_set_counters(mac, tec, rec);
-    if (bus->faults.off & cw_node_bit(i))
-        cw_mac_disconnect(mac);
 }
 
 static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
@@ -41,7 +38,7 @@ static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
             cw_schedule_restart(bus, i, bus->now);
         break;
     case CW_ACTION_COUNTERS:
-        set_counters(bus, i, mac, rule);
+        set_counters(mac, rule);
         break;
     case CW_ACTION_OVERLOAD:
         (void)cw_mac_request_overload(mac, rule->number);
