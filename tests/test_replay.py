@@ -607,7 +607,9 @@ def slow_run(path, tmp_path, stderr, first=0):
     reader.start()
     process = subprocess.Popen(
         [CANWIRE, "sim", path, "--until", "3s", "--events", tmp_path / "events"],
-        stdout=subprocess.PIPE, stderr=stderr)
+        stdout=subprocess.PIPE, stderr=stderr,
+        # where tests run in the background SIGINT is ignored, and a child would inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     threading.Timer(1.5, reader.proceed.set).start()  # nothing is told in the first second
     return process, reader
 
