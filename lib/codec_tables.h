@@ -10,8 +10,8 @@
 #define CW_CRC_TABLE_BYTES 15 /* of the longest frame, SOF to CRC: 39 bits, 8 bytes, 15 bits */
 #define CW_STUFF_STATES 8
 
-/* [n][b]: what the byte b brings to the CRC of a frame with n bytes behind it, its last bit being
- * that of the CRC (F6), whose own bits are 0. The CRC is the exclusive or of what all bytes bring. */
+/* [n][b]: what the byte b brings to the CRC when n bytes are behind it, the CRC's own bits, which
+ * end the last byte, being 0 (F6). The CRC is the exclusive or of what all bytes bring. */
 extern const uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256];
 
 /* Stuffing (F7). What a byte becomes depends on the level of the bit before it and on how many

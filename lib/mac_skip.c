@@ -1,0 +1,289 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * mac_skip.c - several bits of one level at once, and how far a controller is from something new.
+ *
+ * Flags, delimiters, intermission, idle time and rows of equal bits in a frame take many bits in
+ * which a controller only counts. What it does is what mac.c would do in as many single bits.
+ */
+#include "mac_private.h"
+
+#include "codec.h"
+
+#include <assert.h>
+
+/* ---- Bits in which nothing changes but counts ------------------------------------------------ */
+
+/* What the controller sees when the wire has a level, with what it drives now. */
+static bool sees(const cw_mac *m, bool level)
+{
+    cw_mac now = {.modes = m->modes, .driven = !cw_mac_in_dominant_flag(m)};
+    return cw_mac_visible(&now, level);
+}
+
+/* Equal bits that a passive flag has seen, if bits of this level go on with them (E7). */
+static unsigned flag_bits(const cw_mac *m, bool level)
+{
+    return m->count && m->last == level ? m->count : 0;
+}
+
+/* E8: a controller that waits for the delimiter takes its first bit next. */
+static unsigned delimiter_bits(const cw_mac *m)
+{
+    bool waits = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_OVERLOAD_WAIT;
+    return waits ? 0 : m->count;
+}
+
+/* Of a receiver: up to the last bit but one of the present step, or a stuff bit. */
+static uint64_t steady_frame_bits(const cw_mac *m, bool level)
+{
+    bool stuffed = cw_steps[m->step].flags & CW_STEP_STUFFED;
+    if (cw_mac_is_transmitter(m) || m->may_join || !stuffed || cw_mac_stuff_bit_due(m))
+        return 0;
+    unsigned left = cw_mac_step_length(m) - m->index - 1u;
+    unsigned run = CW_STUFF_RUN - (level == m->last ? m->run : 0u);
+    return left < run ? left : run;
+}
+
+/* R2, R6: up to a dominant bit that moves a counter. */
+static uint64_t tolerated_bits(const cw_mac *m)
+{
+    bool first = m->count == 0 && m->phase == CW_MAC_ERROR_WAIT && !cw_mac_is_transmitter(m);
+    return first ? 0 : 7u - m->count % 8u;
+}
+
+static uint64_t steady_dominant_bits(const cw_mac *m)
+{
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_INTEGRATING:
+    case CW_MAC_RECOVERING:
+        return CW_QUIET_FOREVER;
+    case CW_MAC_FRAME:
+        return steady_frame_bits(m, CW_DOMINANT);
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        return CW_FLAG_BITS - (uint64_t)m->count;
+    case CW_MAC_ERROR_PASSIVE:
+        return m->ack_deferred ? 0 : CW_FLAG_BITS - (uint64_t)flag_bits(m, CW_DOMINANT);
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_OVERLOAD_WAIT:
+        return tolerated_bits(m);
+    case CW_MAC_IDLE:
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER:
+    case CW_MAC_INTERMISSION:
+    case CW_MAC_SUSPEND:
+    case CW_MAC_PHASE_COUNT:
+        return 0;
+    }
+    return 0;
+}
+
+/* The last bit of the delimiter may lead to an overload frame (O1 a), or to the intermission. */
+static uint64_t steady_delimiter_bits(const cw_mac *m)
+{
+    unsigned left = CW_DELIMITER_BITS - delimiter_bits(m);
+    return m->overloads_wanted > 0 ? left - 1 : left + CW_INTERMISSION_BITS;
+}
+
+static uint64_t steady_recessive_bits(const cw_mac *m)
+{
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+        return CW_QUIET_FOREVER;
+    case CW_MAC_IDLE:
+        return m->offered ? 0 : CW_QUIET_FOREVER;
+    case CW_MAC_INTEGRATING:
+        return CW_INTEGRATION_BITS - m->count;
+    case CW_MAC_SUSPEND:
+        return CW_SUSPEND_BITS - (uint64_t)m->count;
+    case CW_MAC_RECOVERING: /* all but the last bit of the last group */
+        return CW_INTEGRATION_BITS * (CW_RECOVERY_GROUPS - (uint64_t)m->groups) - m->count - 1;
+    case CW_MAC_FRAME:
+        return steady_frame_bits(m, CW_RECESSIVE);
+    case CW_MAC_ERROR_PASSIVE:
+        return CW_FLAG_BITS - (uint64_t)flag_bits(m, CW_RECESSIVE);
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_WAIT:
+    case CW_MAC_OVERLOAD_DELIMITER:
+        return steady_delimiter_bits(m);
+    case CW_MAC_INTERMISSION:
+        return CW_INTERMISSION_BITS - (uint64_t)m->count;
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+    case CW_MAC_PHASE_COUNT:
+        return 0;
+    }
+    return 0;
+}
+
+uint64_t cw_mac_steady_bits(const cw_mac *m, bool level)
+{
+    if (m->told_state != m->confinement.state)
+        return 0;
+    return sees(m, level) ? steady_recessive_bits(m) : steady_dominant_bits(m);
+}
+
+/* ---- Taking them ----------------------------------------------------------------------------- */
+
+static void skip_frame_bits(cw_mac *m, unsigned bits, bool level)
+{
+    for (; bits > 0; bits--, m->index++)
+        cw_mac_take_bit(m, level);
+}
+
+static void skip_flag(cw_mac *m, unsigned count, bool level)
+{
+    m->count = (uint8_t)count;
+    m->last = level;
+    if (m->count == CW_FLAG_BITS)
+        cw_mac_end_flag(m);
+}
+
+/* Counts up to the end of a phase that is followed by idle. */
+static void skip_to_idle(cw_mac *m, uint64_t bits, unsigned end)
+{
+    m->count = (uint8_t)(m->count + bits);
+    if (m->count < end)
+        return;
+    if (m->phase == CW_MAC_INTERMISSION)
+        cw_mac_end_intermission(m);
+    else
+        cw_mac_become_idle(m);
+}
+
+static void skip_delimiter(cw_mac *m, unsigned bits)
+{
+    bool error = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_ERROR_DELIMITER;
+    unsigned count = delimiter_bits(m) + bits;
+    if (count < CW_DELIMITER_BITS) {
+        cw_mac_enter(m, error ? CW_MAC_ERROR_DELIMITER : CW_MAC_OVERLOAD_DELIMITER);
+        m->count = (uint8_t)count;
+        return;
+    }
+    cw_mac_enter(m, CW_MAC_INTERMISSION);
+    skip_to_idle(m, count - CW_DELIMITER_BITS, CW_INTERMISSION_BITS);
+}
+
+static void skip_wait(cw_mac *m, unsigned bits, bool level)
+{
+    if (level)
+        skip_delimiter(m, bits);
+    else
+        m->count = (uint8_t)(m->count + bits);
+}
+
+static void skip_recovery(cw_mac *m, uint64_t bits, bool level)
+{
+    uint64_t seen = level ? m->count + bits : 0;
+    m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS);
+    m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
+}
+
+static void skip_integration(cw_mac *m, uint64_t bits, bool level)
+{
+    if (level)
+        skip_to_idle(m, bits, CW_INTEGRATION_BITS);
+    else
+        m->count = 0;
+}
+
+void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
+{
+    assert(bits > 0);
+    level = sees(m, level);
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_RECOVERING:
+        skip_recovery(m, bits, level);
+        break;
+    case CW_MAC_INTEGRATING:
+        skip_integration(m, bits, level);
+        break;
+    case CW_MAC_SUSPEND:
+        skip_to_idle(m, bits, CW_SUSPEND_BITS);
+        break;
+    case CW_MAC_INTERMISSION:
+        skip_to_idle(m, bits, CW_INTERMISSION_BITS);
+        break;
+    case CW_MAC_FRAME:
+        skip_frame_bits(m, (unsigned)bits, level);
+        break;
+    case CW_MAC_ERROR_PASSIVE:
+        skip_flag(m, flag_bits(m, level) + (unsigned)bits, level);
+        break;
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        skip_flag(m, m->count + (unsigned)bits, m->last);
+        break;
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_OVERLOAD_WAIT:
+        skip_wait(m, (unsigned)bits, level);
+        break;
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER:
+        skip_delimiter(m, (unsigned)bits);
+        break;
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_IDLE:
+    case CW_MAC_PHASE_COUNT:
+        break; /* nothing counts */
+    }
+}
+
+/* ---- How far it is --------------------------------------------------------------------------- */
+
+/* Of a transmitter: the last but one EOF bit, where the receivers take the frame, then the last. */
+static uint64_t bits_to_frame_end(const cw_mac *m)
+{
+    unsigned left = (unsigned)m->tx.length - m->tx_next;
+    return left > 1 ? left - 1u : left;
+}
+
+/* Of a receiver behind the CRC. In the last bit of EOF there is nothing more to come. */
+static uint64_t bits_to_reception(const cw_mac *m)
+{
+    if (m->step == CW_STEP_EOF)
+        return m->index < CW_EOF_BITS - 1 ? CW_EOF_BITS - 1u - m->index : CW_QUIET_FOREVER;
+    return CW_STEP_EOF - m->step + CW_EOF_BITS - 1u;
+}
+
+uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
+{
+    const uint64_t next_frame = waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+    switch ((cw_mac_phase)m->phase) {
+    case CW_MAC_FRAME:
+        if (cw_mac_is_transmitter(m))
+            return bits_to_frame_end(m);
+        if (m->step >= CW_STEP_CRC_DELIMITER)
+            return bits_to_reception(m);
+        if (m->may_join && waiting)
+            return CW_FRAME_BITS_MIN - 2;
+        return CW_QUIET_FOREVER; /* the transmitter knows */
+    case CW_MAC_RECOVERING:
+        return steady_recessive_bits(m) + 1;
+    case CW_MAC_ERROR_ACTIVE:
+    case CW_MAC_ERROR_PASSIVE:
+    case CW_MAC_OVERLOAD_FLAG:
+        return CW_FLAG_BITS - (uint64_t)m->count + CW_DELIMITER_BITS;
+    case CW_MAC_ERROR_WAIT:
+    case CW_MAC_OVERLOAD_WAIT:
+        return CW_DELIMITER_BITS;
+    case CW_MAC_ERROR_DELIMITER:
+    case CW_MAC_OVERLOAD_DELIMITER:
+        return CW_DELIMITER_BITS - (uint64_t)m->count;
+    case CW_MAC_INTERMISSION:
+    case CW_MAC_SUSPEND:
+    case CW_MAC_INTEGRATING:
+    case CW_MAC_IDLE:
+        return next_frame;
+    case CW_MAC_OFF:
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_PHASE_COUNT:
+        return CW_QUIET_FOREVER;
+    }
+    return CW_QUIET_FOREVER;
+}
