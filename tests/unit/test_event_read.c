@@ -84,7 +84,7 @@ static void test_each_state_and_each_reason_of_a_drop(void **state)
         check(&(cw_event){.tick = TICK,
                           .kind = CW_EVENT_STATE,
                           .nodes = ENGINE,
-                          .state = (cw_state)to,
+                          .state = (uint8_t)to,
                           .tec = 256,
                           .rec = 128});
     for (unsigned why = 0; why < CW_DROP_COUNT; why++)
@@ -92,7 +92,7 @@ static void test_each_state_and_each_reason_of_a_drop(void **state)
                           .kind = CW_EVENT_DROP,
                           .nodes = ENGINE,
                           .frame = frame,
-                          .why = (cw_drop)why});
+                          .why = (uint8_t)why});
 }
 
 static void test_frames_restarts_and_time_that_is_skipped(void **state)
