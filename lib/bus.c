@@ -166,6 +166,7 @@ static void run_due_nodes(cw_bus *bus)
     }
     for (unsigned i = 0; i < bus->node_count; i++)
         cw_run_due_node(bus, i);
+    cw_take_inbox_before(bus, bus->now + 1); /* behind cw_bus_bring_forward() nodes have no order */
     cw_find_next_restart(bus);
 }
 

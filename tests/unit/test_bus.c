@@ -481,6 +481,32 @@ static void what_waits_in_the_inbox_is_brought_forward(void **state)
     rig_free(r);
 }
 
+/* Though node 1's frame stands before node 0's, and node 2 restarts at that tick: both begin at
+ * once, which node 1 in loopback does not hide. */
+static void frames_brought_forward_come_with_a_restart(void **state)
+{
+    (void)state;
+    rig *r = rig_new(4);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    r->nodes[1].modes = CW_MODE_LOOPBACK;
+    r->rules[r->config.rule_count++] =
+        (cw_rule){.name = "kill", .trigger = CW_TRIGGER_TIME, .time_begin = 50 * BIT,
+                  .time_end = CW_NEVER, .probability = UINT64_MAX, .action = CW_ACTION_BUS_OFF,
+                  .nodes = NODE(2)};
+    rig_start(r);
+    rig_send(r, 1, &frame, 1000 * BIT);
+    rig_send(r, 0, &frame, 2000 * BIT);
+    rig_run_bits(r, 100);
+    assert_int_equal(cw_node_restart(r->bus, 2), CW_OK);
+    cw_bus_bring_forward(r->bus, UINT64_MAX);
+    rig_run_bits(r, 400);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    for (size_t i = 0; i < 2; i++)
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->tick,
+                         (100 + cw_frame_wire_bits(&frame)) * BIT);
+    rig_free(r);
+}
+
 /* A node in loopback sends while another's frame, which is the longer one, is leapt over. */
 static void nothing_happens_before_the_next_event(void **state)
 {
@@ -1544,6 +1570,7 @@ int main(void)
         cmocka_unit_test(bad_frames_are_counted_and_never_sent),
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
         cmocka_unit_test(what_waits_in_the_inbox_is_brought_forward),
+        cmocka_unit_test(frames_brought_forward_come_with_a_restart),
         cmocka_unit_test(nothing_happens_before_the_next_event),
         cmocka_unit_test(a_frame_for_never_holds_its_place),
         cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
