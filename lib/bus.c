@@ -171,12 +171,12 @@ static void run_due_nodes(cw_bus *bus)
 }
 
 /* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
- * has, nothing is left to be told of this tick. */
+ * has, nothing is left to be told of this tick. A leap goes on when nothing but frames come. */
 static void run_due(cw_bus *bus)
 {
-    if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
-        cw_leap_end(bus);
     do {
+        if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
+            cw_leap_end(bus);
         cw_fault_run_due(bus);
         run_due_nodes(bus);
         if (bus->news)

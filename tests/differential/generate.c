@@ -147,6 +147,8 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .manual = true},
         {.action = CW_ACTION_FLIP, .field = CW_FIELD_OVERLOAD_FLAG, .bits = 1},
         {.action = CW_ACTION_DUPLICATE, .trigger = CW_TRIGGER_FRAME}, /* so that others follow */
+        {.action = CW_ACTION_STUCK, .trigger = CW_TRIGGER_ARMED, .level = CW_RECESSIVE,
+         .has_after = true}, /* at once, be it in the middle of a frame */
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
         {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1},
@@ -168,6 +170,10 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
         rule->after =
             (uint16_t)(diff_chance(r, 500) && place > 0 ? place - 1u : diff_below(r, place + 1u));
         rule->after_delay = diff_random_ticks(&g->maker, 1, 200);
+    }
+    if (rule->action == CW_ACTION_STUCK) {
+        rule->for_ticks = diff_random_ticks(&g->maker, 1, 30);
+        rule->after_delay = 0;
     }
 }
 

@@ -128,6 +128,33 @@ static void a_frame_for_now_of_a_node_that_goes(rig *r)
     assert_int_equal(cw_node_attach(r->bus, 0, false), CW_OK);
 }
 
+/* At the very end of a bit, so that nothing was due before the frame was looked at. */
+static void a_frame_that_comes_sets_off(rig *r, cw_rule rule)
+{
+    const cw_frame third = rig_frame(0x200, 0, 0);
+    cw_rule host = rule_of("host", CW_TRIGGER_FRAME, CW_ACTION_DUPLICATE);
+    host.from = NODE(2);
+    rule.has_after = true;
+    rule.after = (uint16_t)add(r, &host);
+    rule.for_ticks = 15 * BIT;
+    (void)add(r, &rule);
+    rig_send(r, 2, &third, 50 * BIT);
+}
+
+static void a_frame_that_comes_sets_off_a_stuck_wire(rig *r)
+{
+    cw_rule stuck = rule_of("stuck", CW_TRIGGER_ARMED, CW_ACTION_STUCK);
+    stuck.level = CW_RECESSIVE;
+    a_frame_that_comes_sets_off(r, stuck);
+}
+
+static void a_frame_that_comes_sets_off_a_partition(rig *r)
+{
+    cw_rule partition = rule_of("partition", CW_TRIGGER_ARMED, CW_ACTION_PARTITION);
+    partition.group[0] = 1;
+    a_frame_that_comes_sets_off(r, partition);
+}
+
 /* ---- Levels that rules hold ------------------------------------------------------------------ */
 
 static void stick(rig *r, cw_line line, unsigned node, bool level, uint64_t from, uint64_t bits)
@@ -305,7 +332,8 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     static void (*const stories[])(rig *r) = {
         a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
         a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number,
-        a_wrong_crc_once, a_frame_for_now_of_a_node_that_goes};
+        a_wrong_crc_once, a_frame_for_now_of_a_node_that_goes,
+        a_frame_that_comes_sets_off_a_stuck_wire, a_frame_that_comes_sets_off_a_partition};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
         rig *leaping = run(stories[i], false);
         rig *stepping = run(stories[i], true);
