@@ -63,6 +63,12 @@ static bool wire_carried_it(const cw_bus *bus, const cw_mac *sent)
     return recessive == bus->recessive_bits;
 }
 
+/* Not those whose node has gone in this very moment: a bit without them ends them. */
+static bool flags_have_ended(const cw_bus *bus)
+{
+    return !bus->error_flag.now && !bus->overload_flag.now;
+}
+
 static bool nobody_has_plans(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
@@ -119,7 +125,7 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
     const unsigned sender = cw_lowest_node(senders);
     if (bus->group_count > 1 || bus->news || !is_in_its_middle(&bus->nodes[sender]) ||
         !rules_allow_it(bus, sender) || !all_read_it(bus, sender) || !nobody_has_plans(bus) ||
-        !wire_carried_it(bus, &bus->nodes[sender].mac))
+        !flags_have_ended(bus) || !wire_carried_it(bus, &bus->nodes[sender].mac))
         return false;
     put_to_rest(bus);
     cw_leap_look_around(bus);
