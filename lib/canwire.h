@@ -603,8 +603,9 @@ void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks);
 uint64_t cw_bus_inbox_first(const cw_bus *bus);
 
 /* The earliest tick at which an event is to be expected if nothing is put in: the next end of a
- * frame, restart, release from the inbox; CW_NEVER when the bus rests. Errors and lost
- * arbitrations on the way may have come earlier: their tick tells. */
+ * frame, restart, release from the inbox; CW_NEVER when the bus rests. Errors, lost arbitrations,
+ * overload frames, hits of rules and new states on the way may have come earlier, and drops that
+ * follow from them: their tick tells. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring

@@ -16,8 +16,7 @@ extern const uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256];
 
 /* Stuffing (F7). What a byte becomes depends on the level of the bit before it and on how many
  * of that level were in a row, 1 to 4: a run of five is followed by its stuff bit at once. That
- * state is
- * 256 * (4 * level + run - 1); both tables are indexed by state + byte. */
+ * state is 256 * (4 * level + run - 1); both tables are indexed by state + byte. */
 #define CW_STUFF_FIRST 0u /* one dominant bit: the pad that encoding begins with is not stuffed */
 
 /* The wire bits, the last of them in bit 63, and how many they are, 8 to 10, in bits 0..3. */

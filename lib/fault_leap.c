@@ -4,8 +4,9 @@
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
  * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. No rule is
- * bound to a transmission before single bits go on. Rules that hold a level for a time need the
- * levels of all bits, but no controllers.
+ * bound to a transmission before single bits go on; those that are bound already stay so in a leap
+ * that resumes one. Rules that hold a level for a time need the levels of all bits, but no
+ * controllers.
  */
 #include "bus_private.h"
 
