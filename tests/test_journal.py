@@ -146,6 +146,13 @@ def test_a_node_that_is_waited_for_keeps_its_name(write):
     assert '"b","event":"rx","frame":"124#"' in events[-2]  # c gets it at the same time
 
 
+def test_a_node_that_goes_is_told_once(write):
+    path = write(lines(first=FIRST.replace("{ name: b }", "{ name: b }, { name: x }")))
+    told = play(path, "--until-event", "x:tx").stderr
+    assert told.count("there is no node 'x'") == 1
+    assert told == play(path, "--until-event", "x:tx", "--step").stderr
+
+
 def test_statistics_go_on(write):
     stats = json.loads(play(write(lines()), "--stats", "-").stdout)
     assert stats["bus"]["frames"] == 3 and stats["bus"]["time_ns"] == 40_000_000

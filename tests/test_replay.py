@@ -562,6 +562,58 @@ def test_a_run_that_may_never_end_says_so(offset, until, told, write):
     assert ("only --until TIME ends the run" in result.stderr) == told
 
 
+NEVER_OVER = bus("send: 123#, every: 1s")
+OUTPUTS = ("events", "log", "pcapng", "stats", "vcd", "svg", "junit")
+
+
+def old_outputs(tmp_path):
+    """Files with something in them, and the options that name them."""
+    for name in OUTPUTS:
+        (tmp_path / name).write_text("old")
+    return [word for name in OUTPUTS for word in (f"--{name}", tmp_path / name)]
+
+
+def test_outputs_are_as_they_were_while_the_event_is_looked_for(write, tmp_path):
+    words = old_outputs(tmp_path)
+    with subprocess.Popen([CANWIRE, "sim", write(NEVER_OVER), "--until-event", "bus-off", *words],
+                          stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        told = process.stderr.readline()  # it is amid the search, which finds nothing
+        process.terminate()
+        assert process.wait(TIMEOUT_S) == -signal.SIGTERM
+    assert b"not yet after 10 s of bus time" in told
+    assert {(tmp_path / name).read_text() for name in OUTPUTS} == {"old"}
+
+
+def test_outputs_are_written_when_the_event_has_been_found(write, tmp_path):
+    words = old_outputs(tmp_path)
+    sim(write(NEVER_OVER), "--until-event", "tx", *words)
+    for name in OUTPUTS:
+        assert (tmp_path / name).read_bytes()[:3] not in (b"", b"old"), name
+
+
+def test_an_output_that_cannot_be_written_is_told_before_the_event_is_looked_for(write, tmp_path):
+    (tmp_path / "log").write_text("old")
+    told = sim(write(NEVER_OVER), "--until-event", "bus-off", "--log", tmp_path / "log",
+               "--vcd", tmp_path / "nowhere/f", status=1).stderr
+    assert told.count("\n") == 1 and "nowhere/f" in told
+    assert (tmp_path / "log").read_text() == "old"
+
+
+@pytest.mark.parametrize("recording, entry, message, status", [
+    ("(1.0) a 123#\n", "replay: r.log, only: 456", "no frame that is asked for", 0),
+    ("(1.0) a 20000040#0000000000000000\n(2.0) a 123#\n", "replay: r.log", "left out", 0),
+    ("(1.0) a 123#\n(2.0) a 12\n", "replay: r.log", "r.log:2:", 1),
+    ("12\n", "replay: r.log, format: candump", "r.log:1:", 1),
+    ("", "send: 123#, offset: 20s", "ended before the last release", 0),
+])
+def test_what_there_is_to_say_is_said_once(recording, entry, message, status, write, tmp_path):
+    (tmp_path / "r.log").write_text(recording)
+    path = write(bus(entry))
+    told = sim(path, "--until-event", "bus-off", status=status).stderr
+    assert told.count(message) == 1, told
+    assert told == sim(path, "--until-event", "bus-off", "--step", status=status).stderr
+
+
 # ---- Progress ------------------------------------------------------------------------------------
 
 
@@ -637,16 +689,18 @@ def test_long_runs_show_progress_on_a_terminal(write, tmp_path):
 @pytest.mark.parametrize("columns, told", [
     (200, r"of 3\.0 s bus time, \d+ frames, \d.* x real time, \d+:\d\d left"),
     (60, r"of 3\.0 s bus time, \d.* x real time, \d+:\d\d left"),
-    (40, r"of 3\.0 s bus time, \d+:\d\d left"), (20, r"of 3\.0 s bus$")])
+    (40, r"of 3\.0 s bus time, \d+:\d\d left"), (30, r"of 3\.0 s, \d+:\d\d left"),
+    (20, r"^\d\.\d s of 3\.0 s$"), (10, r"^\d\.\d s$"), (5, None)])
 def test_progress_stays_on_one_line(columns, told, write, tmp_path):
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("4H", 24, columns, 0, 0))
     process, reader = slow_run(write(BUSY), tmp_path, slave)
     os.close(slave)
-    shown = [line for line in read_terminal(master, process).split("\r") if "bus" in line]
+    output = read_terminal(master, process)
     reader.join(TIMEOUT_S)
-    assert shown and re.search(told, shown[0].rstrip()), shown
-    assert max(map(len, shown)) < columns
+    shown = [line for line in output.split("\r") if line.strip()]
+    assert output == "" if told is None else shown and re.search(told, shown[0].rstrip()), shown
+    assert all(len(line) < columns for line in shown)
 
 
 def test_an_interrupt_ends_the_line(write, tmp_path):

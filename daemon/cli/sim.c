@@ -72,14 +72,16 @@ static const char help[] =
     "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
     "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE.\n"
     "                 If it does not come, the run ends as it does without this option; but when\n"
-    "                 traffic has no `count`, and there is no --until, it never ends\n"
+    "                 traffic has no `count`, and there is no --until, it never ends. The run is\n"
+    "                 done twice: outputs are written when it is known where the event comes\n"
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from\n"
     "                 1970 on\n"
     "  --stats F      statistics as JSON, at the end\n"
-    "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok\n"
+    "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok,\n"
+    "                 whose decoder for CAN knows no error frames\n"
     "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
     "  --from TIME    of these only the bits from this bus time on\n"
     "  --to TIME      ... up to this one\n"
@@ -87,7 +89,8 @@ static const char help[] =
     "  --step         simulate every node in every bit: slower, the same results\n"
     "\n"
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
-    "reported in any case, on standard error when an F is standard output.\n"
+    "reported in any case, on standard error when an F is standard output. Ctrl-C ends a run at\n"
+    "once: outputs end anywhere, and there are no statistics, no JUnit XML and no summary.\n"
     "Exit status: 0, 1 a value or a file is bad, or FILE has no such node or rule, 2 wrong\n"
     "usage, 3 an expectation failed.\n";
 
@@ -140,7 +143,7 @@ static bool make_bus(sim *s, const sim_options *o)
         return false;
     if (o->has_seed)
         s->config->seed = o->seed;
-    if (sim_open(&s->run, s->config))
+    if (sim_open(&s->run, s->config, false))
         return true;
     fprintf(stderr, "canwire sim: out of memory\n");
     return false;
@@ -202,13 +205,15 @@ static void look_ahead(sim *s, const sim_options *o, bool progress)
         sim_scout_go(&scout, &s->awaited);
 }
 
-/* Those that are written while the bus runs. */
+/* Those that are written while the bus runs. An awaited event has been looked for before, which may
+ * take long and be interrupted: until then they are as they were. */
 static void begin_outputs(sim *s)
 {
     (void)outfile_begin(&s->out[OUT_EVENTS]);
     (void)outfile_begin(&s->out[OUT_LOG]);
     if (outfile_begin(&s->out[OUT_PCAPNG]))
         pcapng_begin(s->out[OUT_PCAPNG].stream, s->run.config);
+    sim_trace_begin(&s->trace);
 }
 
 /* The trace is behind what else looks on: what has to do with events comes before what has to do
@@ -218,12 +223,9 @@ static bool set_up(sim *s, const sim_options *o)
     if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
         return false;
     add_writer(s, o);
-    bool good = set_event(s, o) && set_until(s, &o->until) && set_window(s, o) &&
-                open_outputs(s, o) && sim_judge_start(&s->judge, &s->run, o->journal) &&
-                sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
-    if (good)
-        begin_outputs(s);
-    return good;
+    return set_event(s, o) && set_until(s, &o->until) && set_window(s, o) && open_outputs(s, o) &&
+           sim_judge_start(&s->judge, &s->run, o->journal) &&
+           sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
 }
 
 static bool wants_output(const sim_options *o)
@@ -402,6 +404,7 @@ int cli_sim(int argc, char **argv)
     if (good) {
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
         look_ahead(&s, &options, room);
+        begin_outputs(&s);
         sim_progress_start(&s.run.progress, room, options.until_event);
         good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
         sim_until_finish(&s.awaited);

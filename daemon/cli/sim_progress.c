@@ -69,8 +69,17 @@ static void print_factor(FILE *out, double factor)
         fprintf(out, "%.3g", factor);
 }
 
-/* What a line may tell, least important first: on a narrow terminal they are left out in turn. */
-typedef enum detail { DETAIL_AWAITED = 0, DETAIL_FRAMES, DETAIL_SPEED, DETAIL_COUNT } detail;
+/* What a line may tell, least important first: on a narrow terminal they are left out in turn, the
+ * bus time last. */
+typedef enum detail {
+    DETAIL_AWAITED = 0,
+    DETAIL_FRAMES,
+    DETAIL_SPEED,
+    DETAIL_UNIT, /* the word for what is counted */
+    DETAIL_LEFT,
+    DETAIL_END,
+    DETAIL_COUNT
+} detail;
 
 /* What there is to tell. */
 typedef struct news {
@@ -80,21 +89,30 @@ typedef struct news {
     const char *awaited;
 } news;
 
-/* Details from `first` on; cut to what there is room for. Returns how long it would be. */
-static size_t print_line(char *line, size_t size, const news *n, detail first)
+static void print_left(FILE *out, const news *n)
 {
-    double done = (double)n->stats->ticks / CW_CLOCK_HZ;
-    bool known = n->end != CW_NEVER && n->end > n->stats->ticks && n->stats->ticks > 0;
+    const double per_tick = n->wall_s / (double)n->stats->ticks;
     char clock[CLOCK_MAX];
-    char *text = NULL;
-    size_t length = 0;
-    FILE *out = open_memstream(&text, &length);
-    if (!out)
-        return 0;
+    print_clock(clock, sizeof clock, per_tick * (double)(n->end - n->stats->ticks));
+    fprintf(out, ", %s left", clock);
+}
+
+static void print_awaited(FILE *out, const char *awaited)
+{
+    fprintf(out, ", waits for %.*s%s", AWAITED_MAX, awaited,
+            strlen(awaited) > AWAITED_MAX ? "..." : "");
+}
+
+/* Details from `first` on. */
+static void print_details(FILE *out, const news *n, detail first)
+{
+    const double done = (double)n->stats->ticks / CW_CLOCK_HZ;
+    const bool known = n->end != CW_NEVER && n->end > n->stats->ticks && n->stats->ticks > 0;
     fprintf(out, "%.1f s", done);
-    if (known)
+    if (known && first <= DETAIL_END)
         fprintf(out, " of %.1f s", (double)n->end / CW_CLOCK_HZ);
-    fputs(" bus time", out);
+    if (first <= DETAIL_UNIT)
+        fputs(" bus time", out);
     if (first <= DETAIL_FRAMES)
         fprintf(out, ", %" PRIu64 " frames", n->stats->frames);
     if (first <= DETAIL_SPEED) {
@@ -102,17 +120,26 @@ static size_t print_line(char *line, size_t size, const news *n, detail first)
         print_factor(out, done / n->wall_s);
         fputs(" x real time", out);
     }
-    if (known) {
-        print_clock(clock, sizeof clock,
-                    n->wall_s * (double)(n->end - n->stats->ticks) / (double)n->stats->ticks);
-        fprintf(out, ", %s left", clock);
-    }
+    if (known && first <= DETAIL_LEFT)
+        print_left(out, n);
     if (n->awaited && first <= DETAIL_AWAITED)
-        fprintf(out, ", waits for %.*s", AWAITED_MAX, n->awaited);
-    (void)fclose(out);
-    snprintf(line, size, "%s", text ? text : "");
+        print_awaited(out, n->awaited);
+}
+
+/* Returns whether the line fits; only whole ones are of use. */
+static bool print_line(char line[LINE_MAX_BYTES], size_t room, const news *n, detail first)
+{
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+    if (!out)
+        return false;
+    print_details(out, n, first);
+    bool good = fclose(out) == 0 && length <= room;
+    if (good)
+        memcpy(line, text, length + 1);
     free(text);
-    return length;
+    return good;
 }
 
 /* Characters of a line that do not make it wrap. */
@@ -154,12 +181,12 @@ void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
                     .wall_s = (double)(now_ns - p->start_ns) / 1e9,
                     .awaited = p->awaited};
     const size_t room = terminal_room();
-    for (unsigned first = 0; first <= DETAIL_COUNT; first++)
-        if (print_line(line, room + 1, &n, (detail)first) <= room)
-            break;
+    bool fits = false;
+    for (unsigned first = 0; first <= DETAIL_COUNT && !fits; first++)
+        fits = print_line(line, room, &n, (detail)first);
     const unsigned before = p->width;
     p->next_ns = now_ns + PERIOD_NS;
-    if (line[0] == '\0')
+    if (!fits)
         return;
     if (before == 0)
         watch_interrupt(p);

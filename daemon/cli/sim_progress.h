@@ -3,8 +3,8 @@
  * sim_progress.h - one line on a terminal that tells how far a long run has come.
  *
  * Some times a second of wall time, from the second second on; wiped at the end and before other
- * messages. On a narrow terminal it tells less. What goes elsewhere than to a terminal gets nothing
- * of it.
+ * messages. On a narrow terminal it tells less, and nothing where the bus time alone does not fit.
+ * What goes elsewhere than to a terminal gets nothing of it.
  */
 #ifndef CANWIRE_SIM_PROGRESS_H
 #define CANWIRE_SIM_PROGRESS_H

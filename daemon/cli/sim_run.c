@@ -25,11 +25,12 @@ static void tell(void *user, bool failed, const char *text)
     fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
 }
 
-bool sim_open(sim_run *s, const cfg *config)
+bool sim_open(sim_run *s, const cfg *config, bool quiet)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
-    *s = (sim_run){.config = config, .until = CW_NEVER, .careful_from = CW_NEVER};
+    *s = (sim_run){
+        .config = config, .until = CW_NEVER, .careful_from = CW_NEVER, .quiet = quiet};
     cfg_bus_config(&bus_config, nodes, config);
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;

@@ -30,7 +30,7 @@ typedef struct sim_run {
     uint64_t last_activity; /* tick of the last tx or release */
     bool step;              /* every bit is simulated, whether somebody looks at it or not */
     bool stopped;           /* see sim_stop() */
-    bool quiet;             /* says nothing on standard error */
+    bool quiet;             /* another run says on standard error what there is to say */
     uint64_t careful_from;  /* see sim_be_careful() */
     bool stepping;          /* what the bus was told last */
     sim_progress progress;  /* started by the caller, if it is wanted */
@@ -38,9 +38,10 @@ typedef struct sim_run {
     sim_sink sinks[SIM_SINKS_MAX];
 } sim_run;
 
-/* Makes the bus of a configuration, at time 0; the configuration must live longer. False when
- * memory is short or the bus cannot be made. To be closed in either case. */
-bool sim_open(sim_run *s, const cfg *config);
+/* Makes the bus of a configuration, at time 0; the configuration must live longer. A quiet one says
+ * nothing on standard error, of the files that it opens neither. False when memory is short or the
+ * bus cannot be made. To be closed in either case. */
+bool sim_open(sim_run *s, const cfg *config, bool quiet);
 
 void sim_close(sim_run *s);
 

@@ -35,7 +35,7 @@ static bool prepare(sim_run *ahead, sim_until *found, const sim_scout *s, const 
 static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     sim_run ahead;
-    bool good = sim_open(&ahead, s->run->config) && prepare(&ahead, found, s, awaited);
+    bool good = sim_open(&ahead, s->run->config, true) && prepare(&ahead, found, s, awaited);
     if (good)
         (void)sim_go(&ahead); /* what fails here does so again */
     sim_close(&ahead);

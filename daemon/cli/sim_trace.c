@@ -129,9 +129,13 @@ bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *pr
     };
     self->run = run;
     sim_add_sink(run, &sink);
-    if (self->from < bit_ticks)
-        begin(self, run->bus);
     return true;
+}
+
+void sim_trace_begin(sim_trace *self)
+{
+    if (self->run && self->from < self->run->config->bit_ticks)
+        begin(self, self->run->bus);
 }
 
 static bool draw(const sim_trace *self, const char *program)

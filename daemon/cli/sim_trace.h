@@ -40,6 +40,9 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
  * or the run ends before it begins. */
 bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program);
 
+/* Right before the run: begins the outputs whose window starts with it. */
+void sim_trace_begin(sim_trace *self);
+
 /* After the run: ends the outputs, which are then to be closed. False after a message, when there
  * is nothing in the window, or too much for a picture. */
 bool sim_trace_finish(sim_trace *self, const char *program);

@@ -20,9 +20,10 @@ static const char expected[] =
 #define FRAME_KINDS                                                                                \
     (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP | 1u << CW_EVENT_ARBITRATION_LOST)
 
-static bool fail(const char *text, const char *problem)
+static bool fail(const sim_until *u, const char *problem)
 {
-    fprintf(stderr, "canwire sim: --until-event %s: %s\n", text, problem);
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: %s\n", u->text, problem);
     return false;
 }
 
@@ -67,6 +68,8 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     const bool nodes = strcmp(what, "node") == 0;
     const size_t count = nodes ? config->node_count : config->rule_count;
     const char *before = ": there is ";
+    if (u->run->quiet)
+        return false;
     fprintf(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
             (int)length, word);
     for (size_t i = 0; i < count; i++) {
@@ -83,9 +86,10 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
 static bool fail_word(const sim_until *u, const char *word, size_t length)
 {
     if (same(word, length, "record"))
-        return fail(u->text, "recordings are canwired's, canwire sim has no such events");
-    fprintf(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
-            (int)length, word, expected);
+        return fail(u, "recordings are canwired's, canwire sim has no such events");
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
+                (int)length, word, expected);
     return false;
 }
 
@@ -100,8 +104,9 @@ static bool find_rule(sim_until *u, const char *name)
 
 static bool fail_behind(const sim_until *u, const char *which)
 {
-    fprintf(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
-            expected);
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
+                expected);
     return false;
 }
 
@@ -114,7 +119,7 @@ static bool read_which(sim_until *u, const char *which)
         return fail_behind(u, which);
     const char *problem =
         text_parse_filters(u->filters, &u->filter_count, CW_RULE_FILTERS_MAX, which);
-    return !problem || fail(u->text, problem);
+    return !problem || fail(u, problem);
 }
 
 /* "KIND" or "KIND:WHICH" */
@@ -144,7 +149,7 @@ static bool read_event(sim_until *u, const char *text)
     if (node < 0)
         return fail_unknown(u, "node", text, length);
     if (probe.kinds & BUS_KINDS)
-        return fail(u->text, "faults and skips are events of the bus, not of a node");
+        return fail(u, "faults and skips are events of the bus, not of a node");
     u->nodes = UINT64_C(1) << node;
     return read_kind(u, rest);
 }
