@@ -15,11 +15,6 @@ static inline bool cw_bitset_get(const uint64_t set[CW_BIT_WORDS], unsigned n)
     return (set[n / 64] >> (n % 64)) & 1u;
 }
 
-static inline void cw_bitset_add(uint64_t set[CW_BIT_WORDS], unsigned n)
-{
-    set[n / 64] |= UINT64_C(1) << (n % 64);
-}
-
 /* Members of a word. */
 unsigned cw_count_bits(uint64_t word);
 

@@ -26,12 +26,6 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
  * (contest.c). */
 void cw_leap_count_losses(cw_bus *bus);
 
-/* Whether nothing is due or comes in before that tick. */
-static inline bool cw_leap_is_quiet_until(const cw_bus *bus, uint64_t tick)
-{
-    return bus->next_restart >= tick && bus->faults.next_due >= tick && cw_inbox_first(bus) >= tick;
-}
-
 /* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
 #define CW_ARBITRATION_BITS_BASE 17u
 #define CW_ARBITRATION_BITS_EXTENDED 41u

@@ -160,6 +160,12 @@ void cw_leap_count_losses(cw_bus *bus)
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
+/* Whether nothing is due or comes in before that tick. */
+static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
+{
+    return bus->next_restart >= tick && bus->faults.next_due >= tick && cw_inbox_first(bus) >= tick;
+}
+
 /* Whether nobody can see the single losses. With no contender's line in the hands of a rule, the
  * winner's level is that of the wire. */
 static bool passes_arbitration(cw_bus *bus, uint64_t tick)
@@ -169,7 +175,7 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
     uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
     return leap->stop >= bits && tick - bus->now >= ticks &&
            !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
-           cw_leap_is_quiet_until(bus, bus->now + ticks) &&
+           is_quiet_until(bus, bus->now + ticks) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
 

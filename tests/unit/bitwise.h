@@ -18,10 +18,15 @@ typedef struct bitwise_writer {
     uint16_t crc;
 } bitwise_writer;
 
+static inline void add_to_set(uint64_t set[CW_BIT_WORDS], unsigned n)
+{
+    set[n / 64] |= UINT64_C(1) << (n % 64);
+}
+
 static inline void bitwise_put_raw(bitwise_writer *w, bool level)
 {
     if (level)
-        cw_bitset_add(w->bits->level, w->bits->length);
+        add_to_set(w->bits->level, w->bits->length);
     w->bits->length++;
 }
 
@@ -32,7 +37,7 @@ static inline void bitwise_put_stuffed(bitwise_writer *w, bool level)
     w->last = level;
     if (w->run < CW_STUFF_RUN)
         return;
-    cw_bitset_add(w->bits->stuff, w->bits->length);
+    add_to_set(w->bits->stuff, w->bits->length);
     bitwise_put_raw(w, !level);
     w->last = !level;
     w->run = 1;
