@@ -52,6 +52,7 @@ static const schema_choice modes[] = {
     {.name = "loopback", .value = CW_MODE_LOOPBACK},
     {.name = "presume-ack", .value = CW_MODE_PRESUME_ACK},
     {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
+    {.name = "lost-arbitration-reporting", .value = CW_MODE_LOST_ARBITRATION_REPORTING},
     {.name = NULL},
 };
 
@@ -119,6 +120,7 @@ static const schema_key node_keys[] = {
     {.name = "listen-only", .read = read_mode},
     {.name = "loopback", .read = read_mode},
     {.name = "presume-ack", .read = read_mode},
+    {.name = "lost-arbitration-reporting", .read = read_mode},
     {.name = "queue",
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, queue),

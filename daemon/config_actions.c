@@ -143,6 +143,7 @@ static const schema_key set_keys[] = {
     {.name = "loopback", .read = read_mode},
     {.name = "presume-ack", .read = read_mode},
     {.name = "berr-reporting", .read = read_mode},
+    {.name = "lost-arbitration-reporting", .read = read_mode},
     {.name = "restart-ms",
      .read = read_restart,
      MEMBER(settings.restart_ticks),

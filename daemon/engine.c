@@ -85,11 +85,11 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
 
 /* ---- Bus and world --------------------------------------------------------------------------- */
 
-static bool reports_bus_errors(const engine *e, unsigned node)
+/* They say which error frames the ECU gets, and may change while the bus runs. */
+static unsigned modes_of(const engine *e, unsigned node)
 {
     cw_settings settings;
-    return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK &&
-           (settings.modes & CW_MODE_BERR_REPORTING);
+    return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK ? settings.modes : 0;
 }
 
 static void deliver(engine *e, unsigned node, const cw_event *event)
@@ -102,7 +102,7 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         return;
     else if (received)
         (void)port_write(e->now.ports[node], &event->frame); /* a failure is counted there */
-    else if (errframe_from_event(&error, event, reports_bus_errors(e, node)))
+    else if (errframe_from_event(&error, event, modes_of(e, node)))
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 

@@ -138,7 +138,7 @@ static void set_state(errframe *out, const cw_event *event)
 
 /* ---- All events ------------------------------------------------------------------------------ */
 
-bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporting)
+bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
 {
     memset(out, 0, sizeof *out);
     out->can_id = CAN_ERR_FLAG;
@@ -152,17 +152,17 @@ bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporti
     case CW_EVENT_ARBITRATION_LOST:
         out->can_id |= CAN_ERR_LOSTARB;
         out->data[0] = event->lost_bit;
-        return true;
+        return modes & CW_MODE_LOST_ARBITRATION_REPORTING;
     case CW_EVENT_DROP:
         out->can_id |= CAN_ERR_CRTL;
         out->data[1] = CAN_ERR_CRTL_TX_OVERFLOW;
         return event->why == CW_DROP_QUEUE_FULL;
     case CW_EVENT_ERROR:
         set_error(out, event);
-        return berr_reporting;
+        return modes & CW_MODE_BERR_REPORTING;
     case CW_EVENT_TOLERATED:
         set_tolerated(out, event);
-        return berr_reporting;
+        return modes & CW_MODE_BERR_REPORTING;
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
     case CW_EVENT_OVERLOAD:

@@ -15,9 +15,10 @@ typedef struct errframe {
     uint8_t data[8];
 } errframe;
 
-/* Makes the error frame for a node's event, if there is one: state changes, lost arbitration,
- * restart and queue overflow always, single bus errors only with berr_reporting. */
-bool errframe_from_event(errframe *out, const cw_event *event, bool berr_reporting);
+/* Makes the error frame for a node's event, if there is one: state changes, restart and queue
+ * overflow always, single bus errors and lost arbitration only with the CW_MODE_*_REPORTING that
+ * asks for it among the modes. */
+bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes);
 
 /* That frames were lost on their way to the bus. */
 errframe errframe_rx_overflow(void);

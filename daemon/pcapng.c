@@ -15,6 +15,7 @@
 #define VERSION_MAJOR 1u
 #define VERSION_MINOR 0u
 #define RESOLUTION_NS 9u /* 10^-9 s */
+#define ALL_ERRORS (CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING)
 
 /* A block that is being put together, little-endian. */
 typedef struct block {
@@ -182,7 +183,7 @@ void pcapng_event(FILE *out, const cfg *config, const cw_event *event, uint64_t 
     errframe error;
     if (event->kind == CW_EVENT_TX)
         p = packet_of_frame(&event->frame);
-    else if (errframe_from_event(&error, event, true))
+    else if (errframe_from_event(&error, event, ALL_ERRORS))
         p = packet_of_error(&error);
     else
         return;

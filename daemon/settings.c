@@ -31,6 +31,7 @@ static const mode_key mode_keys[] = {
     {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
     {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
     {"presume-ack", CW_MODE_PRESUME_ACK},
+    {"lost-arbitration-reporting", CW_MODE_LOST_ARBITRATION_REPORTING},
 };
 
 static const number_key number_keys[] = {
@@ -158,7 +159,7 @@ static bool refuse_key(char *error, const char *key)
     else
         snprintf(error, SETTINGS_ERROR_MAX,
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
-                 "berr-reporting, presume-ack, restart-ms, queue, order, warning-limit",
+                 "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, order, warning-limit",
                  key);
     return false;
 }

@@ -11,7 +11,7 @@
 
 #include <jansson.h>
 
-#define SETTINGS_ERROR_MAX 200
+#define SETTINGS_ERROR_MAX 240
 
 /* Reads an object; values may be texts as in KEY=VALUE. False, with *out unchanged, after saying in
  * error what is wrong and what is allowed. */

@@ -178,6 +178,7 @@ typedef struct cw_error {
 #define CW_MODE_LOOPBACK 0x04u    /* M15: samples only itself, receives its own frames */
 #define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is no error */
 #define CW_MODE_BERR_REPORTING 0x10u /* for the host: nothing changes on the wire */
+#define CW_MODE_LOST_ARBITRATION_REPORTING 0x20u /* the same */
 
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */

@@ -107,8 +107,8 @@ _canwire_settings() {
         esac
     else
         compopt -o nospace 2>/dev/null
-        _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= restart-ms= \
-            queue= order= warning-limit="
+        _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= \
+            lost-arbitration-reporting= restart-ms= queue= order= warning-limit="
     fi
 }
 

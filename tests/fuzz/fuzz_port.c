@@ -486,11 +486,10 @@ static void deliver(rig *r, unsigned node, const cw_event *event)
     errframe error;
     cw_settings settings;
     REQUIRE(cw_node_get_settings(r->bus.bus, node, &settings) == CW_OK);
-    bool reporting = settings.modes & CW_MODE_BERR_REPORTING;
     if (event->kind == CW_EVENT_RX) {
         (void)port_write(s->port, &event->frame);
         s->counts.frames_out++;
-    } else if (errframe_from_event(&error, event, reporting)) {
+    } else if (errframe_from_event(&error, event, settings.modes)) {
         (void)port_write_error(s->port, &error, event->tick);
         s->counts.errors_out++;
     }

@@ -212,6 +212,7 @@ class Schedule:
         possible = {
             "one-shot": self.chance(0.3), "listen-only": self.chance(0.2),
             "loopback": self.chance(0.2), "presume-ack": self.chance(0.3),
+            "lost-arbitration-reporting": self.chance(0.5),
             "berr-reporting": self.chance(0.5), "restart-ms": r.choice((0, 1, 50, 500)),
             "queue": r.choice((1, 2, 16, 300, 4096)), "order": r.choice(("priority", "fifo")),
             "warning-limit": r.randint(1, 255),
@@ -338,6 +339,7 @@ def base_config():
     """What the soak begins with and comes back to."""
     nodes = [{"name": name, "port": port, "restart-ms": 100} for name, port in PORTS.items()]
     nodes[0]["berr-reporting"] = True
+    nodes[0]["lost-arbitration-reporting"] = True
     nodes.append({"name": "load", "restart-ms": 100, "traffic": [
         {"send": "123#DEADBEEF", "every": "5ms", "jitter": "1ms"},
         {"reply": "7FF#CAFE", "to": "700:700", "delay": "1ms"}]})

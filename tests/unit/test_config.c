@@ -230,7 +230,8 @@ static void node_keys_are_read(void **state)
     assert_int_equal(engine->restart_ms, 100);
     assert_true(engine->berr_reporting);
     assert_int_equal(engine->modes, CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK |
-                                        CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING);
+                                        CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING |
+                                        CW_MODE_LOST_ARBITRATION_REPORTING);
     assert_int_equal(engine->queue, 4096);
     assert_int_equal(engine->order, CW_ORDER_FIFO);
     assert_int_equal(engine->warning_limit, 255);
@@ -650,8 +651,10 @@ static void controller_actions_are_read(void **state)
     assert_int_equal(rule_of(config, "wrong-crc-alone")->from, 3);
     assert_int_equal(set->which,
                      CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING);
-    assert_int_equal(set->modes_mask, 0x1F);
-    assert_int_equal(set->modes, CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING);
+    assert_int_equal(set->modes_mask, 0x3F);
+    assert_int_equal(set->modes, CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
+                                     CW_MODE_BERR_REPORTING |
+                                     CW_MODE_LOST_ARBITRATION_REPORTING);
     assert_int_equal(set->restart_ticks, 8000000);
     assert_int_equal(set->queue, 32);
     assert_int_equal(set->order, CW_ORDER_FIFO);

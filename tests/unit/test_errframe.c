@@ -24,10 +24,13 @@
 #define RESTARTED 0x100u
 #define CNT 0x200u          /* counters in data[6..7] */
 
+#define BERR_MODE CW_MODE_BERR_REPORTING
+#define ALL_MODES (CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING)
+
 typedef struct row {
     const char *name;
     cw_event event;
-    bool berr_only; /* only with berr-reporting */
+    unsigned mode; /* CW_MODE_* without which there is none, or 0 */
     errframe wanted;
 } row;
 
@@ -45,94 +48,95 @@ typedef struct row {
 static const row rows[] = {
     /* state changes: the larger counter, both when equal */
     {"warning by tec", {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_WARNING, .tec = 96},
-     false, {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 96, 0}}},
+     0, {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 96, 0}}},
     {"warning by rec", {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_WARNING, .rec = 97},
-     false, {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 0, 97}}},
+     0, {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 0, 97}}},
     {"passive by tec",
      {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_PASSIVE, .tec = 128, .rec = 9},
-     false, {ERR | CRTL | CNT, {0, 0x20, 0, 0, 0, 0, 128, 9}}},
+     0, {ERR | CRTL | CNT, {0, 0x20, 0, 0, 0, 0, 128, 9}}},
     {"passive by rec",
      {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_PASSIVE, .tec = 1, .rec = 129},
-     false, {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 1, 129}}},
+     0, {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 1, 129}}},
     {"passive by both",
      {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_PASSIVE, .tec = 130, .rec = 130},
-     false, {ERR | CRTL | CNT, {0, 0x30, 0, 0, 0, 0, 130, 130}}},
+     0, {ERR | CRTL | CNT, {0, 0x30, 0, 0, 0, 0, 130, 130}}},
     {"active again", {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_ACTIVE, .tec = 95, .rec = 2},
-     false, {ERR | CRTL | CNT, {0, 0x40, 0, 0, 0, 0, 95, 2}}},
+     0, {ERR | CRTL | CNT, {0, 0x40, 0, 0, 0, 0, 95, 2}}},
     {"bus-off has no counters", {.kind = CW_EVENT_STATE, .state = CW_STATE_BUS_OFF, .tec = 256},
-     false, {ERR | BUSOFF, {0}}},
-    {"restarted", {.kind = CW_EVENT_RESTART}, false, {ERR | RESTARTED, {0}}},
-    {"lost arbitration", {.kind = CW_EVENT_ARBITRATION_LOST, .lost_bit = 12}, false,
+     0, {ERR | BUSOFF, {0}}},
+    {"restarted", {.kind = CW_EVENT_RESTART}, 0, {ERR | RESTARTED, {0}}},
+    {"lost arbitration", {.kind = CW_EVENT_ARBITRATION_LOST, .lost_bit = 12},
+     CW_MODE_LOST_ARBITRATION_REPORTING,
      {ERR | LOSTARB, {12}}},
-    {"queue full", {.kind = CW_EVENT_DROP, .why = CW_DROP_QUEUE_FULL}, false,
+    {"queue full", {.kind = CW_EVENT_DROP, .why = CW_DROP_QUEUE_FULL}, 0,
      {ERR | CRTL, {0, 0x02}}},
     /* type in data[2], with 0x80 for a transmitter; location in data[3] */
     {"bit sof", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_SOF, 0),
-     true, {BERR, {0, 0, 0x81, 0x03, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x03, 0, 0, 8, 3}}},
     {"bit id 28", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_ID, 0),
-     true, {BERR, {0, 0, 0x81, 0x02, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x02, 0, 0, 8, 3}}},
     {"stuff id 21", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 7),
-     true, {BERR, {0, 0, 0x04, 0x02, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x02, 0, 0, 8, 3}}},
     {"stuff id 20", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 8),
-     true, {BERR, {0, 0, 0x04, 0x06, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x06, 0, 0, 8, 3}}},
     {"stuff id 18", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 10),
-     true, {BERR, {0, 0, 0x04, 0x06, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x06, 0, 0, 8, 3}}},
     {"stuff id 17", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 11),
-     true, {BERR, {0, 0, 0x04, 0x07, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x07, 0, 0, 8, 3}}},
     {"stuff id 13", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 15),
-     true, {BERR, {0, 0, 0x04, 0x07, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x07, 0, 0, 8, 3}}},
     {"stuff id 12", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 16),
-     true, {BERR, {0, 0, 0x04, 0x0F, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x0F, 0, 0, 8, 3}}},
     {"stuff id 5", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 23),
-     true, {BERR, {0, 0, 0x04, 0x0F, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x0F, 0, 0, 8, 3}}},
     {"stuff id 4", ERROR_EVENT(CW_ERROR_STUFF, RX, CW_FIELD_ID, 24),
-     true, {BERR, {0, 0, 0x04, 0x0E, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x04, 0x0E, 0, 0, 8, 3}}},
     {"srr", ERROR_EVENT(CW_ERROR_STUFF, TX, CW_FIELD_SRR, 0),
-     true, {BERR, {0, 0, 0x84, 0x04, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x84, 0x04, 0, 0, 8, 3}}},
     {"base rtr", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_RTR, 0),
-     true, {BERR, {0, 0, 0x81, 0x04, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x04, 0, 0, 8, 3}}},
     {"extended rtr", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_RTR, 0, .extended = true),
-     true, {BERR, {0, 0, 0x81, 0x0C, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x0C, 0, 0, 8, 3}}},
     {"ide", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_IDE, 0),
-     true, {BERR, {0, 0, 0x81, 0x05, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x05, 0, 0, 8, 3}}},
     {"r1", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_R1, 0),
-     true, {BERR, {0, 0, 0x81, 0x0D, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x0D, 0, 0, 8, 3}}},
     {"r0", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_R0, 0),
-     true, {BERR, {0, 0, 0x81, 0x09, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x09, 0, 0, 8, 3}}},
     {"dlc", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_DLC, 2),
-     true, {BERR, {0, 0, 0x81, 0x0B, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x0B, 0, 0, 8, 3}}},
     {"data", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_DATA, 63),
-     true, {BERR, {0, 0, 0x81, 0x0A, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x0A, 0, 0, 8, 3}}},
     {"crc sequence", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_CRC, 14),
-     true, {BERR, {0, 0, 0x81, 0x08, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x08, 0, 0, 8, 3}}},
     {"crc error", ERROR_EVENT(CW_ERROR_CRC, RX, CW_FIELD_ACK_DELIMITER, 0),
-     true, {BERR, {0, 0, 0x00, 0x08, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x00, 0x08, 0, 0, 8, 3}}},
     {"crc delimiter", ERROR_EVENT(CW_ERROR_FORM, RX, CW_FIELD_CRC_DELIMITER, 0),
-     true, {BERR, {0, 0, 0x02, 0x18, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x02, 0x18, 0, 0, 8, 3}}},
     {"missing ack", ERROR_EVENT(CW_ERROR_ACK, TX, CW_FIELD_ACK_SLOT, 0),
-     true, {BERR | ACK, {0, 0, 0x80, 0x19, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR | ACK, {0, 0, 0x80, 0x19, 0, 0, 8, 3}}},
     {"own ack bit", ERROR_EVENT(CW_ERROR_BIT, RX, CW_FIELD_ACK_SLOT, 0),
-     true, {BERR, {0, 0, 0x01, 0x19, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x01, 0x19, 0, 0, 8, 3}}},
     {"ack delimiter", ERROR_EVENT(CW_ERROR_FORM, RX, CW_FIELD_ACK_DELIMITER, 0),
-     true, {BERR, {0, 0, 0x02, 0x1B, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x02, 0x1B, 0, 0, 8, 3}}},
     {"eof", ERROR_EVENT(CW_ERROR_FORM, TX, CW_FIELD_EOF, 6),
-     true, {BERR, {0, 0, 0x82, 0x1A, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x82, 0x1A, 0, 0, 8, 3}}},
     {"active flag", ERROR_EVENT(CW_ERROR_BIT, RX, CW_FIELD_ERROR_FLAG, 2),
-     true, {BERR, {0, 0, 0x01, 0x11, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x01, 0x11, 0, 0, 8, 3}}},
     {"error delimiter", ERROR_EVENT(CW_ERROR_FORM, RX, CW_FIELD_ERROR_DELIMITER, 3),
-     true, {BERR, {0, 0, 0x02, 0x17, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x02, 0x17, 0, 0, 8, 3}}},
     {"overload flag", ERROR_EVENT(CW_ERROR_BIT, TX, CW_FIELD_OVERLOAD_FLAG, 3),
-     true, {BERR, {0, 0, 0x81, 0x1C, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x81, 0x1C, 0, 0, 8, 3}}},
     {"overload delimiter", ERROR_EVENT(CW_ERROR_FORM, RX, CW_FIELD_OVERLOAD_DELIMITER, 3),
-     true, {BERR, {0, 0, 0x02, 0x17, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x02, 0x17, 0, 0, 8, 3}}},
     {"dominant after flag",
      {.kind = CW_EVENT_TOLERATED, .tec = 8, .rec = 3,
       .error = {.role = RX, .place = {.field = CW_FIELD_ERROR_DELIMITER}}},
-     true, {BERR, {0, 0, 0x00, 0x13, 0, 0, 8, 3}}},
+     BERR_MODE, {BERR, {0, 0, 0x00, 0x13, 0, 0, 8, 3}}},
     {"dominant in passive flag",
      {.kind = CW_EVENT_TOLERATED, .tec = 136,
       .error = {.role = TX, .place = {.field = CW_FIELD_ERROR_FLAG}}},
-     true, {BERR, {0, 0, 0x80, 0x16, 0, 0, 136, 0}}},
+     BERR_MODE, {BERR, {0, 0, 0x80, 0x16, 0, 0, 136, 0}}},
 };
 
 static void check_row(void **state)
@@ -140,10 +144,10 @@ static void check_row(void **state)
     const row *r = *state;
     errframe with;
     errframe without;
-    assert_true(errframe_from_event(&with, &r->event, true));
+    assert_true(errframe_from_event(&with, &r->event, ALL_MODES));
     assert_int_equal(with.can_id, r->wanted.can_id);
     assert_memory_equal(with.data, r->wanted.data, sizeof with.data);
-    assert_int_equal(errframe_from_event(&without, &r->event, false), !r->berr_only);
+    assert_int_equal(errframe_from_event(&without, &r->event, ALL_MODES & ~r->mode), r->mode == 0);
 }
 
 static void no_frame_for_other_events(void **state)
@@ -154,10 +158,10 @@ static void no_frame_for_other_events(void **state)
     errframe out;
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
         const cw_event event = {.kind = kinds[i]};
-        assert_false(errframe_from_event(&out, &event, true));
+        assert_false(errframe_from_event(&out, &event, ALL_MODES));
     }
     const cw_event one_shot = {.kind = CW_EVENT_DROP, .why = CW_DROP_ONE_SHOT};
-    assert_false(errframe_from_event(&out, &one_shot, true));
+    assert_false(errframe_from_event(&out, &one_shot, ALL_MODES));
 }
 
 /* A TEC above 255 has no place in data[6]: no counters then. */
@@ -168,7 +172,7 @@ static void bus_error_that_ends_in_bus_off(void **state)
                             .tec = 256,
                             .error = {.role = TX, .place = {.field = CW_FIELD_SOF}}};
     errframe out;
-    assert_true(errframe_from_event(&out, &event, true));
+    assert_true(errframe_from_event(&out, &event, ALL_MODES));
     assert_int_equal(out.can_id, ERR | PROT | BUSERROR);
     assert_int_equal(out.data[6], 0);
 }
