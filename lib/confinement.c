@@ -4,7 +4,7 @@
  */
 #include "confinement.h"
 
-#define REC_AFTER_PASSIVE 119u /* R8, ruling: of the 119..127 that are allowed */
+#define REC_AFTER_PASSIVE 120u /* R8, ruling: of the 119..127 that are allowed */
 
 /* R9..R11, R13. Bus-off is left only by a reset (R12). */
 static void update_state(cw_confinement *c)

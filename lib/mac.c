@@ -521,12 +521,12 @@ static step_handler *const end_step[CW_STEP_COUNT] = {
     [CW_STEP_EOF] = end_eof,
 };
 
-/* Whether a step belongs to the arbitration field of the own frame (M2): the IDE only does in an
- * extended frame. */
-static bool arbitrates(const cw_mac *m, unsigned step)
+/* Whether the present step belongs to the arbitration field of the own frame (M2): the IDE only
+ * does in an extended frame. */
+static bool arbitrates(const cw_mac *m)
 {
-    return (cw_steps[step].flags & CW_STEP_ARBITRATION) ||
-           (step == CW_STEP_IDE && m->tx.extended);
+    return (cw_steps[m->step].flags & CW_STEP_ARBITRATION) ||
+           (m->step == CW_STEP_IDE && m->tx.extended);
 }
 
 /* As the SJA1000 counts: the 11 bits, RTR/SRR, IDE, the 18 bits, RTR. */
@@ -549,7 +549,15 @@ static void lose_arbitration(cw_mac *m, cw_mac_report *r)
     m->role = CW_ROLE_RECEIVER;
 }
 
-/* R3 ii: a recessive stuff bit of the arbitration field that was overwritten. */
+/* R3 ii: whether a recessive stuff bit that is due stands before the RTR bit. One that follows the
+ * RTR is like any other, be the RTR the last bit of the arbitration field. SRR and IDE of an
+ * extended frame are recessive: no recessive stuff bit follows them. */
+static bool stuffs_before_rtr(const cw_mac *m)
+{
+    return m->before_step == CW_STEP_BASE_ID || m->before_step == CW_STEP_EXTENDED_ID;
+}
+
+/* R3 ii: a recessive stuff bit before the RTR that was overwritten. */
 static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
 {
     signal_error(m, CW_ERROR_STUFF, false, 0, r);
@@ -558,7 +566,7 @@ static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
 static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m) && level != m->driven) {
-        if (m->driven && arbitrates(m, m->before_step))
+        if (m->driven && stuffs_before_rtr(m))
             detect_stuff_overwritten(m, r);
         else
             detect(m, CW_ERROR_BIT, r);
@@ -577,7 +585,7 @@ static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
  * bit goes on, as a receiver's. */
 static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
 {
-    if (m->driven && arbitrates(m, m->step)) {
+    if (m->driven && arbitrates(m)) {
         lose_arbitration(m, r);
         return true;
     }

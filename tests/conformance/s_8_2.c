@@ -32,18 +32,18 @@ static void extended_bits(void)
     invert_every_bit("0915A5C3#C3A5");
 }
 
-/* R3 ii: the recessive stuff bits of the arbitration field cost nothing; the rest are bit errors.
- */
+/* R3 ii: the recessive stuff bits before the RTR cost nothing; the rest are bit errors, the one
+ * that follows the RTR, too. */
 static const char *stuff_bit_error(const wire_bit *bit)
 {
-    if (bit->level && bit->arbitration)
+    if (bit->level && bit->arbitration && bit->place.field != CW_FIELD_RTR)
         return "(stuff here tx act) " ACTIVE;
     return "(bit here tx act T+8) " ACTIVE;
 }
 
 static void base_stuff_bits(void)
 {
-    static const char *const frames[] = {"07A#55", "7EF#R2", "756#F842", "6CE#F8", "758#"};
+    static const char *const frames[] = {"07A#55", "7EF#R2", "756#F842", "6CE#F8", "758#", "7F0#"};
 
     for (size_t i = 0; i < sizeof frames / sizeof frames[0]; i++)
         bench_run_stuff_bits('>', frames[i], stuff_bit_error);
@@ -51,7 +51,8 @@ static void base_stuff_bits(void)
 
 static void extended_stuff_bits(void)
 {
-    static const char *const frames[] = {"07FC0000#AA", "00000000#", "0AAAAAE0#55"};
+    static const char *const frames[] = {"07FC0000#AA", "00000000#", "0AAAAAE0#55",
+                                         "1FFFFFF0#"};
 
     for (size_t i = 0; i < sizeof frames / sizeof frames[0]; i++)
         bench_run_stuff_bits('>', frames[i], stuff_bit_error);

@@ -211,7 +211,14 @@ static const test_case cases[] = {
     /* Behind the last bit of the arbitration field; behind the IDE bit of a base frame. */
     {"X3", "set=10,10 >560#C3:id10s ~(stuff id10s tx act) " ACTIVE ">560#C3 r3", NULL},
     {"X3", "set=10,10 >758#:ide0s ~(bit ide0s tx act T+8) " ACTIVE ">758# r3", NULL},
-    {"X3", "set=10,10 >078#E1:rtr0s ~(stuff rtr0s tx act) " ACTIVE ">078#E1 r3", NULL},
+    /* Behind the RTR bit it is a bit error like any other: both formats, active and passive. */
+    {"X3", "set=10,10 >078#E1:rtr0s ~(bit rtr0s tx act T+8) " ACTIVE ">078#E1 r3", NULL},
+    {"X3", "set=150,10 >078#E1:rtr0s ~(bit rtr0s tx pas T+8) " PASSIVE SUSPEND ">078#E1 r3", NULL},
+    {"X3", "set=10,10 >1FFFFFF0#:rtr0s ~(bit rtr0s tx act T+8) " ACTIVE ">1FFFFFF0# r3", NULL},
+    /* the last one before it, in both formats */
+    {"X3", "set=10,10 >0AAAAAE0#55:id28s ~(stuff id28s tx act) " ACTIVE ">0AAAAAE0#55 r3", NULL},
+    /* to a receiver it is a stuff error */
+    {"X3", "set=10,10 <078#E1:rtr0s ~(stuff rtr0s rx act R+1) " ACTIVE, NULL},
     {"X4", "init=L r11 set=5,5 <" F " r3 <12345678#R4 r3", NULL},
     {"X4", "init=L r11 set=5,5 <" F ":ack d <" F "@ackdel r3", NULL},
     {"X4", "init=L r11 set=5,5 <" F ":crcdel d(form crcdel rx act) r6 r8 r3", NULL},

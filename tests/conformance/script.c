@@ -10,7 +10,7 @@
 
 #define WORD_MAX 16
 #define TOKEN_SHOWN 40
-#define REC_AFTER_PASSIVE 119u /* ruling in R8 */
+#define REC_AFTER_PASSIVE 120u /* ruling in R8 */
 #define INTEGRATION "r11 "
 #define CLOSING "r11 <2A5#C3 r11 " /* 11 recessive bits end every debt of a sound node */
 

@@ -203,14 +203,14 @@ def test_tx_stuck_dominant_until_the_transceiver_lets_go(car):
     errors = [state(RX_WARNING, 0, 97), state(RX_PASSIVE, 0, 129)]
     for name in NAMES:
         c.wait_errors(name, errors)
-    errors += [state(RX_WARNING, 0, 119), state(ACTIVE, 0, 95)]
+    errors += [state(RX_WARNING, 0, 120), state(ACTIVE, 0, 95)]
     c.generate("gearbox", 30)
     c.wait_errors("engine", errors)
     c.wait_errors("dash", errors)
     c.generate("dash", 30)
     c.wait_errors("gearbox", errors)
     c.send("engine", "123#01")  # its transceiver does not let it onto the bus
-    c.wait_errors("engine", errors + to_bus_off_and_back(rec=60))
+    c.wait_errors("engine", errors + to_bus_off_and_back(rec=61))
     c.shell.clear("stuck")
     c.send("engine", "123#02")
     c.settle()

@@ -204,6 +204,66 @@ static void states_follow_the_counters(void **state)
     }
 }
 
+/* R8: from 1 to 127 one down; above that 120, which both readings of the standard allow. */
+static void a_good_frame_lowers_the_rec(void **state)
+{
+    (void)state;
+    static const unsigned rows[][2] = {{0, 0},     {1, 0},     {127, 126},
+                                       {128, 120}, {129, 120}, {255, 120}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        cw_confinement c = {.warning_limit = 96};
+        cw_confinement_set(&c, 0, rows[i][0]);
+        cw_confinement_rx_success(&c);
+        assert_int_equal(c.rec, rows[i][1]);
+    }
+}
+
+/* Sends a frame and overwrites its first recessive stuff bit; what is reported for it. */
+static cw_error overwrite_stuff_bit(cw_mac *mac, const cw_frame *sent)
+{
+    cw_mac_report report = {.what = 0};
+    cw_bits bits;
+    assert_int_equal(cw_bits_encode(&bits, sent), CW_OK);
+    assert_int_equal(cw_mac_offer(mac, sent), CW_OK);
+    for (unsigned n = 0; !(report.what & CW_REPORT_ERROR); n++) {
+        bool recessive_stuff = cw_bits_place(&bits, n).stuff && cw_bits_level(&bits, n);
+        bool level = cw_mac_drive(mac);
+        cw_mac_sample(mac, level && !recessive_stuff, &report);
+    }
+    return report.error;
+}
+
+/* R3 ii spares a transmitter only before the RTR bit. */
+static void a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error(void **state)
+{
+    (void)state;
+    static const struct {
+        cw_frame frame;
+        cw_field field;
+        cw_error_type type;
+        unsigned tec;
+    } rows[] = {
+        {{.id = 0x07F}, CW_FIELD_ID, CW_ERROR_STUFF, 0}, /* 0 0000 */
+        {{.id = 0x7E0}, CW_FIELD_ID, CW_ERROR_STUFF, 0}, /* 111111 00000, the last of the id */
+        {{.id = 0x7F0}, CW_FIELD_RTR, CW_ERROR_BIT, 8},  /* 1111111 0000 and RTR */
+        {{.id = 0x7F8}, CW_FIELD_IDE, CW_ERROR_BIT, 8},  /* 11111111 000, RTR, IDE */
+        {{.id = 0x1FFFFFE0, .flags = CW_FRAME_EXTENDED}, CW_FIELD_ID, CW_ERROR_STUFF, 0},
+        {{.id = 0x1FFFFFF0, .flags = CW_FRAME_EXTENDED}, CW_FIELD_RTR, CW_ERROR_BIT, 8},
+        {{.id = 0x1FFFFFF8, .flags = CW_FRAME_EXTENDED}, CW_FIELD_R1, CW_ERROR_BIT, 8},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        cw_mac mac = idle_mac(0);
+        const cw_error error = overwrite_stuff_bit(&mac, &rows[i].frame);
+        assert_int_equal(error.type, rows[i].type);
+        assert_int_equal(error.role, CW_ROLE_TRANSMITTER);
+        assert_int_equal(error.place.field, rows[i].field);
+        assert_true(error.place.stuff);
+        assert_int_equal(cw_mac_tec(&mac), rows[i].tec);
+        assert_int_equal(cw_mac_rec(&mac), 0);
+        assert_int_equal(play(&mac, CW_FLAG_BITS, CW_RECESSIVE), CW_FLAG_BITS);
+    }
+}
+
 static void the_warning_limit_counts_at_once(void **state)
 {
     (void)state;
@@ -230,6 +290,8 @@ int main(void)
         cmocka_unit_test(a_disconnected_node_integrates_when_back),
         cmocka_unit_test(bus_off_stays_bus_off_when_disconnected),
         cmocka_unit_test(states_follow_the_counters),
+        cmocka_unit_test(a_good_frame_lowers_the_rec),
+        cmocka_unit_test(a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error),
         cmocka_unit_test(the_warning_limit_counts_at_once),
     };
     return cmocka_run_group_tests_name("mac", tests, NULL, NULL);
