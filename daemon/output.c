@@ -4,59 +4,91 @@
  */
 #include "output.h"
 
+#include "chars.h"
 #include "jsonput.h"
 #include "portname.h"
 #include "text.h"
 
 #include <assert.h>
-#include <inttypes.h>
 #include <string.h>
 
 #define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
 
-static void write_line(FILE *out, const cfg *config, const cw_event *event, const char *node);
+#define BLOCK_BYTES 4096u /* of lines that are written at once */
+#define HEAD_MAX (TIME_TEXT_MAX + 16u)
+#define TAIL_MAX 256u /* with the name of a rule */
+
+/* Lines on their way to a file, which have the name of a node to themselves: what stands before and
+ * behind it is put together once for all of them. */
+typedef struct block {
+    FILE *out;
+    char *end;
+    size_t head_length;
+    size_t tail_length;
+    char head[HEAD_MAX];
+    char tail[TAIL_MAX];
+    char text[BLOCK_BYTES];
+} block;
+
+static char *put_head(char *at, const cw_event *event);
+static char *put_tail(char *at, const cfg *config, const cw_event *event);
+static bool is_of_the_bus(cw_event_kind kind);
+static uint64_t nodes_of(const cfg *config, const cw_event *event);
+static void begin_block(block *b, FILE *out, const char *head_end, const char *tail_end);
+static void end_block(block *b);
+static void add_line(block *b, const char *name);
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
 
 void output_event(FILE *out, const cfg *config, const cw_event *event)
 {
+    block b;
+
     if (event->kind == CW_EVENT_TOLERATED) {
         return;
     }
-    if (event->kind == CW_EVENT_FAULT || event->kind == CW_EVENT_SKIP) {
-        write_line(out, config, event, NULL);
+    char *head_end = put_head(b.head, event);
+    if (is_of_the_bus(event->kind)) {
+        begin_block(&b, out, head_end, put_tail(b.tail, config, event));
+        add_line(&b, "");
+        end_block(&b);
         return;
     }
-    for (size_t i = 0; i < config->node_count; i++) {
-        if ((event->nodes >> i & 1u) != 0) {
-            write_line(out, config, event, config->nodes[i].name);
-        }
+    head_end = chars_text(head_end, ",\"node\":\"");
+    b.tail[0] = '"';
+    begin_block(&b, out, head_end, put_tail(b.tail + 1, config, event));
+    for (uint64_t rest = nodes_of(config, event); rest != 0; rest &= rest - 1) {
+        add_line(&b, config->nodes[__builtin_ctzll(rest)].name);
     }
+    end_block(&b);
 }
 
 void output_log(FILE *out, const cfg *config, const cw_event *event)
 {
-    output_log_at(out, config, event, text_ticks_ns(event->tick));
+    if (event->kind == CW_EVENT_TX) {
+        output_log_at(out, config, event, text_ticks_ns(event->tick));
+    }
 }
 
 void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns)
 {
-    char time[TIME_TEXT_MAX];
-    char frame[FRAME_TEXT_MAX];
+    block b;
 
     if (event->kind != CW_EVENT_TX) {
         return;
     }
-    text_print_log_ns(time, time_ns);
-    text_print_frame(frame, &event->frame);
-    for (size_t i = 0; i < config->node_count; i++) {
-        if ((event->nodes >> i & 1u) != 0) {
-            const cfg_node *node = &config->nodes[i];
+    char *head_end = text_print_log_ns(b.head, time_ns);
+    *head_end++ = ' ';
+    b.tail[0] = ' ';
+    char *tail_end = text_print_frame(b.tail + 1, &event->frame);
+    *tail_end++ = '\n';
+    begin_block(&b, out, head_end, tail_end);
+    for (uint64_t rest = nodes_of(config, event); rest != 0; rest &= rest - 1) {
+        const cfg_node *node = &config->nodes[__builtin_ctzll(rest)];
 
-            bool interface = portname_is_interface(node->port);
-            fprintf(out, "%s %s %s\n", time, interface ? node->port : node->name, frame);
-        }
+        add_line(&b, portname_is_interface(node->port) ? node->port : node->name);
     }
+    end_block(&b);
 }
 
 void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
@@ -70,99 +102,151 @@ void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
     json_decref(root);
 }
 
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+/* With head and tail put into it, which end there. */
+static void begin_block(block *b, FILE *out, const char *head_end, const char *tail_end)
+{
+    b->out = out;
+    b->end = b->text;
+    b->head_length = (size_t)(head_end - b->head);
+    b->tail_length = (size_t)(tail_end - b->tail);
+    assert(b->head_length <= HEAD_MAX && b->tail_length <= TAIL_MAX);
+}
+
+static void end_block(block *b)
+{
+    (void)fwrite(b->text, 1, (size_t)(b->end - b->text), b->out);
+    b->end = b->text;
+}
+
+static void add_line(block *b, const char *name)
+{
+    const size_t name_length = strlen(name);
+    const size_t length = b->head_length + name_length + b->tail_length;
+
+    assert(length <= BLOCK_BYTES);
+    if (length > (size_t)(b->text + BLOCK_BYTES - b->end)) {
+        end_block(b);
+    }
+    char *at = chars_copy(b->end, b->head, b->head_length);
+    at = chars_copy(at, name, name_length);
+    b->end = chars_copy(at, b->tail, b->tail_length);
+}
+
+/* The nodes that an event concerns. */
+static uint64_t nodes_of(const cfg *config, const cw_event *event)
+{
+    const uint64_t all = config->node_count < CW_NODES_MAX
+                             ? (UINT64_C(1) << config->node_count) - 1
+                             : UINT64_MAX;
+
+    return event->nodes & all;
+}
+
 /* ---- Events ---------------------------------------------------------------------------------- */
 
+static bool is_of_the_bus(cw_event_kind kind)
+{
+    return kind == CW_EVENT_FAULT || kind == CW_EVENT_SKIP;
+}
+
+static char *put_word(char *at, const char *key, const char *word)
+{
+    at = chars_text(at, key);
+    at = chars_text(at, word);
+    *at++ = '"';
+    return at;
+}
+
+static char *put_number(char *at, const char *key, uint64_t number)
+{
+    return chars_decimal(chars_text(at, key), number);
+}
+
 /* The configuration allows no character in names that JSON would need escaped. */
-static void write_name(FILE *out, const char *key, const char *name)
+static char *put_rule(char *at, const cfg *config, const cw_event *event)
 {
-    const size_t plain = strspn(name, NAME_CHARACTERS);
-    assert(name[plain] == '\0');
-    (void)plain;
-    fprintf(out, ",\"%s\":\"%s\"", key, name);
+    assert(event->rule < config->rule_count);
+    const char *name = config->rules[event->rule].name;
+    assert(strlen(name) < CW_RULE_NAME_MAX && name[strspn(name, NAME_CHARACTERS)] == '\0');
+    at = put_word(at, ",\"rule\":\"", name);
+    return put_number(at, ",\"hit\":", event->hit);
 }
 
-static void write_frame(FILE *out, const cw_frame *frame)
+static char *put_frame(char *at, const cw_frame *frame)
 {
-    char text[FRAME_TEXT_MAX];
-
-    text_print_frame(text, frame);
-    fprintf(out, ",\"frame\":\"%s\"", text);
+    at = text_print_frame(chars_text(at, ",\"frame\":\""), frame);
+    *at++ = '"';
+    return at;
 }
 
-static void write_counters(FILE *out, const cw_event *event)
+static char *put_counters(char *at, const cw_event *event)
 {
-    fprintf(out, ",\"tec\":%u,\"rec\":%u", (unsigned)event->tec, (unsigned)event->rec);
+    at = put_number(at, ",\"tec\":", event->tec);
+    return put_number(at, ",\"rec\":", event->rec);
 }
 
-static void write_error(FILE *out, const cw_event *event)
+static char *put_error(char *at, const cw_event *event)
 {
     const cw_error *error = &event->error;
 
-    fprintf(out, ",\"role\":\"%s\",\"type\":\"%s\",\"field\":\"%s\",\"index\":%u",
-            error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx", cw_error_type_name(error->type),
-            cw_field_name(error->place.field), (unsigned)error->place.index);
+    at = put_word(at, ",\"role\":\"", error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
+    at = put_word(at, ",\"type\":\"", cw_error_type_name(error->type));
+    at = put_word(at, ",\"field\":\"", cw_field_name(error->place.field));
+    at = put_number(at, ",\"index\":", error->place.index);
     if (error->place.stuff) {
-        fputs(",\"stuff\":true", out);
+        at = chars_text(at, ",\"stuff\":true");
     }
-    fprintf(out, ",\"flag\":\"%s\"", cw_flag_name(error->flag));
-    write_counters(out, event);
+    at = put_word(at, ",\"flag\":\"", cw_flag_name(error->flag));
+    return put_counters(at, event);
 }
 
 /* What an event says beyond time, node and kind. */
-static void write_details(FILE *out, const cfg *config, const cw_event *event)
+static char *put_details(char *at, const cfg *config, const cw_event *event)
 {
     switch (event->kind) {
     case CW_EVENT_FAULT:
-        assert(event->rule < config->rule_count);
-        write_name(out, "rule", config->rules[event->rule].name);
-        fprintf(out, ",\"hit\":%lu", (unsigned long)event->hit);
-        break;
+        return put_rule(at, config, event);
     case CW_EVENT_LINK:
-        fprintf(out, ",\"state\":\"%s\"", event->up ? "up" : "down");
-        break;
+        return put_word(at, ",\"state\":\"", event->up ? "up" : "down");
     case CW_EVENT_DROP:
-        write_frame(out, &event->frame);
-        fprintf(out, ",\"why\":\"%s\"", cw_drop_name(event->why));
-        break;
+        at = put_frame(at, &event->frame);
+        return put_word(at, ",\"why\":\"", cw_drop_name(event->why));
     case CW_EVENT_ARBITRATION_LOST:
-        write_frame(out, &event->frame);
-        fprintf(out, ",\"bit\":%u", (unsigned)event->lost_bit);
-        break;
+        at = put_frame(at, &event->frame);
+        return put_number(at, ",\"bit\":", event->lost_bit);
     case CW_EVENT_ERROR:
-        write_error(out, event);
-        break;
+        return put_error(at, event);
     case CW_EVENT_RX:
     case CW_EVENT_TX:
-        write_frame(out, &event->frame);
-        break;
+        return put_frame(at, &event->frame);
     case CW_EVENT_STATE:
-        fprintf(out, ",\"state\":\"%s\"", cw_state_name(event->state));
-        write_counters(out, event);
-        break;
+        at = put_word(at, ",\"state\":\"", cw_state_name(event->state));
+        return put_counters(at, event);
     case CW_EVENT_SKIP:
-        fprintf(out, ",\"skipped_ns\":%" PRIu64, text_ticks_ns(event->ticks));
-        break;
+        return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_TOLERATED:
     case CW_EVENT_COUNT:
         break;
     }
+    return at;
 }
 
-/* node is NULL for an event of the bus. */
-static void write_line(FILE *out, const cfg *config, const cw_event *event, const char *node)
+/* What stands before the name of the node. */
+static char *put_head(char *at, const cw_event *event)
 {
-    char time[TIME_TEXT_MAX];
+    return text_print_seconds(chars_text(at, "{\"t\":"), event->tick);
+}
 
-    text_print_seconds(time, event->tick);
-    fprintf(out, "{\"t\":%s", time);
-    if (node != NULL) {
-        write_name(out, "node", node);
-    }
-    fprintf(out, ",\"event\":\"%s\"", cw_event_name(event->kind));
-    write_details(out, config, event);
-    fputs("}\n", out);
+/* What stands behind it. */
+static char *put_tail(char *at, const cfg *config, const cw_event *event)
+{
+    at = put_word(at, ",\"event\":\"", cw_event_name(event->kind));
+    at = put_details(at, config, event);
+    return chars_text(at, "}\n");
 }
 
 /* ---- Statistics ------------------------------------------------------------------------------ */

@@ -4,6 +4,7 @@
  */
 #include "text.h"
 
+#include "chars.h"
 #include "wide.h"
 
 #include <assert.h>
@@ -25,6 +26,8 @@
 #define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own */
 
 #define NS_PER_S UINT64_C(1000000000)
+#define LOG_SECONDS_DIGITS 10u
+#define LOG_SECONDS_END UINT64_C(10000000000)
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 #define DECIMAL_DIGITS "0123456789"
@@ -85,6 +88,8 @@ static const char levels_problem[] =
     "expected 1 to 64 levels such as 10x1: 1 recessive, 0 dominant, x as it is, not all x";
 static const char percent_problem[] = "expected a part such as 60%, from 0.1% to 100%";
 
+static char *print_fd_flags(char *at, uint8_t flags);
+static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us);
 static unsigned hex_digit(char c);
 static uint32_t hex_value(const char *text, size_t digits);
 static bool identifier_valid(uint32_t id, size_t digits);
@@ -119,28 +124,28 @@ const char *text_parse_frame(cw_frame *out, const char *text)
     return problem;
 }
 
-void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
+char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
 {
     bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > BASE_ID_MAX;
-    int used =
-        snprintf(out, FRAME_TEXT_MAX, wide_id ? "%08" PRIX32 "#" : "%03" PRIX32 "#", frame->id);
-    unsigned length = cw_frame_length(frame); /* of a CAN FD frame what is kept of it */
-    char *end = out + used;
+    bool fd = frame->flags & CW_FRAME_FD, remote = frame->flags & CW_FRAME_REMOTE;
+    uint8_t dlc = frame->dlc;
+    char *end = chars_hex(out, frame->id, wide_id ? EXTENDED_DIGITS : BASE_DIGITS);
 
-    if (frame->flags & CW_FRAME_FD)
-        end +=
-            sprintf(end, "#%d",
-                    (frame->flags & CW_FRAME_BRS ? 1 : 0) | (frame->flags & CW_FRAME_ESI ? 2 : 0));
-    else if (frame->flags & CW_FRAME_REMOTE)
-        end += sprintf(end, "R");
-    for (unsigned i = 0; i < length; i++)
-        end += sprintf(end, "%02X", frame->data[i]);
-    if (frame->flags & CW_FRAME_FD)
-        return;
-    if ((frame->flags & CW_FRAME_REMOTE) && frame->dlc > 0)
-        end += sprintf(end, "%u", frame->dlc < CLASSIC_DATA_MAX ? frame->dlc : CLASSIC_DATA_MAX);
-    if (frame->dlc > CLASSIC_DATA_MAX)
-        sprintf(end, "_%X", frame->dlc);
+    *end++ = '#';
+    if (fd)
+        end = print_fd_flags(end, frame->flags);
+    else if (remote)
+        *end++ = 'R';
+    /* of a CAN FD frame what is kept of it */
+    end = chars_bytes(end, frame->data, cw_frame_length(frame));
+    if (!fd && remote && dlc > 0)
+        *end++ = (char)('0' + (dlc < CLASSIC_DATA_MAX ? dlc : CLASSIC_DATA_MAX));
+    if (!fd && dlc > CLASSIC_DATA_MAX) {
+        *end++ = '_';
+        end = chars_hex(end, dlc, dlc > DLC_MAX ? 2 : 1);
+    }
+    *end = '\0';
+    return end;
 }
 
 void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter)
@@ -338,11 +343,15 @@ const char *text_parse_position(cw_field *field, uint16_t *index, const char *te
     return NULL;
 }
 
-void text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
+char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
 {
     uint64_t ns = tick % CW_CLOCK_HZ * NS_PER_S / CW_CLOCK_HZ;
+    char *end = chars_decimal(out, tick / CW_CLOCK_HZ);
 
-    snprintf(out, TIME_TEXT_MAX, "%" PRIu64 ".%09" PRIu64, tick / CW_CLOCK_HZ, ns);
+    *end++ = '.';
+    end = chars_digits(end, ns, 9);
+    *end = '\0';
+    return end;
 }
 
 void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
@@ -368,17 +377,38 @@ void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
     strcpy(out + used, names[digits / 3]);
 }
 
-void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)
+char *text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)
 {
     uint64_t us = tick % CW_CLOCK_HZ / (CW_CLOCK_HZ / 1000000u);
 
-    snprintf(out, TIME_TEXT_MAX, "(%010" PRIu64 ".%06" PRIu64 ")", tick / CW_CLOCK_HZ, us);
+    return print_log(out, tick / CW_CLOCK_HZ, us);
 }
 
-void text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns)
+char *text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns)
 {
-    snprintf(out, TIME_TEXT_MAX, "(%010" PRIu64 ".%06" PRIu64 ")", ns / NS_PER_S,
-             ns % NS_PER_S / 1000);
+    return print_log(out, ns / NS_PER_S, ns % NS_PER_S / 1000);
+}
+
+/* ESI and BRS as can-utils write them. */
+static char *print_fd_flags(char *at, uint8_t flags)
+{
+    *at++ = '#';
+    *at++ = (char)('0' + ((flags & CW_FRAME_BRS ? 1 : 0) | (flags & CW_FRAME_ESI ? 2 : 0)));
+    return at;
+}
+
+/* Ten digits of seconds, more where it takes more. */
+static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us)
+{
+    char *end = out;
+
+    *end++ = '(';
+    end = s < LOG_SECONDS_END ? chars_digits(end, s, LOG_SECONDS_DIGITS) : chars_decimal(end, s);
+    *end++ = '.';
+    end = chars_digits(end, us, 6);
+    *end++ = ')';
+    *end = '\0';
+    return end;
 }
 
 /* Value of one hexadecimal digit, or 16. */

@@ -25,7 +25,7 @@ typedef struct cfg_time {
 const char *text_parse_frame(cw_frame *out, const char *text);
 
 /* The same notation, upper case. Prints invalid frames too (a bad identifier with 8 digits). */
-void text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
+char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
 
 /* can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK", "ID~MASK"
  * (inverted), several separated by commas. *count is the number written, at most max. */
@@ -93,16 +93,16 @@ static inline uint64_t text_ticks_ns(uint64_t ticks)
 }
 
 /* Bus time in seconds with 9 decimals, truncated: "0.000176000". */
-void text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
+char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
 
 /* A span as people write it, in the largest unit of which it has one: "7.204ms", "2s"; truncated to
  * nanoseconds. */
 void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks);
 
 /* Nanoseconds as candump -L prints them: "(0000000000.000178)", truncated. */
-void text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns);
+char *text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns);
 
 /* Bus time in the same way. */
-void text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick);
+char *text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick);
 
 #endif

@@ -157,6 +157,10 @@ static const line_case lines[] = {
      output_event,
      {.tick = 80000000, .kind = CW_EVENT_SKIP, .ticks = 3 * 80000000ull},
      "{\"t\":1.000000000,\"event\":\"skip\",\"skipped_ns\":3000000000}\n"},
+    {"nodes that are not there write nothing",
+     output_event,
+     {.nodes = ~UINT64_C(7), .kind = CW_EVENT_RESTART},
+     ""},
     {"tolerated writes nothing", output_event, {.nodes = ENGINE, .kind = CW_EVENT_TOLERATED}, ""},
     {"log of a node with port",
      output_log,
@@ -185,6 +189,51 @@ static void writes_the_line(void **state)
     expected->write(out, &config, &expected->event);
     fclose(out);
     assert_string_equal(text, expected->text);
+    free(text);
+}
+
+/* All nodes there can be, with the longest names: more than is written at once. */
+static void many_long_lines_are_whole(void **state)
+{
+    static cfg_node many[CW_NODES_MAX];
+    static char names[CW_NODES_MAX][33];
+    const cfg crowd = {.node_count = CW_NODES_MAX, .nodes = many, .bit_ticks = BIT_TICKS};
+    const cw_event event = {.tick = UINT64_MAX,
+                            .nodes = UINT64_MAX,
+                            .kind = CW_EVENT_ERROR,
+                            .tec = UINT16_MAX,
+                            .rec = UINT16_MAX,
+                            .error = {.type = CW_ERROR_STUFF,
+                                      .role = CW_ROLE_TRANSMITTER,
+                                      .place = {.field = CW_FIELD_OVERLOAD_DELIMITER,
+                                                .index = UINT8_MAX,
+                                                .stuff = true},
+                                      .flag = CW_FLAG_PASSIVE}};
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+
+    (void)state;
+    assert_non_null(out);
+    for (unsigned i = 0; i < CW_NODES_MAX; i++) {
+        snprintf(names[i], sizeof names[i], "%032u", i);
+        many[i].name = names[i];
+    }
+    output_event(out, &crowd, &event);
+    fclose(out);
+    const char *line = text;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++) {
+        char expected[512];
+        int expected_length = snprintf(
+            expected, sizeof expected,
+            "{\"t\":230584300921.369395187,\"node\":\"%032u\",\"event\":\"error\",\"role\":\"tx\","
+            "\"type\":\"stuff\",\"field\":\"overload-delimiter\",\"index\":255,\"stuff\":true,"
+            "\"flag\":\"passive\",\"tec\":65535,\"rec\":65535}\n",
+            i);
+        assert_memory_equal(line, expected, (size_t)expected_length);
+        line += expected_length;
+    }
+    assert_int_equal(line - text, length);
     free(text);
 }
 
@@ -424,6 +473,7 @@ int main(void)
         cmocka_unit_test(half_nanoseconds_are_truncated),
         cmocka_unit_test(nothing_simulated_is_no_load),
     };
+    const struct CMUnitTest crowds[] = {cmocka_unit_test(many_long_lines_are_whole)};
     struct CMUnitTest texts[LINE_CASES] = {0};
 
     for (size_t i = 0; i < LINE_CASES; i++) {
@@ -432,6 +482,7 @@ int main(void)
         texts[i].initial_state = (void *)(uintptr_t)&lines[i];
     }
     int failed = cmocka_run_group_tests_name("lines", texts, NULL, NULL);
+    failed += cmocka_run_group_tests_name("crowds", crowds, NULL, NULL);
 
     return failed + cmocka_run_group_tests_name("statistics", stats, NULL, NULL);
 }
