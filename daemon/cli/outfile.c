@@ -6,10 +6,12 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #define MODE 0666 /* less the umask */
+#define BUFFER_BYTES (256u << 10)
 
 static bool complain(const outfile *self, const char *why, const char *program)
 {
@@ -27,6 +29,19 @@ static int open_as_it_is(outfile *self)
     return fd;
 }
 
+/* A terminal has its lines at once. Without memory stdio's own buffer does, too. */
+static void enlarge_buffer(outfile *self)
+{
+    static char of_stdout[BUFFER_BYTES]; /* which lives on */
+    if (isatty(fileno(self->stream)))
+        return;
+    if (self->stream != stdout)
+        self->buffer = malloc(BUFFER_BYTES);
+    char *buffer = self->stream == stdout ? of_stdout : self->buffer;
+    if (buffer)
+        (void)setvbuf(self->stream, buffer, _IOFBF, BUFFER_BYTES);
+}
+
 bool outfile_open(outfile *self, const char *name, const char *program)
 {
     *self = (outfile){.name = name};
@@ -34,12 +49,15 @@ bool outfile_open(outfile *self, const char *name, const char *program)
         return true;
     if (strcmp(name, "-") == 0) {
         self->stream = stdout;
+        enlarge_buffer(self);
         return true;
     }
     int fd = open_as_it_is(self);
     self->stream = fd >= 0 ? fdopen(fd, "w") : NULL;
-    if (self->stream)
+    if (self->stream) {
+        enlarge_buffer(self);
         return true;
+    }
     bool good = complain(self, strerror(errno), program);
     if (fd >= 0)
         (void)close(fd);
@@ -63,6 +81,8 @@ bool outfile_close(outfile *self, const char *program)
     bool failed = ferror(stream) != 0;
     bool closed = (stream == stdout ? fflush(stream) : fclose(stream)) == 0;
     self->stream = NULL;
+    free(self->buffer);
+    self->buffer = NULL;
     if (!self->begun && self->made)
         (void)unlink(self->name);
     if (closed && !failed)

@@ -12,6 +12,7 @@
 typedef struct outfile {
     const char *name; /* not owned; "-": standard output */
     FILE *stream;     /* NULL: not open */
+    char *buffer;     /* of the stream, larger than that of stdio; NULL: it has that */
     bool made;        /* it was not there before */
     bool begun;
 } outfile;
