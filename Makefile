@@ -50,6 +50,7 @@ TOOL := $(BUILD)/canwire
 CONFORMANCE := $(BUILD)/conformance
 MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
 DIFFERENTIAL := $(BUILD)/differential
+MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
@@ -136,14 +137,18 @@ help: ## this list
 # Bits of the differential test: fewer where each costs more.
 DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
 
+# Of the configurations with something missing: all, or where each costs more a part of them.
+MUTANTS_EVERY := $(if $(filter release,$(VARIANT)),1,7)
+
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(DIFFERENTIAL) $(BUILD)/bench $(BUILD)/bench_realtime
+  $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
 	@status=0; for test in $(UNIT_TESTS) conformance; do \
 	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
 	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
 	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
 	echo "== differential ($(VARIANT), $(CC))"; \
 	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
+	echo "== mutants ($(VARIANT), $(CC))"; $(MUTANTS) --every $(MUTANTS_EVERY) || status=1; \
 	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
 	  $(BUILD)/bench --check || status=1; \
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
@@ -210,6 +215,9 @@ $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^
+
+$(MUTANTS): $(call objects,$(wildcard tests/mutants/*.c)) $(PARTS) $(LIB)
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 # All that runs the scenarios of the differential test, but for what compares.
 DIGEST_PARTS := $(filter-out \

@@ -8,6 +8,7 @@
 #include "portname.h"
 #include "yamlfile.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -153,6 +154,8 @@ static const schema_key lcm_keys[] = {
 /* What a file may be. */
 typedef enum wanted { WANTED_CONFIGURATION, WANTED_ANY } wanted;
 
+char cfg_no_name[] = "";
+
 static cfg_owner *make_owner(const char *file);
 static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *walk, diag *errors,
                       wanted kind);
@@ -217,9 +220,9 @@ void cfg_free(cfg *config)
     free_owner((cfg_owner *)config);
 }
 
-static uint8_t find_node(const cfg *config, const char *name)
+uint8_t cfg_find_node(const cfg *config, const char *name)
 {
-    for (size_t i = 0; i < config->node_count; i++)
+    for (size_t i = 0; *name && i < config->node_count; i++)
         if (strcmp(config->nodes[i].name, name) == 0)
             return (uint8_t)i;
     return CW_NO_NODE;
@@ -228,7 +231,7 @@ static uint8_t find_node(const cfg *config, const char *name)
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old)
 {
     for (size_t i = 0; i < CW_NODES_MAX; i++)
-        from[i] = i < config->node_count ? find_node(old, config->nodes[i].name) : CW_NO_NODE;
+        from[i] = i < config->node_count ? cfg_find_node(old, config->nodes[i].name) : CW_NO_NODE;
 }
 
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
@@ -314,10 +317,10 @@ void cfg_read_time(schema *self, const schema_key *key, yaml_node_t *value, void
 void cfg_read_span(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_time *time = schema_member(key, object);
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
 
     cfg_read_time(self, key, value, object);
-    if (self->errors->count == errors && time->ns == 0 && time->bits == 0)
+    if (self->errors->errors == errors && time->ns == 0 && time->bits == 0)
         schema_complain(self, value, "%s: the time must be more than 0", key->name);
 }
 
@@ -335,10 +338,10 @@ void cfg_read_ticks(schema *self, const schema_key *key, yaml_node_t *value, voi
 void cfg_read_ticks_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const uint64_t *ticks = schema_member(key, object);
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
 
     cfg_read_ticks(self, key, value, object);
-    if (self->errors->count == errors && *ticks == 0)
+    if (self->errors->errors == errors && *ticks == 0)
         schema_complain(self, value, "%s: the time must be more than 0", key->name);
 }
 
@@ -432,6 +435,18 @@ bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)
     return found && yaml_text_load(document, found->text, found->size, self->errors);
 }
 
+/* What those who get a configuration rely on. */
+static bool is_whole(const cfg *config)
+{
+    bool whole = config->bus_name && config->node_count > 0 && config->bitrate_bps > 0;
+
+    for (size_t i = 0; i < config->node_count; i++)
+        whole = whole && *config->nodes[i].name != '\0';
+    for (size_t i = 0; i < config->rule_count; i++)
+        whole = whole && config->rules[i].name;
+    return whole;
+}
+
 static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start, diag *errors,
                       wanted kind)
 {
@@ -456,7 +471,8 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     else
         read_root(&self, root, is_profile, kind);
     yaml_document_delete(&document);
-    return errors->count == 0;
+    assert(errors->errors > 0 || *is_profile || is_whole(&owner->config));
+    return errors->errors == 0;
 }
 
 static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -508,12 +524,16 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
 
 static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
 {
+    cfg_walk *walk = self->user;
+
     *node = (cfg_node){
+        .name = cfg_no_name,
         .queue = QUEUE_DEFAULT,
         .warning_limit = WARNING_LIMIT_DEFAULT,
         .line = (int)value->start_mark.line + 1,
     };
     schema_map(self, "node", value, node_keys, node);
+    walk->unnamed = walk->unnamed || *node->name == '\0';
 }
 
 static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -533,14 +553,15 @@ static void read_node_name(schema *self, const schema_key *key, yaml_node_t *val
 {
     const cfg *config = cfg_of(self);
     cfg_node *node = object;
+    char *name = cfg_read_name(self, key, value, NODE_NAME_MAX);
 
-    node->name = cfg_read_name(self, key, value, NODE_NAME_MAX);
-    for (size_t i = 0; node->name && i < config->node_count; i++)
-        if (config->nodes[i].name && strcmp(config->nodes[i].name, node->name) == 0) {
-            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
-                            key->name, node->name, config->nodes[i].line);
-            return;
-        }
+    if (!name)
+        return;
+    uint8_t other = cfg_find_node(config, name);
+    if (other != CW_NO_NODE)
+        schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)", key->name,
+                        name, config->nodes[other].line);
+    node->name = name;
 }
 
 /* A copy of the name of an interface, or NULL where there is no text. */

@@ -52,7 +52,7 @@ typedef struct cfg_traffic {
 } cfg_traffic;
 
 typedef struct cfg_node {
-    char *name;
+    char *name;          /* "", which no node is called, while it is not known */
     char *port;          /* interface name, or NULL */
     cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
@@ -235,6 +235,9 @@ const char *cfg_record_parse_size(uint64_t *size, const char *text);
 
 /* Whether it never comes to an end by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);
+
+/* The index of the node of that name, or CW_NO_NODE. */
+uint8_t cfg_find_node(const cfg *config, const char *name);
 
 /* By node of a configuration: the one of that name in an old one, or CW_NO_NODE. */
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);

@@ -227,19 +227,19 @@ static void set_defaults(cw_rule *rule);
 void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
     const action *found = NULL;
 
     if (value->type == YAML_MAPPING_NODE)
         found = find_action(self, value);
     if (!found)
         complain_no_action(self, value, rule);
-    if (!found || self->errors->count > errors)
+    if (!found || self->errors->errors > errors)
         return;
     rule->action = found->action;
     set_defaults(rule);
     schema_map(self, key->name, value, found->keys, rule);
-    if (found->settle && self->errors->count == errors)
+    if (found->settle && self->errors->errors == errors)
         found->settle(self, value, rule);
 }
 
@@ -287,7 +287,7 @@ static const action *find_action(schema *self, const yaml_node_t *map)
 static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     schema_key keys[ACTION_COUNT + 1] = {END};
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
     const char *list = "";
 
     for (size_t i = 0; i < ACTION_COUNT; i++) {
@@ -295,7 +295,7 @@ static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
         list = schema_join(self, list, actions[i].name);
     }
     schema_map(self, "do", map, keys, rule);
-    if (self->errors->count == errors)
+    if (self->errors->errors == errors)
         schema_complain(self, map, "do: an action is missing; one of: %s", list);
 }
 
@@ -358,9 +358,7 @@ static void read_at(schema *self, const schema_key *key, yaml_node_t *value, voi
     bool wire = value->type == YAML_SCALAR_NODE &&
                 strcmp((const char *)value->data.scalar.value, "wire") == 0;
 
-    for (size_t i = 0; wire && i < walk->config->node_count; i++)
-        wire = strcmp(walk->config->nodes[i].name, "wire") != 0;
-    if (!wire)
+    if (!wire || cfg_find_node(walk->config, "wire") != CW_NO_NODE)
         cfg_read_node_set(self, key, value, object);
 }
 

@@ -362,7 +362,7 @@ static void check_sense(schema *self, yaml_node_t *map, const cfg_expect *e)
 
 static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
 {
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
 
     *e = (cfg_expect){
         .when.time_end = CW_NEVER,
@@ -378,7 +378,7 @@ static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
         return;
     e->kind = about->kind;
     check_conditions(self, value, about);
-    if (self->errors->count == errors)
+    if (self->errors->errors == errors)
         check_sense(self, value, e);
 }
 

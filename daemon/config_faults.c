@@ -243,13 +243,11 @@ static void complain_no_node(schema *self, const schema_key *key, const yaml_nod
     const char *list = "";
 
     for (size_t i = 0; i < config->node_count; i++) {
-        if (!config->nodes[i].name)
-            continue;
         nearest_consider(&guess, config->nodes[i].name);
         list = schema_join(self, list, config->nodes[i].name);
     }
     /* Without any node the missing list is the only complaint worth making. */
-    if (*list)
+    if (config->node_count > 0)
         schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
                         schema_suggestion(self, &guess), list);
 }
@@ -268,21 +266,24 @@ static int make_node(schema *self, const schema_key *key, const yaml_node_t *val
         schema_complain(self, value, "%s: these are more than %d nodes", key->name, CW_NODES_MAX);
         return -1;
     }
-    config->nodes[config->node_count].name = schema_copy(self, name);
+    char *copy = schema_copy(self, name);
+    if (!copy)
+        return -1;
+    config->nodes[config->node_count].name = copy;
     return (int)config->node_count++;
 }
 
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name)
 {
     const cfg_walk *walk = self->user;
-    const cfg *config = walk->config;
+    uint8_t node = cfg_find_node(walk->config, name);
 
-    for (size_t i = 0; i < config->node_count; i++)
-        if (config->nodes[i].name && strcmp(config->nodes[i].name, name) == 0)
-            return (int)i;
+    if (node != CW_NO_NODE)
+        return node;
     if (walk->any_node)
         return make_node(self, key, value, name);
-    complain_no_node(self, key, value, name);
+    if (!walk->unnamed) /* it may be meant, and has been told */
+        complain_no_node(self, key, value, name);
     return -1;
 }
 
@@ -430,9 +431,10 @@ static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *va
     const char *text = schema_text(self, key, value, "the name of a rule");
 
     rule->has_after = true;
-    if (!text)
+    const char *full = text ? full_name(self, text) : NULL;
+    if (!full)
         return;
-    size_t own = find_rule(config, walk->first_rule, full_name(self, text));
+    size_t own = find_rule(config, walk->first_rule, full);
     size_t other = walk->running ? find_running(walk->running, text) : running;
     if (own < config->rule_count && &config->rules[own] == rule)
         schema_complain(self, value, "%s: a rule cannot come after itself", key->name);

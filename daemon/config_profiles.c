@@ -541,7 +541,7 @@ static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const ch
     else
         diag_add(errors, 1, 1, "there is no rule");
     yaml_document_delete(&document);
-    return errors->count == 0 && put_in_order(owner, walk, errors);
+    return errors->errors == 0 && put_in_order(owner, walk, errors);
 }
 
 /* Moves a rule behind those that are placed; `after` goes by places from then on. */

@@ -21,6 +21,7 @@ typedef struct cfg_walk {
     const cfg_file *given;      /* the files to read from; NULL: those that there are */
     size_t given_count;
     bool any_node;              /* a node that is not there is made: a profile is checked alone */
+    bool unnamed;               /* there is a node whose name could not be read: it may be any */
 } cfg_walk;
 
 /* The configuration that a walk reads into. */
@@ -73,7 +74,10 @@ bool cfg_name_valid(const char *name, size_t length_max);
 /* The states that a value names, one or a list, as bits. */
 uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value);
 
-/* The index of the node that a value names, or -1 after a complaint. */
+/* What a node is called whose name is not known: it is found by no name. */
+extern char cfg_no_name[];
+
+/* The index of the node that a value names, or -1 when there is none, which has been told. */
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);
 
 /* Adds a list of rules to the configuration, or one rule. */

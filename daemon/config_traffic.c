@@ -146,10 +146,10 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
         kind = find_kind(self, value);
     if (kind == KINDS)
         return;
-    size_t errors = self->errors->count;
+    size_t errors = self->errors->errors;
     traffic->kind = (cfg_traffic_kind)kind;
     schema_map(self, "traffic", value, kinds[kind].keys, traffic);
-    if (self->errors->count == errors)
+    if (self->errors->errors == errors)
         kinds[kind].settle(self, value, traffic);
 }
 

@@ -105,13 +105,11 @@ static bool find_node(request *r, unsigned *node)
     const cfg *config = live_config(r->world->config);
     const char *name = text_of(r, "node");
     nearest guess = {.word = name};
-    for (unsigned i = 0; i < config->node_count; i++) {
-        if (strcmp(config->nodes[i].name, name) == 0) {
-            *node = i;
-            return true;
-        }
+    *node = cfg_find_node(config, name);
+    if (*node != CW_NO_NODE)
+        return true;
+    for (unsigned i = 0; i < config->node_count; i++)
         nearest_consider(&guess, config->nodes[i].name);
-    }
     return refuse(r, "there is no node '%.80s'%s%s%s", name, guess.best ? " (did you mean '" : "",
                   guess.best ? guess.best : "", guess.best ? "'?)" : "");
 }

@@ -15,6 +15,7 @@ static void print_message(const diag_message *message, FILE *out);
 /* Takes over the text, which is NULL when there is no memory. */
 static void add(diag *self, diag_message message)
 {
+    self->errors++;
     if (self->count == DIAG_MAX) {
         self->overflow = true;
         free(message.text);
@@ -64,6 +65,7 @@ void diag_flush(diag *self, FILE *out)
     }
     if (self->overflow)
         fprintf(out, "%s: there are more errors, only %d are shown\n", self->file.name, DIAG_MAX);
+    self->errors = 0;
     self->count = 0;
     self->overflow = false;
 }

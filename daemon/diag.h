@@ -29,8 +29,9 @@ typedef struct diag_message {
 /* All zeros and a file name is an empty collection. */
 typedef struct diag {
     diag_file file; /* of the messages to come */
-    size_t count;
-    bool overflow; /* there were more than DIAG_MAX */
+    size_t errors;  /* that were told, also those that are not kept; 0: all is good so far */
+    size_t count;   /* messages kept */
+    bool overflow;  /* there were more than DIAG_MAX */
     diag_message messages[DIAG_MAX];
 } diag;
 

@@ -109,12 +109,10 @@ static bool read_details(cw_event *out, const json_t *line)
 static bool find_node(uint64_t *nodes, const json_t *line, const cfg *config)
 {
     const char *name = json_string_value(json_object_get(line, "node"));
-    for (size_t i = 0; name && i < config->node_count; i++)
-        if (strcmp(config->nodes[i].name, name) == 0) {
-            *nodes = UINT64_C(1) << i;
-            return true;
-        }
-    return !name;
+    uint8_t node = name ? cfg_find_node(config, name) : CW_NO_NODE;
+    if (node != CW_NO_NODE)
+        *nodes = UINT64_C(1) << node;
+    return node != CW_NO_NODE || !name;
 }
 
 event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *line,

@@ -119,13 +119,9 @@ static bool find_node(journal_player *p, unsigned *node)
 {
     static const char *const keys[INPUT_COUNT] = {
         [INPUT_SEND] = "send", [INPUT_RESTART] = "restart", [INPUT_SET] = "set"};
-    const cfg *config = live_config(p->live);
-    for (unsigned i = 0; i < config->node_count; i++) {
-        if (strcmp(config->nodes[i].name, p->entry.node) == 0) {
-            *node = i;
-            return true;
-        }
-    }
+    *node = cfg_find_node(live_config(p->live), p->entry.node);
+    if (*node != CW_NO_NODE)
+        return true;
     const char *key = keys[p->entry.what.kind];
     if (!key)
         key = p->entry.what.on ? "attach" : "detach";
