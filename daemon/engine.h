@@ -5,6 +5,7 @@
 #ifndef CANWIRE_ENGINE_H
 #define CANWIRE_ENGINE_H
 
+#include "config_files.h"
 #include "inputs.h"
 #include "live.h"
 #include "port.h"
@@ -46,6 +47,10 @@ inputs *engine_inputs(engine *e);
  * queue; rules begin anew, injected ones are gone. False, with nothing changed, after writing a
  * line per error. */
 bool engine_reload(engine *e, FILE *errors);
+
+/* Files besides those of the configuration, which another configuration must not write. They must
+ * live as long as the engine. */
+void engine_reserve_files(engine *e, const fileuses *files);
 
 /* Is told when the bus has gone over to another configuration, with the old node for each new one
  * (CW_NO_NODE: none), for reload_remap(); one at most. */

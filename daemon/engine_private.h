@@ -51,6 +51,7 @@ struct engine {
     engine_links links;
     inputs inputs; /* of now.bus */
     uint64_t released; /* tick: what was to be released up to then has been */
+    const fileuses *files; /* which a reload must leave alone; or NULL */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */

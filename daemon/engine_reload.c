@@ -88,6 +88,11 @@ void engine_run_to_boundary(engine *e, uint64_t now)
     }
 }
 
+void engine_reserve_files(engine *e, const fileuses *files)
+{
+    e->files = files;
+}
+
 bool engine_reload(engine *e, FILE *errors)
 {
     if (e->stopping) {
@@ -95,7 +100,7 @@ bool engine_reload(engine *e, FILE *errors)
         return false;
     }
     engine_update(e);
-    reload *r = reload_prepare(e->config, e->next, errors);
+    reload *r = reload_prepare(e->config, e->next, e->files, errors);
     if (!r)
         return false;
     r->deadline = e->next ? e->next->deadline

@@ -17,7 +17,6 @@
 #include <string.h>
 #include <time.h>
 
-#define FILES 2        /* that are kept: this one and the one before */
 #define LINE_BYTES 512 /* of a short line */
 #define RECORD_HEAD 8u /* what a record needs in the queue besides its bytes, at most */
 #define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
@@ -348,10 +347,10 @@ journal *journal_start(const char *file, const cfg *config, char error[JOURNAL_E
     if (j)
         j->file = strdup(file);
     if (j && j->file)
-        j->spool = spool_open(file, FILES, NULL, NULL, &problem);
+        j->spool = spool_open(file, JOURNAL_FILES, NULL, NULL, &problem);
     if (!j || !j->spool) {
         (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file,
-                       problem == EINVAL ? "it is no regular file" : strerror(problem));
+                       spool_explain(problem));
         if (j)
             free_journal(j);
         return NULL;

@@ -12,6 +12,7 @@
 #include "inputs.h"
 
 #define JOURNAL_VERSION 1
+#define JOURNAL_FILES 2u /* that are kept: this one and the one before */
 #define JOURNAL_ERROR_MAX 300
 
 /* Counters of a bus that are noted now and then, so that a run can be held against them. */

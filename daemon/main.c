@@ -2,7 +2,7 @@
  *
  * main.c - canwired: one bus in the foreground.
  */
-#include "config.h"
+#include "config_files.h"
 #include "control.h"
 #include "engine.h"
 #include "journal.h"
@@ -33,6 +33,7 @@ typedef struct service {
     control *control;
     recordings *recordings;
     journal *journal;
+    fileuses files; /* besides those that the configuration names */
     notifier *notifier;
     watchdog watchdog;
     losses losses;
@@ -314,6 +315,7 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
         return false;
     s->loop = loop;
     engine_on_change(s->engine, on_change, s);
+    engine_reserve_files(s->engine, &s->files);
     if (s->config->control) {
         s->control = control_start(loop, s->live, s->engine);
         if (!s->control)
@@ -389,12 +391,22 @@ static int parse_options(const char **file, const char **journal_file, int argc,
     return -1;
 }
 
-static cfg *load_config(const char *file)
+/* No file is opened for writing before it is known to have no other use. */
+static cfg *load_checked(const char *file, const fileuses *others, FILE *errors)
+{
+    cfg *config = cfg_load(file, errors);
+    if (!config || cfg_check_files(config, others, "canwired", errors))
+        return config;
+    cfg_free(config);
+    return NULL;
+}
+
+static cfg *load_config(const char *file, const fileuses *others)
 {
     char *text = NULL;
     size_t size = 0;
     FILE *errors = open_memstream(&text, &size);
-    cfg *config = errors ? cfg_load(file, errors) : NULL;
+    cfg *config = errors ? load_checked(file, others, errors) : NULL;
     if (errors)
         (void)fclose(errors);
     if (text)
@@ -405,9 +417,9 @@ static cfg *load_config(const char *file)
     return config;
 }
 
-static live *load(const char *file)
+static live *load(const char *file, const fileuses *others)
 {
-    cfg *config = load_config(file);
+    cfg *config = load_config(file, others);
     if (!config)
         return NULL;
     log_set_bus(config->bus_name);
@@ -459,12 +471,19 @@ int main(int argc, char **argv)
         return status;
     /* A log that nobody reads any more, or an LCM server that is gone, is no reason to end. */
     (void)signal(SIGPIPE, SIG_IGN);
-    service s = {.live = load(file)};
-    if (!s.live)
+    service s = {.live = NULL};
+    if (journal_file)
+        fileuses_add(&s.files, &(fileuse){.what = "--journal", .path = journal_file,
+                                          .written = true, .older = JOURNAL_FILES - 1});
+    s.live = load(file, &s.files);
+    if (!s.live) {
+        fileuses_free(&s.files);
         return 1;
+    }
     s.config = live_config(s.live);
     struct ev_loop *loop = make_loop();
     if (!loop) {
+        fileuses_free(&s.files);
         live_free(s.live);
         return 1;
     }
@@ -477,6 +496,7 @@ int main(int argc, char **argv)
     engine_free(s.engine);
     publisher_stop(s.publisher);
     live_free(s.live);
+    fileuses_free(&s.files);
     notify_close(s.notifier);
     ev_loop_destroy(loop);
     return good ? 0 : 1;

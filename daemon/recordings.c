@@ -42,11 +42,6 @@ struct recordings {
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
-static const char *why(int error)
-{
-    return error == EINVAL ? "there is something that is no regular file" : strerror(error);
-}
-
 static entry *make_entry(const cfg_record *what)
 {
     entry *e = calloc(1, sizeof *e);
@@ -95,13 +90,13 @@ static void begin(recordings *all, entry *e, const cw_bus *bus)
         log_info("record %s: begun", e->what.file);
     else
         log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
-                  e->what.place.column, e->what.file, why(e->error));
+                  e->what.place.column, e->what.file, spool_explain(e->error));
 }
 
 static void tell(const recordings *all, const entry *e)
 {
     if (all->told && !e->waits)
-        all->told(all->user, e->what.file, e->recorder ? NULL : why(e->error));
+        all->told(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
 }
 
 static void get_stats(const entry *e, recorder_stats *stats)
@@ -127,7 +122,7 @@ static void note_error(entry *e)
     e->error = recorder_error(e->recorder);
     recorder_get_stats(e->recorder, &e->stats);
     log_lost(e);
-    log_error("record %s: stopped: %s", e->what.file, why(e->error));
+    log_error("record %s: stopped: %s", e->what.file, spool_explain(e->error));
     (void)recorder_close(e->recorder, PATIENCE_S);
     e->recorder = NULL;
 }
@@ -282,7 +277,7 @@ static void stop(entry *e, const struct timespec *until)
     if (!recorder_close(e->recorder, 0) && !written)
         log_error("record %s: not all of it could be written in %d s", e->what.file, PATIENCE_S);
     else if (error != 0)
-        log_error("record %s: stopped: %s", e->what.file, why(error));
+        log_error("record %s: stopped: %s", e->what.file, spool_explain(error));
 }
 
 void recordings_stop(recordings *all)
@@ -346,7 +341,7 @@ static json_t *entry_json(const entry *e)
     put(object, "file", text_to_json(e->what.file, strlen(e->what.file)));
     put_text(object, "format", cfg_record_format_name(e->what.format));
     put_text(object, "state", e->recorder ? "recording" : e->waits ? "waiting" : "stopped");
-    put_text(object, "why", e->error != 0 ? why(e->error) : NULL);
+    put_text(object, "why", e->error != 0 ? spool_explain(e->error) : NULL);
     put_count(object, "entries", stats.entries);
     put_count(object, "lost", stats.lost);
     put_count(object, "bytes", stats.bytes);

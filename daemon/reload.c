@@ -150,7 +150,7 @@ static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *
     return good;
 }
 
-reload *reload_prepare(const cfg *old, reload *pending, FILE *errors)
+reload *reload_prepare(const cfg *old, reload *pending, const fileuses *others, FILE *errors)
 {
     reload *r = calloc(1, sizeof *r);
     if (!r) {
@@ -158,7 +158,8 @@ reload *reload_prepare(const cfg *old, reload *pending, FILE *errors)
         return NULL;
     }
     r->config = cfg_load(old->file, errors);
-    bool good = r->config && can_follow(r->config, old, errors);
+    bool good = r->config && can_follow(r->config, old, errors) &&
+                cfg_check_files(r->config, others, "canwired", errors);
     if (good && !setup_make(&r->setup, r->config)) {
         fprintf(errors, "%s: out of memory\n", old->file);
         good = false;

@@ -8,7 +8,7 @@
 #ifndef CANWIRE_RELOAD_H
 #define CANWIRE_RELOAD_H
 
-#include "config.h"
+#include "config_files.h"
 #include "port.h"
 #include "release.h"
 
@@ -37,9 +37,10 @@ typedef struct reload {
 } reload;
 
 /* Reads the file of a configuration again. pending: what the bus was to go over to so far, or
- * NULL; the new one is to take its place and gets the ports that it has opened. NULL, with
- * nothing changed, after writing a line per error. */
-reload *reload_prepare(const cfg *old, reload *pending, FILE *errors);
+ * NULL; the new one is to take its place and gets the ports that it has opened. others: files that
+ * canwired has besides those in the configuration, or NULL. NULL, with nothing changed, after
+ * writing a line per error. */
+reload *reload_prepare(const cfg *old, reload *pending, const fileuses *others, FILE *errors);
 
 /* Moves what an array keeps of each node to the node's new place; what new nodes have is all
  * zero. The array has CW_NODES_MAX elements of that size. */

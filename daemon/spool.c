@@ -7,6 +7,9 @@
  */
 #include "spool.h"
 
+#include "filelock.h"
+#include "folder.h"
+
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -23,11 +26,12 @@
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
 #define NS_PER_S 1000000000
-#define MODE 0644
+#define MODE 0640 /* less the umask: what a bus carried is not for everybody */
 
 struct spool {
     char *file;
-    int fd;
+    folder folder; /* of the file: whatever becomes of its path, all happens there */
+    int fd;        /* locked, so that no other program rotates it */
     uint64_t written; /* bytes of records in this file */
     spool_news *news;
     void *user;
@@ -55,12 +59,12 @@ static char *numbered(const char *file, unsigned number)
 }
 
 /* Returns 0 or an errno. What is not there need not be moved. */
-static int move_file(const char *file, unsigned number)
+static int move_file(const folder *in, unsigned number)
 {
-    char *from = numbered(file, number);
-    char *to = numbered(file, number + 1);
+    char *from = numbered(in->name, number);
+    char *to = numbered(in->name, number + 1);
     int error = from && to ? 0 : ENOMEM;
-    if (error == 0 && rename(from, to) != 0 && errno != ENOENT)
+    if (error == 0 && renameat(in->fd, from, in->fd, to) != 0 && errno != ENOENT)
         error = errno;
     free(from);
     free(to);
@@ -68,30 +72,88 @@ static int move_file(const char *file, unsigned number)
 }
 
 /* FILE becomes FILE.1 and so on; of `files` the oldest is no more. Returns 0 or an errno. */
-static int rotate(const char *file, unsigned files)
+static int rotate(const folder *in, unsigned files)
 {
     int error = 0;
     if (files <= 1)
-        return unlink(file) == 0 || errno == ENOENT ? 0 : errno;
+        return unlinkat(in->fd, in->name, 0) == 0 || errno == ENOENT ? 0 : errno;
     for (unsigned i = files - 1; i > 0 && error == 0; i--)
-        error = move_file(file, i - 1);
+        error = move_file(in, i - 1);
     return error;
+}
+
+/* Whether it is the file that is being written. */
+static bool is_own(const spool *s, const struct stat *there)
+{
+    struct stat own;
+    return s->fd >= 0 && fstat(s->fd, &own) == 0 && own.st_dev == there->st_dev &&
+           own.st_ino == there->st_ino;
+}
+
+/* EBUSY when another program writes one of the files that are to be moved or removed, now or when
+ * it is rotated. */
+static int check_others(const spool *s, unsigned files)
+{
+    struct stat there;
+    bool found = fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0;
+    int error = 0;
+    for (unsigned i = found && is_own(s, &there) ? 1 : 0; i < files && error == 0; i++) {
+        char *name = numbered(s->folder.name, i);
+        error = name ? filelock_probe(s->folder.fd, name) : ENOMEM;
+        free(name);
+    }
+    return error;
+}
+
+/* A file that is locked before it has a name, so that nobody else can have its lock. -1 where the
+ * file system has no such files. */
+static int make_locked(const folder *in)
+{
+    char path[32];
+    int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
+    if (fd < 0)
+        return -1;
+    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    if (filelock_take(fd) == 0 &&
+        linkat(AT_FDCWD, path, in->fd, in->name, AT_SYMLINK_FOLLOW) == 0)
+        return fd;
+    (void)close(fd);
+    return -1;
+}
+
+/* Another program may see it first, and be faster; then it is that one's. */
+static int make_and_lock(int *fd, const folder *in)
+{
+    *fd = openat(in->fd, in->name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
+    if (*fd < 0)
+        return errno;
+    int error = filelock_take(*fd);
+    if (error != 0)
+        (void)close(*fd);
+    return error;
+}
+
+/* Makes the file, which must not be there. Returns 0 or an errno. */
+static int make_file(spool *s)
+{
+    int fd = make_locked(&s->folder);
+    int error = fd < 0 ? make_and_lock(&fd, &s->folder) : 0;
+    if (error != 0)
+        return error;
+    s->fd = fd;
+    s->written = 0;
+    return 0;
 }
 
 /* Rotates what is there, unless it is empty, and begins a file. Returns 0 or an errno. */
 static int begin_file(spool *s, unsigned files)
 {
     struct stat there;
-    if (lstat(s->file, &there) == 0) {
-        if (!S_ISREG(there.st_mode))
-            return EINVAL;
-        int error = rotate(s->file, there.st_size > 0 ? files : 1);
-        if (error != 0)
-            return error;
-    }
-    s->fd = open(s->file, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, MODE);
-    s->written = 0;
-    return s->fd < 0 ? errno : 0;
+    int error = check_others(s, files);
+    if (error == 0 &&
+        fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0)
+        error = S_ISREG(there.st_mode) ? rotate(&s->folder, there.st_size > 0 ? files : 1) : EINVAL;
+    return error == 0 ? make_file(s) : error;
 }
 
 static int end_file(spool *s)
@@ -191,8 +253,11 @@ static int write_batch(spool *s, size_t size)
 
 static int cut_here(spool *s, unsigned files)
 {
-    int error = end_file(s);
-    return error != 0 ? error : begin_file(s, files);
+    const int before = s->fd; /* locked until the next one is */
+    int error = begin_file(s, files);
+    if (error != 0)
+        s->fd = -1;
+    return close(before) != 0 && error == 0 ? errno : error;
 }
 
 static struct timespec after_nap(void)
@@ -278,6 +343,7 @@ static void free_spool(spool *s)
 {
     if (s->fd >= 0)
         (void)close(s->fd);
+    folder_close(&s->folder);
     (void)pthread_cond_destroy(&s->changed);
     (void)pthread_mutex_destroy(&s->lock);
     free(s->file);
@@ -303,10 +369,12 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
         *error = ENOMEM;
         return NULL;
     }
-    *s = (spool){.file = strdup(file), .fd = -1, .news = news, .user = user, .files = files,
-                 .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
+    *s = (spool){.file = strdup(file), .folder = FOLDER_NONE, .fd = -1, .news = news, .user = user,
+                 .files = files, .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
     init_locks(s);
-    *error = s->file && s->batch && s->queue ? begin_file(s, files) : ENOMEM;
+    *error = s->file && s->batch && s->queue ? folder_open(&s->folder, s->file) : ENOMEM;
+    if (*error == 0)
+        *error = begin_file(s, files);
     if (*error == 0)
         *error = start_thread(s);
     if (*error == 0)
@@ -362,6 +430,13 @@ void spool_set_files(spool *s, unsigned files)
     (void)pthread_mutex_lock(&s->lock);
     s->files = files;
     (void)pthread_mutex_unlock(&s->lock);
+}
+
+const char *spool_explain(int error)
+{
+    if (error == EBUSY)
+        return "another program is writing it, or a file that it would rotate";
+    return error == EINVAL ? "there is something that is no regular file" : strerror(error);
 }
 
 int spool_error(spool *s)

@@ -24,9 +24,10 @@ typedef struct spool spool;
 /* Is told, in the spool's thread, when it has ended, by spool_end() or by an error. */
 typedef void spool_news(void *user);
 
-/* Makes the file, rotating what is there; at most `files` files are kept, itself included. news may
- * be NULL. NULL with *error, an errno, when that fails: EINVAL: there is something that is no
- * regular file. */
+/* Makes the file, with mode 0640 less the umask, rotating what is there; at most `files` files are
+ * kept, itself included. news may be NULL. NULL with *error, an errno, when that fails: EINVAL: there
+ * is something that is no regular file; EBUSY: another program is writing it, or a file that it
+ * would rotate. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
 /* Bytes of records that there is room for in the queue now; more only as time goes by. */
@@ -41,6 +42,9 @@ bool spool_cut(spool *s);
 
 /* How many files are kept, from the next cut on. */
 void spool_set_files(spool *s, unsigned files);
+
+/* What one of these errors means. */
+const char *spool_explain(int error);
 
 /* The errno that has ended it, or 0. */
 int spool_error(spool *s);

@@ -4,7 +4,7 @@
  */
 #include "cli.h"
 
-#include "config.h"
+#include "config_files.h"
 #include "portname.h"
 #include "replay.h"
 
@@ -116,11 +116,13 @@ static int check_file(const char *file, bool ports)
 
     if (!cfg_check(&config, &rules, file, stderr))
         return CLI_BAD_INPUT;
+    if (config)
+        good = cfg_check_files(config, NULL, "canwire check", stderr);
     if (!config && !ports)
         print_profile(file, rules);
     else if (config && ports)
         print_ports(config);
-    else if (config)
+    else if (config && good)
         good = check_replays(config);
     if (config && !ports && good)
         print_summary(config);

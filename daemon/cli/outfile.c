@@ -4,10 +4,13 @@
  */
 #include "outfile.h"
 
+#include "filelock.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define MODE 0666 /* less the umask */
@@ -42,6 +45,13 @@ static void enlarge_buffer(outfile *self)
         (void)setvbuf(self->stream, buffer, _IOFBF, BUFFER_BYTES);
 }
 
+/* A pipe or a terminal is for many. */
+static bool is_busy(int fd)
+{
+    struct stat status;
+    return fstat(fd, &status) == 0 && S_ISREG(status.st_mode) && filelock_take(fd) != 0;
+}
+
 bool outfile_open(outfile *self, const char *name, const char *program)
 {
     *self = (outfile){.name = name};
@@ -53,12 +63,13 @@ bool outfile_open(outfile *self, const char *name, const char *program)
         return true;
     }
     int fd = open_as_it_is(self);
-    self->stream = fd >= 0 ? fdopen(fd, "w") : NULL;
+    bool busy = fd >= 0 && is_busy(fd);
+    self->stream = fd >= 0 && !busy ? fdopen(fd, "w") : NULL;
     if (self->stream) {
         enlarge_buffer(self);
         return true;
     }
-    bool good = complain(self, strerror(errno), program);
+    bool good = complain(self, busy ? "another program is writing it" : strerror(errno), program);
     if (fd >= 0)
         (void)close(fd);
     return good;

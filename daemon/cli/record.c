@@ -220,11 +220,6 @@ static void catch_signals(const recording *r)
     (void)sigaction(SIGHUP, &action, NULL);
 }
 
-static const char *why(int error)
-{
-    return error == EINVAL ? "there is something that is no regular file" : strerror(error);
-}
-
 static int finish(recording *r)
 {
     recorder_stats stats;
@@ -239,7 +234,7 @@ static int finish(recording *r)
         fprintf(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
     fputc('\n', stderr);
     if (error != 0)
-        fprintf(stderr, "canwire record: %s: stopped: %s\n", r->what.file, why(error));
+        fprintf(stderr, "canwire record: %s: stopped: %s\n", r->what.file, spool_explain(error));
     return error != 0 ? CLI_BAD_INPUT : CLI_OK;
 }
 
@@ -251,7 +246,7 @@ static int run(recording *r)
         return CLI_BAD_INPUT;
     r->recorder = recorder_start(&r->what, &r->config, NULL, NULL, NULL, &error);
     if (!r->recorder) {
-        fprintf(stderr, "canwire record: %s: %s\n", r->what.file, why(error));
+        fprintf(stderr, "canwire record: %s: %s\n", r->what.file, spool_explain(error));
         return CLI_BAD_INPUT;
     }
     catch_signals(r);

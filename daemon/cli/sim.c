@@ -4,6 +4,7 @@
  */
 #include "cli.h"
 
+#include "config_files.h"
 #include "output.h"
 #include "pcapng.h"
 #include "sim_journal.h"
@@ -17,6 +18,7 @@
 #include <getopt.h>
 #include <inttypes.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 typedef enum output {
@@ -179,9 +181,51 @@ static bool set_event(sim *s, const sim_options *o)
     return sim_until_start(&s->awaited, o->until_event, &s->run);
 }
 
+static bool wants_output(const sim_options *o)
+{
+    bool any = false;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        any = any || o->outputs[i];
+    return any;
+}
+
+/* A run without outputs prints a summary. */
+static void add_outputs(fileuses *all, const sim_options *o)
+{
+    static const char *const names[OUT_COUNT] = {
+        [OUT_EVENTS] = "--events", [OUT_LOG] = "--log",     [OUT_PCAPNG] = "--pcapng",
+        [OUT_STATS] = "--stats",   [OUT_VCD] = "--vcd",     [OUT_SVG] = "--svg",
+        [OUT_JUNIT] = "--junit",
+    };
+    bool standard = !wants_output(o);
+    for (unsigned i = 0; i < OUT_COUNT; i++) {
+        fileuse use = {.what = names[i], .path = o->outputs[i], .written = true};
+        if (use.path && strcmp(use.path, "-") != 0)
+            fileuses_add(all, &use);
+        standard = standard || (use.path && strcmp(use.path, "-") == 0);
+    }
+    if (standard)
+        fileuses_add(all, &(fileuse){.what = "", .path = "-", .written = true});
+}
+
+/* None may be in the place of what is read, or of another one. The journal has the configuration in
+ * it, and all that was replayed. */
+static bool check_files(const sim *s, const sim_options *o)
+{
+    fileuses all = {.count = 0};
+    if (o->journal)
+        fileuses_add(&all, &(fileuse){.what = "--journal", .path = o->journal});
+    else
+        cfg_add_files_read(&all, s->config);
+    add_outputs(&all, o);
+    bool good = fileuses_check(&all, "canwire sim", stderr);
+    fileuses_free(&all);
+    return good;
+}
+
 static bool open_outputs(sim *s, const sim_options *o)
 {
-    bool good = true;
+    bool good = check_files(s, o);
     for (unsigned i = 0; i < OUT_COUNT && good; i++)
         good = outfile_open(&s->out[i], o->outputs[i], "canwire sim");
     s->trace.vcd_out = &s->out[OUT_VCD];
@@ -228,14 +272,6 @@ static bool set_up(sim *s, const sim_options *o)
            sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
 }
 
-static bool wants_output(const sim_options *o)
-{
-    bool any = false;
-    for (unsigned i = 0; i < OUT_COUNT; i++)
-        any = any || o->outputs[i];
-    return any;
-}
-
 static bool close_outputs(sim *s)
 {
     bool good = true;
@@ -275,14 +311,20 @@ static void tear_down(sim *s)
 
 /* ---- Command line ---------------------------------------------------------------------------- */
 
-/* Two outputs in one file would overwrite each other; on standard output they come in turn. The one
- * that stands there twice, or NULL. */
+static bool can_be_shared(const char *file)
+{
+    struct stat found;
+    return stat(file, &found) == 0 && !S_ISREG(found.st_mode);
+}
+
+/* Two outputs in one file would overwrite each other; on standard output they come in turn, and
+ * what is no file (/dev/null) takes all. The one that stands there twice, or NULL. */
 static const char *shared_output(const sim_options *o)
 {
     for (size_t i = 0; i < OUT_COUNT; i++)
         for (size_t k = i + 1; k < OUT_COUNT; k++)
             if (o->outputs[i] && o->outputs[k] && strcmp(o->outputs[i], "-") != 0 &&
-                strcmp(o->outputs[i], o->outputs[k]) == 0)
+                strcmp(o->outputs[i], o->outputs[k]) == 0 && !can_be_shared(o->outputs[i]))
                 return o->outputs[i];
     return NULL;
 }
