@@ -16,6 +16,8 @@ cw_bus *bus_make(void **memory, const cfg *config)
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
     cfg_bus_config(&bus_config, nodes, config);
+    for (unsigned i = 0; i < bus_config.node_count; i++)
+        nodes[i].queue_room = CW_QUEUE_MAX; /* for `set`; slots that are not used cost no memory */
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);

@@ -18,8 +18,8 @@
 
 static bool node_config_valid(const cw_node_config *c)
 {
-    return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->warning_limit >= 1 &&
-           c->warning_limit <= 255;
+    return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
+           c->warning_limit >= 1 && c->warning_limit <= 255;
 }
 
 static bool config_valid(const cw_bus_config *c)
@@ -48,7 +48,8 @@ static void *carve(arena *a, size_t count, size_t size)
 
 uint16_t cw_queue_room(const cw_bus_config *c, unsigned node)
 {
-    uint16_t room = c->nodes[node].queue;
+    const cw_node_config *n = &c->nodes[node];
+    uint16_t room = n->queue > n->queue_room ? n->queue : n->queue_room;
     for (unsigned i = 0; i < c->rule_count; i++) {
         const cw_rule *r = &c->rules[i];
         bool sets = r->action == CW_ACTION_SET && (r->nodes & cw_node_bit(node)) &&

@@ -491,6 +491,8 @@ typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
     cw_order order;         /* which of the pending frames goes first (M1) */
     uint16_t queue;         /* frames waiting or being sent, 1..CW_QUEUE_MAX */
+    uint16_t queue_room;    /* what `queue` can be set to later, at most CW_QUEUE_MAX; there is room
+                               for `queue` and what the rules of the configuration set in any case */
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
 } cw_node_config;
@@ -656,7 +658,8 @@ cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
 cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index);
 
 /* Changes settings of a node at the next bit. A node whose listen-only or loopback changes leaves
- * the bus and integrates again (M10); its queue stays, but a listen-only node drops it. */
+ * the bus and integrates again (M10); its queue stays, but a listen-only node drops it. CW_INVALID:
+ * a value is out of range, or there is no room for such a queue (cw_node_config.queue_room). */
 cw_status cw_node_set(cw_bus *bus, unsigned node, const cw_settings *settings);
 
 /* All settings as they are now. */

@@ -16,7 +16,8 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
 {
     bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = &old->queue.slots[from];
-    if (!cw_queue_put(&n->queue, &slot->frame, slot->handed_in)) {
+    if (n->queue.count >= n->queue_limit ||
+        !cw_queue_put(&n->queue, &slot->frame, slot->handed_in)) {
         cw_push_drop(bus, i, CW_SIDE_TX, &slot->frame, CW_DROP_QUEUE_FULL, bus->now);
         return;
     }

@@ -253,3 +253,32 @@ def test_too_much_traffic_leaves_time_for_all_else(canwired, tmp_path, text, tra
     assert engine["handed_in"] == (engine["tx_frames"] + engine["queue"]
                                    + sum(engine["dropped"].values()))
     bus.stop()
+
+
+# ---- Settings ------------------------------------------------------------------------------------
+
+FULL = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes:
+  - name: engine
+    queue: 2
+    traffic: [ { send: 123#DEADBEEF, every: 100us } ]
+  - { name: dash, queue: 1, traffic: [ { send: 124#DEADBEEF, every: 110us } ] }
+"""
+LONGER = "{ name: longer, do: { set: dash, queue: 3000 } }"
+
+
+def test_a_queue_is_made_longer_while_the_bus_runs_and_the_journal_has_it(canwired):
+    """From the 2 and 1 of the file to thousands, by `set` and by a rule."""
+    bus = canwired("--journal", "day.journal", text=FULL)
+
+    def queue_of(node):
+        return next(n["queue"] for n in bus.status()["nodes"] if n["name"] == node)
+
+    wait_until(lambda: queue_of("engine") == 2, "a full queue")
+    bus.canwire("set", "./day.sock", "engine", "queue=4096")
+    bus.canwire("inject", "./day.sock", LONGER)
+    wait_until(lambda: queue_of("engine") > 20 and queue_of("dash") > 20, "longer queues")
+    bus.canwire("set", "./day.sock", "dash", "queue=1")
+    bus.stop()
+    bus.canwire("sim", "--journal", "day.journal")  # at its end it compares what is pending

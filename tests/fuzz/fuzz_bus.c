@@ -171,6 +171,7 @@ static void read_nodes(pair *p, fuzz_input *in)
             .order = what >> 5 & 1u ? CW_ORDER_FIFO : CW_ORDER_PRIORITY,
         };
         p->nodes[i].queue = (uint16_t)(1 + fuzz_below(in, 8));
+        p->nodes[i].queue_room = 8;
         p->nodes[i].warning_limit = (uint16_t)(1 + fuzz_below(in, 255));
         if (what >> 6 & 1u)
             p->nodes[i].restart_ticks = some_ticks(in, p->config.bit_ticks);

@@ -380,6 +380,40 @@ static void check_queue_order(cw_order order, const uint32_t *expected)
     rig_free(r);
 }
 
+static size_t drops_of(rig *r, unsigned frames)
+{
+    const size_t before = rig_count(r, CW_EVENT_DROP, 0);
+    const cw_frame frame = {.id = 0x123};
+    for (unsigned i = 0; i < frames; i++)
+        rig_send(r, 0, &frame, cw_bus_now(r->bus));
+    rig_run_bits(r, 1);
+    return rig_count(r, CW_EVENT_DROP, 0) - before;
+}
+
+/* As long as there is room for, whatever it was at first; a shorter one keeps what waits in it. */
+static void a_queue_is_set_within_its_room(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_settings settings = {.which = CW_SET_QUEUE, .queue = CW_QUEUE_MAX};
+    r->nodes[0].queue_room = 100;
+    rig_start(r);
+    assert_int_equal(drops_of(r, 20), 4);
+    assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_INVALID);
+    assert_int_equal(cw_node_set(r->bus, 1, &settings), CW_INVALID); /* there is none */
+    settings.queue = 101;
+    assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_INVALID);
+    settings.queue = 100;
+    assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_OK);
+    assert_int_equal(drops_of(r, 90), 6);
+    settings.queue = 10;
+    assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_OK);
+    assert_int_equal(drops_of(r, 1), 1);
+    rig_run_bits(r, 20000);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 100);
+    rig_free(r);
+}
+
 static void queue_order_is_by_priority_or_fifo(void **state)
 {
     (void)state;
@@ -1544,6 +1578,7 @@ static void configurations_out_of_range_are_refused(void **state)
     static const cw_node_config nodes[] = {
         {.queue = 0, .warning_limit = 96}, {.queue = CW_QUEUE_MAX + 1, .warning_limit = 96},
         {.queue = 1, .warning_limit = 0},  {.queue = 1, .warning_limit = 256},
+        {.queue = 1, .queue_room = CW_QUEUE_MAX + 1, .warning_limit = 96},
     };
     for (size_t i = 0; i < sizeof nodes / sizeof nodes[0]; i++) {
         r->nodes[1] = nodes[i];
@@ -1566,6 +1601,7 @@ int main(void)
         cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
         cmocka_unit_test(a_lonely_node_becomes_passive_and_never_bus_off),
         cmocka_unit_test(overflow_is_dropped_at_the_tick_of_its_hand_in),
+        cmocka_unit_test(a_queue_is_set_within_its_room),
         cmocka_unit_test(queue_order_is_by_priority_or_fifo),
         cmocka_unit_test(bad_frames_are_counted_and_never_sent),
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),

@@ -283,7 +283,7 @@ static void do_set(host *h)
                      .modes_mask = CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY,
                      .modes = draw(h, 3) == 0 ? (uint8_t)draw(h, 4) : 0,
                      .order = (cw_order)draw(h, 2),
-                     .queue = (uint16_t)(1 + draw(h, 6)),
+                     .queue = (uint16_t)(draw(h, 4) ? 1 + draw(h, 6) : CW_QUEUE_MAX),
                      .warning_limit = (uint16_t)(1 + draw(h, 255)),
                      .restart_ticks = draw(h, 3) * (uint64_t)(CW_CLOCK_HZ / 1000)};
     if (s.which)
