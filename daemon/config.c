@@ -20,6 +20,9 @@
 #define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
 
 #define QUEUE_DEFAULT 16u
+/* Of a node on an interface. Nothing holds a program back there: kernel ISO-TP writes all 586 frames
+ * of 4095 bytes at once, J1939's transport protocol 255. */
+#define QUEUE_DEFAULT_INTERFACE 1024u
 #define WARNING_LIMIT_DEFAULT 96u
 #define CATCH_UP_DEFAULT_NS 1000000000u
 #define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
@@ -39,7 +42,7 @@ typedef struct cfg_owner {
 
 static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
     read_peer, read_peer_name, read_netns, read_mode, read_lcm,
-    read_lcm_url, read_lcm_events, read_control;
+    read_lcm_url, read_lcm_events, read_control, read_when_full;
 
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
@@ -60,6 +63,12 @@ static const schema_choice modes[] = {
 const schema_choice cfg_orders[] = {
     {.name = "priority", .value = CW_ORDER_PRIORITY},
     {.name = "fifo", .value = CW_ORDER_FIFO},
+    {.name = NULL},
+};
+
+static const schema_choice when_full_choices[] = {
+    {.name = "drop", .value = CFG_WHEN_FULL_DROP},
+    {.name = "wait", .value = CFG_WHEN_FULL_WAIT},
     {.name = NULL},
 };
 
@@ -107,7 +116,8 @@ static const schema_key bus_keys[] = {
     {.name = NULL},
 };
 
-/* `traffic` after `port`, which it excludes; `peer` after `port`, which it needs. */
+/* `traffic` after `port`, which it excludes; `peer` and `when-full` after `port`, which they need;
+ * `queue` and `when-full` after `port`, on which their defaults depend. */
 static const schema_key node_keys[] = {
     {.name = "name", .read = read_node_name, .required = true},
     {.name = "port", .read = read_port},
@@ -126,6 +136,10 @@ static const schema_key node_keys[] = {
      .read = schema_read_uint,
      .offset = offsetof(cfg_node, queue),
      .arg = &queue_range},
+    {.name = "when-full",
+     .read = read_when_full,
+     .offset = offsetof(cfg_node, when_full),
+     .arg = when_full_choices},
     {.name = "order",
      .read = schema_read_choice,
      .offset = offsetof(cfg_node, order),
@@ -637,7 +651,20 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
 
     node->port_place = cfg_place_of(value);
     node->port = read_port_name(self, key, value);
+    if (portname_is_interface(node->port))
+        node->queue = QUEUE_DEFAULT_INTERFACE;
+    else
+        node->when_full = CFG_WHEN_FULL_WAIT;
     check_interface(self, key, value, node->port, NULL);
+}
+
+static void read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_node *node = object;
+
+    if (!node->port)
+        schema_complain(self, value, "%s: only a node with port can be held back", key->name);
+    schema_read_choice(self, key, value, object);
 }
 
 static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)

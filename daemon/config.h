@@ -51,6 +51,12 @@ typedef struct cfg_traffic {
     uint8_t filter_count;
 } cfg_traffic;
 
+/* What becomes of what an ECU writes while its node's queue is full. */
+typedef enum cfg_when_full {
+    CFG_WHEN_FULL_DROP = 0, /* dropped and counted: default where the port is an interface */
+    CFG_WHEN_FULL_WAIT      /* it stays in the port, which is not read: default of sockets */
+} cfg_when_full;
+
 typedef struct cfg_node {
     char *name;          /* "", which no node is called, while it is not known */
     char *port;          /* interface name, or NULL */
@@ -60,7 +66,8 @@ typedef struct cfg_node {
     uint8_t modes;       /* CW_MODE_* */
     bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;
-    uint16_t queue;
+    uint16_t queue; /* default 16; 1024 where the port is an interface */
+    cfg_when_full when_full;
     uint16_t warning_limit;
     uint32_t restart_ms;
     size_t traffic_count;

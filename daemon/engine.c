@@ -106,8 +106,19 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 
+/* Whose frame it was is what its program can be found by. */
+static void note_overflow(engine *e, const cw_event *event)
+{
+    if (event->kind != CW_EVENT_DROP || event->why != CW_DROP_QUEUE_FULL)
+        return;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (event->nodes >> i & 1u)
+            e->overflowed[i] = event->frame;
+}
+
 static void tell(engine *e, const cw_event *event)
 {
+    note_overflow(e, event);
     if (e->publisher)
         publisher_event(e->publisher, event);
     if (e->observer)
@@ -167,32 +178,77 @@ static void make_room_in_inbox(engine *e)
     advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
 }
 
-static void read_port(engine *e, unsigned node, const clock_pair *now)
+static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
+{
+    e->frames_read += count;
+    for (unsigned i = 0; i < count; i++) {
+        uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
+        while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
+            make_room_in_inbox(e);
+    }
+}
+
+/* How many frames may be read from a port at once; 0: its node's queue is full, and they wait. */
+static unsigned readable(const engine *e, unsigned node, bool waits)
+{
+    unsigned room = waits ? cw_node_room(e->now.bus, node) : PORT_BATCH;
+    return room < PORT_BATCH ? room : PORT_BATCH;
+}
+
+/* Returns whether all that waited there has been read, as far as anybody asks for it. */
+static bool read_port(engine *e, unsigned node, const clock_pair *now, bool waits)
 {
     bool more = true;
+    unsigned max = 1;
     for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
-        unsigned count = port_read(e->now.ports[node], e->batch, &more);
-        e->frames_read += count;
-        for (unsigned i = 0; i < count; i++) {
-            uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
-            while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
-                make_room_in_inbox(e);
-        }
+        max = readable(e, node, waits);
+        if (max == 0)
+            break;
+        unsigned count = port_read(e->now.ports[node], e->batch, max, &more);
+        hand_in_batch(e, node, count, now);
     }
     port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
+    return max > 0;
 }
 
 void engine_read_rest(engine *e, unsigned node)
 {
     clock_pair now = read_clocks();
-    read_port(e, node, &now);
+    (void)read_port(e, node, &now, false);
+}
+
+/* A port that waits for room in its node's queue is not watched, or it would wake the loop for
+ * ever; the bus makes room, and is looked after until then. */
+static void read_or_push_back(engine *e, unsigned node, const clock_pair *now)
+{
+    const uint64_t bit = UINT64_C(1) << node;
+    bool waits = e->config->nodes[node].when_full == CFG_WHEN_FULL_WAIT;
+    if (read_port(e, node, now, waits)) {
+        e->pushed_back &= ~bit;
+        if (!e->ticking)
+            engine_watch_port(e, node);
+        return;
+    }
+    if (!(e->pushed_back & bit))
+        port_pushed_back(e->now.ports[node]);
+    e->pushed_back |= bit;
+    engine_unwatch_port(e, node);
 }
 
 static void read_ports(engine *e, const clock_pair *now)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (e->now.ports[i])
-            read_port(e, i, now);
+            read_or_push_back(e, i, now);
+}
+
+/* What has waited for room comes in as soon as there is some. */
+static void read_pushed_back(engine *e)
+{
+    clock_pair now = read_clocks();
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if ((e->pushed_back >> i & 1u) && e->now.ports[i] && cw_node_room(e->now.bus, i) > 0)
+            read_or_push_back(e, i, &now);
 }
 
 /* Whether this wake-up has lasted for long enough. */
@@ -228,18 +284,32 @@ static uint64_t run_releases(engine *e, uint64_t now)
     return now;
 }
 
-/* A file that is replayed as fast as possible looks after each bit whether it is its turn. */
+/* How far the bus may go at once. A file that is replayed as fast as possible looks after each bit
+ * whether it is its turn; ports with frames that wait for room look when a frame has ended. */
+static uint64_t next_look(const engine *e)
+{
+    uint64_t bit = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+    if (release_is_fast(e->now.plan))
+        return bit;
+    if (!e->pushed_back)
+        return CW_NEVER;
+    uint64_t next = cw_bus_next(e->now.bus);
+    return next > bit ? next : bit;
+}
+
 uint64_t engine_run_to(engine *e, uint64_t tick)
 {
     uint64_t end;
     uint64_t reached;
     release_look(e->now.plan, e->now.bus);
     do {
-        end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
-        if (end > tick || !release_is_fast(e->now.plan))
+        end = next_look(e);
+        if (end > tick)
             end = tick;
         reached = run_releases(e, end);
         advance(e, reached);
+        if (e->pushed_back)
+            read_pushed_back(e);
         release_look(e->now.plan, e->now.bus);
     } while (reached == end && end < tick);
     return reached;
@@ -313,7 +383,8 @@ static void stop_ticking(engine *e)
 {
     e->ticking = false;
     for (unsigned i = 0; i < e->config->node_count; i++)
-        engine_watch_port(e, i);
+        if (!(e->pushed_back >> i & 1u))
+            engine_watch_port(e, i);
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
@@ -581,6 +652,8 @@ void engine_report(const engine *e, report *out)
         port *own = e->now.ports[i];
         out->nodes[i].link = e->links.state[i];
         conserve_get_stats(&out->nodes[i].interface, &e->books, i, own);
+        out->nodes[i].pushed_back = e->pushed_back >> i & 1u;
+        out->nodes[i].overflowed = e->overflowed[i];
         out->nodes[i].conserved = conserve_balances(&e->books, e->now.bus, i, own);
     }
 }

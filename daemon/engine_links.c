@@ -53,6 +53,7 @@ static void lose_port(engine *e, unsigned node)
         engine_unwatch_port(e, node);
         port_close(e->now.ports[node]);
         e->now.ports[node] = NULL;
+        e->pushed_back &= ~bit_of(node);
     }
     e->links.refused &= ~bit_of(node);
     set_link(e, node, REPORT_LINK_MISSING);

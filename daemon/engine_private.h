@@ -54,6 +54,8 @@ struct engine {
     const fileuses *files; /* which a reload must leave alone; or NULL */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
+    uint64_t pushed_back; /* nodes whose port is not read, since their queue is full */
+    cw_frame overflowed[CW_NODES_MAX]; /* as report_node has it */
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
     int timer_fd;
@@ -77,7 +79,7 @@ struct engine {
  * are so many releases that the time of this wake-up is over. */
 uint64_t engine_run_to(engine *e, uint64_t tick);
 
-/* Hands in what still waits at a port. */
+/* Hands in what still waits at a port, whether there is room for it or not. */
 void engine_read_rest(engine *e, unsigned node);
 
 /* Takes what it needs at each wake-up from the configuration. */

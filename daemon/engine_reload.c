@@ -63,7 +63,9 @@ static void go_over(engine *e)
     r->config = NULL;
     engine_read_limits(e);
     reload_remap(e->arrived, sizeof e->arrived[0], r->from);
+    reload_remap(e->overflowed, sizeof e->overflowed[0], r->from);
     e->ticking = false;
+    e->pushed_back = 0;
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
     engine_carry_links_over(e, r);

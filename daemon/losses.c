@@ -6,12 +6,16 @@
 #include "losses.h"
 
 #include "log.h"
+#include "portname.h"
 #include "reload.h"
+#include "text.h"
 
 #include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
 
-#define LINE_BYTES 400
+#define LINE_BYTES 600
+#define REMEDY_BYTES 260
 
 /* By kind of loss; NULL: not logged. */
 static const char *const texts[LOSS_KINDS] = {
@@ -45,7 +49,31 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 6] = stats.restarts;
 }
 
-static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS], const char *name)
+/* "" where the node's program can do nothing about it. */
+static const char *waiting_remedy(const cfg_node *node)
+{
+    bool possible = node->port && !portname_is_interface(node->port);
+    return possible && node->when_full == CFG_WHEN_FULL_DROP ? ", or waits (when-full: wait)" : "";
+}
+
+/* For a full queue, since more room is not all that helps; "" for anything else. */
+static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *node,
+                         const cw_frame *overflowed)
+{
+    char frame[FRAME_TEXT_MAX];
+    out[0] = '\0';
+    if (kind != CW_DROP_QUEUE_FULL)
+        return;
+    text_print_frame(frame, overflowed);
+    frame[strcspn(frame, "#")] = '\0';
+    (void)snprintf(out, REMEDY_BYTES,
+                   " (the last one %s): give it room (queue: %u in the configuration), or its "
+                   "program writes in smaller bursts (ISO-TP: STmin or a block size)%s",
+                   frame, node->queue, waiting_remedy(node));
+}
+
+static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS],
+                     const cfg_node *node, const cw_frame *overflowed)
 {
     char line[LINE_BYTES] = "";
     size_t used = 0;
@@ -54,12 +82,14 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
         logged[kind] = now[kind];
         if (news == 0 || !texts[kind] || used >= LINE_BYTES)
             continue;
-        int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s", used ? "; " : "",
-                              news, texts[kind]);
+        char remedy[REMEDY_BYTES];
+        print_remedy(remedy, kind, node, overflowed);
+        int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
+                              used ? "; " : "", news, texts[kind], remedy);
         used += length > 0 ? (size_t)length : 0;
     }
     if (used > 0)
-        log_node_warning(name, "%s", line);
+        log_node_warning(node->name, "%s", line);
 }
 
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
@@ -72,6 +102,6 @@ void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *b
     for (unsigned i = 0; i < config->node_count; i++) {
         uint64_t now[LOSS_KINDS] = {0};
         collect(now, bus, i, &beyond->nodes[i].interface);
-        log_node(l->logged[i], now, config->nodes[i].name);
+        log_node(l->logged[i], now, &config->nodes[i], &beyond->nodes[i].overflowed);
     }
 }

@@ -168,14 +168,14 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     return true;
 }
 
-int port_receive(port *p, int socket)
+int port_receive(port *p, int socket, unsigned max)
 {
     port_messages *m = &p->messages;
-    for (unsigned i = 0; i < PORT_BATCH; i++) {
+    for (unsigned i = 0; i < max; i++) {
         m->headers[i].msg_hdr.msg_control = m->controls[i];
         m->headers[i].msg_hdr.msg_controllen = p->kind->control_bytes;
     }
-    return recvmmsg(socket, m->headers, PORT_BATCH, MSG_DONTWAIT, NULL);
+    return recvmmsg(socket, m->headers, max, MSG_DONTWAIT, NULL);
 }
 
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
@@ -188,9 +188,14 @@ unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
     return count;
 }
 
-unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more)
+unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
-    return p->kind->read(p, frames, more);
+    return p->kind->read(p, frames, max, more);
+}
+
+void port_pushed_back(port *p)
+{
+    p->stats.pushed_back++;
 }
 
 /* ---- Writing and counting -------------------------------------------------------------------- */

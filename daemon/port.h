@@ -35,6 +35,7 @@ typedef struct port_stats {
     uint64_t malformed;      /* messages of an ECU that are no frames */
     uint64_t connected;      /* how often an ECU connected */
     uint64_t refused;        /* connections refused since an ECU was connected already */
+    uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
 } port_stats;
 
 /* Whether a port of that name can be opened but for its own fault: of an interface, whether
@@ -59,9 +60,12 @@ unsigned port_buffer_bytes(const port *p);
 /* Readable when frames wait. */
 int port_fd(const port *p);
 
-/* Reads up to PORT_BATCH frames that wait. Returns how many were put into frames; *more tells
- * whether to read again. */
-unsigned port_read(port *p, port_frame frames[PORT_BATCH], bool *more);
+/* Reads up to max frames that wait, from 1 to PORT_BATCH. Returns how many were put into frames;
+ * *more tells whether to read again. */
+unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
+
+/* Counts that it is not read for a while, since its node's queue is full. */
+void port_pushed_back(port *p);
 
 /* Writes a classical frame. False, and counted, when the kernel does not take it. */
 bool port_write(port *p, const cw_frame *frame);

@@ -30,7 +30,7 @@ typedef struct port_kind {
     /* Closes and frees it; all its file descriptors are open or -1. */
     void (*close)(port *p);
     /* As port_read(). */
-    unsigned (*read)(port *p, port_frame frames[PORT_BATCH], bool *more);
+    unsigned (*read)(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
     port_sent (*send)(port *p, const struct can_frame *frame);
     /* Brings those counters up to date that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
@@ -65,9 +65,9 @@ struct port {
  * memory. */
 port *port_new(const port_kind *kind, size_t size);
 
-/* Reads up to PORT_BATCH messages that wait at a socket into p->messages. Returns what recvmmsg()
- * does. */
-int port_receive(port *p, int socket);
+/* Reads up to max (PORT_BATCH at most) messages that wait at a socket into p->messages. Returns
+ * what recvmmsg() does. */
+int port_receive(port *p, int socket, unsigned max);
 
 /* Puts the frames for the bus among so many messages into frames; the others are counted. Returns
  * how many there are. */

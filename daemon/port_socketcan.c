@@ -92,12 +92,12 @@ static void close_socket(port *p)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], bool *more)
+static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
-    int received = port_receive(p, p->fd);
+    int received = port_receive(p, p->fd, max);
     /* what has happened to the interface is told once; frames may wait behind it */
     bool error = received < 0 && errno != EAGAIN && errno != EINTR;
-    *more = received == PORT_BATCH || error;
+    *more = received == (int)max || error;
     return port_take(p, frames, received);
 }
 

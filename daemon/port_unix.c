@@ -118,28 +118,28 @@ static int messages_before_end(const port *p, int received)
 
 /* Of the ECU. That it has gone without having read all is told once; what it sent waits behind
  * it. */
-static int receive(port *p)
+static int receive(port *p, unsigned max)
 {
-    int received = port_receive(p, own(p)->ecu);
+    int received = port_receive(p, own(p)->ecu, max);
     bool told = received < 0 && errno == ECONNRESET;
-    return told ? port_receive(p, own(p)->ecu) : received;
+    return told ? port_receive(p, own(p)->ecu, max) : received;
 }
 
-static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], bool *more)
+static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     *more = false;
     if (own(p)->ecu < 0 || own(p)->deaf)
         accept_waiting(p);
     if (own(p)->ecu < 0)
         return 0;
-    int received = receive(p);
+    int received = receive(p, max);
     bool nothing = received < 0 && (errno == EAGAIN || errno == EINTR);
     int count = messages_before_end(p, received);
     if (nothing)
         accept_waiting(p);
     else if (count < received || received < 0)
         disconnect_ecu(p);
-    *more = count == PORT_BATCH || own(p)->ecu < 0; /* another one may wait for the place */
+    *more = count == (int)max || own(p)->ecu < 0; /* another one may wait for the place */
     return port_take(p, frames, count);
 }
 

@@ -20,6 +20,8 @@ typedef struct report_node {
     report_link link;
     port_stats interface; /* since the node is on the bus, whatever interfaces it has had */
     bool conserved;       /* every frame is accounted for */
+    bool pushed_back;     /* its port is not read just now: its queue is full */
+    cw_frame overflowed;  /* the last one that was dropped because its queue was full */
 } report_node;
 
 typedef struct report {

@@ -54,6 +54,11 @@ static const char *const link_names[] = {
     [REPORT_LINK_MISSING] = "missing",
 };
 
+static const char *const when_full_names[] = {
+    [CFG_WHEN_FULL_DROP] = "drop",
+    [CFG_WHEN_FULL_WAIT] = "wait",
+};
+
 /* What went on between the node and its ECU. */
 static json_t *interface_json(const port_stats *stats)
 {
@@ -71,6 +76,7 @@ static json_t *interface_json(const port_stats *stats)
     put_count(object, "malformed", stats->malformed);
     put_count(object, "connected", stats->connected);
     put_count(object, "refused", stats->refused);
+    put_count(object, "pushed_back", stats->pushed_back);
     return object;
 }
 
@@ -86,6 +92,9 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
     put_text(object, "link", link_names[own->link]);
+    put_text(object, "when_full",
+             config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);
+    put_bool(object, "pushed_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
     put_bool(object, "conserved", own->conserved);

@@ -178,15 +178,27 @@ static void print_traffic(FILE *out, const json_t *node)
             sum(json_object_get(node, "dropped")) + number(interface, "kernel_dropped"), 0, 0);
 }
 
+/* Where programs wait for room in the queue, in place of losing frames. */
+static void print_push_back(FILE *out, const json_t *node)
+{
+    bool now = json_is_true(json_object_get(node, "pushed_back"));
+    intmax_t times = number(json_object_get(node, "interface"), "pushed_back");
+    if (times > 0)
+        fprintf(out, "    queue full, the ECU has had to wait %jd times%s\n", times,
+                now ? ", and does now" : "");
+}
+
 static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
     const char *peer = text(node, "port");
     char link[UPPER_MAX];
-    fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s\n", position, text(node, "name"),
+    bool waits = strcmp(text(node, "when_full"), "wait") == 0;
+    fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s%s\n", position, text(node, "name"),
             *peer ? "@" : "", peer, number(settings, "queue"), text(settings, "order"),
-            has_link(node) ? "" : " link ", has_link(node) ? "" : upper(link, text(node, "link")));
+            waits ? " when-full wait" : "", has_link(node) ? "" : " link ", has_link(node) ? "" : upper(link, text(node, "link")));
     print_state(out, node, bitrate);
+    print_push_back(out, node);
     print_counters(out, node);
     print_traffic(out, node);
 }

@@ -597,6 +597,12 @@ uint64_t cw_bus_now(const cw_bus *bus);
  * again. CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
+/* How many frames a node can be handed in now of which none is dropped for want of room in its
+ * queue; those that have not come up yet and those that rules hold back count as queued.
+ * CW_QUEUE_MAX while it takes none at all, and drops them for that (bus-off, listen-only, off the
+ * bus), and where there is no such node. Rules may fill its queue, too, before they come up. */
+unsigned cw_node_room(const cw_bus *bus, unsigned node);
+
 /* Frames that have not come up yet come so many ticks earlier, but not before cw_bus_now(), in the
  * order in which they would have; those for CW_NEVER stay. For a bus whose time stood still while
  * that of its hosts went on. */

@@ -141,6 +141,21 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     return CW_OK;
 }
 
+unsigned cw_node_room(const cw_bus *bus, unsigned i)
+{
+    uint32_t held, rx_held;
+    if (i >= bus->node_count)
+        return CW_QUEUE_MAX;
+    const bus_node *n = &bus->nodes[i];
+    bool takes = !(bus->detached & cw_node_bit(i)) && !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
+                 cw_mac_state(&n->mac) != CW_STATE_BUS_OFF;
+    if (!takes)
+        return CW_QUEUE_MAX;
+    cw_fault_count_held(bus, i, &held, &rx_held);
+    uint32_t used = n->queue.count + n->inbox + held;
+    return used < n->queue_limit ? n->queue_limit - used : 0;
+}
+
 void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
 {
     for (unsigned i = 0; i < bus->inbox.count; i++) {

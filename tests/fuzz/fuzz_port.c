@@ -289,7 +289,7 @@ static void read_all(rig *r, unsigned node)
     bool more = true;
     for (unsigned turn = 0; more || is_readable(s->port); turn++) {
         REQUIRE(turn < TURNS_MAX);
-        unsigned count = port_read(s->port, frames, &more);
+        unsigned count = port_read(s->port, frames, PORT_BATCH, &more);
         REQUIRE(count <= PORT_BATCH);
         for (unsigned i = 0; i < count; i++) {
             pass_over(s, &next);

@@ -135,9 +135,9 @@ def test_the_node_leaves_the_others_go_on_and_it_comes_back(way, vcan, bus):
     ip(*away)
     b.wait_link("dash", state)
     text = b.shell.run("status", "links")
-    assert f"3: dash@vcan2: qlen 16 order priority link {state.upper()}\n" \
+    assert f"3: dash@vcan2: qlen 1024 order priority link {state.upper()}\n" \
            "    can state STOPPED " in text
-    assert "2: gearbox@vcan1: qlen 16 order priority\n    can state ERROR-ACTIVE " in text
+    assert "2: gearbox@vcan1: qlen 1024 order priority\n    can state ERROR-ACTIVE " in text
     b.exchange("vcan0", "vcan1", 0x200)
     b.exchange("vcan1", "vcan0", 0x201)
     assert b.nodes()["dash"]["rx_frames"] == before["rx_frames"]

@@ -495,7 +495,7 @@ def test_a_missing_interface_refuses_the_whole_reload(vcan, rig, candump):
     wait_until(lambda: UNCHANGED in r.log(), "the refusal")
     assert f"{r.daemon.config}:5:25: node dash: port vcan2: " in r.log()
     nodes = r.nodes()
-    assert list(nodes) == ["engine", "gearbox"] and nodes["engine"]["settings"]["queue"] == 16
+    assert list(nodes) == ["engine", "gearbox"] and nodes["engine"]["settings"]["queue"] == 1024
     subprocess.run("ip link add vcan2 type vcan && ip link set vcan2 up", shell=True, check=True)
     try:
         r.reload(text)

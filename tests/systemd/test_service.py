@@ -95,7 +95,7 @@ def test_it_is_contained(bus):
 
 
 def test_messages_have_fields(bus):
-    one = bus("fields", lambda text: text + "lcm: {}\n")
+    one = bus("fields", lambda text: text.replace("fields0", "fields0, queue: 16") + "lcm: {}\n")
     with can_socket("fields0") as a:
         for _ in range(100):
             a.send(FRAME.pack())

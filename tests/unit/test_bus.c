@@ -463,6 +463,39 @@ static void a_full_inbox_refuses_until_the_bus_has_gone_on(void **state)
     rig_free(r);
 }
 
+/* What is on its way into the queue counts, too; a node that takes nothing has room for all. */
+static void the_room_in_a_queue_is_known(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_frame f = rig_frame(0x123, 0, 0);
+    r->nodes[0].queue = 3;
+    rig_start(r);
+    assert_int_equal(cw_node_room(r->bus, 0), 3);
+    assert_int_equal(cw_node_room(r->bus, 1), 16);
+    assert_int_equal(cw_node_room(r->bus, 2), CW_QUEUE_MAX);
+    rig_send(r, 0, &f, 0);
+    rig_send(r, 0, &f, 100 * BIT);
+    assert_int_equal(cw_node_room(r->bus, 0), 1);
+    rig_send(r, 0, &f, 20 * BIT);
+    assert_int_equal(cw_node_room(r->bus, 0), 0);
+    rig_run_bits(r, 50);
+    assert_int_equal(cw_node_room(r->bus, 0), 0);
+    const cw_settings less = {.which = CW_SET_QUEUE, .queue = 1};
+    assert_int_equal(cw_node_set(r->bus, 0, &less), CW_OK);
+    assert_int_equal(cw_node_room(r->bus, 0), 0);
+    assert_int_equal(cw_node_attach(r->bus, 0, false), CW_OK);
+    assert_int_equal(cw_node_room(r->bus, 0), CW_QUEUE_MAX);
+    assert_int_equal(cw_node_attach(r->bus, 0, true), CW_OK);
+    rig_run_bits(r, 500);
+    assert_int_equal(cw_node_room(r->bus, 0), 1);
+    const cw_settings listens = {.which = CW_SET_MODES, .modes_mask = CW_MODE_LISTEN_ONLY,
+                                 .modes = CW_MODE_LISTEN_ONLY};
+    assert_int_equal(cw_node_set(r->bus, 0, &listens), CW_OK);
+    assert_int_equal(cw_node_room(r->bus, 0), CW_QUEUE_MAX);
+    rig_free(r);
+}
+
 /* It never comes up, and there is no place for another until its node is flushed. */
 static void a_frame_for_never_holds_its_place(void **state)
 {
@@ -1605,6 +1638,7 @@ int main(void)
         cmocka_unit_test(queue_order_is_by_priority_or_fifo),
         cmocka_unit_test(bad_frames_are_counted_and_never_sent),
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
+        cmocka_unit_test(the_room_in_a_queue_is_known),
         cmocka_unit_test(what_waits_in_the_inbox_is_brought_forward),
         cmocka_unit_test(frames_brought_forward_come_with_a_restart),
         cmocka_unit_test(nothing_happens_before_the_next_event),

@@ -193,6 +193,11 @@ static void ports_are_read(void **state)
     for (unsigned i = 0; i < 5; i++)
         assert_string_equal(config->nodes[i].port, ports[i]);
     assert_int_equal(config->pacing, CFG_PACING_SPIN);
+    for (unsigned i = 0; i < 5; i++) { /* the first is an interface, the others are sockets */
+        assert_int_equal(config->nodes[i].queue, i == 0 ? 1024 : 16);
+        assert_int_equal(config->nodes[i].when_full,
+                         i == 0 ? CFG_WHEN_FULL_DROP : CFG_WHEN_FULL_WAIT);
+    }
     cfg_free(config);
 }
 
@@ -233,6 +238,9 @@ static void node_keys_are_read(void **state)
                                         CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING |
                                         CW_MODE_LOST_ARBITRATION_REPORTING);
     assert_int_equal(engine->queue, 4096);
+    assert_int_equal(engine->when_full, CFG_WHEN_FULL_WAIT);
+    assert_int_equal(gearbox->when_full, CFG_WHEN_FULL_DROP);
+    assert_int_equal(gearbox->queue, 1024);
     assert_int_equal(engine->order, CW_ORDER_FIFO);
     assert_int_equal(engine->warning_limit, 255);
     assert_string_equal(gearbox->port, "vxcan1");

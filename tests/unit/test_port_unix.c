@@ -91,7 +91,7 @@ static unsigned read_all(port *p, port_frame *frames)
     bool more = true;
     while (more) {
         port_frame batch[PORT_BATCH];
-        unsigned some = port_read(p, batch, &more);
+        unsigned some = port_read(p, batch, PORT_BATCH, &more);
         memcpy(frames + count, batch, some * sizeof *batch);
         count += some;
     }
