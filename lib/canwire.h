@@ -173,6 +173,19 @@ typedef struct cw_error {
     cw_flag flag;   /* the flag that follows; none when the node went bus-off by it */
 } cw_error;
 
+/* Why a frame was dropped. The names are the "why" of drop events. */
+typedef enum cw_drop {
+    CW_DROP_QUEUE_FULL = 0,
+    CW_DROP_ONE_SHOT,
+    CW_DROP_BUS_OFF,
+    CW_DROP_LISTEN_ONLY,
+    CW_DROP_BAD_FRAME,
+    CW_DROP_FAULT,
+    CW_DROP_REMOVED, /* the node is no longer part of the bus */
+    CW_DROP_LINK_DOWN, /* the host has taken the node off the bus */
+    CW_DROP_COUNT
+} cw_drop;
+
 #define CW_MODE_ONE_SHOT 0x01u    /* M13: one attempt, then the frame is dropped */
 #define CW_MODE_LISTEN_ONLY 0x02u /* M11: bus monitoring */
 #define CW_MODE_LOOPBACK 0x04u    /* M15: samples only itself, receives its own frames */
@@ -183,6 +196,7 @@ typedef struct cw_error {
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
 const char *cw_state_name(cw_state state);          /* "error-active" .. "bus-off" */
+const char *cw_drop_name(cw_drop why);              /* "queue-full" .. "link-down" */
 
 /* ---- The controller: test-bench interface (stable) ------------------------------------------- */
 
@@ -265,21 +279,23 @@ typedef struct cw_mac {
 #define CW_REPORT_RX 0x10u               /* a frame became valid for this receiver (M7) */
 #define CW_REPORT_TX 0x20u               /* the own frame is done (M7); the offer is used up */
 #define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
-#define CW_REPORT_DROPPED 0x80u          /* one-shot: the offered frame was given up (M13) */
+#define CW_REPORT_DROPPED 0x80u          /* the offered frame was given up; why is valid */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
 
 typedef struct cw_mac_report {
     uint16_t what;
     uint8_t lost_bit; /* as the SJA1000 counts: 0 first id bit, 11 RTR/SRR, 12 IDE, 13.., 31 RTR */
+    uint8_t why;      /* a cw_drop: CW_DROP_ONE_SHOT (M13) or CW_DROP_BUS_OFF (R10) */
     cw_error error;
 } cw_mac_report;
 
 /* Starts a controller: integrating, TEC = REC = 0. warning_limit 1..255, usually 96 (R13). */
 void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
 
-/* Offers a frame for transmission; it is kept through lost arbitration and errors until reported
- * as CW_REPORT_TX or CW_REPORT_DROPPED. An offer that is not on the wire may be replaced.
+/* Offers a frame for transmission; it is kept through lost arbitration, errors, disconnection and
+ * changes of modes until reported as CW_REPORT_TX or CW_REPORT_DROPPED, once and one of them,
+ * unless it is withdrawn or replaced: an offer that is not on the wire may be. Bus-off drops it.
  * CW_INVALID: bad frame. CW_REFUSED: being sent just now, or listen-only, or bus-off. */
 cw_status cw_mac_offer(cw_mac *mac, const cw_frame *frame);
 
@@ -300,12 +316,22 @@ cw_status cw_mac_request_overload(cw_mac *mac, unsigned frames);
 cw_status cw_mac_request_restart(cw_mac *mac);
 
 /* Presets the counters; TEC 0..263, REC 0..255; a TEC above 255 is bus-off (R10), a TEC below 256
- * ends a bus-off. CW_INVALID outside. The next report tells a changed state. */
+ * ends a bus-off. CW_INVALID outside. The next report tells a changed state, and what becomes of
+ * an offer by it. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
 
 /* Changes the modes. When listen-only or loopback changes, a controller on the bus leaves it and
  * integrates again (M10). */
 void cw_mac_set_modes(cw_mac *mac, unsigned modes);
+
+/* Takes the controller off the bus at once, as if its line was cut: it neither drives nor samples,
+ * and counts nothing. What it was sending stays offered and is sent anew when it is back. Nothing
+ * happens to one that is bus-off: it stays so, and goes on with its recovery. One that becomes
+ * bus-off by cw_mac_set_counters() meanwhile, or leaves it, is no longer disconnected. */
+void cw_mac_disconnect(cw_mac *mac);
+
+/* Back on the bus after cw_mac_disconnect(): it integrates (M10). Else nothing happens. */
+void cw_mac_reconnect(cw_mac *mac);
 
 /* Whether an offer made now would be used by the next cw_mac_drive(). */
 bool cw_mac_can_start(const cw_mac *mac);
@@ -508,21 +534,6 @@ typedef struct cw_bus_config {
     const cw_node_config *nodes; /* node_count of them; not kept */
     const cw_rule *rules;        /* rule_count of them; not kept */
 } cw_bus_config;
-
-/* Why a frame was dropped. The names are the "why" of drop events. */
-typedef enum cw_drop {
-    CW_DROP_QUEUE_FULL = 0,
-    CW_DROP_ONE_SHOT,
-    CW_DROP_BUS_OFF,
-    CW_DROP_LISTEN_ONLY,
-    CW_DROP_BAD_FRAME,
-    CW_DROP_FAULT,
-    CW_DROP_REMOVED, /* the node is no longer part of the bus */
-    CW_DROP_LINK_DOWN, /* the host has taken the node off the bus */
-    CW_DROP_COUNT
-} cw_drop;
-
-const char *cw_drop_name(cw_drop why);
 
 /* In the order in which events of one node at one tick come; faults before all nodes. */
 typedef enum cw_event_kind {

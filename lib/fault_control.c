@@ -16,11 +16,19 @@ static void force_error(cw_bus *bus, unsigned i)
     cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, bus->now);
 }
 
+/* In bus-off the queue alone has the frame that was on offer, until the restart. */
+static void put_counters(cw_mac *mac, unsigned tec, unsigned rec)
+{
+    (void)cw_mac_set_counters(mac, tec, rec);
+    if (cw_mac_state(mac) == CW_STATE_BUS_OFF)
+        (void)cw_mac_withdraw(mac);
+}
+
 static void set_counters(cw_mac *mac, const cw_rule *rule)
 {
     unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
     unsigned rec = rule->rec == CW_KEEP ? cw_mac_rec(mac) : rule->rec;
-    (void)cw_mac_set_counters(mac, tec, rec);
+    put_counters(mac, tec, rec);
 }
 
 static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
@@ -28,7 +36,7 @@ static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
     cw_mac *mac = cw_own_mac(bus, i);
     switch (rule->action) {
     case CW_ACTION_BUS_OFF:
-        (void)cw_mac_set_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
+        put_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
         break;
     case CW_ACTION_ERROR_FLAG:
         force_error(bus, i);

@@ -113,20 +113,28 @@ cw_status cw_mac_request_restart(cw_mac *m)
     return CW_OK;
 }
 
+static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
+{
+    m->offered = false;
+    r->what |= CW_REPORT_DROPPED;
+    r->why = (uint8_t)why;
+}
+
 /* R10: at once, whatever was being sent. */
 static void go_bus_off(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
-    m->offered = false;
     cw_mac_enter(m, CW_MAC_BUS_OFF);
 }
 
 /* Carries out R10 after a counter has moved; returns whether it did. */
-static bool check_bus_off(cw_mac *m)
+static bool check_bus_off(cw_mac *m, cw_mac_report *r)
 {
     if (m->confinement.state != CW_STATE_BUS_OFF)
         return false;
     go_bus_off(m);
+    if (m->offered)
+        drop_offer(m, CW_DROP_BUS_OFF, r);
     return true;
 }
 
@@ -296,10 +304,8 @@ bool cw_mac_holds_wire(const cw_mac *m)
 
 static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
 {
-    if (!(m->modes & CW_MODE_ONE_SHOT))
-        return;
-    m->offered = false;
-    r->what |= CW_REPORT_DROPPED;
+    if (m->modes & CW_MODE_ONE_SHOT)
+        drop_offer(m, CW_DROP_ONE_SHOT, r);
 }
 
 /* Reports an error in the present bit and starts the flag. The kind of the flag is that from
@@ -316,7 +322,7 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
         cw_confinement_tx_error(&m->confinement);
     if (rec_step)
         cw_confinement_rx_error(&m->confinement, rec_step);
-    if (check_bus_off(m))
+    if (check_bus_off(m, r))
         return;
     r->error.flag = passive ? CW_FLAG_PASSIVE : CW_FLAG_ACTIVE;
     m->ack_deferred = false;
@@ -354,7 +360,7 @@ bool cw_mac_force_error(cw_mac *m)
     cw_mac_report report = {.what = 0};
     if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_INTEGRATING && !is_bus_off(m))
         detect(m, CW_ERROR_FORM, &report);
-    return report.what & CW_REPORT_DROPPED;
+    return (report.what & CW_REPORT_DROPPED) && report.why == CW_DROP_ONE_SHOT;
 }
 
 static void signal_overload(cw_mac *m, cw_mac_report *r)
@@ -758,7 +764,7 @@ static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
         m->ack_deferred = false;
         report_tolerated(m, r);
         cw_confinement_tx_error(&m->confinement);
-        if (check_bus_off(m))
+        if (check_bus_off(m, r))
             return;
     }
     m->count = m->count && level == m->last ? (uint8_t)(m->count + 1) : 1;
@@ -781,7 +787,7 @@ static void count_dominant(cw_mac *m, cw_mac_report *r)
         cw_confinement_tx_error(&m->confinement);
     else
         cw_confinement_rx_error(&m->confinement, 8);
-    (void)check_bus_off(m);
+    (void)check_bus_off(m, r);
 }
 
 /* E8: the first recessive bit is the first bit of the delimiter. */
@@ -819,6 +825,14 @@ static void sample_nothing(cw_mac *m, bool level, cw_mac_report *r)
     (void)r;
 }
 
+/* An offer that was there when counters were set to bus-off; nothing else can be on offer. */
+static void sample_bus_off(cw_mac *m, bool level, cw_mac_report *r)
+{
+    (void)level;
+    if (m->offered)
+        drop_offer(m, CW_DROP_BUS_OFF, r);
+}
+
 static void end_recovery(cw_mac *m)
 {
     cw_confinement_reset(&m->confinement);
@@ -828,7 +842,7 @@ static void end_recovery(cw_mac *m)
 /* R12: groups of eleven; a dominant bit spoils only the group. */
 static void sample_recovering(cw_mac *m, bool level, cw_mac_report *r)
 {
-    (void)r;
+    sample_bus_off(m, level, r);
     m->count = level ? (uint8_t)(m->count + 1) : 0;
     if (m->count < CW_INTEGRATION_BITS)
         return;
@@ -853,7 +867,7 @@ static step_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
     [CW_MAC_OVERLOAD_DELIMITER] = sample_delimiter,
     [CW_MAC_INTERMISSION] = sample_intermission,
     [CW_MAC_SUSPEND] = sample_suspend,
-    [CW_MAC_BUS_OFF] = sample_nothing,
+    [CW_MAC_BUS_OFF] = sample_bus_off,
     [CW_MAC_RECOVERING] = sample_recovering,
 };
 

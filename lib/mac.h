@@ -14,19 +14,12 @@
 #define CW_SUSPEND_BITS 8u
 #define CW_QUIET_FOREVER UINT64_MAX
 
-/* Takes the controller off the bus at once: it neither drives nor samples. What it was sending
- * stays offered. A bus-off controller stays bus-off and goes on with its recovery. */
-void cw_mac_disconnect(cw_mac *mac);
-
-/* Back on the bus: it integrates (M10). */
-void cw_mac_reconnect(cw_mac *mac);
-
 /* Neither taken off the bus nor bus-off. */
 bool cw_mac_is_on_bus(const cw_mac *mac);
 
 /* Sends an error flag now, as if an error had been detected; the counters move as by R1 and R3.
  * Nothing happens when the controller is not on the bus. Returns whether the frame being sent
- * was given up (one-shot). */
+ * was given up (one-shot); bus-off takes an offer back without a word. */
 bool cw_mac_force_error(cw_mac *mac);
 
 /* Bits, at least, in which the controller goes on driving what it drives, with nothing to report,

@@ -55,10 +55,11 @@ static uint64_t steady_dominant_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_OFF:
-    case CW_MAC_BUS_OFF:
     case CW_MAC_INTEGRATING:
-    case CW_MAC_RECOVERING:
         return CW_QUIET_FOREVER;
+    case CW_MAC_BUS_OFF:
+    case CW_MAC_RECOVERING:
+        return m->offered ? 0 : CW_QUIET_FOREVER; /* it is told that the offer is dropped */
     case CW_MAC_FRAME:
         return steady_frame_bits(m, CW_DOMINANT);
     case CW_MAC_ERROR_ACTIVE:
@@ -87,20 +88,27 @@ static uint64_t steady_delimiter_bits(const cw_mac *m)
     return m->overloads_wanted > 0 ? left - 1 : left + CW_INTERMISSION_BITS;
 }
 
+/* All but the last bit of the last group; an offer is dropped at once. */
+static uint64_t steady_recovery_bits(const cw_mac *m)
+{
+    uint64_t groups = CW_RECOVERY_GROUPS - (uint64_t)m->groups;
+    return m->offered ? 0 : CW_INTEGRATION_BITS * groups - m->count - 1;
+}
+
 static uint64_t steady_recessive_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_OFF:
-    case CW_MAC_BUS_OFF:
         return CW_QUIET_FOREVER;
+    case CW_MAC_BUS_OFF:
     case CW_MAC_IDLE:
         return m->offered ? 0 : CW_QUIET_FOREVER;
     case CW_MAC_INTEGRATING:
         return CW_INTEGRATION_BITS - m->count;
     case CW_MAC_SUSPEND:
         return CW_SUSPEND_BITS - (uint64_t)m->count;
-    case CW_MAC_RECOVERING: /* all but the last bit of the last group */
-        return CW_INTEGRATION_BITS * (CW_RECOVERY_GROUPS - (uint64_t)m->groups) - m->count - 1;
+    case CW_MAC_RECOVERING:
+        return steady_recovery_bits(m);
     case CW_MAC_FRAME:
         return steady_frame_bits(m, CW_RECESSIVE);
     case CW_MAC_ERROR_PASSIVE:
@@ -264,7 +272,7 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
             return CW_FRAME_BITS_MIN - 2;
         return CW_QUIET_FOREVER; /* the transmitter knows */
     case CW_MAC_RECOVERING:
-        return steady_recessive_bits(m) + 1;
+        return steady_recovery_bits(m) + 1;
     case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_ERROR_PASSIVE:
     case CW_MAC_OVERLOAD_FLAG:

@@ -171,7 +171,8 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
 
 void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
-    if (r->what & CW_REPORT_DROPPED)
+    /* what bus-off takes back stays in the queue: it is dropped at the restart, with all others */
+    if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         settle_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_tell_arbitration_lost(bus, i, r->lost_bit);

@@ -25,6 +25,7 @@
  *     N[ ... ]    repeats
  *     set=T,R     presets the counters       offer=F   offers F      refuse=F  ... must refuse
  *     withdraw    takes the offer back       restart   asks for it   overload=N  asks for them
+ *     disconnect  cuts the node off          reconnect connects it again
  *     no-restart, no-withdraw          ... must be refused
  *     modes=M     changes modes, M of O (one-shot) L (listen-only) A (presume-ack)
  *                 B (loopback)

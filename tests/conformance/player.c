@@ -140,6 +140,13 @@ static bool tolerance_matches(const cw_error *seen, const expect *e)
             field == CW_FIELD_OVERLOAD_DELIMITER);
 }
 
+/* M13 before R10: an attempt of a one-shot node ends with the error that leads to bus-off, too. */
+static cw_drop drop_reason(const player *b, const expect *e)
+{
+    bool attempt_ends = e->what & (CW_REPORT_ERROR | CW_REPORT_ARBITRATION_LOST);
+    return attempt_ends && (b->modes & CW_MODE_ONE_SHOT) ? CW_DROP_ONE_SHOT : CW_DROP_BUS_OFF;
+}
+
 static void check_report(player *b, const cw_mac_report *seen, const expect *e)
 {
     char expected_text[TEXT_MAX], seen_text[TEXT_MAX];
@@ -156,6 +163,8 @@ static void check_report(player *b, const cw_mac_report *seen, const expect *e)
     }
     if (same && (e->what & CW_REPORT_TOLERATED) && !tolerance_matches(&seen->error, e))
         player_fail(b, "tolerated bits with another role or place");
+    if (same && (e->what & CW_REPORT_DROPPED) && seen->why != drop_reason(b, e))
+        player_fail(b, "dropped for reason %u", seen->why);
     if (same && (e->what & CW_REPORT_RX)) {
         if (!bench_same_frame(cw_mac_received(&b->mac), &b->wire.frame))
             player_fail(b, "another frame was received than was sent");

@@ -27,18 +27,18 @@ static const test_case cases[] = {
      NULL},
     /* Silent at once; the tail of the frame in between is one of the 128 groups. */
     {"8.5.10",
-     "set=250,0 >" F " offer=456#AA d(ovl) D2 X(bit ovlflag2 tx none T+8) r40 withdraw "
+     "set=250,0 >" F " offer=456#AA d(ovl) D2 X(bit ovlflag2 tx none T+8 drop) r40 withdraw "
      "-2A5#C3 r3 restart d 50[r11] -2A5#C3 r3 76[r11] r10 r(T=0 R=0) >456#AA r3",
      NULL},
     {"8.5.10",
-     "set=240,0 " TX_ERROR_PASSIVE "r6 d7 d(tol T+8) r40 withdraw -2A5#C3 r3 "
+     "set=240,0 " TX_ERROR_PASSIVE "r6 d7 d(tol T+8 drop) r40 withdraw -2A5#C3 r3 "
      "restart 127[r11] r10 r(T=0 R=0) >456#AA r3",
      NULL},
     {"8.5.10",
-     "set=248,0 >" F ":data0 ~(bit here tx none T+8) r40 withdraw restart 127[r11] r10 r(T=0 R=0)",
+     "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r40 withdraw restart 127[r11] r10 r(T=0 R=0)",
      NULL},
     {"8.5.10",
-     "set=248,0 >" F ":data0 ~(bit here tx none T+8) r40 restart 127[r11] r10 r(T=0 R=0) r20",
+     "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r40 restart 127[r11] r10 r(T=0 R=0) r20",
      NULL},
     {"8.5.11", "set=256,0 restart 130[r10 d] 127[r11 d] r10 r(T=0 R=0) " AGAIN, NULL},
     {"8.5.11", "set=256,0 restart 127[r21 d] r10 r(T=0 R=0) " AGAIN, NULL},

@@ -202,7 +202,7 @@ static const test_case cases[] = {
     {"X2", "set=256,0 restart 127[r11] " RECOVERED "<" F " r3", NULL},
     {"X2", "no-restart r3", NULL},
     {"X2", "2[set=256,0 restart 127[r11] r10 r(T=0 R=0)] " AGAIN, NULL},
-    {"X2", ">" F ":data0 set=256,0 r(at none) r20 restart 127[r11] r10(at none) r(T=0 R=0)", NULL},
+    {"X2", ">" F ":data0 set=256,0 r(at none drop) r20 restart 127[r11] r10(at none) r(T=0 R=0)", NULL},
     {"X2", "set=256,0 modes=O r20 restart 20[r11] modes= 107[r11] " RECOVERED AGAIN, NULL},
     {"X2", "set=256,0 r20 set=10,0 r11 <" F " r3", NULL},
     {"X3", "set=10,10 >07A#55:id3s ~(stuff id3s tx act) " ACTIVE ">07A#55 r3", NULL},
@@ -245,7 +245,7 @@ static const test_case cases[] = {
     {"X5", "set={128|129|128},{127|127|128} >" F " offer=456#AA r3 {r0|r8|r8} >456#AA r3", NULL},
     {"X5", "set={127|129},128 <456#AA r3 >" F " offer=124#AA r3 {r0|r8} >124#AA r3", NULL},
     {"X5", "set=247,0 >" F ":data0 ~(bit here tx pas T+8) " PASSIVE SUSPEND AGAIN, NULL},
-    {"X5", "set=248,0 >" F ":data0 ~(bit here tx none T+8) r50 away", NULL},
+    {"X5", "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r50 away", NULL},
     {"X6", "set=0,150 " RX_ERROR_PASSIVE "r6 d(tol R+8) r8 r3", NULL},
     {"X6", "set=0,150 " RX_ERROR_PASSIVE "{d6|r3 d6} d(tol R+8) r8 r3", NULL},
     {"X6", "set=0,150 " RX_ERROR_PASSIVE "r6 d(tol R+8) d6 d(tol R+8) d7 d(tol R+8) r8 r3", NULL},
@@ -312,6 +312,25 @@ static const test_case cases[] = {
     {"X13", "*456#55/123#AA withdraw r30", NULL},
     {"X13", TX_ERROR "withdraw " ACTIVE, NULL},
     {"X13", TX_ERROR "offer=456#AA " ACTIVE ">456#AA r3", NULL},
+    /* An offer ends once: bus-off drops it, whenever it comes; what follows is another one. */
+    {"X13", "offer=456#AA set=256,0 r(drop) r50 restart 127[r11] " RECOVERED "r20", NULL},
+    {"X13", "offer=456#AA set=256,0 restart r(drop) r10 126[r11] " RECOVERED AGAIN, NULL},
+    {"X13", "offer=456#AA set=256,0 withdraw r20 away", NULL},
+    {"X13", "offer=456#AA set=256,0 set=10,0 r11 >456#AA r3", NULL},
+    {"X13", "*456#55/123#AA set=256,0 r(drop) r20 away", NULL},
+    {"X13", "init=O r11 offer=456#AA set=256,0 r(drop) r20 away", NULL},
+    /* cut off, frame or flag, it is kept and sent when it is back */
+    {"X13", ">456#AA:data0 disconnect r20 d20(at none) reconnect r11 >456#AA r3", NULL},
+    {"X13", TX_ERROR "D3 disconnect d20 r5 reconnect r11 " AGAIN, NULL},
+    {"X13", "*456#55/123#AA:data0 disconnect r20 reconnect r11 >456#55 r3", NULL},
+    {"X13", "init=O r11 >456#AA:data0 disconnect r3 reconnect r11 >456#AA r3", NULL},
+    {"X13", ">456#AA:data0 modes=L r20 modes= r11 >456#AA r3", NULL},
+    {"X13", ">456#AA:data0 modes=B d11 >456#AA d3 modes= r11 " AGAIN, NULL},
+    {"X13", ">456#AA:data0 disconnect withdraw r5 reconnect r11 r20", NULL},
+    /* bus-off counts on, or is ended, wherever the line is */
+    {"X13", "set=256,0 disconnect reconnect r20 restart 60[r11] disconnect 67[r11] " RECOVERED,
+     NULL},
+    {"X13", "disconnect set=256,0 restart 127[r11] " RECOVERED AGAIN, NULL},
     {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
 };
 

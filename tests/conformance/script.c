@@ -409,6 +409,18 @@ static void do_overload(player *b, const char *p)
         player_fail(b, "the overload frames were refused");
 }
 
+static void do_disconnect(player *b, const char *p)
+{
+    (void)p;
+    cw_mac_disconnect(&b->mac);
+}
+
+static void do_reconnect(player *b, const char *p)
+{
+    (void)p;
+    cw_mac_reconnect(&b->mac);
+}
+
 static void do_away(player *b, const char *p)
 {
     (void)p;
@@ -428,6 +440,8 @@ static const struct {
     {"modes=", do_modes},
     {"init=", do_init},
     {"away", do_away},
+    {"disconnect", do_disconnect},
+    {"reconnect", do_reconnect},
     {"no-restart", do_no_restart},
     {"no-withdraw", do_no_withdraw},
 };

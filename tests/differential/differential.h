@@ -211,6 +211,25 @@ bool diff_same_event(const cw_event *a, const cw_event *b);
 /* Compares all that can be read of two buses at the same tick, writing what differs. */
 bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules, FILE *out);
 
+/* ---- ledger.c -------------------------------------------------------------------------------- */
+
+typedef struct diff_ledger diff_ledger;
+
+diff_ledger *diff_ledger_new(const diff_scenario *s);
+void diff_ledger_free(diff_ledger *l);
+
+/* A frame was taken; an event came; another bus goes on with these nodes; events are left out from
+ * now on. */
+void diff_ledger_send(diff_ledger *l, unsigned node, const cw_frame *frame);
+void diff_ledger_event(diff_ledger *l, const cw_event *e);
+void diff_ledger_take_over(diff_ledger *l, const uint8_t *from, unsigned node_count);
+void diff_ledger_close(diff_ledger *l);
+
+/* Whether the bus counts what was told; at the end, with all nodes flushed, whether each frame was
+ * told of once. Writes what is not. All events have been taken. */
+bool diff_ledger_check(const diff_ledger *l, const cw_bus *bus, FILE *out);
+bool diff_ledger_check_end(const diff_ledger *l, const cw_bus *bus, FILE *out);
+
 /* ---- show.c ---------------------------------------------------------------------------------- */
 
 void diff_write_event(FILE *out, const cw_event *e);

@@ -33,6 +33,7 @@ typedef struct pair {
     diff_coverage *coverage;
     FILE *out;
     diff_verdict *verdict;
+    diff_ledger *ledger;
     side fast;
     side reference;
     uint32_t bit_ticks;
@@ -131,6 +132,7 @@ static void compare_events(pair *p)
             return;
         }
         diff_cover_event(p->coverage, &p->fast.events[i], rule_of(p, &p->fast.events[i]));
+        diff_ledger_event(p->ledger, &p->fast.events[i]);
     }
     for (size_t i = most > CONTEXT ? most - CONTEXT : 0; i < most; i++)
         p->history[(p->events + i) % CONTEXT] = p->fast.events[i];
@@ -279,7 +281,9 @@ static void check(pair *p)
     cw_bit_view unused;
     p->coverage->marks[DIFF_COMPARISONS]++;
     p->coverage->marks[DIFF_SHORT_CUTS] += cw_bus_get_bit(p->fast.bus, &unused) != CW_OK;
-    if (!diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out))
+    if (!diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out) ||
+        (p->fast.drained && p->reference.drained &&
+         !diff_ledger_check(p->ledger, p->reference.bus, p->out)))
         found(p, cw_bus_now(p->reference.bus));
 }
 
@@ -333,8 +337,10 @@ static void take_over(pair *p, const diff_op *op)
     cw_status status = side_take_over(&p->fast, config, op->from);
     statuses_same(p, "take-over", status, side_take_over(&p->reference, config, op->from));
     cw_bus_set_stepping(p->reference.bus, true);
-    if (status == CW_OK)
-        know_rules(p, config);
+    if (status != CW_OK)
+        return;
+    know_rules(p, config);
+    diff_ledger_take_over(p->ledger, op->from, config->node_count);
 }
 
 /* ---- Operations ------------------------------------------------------------------------------ */
@@ -356,12 +362,22 @@ static void add_rule(pair *p, const diff_op *op)
 #define BOTH(call, ...)                                                                            \
     statuses_same(p, #call, call(p->fast.bus, __VA_ARGS__), call(p->reference.bus, __VA_ARGS__))
 
+static void send(pair *p, const diff_op *op)
+{
+    const cw_frame *frame = &op->send.frame;
+    cw_status status = cw_node_send(p->fast.bus, op->target, frame, op->send.at_tick);
+    statuses_same(p, "cw_node_send", status,
+                  cw_node_send(p->reference.bus, op->target, frame, op->send.at_tick));
+    if (status == CW_OK)
+        diff_ledger_send(p->ledger, op->target, frame);
+}
+
 static void operate(pair *p, const diff_op *op)
 {
     p->coverage->ops[op->kind]++;
     switch (op->kind) {
     case DIFF_SEND:
-        BOTH(cw_node_send, op->target, &op->send.frame, op->send.at_tick);
+        send(p, op);
         break;
     case DIFF_RESTART:
         BOTH(cw_node_restart, op->target);
@@ -389,6 +405,8 @@ static void operate(pair *p, const diff_op *op)
         break;
     case DIFF_SET_EVENTS:
         p->unseen |= ~op->kinds;
+        if (p->unseen & (1u << CW_EVENT_TX | 1u << CW_EVENT_DROP))
+            diff_ledger_close(p->ledger);
         cw_bus_set_events(p->fast.bus, op->kinds);
         cw_bus_set_events(p->reference.bus, op->kinds);
         break;
@@ -429,6 +447,31 @@ static void run_operation(pair *p, const diff_op *op)
         settle(p);
 }
 
+/* So that no frame is left; returns whether the ring had room for all of that. */
+static bool flush_all(side *s)
+{
+    cw_node_stats stats;
+    for (unsigned i = 0; cw_node_get_stats(s->bus, i, &stats) == CW_OK; i++) {
+        take_events(s, SIZE_MAX);
+        if (cw_node_flush(s->bus, i) != CW_OK)
+            return false;
+    }
+    return true;
+}
+
+/* What has become of each frame. */
+static void settle_ledger(pair *p)
+{
+    bool flushed = flush_all(&p->fast);
+    if (!flush_all(&p->reference) || !flushed)
+        found(p, cw_bus_now(p->reference.bus));
+    settle(p);
+    if (!p->verdict->differs && !diff_ledger_check_end(p->ledger, p->reference.bus, p->out))
+        found(p, cw_bus_now(p->reference.bus));
+    if (!p->verdict->differs)
+        check(p);
+}
+
 static void run_operations(pair *p)
 {
     const diff_scenario *s = p->scenario;
@@ -439,6 +482,8 @@ static void run_operations(pair *p)
     settle(p);
     if (!p->verdict->differs)
         check(p);
+    if (!p->verdict->differs)
+        settle_ledger(p);
 }
 
 /* ---- Run ------------------------------------------------------------------------------------- */
@@ -494,7 +539,9 @@ void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *o
         p->reference.slicing = s->reference;
         cw_bus_set_stepping(p->reference.bus, true);
         know_rules(p, config);
+        p->ledger = diff_ledger_new(s);
         run_operations(p);
+        diff_ledger_free(p->ledger);
         count(p);
     }
     end_side(&p->fast);

@@ -23,6 +23,8 @@ typedef struct bench {
     cw_state told; /* the last state that was reported */
     unsigned warning_limit;
     unsigned bits;
+    bool offered; /* a frame of which it is still to be told what became of it */
+    bool cut;     /* disconnected */
 } bench;
 
 /* ---- What must hold -------------------------------------------------------------------------- */
@@ -51,7 +53,8 @@ static void check_state(const bench *b)
     REQUIRE(tec <= TEC_MAX && rec <= REC_MAX);
     REQUIRE(cw_mac_state(m) == state_of(tec, rec, b->warning_limit));
     REQUIRE(is_off(m) == (cw_mac_state(m) == CW_STATE_BUS_OFF));
-    REQUIRE(cw_mac_get_phase(m) < CW_MAC_PHASE_COUNT && cw_mac_get_phase(m) != CW_MAC_OFF);
+    REQUIRE(cw_mac_get_phase(m) < CW_MAC_PHASE_COUNT);
+    REQUIRE(cw_mac_get_phase(m) != CW_MAC_OFF || b->cut);
     REQUIRE(cw_mac_place(m).field < CW_FIELD_STUFF);
     REQUIRE(!is_off(m) || (!cw_mac_can_start(m) && !cw_mac_is_sending(m)));
     REQUIRE(!cw_mac_is_sending(m) ||
@@ -95,6 +98,17 @@ static void check_error(const bench *b, const cw_mac *before)
     REQUIRE(e->role != CW_ROLE_NONE);
 }
 
+static void check_drop(const bench *b, const cw_mac *before)
+{
+    bool one_shot = b->report.why == CW_DROP_ONE_SHOT;
+    REQUIRE(one_shot || b->report.why == CW_DROP_BUS_OFF);
+    if (one_shot)
+        REQUIRE((b->mac.modes & CW_MODE_ONE_SHOT) && cw_mac_is_sending(before) &&
+                !cw_mac_is_sending(&b->mac));
+    else
+        REQUIRE(is_off(&b->mac));
+}
+
 static void check_report(bench *b, const cw_mac *before)
 {
     const cw_mac_report *r = &b->report;
@@ -105,12 +119,15 @@ static void check_report(bench *b, const cw_mac *before)
         check_error(b, before);
     if (r->what & CW_REPORT_RX)
         REQUIRE(cw_frame_valid(cw_mac_received(&b->mac)));
-    if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED | CW_REPORT_ARBITRATION_LOST))
+    if (r->what & (CW_REPORT_TX | CW_REPORT_ARBITRATION_LOST))
         REQUIRE(cw_mac_is_sending(before) && !cw_mac_is_sending(&b->mac));
     if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
-        REQUIRE(!b->mac.offered);
+        REQUIRE(b->offered);
     if (r->what & CW_REPORT_DROPPED)
-        REQUIRE(b->mac.modes & CW_MODE_ONE_SHOT);
+        check_drop(b, before);
+    if (r->what & (CW_REPORT_TX | CW_REPORT_DROPPED))
+        b->offered = false;
+    REQUIRE(b->mac.offered == b->offered);
     if (r->what & CW_REPORT_TX)
         REQUIRE(!(r->what & (CW_REPORT_ERROR | CW_REPORT_ARBITRATION_LOST | CW_REPORT_DROPPED)));
     if (r->what & CW_REPORT_ARBITRATION_LOST)
@@ -191,6 +208,7 @@ static void offer(bench *b)
         is_off(&b->mac) || cw_mac_is_sending(&b->mac) || (b->mac.modes & CW_MODE_LISTEN_ONLY);
     cw_status wanted = cw_frame_valid(&frame) ? CW_OK : CW_INVALID;
     REQUIRE(cw_mac_offer(&b->mac, &frame) == (refused ? CW_REFUSED : wanted));
+    b->offered = b->offered || (!refused && wanted == CW_OK);
 }
 
 static void set_counters(bench *b)
@@ -213,6 +231,7 @@ static void withdraw(bench *b)
 {
     bool sending = cw_mac_is_sending(&b->mac);
     REQUIRE(cw_mac_withdraw(&b->mac) == (sending ? CW_REFUSED : CW_OK));
+    b->offered = b->offered && sending;
 }
 
 static void command(bench *b, unsigned what)
@@ -253,11 +272,28 @@ static void command(bench *b, unsigned what)
         for (unsigned i = fuzz_u8(&b->in); i > 0; i--)
             bit(b, cw_mac_place(&b->mac).field != CW_FIELD_ACK_SLOT, false);
         break;
+    case 12:
+        b->cut = true;
+        cw_mac_disconnect(&b->mac);
+        break;
+    case 13:
+        b->cut = false;
+        cw_mac_reconnect(&b->mac);
+        REQUIRE(cw_mac_get_phase(&b->mac) != CW_MAC_OFF);
+        break;
     default:
         bit(b, CW_RECESSIVE, false);
         break;
     }
     check_state(b);
+    REQUIRE(b->mac.offered == b->offered);
+}
+
+/* The last four of the 64 are those that came later, so that old inputs mean what they did. */
+static unsigned command_of(unsigned op)
+{
+    unsigned number = op - COMMAND;
+    return number < 60 ? number % 12 : 12 + number % 2;
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -269,7 +305,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     while (b.in.left > 0 && b.bits < BITS_MAX) {
         unsigned op = fuzz_u8(&b.in);
         if (op >= COMMAND)
-            command(&b, (op - COMMAND) % 12);
+            command(&b, command_of(op));
         else if (op >= ANY_LEVEL)
             bits(&b, op, 6, true);
         else

@@ -175,6 +175,41 @@ static void bus_off_stays_bus_off_when_disconnected(void **state)
     assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
 }
 
+/* What is told of the offers of a controller, bit by bit: once for each. */
+static void an_offer_ends_once(void **state)
+{
+    (void)state;
+    cw_mac_report report;
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)play(&mac, 5, CW_RECESSIVE);
+    assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
+    assert_int_equal(cw_mac_steady_bits(&mac, CW_RECESSIVE), 0); /* there is something to tell */
+    (void)cw_mac_drive(&mac);
+    cw_mac_sample(&mac, CW_RECESSIVE, &report);
+    assert_int_equal(report.what, CW_REPORT_DROPPED | CW_REPORT_STATE);
+    assert_int_equal(report.why, CW_DROP_BUS_OFF);
+    cw_mac_sample(&mac, CW_RECESSIVE, &report);
+    assert_int_equal(report.what, 0);
+    assert_true(cw_mac_steady_bits(&mac, CW_RECESSIVE) == CW_QUIET_FOREVER);
+    assert_int_equal(cw_mac_set_counters(&mac, 0, 0), CW_OK);
+    assert_int_equal(play(&mac, 100, CW_RECESSIVE), 0);
+    mac = idle_mac(0); /* by an error of its own */
+    assert_int_equal(cw_mac_set_counters(&mac, 248, 0), CW_OK);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)cw_mac_drive(&mac);
+    cw_mac_sample(&mac, CW_RECESSIVE, &report);
+    assert_int_equal(report.what & CW_REPORT_DROPPED, CW_REPORT_DROPPED);
+    assert_int_equal(report.why, CW_DROP_BUS_OFF);
+    mac = idle_mac(CW_MODE_ONE_SHOT); /* the same of a one-shot node */
+    assert_int_equal(cw_mac_set_counters(&mac, 248, 0), CW_OK);
+    assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
+    (void)cw_mac_drive(&mac);
+    cw_mac_sample(&mac, CW_RECESSIVE, &report);
+    assert_int_equal(report.what & CW_REPORT_DROPPED, CW_REPORT_DROPPED);
+    assert_int_equal(report.why, CW_DROP_ONE_SHOT);
+}
+
 /* R9, R11, R13: the state follows the larger counter, up and down. */
 static void states_follow_the_counters(void **state)
 {
@@ -289,6 +324,7 @@ int main(void)
         cmocka_unit_test(nothing_is_forced_off_the_bus),
         cmocka_unit_test(a_disconnected_node_integrates_when_back),
         cmocka_unit_test(bus_off_stays_bus_off_when_disconnected),
+        cmocka_unit_test(an_offer_ends_once),
         cmocka_unit_test(states_follow_the_counters),
         cmocka_unit_test(a_good_frame_lowers_the_rec),
         cmocka_unit_test(a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error),
