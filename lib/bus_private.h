@@ -155,6 +155,7 @@ struct cw_bus {
     uint64_t followers; /* nodes that are where `common` is, see lockstep.c */
     uint64_t waiting;   /* nodes with frames in their queues */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
+    uint64_t removed;   /* of these, those that have been flushed: for good */
     cw_mac common;
     cw_crowd crowd;
     cw_leap leap;

@@ -589,12 +589,14 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
  * settings of the new one. Rules start anew; frames that old rules held back go on their way.
  * The new bus must be at tick 0 and the events of the old one taken; the old one may be thrown
  * away afterwards. Frames of nodes that are no more are lost: see cw_node_flush(); frames for
- * which a smaller queue has no room are dropped with an event. CW_INVALID, with nothing changed:
- * another bit rate, no such node, an inbox too small for what waits. */
+ * which a smaller queue has no room are dropped with an event. What has been flushed stays off the
+ * bus. CW_INVALID, with nothing changed: another bit rate, no such node, one that is named twice, an
+ * inbox too small for what waits. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
-/* Drops all frames of a node with events (CW_DROP_REMOVED); it leaves the bus for good. CW_FULL:
- * poll events, then call again. */
+/* Drops all frames of a node with events (CW_DROP_REMOVED), those that come later, too; it leaves
+ * the bus for good, whatever rules and hosts do. CW_FULL: poll events, then call again. CW_INVALID:
+ * no such node. */
 cw_status cw_node_flush(cw_bus *bus, unsigned node);
 
 /* Tick up to which the bus has been simulated: always the end of a bit. */
@@ -648,10 +650,11 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event);
  * again. Off it neither drives nor samples; its frames, those that come later too, are dropped
  * with events (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it
  * integrates. Frames that rules hold back stay. All nodes are on at first; nothing happens when
- * it is so already. CW_FULL: poll events, then call again. CW_INVALID: no such node. */
+ * it is so already. CW_FULL: poll events, then call again. CW_INVALID: no such node. CW_REFUSED:
+ * it has been flushed. */
 cw_status cw_node_attach(cw_bus *bus, unsigned node, bool on);
 
-/* Whether a node is on; false also when there is no such node. */
+/* Whether a node is on; false also when it has been flushed, or there is no such node. */
 bool cw_node_attached(const cw_bus *bus, unsigned node);
 
 /* Restart by hand (R12). CW_REFUSED when not bus-off, already restarting or restart_ticks != 0. */

@@ -27,7 +27,7 @@ static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
     if (!cw_frame_valid(frame))
         return CW_DROP_BAD_FRAME;
     if (bus->detached & cw_node_bit(i))
-        return CW_DROP_LINK_DOWN;
+        return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
     if (n->mac.modes & CW_MODE_LISTEN_ONLY)
         return CW_DROP_LISTEN_ONLY;
     if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
@@ -231,9 +231,14 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     m->offered = false;
     m->role = CW_ROLE_NONE;
     m->phase = CW_MAC_OFF;
+    bus->detached |= cw_node_bit(i);
+    bus->removed |= cw_node_bit(i);
+    bus->nodes[i].restart_at = CW_NEVER;
+    cw_find_next_restart(bus);
     flush_queue(bus, i, CW_DROP_REMOVED);
     flush_inbox(bus, i);
     flush_held(bus, i);
+    cw_fault_apply_topology(bus);
     return CW_OK;
 }
 
@@ -255,6 +260,8 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
         return CW_INVALID;
     if (cw_node_attached(bus, i) == on)
         return CW_OK;
+    if (bus->removed & cw_node_bit(i))
+        return CW_REFUSED;
     if (!cw_ring_has_room(bus))
         return CW_FULL;
     cw_push_event(bus, CW_EVENT_LINK, bus->now, cw_node_bit(i))->up = on;

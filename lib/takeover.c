@@ -108,11 +108,13 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
+    uint64_t taken = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
         if (from[i] == CW_NO_NODE)
             continue;
-        if (from[i] >= old->node_count)
+        if (from[i] >= old->node_count || (taken & cw_node_bit(from[i])))
             return false;
+        taken |= cw_node_bit(from[i]);
     }
     return bus->bit_ticks == old->bit_ticks && bus->now == 0 &&
            bus->inbox.capacity >= old->inbox.count;
@@ -154,6 +156,8 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         take_over_node(bus, i, &old->nodes[from[i]]);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);
+        if (old->removed & cw_node_bit(from[i]))
+            bus->removed |= cw_node_bit(i);
     }
     cw_fault_apply_topology(bus);
     cw_find_next_restart(bus);

@@ -464,7 +464,8 @@ static void add_take_over(generator *g, uint64_t tick)
     random_plan(g, &s->plans[s->plan_count++]);
     for (unsigned i = 0; i < CW_NODES_MAX; i++) {
         unsigned from = diff_chance(&m->random, 700) ? i : random_node_number(g);
-        bool free = from < before && !(kept >> from & 1u) && !diff_chance(&m->random, 100);
+        bool twice = kept >> from & 1u;
+        bool free = from < before && !diff_chance(&m->random, twice ? 999 : 100);
         op.from[i] = i < m->nodes && free ? (uint8_t)from : CW_NO_NODE;
         kept |= op.from[i] == CW_NO_NODE ? 0 : UINT64_C(1) << from;
     }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * ledger.c - what becomes of each frame that is handed in: one event, sent or dropped, and only one;
- * or it is still there.
+ * ledger.c - what becomes of each frame that is handed in: one event, sent or dropped, and only
+ * one; or it is still there.
  *
  * At the end of a scenario all nodes are flushed, so that nothing is there any more. Where no rule
  * makes frames or changes them, each frame is accounted for by itself; else only their number is.

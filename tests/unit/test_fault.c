@@ -2038,6 +2038,64 @@ static void a_flushed_node_is_gone(void **state)
     rig_free(r);
 }
 
+/* Neither its host nor a rule nor another bus brings it back; what it gets to send is dropped. */
+static void a_flushed_node_stays_gone(void **state)
+{
+    (void)state;
+    static const uint8_t same[] = {0, 1, 2};
+    rig *r = rig_new(3);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    r->nodes[1].restart_ticks = 10 * BIT;
+    cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
+    off->nodes = NODE(1);
+    cw_rule *back = rig_rule(r, new_rule("back", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
+    back->nodes = NODE(1);
+    back->time_begin = 100 * BIT;
+    rig_start(r);
+    rig_run_bits(r, 5);
+    assert_int_equal(cw_node_flush(r->bus, 1), CW_OK);
+    assert_false(cw_node_attached(r->bus, 1));
+    assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
+    assert_int_equal(cw_node_attach(r->bus, 1, true), CW_REFUSED);
+    rig_send(r, 1, &frame, 50 * BIT);
+    rig_send(r, 0, &frame, 200 * BIT);
+    rig_run_bits(r, 1000);
+    assert_int_equal(rig_stats(r, 1).dropped[CW_DROP_REMOVED], 1);
+    assert_int_equal(rig_stats(r, 1).restarts, 0);
+    assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 0);
+    rig *next = rig_new(3);
+    rig_start(next);
+    assert_int_equal(cw_bus_take_over(next->bus, r->bus, same), CW_OK);
+    rig_send(next, 0, &frame, 1000 * BIT);
+    rig_run_bits(next, 2000);
+    assert_int_equal(cw_node_attach(next->bus, 1, true), CW_REFUSED);
+    assert_int_equal(rig_count(next, CW_EVENT_RX, 1), 0);
+    assert_int_equal(rig_count(next, CW_EVENT_RX, 2), 1);
+    rig_free(next);
+    rig_free(r);
+}
+
+/* Two nodes cannot both go on as one: its frames would be there twice. */
+static void a_node_is_taken_over_once(void **state)
+{
+    (void)state;
+    static const uint8_t twice[] = {0, 0};
+    static const uint8_t once[] = {0, CW_NO_NODE};
+    rig *old = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig_start(old);
+    rig_send(old, 0, &frame, 5 * BIT);
+    rig_run_bits(old, 8);
+    rig *r = rig_new(2);
+    rig_start(r);
+    assert_int_equal(cw_bus_take_over(r->bus, old->bus, twice), CW_INVALID);
+    assert_int_equal(cw_bus_pending(r->bus), 0);
+    assert_int_equal(cw_bus_take_over(r->bus, old->bus, once), CW_OK);
+    assert_int_equal(cw_bus_pending(r->bus), 1);
+    rig_free(old);
+    rig_free(r);
+}
+
 /* ---- Traffic that is no fault ---------------------------------------------------------------- */
 
 /* Its hits are neither told nor counted; all else is as with a rule that is not quiet. */
@@ -2157,6 +2215,8 @@ int main(void)
         cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(a_flushed_node_is_gone),
+        cmocka_unit_test(a_flushed_node_stays_gone),
+        cmocka_unit_test(a_node_is_taken_over_once),
         cmocka_unit_test(a_quiet_rule_is_not_told),
         cmocka_unit_test(frames_match_filters),
         cmocka_unit_test(random_numbers_are_those_of_the_stream),
