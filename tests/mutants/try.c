@@ -190,7 +190,7 @@ static bool reload_world(const trial *t, world *w)
 {
     messages m;
     begin_messages(&m);
-    reload *r = reload_prepare(live_config(w->live), NULL, m.out);
+    reload *r = reload_prepare(live_config(w->live), NULL, NULL, m.out);
     end_messages(t, &m, r != NULL);
     if (r)
         go_over(w, r);
