@@ -204,6 +204,13 @@ cfg *cfg_load(const char *file, FILE *errors)
     return load(file, &walk, errors);
 }
 
+cfg *cfg_load_regular(const char *file, FILE *errors)
+{
+    const cfg_walk walk = {.regular = true};
+
+    return load(file, &walk, errors);
+}
+
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors)
 {
     const cfg_walk walk = {.given = files, .given_count = count};
@@ -425,8 +432,9 @@ static const cfg_file *keep_file(schema *self, const char *name, const char *tex
 
 static const cfg_file *read_new_file(schema *self, const char *name)
 {
+    const cfg_walk *walk = self->user;
     size_t size;
-    char *text = yaml_file_read(&size, name, self->errors);
+    char *text = yaml_file_read(&size, name, walk->regular, self->errors);
     const cfg_file *kept = text ? keep_file(self, name, text, size) : NULL;
 
     free(text);

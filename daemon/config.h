@@ -191,6 +191,10 @@ typedef struct cfg {
 /* Reads a file. Returns NULL after writing one line per error to errors. */
 cfg *cfg_load(const char *file, FILE *errors);
 
+/* The same, but neither it nor its profiles may be pipes or devices, on which reading could wait
+ * for ever. */
+cfg *cfg_load_regular(const char *file, FILE *errors);
+
 /* Reads a configuration from files that are given, the first of which is the configuration, and
  * from no others: files of traffic are not looked into. Otherwise as cfg_load(). */
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);

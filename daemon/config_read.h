@@ -20,6 +20,7 @@ typedef struct cfg_walk {
     const cfg_running *running; /* what else it may name, and what comes first; or NULL */
     const cfg_file *given;      /* the files to read from; NULL: those that there are */
     size_t given_count;
+    bool regular;               /* no file may be a pipe or a device */
     bool any_node;              /* a node that is not there is made: a profile is checked alone */
     bool unnamed;               /* there is a node whose name could not be read: it may be any */
 } cfg_walk;

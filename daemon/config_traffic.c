@@ -267,8 +267,8 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
          i++)
         result = trace_next(reader, &record);
     if (result == TRACE_RECORD && record.kind == TRACE_FRAME && !record.timed && !traffic->fast) {
-        trace_complain(reader, &record, TRACE_NO_TIME);
-        result = TRACE_BAD;
+        trace_complain(problem, reader, &record, TRACE_NO_TIME);
+        schema_complain_elsewhere(self, at, problem);
     }
     if (result == TRACE_BAD)
         schema_complain_elsewhere(self, at, trace_problem(reader));

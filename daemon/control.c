@@ -24,11 +24,18 @@ typedef struct watcher {
     uint64_t lost;  /* lines that it has not got and has not been told of */
 } watcher;
 
+/* A client that waits for a reload; the bus does not. */
+typedef struct waiter {
+    json_t *reply; /* NULL: it does not */
+    uint64_t round;
+} waiter;
+
 struct control {
     request_world world;
     status_errors errors;
     server *server;
     watcher watchers[SERVER_CLIENTS_MAX];
+    waiter waiters[SERVER_CLIENTS_MAX];
     uint32_t kinds; /* that any of them wants */
     FILE *stream;   /* writes into text */
     char *text;
@@ -70,10 +77,30 @@ static void on_line(void *user, server_client *client, char *line, size_t length
     if (is_blank(line, length))
         return;
     json_t *reply = request_answer(&c->world, &result, line, length);
+    if (result.round > 0) {
+        c->waiters[server_client_number(client)] = (waiter){.reply = reply, .round = result.round};
+        server_hold(client);
+        return;
+    }
     write_json(client, reply);
     json_decref(reply);
     if (result.watch_changed)
         set_watch(c, server_client_number(client), result.watch);
+}
+
+void control_reloaded(control *c, uint64_t round, const char *errors)
+{
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        waiter *w = &c->waiters[i];
+        server_client *client = server_client_at(c->server, i);
+        if (!w->reply || w->round != round || !client)
+            continue;
+        request_reloaded(w->reply, errors);
+        write_json(client, w->reply);
+        json_decref(w->reply);
+        *w = (waiter){.reply = NULL};
+        server_go_on(client);
+    }
 }
 
 /* ---- Events ---------------------------------------------------------------------------------- */
@@ -169,7 +196,10 @@ static void on_drained(void *user, server_client *client)
 
 static void on_closed(void *user, unsigned client)
 {
-    set_watch(user, client, 0);
+    control *c = user;
+    set_watch(c, client, 0);
+    json_decref(c->waiters[client].reply);
+    c->waiters[client] = (waiter){.reply = NULL};
 }
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
@@ -186,11 +216,6 @@ void control_remap(control *c, const uint8_t from[CW_NODES_MAX])
 {
     reload_remap(c->errors.rx, sizeof c->errors.rx[0], from);
     reload_remap(c->errors.tx, sizeof c->errors.tx[0], from);
-}
-
-static bool reload_engine(void *user, FILE *errors)
-{
-    return engine_reload(user, errors);
 }
 
 void control_on_reload(control *c, control_reload *call, void *user)
@@ -213,7 +238,6 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus)
         return NULL;
     }
     c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
-    control_on_reload(c, reload_engine, bus);
     c->stream = open_memstream(&c->text, &c->text_length);
     if (!c->stream)
         log_error("out of memory");

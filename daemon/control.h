@@ -19,9 +19,12 @@ typedef struct control control;
 /* Listens at the configuration's `control`. The others must live longer. NULL after logging why. */
 control *control_start(struct ev_loop *loop, live *config, engine *bus);
 
-/* Requests for a reload call this instead of engine_reload(). */
-typedef bool control_reload(void *user, FILE *errors);
+/* What requests for a reload call: it returns the round in which that will be, or 0 after writing
+ * why there is none. Of a round that is over, control_reloaded() tells those who have asked for it;
+ * errors: NULL, or a line per error. */
+typedef uint64_t control_reload(void *user, FILE *errors);
 void control_on_reload(control *c, control_reload *call, void *user);
+void control_reloaded(control *c, uint64_t round, const char *errors);
 
 /* Disconnects everybody and removes the socket. NULL is fine. */
 void control_stop(control *c);

@@ -300,19 +300,33 @@ static bool run_set(request *r)
 
 /* ---- Configuration --------------------------------------------------------------------------- */
 
+/* False for the time being: see request_reloaded(). */
 static bool run_reload(request *r)
 {
     char *errors = NULL;
     size_t length = 0;
-    FILE *stream = open_memstream(&errors, &length);
+    FILE *stream = r->world->reload ? open_memstream(&errors, &length) : NULL;
     if (!stream)
-        return refuse(r, "out of memory");
-    bool good = r->world->reload(r->world->reload_user, stream);
+        return refuse(r, r->world->reload ? "out of memory" : "there is no reload");
+    r->result->round = r->world->reload(r->world->reload_user, stream);
     (void)fclose(stream);
-    if (!good)
+    if (r->result->round == 0)
         (void)refuse_lines(r, errors);
     free(errors);
-    return good;
+    return false;
+}
+
+void request_reloaded(json_t *reply, const char *errors)
+{
+    request r = {.reply = reply};
+    char *text = errors ? strdup(errors) : NULL;
+    if (!errors)
+        put_bool(reply, "ok", true);
+    else if (text)
+        (void)refuse_lines(&r, text);
+    else
+        (void)refuse(&r, "out of memory");
+    free(text);
 }
 
 /* ---- Understanding --------------------------------------------------------------------------- */

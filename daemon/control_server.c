@@ -38,6 +38,7 @@ struct server_client {
     buffer out;
     size_t searched; /* bytes of `in` that hold no end of a line */
     bool line_waits; /* the end of the first line is at `searched` */
+    bool held;       /* no line is handled before server_go_on() */
     bool end;        /* the client will write no more */
     bool doomed;     /* to be disconnected */
 };
@@ -102,12 +103,18 @@ static void flush(server_client *c)
     }
 }
 
+/* It has written all that it will, and has got all replies. */
+static bool is_done_with(const server_client *c)
+{
+    return c->end && !c->line_waits && !c->held && buffer_length(&c->out) == 0;
+}
+
 static void on_writable(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)events;
     server_client *c = io->data;
     flush(c);
-    if (c->doomed || (c->end && !c->line_waits && buffer_length(&c->out) == 0)) {
+    if (c->doomed || is_done_with(c)) {
         close_client(c);
     } else if (buffer_length(&c->out) == 0) {
         ev_io_stop(loop, &c->writer);
@@ -212,8 +219,25 @@ static void handle_line(server_client *c)
     flush(c);
     if (c->doomed)
         close_client(c);
+    else if (c->held)
+        ev_io_stop(s->loop, &c->reader);
     else
         look_at_input(c);
+}
+
+void server_hold(server_client *client)
+{
+    client->held = true;
+}
+
+void server_go_on(server_client *client)
+{
+    client->held = false;
+    flush(client);
+    if (client->doomed)
+        close_client(client);
+    else
+        look_at_input(client);
 }
 
 static void on_turn(struct ev_loop *loop, ev_prepare *watcher, int events)

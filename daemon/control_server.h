@@ -50,6 +50,10 @@ server_client *server_client_at(server *s, unsigned number);
 /* Bytes that may be added before SERVER_STREAM_MAX wait for the client. */
 size_t server_room(const server_client *client);
 
+/* The client has to wait for a reply: its next line is not handled before server_go_on(). */
+void server_hold(server_client *client);
+void server_go_on(server_client *client);
+
 /* Writes to the client, now or when it reads. A client for which too much waits already is
  * disconnected. */
 void server_write(server_client *client, const char *text, size_t length);

@@ -5,11 +5,11 @@
 #ifndef CANWIRE_ENGINE_H
 #define CANWIRE_ENGINE_H
 
-#include "config_files.h"
 #include "inputs.h"
 #include "live.h"
 #include "port.h"
 #include "publish.h"
+#include "reload.h"
 #include "report.h"
 
 #include <ev.h>
@@ -42,15 +42,11 @@ inputs *engine_change(engine *e);
 /* The same as it is, to look on. */
 inputs *engine_inputs(engine *e);
 
-/* Reads the configuration's file again; the bus goes over to what it says at the end of the
- * frame on the wire, or after 1000 bit times. Nodes are matched by name and keep their state and
- * queue; rules begin anew, injected ones are gone. False, with nothing changed, after writing a
- * line per error. */
-bool engine_reload(engine *e, FILE *errors);
-
-/* Files besides those of the configuration, which another configuration must not write. They must
- * live as long as the engine. */
-void engine_reserve_files(engine *e, const fileuses *files);
+/* Takes over what reload_read() has read; the bus goes over to it at the end of the frame on the
+ * wire, or after 1000 bit times. Nodes are matched by name and keep their state and queue; rules
+ * begin anew, injected ones are gone. False, with nothing changed, after writing a line per
+ * error. */
+bool engine_reload(engine *e, reload *r, FILE *errors);
 
 /* Is told when the bus has gone over to another configuration, with the old node for each new one
  * (CW_NO_NODE: none), for reload_remap(); one at most. */

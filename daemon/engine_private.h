@@ -51,7 +51,6 @@ struct engine {
     engine_links links;
     inputs inputs; /* of now.bus */
     uint64_t released; /* tick: what was to be released up to then has been */
-    const fileuses *files; /* which a reload must leave alone; or NULL */
     reload *next; /* what it is to go over to, or NULL */
     port_watch watches[CW_NODES_MAX];
     uint64_t pushed_back; /* nodes whose port is not read, since their queue is full */

@@ -90,21 +90,18 @@ void engine_run_to_boundary(engine *e, uint64_t now)
     }
 }
 
-void engine_reserve_files(engine *e, const fileuses *files)
-{
-    e->files = files;
-}
-
-bool engine_reload(engine *e, FILE *errors)
+bool engine_reload(engine *e, reload *r, FILE *errors)
 {
     if (e->stopping) {
         fprintf(errors, "%s: canwired is stopping\n", e->config->file);
+        reload_free(r);
         return false;
     }
     engine_update(e);
-    reload *r = reload_prepare(e->config, e->next, e->files, errors);
-    if (!r)
+    if (!reload_match(r, e->config, e->next, errors)) {
+        reload_free(r);
         return false;
+    }
     r->deadline = e->next ? e->next->deadline
                           : cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
     reload_free(e->next);

@@ -9,6 +9,7 @@
 #include "settings.h"
 #include "spool.h"
 #include "text.h"
+#include "thread.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -368,7 +369,7 @@ void journal_stop(journal *j, const inputs *in)
         put_mark(j, "end", in);
     if (j->broken)
         mark_broken(j);
-    const struct timespec until = spool_in_seconds(CLOSE_S);
+    const struct timespec until = thread_in_seconds(CLOSE_S);
     int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
     (void)spool_close(j->spool, 0);
     if (j->broken)

@@ -12,6 +12,7 @@
 #include "notify.h"
 #include "publish.h"
 #include "recordings.h"
+#include "reloader.h"
 #include "watchdog.h"
 
 #include <errno.h>
@@ -37,6 +38,8 @@ typedef struct service {
     notifier *notifier;
     watchdog watchdog;
     losses losses;
+    reloader *reloader;
+    uint64_t hangups[2];         /* rounds of reloads that SIGHUP has asked for */
     char refused[TROUBLE_BYTES]; /* why the last reload was refused, or empty */
     ev_signal terminate;
     ev_signal interrupt;
@@ -122,46 +125,84 @@ static void log_lines(char *text)
 }
 
 /* The service manager is told when the bus has gone over, or now that it does not. */
-static bool try_reload(service *s, char **text)
+static void on_reading(void *user)
 {
-    size_t size = 0;
+    service *s = user;
     notify_reloading(s->notifier);
     s->refused[0] = '\0';
-    FILE *errors = open_memstream(text, &size);
-    bool good = errors && engine_reload(s->engine, errors);
-    if (errors)
-        (void)fclose(errors);
-    if (good)
-        return true;
-    const char *why = errors && *text ? *text : "out of memory";
-    (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
-                   why);
-    notify_ready(s->notifier);
-    return false;
 }
 
+static bool take_reload(void *user, reload *r, FILE *errors)
+{
+    const service *s = user;
+    return engine_reload(s->engine, r, errors);
+}
+
+static void note_refusal(service *s, const char *why)
+{
+    (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
+                   why);
+    if (!reloader_is_busy(s->reloader))
+        notify_ready(s->notifier);
+}
+
+static void log_refusal(char *errors)
+{
+    log_lines(errors);
+    log_error("reload: nothing was changed");
+}
+
+/* A round of reloads is over: those who have asked for it are told. */
+static void on_round(void *user, uint64_t round, char *errors)
+{
+    service *s = user;
+    if (errors)
+        note_refusal(s, errors);
+    if (s->control)
+        control_reloaded(s->control, round, errors);
+    if (errors && s->hangups[round % 2] == round)
+        log_refusal(errors);
+}
+
+static const reloader_calls reload_calls = {
+    .begins = on_reading, .take = take_reload, .over = on_round};
+
+/* The round, or 0 after writing why there is none. */
+static uint64_t ask_for_reload(void *user, FILE *errors)
+{
+    service *s = user;
+    return reloader_ask(s->reloader, s->config->file, errors);
+}
+
+/* There are two rounds at most, see reloader.h. */
 static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
     (void)events;
+    service *s = watcher->data;
     char *text = NULL;
-    if (!try_reload(watcher->data, &text)) {
-        if (text)
-            log_lines(text);
-        log_error("reload: nothing was changed");
+    size_t size = 0;
+    FILE *errors = open_memstream(&text, &size);
+    uint64_t round = errors ? ask_for_reload(s, errors) : 0;
+    if (errors)
+        (void)fclose(errors);
+    char none[] = "out of memory";
+    if (round == 0) {
+        note_refusal(s, errors && text ? text : none);
+        log_refusal(errors && text ? text : none);
     }
+    s->hangups[round % 2] = round;
     free(text);
 }
 
 /* A request at the control socket: its client is told the errors. */
-static bool on_reload_request(void *user, FILE *errors)
+static uint64_t on_reload_request(void *user, FILE *errors)
 {
-    char *text = NULL;
-    bool good = try_reload(user, &text);
-    if (!good)
-        fputs(text ? text : "out of memory\n", errors);
-    free(text);
-    return good;
+    service *s = user;
+    uint64_t round = ask_for_reload(s, errors);
+    if (round == 0)
+        note_refusal(s, "it cannot be begun");
+    return round;
 }
 
 static double seconds(cfg_time time, uint32_t bit_ticks)
@@ -183,7 +224,8 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         s->statistics.repeat = seconds(s->config->lcm.period, s->config->bit_ticks);
         ev_timer_again(s->loop, &s->statistics);
     }
-    notify_ready(s->notifier);
+    if (!reloader_is_busy(s->reloader))
+        notify_ready(s->notifier);
 }
 
 /* ---- Statistics and status ------------------------------------------------------------------- */
@@ -314,8 +356,12 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
     if (!s->engine)
         return false;
     s->loop = loop;
+    s->reloader = reloader_new(loop, &s->files, &reload_calls, s);
+    if (!s->reloader) {
+        log_error("out of memory");
+        return false;
+    }
     engine_on_change(s->engine, on_change, s);
-    engine_reserve_files(s->engine, &s->files);
     if (s->config->control) {
         s->control = control_start(loop, s->live, s->engine);
         if (!s->control)
@@ -394,7 +440,7 @@ static int parse_options(const char **file, const char **journal_file, int argc,
 /* No file is opened for writing before it is known to have no other use. */
 static cfg *load_checked(const char *file, const fileuses *others, FILE *errors)
 {
-    cfg *config = cfg_load(file, errors);
+    cfg *config = cfg_load_regular(file, errors);
     if (!config || cfg_check_files(config, others, "canwired", errors))
         return config;
     cfg_free(config);
@@ -489,6 +535,8 @@ int main(int argc, char **argv)
     }
     s.notifier = notify_open(loop);
     bool good = run(&s, loop, journal_file);
+    reloader_free(s.reloader);
+    s.reloader = NULL;
     control_stop(s.control);
     recordings_stop(s.recordings);
     if (s.journal)

@@ -7,6 +7,7 @@
 #include "log.h"
 #include "output.h"
 #include "reload.h"
+#include "thread.h"
 
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
@@ -114,27 +115,12 @@ static lcm_t *try_connect(const publisher *p, bool *warned)
     return lcm;
 }
 
-/* Not CLOCK_REALTIME, which somebody may set. */
-static struct timespec in_seconds(int seconds)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    t.tv_sec += seconds;
-    return t;
-}
-
-static bool is_past(const struct timespec *t)
-{
-    struct timespec now = in_seconds(0);
-    return now.tv_sec > t->tv_sec || (now.tv_sec == t->tv_sec && now.tv_nsec >= t->tv_nsec);
-}
-
 /* Takes the next message, waiting for one. False: stop. With the lock held. */
 static bool next_message(publisher *p, message *out)
 {
     while (p->count == 0 && !p->stopping)
         (void)pthread_cond_wait(&p->changed, &p->lock);
-    if (p->count == 0 || (p->stopping && is_past(&p->deadline)))
+    if (p->count == 0 || (p->stopping && thread_is_past(&p->deadline)))
         return false;
     *out = p->queue[p->first];
     p->first = (p->first + 1) % QUEUE_MESSAGES;
@@ -146,10 +132,10 @@ static bool next_message(publisher *p, message *out)
 static void note_sent(const publisher *p, outage *o, bool good)
 {
     o->lost += !good;
-    if (!good && !o->warned && is_past(&o->next_warning)) {
+    if (!good && !o->warned && thread_is_past(&o->next_warning)) {
         log_warning("LCM at %s: messages cannot be sent and are lost: %s%s", p->url,
                     strerror(errno), errno == ENETUNREACH ? "; " REMEDY : "");
-        o->next_warning = in_seconds(WARNING_S);
+        o->next_warning = thread_in_seconds(WARNING_S);
         o->warned = true;
     }
     if (!good || o->lost == 0)
@@ -163,9 +149,9 @@ static void note_sent(const publisher *p, outage *o, bool good)
 /* Waits a while, dropping what comes, and adds how much that was. False: stop. */
 static bool wait_without_lcm(publisher *p, uint64_t *lost)
 {
-    struct timespec until = in_seconds(RETRY_S);
+    struct timespec until = thread_in_seconds(RETRY_S);
     (void)pthread_mutex_lock(&p->lock);
-    while (!p->stopping && !is_past(&until)) {
+    while (!p->stopping && !thread_is_past(&until)) {
         for (; p->count > 0; p->count--) {
             free_message(&p->queue[p->first]);
             p->first = (p->first + 1) % QUEUE_MESSAGES;
@@ -247,13 +233,9 @@ publisher *publisher_start(const cfg *config)
     p->url = strdup(config->lcm.url);
     name_channels(p);
     (void)pthread_mutex_init(&p->lock, NULL);
-    pthread_condattr_t attributes;
-    (void)pthread_condattr_init(&attributes);
-    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    (void)pthread_cond_init(&p->changed, &attributes);
-    (void)pthread_condattr_destroy(&attributes);
+    thread_init_condition(&p->changed);
     p->event_stream = open_memstream(&p->event_text, &p->event_size);
-    if (!p->url || !p->event_stream || pthread_create(&p->thread, NULL, run, p) != 0) {
+    if (!p->url || !p->event_stream || thread_start(&p->thread, run, p) != 0) {
         free_publisher(p);
         return NULL;
     }
@@ -263,7 +245,7 @@ publisher *publisher_start(const cfg *config)
 /* Whether the thread has ended: a server that stalls holds it for ever. */
 static bool wait_for_thread(const publisher *p)
 {
-    struct timespec until = in_seconds(GIVE_UP_S);
+    struct timespec until = thread_in_seconds(GIVE_UP_S);
     return pthread_clockjoin_np(p->thread, NULL, CLOCK_MONOTONIC, &until) == 0;
 }
 
@@ -273,7 +255,7 @@ void publisher_stop(publisher *p)
         return;
     (void)pthread_mutex_lock(&p->lock);
     p->stopping = true;
-    p->deadline = in_seconds(LINGER_S);
+    p->deadline = thread_in_seconds(LINGER_S);
     (void)pthread_cond_signal(&p->changed);
     (void)pthread_mutex_unlock(&p->lock);
     bool ended = wait_for_thread(p);

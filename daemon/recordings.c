@@ -9,6 +9,7 @@
 
 #include "jsonput.h"
 #include "log.h"
+#include "thread.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -287,7 +288,7 @@ void recordings_stop(recordings *all)
     for (size_t i = 0; i < all->count; i++) /* first all, so that none waits for another */
         if (all->entries[i]->recorder)
             recorder_end(all->entries[i]->recorder);
-    const struct timespec until = spool_in_seconds(PATIENCE_S);
+    const struct timespec until = thread_in_seconds(PATIENCE_S);
     for (size_t i = 0; i < all->count; i++) {
         stop(all->entries[i], &until);
         free_entry(all->entries[i]);

@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LATE_TICKS (CW_CLOCK_HZ / 1000u) /* until a file that is read ahead is asked again */
+#define LATE_TOLD_TICKS CW_CLOCK_HZ
 #define LOOK_BITS 100u /* too few for a node to go bus-off and come back */
 
 typedef struct source {
@@ -25,6 +27,8 @@ typedef struct source {
     uint64_t jitter_ticks; /* at most */
     replay *replay;        /* NULL of a send, and of a replay that is over or has moved on */
     bool has_frame;        /* of a replay: `frame` is the next one */
+    bool late;             /* of a replay: its file has not been read so far */
+    uint64_t late_ticks;   /* ... for so long */
     bool waits;            /* speed: max, and not in the heap */
     bool moved;            /* another plan goes on with it */
     bool told;             /* what was left out of its file */
@@ -184,11 +188,35 @@ static void end_replay(release_plan *plan, source *s, const char *problem)
     s->replay = NULL;
 }
 
-/* Looks for the next frame of a file. Returns false when it is over. */
+/* Asks again later, and says so when that goes on. */
+static void note_late(const release_plan *plan, source *s)
+{
+    char text[TRACE_PROBLEM_MAX];
+    s->tick = s->tick < CW_NEVER - LATE_TICKS ? s->tick + LATE_TICKS : CW_NEVER;
+    s->late_ticks += LATE_TICKS;
+    if (s->late_ticks != LATE_TOLD_TICKS)
+        return;
+    (void)snprintf(text, sizeof text, "%s: reading it takes long, its frames come late",
+                   s->traffic->file);
+    plan->tell(plan->user, false, text);
+}
+
+/* Looks for the next frame of a file. Returns false when it is over. When one comes late, all
+ * behind it come as much later: at once they would be too many for the node's queue. */
 static bool fetch(release_plan *plan, source *s)
 {
+    const uint64_t asked = s->tick;
     replay_step step = replay_next(s->replay, &s->frame, &s->tick);
     s->has_frame = step == REPLAY_FRAME;
+    s->late = step == REPLAY_LATER;
+    if (s->tick < asked && !s->traffic->fast)
+        replay_delay(s->replay, asked - s->tick);
+    if (s->tick < asked || s->traffic->fast) /* whose times mean nothing */
+        s->tick = asked;
+    if (s->late)
+        note_late(plan, s);
+    else
+        s->late_ticks = 0;
     if (step == REPLAY_FAILED || step == REPLAY_OVER)
         end_replay(plan, s, step == REPLAY_FAILED ? replay_problem(s->replay) : NULL);
     return s->replay != NULL;
@@ -271,6 +299,14 @@ release_plan *release_plan_new(const cfg *config, release_teller *tell, void *us
     for (size_t i = 0; i < config->node_count; i++)
         add_node(plan, &config->nodes[i], (unsigned)i);
     return plan;
+}
+
+bool release_read_ahead(release_plan *plan)
+{
+    for (size_t i = 0; i < plan->source_count; i++)
+        if (plan->sources[i].replay && !replay_read_ahead(plan->sources[i].replay))
+            return false;
+    return true;
 }
 
 void release_plan_free(release_plan *plan)
@@ -361,7 +397,7 @@ static void go_on(release_plan *plan)
         if (goes_on)
             s->tick = send_tick(plan, s, s->done);
     } else {
-        s->waits = fetch(plan, s) && s->traffic->fast;
+        s->waits = fetch(plan, s) && s->traffic->fast && !s->late;
         goes_on = s->replay && !s->waits;
     }
     if (goes_on)
@@ -423,13 +459,16 @@ uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)
 
 static void look(release_plan *plan, source *s, const cw_bus *bus)
 {
+    if (!s->has_frame)
+        s->tick = cw_bus_now(bus);
     bool over = !s->has_frame && !fetch(plan, s);
-    if (!over && (!s->has_frame || !node_is_free(bus, s->node)))
+    if (!over && !s->late && (!s->has_frame || !node_is_free(bus, s->node)))
         return;
     s->waits = false;
     if (over)
         return;
-    s->tick = cw_bus_now(bus) + 1; /* the events of this tick have been taken */
+    if (!s->late)
+        s->tick = cw_bus_now(bus) + 1; /* the events of this tick have been taken */
     push(plan, s);
 }
 

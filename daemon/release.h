@@ -19,6 +19,10 @@ typedef void release_teller(void *user, bool failed, const char *text);
 /* The releases of a configuration, which must live longer. NULL: out of memory. */
 release_plan *release_plan_new(const cfg *config, release_teller *tell, void *user);
 
+/* Reads the files ahead from now on, in threads, so that nothing waits for a disk any more; a frame
+ * that has not been read in time comes late. False when there is no memory or thread for it. */
+bool release_read_ahead(release_plan *plan);
+
 /* Says what has not been said about files. NULL is fine. */
 void release_plan_free(release_plan *plan);
 

@@ -26,7 +26,7 @@ bool setup_make(setup *s, const cfg *config)
 {
     *s = (setup){.plan = release_plan_new(config, tell, NULL)};
     s->bus = bus_make(&s->memory, config);
-    return s->bus && s->plan;
+    return s->bus && s->plan && release_read_ahead(s->plan);
 }
 
 void setup_free(setup *s)
@@ -150,26 +150,30 @@ static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *
     return good;
 }
 
-reload *reload_prepare(const cfg *old, reload *pending, const fileuses *others, FILE *errors)
+reload *reload_read(const char *file, const fileuses *others, FILE *errors)
 {
     reload *r = calloc(1, sizeof *r);
     if (!r) {
-        fprintf(errors, "%s: out of memory\n", old->file);
+        fprintf(errors, "%s: out of memory\n", file);
         return NULL;
     }
-    r->config = cfg_load(old->file, errors);
-    bool good = r->config && can_follow(r->config, old, errors) &&
-                cfg_check_files(r->config, others, "canwired", errors);
+    r->config = cfg_load_regular(file, errors);
+    bool good = r->config && cfg_check_files(r->config, others, "canwired", errors);
     if (good && !setup_make(&r->setup, r->config)) {
-        fprintf(errors, "%s: out of memory\n", old->file);
+        fprintf(errors, "%s: out of memory\n", file);
         good = false;
     }
-    good = good && match_nodes(r, old, pending, errors);
-    settle_borrowed(r, pending, good);
     if (good)
         return r;
     reload_free(r);
     return NULL;
+}
+
+bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
+{
+    bool good = can_follow(r->config, old, errors) && match_nodes(r, old, pending, errors);
+    settle_borrowed(r, pending, good);
+    return good;
 }
 
 void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX])

@@ -2,8 +2,8 @@
  *
  * reload.h - from one configuration to the next while the bus runs: what is prepared beforehand.
  *
- * Everything that can fail (reading the file, opening ports, memory) is done here, before the bus
- * is touched. Nodes are matched by name.
+ * Everything that can fail (reading files, opening ports, memory) is done here, before the bus is
+ * touched. Files are read first, in whatever thread. Nodes are matched by name.
  */
 #ifndef CANWIRE_RELOAD_H
 #define CANWIRE_RELOAD_H
@@ -20,8 +20,8 @@ typedef struct setup {
     port *ports[CW_NODES_MAX]; /* by node; NULL without */
 } setup;
 
-/* Makes bus and releases of a configuration, without ports. False when there is no memory; the
- * setup is to be freed all the same. */
+/* Makes bus and releases of a configuration, without ports; files that are replayed are opened and
+ * read ahead. False when there is no memory; the setup is to be freed all the same. */
 bool setup_make(setup *s, const cfg *config);
 
 /* Closes the ports and frees all. */
@@ -36,11 +36,15 @@ typedef struct reload {
     uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */
 } reload;
 
-/* Reads the file of a configuration again. pending: what the bus was to go over to so far, or
- * NULL; the new one is to take its place and gets the ports that it has opened. others: files that
- * canwired has besides those in the configuration, or NULL. NULL, with nothing changed, after
- * writing a line per error. */
-reload *reload_prepare(const cfg *old, reload *pending, const fileuses *others, FILE *errors);
+/* Reads a configuration and all files that it names, which may take as long as a disk or network
+ * hangs: not for the thread of the bus. others: files that canwired has besides, or NULL. NULL
+ * after writing a line per error. */
+reload *reload_read(const char *file, const fileuses *others, FILE *errors);
+
+/* Prepares what has been read to take the place of the old configuration. pending: what the bus was
+ * to go over to so far, or NULL; this is to take its place and gets the ports that it has opened.
+ * False, with nothing changed, after writing a line per error. */
+bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors);
 
 /* Moves what an array keeps of each node to the node's new place; what new nodes have is all
  * zero. The array has CW_NODES_MAX elements of that size. */

@@ -5,6 +5,8 @@
  */
 #include "replay.h"
 
+#include "trace_ahead.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,7 +38,10 @@ struct replay {
     bool more;  /* there are more others than are kept */
     unsigned other_count;
     char others[OTHERS_MAX][TRACE_CHANNEL_MAX]; /* names of the other interfaces of the file */
-    trace_reader *reader;
+    trace_reader *reader; /* with `ahead` a thread's: ask only for what does not change */
+    trace_ahead *ahead;   /* or NULL */
+    uint64_t position;    /* in the file, up to which entries have been taken */
+    char problem[TRACE_PROBLEM_MAX]; /* of an entry, not of the reader; or empty */
 };
 
 static const char *const kind_names[TRACE_KIND_COUNT][2] = {
@@ -72,8 +77,20 @@ void replay_close(replay *r)
 {
     if (!r)
         return;
-    trace_close(r->reader);
+    if (r->ahead)
+        trace_ahead_close(r->ahead);
+    else
+        trace_close(r->reader);
     free(r);
+}
+
+bool replay_read_ahead(replay *r)
+{
+    if (!r->ahead)
+        r->ahead = trace_ahead_start(r->reader, r->passes + 1 < r->traffic->count);
+    if (r->ahead)
+        trace_ahead_fill(r->ahead);
+    return r->ahead != NULL;
 }
 
 /* ---- Entries --------------------------------------------------------------------------------- */
@@ -155,7 +172,7 @@ static replay_step end_pass(replay *r)
     r->passes++;
     if (!again)
         return REPLAY_OVER;
-    if (!trace_rewind(r->reader))
+    if (!r->ahead && !trace_rewind(r->reader))
         return REPLAY_FAILED;
     r->begin.ns = sum(sum(r->begin.ns, r->last_ns), gap->ns);
     r->begin.bits = sum(r->begin.bits, gap->bits);
@@ -165,11 +182,22 @@ static replay_step end_pass(replay *r)
     return REPLAY_PAUSE;
 }
 
+static trace_result next_entry(replay *r, trace_record *record)
+{
+    if (r->ahead)
+        return trace_ahead_next(r->ahead, record, &r->position);
+    trace_result result = trace_next(r->reader, record);
+    r->position = trace_position(r->reader);
+    return result;
+}
+
 /* One entry. REPLAY_PAUSE: it is not one to be sent. */
 static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
 {
     trace_record record;
-    trace_result result = trace_next(r->reader, &record);
+    trace_result result = next_entry(r, &record);
+    if (result == TRACE_LATER)
+        return REPLAY_LATER;
     if (result != TRACE_RECORD)
         return result == TRACE_END ? end_pass(r) : REPLAY_FAILED;
     if (record.timed)
@@ -180,7 +208,7 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
     if (record.kind != TRACE_FRAME || !here || !is_wanted(r, &record))
         return REPLAY_PAUSE;
     if (!record.timed && !r->traffic->fast) {
-        trace_complain(r->reader, &record, TRACE_NO_TIME);
+        trace_complain(r->problem, r->reader, &record, TRACE_NO_TIME);
         return REPLAY_FAILED;
     }
     r->matched++;
@@ -205,6 +233,11 @@ void replay_move(replay *r, uint64_t origin)
     r->origin = origin;
 }
 
+void replay_delay(replay *r, uint64_t ticks)
+{
+    replay_move(r, ticks < CW_NEVER - r->origin ? r->origin + ticks : CW_NEVER);
+}
+
 void replay_set_traffic(replay *r, const cfg_traffic *traffic)
 {
     r->traffic = traffic;
@@ -214,7 +247,7 @@ void replay_set_traffic(replay *r, const cfg_traffic *traffic)
 
 const char *replay_problem(const replay *r)
 {
-    return trace_problem(r->reader);
+    return r->problem[0] ? r->problem : trace_problem(r->reader);
 }
 
 /* Adds "12 error frames (the first in line 7)". */
@@ -273,7 +306,7 @@ bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
 unsigned replay_permille(const replay *r)
 {
     uint64_t size = trace_size(r->reader);
-    uint64_t position = trace_position(r->reader);
+    uint64_t position = r->position;
     if (r->traffic->count == UINT64_MAX || size == 0)
         return 0;
     if (position > size)
@@ -294,7 +327,7 @@ bool replay_check(const cfg_traffic *traffic, uint64_t *frames, char note[REPLAY
     note[0] = '\0';
     replay *r = replay_open(&once, 1, 0, problem);
     if (r)
-        while ((result = replay_next(r, &frame, &tick)) <= REPLAY_PAUSE)
+        while ((result = replay_next(r, &frame, &tick)) <= REPLAY_LATER)
             *frames += result == REPLAY_FRAME;
     if (result == REPLAY_FAILED)
         (void)snprintf(note, REPLAY_NOTE_MAX, "%s", r ? replay_problem(r) : problem);

@@ -18,6 +18,7 @@ typedef struct replay replay;
 typedef enum replay_step {
     REPLAY_FRAME = 0,
     REPLAY_PAUSE, /* many entries were passed over; ask again, no earlier than at *tick */
+    REPLAY_LATER, /* the file is read ahead, and that has not come so far; ask again */
     REPLAY_OVER,
     REPLAY_FAILED /* the file cannot be read, or something in it; see replay_problem() */
 } replay_step;
@@ -30,12 +31,19 @@ replay *replay_open(const cfg_traffic *traffic, uint32_t bit_ticks, uint64_t ori
 /* NULL is fine. */
 void replay_close(replay *r);
 
+/* From now on the file is read by a thread, and replay_next() does not wait for it; what comes
+ * first has been read at the return. False when there is no memory or thread. */
+bool replay_read_ahead(replay *r);
+
 /* The next frame and its tick, never before that of the frame before. With `speed: max` ticks mean
  * nothing. */
 replay_step replay_next(replay *r, cw_frame *frame, uint64_t *tick);
 
 /* Another beginning, for what has not been handed in yet. */
 void replay_move(replay *r, uint64_t origin);
+
+/* The same, so much later. */
+void replay_delay(replay *r, uint64_t ticks);
 
 /* The same entry in another configuration, which must live longer from now on. */
 void replay_set_traffic(replay *r, const cfg_traffic *traffic);

@@ -9,12 +9,12 @@
 
 #include "filelock.h"
 #include "folder.h"
+#include "thread.h"
 
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +25,6 @@
 #define HEAD sizeof(uint32_t)        /* of a record */
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
-#define NS_PER_S 1000000000
 #define MODE 0640 /* less the umask: what a bus carried is not for everybody */
 
 struct spool {
@@ -260,24 +259,12 @@ static int cut_here(spool *s, unsigned files)
     return close(before) != 0 && error == 0 ? errno : error;
 }
 
-static struct timespec after_nap(void)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    t.tv_nsec += NAP_NS;
-    if (t.tv_nsec >= NS_PER_S) {
-        t.tv_nsec -= NS_PER_S;
-        t.tv_sec++;
-    }
-    return t;
-}
-
 /* Waits for something to write, and then a little for more. With the lock held. */
 static void wait_for_work(spool *s)
 {
     while (s->used == 0 && !s->ending)
         (void)pthread_cond_wait(&s->changed, &s->lock);
-    struct timespec until = after_nap();
+    const struct timespec until = thread_in_ns(NAP_NS);
     while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending)
         if (pthread_cond_timedwait(&s->changed, &s->lock, &until) != 0)
             break;
@@ -326,17 +313,6 @@ static void *run(void *argument)
     return NULL;
 }
 
-/* Without signals: they are for the other threads, and a limit of file size is to be an error. */
-static int start_thread(spool *s)
-{
-    sigset_t all, before;
-    sigfillset(&all);
-    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
-    int error = pthread_create(&s->thread, NULL, run, s);
-    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
-    return error;
-}
-
 /* ---- For the others -------------------------------------------------------------------------- */
 
 static void free_spool(spool *s)
@@ -352,16 +328,6 @@ static void free_spool(spool *s)
     free(s);
 }
 
-static void init_locks(spool *s)
-{
-    pthread_condattr_t attributes;
-    (void)pthread_mutex_init(&s->lock, NULL);
-    (void)pthread_condattr_init(&attributes);
-    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    (void)pthread_cond_init(&s->changed, &attributes);
-    (void)pthread_condattr_destroy(&attributes);
-}
-
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
 {
     spool *s = calloc(1, sizeof *s);
@@ -371,12 +337,13 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
     }
     *s = (spool){.file = strdup(file), .folder = FOLDER_NONE, .fd = -1, .news = news, .user = user,
                  .files = files, .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
-    init_locks(s);
+    (void)pthread_mutex_init(&s->lock, NULL);
+    thread_init_condition(&s->changed);
     *error = s->file && s->batch && s->queue ? folder_open(&s->folder, s->file) : ENOMEM;
     if (*error == 0)
         *error = begin_file(s, files);
     if (*error == 0)
-        *error = start_thread(s);
+        *error = thread_start(&s->thread, run, s);
     if (*error == 0)
         return s;
     free_spool(s);
@@ -463,14 +430,6 @@ bool spool_has_ended(spool *s)
     return ended;
 }
 
-struct timespec spool_in_seconds(unsigned seconds)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    t.tv_sec += (time_t)seconds;
-    return t;
-}
-
 bool spool_wait(spool *s, const struct timespec *until)
 {
     spool_end(s);
@@ -496,7 +455,7 @@ bool spool_close(spool *s, unsigned patience_s)
 {
     if (!s)
         return true;
-    const struct timespec until = spool_in_seconds(patience_s);
+    const struct timespec until = thread_in_seconds(patience_s);
     if (!spool_wait(s, &until) && !leave(s))
         return false;
     (void)pthread_join(s->thread, NULL);

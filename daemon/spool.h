@@ -55,10 +55,7 @@ void spool_end(spool *s);
 /* Whether the thread has done all it will do. */
 bool spool_has_ended(spool *s);
 
-/* A moment from now on, as spool_wait() wants it. */
-struct timespec spool_in_seconds(unsigned seconds);
-
-/* As spool_end(), and waits up to that moment of CLOCK_MONOTONIC. Whether it has ended. */
+/* As spool_end(), and waits up to that moment (thread.h). Whether it has ended. */
 bool spool_wait(spool *s, const struct timespec *until);
 
 /* Frees a spool that has ended or is to end; waits for it up to that time. False when it has not

@@ -146,7 +146,8 @@ static bool is_asc(const char *line)
 /* The first line that says something; NULL when there is none. A text, as far as it was seen. */
 static char *first_line(char *text)
 {
-    for (char *line = strtok(text, "\r\n"); line; line = strtok(NULL, "\r\n"))
+    char *rest = text;
+    for (char *line = strtok_r(text, "\r\n", &rest); line; line = strtok_r(NULL, "\r\n", &rest))
         if (*trace_blanks(line) != '\0')
             return line;
     return NULL;
@@ -184,9 +185,8 @@ static trace_format detect(trace_input *in)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-trace_result trace_next(trace_reader *reader, trace_record *record)
+static trace_result next_entry(trace_reader *reader, trace_record *record)
 {
-    *record = (trace_record){.kind = TRACE_FRAME};
     switch (reader->format) {
     case TRACE_CANDUMP:
     case TRACE_CANDUMP_DELTA:
@@ -201,18 +201,31 @@ trace_result trace_next(trace_reader *reader, trace_record *record)
     return TRACE_END;
 }
 
+trace_result trace_next(trace_reader *reader, trace_record *record)
+{
+    const trace_input *in = &reader->input;
+    *record = (trace_record){.kind = TRACE_FRAME};
+    trace_result result = next_entry(reader, record);
+    if (result == TRACE_RECORD && reader->format != TRACE_PCAPNG)
+        record->column = (unsigned)(trace_blanks(in->text) - in->text) + 1;
+    return result;
+}
+
 const char *trace_problem(const trace_reader *reader)
 {
     return reader->input.problem;
 }
 
-void trace_complain(trace_reader *reader, const trace_record *record, const char *what)
+/* Of the reader, only what does not change while it reads. */
+void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
+                    const trace_record *record, const char *what)
 {
-    trace_input *in = &reader->input;
     if (reader->format == TRACE_PCAPNG)
-        (void)trace_bad_byte(in, record->place, "%s", what);
+        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s: byte %" PRIu64 ": %s", reader->file,
+                       record->place, what);
     else
-        (void)trace_bad_text(in, trace_blanks(in->text), "%s", what);
+        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s:%" PRIu64 ":%u: %s", reader->file, record->place,
+                       record->column, what);
 }
 
 void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place)

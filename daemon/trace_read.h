@@ -36,6 +36,7 @@ typedef struct trace_record {
     bool timed;                      /* it has a time stamp */
     uint64_t time_ns;                /* since whenever the file begins to count; may step back */
     uint64_t place;                  /* line from 1; in pcapng: byte from 0 */
+    unsigned column;                 /* of the first word of its line, from 1; in pcapng: 0 */
     char channel[TRACE_CHANNEL_MAX]; /* interface or number of the channel; "" when it has none */
     cw_frame frame;                  /* TRACE_FRAME */
 } trace_record;
@@ -43,7 +44,8 @@ typedef struct trace_record {
 typedef enum trace_result {
     TRACE_RECORD = 0,
     TRACE_END, /* of the file */
-    TRACE_BAD  /* see trace_problem(); there is no going on */
+    TRACE_BAD, /* see trace_problem(); there is no going on */
+    TRACE_LATER /* of trace_ahead.h alone: it has not been read yet */
 } trace_result;
 
 typedef struct trace_reader trace_reader;
@@ -68,8 +70,9 @@ const char *trace_problem(const trace_reader *reader);
 #define TRACE_NO_TIME                                                                              \
     "there is no time stamp: record with candump -L or -t a, or replay with 'speed: max'"
 
-/* Says in trace_problem() that something about the entry that was read last is wrong. */
-void trace_complain(trace_reader *reader, const trace_record *record, const char *what);
+/* As trace_problem() would, that something about an entry is wrong. */
+void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
+                    const trace_record *record, const char *what);
 
 /* "line 12" or "byte 4096", where an entry begins. */
 void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place);

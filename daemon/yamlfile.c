@@ -5,8 +5,11 @@
 #include "yamlfile.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 typedef struct text_buffer {
     const unsigned char *bytes;
@@ -53,29 +56,52 @@ static void skip_mark(text_buffer *text)
 }
 
 /* Reads until the end or one byte over the limit; works for pipes too. */
-static bool read_stream(char *bytes, size_t *length, FILE *in, diag *errors)
+static bool read_all(char *bytes, size_t *length, int fd, diag *errors)
 {
     if (!bytes) {
         diag_add(errors, 0, 0, "out of memory");
         return false;
     }
-    *length = fread(bytes, 1, YAML_FILE_MAX + 1, in);
-    if (ferror(in))
-        diag_add(errors, 0, 0, "cannot read: %s", strerror(errno));
-    return !ferror(in);
+    for (*length = 0; *length <= YAML_FILE_MAX;) {
+        ssize_t count = read(fd, bytes + *length, YAML_FILE_MAX + 1 - *length);
+
+        if (count == 0)
+            return true;
+        if (count < 0 && errno != EINTR) {
+            diag_add(errors, 0, 0, "cannot read: %s", strerror(errno));
+            return false;
+        }
+        *length += count > 0 ? (size_t)count : 0;
+    }
+    return true;
 }
 
-char *yaml_file_read(size_t *size, const char *file, diag *errors)
+/* A pipe is opened without waiting for whoever writes to it. */
+static int open_file(const char *file, bool regular, diag *errors)
 {
-    FILE *in = fopen(file, "rbe");
+    struct stat info;
+    int fd = open(file, O_RDONLY | O_CLOEXEC | O_NOCTTY | (regular ? O_NONBLOCK : 0));
 
-    if (!in) {
+    if (fd < 0) {
         diag_add(errors, 0, 0, "%s", strerror(errno));
-        return NULL;
+        return -1;
     }
+    if (!regular || (fstat(fd, &info) == 0 && S_ISREG(info.st_mode)))
+        return fd;
+    diag_add(errors, 0, 0, "not a regular file; canwired reads neither pipes nor devices");
+    (void)close(fd);
+    return -1;
+}
+
+char *yaml_file_read(size_t *size, const char *file, bool regular, diag *errors)
+{
+    int fd = open_file(file, regular, errors);
+
+    if (fd < 0)
+        return NULL;
     char *bytes = malloc(YAML_FILE_MAX + 1);
-    bool done = read_stream(bytes, size, in, errors);
-    fclose(in);
+    bool done = read_all(bytes, size, fd, errors);
+    (void)close(fd);
     if (done)
         return bytes;
     free(bytes);

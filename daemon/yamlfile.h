@@ -14,9 +14,9 @@
 #define YAML_DEPTH_MAX 64u       /* lists and maps in each other; libyaml is quadratic in it */
 #define YAML_ANCHORS_MAX 1000u   /* libyaml's search for them is linear */
 
-/* The content of a file, to be freed; up to one byte more than may be loaded. NULL after a message
- * to errors. */
-char *yaml_file_read(size_t *size, const char *file, diag *errors);
+/* The content of a file, to be freed; up to one byte more than may be loaded. regular: no pipe or
+ * device will do. NULL after a message to errors. */
+char *yaml_file_read(size_t *size, const char *file, bool regular, diag *errors);
 
 /* Loads the only document of a text. Aliases are resolved to their nodes, so what is loaded may be
  * a graph, even with cycles. False after a message to errors; *document is then not to be

@@ -10,6 +10,7 @@
 #include "event_read.h"
 #include "jsonput.h"
 #include "recorder.h"
+#include "thread.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -223,7 +224,7 @@ static void catch_signals(const recording *r)
 static int finish(recording *r)
 {
     recorder_stats stats;
-    const struct timespec until = spool_in_seconds(PATIENCE_S);
+    const struct timespec until = thread_in_seconds(PATIENCE_S);
     (void)recorder_wait(r->recorder, &until);
     int error = recorder_error(r->recorder);
     recorder_get_stats(r->recorder, &stats);

@@ -121,6 +121,7 @@ static void start(rig *r)
     r->engine.reload_in_turn = true;
     r->control = control_start(r->loop, r->live, &r->engine);
     REQUIRE(r->control != NULL);
+    control_on_reload(r->control, fake_engine_ask, &r->engine);
     engine_observe(&r->engine, control_event, r->control);
     for (unsigned i = 0; i < CLIENTS; i++)
         r->clients[i] = connect_client(r);
@@ -142,6 +143,7 @@ static void stop(rig *r)
 static void turn(const rig *r)
 {
     (void)ev_run(r->loop, EVRUN_NOWAIT);
+    fake_engine_answer((engine *)(uintptr_t)&r->engine, r->control);
 }
 
 /* Reads what has come; false when the server has hung up. */

@@ -7,6 +7,7 @@
 #ifndef CANWIRE_TEST_FAKE_ENGINE_H
 #define CANWIRE_TEST_FAKE_ENGINE_H
 
+#include "control.h"
 #include "engine.h"
 
 #include <stdlib.h>
@@ -22,7 +23,8 @@ struct engine {
     void *observer_user;
     const char *reload_errors; /* NULL: a reload is good */
     bool reload_in_turn;       /* ... and so is every second one */
-    unsigned reloads;
+    uint64_t reloads;          /* rounds that were asked for */
+    uint64_t answered;         /* ... and are over */
 };
 
 static void fake_engine_take_events(void *user)
@@ -79,13 +81,20 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
     e->observer_user = user;
 }
 
-bool engine_reload(engine *e, FILE *errors)
+/* A control_reload; user is the engine. Is over with the next fake_engine_answer(). */
+static uint64_t fake_engine_ask(void *user, FILE *errors)
 {
-    bool refused = e->reload_errors && (!e->reload_in_turn || e->reloads % 2 == 0);
-    e->reloads++;
-    if (refused)
-        fputs(e->reload_errors, errors);
-    return !refused;
+    engine *e = user;
+    (void)errors;
+    return ++e->reloads;
+}
+
+static void fake_engine_answer(engine *e, control *c)
+{
+    while (e->answered < e->reloads) {
+        bool refused = e->reload_errors && (!e->reload_in_turn || e->answered % 2 == 0);
+        control_reloaded(c, ++e->answered, refused ? e->reload_errors : NULL);
+    }
 }
 
 #endif

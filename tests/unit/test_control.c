@@ -44,6 +44,7 @@ typedef struct rig {
     live *live;
     engine engine;
     control *control;
+    bool reloads_take_long;
 } rig;
 
 static const char config_text[] =
@@ -78,6 +79,7 @@ static int set_up(void **state)
     assert_true(fake_engine_make(&r->engine, r->live, more, UPDATE_BITS));
     r->control = control_start(r->loop, r->live, &r->engine);
     assert_non_null(r->control);
+    control_on_reload(r->control, fake_engine_ask, &r->engine);
     engine_observe(&r->engine, control_event, r->control);
     *state = r;
     return 0;
@@ -99,6 +101,8 @@ static int tear_down(void **state)
 static void turn(const rig *r)
 {
     ev_run(r->loop, EVRUN_NOWAIT);
+    if (!r->reloads_take_long)
+        fake_engine_answer((engine *)(uintptr_t)&r->engine, r->control);
 }
 
 static void turns(const rig *r, unsigned count)
@@ -476,6 +480,44 @@ static void reload_tells_errors(void **state)
     assert_int_equal(json_array_size(json_object_get(reply, "errors")), 2);
     json_decref(reply);
     close(fd);
+}
+
+/* Each gets the outcome of the round in which its reload was, and all others go on meanwhile. */
+static void a_reload_that_takes_long_holds_up_nobody_else(void **state)
+{
+    rig *r = *state;
+    int first = connect_client(r);
+    int second = connect_client(r);
+    int third = connect_client(r);
+    static const char asked[] = "{\"request\":\"reload\",\"id\":7}\n{\"request\":\"faults\"}\n";
+    r->reloads_take_long = true;
+    assert_true(send_bytes(r, first, asked, sizeof asked - 1));
+    turns(r, 10);
+    assert_true(send_bytes(r, second, asked, sizeof asked - 1));
+    assert_true(send_bytes(r, third, asked, sizeof asked - 1));
+    turns(r, 10);
+    assert_int_equal(r->engine.reloads, 3);
+    close(third);
+    int fourth = connect_client(r);
+    tell(r, fourth, "{\"request\":\"faults\"}");
+    close(fourth);
+    control_reloaded(r->control, 2, NULL);
+    json_t *reply = next_json(r, second);
+    assert_true(is_on(reply, "ok"));
+    assert_int_equal(number(reply, "id"), 7);
+    json_decref(reply);
+    reply = next_json(r, second);
+    assert_non_null(json_object_get(reply, "faults"));
+    json_decref(reply);
+    control_reloaded(r->control, 1, "bus.yaml:7:3: first\n");
+    reply = next_json(r, first);
+    assert_false(is_on(reply, "ok"));
+    assert_int_equal(number(reply, "line"), 7);
+    json_decref(reply);
+    control_reloaded(r->control, 3, NULL); /* nobody waits for it any more */
+    close(first);
+    close(second);
+    turns(r, 10);
 }
 
 /* ---- What is not understood ------------------------------------------------------------------ */
@@ -985,6 +1027,7 @@ int main(void)
         CASE(nodes_are_restarted),
         CASE(settings_are_changed),
         CASE(reload_tells_errors),
+        CASE(a_reload_that_takes_long_holds_up_nobody_else),
         CASE(what_is_not_understood_is_refused),
         CASE(watchers_see_what_they_asked_for),
         CASE(injected_rules_have_their_names_in_events),

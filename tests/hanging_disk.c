@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * hanging_disk.c - to be preloaded: while there is a file $HANG, whoever opens or reads a file
+ * whose path has the text in it that $HANG holds waits, as for a network file system that does not
+ * answer. Then there is also a file $HANG.waits.
+ */
+#define _GNU_SOURCE // RTLD_NEXT
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+typedef int open_function(const char *, int, ...);
+typedef ssize_t read_function(int, void *, size_t);
+
+static open_function *real_open;
+static read_function *real_read;
+
+static __attribute__((constructor)) void find(void)
+{
+    real_open = (open_function *)dlsym(RTLD_NEXT, "open");
+    real_read = (read_function *)dlsym(RTLD_NEXT, "read");
+}
+
+/* Whether $HANG says so of a path. */
+static bool hangs(const char *flag, const char *path)
+{
+    char text[PATH_MAX] = "";
+    int fd = real_open(flag, O_RDONLY | O_CLOEXEC);
+    if (fd < 0)
+        return false;
+    ssize_t length = real_read(fd, text, sizeof text - 1);
+    (void)close(fd);
+    return length > 0 && strstr(path, text);
+}
+
+static void wait_for(const char *path)
+{
+    char note[PATH_MAX];
+    const char *flag = getenv("HANG");
+    if (!flag || !hangs(flag, path))
+        return;
+    (void)snprintf(note, sizeof note, "%s.waits", flag);
+    (void)close(real_open(note, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+    while (hangs(flag, path))
+        (void)usleep(10000);
+}
+
+int open(const char *path, int flags, ...)
+{
+    va_list more;
+    if (!real_open)
+        find();
+    va_start(more, flags);
+    mode_t mode = flags & O_CREAT ? va_arg(more, mode_t) : 0;
+    va_end(more);
+    wait_for(path);
+    return real_open(path, flags, mode);
+}
+
+/* What hardened programs call. */
+int __open_2(const char *path, int flags);
+int __open_2(const char *path, int flags)
+{
+    return open(path, flags);
+}
+
+ssize_t __read_chk(int fd, void *bytes, size_t size, size_t room);
+ssize_t __read_chk(int fd, void *bytes, size_t size, size_t room)
+{
+    return size <= room ? read(fd, bytes, size) : (abort(), -1);
+}
+
+ssize_t read(int fd, void *bytes, size_t size)
+{
+    char link[64];
+    char path[PATH_MAX];
+    if (!real_read)
+        find();
+    (void)snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+    ssize_t length = readlink(link, path, sizeof path - 1);
+    if (length > 0 && path[0] == '/') {
+        path[length] = '\0';
+        wait_for(path);
+    }
+    return real_read(fd, bytes, size);
+}

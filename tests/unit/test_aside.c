@@ -1,0 +1,306 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_aside.c - what is done beside the bus: done, given up, left alone, and files read ahead.
+ */
+#include "aside.h"
+#include "reloader.h"
+#include "thread.h"
+#include "trace_ahead.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#define PATIENCE_S 60
+#define SOON_S 0.01
+#define NEVER_S 1e6
+
+/* A task that takes as long as it is told. */
+typedef struct task {
+    atomic_bool *goes_on;
+    atomic_uint *dropped;
+} task;
+
+typedef struct world {
+    struct ev_loop *loop;
+    unsigned done;
+    unsigned late;
+    atomic_bool goes_on;
+    atomic_uint dropped;
+} world;
+
+static void work(void *argument)
+{
+    const task *t = argument;
+    while (!*t->goes_on)
+        usleep(1000);
+}
+
+static void drop(void *argument)
+{
+    task *t = argument;
+    ++*t->dropped;
+    free(t);
+}
+
+static void on_done(void *user, void *argument)
+{
+    world *w = user;
+    w->done++;
+    free(argument);
+}
+
+static void on_late(void *user)
+{
+    world *w = user;
+    w->late++;
+}
+
+static const aside_calls calls = {.work = work, .drop = drop, .done = on_done, .late = on_late};
+
+static aside *begin(world *w, double limit_s)
+{
+    task *t = malloc(sizeof *t);
+    *t = (task){.goes_on = &w->goes_on, .dropped = &w->dropped};
+    aside *a = aside_start(w->loop, &calls, t, w, limit_s);
+    assert_non_null(a);
+    return a;
+}
+
+static int set_up(void **state)
+{
+    world *w = calloc(1, sizeof *w);
+    w->loop = ev_loop_new(0);
+    *state = w;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    world *w = *state;
+    ev_loop_destroy(w->loop);
+    free(w);
+    return 0;
+}
+
+/* Turns of the loop until it is so. */
+#define WAIT_UNTIL(w, condition)                                                                   \
+    do {                                                                                           \
+        const struct timespec until_ = thread_in_seconds(PATIENCE_S);                              \
+        while (!(condition)) {                                                                     \
+            assert_false(thread_is_past(&until_));                                                 \
+            ev_run((w)->loop, EVRUN_NOWAIT);                                                       \
+            usleep(1000);                                                                          \
+        }                                                                                          \
+    } while (0)
+
+static void what_is_done_is_told_in_the_loop(void **state)
+{
+    world *w = *state;
+    w->goes_on = true;
+    begin(w, NEVER_S);
+    begin(w, NEVER_S);
+    WAIT_UNTIL(w, w->done == 2);
+    assert_int_equal(w->late + w->dropped, 0);
+    assert_int_equal(aside_left(), 0);
+}
+
+static void what_takes_too_long_is_given_up_and_thrown_away(void **state)
+{
+    world *w = *state;
+    begin(w, SOON_S);
+    WAIT_UNTIL(w, w->late == 1);
+    assert_int_equal(aside_left(), 1);
+    assert_int_equal(w->dropped, 0);
+    w->goes_on = true;
+    WAIT_UNTIL(w, aside_left() == 0);
+    assert_int_equal(w->dropped, 1);
+    assert_int_equal(w->done, 0);
+}
+
+static void what_is_left_alone_tells_nothing(void **state)
+{
+    world *w = *state;
+    aside_leave(begin(w, NEVER_S));
+    assert_int_equal(aside_left(), 1);
+    w->goes_on = true;
+    WAIT_UNTIL(w, aside_left() == 0);
+    aside *ready = begin(w, NEVER_S);
+    usleep(20000); /* it is ready by then, or is left before: both are good */
+    aside_leave(ready);
+    WAIT_UNTIL(w, w->dropped == 2);
+    WAIT_UNTIL(w, aside_left() == 0);
+    assert_int_equal(w->done + w->late, 0);
+}
+
+/* ---- Reloads --------------------------------------------------------------------------------- */
+
+typedef struct told {
+    unsigned began;
+    unsigned taken;
+    uint64_t good;
+    uint64_t bad;
+    char errors[400];
+} told;
+
+static void on_begins(void *user)
+{
+    told *t = user;
+    t->began++;
+}
+
+static bool on_take(void *user, reload *r, FILE *errors)
+{
+    told *t = user;
+    t->taken++;
+    reload_free(r);
+    if (t->taken > 2)
+        fputs("not a third one\n", errors);
+    return t->taken <= 2;
+}
+
+static void on_over(void *user, uint64_t round, char *errors)
+{
+    told *t = user;
+    *(errors ? &t->bad : &t->good) = round;
+    if (errors)
+        (void)snprintf(t->errors, sizeof t->errors, "%s", errors);
+}
+
+static const reloader_calls reload_calls = {
+    .begins = on_begins, .take = on_take, .over = on_over};
+
+static void reloads_come_in_rounds(void **state)
+{
+    world *w = *state;
+    char file[] = "/tmp/test_aside.XXXXXX";
+    static const char text[] = "{ bus: { bitrate: 500000 }, nodes: [ { name: a } ] }\n";
+    told t = {.began = 0};
+    int fd = mkstemp(file);
+    assert_true(write(fd, text, sizeof text - 1) == sizeof text - 1);
+    close(fd);
+    const fileuses none = {.count = 0};
+    reloader *r = reloader_new(w->loop, &none, &reload_calls, &t);
+    assert_false(reloader_is_busy(r));
+    assert_int_equal(reloader_ask(r, file, stderr), 1);
+    assert_int_equal(reloader_ask(r, file, stderr), 2); /* the first has begun to read it */
+    assert_int_equal(reloader_ask(r, file, stderr), 2);
+    assert_int_equal(t.began, 1);
+    WAIT_UNTIL(w, t.good == 2);
+    assert_int_equal(t.began, 2);
+    assert_false(reloader_is_busy(r));
+    assert_int_equal(reloader_ask(r, file, stderr), 3);
+    WAIT_UNTIL(w, t.bad == 3);
+    assert_string_equal(t.errors, "not a third one\n");
+    unlink(file);
+    assert_int_equal(reloader_ask(r, file, stderr), 4);
+    WAIT_UNTIL(w, t.bad == 4);
+    assert_non_null(strstr(t.errors, "No such file"));
+    assert_int_equal(reloader_ask(r, "/dev/zero", stderr), 5);
+    WAIT_UNTIL(w, t.bad == 5);
+    assert_non_null(strstr(t.errors, "/dev/zero: not a regular file"));
+    assert_int_equal(reloader_ask(r, file, stderr), 6);
+    assert_int_equal(reloader_ask(r, file, stderr), 7);
+    reloader_free(r);
+    assert_int_equal(t.bad, 7);
+    assert_string_equal(t.errors, "canwired is stopping\n");
+    WAIT_UNTIL(w, aside_left() == 0);
+}
+
+/* ---- Files that are read ahead --------------------------------------------------------------- */
+
+#define LINES 10000u
+
+static trace_reader *open_lines(char *file, unsigned count)
+{
+    char problem[TRACE_PROBLEM_MAX];
+    strcpy(file, "/tmp/test_aside.XXXXXX");
+    FILE *out = fdopen(mkstemp(file), "w");
+    assert_non_null(out);
+    for (unsigned i = 0; i < count; i++)
+        fprintf(out, "(%u.000000) can0 123#%08X\n", i, i);
+    fclose(out);
+    trace_reader *reader = trace_open(file, TRACE_DETECT, problem);
+    assert_non_null(reader);
+    unlink(file);
+    return reader;
+}
+
+static trace_result take(trace_ahead *a, trace_record *record)
+{
+    uint64_t position;
+    trace_result result;
+    const struct timespec until = thread_in_seconds(PATIENCE_S);
+    while ((result = trace_ahead_next(a, record, &position)) == TRACE_LATER)
+        assert_false(thread_is_past(&until));
+    return result;
+}
+
+static void all_entries_come_in_their_order(void **state)
+{
+    char file[32];
+    (void)state;
+    trace_record record;
+    trace_ahead *a = trace_ahead_start(open_lines(file, LINES), false);
+    for (unsigned i = 0; i < LINES; i++) {
+        assert_int_equal(take(a, &record), TRACE_RECORD);
+        assert_int_equal(record.place, i + 1);
+        assert_int_equal(record.time_ns / 1000000000u, i);
+    }
+    assert_int_equal(take(a, &record), TRACE_END);
+    assert_int_equal(take(a, &record), TRACE_END);
+    trace_ahead_close(a);
+}
+
+static void a_small_file_comes_again_and_again(void **state)
+{
+    char file[32];
+    (void)state;
+    trace_record record;
+    trace_ahead *a = trace_ahead_start(open_lines(file, 3), true);
+    trace_ahead_fill(a);
+    for (unsigned i = 0; i < LINES; i++) {
+        assert_int_equal(take(a, &record), i % 4 == 3 ? TRACE_END : TRACE_RECORD);
+        if (i % 4 < 3)
+            assert_int_equal(record.place, i % 4 + 1);
+    }
+    trace_ahead_close(a); /* its thread waits for room */
+}
+
+static void it_can_be_closed_at_any_time(void **state)
+{
+    char file[32];
+    trace_record record;
+    (void)state;
+    for (unsigned i = 0; i < 50; i++) {
+        trace_ahead *a = trace_ahead_start(open_lines(file, i * 100), i % 2 == 0);
+        if (i % 3 == 0)
+            trace_ahead_fill(a);
+        if (i % 5 == 0)
+            (void)take(a, &record);
+        trace_ahead_close(a);
+    }
+}
+
+#define CASE(f) cmocka_unit_test_setup_teardown(f, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        CASE(what_is_done_is_told_in_the_loop),
+        CASE(what_takes_too_long_is_given_up_and_thrown_away),
+        CASE(what_is_left_alone_tells_nothing),
+        CASE(reloads_come_in_rounds),
+        cmocka_unit_test(all_entries_come_in_their_order),
+        cmocka_unit_test(a_small_file_comes_again_and_again),
+        cmocka_unit_test(it_can_be_closed_at_any_time),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
