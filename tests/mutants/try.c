@@ -190,7 +190,11 @@ static bool reload_world(const trial *t, world *w)
 {
     messages m;
     begin_messages(&m);
-    reload *r = reload_prepare(live_config(w->live), NULL, NULL, m.out);
+    reload *r = reload_read(live_config(w->live)->file, NULL, m.out);
+    if (r && !reload_match(r, live_config(w->live), NULL, m.out)) {
+        reload_free(r);
+        r = NULL;
+    }
     end_messages(t, &m, r != NULL);
     if (r)
         go_over(w, r);
