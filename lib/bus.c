@@ -394,7 +394,7 @@ static void step(cw_bus *bus)
     cw_levels levels = {.driven = drive_all(bus)};
     watch_wire(bus, 1);
     cw_find_levels(bus, &levels);
-    if (bus->stepping)
+    if (bus->stepping || bus->watching)
         cw_view_note(bus, &levels);
     finish_bit(bus, &levels);
 }
@@ -506,7 +506,7 @@ static void skip(cw_bus *bus, uint64_t bits, bool level)
 /* Some bits, at least one. */
 static void go_on(cw_bus *bus, uint64_t tick)
 {
-    if (bus->stepping) {
+    if (bus->stepping || bus->watching) {
         step(bus);
         return;
     }
@@ -545,6 +545,22 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping)
         return;
     cw_leap_end(bus);
     cw_leave(bus, bus->all);
+}
+
+void cw_bus_set_watching(cw_bus *bus, bool watching)
+{
+    bus->watching = watching;
+    if (watching)
+        cw_leap_end(bus);
+}
+
+/* What happens at the end of a bit is seen in it: so the last one is not left out. */
+uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
+{
+    if (tick <= bus->now || bus->news || !cw_view_is_quiet(bus))
+        return bus->now;
+    uint64_t bits = bits_to_skip(bus, CW_RECESSIVE, tick);
+    return bits > 1 ? bus->now + (bits - 1) * bus->bit_ticks : bus->now;
 }
 
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds)

@@ -90,13 +90,11 @@ typedef struct bit_note {
     cw_levels levels;
     uint64_t sampled; /* by the controllers, behind what their modes hide */
     uint64_t wanted;  /* levels that would be driven without faults */
+    uint64_t alike;   /* nodes that follow one controller, and have one level */
     unsigned wire_count;
-    struct {
-        cw_place place;
-        uint8_t phase;
-        uint8_t role;
-        uint8_t wire;
-    } nodes[CW_NODES_MAX];
+    cw_bit_node nodes[CW_NODES_MAX]; /* but for wire, state and counters; of those that are alike
+                                        the first one */
+    uint8_t wires[CW_NODES_MAX];     /* where there are several */
 } bit_note;
 
 /* Who does what while all nodes are idle; to be found anew when a controller has changed. */
@@ -162,7 +160,8 @@ struct cw_bus {
     cw_contest contest;
     uint32_t wanted;    /* kinds of events, as bits */
     bool wire; /* level of the last bit, all wires together */
-    bool stepping; /* nothing is skipped */
+    bool stepping; /* nothing is skipped, nothing shared */
+    bool watching; /* nothing is skipped */
     bool news; /* a rule or a setting has changed something at a controller */
     uint64_t seed;
     uint64_t driven; /* of the bit in progress, see cw_levels */
@@ -354,6 +353,10 @@ bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 
 /* Notes the bit in progress, after all nodes drove and before they sample. */
 void cw_view_note(cw_bus *bus, const cw_levels *levels);
+
+/* Whether the last bit has been noted, and was one of an idle bus that nothing acts on, and whether
+ * all nodes are where they were in it. */
+bool cw_view_is_quiet(const cw_bus *bus);
 
 /* ---- settle.c -------------------------------------------------------------------------------- */
 

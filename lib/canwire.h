@@ -635,8 +635,17 @@ uint64_t cw_bus_next(const cw_bus *bus);
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
 
 /* Simulates every node in every bit and skips nothing, from the next bit on. The results are the
- * same; it is the reference, and what looks at single bits needs it. Off after cw_bus_init(). */
+ * same; it is the reference. Off after cw_bus_init(). */
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
+
+/* Simulates each bit by itself, from the next bit on, for who looks at single bits by
+ * cw_bus_get_bit(); nodes that do the same are simulated together. Off after cw_bus_init(). */
+void cw_bus_set_watching(cw_bus *bus, bool watching);
+
+/* How far the bus may go, at most to tick, without anything to be seen: all bits up to there are
+ * as the last one, of an idle bus, and so is one more behind them. cw_bus_now() when the next bit
+ * is to be looked at, and when the last one was not simulated by itself. */
+uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
 
 /* Which kinds of events are kept for cw_bus_poll(), as bits 1u << cw_event_kind; the others only
  * count in the statistics. All of them after cw_bus_init(). Leaving out lost arbitrations makes
@@ -718,13 +727,15 @@ typedef struct cw_bit_view {
     uint64_t tx_faults;   /* between controller and wire: driven is changed */
     uint64_t wire_faults; /* wire is not the wired-AND of what is driven */
     uint64_t rx_faults;   /* between wire and controller */
+    uint64_t alike;       /* nodes whose place, phase and role are the same, as far as that is known
+                             beforehand */
     unsigned node_count;
     unsigned wire_count;
     cw_bit_node nodes[CW_NODES_MAX]; /* the first node_count */
 } cw_bit_view;
 
 /* The bit that ended at cw_bus_now(). CW_REFUSED, leaving *view alone, when it was not simulated by
- * itself: see cw_bus_set_stepping(). */
+ * itself: see cw_bus_set_watching(). */
 cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view);
 
 /* ---- Statistics: counted since tick 0, read by value ----------------------------------------- */

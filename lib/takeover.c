@@ -143,6 +143,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         to[i] = CW_NO_NODE;
     bus->now = old->now;
     bus->stepping = old->stepping;
+    bus->watching = old->watching;
     bus->wanted = old->wanted;
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;

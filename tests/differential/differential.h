@@ -64,6 +64,7 @@ typedef enum diff_op_kind {
     DIFF_TAKE_OVER,
     DIFF_BRING_FORWARD,
     DIFF_STEPPING, /* of the fast bus */
+    DIFF_WATCHING, /* of it, too */
     DIFF_CHECK,    /* all that can be read is compared */
     DIFF_OP_COUNT
 } diff_op_kind;
@@ -79,7 +80,7 @@ typedef struct diff_op {
             uint64_t at_tick;
         } send;
         cw_settings settings;
-        bool on;        /* STEPPING, ATTACH */
+        bool on;        /* STEPPING, WATCHING, ATTACH */
         uint32_t kinds; /* SET_EVENTS */
         uint64_t ticks; /* BRING_FORWARD */
         uint8_t from[CW_NODES_MAX]; /* TAKE_OVER */

@@ -515,7 +515,8 @@ static diff_op_kind random_op_kind(diff_random *r)
     } often[] = {{DIFF_RESTART, 10},  {DIFF_ADD_RULE, 24},  {DIFF_CLEAR_RULE, 8},
                  {DIFF_STOP_RULE, 6}, {DIFF_FIRE_RULE, 20}, {DIFF_SET, 20},
                  {DIFF_FLUSH, 1},     {DIFF_ATTACH, 16},    {DIFF_SET_EVENTS, 3},
-                 {DIFF_STEPPING, 12}, {DIFF_TAKE_OVER, 4},  {DIFF_BRING_FORWARD, 4}};
+                 {DIFF_STEPPING, 5},  {DIFF_WATCHING, 7},   {DIFF_TAKE_OVER, 4},
+                 {DIFF_BRING_FORWARD, 4}};
     unsigned drawn = (unsigned)diff_below(r, 128);
     unsigned i = 0;
     for (; drawn >= often[i].weight; i++)
@@ -608,6 +609,8 @@ static void add_operation(generator *g, uint64_t tick, unsigned node)
         op.settings = diff_random_settings(&g->maker);
     if (op.kind == DIFF_STEPPING)
         op.on = diff_chance(r, 300);
+    if (op.kind == DIFF_WATCHING)
+        op.on = diff_chance(r, 500);
     if (op.kind == DIFF_BRING_FORWARD)
         op.ticks = diff_below(r, diff_magnitude(r, 1, 500) * g->maker.bit);
     if (op.kind == DIFF_ATTACH)

@@ -420,6 +420,9 @@ static void operate(pair *p, const diff_op *op)
     case DIFF_STEPPING:
         cw_bus_set_stepping(p->fast.bus, op->on);
         break;
+    case DIFF_WATCHING:
+        cw_bus_set_watching(p->fast.bus, op->on);
+        break;
     case DIFF_CHECK:
     case DIFF_OP_COUNT:
         check(p);

@@ -347,6 +347,9 @@ static void write_call(FILE *out, const diff_scenario *s, const diff_op *op)
     case DIFF_STEPPING:
         fprintf(out, "cw_bus_set_stepping(fast, %s);\n", op->on ? "true" : "false");
         break;
+    case DIFF_WATCHING:
+        fprintf(out, "cw_bus_set_watching(fast, %s);\n", op->on ? "true" : "false");
+        break;
     case DIFF_CHECK:
     case DIFF_OP_COUNT:
         fputs("compare(fast, reference);\n", out);

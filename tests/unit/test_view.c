@@ -66,6 +66,82 @@ static void bits_are_there_only_when_stepping(void **state)
     rig_free(r);
 }
 
+static void assert_same_bit(const cw_bit_view *a, const cw_bit_view *b)
+{
+    assert_int_equal(a->driven, b->driven);
+    assert_int_equal(a->wire, b->wire);
+    assert_int_equal(a->sampled, b->sampled);
+    assert_int_equal(a->tx_faults, b->tx_faults);
+    assert_int_equal(a->wire_faults, b->wire_faults);
+    assert_int_equal(a->rx_faults, b->rx_faults);
+    for (unsigned i = 0; i < a->node_count; i++) {
+        assert_place(&a->nodes[i].place, &b->nodes[i].place);
+        assert_int_equal(a->nodes[i].phase, b->nodes[i].phase);
+        assert_int_equal(a->nodes[i].role, b->nodes[i].role);
+        assert_int_equal(a->nodes[i].state, b->nodes[i].state);
+        assert_int_equal(a->nodes[i].tec, b->nodes[i].tec);
+        assert_int_equal(a->nodes[i].rec, b->nodes[i].rec);
+        if ((a->alike & b->alike) >> i & 1u)
+            assert_place(&a->nodes[i].place, &a->nodes[__builtin_ctzll(a->alike)].place);
+    }
+}
+
+/* Noise, a node that goes bus-off and comes back, one whose counters are set while nothing is on
+ * the bus, and a frame from time to time. */
+static rig *make_troubled_bus(void)
+{
+    static const cw_rule troubles[] = {
+        {.name = "noise", .action = CW_ACTION_NOISE, .error_rate = UINT64_MAX / 2000},
+        {.name = "kill", .action = CW_ACTION_BUS_OFF, .nodes = NODE(0), .time_begin = 3000 * BIT},
+        {.name = "set", .action = CW_ACTION_COUNTERS, .nodes = NODE(1), .time_begin = 7777 * BIT,
+         .tec = 100, .rec = 3},
+    };
+    rig *r = rig_new(4);
+    for (size_t i = 0; i < sizeof troubles / sizeof troubles[0]; i++) {
+        cw_rule *rule = &r->rules[r->config.rule_count++];
+        *rule = troubles[i];
+        rule->trigger = CW_TRIGGER_TIME;
+        rule->time_end = CW_NEVER;
+        rule->probability = UINT64_MAX;
+    }
+    r->nodes[0].restart_ticks = 2000 * BIT;
+    rig_start(r);
+    for (unsigned i = 0; i < 20; i++) {
+        const cw_frame frame = rig_frame(0x100 + 37 * i, 0, i % 9);
+        rig_send(r, i % 4, &frame, i * 997 * BIT + i);
+    }
+    return r;
+}
+
+/* One bus is watched, but for what is said to be quiet; the other one shows all of its bits. */
+static void what_is_quiet_is_as_the_bit_before(void **state)
+{
+    (void)state;
+    const uint64_t end = 20000;
+    rig *watched = make_troubled_bus(), *reference = make_troubled_bus();
+    cw_bit_view seen = {.start = 0}, real = {.start = 0};
+    uint64_t skipped = 0;
+    cw_bus_set_stepping(reference->bus, true);
+    for (uint64_t bit = 0; bit < end;) {
+        uint64_t quiet = cw_bus_quiet_until(watched->bus, end * BIT) / BIT;
+        cw_bus_set_watching(watched->bus, quiet == bit);
+        rig_run_bits(watched, quiet > bit ? quiet : bit + 1);
+        skipped += quiet - bit;
+        if (quiet == bit)
+            assert_int_equal(cw_bus_get_bit(watched->bus, &seen), CW_OK);
+        while (bit < cw_bus_now(watched->bus) / BIT) {
+            rig_run_bits(reference, ++bit);
+            assert_int_equal(cw_bus_get_bit(reference->bus, &real), CW_OK);
+            assert_same_bit(&seen, &real);
+        }
+    }
+    assert_int_equal(seen.end, end * BIT);
+    assert_true(skipped > end / 4);
+    assert_true(rig_stats(watched, 0).restarts > 0);
+    rig_free(watched);
+    rig_free(reference);
+}
+
 /* A receiver cannot tell SRR from RTR before the IDE. */
 static cw_place as_receiver(cw_place place)
 {
@@ -404,6 +480,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bits_are_there_only_when_stepping),
+        cmocka_unit_test(what_is_quiet_is_as_the_bit_before),
         cmocka_unit_test(a_frame_is_seen_as_it_was_encoded),
         cmocka_unit_test(levels_part_where_arbitration_is_lost),
         cmocka_unit_test(a_foreign_sof_is_a_sof),
