@@ -4,8 +4,9 @@
  */
 #include "bitpart.h"
 
+#include "chars.h"
+
 #include <assert.h>
-#include <stdio.h>
 
 bit_part bit_part_of(const cw_bit_view *bit, unsigned node)
 {
@@ -46,12 +47,14 @@ static const char *phase_name(cw_mac_phase phase)
 
 void bit_part_print(char out[BIT_PART_TEXT_MAX], const bit_part *part)
 {
-    if (part->field == CW_FIELD_DATA)
-        snprintf(out, BIT_PART_TEXT_MAX, "%s[%u]", cw_field_name(part->field), part->byte);
-    else if (part->field == CW_FIELD_NONE)
-        snprintf(out, BIT_PART_TEXT_MAX, "%s", phase_name(part->phase));
-    else
-        snprintf(out, BIT_PART_TEXT_MAX, "%s", cw_field_name(part->field));
+    bool phase = part->field == CW_FIELD_NONE;
+    char *end = chars_text(out, phase ? phase_name(part->phase) : cw_field_name(part->field));
+    if (part->field == CW_FIELD_DATA) {
+        *end++ = '[';
+        end = chars_decimal(end, part->byte);
+        *end++ = ']';
+    }
+    *end = '\0';
 }
 
 bool bit_has_hit(const cw_rule *rule)

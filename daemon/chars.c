@@ -42,7 +42,9 @@ char *chars_decimal(char *at, uint64_t value)
     if (value >= 10)
         *--first = pairs[value * 2 + 1];
     *--first = pairs[value * 2 + (value < 10)];
-    return chars_copy(at, first, (size_t)(end - first));
+    while (first < end)
+        *at++ = *first++;
+    return at;
 }
 
 char *chars_hex(char *at, uint32_t value, unsigned count)

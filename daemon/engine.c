@@ -24,7 +24,7 @@
 #define RELEASES_AT_ONCE 16u /* before a look at the clock */
 #define RELEASES_OF_A_TICK 1024u /* the same within one tick */
 #define NS_PER_S INT64_C(1000000000)
-#define IDLE_SHOWN_BITS 24 /* of an idle bus: until no node is suspended or integrates any more */
+#define CALM_SHOWN_BITS 24 /* behind an event: all that a recording shows of it is over */
 #define CLOCK_STEP_NS 1000000 /* what the wall clock may be away from bus time in recordings */
 
 /* ---- Clocks ---------------------------------------------------------------------------------- */
@@ -130,6 +130,7 @@ static void handle_events(void *user)
     engine *e = user;
     cw_event event;
     while (cw_bus_poll(e->now.bus, &event)) {
+        e->calm_bits = 0;
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
@@ -137,30 +138,22 @@ static void handle_events(void *user)
     }
 }
 
-/* Nothing that is to be seen happens before this tick. */
-static uint64_t rests_until(const engine *e)
-{
-    uint64_t next = cw_bus_next(e->now.bus);
-    if (!cw_bus_idle(e->now.bus) || next < cw_bus_now(e->now.bus) + 2 * e->config->bit_ticks)
-        return cw_bus_now(e->now.bus);
-    return next == CW_NEVER ? CW_NEVER : next - e->config->bit_ticks;
-}
-
-/* Bit by bit, with a look at each; those of an idle bus go in one leap. */
+/* Bit by bit, with a look at each; those of an idle bus, in which nothing is to be seen, go in one
+ * leap. */
 static void show_bits(engine *e, uint64_t tick)
 {
     const uint32_t bit_ticks = e->config->bit_ticks;
     while (cw_bus_now(e->now.bus) + bit_ticks <= tick) {
-        uint64_t rest = rests_until(e);
-        bool rests = rest >= cw_bus_now(e->now.bus) + bit_ticks;
-        bool leaps = rests && e->idle_bits >= IDLE_SHOWN_BITS;
-        cw_bus_set_stepping(e->now.bus, !leaps);
-        e->idle_bits = rests ? e->idle_bits + !leaps : 0;
-        if (leaps) {
-            inputs_advance(&e->inputs, rest < tick ? rest : tick);
+        bool calm = e->calm_bits >= CALM_SHOWN_BITS;
+        uint64_t now = cw_bus_now(e->now.bus);
+        uint64_t quiet = calm ? cw_bus_quiet_until(e->now.bus, tick) : now;
+        cw_bus_set_watching(e->now.bus, quiet == now);
+        if (quiet > now) {
+            inputs_advance(&e->inputs, quiet);
         } else {
-            inputs_advance(&e->inputs, cw_bus_now(e->now.bus) + bit_ticks);
+            inputs_advance(&e->inputs, now + bit_ticks);
             e->bit_observer(e->bit_user, e->now.bus);
+            e->calm_bits++;
         }
     }
 }
@@ -619,8 +612,9 @@ void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user)
 {
     e->bit_observer = observer;
     e->bit_user = user;
+    e->calm_bits = 0; /* who is new sees how things are */
     if (!observer)
-        cw_bus_set_stepping(e->now.bus, false);
+        cw_bus_set_watching(e->now.bus, false);
 }
 
 uint64_t engine_realtime_ns(const engine *e, uint64_t tick)

@@ -41,7 +41,7 @@ struct engine {
     void *observer_user;
     engine_bit_observer *bit_observer;
     void *bit_user;
-    unsigned idle_bits; /* in a row that were shown to it */
+    unsigned calm_bits; /* that were shown to it since the last event */
     engine_changed *changed;
     void *changed_user;
     setup now;

@@ -12,9 +12,9 @@
 #include "vcd.h"
 
 #include "bitpart.h"
+#include "chars.h"
 
 #include <assert.h>
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -22,9 +22,13 @@
 #define UNITS_PER_BIT_MIN 10u /* so that sigrok's decoder can place its sample points */
 #define RULES_TEXT_MAX 256    /* bytes of the names of rules in one bit, with the final 0 */
 #define NO_ERROR CW_ERROR_COUNT
+#define NO_MARK UINT32_MAX
+#define TEXT_BYTES 4096u    /* that are written at once */
+#define CHANGE_MAX (CW_NODES_MAX * 4u + RULES_TEXT_MAX + 32u) /* of a time and values */
 
 /* What was last written of a node. */
 typedef struct vcd_node {
+    uint32_t mark; /* see mark_of(); NO_MARK: look at the part */
     bit_part part;
     cw_error_type error;
     cw_error_type error_now; /* of the bit in progress */
@@ -43,11 +47,19 @@ struct vcd {
     uint64_t driven; /* as in cw_bit_view */
     uint64_t sampled;
     uint64_t stuff;
+    uint64_t errors; /* nodes whose error is to be looked at */
+    uint64_t alike;  /* as in cw_bit_view */
+    uint32_t alike_mark;
+    uint32_t printed_mark; /* what was last printed: other nodes often want the same */
+    bit_part printed_part;
+    char printed[BIT_PART_TEXT_MAX];
     bool wire;
     bool fault;
     bool rule;                       /* `rule` is not empty */
     char rules_now[RULES_TEXT_MAX];  /* of the bit in progress */
     char rules_next[RULES_TEXT_MAX]; /* of the bit after it */
+    size_t used; /* of text */
+    char text[TEXT_BYTES];
     size_t node_count;
     vcd_node nodes[];
 };
@@ -111,33 +123,100 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
         self->nodes[i].tec = stats.tec;
         self->nodes[i].rec = stats.rec;
         self->nodes[i].error_now = NO_ERROR;
+        self->nodes[i].mark = NO_MARK;
     }
+    self->errors = UINT64_MAX; /* all are written once */
+    self->alike_mark = self->printed_mark = NO_MARK;
     write_header(self);
     return self;
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static void write_time(vcd *self, uint64_t tick)
+/* Of a set of nodes that is not empty. */
+static unsigned lowest(uint64_t nodes)
 {
+    return (unsigned)__builtin_ctzll(nodes);
+}
+
+static uint64_t all_nodes(const vcd *self)
+{
+    return UINT64_MAX >> (CW_NODES_MAX - self->node_count);
+}
+
+static void write_out(vcd *self)
+{
+    if (self->used > 0)
+        (void)fwrite(self->text, 1, self->used, self->out);
+    self->used = 0;
+}
+
+/* Where a change is to be written, behind its time. */
+static char *begin_change(vcd *self, uint64_t tick)
+{
+    if (TEXT_BYTES - self->used < CHANGE_MAX)
+        write_out(self);
+    char *at = self->text + self->used;
     if (tick == self->time)
-        return;
+        return at;
     const uint32_t bit_ticks = self->config->bit_ticks;
     assert(tick % bit_ticks == 0);
-    fprintf(self->out, "#%" PRIu64 "\n", tick / bit_ticks * self->units_per_bit);
     self->time = tick;
+    *at++ = '#';
+    at = chars_decimal(at, tick / bit_ticks * self->units_per_bit);
+    *at++ = '\n';
+    return at;
+}
+
+/* at: where it ends, or several have ended. */
+static void end_changes(vcd *self, const char *at)
+{
+    self->used = (size_t)(at - self->text);
+    assert(self->used <= TEXT_BYTES);
+}
+
+/* at: where it ends but for its line. */
+static void end_change(vcd *self, char *at)
+{
+    *at++ = '\n';
+    end_changes(self, at);
+}
+
+static char *put_id(char *at, char id, size_t node)
+{
+    *at++ = id;
+    if (node >= 10)
+        *at++ = (char)('0' + node / 10);
+    *at++ = (char)('0' + node % 10);
+    return at;
+}
+
+static void write_time(vcd *self, uint64_t tick)
+{
+    end_changes(self, begin_change(self, tick));
+}
+
+static void write_word(vcd *self, const char *word)
+{
+    end_change(self, chars_text(begin_change(self, self->time), word));
 }
 
 static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigned value)
 {
-    write_time(self, tick);
-    fprintf(self->out, "r%u %c%zu\n", value, id, node);
+    char *at = begin_change(self, tick);
+    *at++ = 'r';
+    at = chars_decimal(at, value);
+    *at++ = ' ';
+    end_change(self, put_id(at, id, node));
 }
 
 static void write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)
 {
-    write_time(self, tick);
-    fprintf(self->out, "s%s %c%zu\n", text, id, node);
+    char *at = begin_change(self, tick);
+    *at++ = 's';
+    at = chars_text(at, text);
+    *at++ = ' ';
+    end_change(self, put_id(at, id, node));
 }
 
 /* A level of the whole bus. */
@@ -145,33 +224,50 @@ static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char
 {
     if (self->begun && *before == level)
         return;
-    write_time(self, tick);
-    fprintf(self->out, "%c%c\n", level ? '1' : '0', id);
+    char *at = begin_change(self, tick);
+    *at++ = level ? '1' : '0';
+    *at++ = id;
+    end_change(self, at);
     *before = level;
 }
 
 /* A level of each node. */
 static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t levels, char id)
 {
-    for (size_t i = 0; i < self->node_count; i++) {
-        if (self->begun && !((*before ^ levels) >> i & 1u))
-            continue;
-        write_time(self, tick);
-        fprintf(self->out, "%c%c%zu\n", levels >> i & 1u ? '1' : '0', id, i);
-    }
+    uint64_t changed = (self->begun ? *before ^ levels : UINT64_MAX) & all_nodes(self);
     *before = levels;
+    if (!changed)
+        return;
+    char *at = begin_change(self, tick); /* has room for one of each node */
+    for (; changed; changed &= changed - 1) {
+        unsigned i = lowest(changed);
+        *at++ = levels >> i & 1u ? '1' : '0';
+        at = put_id(at, id, i);
+        *at++ = '\n';
+    }
+    end_changes(self, at);
+}
+
+/* Where this is as it was, so is the part; but for phases in which it depends on a level. */
+static inline uint32_t mark_of(const cw_bit_node *n)
+{
+    uint32_t byte = n->place.field == CW_FIELD_DATA ? n->place.index / 8u : 0;
+    bool waits = n->phase == CW_MAC_ERROR_WAIT || n->phase == CW_MAC_OVERLOAD_WAIT;
+    return waits ? NO_MARK : (uint32_t)n->phase << 16 | (uint32_t)n->place.field << 8 | byte;
 }
 
 static void write_part(vcd *self, const cw_bit_view *bit, unsigned node)
 {
     vcd_node *n = &self->nodes[node];
-    bit_part part = bit_part_of(bit, node);
-    char text[BIT_PART_TEXT_MAX];
-    if (self->begun && bit_part_same(&n->part, &part))
+    if (n->mark == NO_MARK || n->mark != self->printed_mark) {
+        self->printed_mark = n->mark;
+        self->printed_part = bit_part_of(bit, node);
+        bit_part_print(self->printed, &self->printed_part);
+    }
+    if (self->begun && bit_part_same(&n->part, &self->printed_part))
         return;
-    n->part = part;
-    bit_part_print(text, &part);
-    write_text(self, bit->start, text, 'f', node);
+    n->part = self->printed_part;
+    write_text(self, bit->start, self->printed, 'f', node);
 }
 
 static void write_error(vcd *self, uint64_t tick, size_t node)
@@ -182,6 +278,20 @@ static void write_error(vcd *self, uint64_t tick, size_t node)
                    'e', node);
     n->error = n->error_now;
     n->error_now = NO_ERROR;
+    if (n->error == NO_ERROR)
+        self->errors &= ~(UINT64_C(1) << node);
+}
+
+/* Part and error of each node, where there may be something new. */
+static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
+{
+    for (uint64_t rest = (parts | self->errors) & all_nodes(self); rest; rest &= rest - 1) {
+        unsigned i = lowest(rest);
+        if (parts >> i & 1u)
+            write_part(self, bit, i);
+        if (self->errors >> i & 1u)
+            write_error(self, bit->start, i);
+    }
 }
 
 /* One after the other may be of the same rules: then it is written again, for a marker each. */
@@ -189,11 +299,14 @@ static void write_rules(vcd *self, uint64_t tick)
 {
     bool now = self->rules_now[0] != '\0';
     if (!self->begun || now || self->rule) {
-        write_time(self, tick);
-        fprintf(self->out, "s%s n\n", self->rules_now);
+        char *at = begin_change(self, tick);
+        *at++ = 's';
+        at = chars_text(at, self->rules_now);
+        end_change(self, chars_text(at, " n"));
     }
     self->rule = now;
-    memcpy(self->rules_now, self->rules_next, sizeof self->rules_now);
+    if (now || self->rules_next[0] != '\0')
+        memcpy(self->rules_now, self->rules_next, sizeof self->rules_now);
     self->rules_next[0] = '\0';
 }
 
@@ -207,9 +320,10 @@ static void write_states(vcd *self, uint64_t tick)
     }
 }
 
-static void write_state_changes(vcd *self, const cw_bit_view *bit)
+static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t nodes)
 {
-    for (size_t i = 0; i < self->node_count; i++) {
+    for (; nodes; nodes &= nodes - 1) {
+        unsigned i = lowest(nodes);
         vcd_node *n = &self->nodes[i];
         const cw_bit_node *now = &bit->nodes[i];
         if (n->state != now->state)
@@ -226,13 +340,48 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit)
 
 /* ---- Bits and events ------------------------------------------------------------------------- */
 
-static uint64_t stuff_bits(const cw_bit_view *bit)
+/* Nodes about which a bit may tell something; all of them are looked at in each. */
+typedef struct news {
+    uint64_t stuff; /* they are in a stuff bit */
+    uint64_t parts;
+    uint64_t states;
+} news;
+
+/* Nodes in the same place as one of them, if they have all been before, too. */
+static uint64_t find_alike(vcd *self, news *found, const cw_bit_view *bit)
 {
-    uint64_t stuff = 0;
-    for (unsigned i = 0; i < bit->node_count; i++)
-        if (bit->nodes[i].place.stuff)
-            stuff |= UINT64_C(1) << i;
-    return stuff;
+    if (!bit->alike)
+        return 0;
+    const cw_bit_node *one = &bit->nodes[lowest(bit->alike)];
+    const uint32_t mark = mark_of(one);
+    bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;
+    self->alike = bit->alike;
+    self->alike_mark = mark;
+    if (!same)
+        return 0;
+    found->stuff |= one->place.stuff ? bit->alike : 0;
+    return bit->alike;
+}
+
+static news find_news(vcd *self, const cw_bit_view *bit)
+{
+    news found = {.stuff = 0};
+    const uint64_t single = all_nodes(self) & ~find_alike(self, &found, bit);
+    for (uint64_t rest = single; rest; rest &= rest - 1) {
+        unsigned i = lowest(rest);
+        const uint32_t mark = mark_of(&bit->nodes[i]);
+        bool same = mark == self->nodes[i].mark && mark != NO_MARK;
+        self->nodes[i].mark = mark;
+        found.stuff |= (uint64_t)bit->nodes[i].place.stuff << i;
+        found.parts |= (uint64_t)!same << i;
+    }
+    for (unsigned i = 0; i < bit->node_count; i++) {
+        const vcd_node *n = &self->nodes[i];
+        const cw_bit_node *now = &bit->nodes[i];
+        if (n->tec != now->tec || n->rec != now->rec || n->state != now->state)
+            found.states |= UINT64_C(1) << i;
+    }
+    return found;
 }
 
 void vcd_bit(vcd *self, const cw_bit_view *bit)
@@ -240,26 +389,25 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
     uint64_t start = bit->start;
     bool fault = bit->tx_faults | bit->wire_faults | bit->rx_faults || self->rules_now[0] != '\0';
     assert(bit->node_count == self->node_count);
+    const news found = find_news(self, bit);
     if (!self->begun) {
         write_time(self, start);
-        fprintf(self->out, "$dumpvars\n");
+        write_word(self, "$dumpvars");
     }
     write_level(self, start, &self->wire, bit->wire == UINT64_MAX, 'w');
     write_levels(self, start, &self->driven, bit->driven, 'd');
     write_levels(self, start, &self->sampled, bit->sampled, 's');
-    write_levels(self, start, &self->stuff, stuff_bits(bit), 't');
-    for (unsigned i = 0; i < self->node_count; i++) {
-        write_part(self, bit, i);
-        write_error(self, start, i);
-    }
+    write_levels(self, start, &self->stuff, found.stuff, 't');
+    write_parts(self, bit, found.parts);
     write_level(self, start, &self->fault, fault, 'm');
     write_rules(self, start);
     if (!self->begun) {
         write_states(self, start);
-        fprintf(self->out, "$end\n");
+        write_word(self, "$end");
         self->begun = true;
     }
-    write_state_changes(self, bit);
+    write_state_changes(self, bit, found.states);
+    write_out(self);
     self->end = bit->end;
 }
 
@@ -291,6 +439,7 @@ void vcd_event(vcd *self, const cw_event *event)
     for (size_t i = 0; i < self->node_count; i++)
         if (event->nodes >> i & 1u)
             self->nodes[i].error_now = event->error.type;
+    self->errors |= event->nodes;
 }
 
 void vcd_close(vcd *self)
@@ -299,5 +448,6 @@ void vcd_close(vcd *self)
         return;
     if (self->begun)
         write_time(self, self->end);
+    write_out(self);
     free(self);
 }

@@ -108,6 +108,34 @@ def stuff_bits(frame):
     return int(re.search(r"(\d+) of them stuff", canwire("bits", frame).stdout).group(1))
 
 
+SCENARIOS = sorted((Path(__file__).parent / "scenarios").glob("*.yaml"))
+
+NOISE_AT_REST = """
+bus: { name: noisy, bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 123#DEADBEEF, every: 7ms } ]
+  - name: b
+    restart-ms: 3
+  - name: c
+faults:
+  - { name: noise, do: { noise: 1e-3 } }
+  - { name: off, when: { time: 13ms }, do: { bus-off: b } }
+  - { name: twice, when: { time: 20001us }, do: { counters: c, rec: 99 } }
+  - { name: again, when: { time: 20003us }, do: { counters: c, rec: 0 } }
+"""
+
+
+@pytest.mark.parametrize("window", [[], ["--from", "1003us", "--to", "3999us"]])
+@pytest.mark.parametrize("path", [*SCENARIOS, NOISE_AT_REST], ids=lambda p: Path(p).stem[:40])
+def test_what_is_left_out_changes_nothing(path, window, write, tmp_path):
+    """With --step every node is simulated in every bit and every bit is shown."""
+    file = path if isinstance(path, Path) else write(path)
+    for name, more in (("short", []), ("long", ["--step"])):
+        sim(file, "--until", "60ms", *window, *more, "--vcd", tmp_path / name)
+    assert (tmp_path / "short").read_bytes() == (tmp_path / "long").read_bytes()
+
+
 # ---- What it says --------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@
 #define EVENT_RING 4096
 #define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
 #define SLICE_TICKS (CW_CLOCK_HZ / 4u) /* of bus time between two looks at what has happened */
+#define CALM_BITS 3 /* that are shown from an event on: of what it tells the last is over */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
@@ -64,7 +65,9 @@ void sim_close(sim_run *s)
 void sim_add_sink(sim_run *s, const sim_sink *sink)
 {
     assert(s->sink_count < SIM_SINKS_MAX);
-    s->sinks[s->sink_count++] = *sink;
+    s->sinks[s->sink_count] = *sink;
+    s->bit_sinks |= (uint32_t)(sink->bit != NULL) << s->sink_count;
+    s->sinks[s->sink_count++].bits_from -= sink->bits_from % s->config->bit_ticks;
 }
 
 void sim_be_careful(sim_run *s, uint64_t from)
@@ -82,6 +85,7 @@ void sim_stop(sim_run *s, uint64_t tick)
 
 static void pass_on(sim_run *s, const cw_event *event)
 {
+    s->calm_bits = 0;
     if (event->tick > s->until)
         return;
     if (event->kind == CW_EVENT_TX)
@@ -141,39 +145,61 @@ static void advance_bus(sim_run *s, uint64_t tick)
 static uint64_t wanted_from(const sim_run *s, const sim_sink *sink)
 {
     const uint64_t now = cw_bus_now(s->bus);
-    uint64_t first = sink->bits_from - sink->bits_from % s->config->bit_ticks;
-    uint64_t start = first > now ? first : now;
+    uint64_t start = sink->bits_from > now ? sink->bits_from : now;
     bool over = sink->bits_to != 0 && start >= sink->bits_to;
-    return sink->bit && !over ? start : CW_NEVER;
+    return over ? CW_NEVER : start;
 }
 
 /* ... that any sink wants. */
 static uint64_t next_wanted(const sim_run *s)
 {
     uint64_t start = CW_NEVER;
-    for (unsigned i = 0; i < s->sink_count; i++)
-        start = least(start, wanted_from(s, &s->sinks[i]));
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1)
+        start = least(start, wanted_from(s, &s->sinks[__builtin_ctz(rest)]));
     return start;
 }
 
-static void set_stepping(sim_run *s, bool stepping)
+static void set_watching(sim_run *s, bool watching)
 {
-    if (stepping != s->stepping)
-        cw_bus_set_stepping(s->bus, stepping);
-    s->stepping = stepping;
+    if (watching != s->watching)
+        cw_bus_set_watching(s->bus, watching);
+    s->watching = watching;
+}
+
+/* Up to which tick there is nothing to be seen, for sinks that want no more than changes. What an
+ * event has to do with is seen in its bit or in the next one, and is over in the one behind it. */
+static uint64_t quiet_until(sim_run *s, uint64_t tick)
+{
+    const uint64_t now = cw_bus_now(s->bus);
+    if (s->step || s->calm_bits < CALM_BITS)
+        return now;
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
+        const sim_sink *sink = &s->sinks[__builtin_ctz(rest)];
+        if (!sink->changes)
+            return now;
+        if (sink->bits_from > now)
+            tick = least(tick, sink->bits_from);
+        if (sink->bits_to > now) /* to the end of its last bit */
+            tick = least(tick, sink->bits_to + s->config->bit_ticks - 1);
+    }
+    return cw_bus_quiet_until(s->bus, tick);
 }
 
 /* One bit, which may have been wanted. */
 static void advance_bit(sim_run *s)
 {
     uint64_t start = cw_bus_now(s->bus);
-    bool wanted[SIM_SINKS_MAX] = {false};
-    for (unsigned i = 0; i < s->sink_count; i++)
-        wanted[i] = wanted_from(s, &s->sinks[i]) == start;
+    uint32_t wanted = 0; /* of which sinks */
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
+        unsigned i = (unsigned)__builtin_ctz(rest);
+        wanted |= (uint32_t)(wanted_from(s, &s->sinks[i]) == start) << i;
+    }
     advance_bus(s, start + s->config->bit_ticks);
-    for (unsigned i = 0; i < s->sink_count; i++)
-        if (wanted[i])
-            s->sinks[i].bit(s->sinks[i].user, s->bus);
+    for (; wanted; wanted &= wanted - 1) {
+        const sim_sink *sink = &s->sinks[__builtin_ctz(wanted)];
+        sink->bit(sink->user, s->bus);
+    }
+    s->calm_bits++;
 }
 
 /* The run is to end now, whatever is still to come. */
@@ -200,12 +226,18 @@ static void advance(sim_run *s, uint64_t tick)
     while (!is_over(s) && cw_bus_now(s->bus) + bit_ticks <= tick) {
         uint64_t wanted = next_wanted(s);
         uint64_t look = next_look(s);
+        uint64_t end = least(tick, least(look, s->careful_from));
         bool now = wanted == cw_bus_now(s->bus);
-        set_stepping(s, s->step || now);
+        if (now)
+            wanted = quiet_until(s, end);
+        else
+            s->calm_bits = 0; /* the first one that is wanted is to be shown */
+        now = wanted == cw_bus_now(s->bus);
+        set_watching(s, now);
         if (now || cw_bus_now(s->bus) >= s->careful_from)
             advance_bit(s);
         else
-            advance_bus(s, least(least(tick, wanted), least(look, s->careful_from)));
+            advance_bus(s, least(end, wanted));
         if (look == CW_NEVER)
             continue;
         release_look(s->plan, s->bus);
@@ -295,6 +327,7 @@ static uint32_t wanted_events(const sim_run *s)
 
 void sim_begin(sim_run *s)
 {
+    cw_bus_set_stepping(s->bus, s->step);
     cw_bus_set_events(s->bus, wanted_events(s));
 }
 

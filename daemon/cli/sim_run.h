@@ -19,6 +19,7 @@ typedef struct sim_sink {
     void (*bit)(void *user, const cw_bus *bus); /* at the end of each bit; after its events */
     uint64_t bits_from; /* ticks: only bits that end after this */
     uint64_t bits_to;   /* ... and start before this; 0: no end. Others are not stepped for it */
+    bool changes; /* bits need not be shown in which everything is as in the one before */
 } sim_sink;
 
 typedef struct sim_run {
@@ -32,9 +33,11 @@ typedef struct sim_run {
     bool stopped;           /* see sim_stop() */
     bool quiet;             /* another run says on standard error what there is to say */
     uint64_t careful_from;  /* see sim_be_careful() */
-    bool stepping;          /* what the bus was told last */
+    bool watching;          /* what the bus was told last */
+    unsigned calm_bits;     /* that have been shown since the last event */
     sim_progress progress;  /* started by the caller, if it is wanted */
     unsigned sink_count;
+    uint32_t bit_sinks; /* those with a `bit`, as a set */
     sim_sink sinks[SIM_SINKS_MAX];
 } sim_run;
 

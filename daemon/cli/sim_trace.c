@@ -126,6 +126,7 @@ bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *pr
         .bit = take_bit,
         .bits_from = self->from >= bit_ticks ? self->from - bit_ticks : 0,
         .bits_to = self->to == CW_NEVER ? 0 : self->to,
+        .changes = !self->svg_out->stream,
     };
     self->run = run;
     sim_add_sink(run, &sink);
