@@ -182,6 +182,24 @@ static void free_owner(cfg_owner *owner)
     free(owner);
 }
 
+bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+
+    *warnings = NULL;
+    if (out) {
+        diag_flush(found, out);
+        bool written = fclose(out) == 0;
+        *warnings = written ? arena_print(memory, "%s", text) : NULL;
+    }
+    free(text);
+    if (!*warnings)
+        diag_add(found, 0, 0, "out of memory");
+    return *warnings != NULL;
+}
+
 static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
 {
     diag found = {.file.name = file};
@@ -190,7 +208,8 @@ static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
 
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION))
+    else if (read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION) &&
+             cfg_keep_warnings(&owner->config.warnings, &owner->arena, &found))
         return &owner->config;
     diag_flush(&found, errors);
     free_owner(owner);
@@ -224,7 +243,8 @@ bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
     cfg_owner *owner = make_owner(file);
     const cfg_walk walk = {.given = NULL};
     bool is_profile = false;
-    bool good = owner && read_file(owner, &is_profile, &walk, &found, WANTED_ANY);
+    bool good = owner && read_file(owner, &is_profile, &walk, &found, WANTED_ANY) &&
+                cfg_keep_warnings(&owner->config.warnings, &owner->arena, &found);
 
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
@@ -364,6 +384,42 @@ void cfg_read_ticks_min(schema *self, const schema_key *key, yaml_node_t *value,
     cfg_read_ticks(self, key, value, object);
     if (self->errors->errors == errors && *ticks == 0)
         schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
+void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
+                      uint64_t ticks)
+{
+    const cfg_walk *walk = self->user;
+    const uint32_t bit_ticks = walk->config->bit_ticks;
+    uint64_t bits = ticks / bit_ticks + (ticks % bit_ticks != 0);
+    char bit[TIME_TEXT_MAX];
+    char whole[TIME_TEXT_MAX];
+
+    /* A profile alone has no bit rate. */
+    if (ticks % bit_ticks == 0 || ticks == CW_NEVER || walk->any_node)
+        return;
+    text_print_span(bit, bit_ticks);
+    text_print_span(whole, bits * bit_ticks);
+    schema_warn(self, value,
+                "%s: no whole number of bits of %s, at which it acts: it is rounded up to %" PRIu64
+                " bit%s, %s",
+                key->name, bit, bits, bits == 1 ? "" : "s", whole);
+}
+
+void cfg_read_bits(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks(self, key, value, object);
+    cfg_warn_rounded(self, key, value, *ticks);
+}
+
+void cfg_read_bits_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks_min(self, key, value, object);
+    cfg_warn_rounded(self, key, value, *ticks);
 }
 
 void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)

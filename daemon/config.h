@@ -185,6 +185,7 @@ typedef struct cfg {
     cfg_place control_place;
     cfg_pacing pacing;
     cfg_missing_port missing_port;
+    const char *warnings; /* a line each, FILE:LINE:COLUMN: warning: ...; "" when there is none */
     cfg_time catch_up; /* how far the bus may fall behind; default 1s */
 } cfg;
 
@@ -212,6 +213,7 @@ void cfg_free(cfg *config);
 typedef struct cfg_rules {
     size_t count;
     cw_rule *rules; /* with their names freed by cfg_free_rules() */
+    const char *warnings; /* as those of a configuration */
 } cfg_rules;
 
 /* The rules of a running bus: names by index on the bus, NULL where there is no rule. */

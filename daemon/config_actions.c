@@ -33,7 +33,7 @@ typedef struct setting {
 
 static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
     read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
-    read_restart, read_order;
+    read_restart, read_order, read_period;
 static action_settler settle_force, settle_stuck, settle_wrong_crc, settle_counters, settle_set,
     settle_side, settle_change, settle_send, settle_babble;
 
@@ -69,7 +69,7 @@ static const schema_choice sides[] = {
     }
 #define FOR                                                                                        \
     {                                                                                              \
-        .name = "for", .read = cfg_read_ticks, MEMBER(for_ticks)                                   \
+        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks)                                   \
     }
 #define FROM                                                                                       \
     {                                                                                              \
@@ -109,7 +109,7 @@ static const schema_key force_keys[] = {
     {.name = "force", .read = read_level},
     FROM,
     BITS,
-    {.name = "for", .read = cfg_read_ticks_min, MEMBER(for_ticks)},
+    {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks)},
     AT,
     END,
 };
@@ -118,7 +118,7 @@ static const schema_key stuck_keys[] = {
     {.name = "stuck", .read = read_level},
     {.name = "on", .read = read_line},
     FOR,
-    {.name = "dominant-timeout", .read = cfg_read_ticks_min, MEMBER(dominant_timeout)},
+    {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout)},
     END,
 };
 static const schema_key noise_keys[] = {
@@ -161,23 +161,23 @@ static const schema_key partition_keys[] = {{.name = "partition", .read = read_g
 static const schema_key drop_keys[] = {
     {.name = "drop", .read = schema_read_choice, MEMBER(side), .arg = sides}, AT, END};
 static const schema_key delay_keys[] = {
-    {.name = "delay", .read = cfg_read_ticks_min, MEMBER(for_ticks)}, AT, SIDE, END};
+    {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks)}, AT, SIDE, END};
 static const schema_key duplicate_keys[] = {NUMBER("duplicate", &copies_range), AT, SIDE, END};
 static const schema_key reorder_keys[] = {NUMBER("reorder", &overtaking_range), AT, SIDE, END};
 static const schema_key change_keys[] = {
     {.name = "change", .read = read_change, MEMBER(change)}, AT, SIDE, END};
 static const schema_key send_keys[] = {
-    FRAME("send"), AS,  {.name = "every", .read = cfg_read_ticks_min, MEMBER(period_ticks)},
+    FRAME("send"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
     FOR,           END,
 };
 static const schema_key babble_keys[] = {
-    FRAME("babble"), AS,  {.name = "every", .read = cfg_read_ticks_min, MEMBER(period_ticks)},
+    FRAME("babble"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
     FOR,             END,
 };
 static const schema_key load_keys[] = {
     {.name = "load", .read = read_load, MEMBER(load_permille)}, AS, FOR, END};
 static const schema_key reply_keys[] = {
-    FRAME("reply"), AS, {.name = "delay", .read = cfg_read_ticks, MEMBER(for_ticks)}, END};
+    FRAME("reply"), AS, {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks)}, END};
 
 /* Of `change: { ... }`, a cw_change. */
 static const schema_key change_part_keys[] = {
@@ -488,6 +488,16 @@ static void read_restart(schema *self, const schema_key *key, yaml_node_t *value
 
     read_setting(self, key, value, object);
     settings->restart_ticks *= TICKS_PER_MS;
+}
+
+/* Frames come at their times as far as there are bits for them, so it is not rounded otherwise. */
+static void read_period(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks_min(self, key, value, object);
+    if (*ticks < cfg_of(self)->bit_ticks)
+        cfg_warn_rounded(self, key, value, *ticks);
 }
 
 static void read_order(schema *self, const schema_key *key, yaml_node_t *value, void *object)

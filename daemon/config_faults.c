@@ -9,7 +9,7 @@
 
 #define STATES_MAX ((size_t)CW_STATE_COUNT)
 
-static schema_reader read_nothing, read_when, read_states, read_after, read_after_rule;
+static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
 
@@ -29,7 +29,7 @@ static const schema_key when_keys[] = {
     {.name = "data", .read = cfg_read_data},
     {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
     {.name = "state", .read = read_states},
-    {.name = "time", .read = cfg_read_window},
+    {.name = "time", .read = read_window},
     {.name = "after", .read = read_after},
     {.name = "skip",
      .read = schema_read_uint,
@@ -43,7 +43,7 @@ static const schema_key when_keys[] = {
      .read = schema_read_uint,
      .offset = offsetof(cw_rule, count),
      .arg = &positive_range},
-    {.name = "hold-off", .read = cfg_read_ticks, .offset = offsetof(cw_rule, hold_off)},
+    {.name = "hold-off", .read = cfg_read_bits, .offset = offsetof(cw_rule, hold_off)},
     {.name = "probability", .read = cfg_read_fraction, .offset = offsetof(cw_rule, probability)},
     {.name = "manual", .read = schema_read_bool, .offset = offsetof(cw_rule, manual)},
     {.name = NULL},
@@ -51,7 +51,7 @@ static const schema_key when_keys[] = {
 
 static const schema_key after_keys[] = {
     {.name = "rule", .read = read_after_rule, .required = true},
-    {.name = "delay", .read = cfg_read_ticks, .offset = offsetof(cw_rule, after_delay)},
+    {.name = "delay", .read = cfg_read_bits, .offset = offsetof(cw_rule, after_delay)},
     {.name = NULL},
 };
 
@@ -398,6 +398,15 @@ void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, vo
         return;
     if (rule->time_end <= rule->time_begin)
         schema_problem(self, key, value, "the window must end after it begins");
+}
+
+static void read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cw_rule *rule = object;
+
+    cfg_read_window(self, key, value, object);
+    cfg_warn_rounded(self, key, value, rule->time_begin);
+    cfg_warn_rounded(self, key, value, rule->time_end);
 }
 
 static void read_after(schema *self, const schema_key *key, yaml_node_t *value, void *object)

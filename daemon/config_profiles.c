@@ -154,7 +154,8 @@ cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const
     scratch.rules = NULL;
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_text(owner, &walk, &found, text, size))
+    else if (read_text(owner, &walk, &found, text, size) &&
+             cfg_keep_warnings(&owner->rules.warnings, &owner->arena, &found))
         return &owner->rules;
     diag_flush(&found, errors);
     cfg_free_rules(owner ? &owner->rules : NULL);
@@ -370,7 +371,7 @@ static void load_profile(schema *config, const item *wanted, const yaml_node_t *
     }
     bool bad = false;
     for (size_t i = before; i < errors->count; i++)
-        bad = bad || errors->messages[i].file.number == number;
+        bad = bad || (errors->messages[i].file.number == number && !errors->messages[i].warning);
     diag_enter(errors, outer.name, outer.number);
     if (bad)
         schema_complain(config, at, "profiles: there are errors in %s", wanted->file);

@@ -39,15 +39,20 @@ schema_reader cfg_read_action;    /* `do`; object: a cw_rule whose `when` has be
 schema_reader cfg_read_traffic;   /* object: a cfg_node whose port has been read */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */
-schema_reader cfg_read_window;    /* the same */
+schema_reader cfg_read_window;    /* the same; exact */
 schema_reader cfg_read_record;    /* object: the cfg */
 schema_reader cfg_read_time;      /* member: cfg_time */
 schema_reader cfg_read_span;      /* the same, not 0 */
 schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */
 schema_reader cfg_read_ticks_min; /* the same, not 0 */
+schema_reader cfg_read_bits;      /* the same, of what acts at bits: warns when it is rounded */
+schema_reader cfg_read_bits_min;  /* the same, not 0 */
 schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
+
+/* Moves the warnings of a file without errors into its memory; false after a complaint. */
+bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found);
 
 /* Where a value is in its file. */
 static inline cfg_place cfg_place_of(const yaml_node_t *value)
@@ -55,6 +60,10 @@ static inline cfg_place cfg_place_of(const yaml_node_t *value)
     return (cfg_place){.line = (int)value->start_mark.line + 1,
                        .column = (int)value->start_mark.column + 1};
 }
+
+/* Warns about a time of so many ticks that acts at bits and is no whole number of them. */
+void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
+                      uint64_t ticks);
 
 /* The names of `order`. */
 extern const schema_choice cfg_orders[];

@@ -11,7 +11,7 @@
 #define GAP_DEFAULT_NS 1000000u
 #define LOOK_ENTRIES 1000u /* of a file that are looked at beforehand */
 
-static schema_reader read_every, read_file, read_channel, read_filters;
+static schema_reader read_every, read_delay, read_file, read_channel, read_filters;
 
 static const schema_range count_range = {1, UINT64_MAX, sizeof(uint64_t)};
 static const schema_range replies_range = {1, UINT32_MAX, sizeof(uint64_t)};
@@ -61,7 +61,7 @@ static const schema_key replay_keys[] = {
 static const schema_key reply_keys[] = {
     {.name = "reply", .read = cfg_read_frame, MEMBER(frame)},
     {.name = "to", .read = read_filters},
-    {.name = "delay", .read = cfg_read_time, MEMBER(delay)},
+    {.name = "delay", .read = read_delay, MEMBER(delay)},
     {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &replies_range},
     {.name = NULL},
 };
@@ -292,6 +292,15 @@ static void settle_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 }
 
 /* ---- reply ----------------------------------------------------------------------------------- */
+
+/* What answers is a rule, which acts at bits. */
+static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_time *delay = schema_member(key, object);
+
+    cfg_read_time(self, key, value, object);
+    cfg_warn_rounded(self, key, value, text_time_ticks(*delay, cfg_of(self)->bit_ticks));
+}
 
 /* Without `to` it answers the remote frame of its own identifier. */
 static void settle_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)

@@ -77,13 +77,20 @@ static void put_position(json_t *reply, const char *message)
     }
 }
 
-/* With what a loader wrote, a line per error. */
-static bool refuse_lines(request *r, char *text)
+static json_t *lines_of(const char *text)
 {
-    json_t *errors = json_array();
-    char *rest = text;
-    for (char *line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest))
-        put_text_last(errors, line);
+    json_t *lines = json_array();
+    for (size_t length; *text; text += length + (text[length] == '\n')) {
+        length = strcspn(text, "\n");
+        put_last(lines, text_to_json(text, length));
+    }
+    return lines;
+}
+
+/* With what a loader wrote, a line per error. */
+static bool refuse_lines(request *r, const char *text)
+{
+    json_t *errors = lines_of(text);
     const char *first = json_string_value(json_array_get(errors, 0));
     (void)refuse(r, "%s", first ? first : "refused without a reason");
     put_position(r->reply, first ? first : "");
@@ -216,7 +223,9 @@ static bool run_inject(request *r)
     if (rules)
         put(r->reply, "rules", names_of(rules));
     else
-        (void)refuse_lines(r, errors);
+        (void)refuse_lines(r, errors ? errors : "");
+    if (rules && *rules->warnings)
+        put(r->reply, "warnings", lines_of(rules->warnings));
     cfg_free_rules(rules);
     free(errors);
     return rules != NULL;

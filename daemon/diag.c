@@ -13,14 +13,8 @@ static int compare(const void *a, const void *b);
 static void print_message(const diag_message *message, FILE *out);
 
 /* Takes over the text, which is NULL when there is no memory. */
-static void add(diag *self, diag_message message)
+static void keep(diag *self, diag_message message)
 {
-    self->errors++;
-    if (self->count == DIAG_MAX) {
-        self->overflow = true;
-        free(message.text);
-        return;
-    }
     message.file = self->file;
     message.number = self->count;
     self->messages[self->count] = message;
@@ -28,6 +22,17 @@ static void add(diag *self, diag_message message)
         free(message.text);
     else
         self->count++;
+}
+
+static void add(diag *self, diag_message message)
+{
+    self->errors++;
+    if (self->count < DIAG_MAX) {
+        keep(self, message);
+        return;
+    }
+    self->overflow = true;
+    free(message.text);
 }
 
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
@@ -40,6 +45,21 @@ void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
         message.text = NULL;
     va_end(args);
     add(self, message);
+}
+
+void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
+{
+    diag_message message = {.line = line, .column = column, .warning = true};
+    va_list args;
+
+    if (self->warnings == DIAG_WARNINGS_MAX || self->count == DIAG_MAX)
+        return;
+    va_start(args, format);
+    if (vasprintf(&message.text, format, args) < 0)
+        message.text = NULL;
+    va_end(args);
+    self->warnings++;
+    keep(self, message);
 }
 
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
@@ -60,12 +80,14 @@ void diag_flush(diag *self, FILE *out)
 {
     qsort(self->messages, self->count, sizeof self->messages[0], compare);
     for (size_t i = 0; i < self->count; i++) {
-        print_message(&self->messages[i], out);
+        if (self->errors == 0 || !self->messages[i].warning)
+            print_message(&self->messages[i], out);
         free(self->messages[i].text);
     }
     if (self->overflow)
         fprintf(out, "%s: there are more errors, only %d are shown\n", self->file.name, DIAG_MAX);
     self->errors = 0;
+    self->warnings = 0;
     self->count = 0;
     self->overflow = false;
 }
@@ -111,5 +133,6 @@ static void print_message(const diag_message *message, FILE *out)
     else if (message->line == 0)
         fprintf(out, "%s: %s\n", message->file.name, text);
     else
-        fprintf(out, "%s:%zu:%zu: %s\n", message->file.name, message->line, message->column, text);
+        fprintf(out, "%s:%zu:%zu: %s%s\n", message->file.name, message->line, message->column,
+                message->warning ? "warning: " : "", text);
 }

@@ -9,7 +9,8 @@
 #include <stddef.h>
 #include <stdio.h>
 
-#define DIAG_MAX 200 /* errors kept */
+#define DIAG_MAX 200         /* messages kept */
+#define DIAG_WARNINGS_MAX 50 /* of these: errors always have a place */
 
 /* A file that messages are about; the files come in the order of their numbers. */
 typedef struct diag_file {
@@ -23,6 +24,7 @@ typedef struct diag_message {
     size_t column; /* from 1, in characters */
     size_t number; /* keeps the order of messages about one place */
     bool elsewhere; /* see diag_add_elsewhere() */
+    bool warning;   /* see diag_warn() */
     char *text;
 } diag_message;
 
@@ -31,6 +33,7 @@ typedef struct diag {
     diag_file file; /* of the messages to come */
     size_t errors;  /* that were told, also those that are not kept; 0: all is good so far */
     size_t count;   /* messages kept */
+    size_t warnings; /* that were told */
     bool overflow;  /* there were more than DIAG_MAX */
     diag_message messages[DIAG_MAX];
 } diag;
@@ -39,14 +42,19 @@ typedef struct diag {
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 
-/* The same about what is wrong in a file that is named there: the text begins with the place in
- * that file, and line and column only say which messages it stands among. */
+/* The same about what is good, but perhaps not what is meant. */
+void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+
+/* As diag_add(), about what is wrong in a file that is named there: the text begins with the place
+ * in that file, and line and column only say which messages it stands among. */
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text);
 
 /* The messages to come are about another file; returns the present one, to be set again. */
 diag_file diag_enter(diag *self, const char *name, size_t number);
 
-/* Writes a line per error, FILE:LINE:COLUMN: message, and forgets them. */
+/* Writes a line per error, FILE:LINE:COLUMN: message, or, when there is no error, a line per
+ * warning, FILE:LINE:COLUMN: warning: message; and forgets them all. */
 void diag_flush(diag *self, FILE *out);
 
 #endif

@@ -69,6 +69,7 @@ static void go_over(engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
     engine_carry_links_over(e, r);
+    log_warnings(e->config->warnings);
     log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
     if (e->changed)
         e->changed(e->changed_user, r->from);

@@ -206,7 +206,8 @@ void log_node_error(const char *node, const char *format, ...)
     va_end(args);
 }
 
-void log_as_is(const char *lines)
+/* Complete lines: to standard error as they are, each a message in the journal. */
+static void tell_lines(const char *lines, void (*tell)(const char *format, ...))
 {
     (void)pthread_once(&state.once, open_journal);
     if (state.journal < 0) {
@@ -215,6 +216,16 @@ void log_as_is(const char *lines)
     }
     for (size_t length; *lines; lines += length + (lines[length] == '\n')) {
         length = strcspn(lines, "\n");
-        log_error("%.*s", (int)length, lines);
+        tell("%.*s", (int)length, lines);
     }
+}
+
+void log_warnings(const char *lines)
+{
+    tell_lines(lines, log_warning);
+}
+
+void log_as_is(const char *lines)
+{
+    tell_lines(lines, log_error);
 }

@@ -26,4 +26,7 @@ void log_node_error(const char *node, const char *format, ...)
 /* Errors that are complete lines already, such as FILE:LINE:COLUMN: message. */
 void log_as_is(const char *lines);
 
+/* The same of warnings. */
+void log_warnings(const char *lines);
+
 #endif

@@ -469,6 +469,7 @@ static live *load(const char *file, const fileuses *others)
     if (!config)
         return NULL;
     log_set_bus(config->bus_name);
+    log_warnings(config->warnings);
     live *l = live_new(config);
     if (l)
         return l;

@@ -199,6 +199,20 @@ void schema_complain(schema *self, const yaml_node_t *at, const char *format, ..
     free(text);
 }
 
+void schema_warn(schema *self, const yaml_node_t *at, const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0)
+        text = NULL;
+    va_end(args);
+    diag_warn(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, "%s",
+              text ? text : "out of memory");
+    free(text);
+}
+
 void schema_complain_elsewhere(schema *self, const yaml_node_t *at, const char *text)
 {
     diag_add_elsewhere(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, text);

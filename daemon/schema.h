@@ -103,6 +103,10 @@ schema_reader schema_read_choice; /* arg: schema_choice[]; member: an enum */
 void schema_complain(schema *self, const yaml_node_t *at, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/* Warns at a node, in the same way; the value is good all the same. */
+void schema_warn(schema *self, const yaml_node_t *at, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /* Complains about a file that a node names; the text begins with the place in that file. */
 void schema_complain_elsewhere(schema *self, const yaml_node_t *at, const char *text);
 

@@ -4,6 +4,8 @@
  */
 #include "yamlfile.h"
 
+#include "yamlmend.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -27,7 +29,7 @@ typedef struct scan {
 
 static void skip_mark(text_buffer *text);
 static bool has_no_nul(const text_buffer *text, diag *errors);
-static bool scan_events(const text_buffer *text, diag *errors);
+static bool scan_events(text_buffer *text, diag *errors, yaml_mend *mend);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
 
 bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors)
@@ -39,9 +41,15 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, di
         return false;
     }
     skip_mark(&buffer);
+    const char *own = (const char *)buffer.bytes;
+    yaml_mend mend = {.count = 0};
     /* The events are scanned first: only so can limits hold before the document is built. */
-    return has_no_nul(&buffer, errors) && scan_events(&buffer, errors) &&
-           load_document(document, &buffer, errors);
+    bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, errors, &mend) &&
+                load_document(document, &buffer, errors);
+    if (good)
+        yaml_mend_restore(&mend, own, document);
+    free(mend.text);
+    return good;
 }
 
 /* A byte order mark is no content; without it, offsets and columns are those that editors show. */
@@ -229,7 +237,8 @@ static bool check_event(scan *self, const yaml_event_t *event)
     return true;
 }
 
-static bool scan_parser(yaml_parser_t *parser, const text_buffer *text, diag *errors)
+/* False when something has been told, or when there is an error of syntax, *wrong. */
+static bool scan_parser(yaml_parser_t *parser, bool *wrong, diag *errors)
 {
     scan counts = {.errors = errors};
     bool good = true;
@@ -238,10 +247,9 @@ static bool scan_parser(yaml_parser_t *parser, const text_buffer *text, diag *er
     while (good && more) {
         yaml_event_t event;
 
-        if (!yaml_parser_parse(parser, &event)) {
-            complain_syntax(parser, text, errors);
+        *wrong = !yaml_parser_parse(parser, &event);
+        if (*wrong)
             return false;
-        }
         good = check_event(&counts, &event);
         more = event.type != YAML_STREAM_END_EVENT;
         yaml_event_delete(&event);
@@ -249,15 +257,36 @@ static bool scan_parser(yaml_parser_t *parser, const text_buffer *text, diag *er
     return good;
 }
 
-/* Finds all errors of syntax and more than one document. */
-static bool scan_events(const text_buffer *text, diag *errors)
+/* One look at all events; *again: something was mended, there is to be another one. */
+static bool scan_once(const text_buffer *text, bool *again, diag *errors, yaml_mend *mend,
+                      const char *own)
 {
     yaml_parser_t parser;
+    bool wrong = false;
 
+    *again = false;
     if (!start_parser(&parser, text, errors))
         return false;
-    bool good = scan_parser(&parser, text, errors);
+    bool good = scan_parser(&parser, &wrong, errors);
+    if (wrong && parser.error == YAML_PARSER_ERROR)
+        *again = yaml_mend_try(mend, own, text->length, &parser.problem_mark, errors);
+    if (wrong && !*again)
+        complain_syntax(&parser, text, errors);
     yaml_parser_delete(&parser);
+    return good;
+}
+
+/* Finds all errors of syntax and more than one document. The text may be a mended one then. */
+static bool scan_events(text_buffer *text, diag *errors, yaml_mend *mend)
+{
+    const char *own = (const char *)text->bytes;
+    bool again = true;
+    bool good = false;
+
+    while (again) {
+        good = scan_once(text, &again, errors, mend, own);
+        text->bytes = (const unsigned char *)yaml_mend_text(mend, own);
+    }
     return good;
 }
 

@@ -285,3 +285,27 @@ def test_a_queue_is_made_longer_while_the_bus_runs_and_the_journal_has_it(canwir
     bus.canwire("set", "./day.sock", "dash", "queue=1")
     bus.stop()
     bus.canwire("sim", "--journal", "day.journal")  # at its end it compares what is pending
+
+
+# ---- Warnings ------------------------------------------------------------------------------------
+
+ODD = BUS + "faults: [ { name: odd, do: { no-ack: dash, for: 3us } } ]\n"
+
+
+def test_what_is_rounded_is_told_at_the_start_at_a_reload_and_by_inject(canwired):
+    told = "bus.yaml:6:49: warning: for: no whole number of bits of 2us"
+    bus = canwired(text=ODD)
+    assert bus.read_log().count(told) == 1
+    bus.canwire("reload", "./day.sock")
+    wait_until(lambda: bus.read_log().count(told) == 2, "a second warning")
+    injected = subprocess.run(
+        [CANWIRE, "inject", "./day.sock", "{ name: x, do: { no-ack: dash, for: 1ns } }"],
+        cwd=bus.folder, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+    assert injected.stdout == "x\n"
+    assert injected.stderr.startswith("inject:1:37: warning: for: ")
+    for command in ("check", "sim"):
+        words = [CANWIRE, command, "bus.yaml"] + (["--until", "1ms"] if command == "sim" else [])
+        result = subprocess.run(words, cwd=bus.folder, capture_output=True, text=True,
+                                timeout=PATIENCE_S, check=True)
+        assert result.stderr.startswith(told) and result.stderr.count("\n") == 1
+    bus.stop()

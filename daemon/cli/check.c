@@ -118,6 +118,8 @@ static int check_file(const char *file, bool ports)
         return CLI_BAD_INPUT;
     if (config)
         good = cfg_check_files(config, NULL, "canwire check", stderr);
+    if (config && !ports)
+        fputs(config->warnings, stderr);
     if (!config && !ports)
         print_profile(file, rules);
     else if (config && ports)

@@ -106,6 +106,9 @@ static int send_text(const char *bus, const injection *in)
     const json_t *rules = json_object_get(reply, "rules");
     for (size_t i = 0; i < json_array_size(rules); i++)
         puts(json_string_value(json_array_get(rules, i)));
+    const json_t *warnings = json_object_get(reply, "warnings");
+    for (size_t i = 0; i < json_array_size(warnings); i++)
+        fprintf(stderr, "%s\n", json_string_value(json_array_get(warnings, i)));
     int status = reply ? CLI_OK : CLI_BAD_INPUT;
     json_decref(reply);
     return status;

@@ -143,6 +143,7 @@ static bool make_bus(sim *s, const sim_options *o)
     s->config = cfg_load(o->file, stderr);
     if (!s->config)
         return false;
+    fputs(s->config->warnings, stderr);
     if (o->has_seed)
         s->config->seed = o->seed;
     if (sim_open(&s->run, s->config, false))

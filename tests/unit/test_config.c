@@ -201,6 +201,38 @@ static void ports_are_read(void **state)
     cfg_free(config);
 }
 
+/* The head of the file has a line "# warns: LINE:COLUMN: message" for each. */
+static void times_that_are_rounded_are_told(void **state)
+{
+    static const char path[] = GOOD "rounded.yaml";
+    char wanted[LINE_SIZE];
+    cfg *config = load_good(path);
+    FILE *file = fopen(path, "r");
+    const char *rest = config->warnings;
+    (void)state;
+    assert_non_null(file);
+    while (fgets(wanted, sizeof wanted, file) && strncmp(wanted, "# warns: ", 9) == 0) {
+        char line[LINE_SIZE];
+        unsigned at;
+        unsigned column;
+        int place = 0;
+        assert_int_equal(sscanf(wanted + 9, "%u:%u: %n", &at, &column, &place), 2);
+        int length =
+            snprintf(line, sizeof line, "%s:%u:%u: warning: %s", path, at, column,
+                     wanted + 9 + place);
+        if (strncmp(rest, line, (size_t)length) != 0)
+            fail_msg("wanted %sgot %s", line, rest);
+        rest += length;
+    }
+    assert_string_equal(rest, "");
+    assert_true(rest - config->warnings > 1000);
+    fclose(file);
+    cfg_free(config);
+    config = load_good(GOOD "full.yaml");
+    assert_string_equal(config->warnings, "");
+    cfg_free(config);
+}
+
 static void bus_keys_are_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -930,6 +962,32 @@ static void expect_error(const void *content, size_t length, const char *expecte
     free(errors);
 }
 
+/* Errors alone are told of a bad file; and warnings do not take their places. */
+static void warnings_take_no_place_of_errors(void **state)
+{
+    (void)state;
+    char *text = NULL;
+    size_t size = 0;
+    char *path;
+    unsigned lines = 0;
+    FILE *out = open_memstream(&text, &size);
+    fputs("bus: { bitrate: 500000 }\nnodes: [ { name: a } ]\nfaults:\n", out);
+    for (unsigned i = 0; i < 300; i++)
+        fprintf(out, "  - { name: r%u, do: { no-ack: a, for: 1us } }\n", i);
+    fputs("seed: -1\n", out);
+    fclose(out);
+    path = make_file(text, size);
+    char *errors = errors_of(path);
+    assert_non_null(errors);
+    for (const char *c = errors; *c; c++)
+        lines += *c == '\n';
+    assert_int_equal(lines, 1);
+    assert_non_null(strstr(errors, ":304:7: seed: expected"));
+    free(errors);
+    free(text);
+    drop_file(path);
+}
+
 static void bytes_that_are_no_text_are_refused(void **state)
 {
     static const struct {
@@ -1118,6 +1176,8 @@ int main(void)
         cmocka_unit_test(defaults_are_set),
         cmocka_unit_test(lcm_defaults_are_set),
         cmocka_unit_test(ports_are_read),
+        cmocka_unit_test(times_that_are_rounded_are_told),
+        cmocka_unit_test(warnings_take_no_place_of_errors),
         cmocka_unit_test(bus_keys_are_read),
         cmocka_unit_test(node_keys_are_read),
         cmocka_unit_test(traffic_is_read),
