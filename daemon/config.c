@@ -20,8 +20,8 @@
 #define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
 
 #define QUEUE_DEFAULT 16u
-/* Of a node on an interface. Nothing holds a program back there: kernel ISO-TP writes all 586 frames
- * of 4095 bytes at once, J1939's transport protocol 255. */
+/* Of a node on an interface. Nothing holds a program back there: kernel ISO-TP writes all 586
+ * frames of 4095 bytes at once, J1939's transport protocol 255. */
 #define QUEUE_DEFAULT_INTERFACE 1024u
 #define WARNING_LIMIT_DEFAULT 96u
 #define CATCH_UP_DEFAULT_NS 1000000000u

@@ -58,7 +58,8 @@ void fail(const char *why, const char *detail)
 static bool is_wanted(const char *path)
 {
     size_t length = strlen(path);
-    return length > 5 && strcmp(path + length - 5, ".yaml") == 0 && !strstr(path, "/bad/") &&
+    return length > 5 && strcmp(path + length - 5, ".yaml") == 0 && !strstr(path, "/.") &&
+           !strstr(path, "/bad/") &&
            !strstr(path, "profiles/wrong.yaml") && !strstr(path, "good/profile.yaml");
 }
 
