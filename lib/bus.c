@@ -176,6 +176,7 @@ static void run_due_nodes(cw_bus *bus)
 static void run_due(cw_bus *bus)
 {
     do {
+        bus->work += bus->faults.awake_count;
         if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
             cw_leap_end(bus);
         cw_fault_run_due(bus);
@@ -524,18 +525,46 @@ static void go_on(cw_bus *bus, uint64_t tick)
         step(bus);
 }
 
-cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
+/* Up to a tick, or until there is so much work, with the events that are there; at least one bit. */
+static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
 {
     if (!cw_ring_has_room(bus))
         return CW_FULL;
     run_all_due(bus);
-    while (tick >= bus->now && tick - bus->now >= bus->bit_ticks) {
+    if (tick < bus->bit_ticks)
+        return CW_OK;
+    for (const uint64_t last = tick - bus->bit_ticks; bus->now <= last;) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
         go_on(bus, tick);
         run_all_due(bus);
+        if (++bus->work + bus->ring.count >= enough && bus->now <= last)
+            return CW_AGAIN;
     }
     return CW_OK;
+}
+
+static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
+{
+    const unsigned events = bus->ring.count;
+    cw_status status = go_to(bus, tick, cw_after(bus->work + events, work));
+    bus->work += bus->ring.count - events;
+    return status;
+}
+
+cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
+{
+    return advance(bus, tick, UINT64_MAX);
+}
+
+cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work)
+{
+    return advance(bus, tick, work);
+}
+
+uint64_t cw_bus_work(const cw_bus *bus)
+{
+    return bus->work;
 }
 
 void cw_bus_set_stepping(cw_bus *bus, bool stepping)

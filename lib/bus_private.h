@@ -138,6 +138,7 @@ struct cw_bus {
     uint64_t now;
     uint64_t next_restart; /* the earliest restart_at */
     uint64_t recessive_bits;
+    uint64_t work;         /* see cw_bus_work() */
     uint64_t queued;       /* frames in all queues */
     uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
     unsigned group_count;          /* 1: all on one wire */

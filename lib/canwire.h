@@ -38,6 +38,7 @@ typedef enum cw_status {
     CW_FULL,     /* no room: poll events (advance) or advance the bus (send), then call again */
     CW_INVALID,  /* an argument is outside its documented range; nothing was changed */
     CW_REFUSED,  /* not possible in the present state; nothing was changed */
+    CW_AGAIN,    /* stopped before the end, for others to have their turn: call again */
 } cw_status;
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
@@ -616,6 +617,9 @@ cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64
  * bus), and where there is no such node. Rules may fill its queue, too, before they come up. */
 unsigned cw_node_room(const cw_bus *bus, unsigned node);
 
+/* How many frames for later the inbox still takes. */
+unsigned cw_bus_inbox_room(const cw_bus *bus);
+
 /* Frames that have not come up yet come so many ticks earlier, but not before cw_bus_now(), in the
  * order in which they would have; those for CW_NEVER stay. For a bus whose time stood still while
  * that of its hosts went on. */
@@ -633,6 +637,17 @@ uint64_t cw_bus_next(const cw_bus *bus);
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
  * might not hold another bit; poll, then call again. Nothing is lost. */
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
+
+/* The same, but stops early, CW_AGAIN, when it has done that much work since the call, and at least
+ * one bit: a bit is not divided, whatever rules do in it. Call again to go on; into which pieces an
+ * advance is cut changes nothing. For whoever looks at a clock meanwhile: how much work lies before
+ * a tick cannot be told beforehand, and with rules that send faster than the bus there is no end. */
+cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work);
+
+/* The work done so far, in pieces that take about the same time, below a microsecond: single bits
+ * and what is done in one go instead of them, rules that were looked at, frames of rules, events.
+ * Time in which nothing happens costs nothing. */
+uint64_t cw_bus_work(const cw_bus *bus);
 
 /* Simulates every node in every bit and skips nothing, from the next bit on. The results are the
  * same; it is the reference. Off after cw_bus_init(). */

@@ -121,6 +121,7 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
         return &bus->lost_event;
     }
     unsigned place = find_place(ring, added);
+    bus->work += ring->count - place;
     open_gap(ring, place);
     *event_at(ring, place) = *added;
     ring->newest_tick = newest_event(ring)->tick;

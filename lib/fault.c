@@ -9,6 +9,8 @@
 
 #include <string.h>
 
+#define RULES_OF_A_PIECE 16u /* of work: that are looked at and have nothing to do */
+
 static cw_fault *fault_at(cw_bus *bus, unsigned rule)
 {
     return &bus->faults.faults[rule];
@@ -270,6 +272,7 @@ static uint64_t next_arming(const cw_fault *f)
 /* Rules that come after this one are armed, at once or later. */
 static void arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
 {
+    bus->work += bus->faults.count / RULES_OF_A_PIECE;
     for (unsigned i = 0; i < bus->faults.count; i++) {
         const cw_fault *f = fault_at(bus, i);
         if (f->used && f->rule.has_after && f->rule.after == rule)
@@ -621,6 +624,7 @@ static void run_rules(cw_bus *bus)
     bool again = true;
     while (again) {
         again = false;
+        bus->work += 1 + bus->faults.count / RULES_OF_A_PIECE;
         for (unsigned rule = 0; rule < bus->faults.count; rule++)
             if (fault_at(bus, rule)->used)
                 again = run_rule(bus, rule) || again;
@@ -641,7 +645,8 @@ void cw_fault_run_due(cw_bus *bus)
     for (unsigned rule = 0; due && rule < bus->faults.count; rule++)
         if (fault_at(bus, rule)->used && fault_at(bus, rule)->active)
             cw_fault_traffic(bus, rule);
-    for (unsigned i = 0; !due && i < bus->faults.awake_count; i++)
+    bool steady = !due && bus->faults.traffic_rules > 0;
+    for (unsigned i = 0; steady && i < bus->faults.awake_count; i++)
         if (fault_at(bus, bus->faults.awake[i])->active)
             cw_fault_traffic(bus, bus->faults.awake[i]);
     if (due)

@@ -11,6 +11,8 @@
 #include "bits.h"
 
 #define LOOK_AHEAD_BITS 4096u
+#define LOOK_AHEAD_DRAWS 65536u /* of all rules: CW_RULES_MAX with a draw for each node */
+#define DRAWS_OF_A_PIECE 64u    /* of work */
 
 /* One draw for the wire, or one for each node. */
 static unsigned draws_of_bit(const cw_bus *bus, const cw_fault *f)
@@ -73,16 +75,20 @@ bool cw_fault_is_steady(const cw_bus *bus)
 }
 
 /* Draws for bits to come, up to that many or the first that flips. */
-static uint64_t look_ahead(const cw_bus *bus, cw_fault *f, uint64_t bits)
+static uint64_t look_ahead(cw_bus *bus, cw_fault *f, uint64_t bits)
 {
+    const uint64_t known = f->clear_bits;
     while (f->clear_bits < bits) {
         const cw_prng before = f->prng;
         if (draw_bit(bus, f)) {
             f->prng = before;
-            return f->clear_bits;
+            bits = f->clear_bits;
+            break;
         }
         f->clear_bits++;
     }
+    if (f->clear_bits > known)
+        bus->work += (f->clear_bits - known) * draws_of_bit(bus, f) / DRAWS_OF_A_PIECE;
     return bits;
 }
 
@@ -91,10 +97,12 @@ uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits)
     cw_fault_set *set = &bus->faults;
     if (set->noise_rules == 0)
         return bits;
-    bits = cw_least(bits, LOOK_AHEAD_BITS);
-    for (unsigned i = 0; i < set->awake_count; i++)
-        if (is_steady_noise(&set->faults[set->awake[i]]))
-            bits = look_ahead(bus, &set->faults[set->awake[i]], bits);
+    const uint64_t most = LOOK_AHEAD_DRAWS / ((uint64_t)set->noise_rules * bus->node_count);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_fault *f = &set->faults[set->awake[i]];
+        if (is_steady_noise(f))
+            bits = look_ahead(bus, f, cw_least(bits, cw_least(most, LOOK_AHEAD_BITS)));
+    }
     return bits;
 }
 

@@ -11,6 +11,7 @@
 static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
 {
     unsigned node = bus->faults.faults[rule].rule.node;
+    bus->work++;
     bus->nodes[node].stats.made_by_rules++;
     cw_queue_frame(bus, node, frame, bus->now, rule + 1);
 }
@@ -34,8 +35,9 @@ static void send_periodically(cw_bus *bus, unsigned rule)
         f->active = false;
         return;
     }
-    while (f->next_at <= bus->now) /* a period below a bit time is one frame a bit */
-        f->next_at = cw_after(f->next_at, f->rule.period_ticks);
+    uint64_t passed = (bus->now - f->next_at) / f->rule.period_ticks;
+    f->next_at += passed * f->rule.period_ticks; /* below a bit time it is one frame a bit */
+    f->next_at = cw_after(f->next_at, f->rule.period_ticks);
     cw_fault_due(bus, f->next_at);
 }
 

@@ -171,6 +171,11 @@ uint64_t cw_bus_inbox_first(const cw_bus *bus)
     return cw_inbox_first(bus);
 }
 
+unsigned cw_bus_inbox_room(const cw_bus *bus)
+{
+    return bus->inbox.capacity - bus->inbox.count;
+}
+
 /* The earliest frame of the inbox: rules on the host side first, then the queue. */
 static void take_first(cw_bus *bus)
 {

@@ -145,6 +145,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->stepping = old->stepping;
     bus->watching = old->watching;
     bus->wanted = old->wanted;
+    bus->work = old->work;
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;
     bus->stats = old->stats;

@@ -33,7 +33,7 @@ static const char *trigger_name(unsigned trigger)
 
 static const char *status_name(unsigned status)
 {
-    static const char *const names[] = {"ok", "full", "invalid", "refused"};
+    static const char *const names[] = {"ok", "full", "invalid", "refused", "again"};
     return names[status];
 }
 
@@ -117,7 +117,7 @@ static void fill_tables(table tables[TABLES], const diff_coverage *c)
         {"states", c->states, 0, CW_STATE_COUNT, state_name},
         {"operations", c->ops, 0, DIFF_OP_COUNT, op_name},
         {"besides", c->marks, 0, DIFF_MARK_COUNT, mark_name},
-        {"statuses", c->refusals, 0, CW_REFUSED + 1, status_name},
+        {"statuses", c->refusals, 0, CW_AGAIN + 1, status_name},
     };
     for (unsigned i = 0; i < TABLES; i++)
         tables[i] = all[i];

@@ -94,6 +94,7 @@ typedef enum diff_slicing {
     DIFF_SHORT,     /* a few bits and parts of bits */
     DIFF_MIXED,     /* all orders of magnitude */
     DIFF_NEXT,      /* to cw_bus_next() each time */
+    DIFF_WORK,      /* as far as a little work goes */
     DIFF_SLICING_COUNT
 } diff_slicing;
 
@@ -180,7 +181,7 @@ typedef struct diff_coverage {
     uint64_t drops[CW_DROP_COUNT];
     uint64_t states[CW_STATE_COUNT];
     uint64_t ops[DIFF_OP_COUNT]; /* that were carried out */
-    uint64_t refusals[CW_REFUSED + 1]; /* by status, of operations */
+    uint64_t refusals[CW_AGAIN + 1]; /* by status, of operations */
     uint64_t marks[DIFF_MARK_COUNT];
     uint64_t style_bits[DIFF_STYLES];
     uint64_t style_frames[DIFF_STYLES];

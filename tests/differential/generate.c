@@ -665,7 +665,7 @@ static void check_each_bit(generator *g)
 
 static void random_lengths(diff_scenario *s, diff_maker *m, const style *of)
 {
-    static const diff_slicing references[] = {DIFF_WHOLE, DIFF_WHOLE, DIFF_BITS, DIFF_MIXED};
+    static const diff_slicing references[] = {DIFF_WHOLE, DIFF_WORK, DIFF_BITS, DIFF_MIXED};
     static const uint16_t drains[] = {1000, 700, 20, 0};
     diff_random *r = &m->random;
     m->nodes = random_node_count(r);

@@ -164,6 +164,7 @@ static uint64_t slice_end(pair *p, side *s, uint64_t target)
         ticks = ticks > now + p->bit_ticks ? ticks - now : p->bit_ticks;
         break;
     case DIFF_WHOLE:
+    case DIFF_WORK:
     case DIFF_SLICING_COUNT:
         break;
     }
@@ -211,15 +212,33 @@ static void peek(const side *s)
         (void)cw_node_get_settings(s->bus, i, &settings);
 }
 
-/* One call, and more of it while the ring is full. Returns false when it does not go on. */
+/* In pieces that were asked for by work, each of at least one bit, some of them with an end. */
+static cw_status advance_once(pair *p, side *s, uint64_t end)
+{
+    if (s->slicing != DIFF_WORK)
+        return cw_bus_advance(s->bus, end);
+    uint64_t before = cw_bus_now(s->bus);
+    uint64_t work = diff_magnitude(&s->random, 1, 1000) - 1;
+    cw_status status = cw_bus_advance_some(s->bus, end, work);
+    if (status == CW_AGAIN && cw_bus_now(s->bus) == before)
+        found(p, before);
+    p->coverage->refusals[status]++;
+    return status;
+}
+
+/* One call, and more of it while the ring is full or work is left. Returns false when it does not
+ * go on. */
 static bool advance_through(pair *p, side *s, uint64_t end)
 {
-    while (cw_bus_advance(s->bus, end) != CW_OK) {
+    cw_status status;
+    while ((status = advance_once(p, s, end)) != CW_OK && !p->verdict->differs) {
         size_t had = s->count;
-        s->full++;
+        if (status == CW_AGAIN && diff_chance(&s->random, 500))
+            continue;
+        s->full += status == CW_FULL;
         take_events(s,
                     s->slicing == DIFF_WHOLE ? SIZE_MAX : (size_t)diff_between(&s->random, 1, 300));
-        if (s->count == had)
+        if (s->count == had && status == CW_FULL)
             return false;
     }
     uint64_t now = cw_bus_now(s->bus);

@@ -368,7 +368,8 @@ static bool plan_used(const diff_scenario *s, unsigned plan)
 void diff_write_scenario(FILE *out, const diff_scenario *s)
 {
     static const char *const slicings[] = {"in one go", "bit by bit", "in short slices",
-                                           "in slices of all lengths", "to cw_bus_next()"};
+                                           "in slices of all lengths", "to cw_bus_next()",
+                                           "as far as a little work goes"};
     fprintf(out, "/* seed %" PRIu64 ", style \"%s\"; fast %s%s, reference %s */\n", s->seed,
             diff_style_name(s->style), slicings[s->fast], s->peeks ? ", read after each slice" : "",
             slicings[s->reference]);
