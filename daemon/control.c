@@ -230,7 +230,7 @@ void control_show_recordings(control *c, control_recordings *call, void *user)
     c->world.recordings_user = user;
 }
 
-control *control_start(struct ev_loop *loop, live *config, engine *bus)
+control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)
 {
     control *c = calloc(1, sizeof *c);
     if (!c) {
@@ -242,7 +242,7 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus)
     if (!c->stream)
         log_error("out of memory");
     else
-        c->server = server_start(loop, live_config(config)->control, &calls, c);
+        c->server = server_start(loop, live_config(config)->control, inherited, &calls, c);
     if (c->server)
         return c;
     control_stop(c);

@@ -347,21 +347,34 @@ static void prepare_watchers(server *s)
     s->turn.data = s;
 }
 
-server *server_start(struct ev_loop *loop, const char *path, const server_calls *calls, void *user)
+/* False after logging why. */
+static bool open_socket(server *s, const char *path, int inherited)
 {
     char error[PATHSOCKET_ERROR_MAX];
+    bool good = inherited >= 0
+                    ? pathsocket_adopt(&s->socket, inherited, path, error)
+                    : pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
+    if (!good)
+        log_error("control %s: %s", path ? path : "", error);
+    else if (inherited >= 0)
+        log_info("control %s: a socket of the service manager", s->socket.path);
+    return good;
+}
+
+server *server_start(struct ev_loop *loop, const char *path, int inherited,
+                     const server_calls *calls, void *user)
+{
     server *s = calloc(1, sizeof *s);
     if (!s) {
         log_error("out of memory");
         return NULL;
     }
-    *s = (server){.loop = loop, .calls = calls, .user = user};
+    *s = (server){.loop = loop, .calls = calls, .user = user, .socket = PATHSOCKET_NONE};
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         s->clients[i] = (server_client){.server = s, .fd = -1};
-    bool good = pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
+    bool good = open_socket(s, path, inherited);
     prepare_watchers(s);
     if (!good) {
-        log_error("control %s: %s", path, error);
         server_stop(s);
         return NULL;
     }

@@ -2,6 +2,7 @@
  *
  * main.c - canwired: one bus in the foreground.
  */
+#include "activation.h"
 #include "config_files.h"
 #include "control.h"
 #include "engine.h"
@@ -34,6 +35,7 @@ typedef struct service {
     control *control;
     recordings *recordings;
     journal *journal;
+    int inherited;  /* the control socket that the service manager has opened, or -1 */
     fileuses files; /* besides those that the configuration names */
     notifier *notifier;
     watchdog watchdog;
@@ -343,8 +345,33 @@ static bool start_journal(service *s, const char *file)
     return true;
 }
 
+/* Before ports are opened, which may be inherited as well. */
+static bool take_inherited(service *s)
+{
+    char error[ACTIVATION_ERROR_MAX];
+    if (activation_take(&s->inherited, "control", error))
+        return true;
+    log_error("%s", error);
+    return false;
+}
+
+/* Where the configuration says, or where the service manager listens already. */
+static bool start_control(service *s, struct ev_loop *loop)
+{
+    if (!s->config->control && s->inherited < 0)
+        return true;
+    s->control = control_start(loop, s->live, s->engine, s->inherited);
+    if (!s->control)
+        return false;
+    control_on_reload(s->control, on_reload_request, s);
+    control_show_recordings(s->control, show_recordings, s);
+    return true;
+}
+
 static bool start(service *s, struct ev_loop *loop, const char *journal_file)
 {
+    if (!take_inherited(s))
+        return false;
     if (s->config->lcm.enabled) {
         s->publisher = publisher_start(s->config);
         if (!s->publisher) {
@@ -362,13 +389,8 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
         return false;
     }
     engine_on_change(s->engine, on_change, s);
-    if (s->config->control) {
-        s->control = control_start(loop, s->live, s->engine);
-        if (!s->control)
-            return false;
-        control_on_reload(s->control, on_reload_request, s);
-        control_show_recordings(s->control, show_recordings, s);
-    }
+    if (!start_control(s, loop))
+        return false;
     s->recordings =
         recordings_start(loop, s->config, engine_bus(s->engine), on_recording, s);
     if (!s->recordings)

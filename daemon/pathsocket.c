@@ -5,9 +5,11 @@
  */
 #include "pathsocket.h"
 
+#include "lockfile.h"
 #include "log.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <grp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,16 +20,16 @@
 
 #define GROUP "canwire"
 
-static bool is_socket(const char *path)
+static bool is_socket(const folder *in)
 {
     struct stat found;
-    return lstat(path, &found) == 0 && S_ISSOCK(found.st_mode);
+    return fstatat(in->fd, in->name, &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(found.st_mode);
 }
 
 /* Whether a socket is at the path that nobody listens at. One of another type is in use. */
-static bool is_stale(const struct sockaddr_un *address, int type)
+static bool is_stale(const pathsocket *s, const struct sockaddr_un *address, int type)
 {
-    if (!is_socket(address->sun_path))
+    if (!is_socket(&s->folder))
         return false;
     int fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
@@ -47,82 +49,166 @@ static int bind_once(int fd, const struct sockaddr_un *address)
     return number;
 }
 
-static const char *explain(const char *path, int number)
+static const char *explain(const pathsocket *s, int number)
 {
+    if (number == EBUSY)
+        return "in use; is another canwired running for this bus?";
     if (number == EADDRINUSE)
-        return is_socket(path) ? "in use; is another canwired running for this bus?"
-                               : "there is something that is no socket";
+        return is_socket(&s->folder) ? explain(s, EBUSY) : "there is something that is no socket";
     if (number == ENAMETOOLONG)
         return "the path is too long for a socket";
+    if (number == ELOOP || number == EINVAL)
+        return "its lock, the path with .lock behind it, is no regular file";
+    if (number == ESTALE)
+        return "somebody else has changed the directory meanwhile";
     return number == ENOENT ? "the directory does not exist" : strerror(number);
 }
 
-static int bind_path(pathsocket *s, int type, const char *what)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(s->path) >= sizeof address.sun_path)
-        return ENAMETOOLONG;
-    memcpy(address.sun_path, s->path, strlen(s->path));
-    int number = bind_once(s->fd, &address);
-    if (number == EADDRINUSE && is_stale(&address, type)) {
-        log_info("%s %s: replacing the socket of a canwired that is gone", what, s->path);
-        (void)unlink(s->path);
-        number = bind_once(s->fd, &address);
-    }
-    if (number == 0 && lstat(s->path, &s->made) != 0)
-        number = errno;
-    return number;
-}
-
 /* Without the group the socket is for the daemon's own user and group. */
-static void give_to_group(const pathsocket *s, const char *what)
+static void give_to_group(const pathsocket *s, int made, gid_t now, const char *what)
 {
     const struct group *group = getgrnam(GROUP);
-    if (group && group->gr_gid != s->made.st_gid && chown(s->path, (uid_t)-1, group->gr_gid) != 0)
+    if (group && group->gr_gid != now &&
+        fchownat(made, "", (uid_t)-1, group->gr_gid, AT_EMPTY_PATH) != 0)
         log_warning("%s %s: cannot give it to the group " GROUP ": %s", what, s->path,
                     strerror(errno));
+}
+
+/* What bind() has made is looked at, and given away, through a descriptor: where others may write to
+ * the directory, the path can be anything a moment later. Returns 0 or an errno. */
+static int take_made(pathsocket *s, const char *what)
+{
+    struct stat found;
+    int made = openat(s->folder.fd, s->folder.name, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    if (made < 0)
+        return ESTALE;
+    bool own = fstat(made, &found) == 0 && S_ISSOCK(found.st_mode) &&
+               found.st_uid == geteuid() && found.st_nlink == 1;
+    if (own) {
+        s->made = true;
+        s->device = found.st_dev;
+        s->inode = found.st_ino;
+        give_to_group(s, made, found.st_gid, what);
+    }
+    (void)close(made);
+    return own ? 0 : ESTALE;
+}
+
+/* With the lock: who has bound a socket here, and does not listen, is gone. */
+static int bind_path(const pathsocket *s, int type, const char *what)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    memcpy(address.sun_path, s->path, strlen(s->path));
+    int number = bind_once(s->fd, &address);
+    if (number == EADDRINUSE && is_stale(s, &address, type)) {
+        log_info("%s %s: replacing the socket of a canwired that is gone", what, s->path);
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
+        number = bind_once(s->fd, &address);
+    }
+    return number;
 }
 
 /* 0 or the number of what went wrong. */
 static int open_path(pathsocket *s, int type, int backlog, const char *what)
 {
+    struct sockaddr_un address;
     if (!s->path)
         return ENOMEM;
+    if (strlen(s->path) >= sizeof address.sun_path)
+        return ENAMETOOLONG;
+    int number = folder_open(&s->folder, s->path);
+    if (number == 0)
+        number = lockfile_take(&s->lock, &s->folder);
+    if (number != 0)
+        return number;
     s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (s->fd < 0)
         return errno;
-    int number = bind_path(s, type, what);
+    number = bind_path(s, type, what);
+    if (number == 0)
+        number = take_made(s, what);
     if (number != 0)
         return number;
-    give_to_group(s, what);
     return listen(s->fd, backlog) == 0 ? 0 : errno;
 }
 
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX])
 {
-    *s = (pathsocket){.fd = -1, .path = strdup(path)};
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->path = strdup(path);
     int number = open_path(s, type, backlog, what);
     if (number != 0)
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(path, number));
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, number));
     return number == 0;
 }
+
+/* ---- A socket that is there ------------------------------------------------------------------ */
+
+static bool is_same_place(const char *a, const char *b)
+{
+    struct stat in_a;
+    struct stat in_b;
+    return strcmp(a, b) == 0 ||
+           (stat(a, &in_a) == 0 && stat(b, &in_b) == 0 && in_a.st_dev == in_b.st_dev &&
+            in_a.st_ino == in_b.st_ino);
+}
+
+/* The path that it is at, to be freed; empty: none. NULL with errno set. */
+static char *path_of(int fd)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    socklen_t size = sizeof address - 1; /* there is a 0 behind it */
+    return getsockname(fd, (struct sockaddr *)&address, &size) == 0 ? strdup(address.sun_path)
+                                                                   : NULL;
+}
+
+/* Where this user may not make a lock, who made the socket is to see to it that it is the only one. */
+static bool lock_adopted(pathsocket *s)
+{
+    if (*s->path == '\0' || folder_open(&s->folder, s->path) != 0)
+        return true;
+    return lockfile_take(&s->lock, &s->folder) != EBUSY;
+}
+
+bool pathsocket_adopt(pathsocket *s, int fd, const char *path, char error[PATHSOCKET_ERROR_MAX])
+{
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->fd = fd;
+    s->path = path_of(fd);
+    int flags = fcntl(fd, F_GETFL);
+    if (!s->path || flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) != 0 ||
+        fcntl(fd, F_SETFD, FD_CLOEXEC) != 0)
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
+    else if (path && !is_same_place(path, s->path))
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
+                       *s->path ? s->path : "a place without a path");
+    else if (!lock_adopted(s))
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, EBUSY));
+    else
+        return true;
+    return false;
+}
+
+/* ---- The end --------------------------------------------------------------------------------- */
 
 /* Not the socket of a daemon that has taken the place. */
 static void remove_path(const pathsocket *s)
 {
     struct stat now;
-    if (s->made.st_ino != 0 && lstat(s->path, &now) == 0 && now.st_ino == s->made.st_ino &&
-        now.st_dev == s->made.st_dev)
-        (void)unlink(s->path);
+    if (s->made && fstatat(s->folder.fd, s->folder.name, &now, AT_SYMLINK_NOFOLLOW) == 0 &&
+        now.st_ino == s->inode && now.st_dev == s->device)
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
 }
 
+/* The lock is the last to go. */
 void pathsocket_close(pathsocket *s)
 {
-    if (s->path)
-        remove_path(s);
+    remove_path(s);
     if (s->fd >= 0)
         (void)close(s->fd);
+    lockfile_release(s->lock, &s->folder);
+    folder_close(&s->folder);
     free(s->path);
-    *s = (pathsocket){.fd = -1};
+    *s = (pathsocket)PATHSOCKET_NONE;
 }

@@ -176,7 +176,7 @@ static port *make_port(void)
     port *p = port_new(&unix_kind, sizeof(port_unix));
     if (!p)
         return NULL;
-    own(p)->listener.fd = -1;
+    own(p)->listener = (pathsocket)PATHSOCKET_NONE;
     own(p)->ecu = -1;
     p->fd = epoll_create1(EPOLL_CLOEXEC);
     if (p->fd >= 0)

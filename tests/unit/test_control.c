@@ -77,7 +77,7 @@ static int set_up(void **state)
     r->live = live_new(load(r));
     uint16_t more = (uint16_t)(CW_RULES_MAX - live_config(r->live)->rule_count);
     assert_true(fake_engine_make(&r->engine, r->live, more, UPDATE_BITS));
-    r->control = control_start(r->loop, r->live, &r->engine);
+    r->control = control_start(r->loop, r->live, &r->engine, -1);
     assert_non_null(r->control);
     control_on_reload(r->control, fake_engine_ask, &r->engine);
     engine_observe(&r->engine, control_event, r->control);
@@ -958,7 +958,7 @@ static void the_socket_is_for_the_group(void **state)
 static void a_live_socket_is_not_taken(void **state)
 {
     const rig *r = *state;
-    assert_null(server_start(r->loop, r->path, &no_calls, NULL));
+    assert_null(server_start(r->loop, r->path, -1, &no_calls, NULL));
     expect_service(r);
 }
 
@@ -972,7 +972,7 @@ static void a_stale_socket_is_replaced(void **state)
     int fd = socket(AF_UNIX, SOCK_STREAM, 0);
     assert_int_equal(bind(fd, (struct sockaddr *)&address, sizeof address), 0);
     close(fd); /* as when a daemon was killed */
-    server *s = server_start(r->loop, path, &no_calls, NULL);
+    server *s = server_start(r->loop, path, -1, &no_calls, NULL);
     assert_non_null(s);
     server_stop(s);
     assert_int_equal(access(path, F_OK), -1);
@@ -984,15 +984,15 @@ static void other_files_are_left_alone(void **state)
     char path[96];
     snprintf(path, sizeof path, "%s/file", r->folder);
     close(open(path, O_CREAT | O_WRONLY, 0600));
-    assert_null(server_start(r->loop, path, &no_calls, NULL));
+    assert_null(server_start(r->loop, path, -1, &no_calls, NULL));
     assert_int_equal(unlink(path), 0);
     snprintf(path, sizeof path, "%s/no/folder", r->folder);
-    assert_null(server_start(r->loop, path, &no_calls, NULL));
+    assert_null(server_start(r->loop, path, -1, &no_calls, NULL));
     memset(path, 'x', sizeof path - 1);
     assert_null(server_start(r->loop,
                              "/tmp/a-path-that-is-longer-than-the-hundred-and-seven-bytes-"
                              "that-the-kernel-takes-for-the-path-of-a-socket-of-a-bus",
-                             &no_calls, NULL));
+                             -1, &no_calls, NULL));
 }
 
 /* A socket that somebody else made at the same path stays. */
@@ -1001,15 +1001,21 @@ static void only_the_own_socket_is_removed(void **state)
     const rig *r = *state;
     char path[96];
     snprintf(path, sizeof path, "%s/mine", r->folder);
-    server *first = server_start(r->loop, path, &no_calls, NULL);
+    server *first = server_start(r->loop, path, -1, &no_calls, NULL);
     assert_non_null(first);
     assert_int_equal(unlink(path), 0);
-    server *second = server_start(r->loop, path, &no_calls, NULL);
-    assert_non_null(second);
+    assert_null(server_start(r->loop, path, -1, &no_calls, NULL)); /* the path is the first one's */
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    strcpy(address.sun_path, path);
+    int other = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(other, (struct sockaddr *)&address, sizeof address), 0);
     server_stop(first);
     assert_int_equal(access(path, F_OK), 0);
+    server *second = server_start(r->loop, path, -1, &no_calls, NULL); /* nobody listens there */
+    assert_non_null(second);
     server_stop(second);
     assert_int_equal(access(path, F_OK), -1);
+    close(other);
 }
 
 #define CASE(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
