@@ -51,10 +51,10 @@ static int bind_once(int fd, const struct sockaddr_un *address)
 
 static const char *explain(const pathsocket *s, int number)
 {
-    if (number == EBUSY)
+    if (number == EBUSY || (number == EADDRINUSE && is_socket(&s->folder)))
         return "in use; is another canwired running for this bus?";
     if (number == EADDRINUSE)
-        return is_socket(&s->folder) ? explain(s, EBUSY) : "there is something that is no socket";
+        return "there is something that is no socket";
     if (number == ENAMETOOLONG)
         return "the path is too long for a socket";
     if (number == ELOOP || number == EINVAL)

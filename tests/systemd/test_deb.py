@@ -59,9 +59,33 @@ def test_it_is_installed_used_and_purged_without_a_trace(package):
     dpkg("--purge", "canwire")
     assert [f for f in files if f.exists()] == []
     assert units() == ""
-    assert accounts() == accounts_before
+    kept = [names | {"canwire"} for names in accounts_before]
+    assert list(accounts()) == kept, "the user's number is not to be used again"
     assert tree() - before == {"/etc/canwire", str(bus.config)}, "a configuration is the user's"
     assert "no packages found" in run("dpkg-query", "-W", "canwire", status=1)
+
+
+def test_limits_of_the_kernel_are_not_raised_against_the_administrator(package):
+    mask = Path("/etc/sysctl.d/10-canwire.conf")
+    mask.parent.mkdir(exist_ok=True)
+    mask.symlink_to("/dev/null")
+    try:
+        RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
+        dpkg("-i", package)
+        assert RMEM_MAX.read_text() == RMEM_MAX_DEFAULT + "\n"
+    finally:
+        mask.unlink()
+        dpkg("--purge", "canwire")
+
+
+def test_limits_of_the_kernel_are_never_lowered(package):
+    RMEM_MAX.write_text("16777216")
+    try:
+        dpkg("-i", package)
+        assert RMEM_MAX.read_text() == "16777216\n"
+    finally:
+        RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
+        dpkg("--purge", "canwire")
 
 
 def use():

@@ -39,7 +39,8 @@ def links():
 def test_units_are_well_formed():
     """That their man pages are there, tests/test_install.py looks after."""
     done = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", "canwired@x.service", "canwire-vcan@x.service"],
+        ["systemd-analyze", "verify", "--man=no", "canwired@x.service", "canwire-vcan@x.service",
+         "canwired@x.socket"],
         capture_output=True, text=True, check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
