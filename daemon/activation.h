@@ -10,8 +10,8 @@
 #define ACTIVATION_ERROR_MAX 200
 
 /* Looks among the sockets that were passed ($LISTEN_FDS, $LISTEN_FDNAMES) for the one of this name,
- * which must be a Unix stream socket that listens; *fd is then the caller's, else -1. The others are
- * left as they are: they may be ports (fd:NUMBER). To be called once. False after writing to error
+ * which must be a Unix stream socket that listens; *fd is then the caller's, else -1. The others
+ * stay as they are: they may be ports (fd:NUMBER). To be called once. False after writing to error
  * what is wrong. */
 bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]);
 

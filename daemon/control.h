@@ -16,8 +16,8 @@
 
 typedef struct control control;
 
-/* Listens at the configuration's `control`; inherited: a socket that listens there already, or -1. The
- * others must live longer. NULL after logging why. */
+/* Listens at the configuration's `control`; inherited: a socket that listens there already, or -1.
+ * The others must live longer. NULL after logging why. */
 control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited);
 
 /* What requests for a reload call: it returns the round in which that will be, or 0 after writing

@@ -34,13 +34,13 @@ typedef struct server_calls {
 } server_calls;
 
 /* Listens at path, with mode 0660 and the group `canwire` where there is one. A socket that nobody
- * listens at is replaced. inherited: a socket that listens already, at this path or, with path NULL,
- * at any; -1: none. `calls` and `user` must live longer. NULL after logging why. */
+ * listens at is replaced. inherited: a socket that listens already, at this path or, with path
+ * NULL, at any; -1: none. `calls` and `user` must live longer. NULL after logging why. */
 server *server_start(struct ev_loop *loop, const char *path, int inherited,
                      const server_calls *calls, void *user);
 
-/* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get half a second, all
- * together, to read what waits for them. NULL is fine. */
+/* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get half
+ * a second, all together, to read what waits for them. NULL is fine. */
 void server_stop(server *s);
 
 /* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */

@@ -2,8 +2,8 @@
  *
  * lockfile.c - a file that is there to be locked.
  *
- * It is removed by who has the lock. Another program may have opened it before that: with the lock it
- * then has a file that is no more. So who gets a lock looks whether the name is still that file's.
+ * It is removed by who has the lock. Another program may have opened it before that: it then gets
+ * the lock of a file that is no more. So who gets a lock looks whether the name is still that file's.
  */
 #include "lockfile.h"
 

@@ -74,8 +74,8 @@ static void give_to_group(const pathsocket *s, int made, gid_t now, const char *
                     strerror(errno));
 }
 
-/* What bind() has made is looked at, and given away, through a descriptor: where others may write to
- * the directory, the path can be anything a moment later. Returns 0 or an errno. */
+/* What bind() has made is looked at, and given away, through a descriptor: where others may write
+ * to the directory, the path can be anything a moment later. Returns 0 or an errno. */
 static int take_made(pathsocket *s, const char *what)
 {
     struct stat found;
@@ -163,7 +163,7 @@ static char *path_of(int fd)
                                                                    : NULL;
 }
 
-/* Where this user may not make a lock, who made the socket is to see to it that it is the only one. */
+/* Where this user may not make a lock, who made the socket is to see that it is the only one. */
 static bool lock_adopted(pathsocket *s)
 {
     if (*s->path == '\0' || folder_open(&s->folder, s->path) != 0)

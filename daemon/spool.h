@@ -26,9 +26,8 @@ typedef void spool_news(void *user);
 
 /* Makes the file, with mode 0640 less the umask, rotating what is there; at most `files` files are
  * kept, itself included. news may be NULL. NULL with *error, an errno, when that fails: EINVAL:
- * there
- * is something that is no regular file; EBUSY: another program is writing it, or a file that it
- * would rotate. */
+ * there is something that is no regular file; EBUSY: another program is writing it, or a file that
+ * it would rotate. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
 /* Bytes of records that there is room for in the queue now; more only as time goes by. */

@@ -12,7 +12,8 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MUST = [  # of each kind
     "/bin/canwire", "/sbin/canwired", "/lib/systemd/system/canwired@.service",
-    "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket", "/lib/sysusers.d/canwire.conf",
+    "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",
+    "/lib/sysusers.d/canwire.conf",
     "/lib/tmpfiles.d/canwire.conf", "/lib/sysctl.d/10-canwire.conf",
     "/share/bash-completion/completions/canwire",
     "/share/man/man1/canwire.1", "/share/man/man5/canwire.yaml.5",

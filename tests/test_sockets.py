@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sockets at paths, of the control socket and of ports: one canwired each, whatever others do there.
+"""Sockets at paths, of the control socket and of ports: one canwired each, whatever others do.
 
 What others do comes at exactly the moment that is meant (tests/between_calls.c), and at random.
 """

@@ -67,7 +67,8 @@ def test_a_client_starts_the_bus(early):
 
 def test_a_reload_by_the_service_manager_goes_by_that_socket(early):
     systemctl("start", early.unit)
-    early.config.write_text(early.config.read_text().replace("{ name: b }", "{ name: b }, { name: c }"))
+    text = early.config.read_text().replace("{ name: b }", "{ name: b }, { name: c }")
+    early.config.write_text(text)
     systemctl("reload", early.unit)
     wait_until(lambda: len(early.status()["nodes"]) == 3, "the third node")
 
