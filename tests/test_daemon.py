@@ -39,8 +39,13 @@ class Daemon:
                                             stderr=log if stderr is None else stderr)
 
     def wait_ready(self):
-        wait_until((self.folder / "day.sock").exists, "the control socket")
+        wait_until(self.answers, "the control socket")
         assert self.status()["bus"]["name"] == "day"
+
+    def answers(self):
+        """That its socket is there is not enough: it listens a moment later."""
+        with socket.socket(socket.AF_UNIX) as client:
+            return client.connect_ex(str(self.folder / "day.sock")) == 0
 
     def canwire(self, *words):
         return subprocess.run([CANWIRE, *words], cwd=self.folder, capture_output=True, text=True,
