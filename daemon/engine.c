@@ -4,17 +4,17 @@
  *
  * At each wake-up, by a port or by the timer: read all ports, hand in what arrived at its arrival
  * time, advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift the
- * bus. The timer is an absolute timerfd, since libev's own have the granularity of a millisecond.
+ * bus.
  */
 #include "engine_private.h"
 
+#include "due.h"
 #include "log.h"
 
 #include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -313,9 +313,7 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
 /* When something happens next if no port has news; CW_NEVER: the bus rests, nothing is planned. */
 static uint64_t next_tick(const engine *e)
 {
-    uint64_t tick = cw_bus_next(e->now.bus);
-    uint64_t release = release_next_tick(e->now.plan);
-    return release < tick ? release : tick;
+    return due_tick(e->now.bus, e->now.plan, e->config);
 }
 
 /* Reading the CPU time is a system call, so only who spins does it. */
@@ -344,12 +342,7 @@ static void arm_timer(engine *e)
     if (e->next && e->next->deadline < tick)
         tick = e->next->deadline;
     e->due_ns = tick == CW_NEVER ? INT64_MAX : monotonic_of(e, tick);
-    int64_t ns = next_wake_ns(e);
-    struct itimerspec at = {.it_value = {.tv_sec = 0}};
-    if (ns != INT64_MAX)
-        at.it_value =
-            (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = (long)(ns % NS_PER_S)};
-    (void)timerfd_settime(e->timer_fd, TFD_TIMER_ABSTIME, &at, NULL);
+    alarm_set(&e->alarm, next_wake_ns(e));
 }
 
 /* A timer that is due has been set for a little earlier, to be up in time. One that was not, or
@@ -475,10 +468,9 @@ static void on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     (void)events;
-    uint64_t expirations;
-    if (read(io->fd, &expirations, sizeof expirations) < 0 && errno == EAGAIN)
-        return;
     engine *e = io->data;
+    if (!alarm_take(&e->alarm))
+        return;
     spin(e);
     uint64_t read_before = e->frames_read;
     wake(e);
@@ -492,12 +484,11 @@ static void on_timer(struct ev_loop *loop, ev_io *io, int events)
 
 static bool make_timer(engine *e)
 {
-    e->timer_fd = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    if (e->timer_fd < 0) {
+    if (!alarm_open(&e->alarm)) {
         log_error("timerfd: %s", strerror(errno));
         return false;
     }
-    ev_io_init(&e->timer, on_timer, e->timer_fd, EV_READ);
+    ev_io_init(&e->timer, on_timer, e->alarm.fd, EV_READ);
     e->timer.data = e;
     return true;
 }
@@ -518,7 +509,7 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink)
     e->live = config;
     e->config = live_config(config);
     e->publisher = sink;
-    e->timer_fd = -1;
+    e->alarm = ALARM_CLOSED;
     bool memory = setup_make(&e->now, e->config);
     inputs_init(&e->inputs, config, e->now.bus, handle_events, e);
     if (!memory)
@@ -566,10 +557,9 @@ void engine_free(engine *e)
     if (!e)
         return;
     unwatch_all(e);
-    if (e->timer_fd >= 0) {
+    if (e->alarm.fd >= 0)
         ev_io_stop(e->loop, &e->timer);
-        (void)close(e->timer_fd);
-    }
+    alarm_close(&e->alarm);
     reload_free(e->next);
     setup_free(&e->now);
     free(e);

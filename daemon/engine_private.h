@@ -9,6 +9,7 @@
 #ifndef CANWIRE_ENGINE_PRIVATE_H
 #define CANWIRE_ENGINE_PRIVATE_H
 
+#include "alarm.h"
 #include "catchup.h"
 #include "conserve.h"
 #include "engine.h"
@@ -57,7 +58,7 @@ struct engine {
     cw_frame overflowed[CW_NODES_MAX]; /* as report_node has it */
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
-    int timer_fd;
+    wake_alarm alarm; /* behind it */
     int64_t deadline_ns; /* CLOCK_MONOTONIC: when this wake-up is to give others their turn */
     int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
     pacing_duty duty;

@@ -125,19 +125,43 @@ static int receive(port *p, unsigned max)
     return told ? port_receive(p, own(p)->ecu, max) : received;
 }
 
+/* What waits at the port. To ask for it costs least: accept4() makes a socket before it finds that
+ * there is nobody. */
+typedef struct waiting {
+    bool frames; /* or the news that the ECU has gone */
+    bool ecus;   /* that have connected */
+} waiting;
+
+static waiting look(const port *p)
+{
+    struct epoll_event events[2];
+    const port_unix *u = (const port_unix *)p;
+    int count = epoll_wait(p->fd, events, 2, 0);
+    waiting found = {.frames = count < 0, .ecus = count < 0 || u->deaf};
+    for (int i = 0; i < count; i++)
+        if (events[i].data.fd == u->ecu)
+            found.frames = true;
+        else
+            found.ecus = true;
+    return found;
+}
+
 static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
+    waiting found = look(p);
     *more = false;
-    if (own(p)->ecu < 0 || own(p)->deaf)
+    if (found.ecus && (own(p)->ecu < 0 || own(p)->deaf)) {
         accept_waiting(p);
+        found.frames = true; /* of the new one, perhaps */
+    }
     if (own(p)->ecu < 0)
         return 0;
-    int received = receive(p, max);
-    bool nothing = received < 0 && (errno == EAGAIN || errno == EINTR);
+    int received = found.frames ? receive(p, max) : -1;
+    bool nothing = !found.frames || (received < 0 && (errno == EAGAIN || errno == EINTR));
     int count = messages_before_end(p, received);
-    if (nothing)
+    if (nothing && found.ecus)
         accept_waiting(p);
-    else if (count < received || received < 0)
+    else if (!nothing && (count < received || received < 0))
         disconnect_ecu(p);
     *more = count == (int)max || own(p)->ecu < 0; /* another one may wait for the place */
     return port_take(p, frames, count);

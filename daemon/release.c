@@ -387,6 +387,16 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node)
     return s->has_frame ? &s->frame : NULL;
 }
 
+/* In a heap what comes second is one of two. */
+bool release_is_alone(const release_plan *plan, uint64_t before)
+{
+    assert(plan->count > 0);
+    for (size_t i = 1; i < 3 && i < plan->count; i++)
+        if (plan->heap[i]->tick < before)
+            return false;
+    return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
+}
+
 /* The first source goes on to its next release, or away. */
 static void go_on(release_plan *plan)
 {

@@ -39,6 +39,10 @@ uint64_t release_next_tick(const release_plan *plan);
  * searched. There must be one; it is good until the next release_hand_in(). */
 const cw_frame *release_first(const release_plan *plan, unsigned *node);
 
+/* Whether the next release is the only one before a tick, but for those of the same `send`. There
+ * must be one. */
+bool release_is_alone(const release_plan *plan, uint64_t before);
+
 /* Hands the next release to its node. Returns what cw_node_send() says; on CW_FULL nothing has
  * changed. There must be one. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);

@@ -660,12 +660,27 @@ static uint64_t horizon(const cw_bus *bus)
     return bits;
 }
 
+/* Whether the controller does nothing by itself until it is idle, or gets a frame. */
+static bool comes_to_rest(const cw_mac *m)
+{
+    return !cw_mac_is_busy(m) || (m->phase == CW_MAC_INTERMISSION && m->overloads_wanted == 0);
+}
+
+/* Whether all of them do, after a frame. In a leap the ends of its frame are known. */
+static bool bus_comes_to_rest(const cw_bus *bus)
+{
+    bool rests = !bus->followers || comes_to_rest(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; rests && rest; rest &= rest - 1)
+        rests = comes_to_rest(&bus->nodes[cw_lowest_node(rest)].mac);
+    return rests || bus->leap.active;
+}
+
 uint64_t cw_bus_next(const cw_bus *bus)
 {
     if (bus->news)
         return bus->now;
     uint64_t bits = horizon(bus);
-    bool unknown = bits == CW_QUIET_FOREVER && !cw_bus_idle(bus);
+    bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
     if (unknown || (!bus->leap.active && is_orphaned(bus)))
         bits = cw_least(bits, LOOK_AGAIN_BITS);
     if (bus->faults.awake_count)

@@ -15,6 +15,7 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
@@ -109,6 +110,44 @@ static port_stats stats_of(port *p)
     port_stats s;
     port_get_stats(p, &s);
     return s;
+}
+
+/* ---- Calls of the kernel --------------------------------------------------------------------- */
+
+static unsigned accepts;
+
+/* In place of libc's: those of the port are counted. */
+int accept4(int fd, struct sockaddr *address, socklen_t *size, int flags)
+{
+    accepts++;
+    return (int)syscall(SYS_accept4, fd, address, size, flags);
+}
+
+static void a_port_at_which_nothing_waits_accepts_nothing(void **state)
+{
+    fixture *f = *state;
+    accepts = 0;
+    for (unsigned i = 0; i < 10; i++)
+        assert_int_equal(read_none(f->port), 0);
+    assert_int_equal(accepts, 0);
+    int ecu = connect_to(f->path);
+    for (unsigned i = 0; i < 10; i++)
+        assert_int_equal(read_none(f->port), 0);
+    assert_int_equal(stats_of(f->port).connected, 1);
+    assert_true(accepts >= 1 && accepts <= 2);
+    accepts = 0;
+    for (unsigned i = 0; i < 10; i++) {
+        write_raw(ecu, 0x100 + i);
+        assert_int_equal(read_none(f->port), 1);
+        assert_int_equal(read_none(f->port), 0);
+    }
+    assert_int_equal(accepts, 0);
+    int second = connect_to(f->path);
+    assert_int_equal(read_none(f->port), 0);
+    assert_int_equal(stats_of(f->port).refused, 1);
+    assert_true(accepts > 0);
+    close(second);
+    close(ecu);
 }
 
 /* ---- Names ----------------------------------------------------------------------------------- */
@@ -692,6 +731,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(names_tell_the_kind_of_a_port),
+        ON_PORT(a_port_at_which_nothing_waits_accepts_nothing),
         ON_PORT(frames_come_with_the_time_at_which_they_were_sent),
         ON_PORT(frames_go_to_the_ecu_and_error_frames_too),
         ON_PORT(only_what_counts_in_a_frame_is_taken),
