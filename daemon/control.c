@@ -224,10 +224,11 @@ void control_on_reload(control *c, control_reload *call, void *user)
     c->world.reload_user = user;
 }
 
-void control_show_recordings(control *c, control_recordings *call, void *user)
+void control_show_files(control *c, control_files *recordings, control_files *journal, void *user)
 {
-    c->world.recordings = call;
-    c->world.recordings_user = user;
+    c->world.recordings = recordings;
+    c->world.journal = journal;
+    c->world.files_user = user;
 }
 
 control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)

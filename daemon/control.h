@@ -33,9 +33,9 @@ void control_stop(control *c);
 /* The configuration has changed: nodes have other places. */
 void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
 
-/* What goes into the status as `recordings`; NULL: nothing. */
-typedef json_t *control_recordings(void *user);
-void control_show_recordings(control *c, control_recordings *call, void *user);
+/* What goes into the status as `recordings` and `journal`; NULL, or a journal of NULL: nothing. */
+typedef json_t *control_files(void *user);
+void control_show_files(control *c, control_files *recordings, control_files *journal, void *user);
 
 /* Tells watchers that a recording has begun, or, with the reason, that it has stopped. */
 void control_tell_recording(control *c, const char *file, const char *why);

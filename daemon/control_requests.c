@@ -137,7 +137,10 @@ static bool run_status(request *r)
     json_t *status =
         status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors);
     if (r->world->recordings)
-        put(status, "recordings", r->world->recordings(r->world->recordings_user));
+        put(status, "recordings", r->world->recordings(r->world->files_user));
+    json_t *journal = r->world->journal ? r->world->journal(r->world->files_user) : NULL;
+    if (journal)
+        put(status, "journal", journal);
     put(r->reply, "status", status);
     return true;
 }

@@ -28,7 +28,8 @@ typedef struct request_world {
     request_reload *reload; /* or NULL */
     void *reload_user;
     json_t *(*recordings)(void *user); /* for the status; or NULL */
-    void *recordings_user;
+    json_t *(*journal)(void *user);    /* the same; it may return NULL */
+    void *files_user;
 } request_world;
 
 /* What a request did beyond its reply. */

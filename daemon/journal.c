@@ -4,6 +4,8 @@
  */
 #include "journal.h"
 
+#include "journal_keep.h"
+#include "journal_seal.h"
 #include "jsonput.h"
 #include "log.h"
 #include "settings.h"
@@ -20,18 +22,33 @@
 
 #define LINE_BYTES 512 /* of a short line */
 #define RECORD_HEAD 8u /* what a record needs in the queue besides its bytes, at most */
+#define RETRY_MARKS 5u /* about as many seconds until a broken journal is tried again */
+#define JOURNAL_WHY_MAX 100
 #define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
+
+typedef enum journal_state {
+    JOURNAL_WRITING = 0,
+    JOURNAL_BROKEN_OFF, /* nothing is written */
+    JOURNAL_TRYING      /* it is again, but none of it is known to be in the file yet */
+} journal_state;
 
 struct journal {
     spool *spool;
     char *file;
     const cfg *config; /* the live one */
     uint64_t last_at;  /* tick of the last line */
-    bool broken;
-    bool marked;        /* ... which is written in it */
-    bool told;          /* ... and in the log */
-    uint64_t broken_at; /* tick */
-    uint64_t lost;      /* lines */
+    uint64_t number;   /* of lines so far, written or not */
+    journal_state state;
+    bool told;           /* in the log, that it is broken */
+    bool reloaded;       /* since it is broken */
+    unsigned marks;      /* since it is broken, or was tried again */
+    uint64_t broken_at;  /* tick of the last line that may be there */
+    uint64_t taken_up_at;
+    uint64_t lost;       /* lines that were not even queued */
+    uint64_t lost_told;
+    unsigned gaps;
+    char why[JOURNAL_WHY_MAX];
+    char started[32];
 };
 
 /* ---- Counters -------------------------------------------------------------------------------- */
@@ -77,11 +94,23 @@ const journal_counter journal_counters[JOURNAL_COUNTERS] = {
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-static void lose_line(journal *j)
+/* Nothing is written from here on before take_up(). A gap that has not been closed goes on. */
+static void break_off(journal *j, const char *why)
 {
-    if (!j->broken)
+    if (j->state == JOURNAL_WRITING) {
         j->broken_at = j->last_at;
-    j->broken = true;
+        j->told = false;
+        (void)snprintf(j->why, sizeof j->why, "%s", why);
+    }
+    j->state = JOURNAL_BROKEN_OFF;
+    j->marks = 0;
+}
+
+static void lose_line(journal *j, const char *why)
+{
+    if (j->state != JOURNAL_BROKEN_OFF)
+        break_off(j, why);
+    j->number++;
     j->lost++;
 }
 
@@ -89,27 +118,32 @@ static void lose_line(journal *j)
 static bool write_line(journal *j, const char *line, size_t size)
 {
     bool good = size + size / SPOOL_RECORD_MAX * RECORD_HEAD + RECORD_HEAD <= spool_room(j->spool);
-    while (good && size > 0) {
-        size_t piece = size < SPOOL_RECORD_MAX ? size : SPOOL_RECORD_MAX;
-        good = spool_write(j->spool, line, piece);
-        line += piece;
-        size -= piece;
+    while (good && size > SPOOL_RECORD_MAX) {
+        good = spool_write_part(j->spool, line, SPOOL_RECORD_MAX);
+        line += SPOOL_RECORD_MAX;
+        size -= SPOOL_RECORD_MAX;
     }
-    return good;
+    return good && spool_write(j->spool, line, size);
 }
 
-static void put_line(journal *j, const char *line, size_t size)
+/* A line has room for a seal. */
+static void put_line(journal *j, char *line, size_t size)
 {
-    if (j->broken || !write_line(j, line, size))
-        lose_line(j);
+    if (j->state != JOURNAL_BROKEN_OFF &&
+        write_line(j, line, journal_seal_put(line, size, j->number + 1))) {
+        j->number++;
+        return;
+    }
+    int error = spool_error(j->spool);
+    lose_line(j, error != 0 ? strerror(error) : "the disk is too slow");
 }
 
 static void __attribute__((format(printf, 2, 3))) put_short(journal *j, const char *format, ...)
 {
-    char line[LINE_BYTES];
+    char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
     va_list args;
     va_start(args, format);
-    int size = vsnprintf(line, sizeof line, format, args);
+    int size = vsnprintf(line, LINE_BYTES, format, args);
     va_end(args);
     put_line(j, line, (size_t)size);
 }
@@ -118,12 +152,12 @@ static void put_object(journal *j, json_t *object)
 {
     char *text = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
     size_t size = text ? strlen(text) : 0;
-    char *line = text ? realloc(text, size + 2) : NULL;
+    char *line = text ? realloc(text, size + 2 + JOURNAL_SEAL_BYTES) : NULL;
     if (line) {
         memcpy(line + size, "\n", 2);
         put_line(j, line, size + 1);
     } else {
-        lose_line(j);
+        lose_line(j, strerror(ENOMEM));
         free(text);
     }
     free(line);
@@ -254,8 +288,10 @@ static void put_other(journal *j, const input *what)
 void journal_input(void *user, const input *what)
 {
     journal *j = user;
-    if (j->broken)
-        lose_line(j);
+    if (what->kind == INPUT_RELOAD && j->state != JOURNAL_WRITING)
+        j->reloaded = true;
+    if (j->state == JOURNAL_BROKEN_OFF)
+        lose_line(j, "");
     else if (what->kind == INPUT_SEND)
         put_send(j, what);
     else
@@ -278,37 +314,7 @@ static void put_mark(journal *j, const char *key, const inputs *in)
     j->last_at = stats.ticks;
 }
 
-/* Whoever reads it is to know; as soon as there is room. */
-static void mark_broken(journal *j)
-{
-    char line[LINE_BYTES];
-    int size = snprintf(line, sizeof line, "{\"at\":%" PRIu64 ",\"broken\":true}\n", j->broken_at);
-    j->marked = j->marked || write_line(j, line, (size_t)size);
-}
-
-static void tell_broken(journal *j)
-{
-    char time[TIME_TEXT_MAX];
-    int error = spool_error(j->spool);
-    text_print_seconds(time, j->broken_at);
-    log_error("journal %s: broken from %s s on: %s; the bus goes on without it", j->file, time,
-              error ? strerror(error) : "the disk is too slow");
-    j->told = true;
-}
-
-void journal_mark(journal *j, const inputs *in)
-{
-    if (!j->broken && spool_error(j->spool) == 0)
-        put_mark(j, "mark", in);
-    else if (!j->broken)
-        lose_line(j);
-    if (j->broken)
-        mark_broken(j);
-    if (j->broken && !j->told)
-        tell_broken(j);
-}
-
-/* ---- Start and stop -------------------------------------------------------------------------- */
+/* ---- The beginning --------------------------------------------------------------------------- */
 
 static void print_time(char out[32])
 {
@@ -321,19 +327,144 @@ static void print_time(char out[32])
 
 static void put_header(journal *j)
 {
-    char time[32];
     json_t *header = json_object();
-    print_time(time);
     put_count(header, "canwire-journal", JOURNAL_VERSION);
     put_text(header, "canwire", CANWIRE_VERSION);
     put_text(header, "bus", j->config->bus_name);
-    put_text(header, "started", time);
+    put_text(header, "started", j->started);
     put_object(j, header);
+}
+
+static void put_config(journal *j)
+{
     json_t *line = json_object();
     put_count(line, "at", 0);
     put(line, "config", files_to_json(j->config));
     put_object(j, line);
 }
+
+/* ---- Gaps ------------------------------------------------------------------------------------ */
+
+/* What is known of a node behind a gap, since what has become of it there is not. */
+static json_t *node_to_json(const journal *j, const inputs *in, unsigned node)
+{
+    cw_node_stats stats;
+    json_t *object = json_object();
+    if (cw_node_get_stats(in->bus, node, &stats) != CW_OK)
+        return object;
+    put_text(object, "name", j->config->nodes[node].name);
+    put_text(object, "state", cw_state_name(stats.state));
+    put_count(object, "tec", stats.tec);
+    put_count(object, "rec", stats.rec);
+    put_count(object, "queue", stats.queue);
+    return object;
+}
+
+static json_t *gap_to_json(const journal *j, const inputs *in)
+{
+    json_t *gap = json_object();
+    json_t *nodes = json_array();
+    json_t *rules = json_array();
+    put_text(gap, "why", j->why);
+    for (unsigned i = 0; i < j->config->node_count; i++)
+        put_last(nodes, node_to_json(j, in, i));
+    for (size_t i = 0; i < j->config->rule_count; i++)
+        if (j->config->rules[i].name)
+            put_text_last(rules, j->config->rules[i].name);
+    put(gap, "nodes", nodes);
+    put(gap, "rules", rules);
+    if (j->reloaded)
+        put(gap, "config", files_to_json(j->config));
+    return gap;
+}
+
+static void put_gap(journal *j, const inputs *in)
+{
+    const uint64_t now = cw_bus_now(in->bus);
+    json_t *line = begin_line(j, now, false);
+    put(line, "gap", gap_to_json(j, in));
+    put_object(j, line);
+    j->last_at = now;
+    j->taken_up_at = now;
+}
+
+/* Whether it is really taken up is seen when the line is in the file: see look(). */
+static void take_up(journal *j, const inputs *in)
+{
+    const uint64_t there = spool_kept(j->spool);
+    spool_resume(j->spool);
+    j->state = JOURNAL_TRYING;
+    if (there == 0)
+        put_header(j);
+    if (there <= 1)
+        put_config(j);
+    put_gap(j, in);
+    put_mark(j, "mark", in);
+}
+
+static void tell_broken(journal *j)
+{
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, j->broken_at);
+    log_error("journal %s: broken from %s s on: %s; the bus goes on without it", j->file, time,
+              j->why);
+    j->told = true;
+}
+
+static void tell_taken_up(journal *j)
+{
+    char begin[TIME_TEXT_MAX];
+    char end[TIME_TEXT_MAX];
+    text_print_seconds(begin, j->broken_at);
+    text_print_seconds(end, j->taken_up_at);
+    log_warning("journal %s: taken up again, nothing is written from %s s to %s s, %" PRIu64
+                " lines are missing; it can be run again up to there only",
+                j->file, begin, end, journal_lost(j) - j->lost_told);
+    j->lost_told = journal_lost(j);
+}
+
+/* How the disk takes it. */
+static void look(journal *j)
+{
+    int error = spool_error(j->spool);
+    if (j->state == JOURNAL_TRYING && spool_has_resumed(j->spool)) {
+        j->state = JOURNAL_WRITING;
+        j->reloaded = false;
+        j->gaps++;
+        tell_taken_up(j);
+    }
+    if (j->state != JOURNAL_BROKEN_OFF && error != 0)
+        break_off(j, strerror(error));
+    if (j->state == JOURNAL_BROKEN_OFF && !j->told)
+        tell_broken(j);
+}
+
+/* A disk that was too slow has to have written what waited, another one gets some time. */
+static bool may_be_tried(const journal *j)
+{
+    if (spool_error(j->spool) == 0)
+        return spool_room(j->spool) > SPOOL_QUEUE_BYTES / 2;
+    return j->marks >= RETRY_MARKS;
+}
+
+void journal_mark(journal *j, const inputs *in)
+{
+    look(j);
+    if (j->state != JOURNAL_BROKEN_OFF)
+        put_mark(j, "mark", in);
+    else if (may_be_tried(j))
+        take_up(j, in);
+    j->marks++;
+}
+
+void journal_retry(journal *j, const inputs *in)
+{
+    look(j);
+    if (j->state == JOURNAL_BROKEN_OFF)
+        take_up(j, in);
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
 
 static void free_journal(journal *j)
 {
@@ -341,14 +472,17 @@ static void free_journal(journal *j)
     free(j);
 }
 
-journal *journal_start(const char *file, const cfg *config, char error[JOURNAL_ERROR_MAX])
+journal *journal_start(const char *file, unsigned files, const cfg *config,
+                       char error[JOURNAL_ERROR_MAX])
 {
     journal *j = calloc(1, sizeof *j);
     int problem = ENOMEM;
     if (j)
         j->file = strdup(file);
     if (j && j->file)
-        j->spool = spool_open(file, JOURNAL_FILES, NULL, NULL, &problem);
+        problem = journal_make_room(file, files);
+    if (j && j->file && problem == 0)
+        j->spool = spool_open(file, 1, NULL, NULL, &problem);
     if (!j || !j->spool) {
         (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file,
                        spool_explain(problem));
@@ -357,30 +491,61 @@ journal *journal_start(const char *file, const cfg *config, char error[JOURNAL_E
         return NULL;
     }
     j->config = config;
+    spool_last(j->spool);
+    print_time(j->started);
     put_header(j);
+    put_config(j);
     return j;
+}
+
+/* What is missing at the end of the file. */
+static void tell_end(journal *j, int error)
+{
+    if (error)
+        log_error("journal %s: its end could not be written: %s; at least %" PRIu64
+                  " lines are missing",
+                  j->file, strerror(error), journal_lost(j) - j->lost_told);
+    else if (j->state != JOURNAL_WRITING)
+        tell_taken_up(j);
 }
 
 void journal_stop(journal *j, const inputs *in)
 {
     if (!j)
         return;
-    if (!j->broken)
-        put_mark(j, "end", in);
-    if (j->broken)
-        mark_broken(j);
+    look(j);
+    if (j->state == JOURNAL_BROKEN_OFF)
+        take_up(j, in);
+    put_mark(j, "end", in);
     const struct timespec until = thread_in_seconds(CLOSE_S);
     int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
+    if (error == 0 && j->state == JOURNAL_BROKEN_OFF)
+        error = ENOBUFS;
+    tell_end(j, error);
     (void)spool_close(j->spool, 0);
-    if (j->broken)
-        log_error("journal %s: at least %" PRIu64 " lines are missing at its end", j->file,
-                  j->lost);
-    else if (error)
-        log_error("journal %s: its end could not be written: %s", j->file, strerror(error));
     free_journal(j);
 }
 
 uint64_t journal_lost(const journal *j)
 {
-    return j->lost;
+    return j->lost + spool_lost(j->spool);
+}
+
+bool journal_is_broken(const journal *j)
+{
+    return j && j->state != JOURNAL_WRITING;
+}
+
+json_t *journal_to_json(const journal *j)
+{
+    json_t *object = json_object();
+    put(object, "file", text_to_json(j->file, strlen(j->file)));
+    put_text(object, "state", j->state == JOURNAL_WRITING ? "writing" : "broken");
+    put_text(object, "why", j->state == JOURNAL_WRITING ? NULL : j->why);
+    put_count(object, "lines", j->number - journal_lost(j));
+    put_count(object, "lost", journal_lost(j));
+    put_count(object, "gaps", j->gaps);
+    if (j->state != JOURNAL_WRITING)
+        put_count(object, "broken_ns", text_ticks_ns(j->broken_at));
+    return object;
 }

@@ -280,12 +280,30 @@ static void tell_incomplete(journal_player *p, const char *why)
 {
     char time[TIME_TEXT_MAX];
     text_print_seconds(time, cw_bus_now(p->inputs.bus));
-    fprintf(p->errors, "%s: %s at %s s; what followed is not known\n", p->file, why, time);
+    fprintf(p->errors, "%s: %s at %s s (line %zu, byte %" PRIu64 "); what followed is not known\n",
+            p->file, why, time, journal_line(p->reader), journal_byte(p->reader));
+}
+
+/* The bus at its end is not that of before: what is behind it can be read, but not run again. */
+static void tell_gap(journal_player *p)
+{
+    char begin[TIME_TEXT_MAX];
+    char end[TIME_TEXT_MAX];
+    text_print_seconds(begin, cw_bus_now(p->inputs.bus));
+    text_print_seconds(end, p->entry.at);
+    fprintf(p->errors,
+            "%s:%zu:1: nothing was written from %s s to %s s (%s), %" PRIu64
+            " lines are missing; what followed cannot be run again\n",
+            p->file, journal_line(p->reader), begin, end, p->entry.why, p->entry.missing);
 }
 
 static journal_outcome conclude(journal_player *p)
 {
     journal_outcome outcome = JOURNAL_PLAYED;
+    if (p->entry.kind == JOURNAL_GAP) {
+        tell_gap(p);
+        outcome = JOURNAL_INCOMPLETE;
+    }
     if (p->entry.kind == JOURNAL_BROKEN || p->entry.kind == JOURNAL_CUT) {
         tell_incomplete(p, p->entry.kind == JOURNAL_CUT ? "the journal is cut off"
                                                         : "the journal is broken");
@@ -306,6 +324,7 @@ static bool play_entry(journal_player *p)
         return true;
     case JOURNAL_CONFIG:
         return fail(p, "config", "there is a second configuration");
+    case JOURNAL_GAP:
     case JOURNAL_BROKEN:
     case JOURNAL_CUT:
     case JOURNAL_BAD:
@@ -321,7 +340,7 @@ journal_outcome journal_play(journal_player *p)
         journal_next(p->reader, &p->entry);
         if (e->kind == JOURNAL_BAD)
             return JOURNAL_FAILED;
-        if (e->kind == JOURNAL_CUT)
+        if (e->kind == JOURNAL_CUT || e->kind == JOURNAL_GAP)
             return conclude(p);
         if (!check_time(p))
             return JOURNAL_FAILED;

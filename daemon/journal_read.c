@@ -9,6 +9,7 @@
 
 #include "arena.h"
 #include "buffer.h"
+#include "journal_seal.h"
 #include "nearest.h"
 #include "settings.h"
 #include "text.h"
@@ -35,12 +36,20 @@ struct journal_reader {
     buffer bytes;  /* read and not yet used */
     bool at_end;   /* of the file */
     bool over;     /* nothing more is to come */
+    bool failed;   /* to read the file */
     size_t number; /* of the present line, from 1 */
+    uint64_t byte; /* the first of it */
+    unsigned version;
+    uint64_t last; /* what the line before has as its number */
+    uint64_t tick; /* what it has as `at` */
+    bool damaged;  /* a line before this one is: numbers need not go on */
     const char *line;
     size_t length;
     json_t *object; /* of the line */
     arena arena;    /* of the entry */
     char *writer;
+    char *bus;
+    char *started;
 };
 
 typedef struct key_spec {
@@ -329,6 +338,12 @@ static bool read_counters(journal_reader *r, journal_entry *entry)
            wrong(r, key, "%s: there are more counters than are known", key);
 }
 
+static bool read_gap(journal_reader *r, journal_entry *entry)
+{
+    entry->why = json_string_value(json_object_get(value_of(r, "gap"), "why"));
+    return entry->why || wrong(r, "gap", "gap: the key 'why' is missing");
+}
+
 static bool read_nothing(journal_reader *r, journal_entry *entry)
 {
     (void)r;
@@ -359,12 +374,20 @@ static const line_spec specs[] = {
     {"reload", JOURNAL_INPUT, INPUT_RELOAD, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
     {"mark", JOURNAL_MARK, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
     {"end", JOURNAL_END, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
+    {"gap", JOURNAL_GAP, INPUT_COUNT, read_gap, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
     {"broken", JOURNAL_BROKEN, INPUT_COUNT, read_nothing, JSON_TRUE, {{NULL, JSON_NULL, false}}},
 };
 
 #define SPECS (sizeof specs / sizeof specs[0])
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
+
+/* Whether a key is the reader's own, and no line has to name it. */
+static bool is_common(const journal_reader *r, const char *key)
+{
+    return strcmp(key, "at") == 0 ||
+           (r->version > 1 && (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0));
+}
 
 /* JSON_NULL stands for anything. */
 static bool check_type(journal_reader *r, const char *key, json_type type)
@@ -396,7 +419,7 @@ static const line_spec *find_spec(journal_reader *r)
     nearest guess = {.word = ""};
     for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
         const char *key = json_object_iter_key(i);
-        if (strcmp(key, "at") == 0)
+        if (is_common(r, key))
             continue;
         guess = (nearest){.word = key};
         for (size_t k = 0; k < SPECS; k++)
@@ -414,7 +437,7 @@ static bool check_keys(journal_reader *r, const line_spec *spec)
     for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
         const char *name = json_object_iter_key(i);
         const key_spec *key = find_key(spec, name);
-        if (strcmp(name, "at") == 0 || strcmp(name, spec->name) == 0 ||
+        if (is_common(r, name) || strcmp(name, spec->name) == 0 ||
             (strcmp(name, "again") == 0 && spec->kind != JOURNAL_CONFIG))
             continue;
         if (!key)
@@ -428,8 +451,30 @@ static bool check_keys(journal_reader *r, const line_spec *spec)
     return check_type(r, spec->name, spec->type);
 }
 
+/* Numbers go on one by one; behind a gap those of the lines in it are left out. */
+static bool check_number(journal_reader *r, journal_entry *entry)
+{
+    uint64_t number = 0;
+    if (r->version < 2)
+        return true;
+    if (!read_number(r, &number, "n", INT64_MAX))
+        return false;
+    const uint64_t missing = number > r->last ? number - r->last - 1 : 0;
+    const bool again = number <= r->last;
+    const bool known = r->damaged;
+    r->last = number;
+    r->damaged = false;
+    entry->missing = missing;
+    if (again)
+        return wrong(r, "n", "damaged: line number %" PRIu64 " has been there before", number);
+    return missing == 0 || known || value_of(r, "gap") ||
+           wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
+}
+
 static bool understand(journal_reader *r, journal_entry *entry)
 {
+    if (!check_number(r, entry))
+        return false;
     if (!value_of(r, "at"))
         return wrong(r, NULL, "the key 'at' is missing");
     if (!read_number(r, &entry->at, "at", INT64_MAX))
@@ -443,6 +488,7 @@ static bool understand(journal_reader *r, journal_entry *entry)
     entry->what.kind = spec->input;
     entry->what.now = entry->at;
     entry->what.advanced = value_of(r, "again") != NULL;
+    r->tick = entry->at;
     return spec->read(r, entry);
 }
 
@@ -454,6 +500,7 @@ static bool read_more(journal_reader *r)
     if (r->at_end)
         return false;
     r->over = true;
+    r->failed = true;
     if (buffer_length(&r->bytes) > LINE_BYTES_MAX)
         return wrong(r, NULL, "the line is too long");
     if (!buffer_reserve(&r->bytes, READ_BYTES))
@@ -465,6 +512,7 @@ static bool read_more(journal_reader *r)
     if (count < 0)
         return wrong(r, NULL, "cannot read: %s", strerror(errno));
     r->over = false;
+    r->failed = false;
     r->bytes.end += (size_t)count;
     r->at_end = count == 0;
     return count > 0;
@@ -474,8 +522,10 @@ static bool read_more(journal_reader *r)
 static bool next_line(journal_reader *r)
 {
     size_t searched = 0;
-    if (r->line)
+    if (r->line) {
         buffer_take(&r->bytes, r->length + 1);
+        r->byte += r->length + 1;
+    }
     r->line = NULL;
     r->length = 0;
     r->number++;
@@ -494,11 +544,28 @@ static bool next_line(journal_reader *r)
     }
 }
 
+/* The header says whether there are seals, but it is looked at first. */
+static bool check_seal(journal_reader *r)
+{
+    char time[TIME_TEXT_MAX];
+    journal_seal seal = journal_seal_check(r->line, r->length);
+    if (seal == JOURNAL_SEAL_GOOD || (seal == JOURNAL_SEAL_NONE && r->version < 2))
+        return true;
+    text_print_seconds(time, r->tick);
+    r->damaged = true;
+    return wrong(r, NULL, "damaged: %s, bytes %" PRIu64 " to %" PRIu64 " of the file, behind %s s",
+                 seal == JOURNAL_SEAL_NONE ? "no checksum" : "wrong checksum", r->byte,
+                 r->byte + r->length, time);
+}
+
 /* The line as an object; false after a complaint. */
 static bool parse_line(journal_reader *r)
 {
     json_error_t error;
     json_decref(r->object);
+    r->object = NULL;
+    if (!check_seal(r))
+        return false;
     r->object = json_loadb(r->line, r->length, JSON_REJECT_DUPLICATES | JSON_ALLOW_NUL, &error);
     if (json_is_object(r->object))
         return true;
@@ -522,11 +589,19 @@ static bool read_header(journal_reader *r)
         return wrong(r, NULL, "%s", none);
     if (!read_number(r, &version, "canwire-journal", INT64_MAX))
         return false;
-    if (version != JOURNAL_VERSION)
-        return wrong(r, "canwire-journal", "version %" PRIu64 " of journals is not known, only %d",
-                     version, JOURNAL_VERSION);
+    if (version < 1 || version > JOURNAL_VERSION)
+        return wrong(r, "canwire-journal",
+                     "version %" PRIu64 " of journals is not known, only 1 to %d", version,
+                     JOURNAL_VERSION);
+    r->version = (unsigned)version;
+    const char *bus = text_of(r, "bus");
+    const char *started = text_of(r, "started");
     r->writer = strdup(writer);
-    return r->writer || no_memory(r);
+    r->bus = strdup(bus ? bus : "");
+    r->started = strdup(started ? started : "");
+    if (!r->writer || !r->bus || !r->started)
+        return no_memory(r);
+    return r->version < 2 || (check_seal(r) && read_number(r, &r->last, "n", INT64_MAX));
 }
 
 journal_reader *journal_open(const char *file, FILE *errors)
@@ -558,6 +633,8 @@ void journal_close(journal_reader *r)
     arena_free(&r->arena);
     buffer_free(&r->bytes);
     free(r->writer);
+    free(r->bus);
+    free(r->started);
     free(r);
 }
 
@@ -579,5 +656,46 @@ void journal_next(journal_reader *r, journal_entry *entry)
         entry->kind = JOURNAL_CUT;
     }
     r->over = entry->kind != JOURNAL_CONFIG && entry->kind != JOURNAL_INPUT &&
-              entry->kind != JOURNAL_MARK;
+              entry->kind != JOURNAL_MARK && entry->kind != JOURNAL_GAP;
+}
+
+bool journal_go_on(journal_reader *r)
+{
+    r->over = r->failed;
+    return !r->over;
+}
+
+bool journal_is_at_end(journal_reader *r)
+{
+    return buffer_length(&r->bytes) <= r->length + (r->line != NULL) && !read_more(r);
+}
+
+size_t journal_line(const journal_reader *r)
+{
+    return r->number;
+}
+
+uint64_t journal_byte(const journal_reader *r)
+{
+    return r->byte;
+}
+
+uint64_t journal_tick(const journal_reader *r)
+{
+    return r->tick;
+}
+
+unsigned journal_version(const journal_reader *r)
+{
+    return r->version;
+}
+
+const char *journal_bus(const journal_reader *r)
+{
+    return r->bus;
+}
+
+const char *journal_started(const journal_reader *r)
+{
+    return r->started;
 }

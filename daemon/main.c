@@ -7,6 +7,7 @@
 #include "control.h"
 #include "engine.h"
 #include "journal.h"
+#include "journal_keep.h"
 #include "jsonput.h"
 #include "log.h"
 #include "losses.h"
@@ -51,7 +52,13 @@ typedef struct service {
     struct ev_loop *loop;
 } service;
 
-static const char usage[] = "usage: canwired -c FILE [--journal F]\n";
+typedef struct options {
+    const char *config;
+    const char *journal; /* or NULL */
+    unsigned journal_files;
+} options;
+
+static const char usage[] = "usage: canwired -c FILE [--journal F [--journal-files N]]\n";
 
 static const char help[] =
     "\n"
@@ -59,10 +66,11 @@ static const char help[] =
     "reads\n"
     "FILE again.\n"
     "\n"
-    "  -c, --config FILE   configuration (see canwire check)\n"
-    "      --journal F     write down all that is done to the bus, for canwire sim --journal\n"
-    "  -h, --help          this text\n"
-    "      --version       the version\n"
+    "  -c, --config FILE       configuration (see canwire check)\n"
+    "      --journal F         write down all that is done to the bus, for canwire sim --journal\n"
+    "      --journal-files N   how many journals are kept, F, F.1 ...: 2 to 1000, default 5\n"
+    "  -h, --help              this text\n"
+    "      --version           the version\n"
     "\n"
     "Exit status: 0, 1 bad configuration or a port that cannot be opened, 2 wrong usage.\n";
 
@@ -114,6 +122,12 @@ static json_t *show_recordings(void *user)
 {
     const service *s = user;
     return recordings_json(s->recordings);
+}
+
+static json_t *show_journal(void *user)
+{
+    const service *s = user;
+    return s->journal ? journal_to_json(s->journal) : NULL;
 }
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
@@ -218,6 +232,8 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
     service *s = user;
     losses_remap(&s->losses, from);
     recordings_reload(s->recordings, engine_bus(s->engine));
+    if (s->journal)
+        journal_retry(s->journal, engine_inputs(s->engine));
     observe_bits(s);
     if (s->control)
         control_remap(s->control, from);
@@ -232,6 +248,17 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 
 /* ---- Statistics and status ------------------------------------------------------------------- */
 
+static void publish_files(service *s)
+{
+    json_t *recorded = recordings_json(s->recordings);
+    json_t *written = show_journal(s);
+    publisher_files(s->publisher, "record", recorded);
+    if (written)
+        publisher_files(s->publisher, "journal", written);
+    json_decref(recorded);
+    json_decref(written);
+}
+
 static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
@@ -241,6 +268,7 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     report beyond;
     engine_report(s->engine, &beyond);
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
+    publish_files(s);
 }
 
 /* What is wrong with a node, NULL: nothing. */
@@ -288,10 +316,11 @@ static void tell_status(service *s)
     print_trouble(trouble, s, &beyond);
     notify_status(s->notifier,
                   "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
-                  " error frames%s%s",
+                  " error frames%s%s%s",
                   s->config->bus_name, s->config->node_count, s->config->bitrate_bps,
                   stats.load_permille / 10u, stats.load_permille % 10u, stats.frames,
-                  stats.error_frames, trouble, s->refused);
+                  stats.error_frames, trouble,
+                  journal_is_broken(s->journal) ? ", journal broken" : "", s->refused);
 }
 
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
@@ -333,10 +362,10 @@ static void report_end(const service *s)
              stats.frames, stats.error_frames, stats.pending);
 }
 
-static bool start_journal(service *s, const char *file)
+static bool start_journal(service *s, const options *o)
 {
     char error[JOURNAL_ERROR_MAX];
-    s->journal = journal_start(file, s->config, error);
+    s->journal = journal_start(o->journal, o->journal_files, s->config, error);
     if (!s->journal) {
         log_error("%s", error);
         return false;
@@ -364,11 +393,11 @@ static bool start_control(service *s, struct ev_loop *loop)
     if (!s->control)
         return false;
     control_on_reload(s->control, on_reload_request, s);
-    control_show_recordings(s->control, show_recordings, s);
+    control_show_files(s->control, show_recordings, show_journal, s);
     return true;
 }
 
-static bool start(service *s, struct ev_loop *loop, const char *journal_file)
+static bool start(service *s, struct ev_loop *loop, const options *o)
 {
     if (!take_inherited(s))
         return false;
@@ -399,12 +428,12 @@ static bool start(service *s, struct ev_loop *loop, const char *journal_file)
     observe_bits(s);
     /* Last: it puts another file in the place of the one there, which must not happen when the
      * same bus runs already and this one is refused. Up to here nothing has been put in. */
-    return !journal_file || start_journal(s, journal_file);
+    return !o->journal || start_journal(s, o);
 }
 
-static bool run(service *s, struct ev_loop *loop, const char *journal_file)
+static bool run(service *s, struct ev_loop *loop, const options *o)
 {
-    if (!start(s, loop, journal_file))
+    if (!start(s, loop, o))
         return false;
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
@@ -423,22 +452,49 @@ static bool run(service *s, struct ev_loop *loop, const char *journal_file)
     return true;
 }
 
-/* Returns -1 to go on, else the exit status. */
-static int parse_options(const char **file, const char **journal_file, int argc, char **argv)
+static int refuse_usage(void)
 {
-    static const struct option options[] = {{"config", required_argument, NULL, 'c'},
-                                            {"journal", required_argument, NULL, 'j'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {NULL, 0, NULL, 0}};
+    fputs(usage, stderr);
+    return 2;
+}
+
+static bool read_journal_files(options *o, const char *text)
+{
+    uint64_t number;
+    if (!text_parse_uint(&number, text) && number >= JOURNAL_FILES_MIN &&
+        number <= JOURNAL_FILES_MAX) {
+        o->journal_files = (unsigned)number;
+        return true;
+    }
+    fprintf(stderr, "canwired: --journal-files %s: expected a number from %u to %u\n", text,
+            JOURNAL_FILES_MIN, JOURNAL_FILES_MAX);
+    return false;
+}
+
+/* Returns -1 to go on, else the exit status. */
+static int parse_options(options *o, int argc, char **argv)
+{
+    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
+                                          {"journal", required_argument, NULL, 'j'},
+                                          {"journal-files", required_argument, NULL, 'k'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {"version", no_argument, NULL, 'v'},
+                                          {NULL, 0, NULL, 0}};
     int c;
-    while ((c = getopt_long(argc, argv, "c:h", options, NULL)) != -1) {
+    bool files = false;
+    *o = (options){.journal_files = JOURNAL_FILES_DEFAULT};
+    while ((c = getopt_long(argc, argv, "c:h", known, NULL)) != -1) {
         switch (c) {
         case 'c':
-            *file = optarg;
+            o->config = optarg;
             break;
         case 'j':
-            *journal_file = optarg;
+            o->journal = optarg;
+            break;
+        case 'k':
+            files = true;
+            if (!read_journal_files(o, optarg))
+                return 2;
             break;
         case 'h':
             fputs(usage, stdout);
@@ -448,15 +504,10 @@ static int parse_options(const char **file, const char **journal_file, int argc,
             puts("canwired " CANWIRE_VERSION);
             return 0;
         default:
-            fputs(usage, stderr);
-            return 2;
+            return refuse_usage();
         }
     }
-    if (!*file || optind != argc) {
-        fputs(usage, stderr);
-        return 2;
-    }
-    return -1;
+    return !o->config || optind != argc || (files && !o->journal) ? refuse_usage() : -1;
 }
 
 /* No file is opened for writing before it is known to have no other use. */
@@ -532,19 +583,18 @@ static struct ev_loop *make_loop(void)
 
 int main(int argc, char **argv)
 {
-    const char *file = NULL;
-    const char *journal_file = NULL;
+    options o;
     json_must_have_memory();
-    int status = parse_options(&file, &journal_file, argc, argv);
+    int status = parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
     /* A log that nobody reads any more, or an LCM server that is gone, is no reason to end. */
     (void)signal(SIGPIPE, SIG_IGN);
     service s = {.live = NULL};
-    if (journal_file)
-        fileuses_add(&s.files, &(fileuse){.what = "--journal", .path = journal_file,
-                                          .written = true, .older = JOURNAL_FILES - 1});
-    s.live = load(file, &s.files);
+    if (o.journal) /* one more than there are is kept where none may go */
+        fileuses_add(&s.files, &(fileuse){.what = "--journal", .path = o.journal, .written = true,
+                                          .older = o.journal_files});
+    s.live = load(o.config, &s.files);
     if (!s.live) {
         fileuses_free(&s.files);
         return 1;
@@ -557,7 +607,7 @@ int main(int argc, char **argv)
         return 1;
     }
     s.notifier = notify_open(loop);
-    bool good = run(&s, loop, journal_file);
+    bool good = run(&s, loop, &o);
     reloader_free(s.reloader);
     s.reloader = NULL;
     control_stop(s.control);

@@ -11,6 +11,7 @@
 
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
+#include <canwire_file_t.h>
 #include <canwire_node_stats_t.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -52,6 +53,7 @@ struct publisher {
     char channel_bus[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
+    char channel_file[CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
     char *event_text; /* of open_memstream, reused */
@@ -209,6 +211,7 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
     (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
     (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
+    (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
 }
 
 static void free_publisher(publisher *p)
@@ -424,6 +427,42 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
             publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
     }
     p->last_bus = stats;
+}
+
+/* Only read when encoded; "" when it is not there. */
+static char *text_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+    return (char *)(uintptr_t)(text ? text : "");
+}
+
+static int64_t count_of(const json_t *object, const char *key)
+{
+    return json_integer_value(json_object_get(object, key));
+}
+
+static void publish_file(publisher *p, const char *kind, const json_t *file)
+{
+    const canwire_file_t m = {
+        .utime_us = realtime_us(),
+        .bus = p->config->bus_name,
+        .kind = (char *)(uintptr_t)kind, /* only read when encoded */
+        .file = text_of(file, "file"),
+        .state = text_of(file, "state"),
+        .why = text_of(file, "why"),
+        .entries = count_of(file, "entries") + count_of(file, "lines"),
+        .lost = count_of(file, "lost"),
+        .gaps = (int32_t)count_of(file, "gaps"),
+    };
+    PUBLISH(p, p->channel_file, canwire_file_t, &m);
+}
+
+void publisher_files(publisher *p, const char *kind, const json_t *files)
+{
+    if (!json_is_array(files))
+        publish_file(p, kind, files);
+    for (size_t i = 0; i < json_array_size(files); i++)
+        publish_file(p, kind, json_array_get(files, i));
 }
 
 /* Splits the lines that output_event() wrote: one a node, in the order of the nodes. */

@@ -12,6 +12,8 @@
 #include "config.h"
 #include "report.h"
 
+#include <jansson.h>
+
 typedef struct publisher publisher;
 
 /* Starts the thread. NULL when there is no memory or no thread. The config must live longer. */
@@ -26,6 +28,9 @@ void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
 
 /* Queues one BUS message and a NODE message for every node. */
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
+
+/* Queues a FILE message for each file, of what journal_to_json() or recordings_json() says. */
+void publisher_files(publisher *p, const char *kind, const json_t *files);
 
 /* Queues an EVENT message for every node that it concerns, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);

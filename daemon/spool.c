@@ -23,6 +23,7 @@
 #include <unistd.h>
 
 #define HEAD sizeof(uint32_t)        /* of a record */
+#define PART (UINT32_C(1) << 31)     /* in its head: the next one belongs to it */
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
 #define MODE 0640 /* less the umask: what a bus carried is not for everybody */
@@ -32,6 +33,8 @@ struct spool {
     folder folder; /* of the file: whatever becomes of its path, all happens there */
     int fd;        /* locked, so that no other program rotates it */
     uint64_t written; /* bytes of records in this file */
+    uint64_t whole;   /* ... of those that are whole with all their parts */
+    bool opened;      /* or the thread does that first */
     spool_news *news;
     void *user;
     unsigned char *batch;
@@ -43,6 +46,10 @@ struct spool {
     size_t used;
     bool ending;
     bool ended;
+    bool lasting; /* no error ends it */
+    bool proven;  /* something has been written since spool_resume() */
+    uint64_t kept; /* records in the file; while there are no cuts */
+    uint64_t lost; /* records that were queued when it came to an error */
     int error;
     unsigned char *queue;
 };
@@ -141,6 +148,7 @@ static int make_file(spool *s)
         return error;
     s->fd = fd;
     s->written = 0;
+    s->whole = 0;
     return 0;
 }
 
@@ -208,7 +216,7 @@ static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
     *batch = 0;
     *cut = false;
     while (taken < used) {
-        uint32_t size = record_size(s, taken);
+        uint32_t size = record_size(s, taken) & ~PART;
         if (*batch + size > BATCH)
             break;
         *cut = size == 0;
@@ -221,32 +229,58 @@ static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
     return taken;
 }
 
-/* How many of so many bytes at the front of the queue are whole records. */
-static size_t whole_bytes(const spool *s, size_t bytes)
+typedef struct extent {
+    size_t bytes;
+    uint64_t records;
+} extent;
+
+/* What of so many bytes of records at the front of the queue is whole with all its parts. */
+static extent whole_records(const spool *s, size_t bytes)
 {
     size_t offset = 0;
-    for (size_t whole = 0;;) {
-        uint32_t size = record_size(s, offset);
-        if (whole + size > bytes || size == 0)
-            return whole;
-        whole += size;
+    extent whole = {.bytes = 0};
+    for (size_t seen = 0; seen < bytes;) {
+        uint32_t head = record_size(s, offset);
+        uint32_t size = head & ~PART;
+        if (size == 0 || seen + size > bytes)
+            break;
+        seen += size;
         offset += HEAD + size;
+        if (!(head & PART))
+            whole = (extent){.bytes = seen, .records = whole.records + 1};
     }
+    return whole;
+}
+
+/* Records, with all their parts one each, in so many bytes of the queue. */
+static uint64_t count_records(const spool *s, size_t used)
+{
+    uint64_t count = 0;
+    for (size_t offset = 0; offset < used;) {
+        uint32_t head = record_size(s, offset);
+        count += head != 0 && !(head & PART);
+        offset += HEAD + (head & ~PART);
+    }
+    return count;
 }
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
 /* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a
  * record that did not get into the file as a whole is then taken out again. */
-static int write_batch(spool *s, size_t size)
+static int write_batch(spool *s, extent *whole, size_t size)
 {
     size_t done;
     int error = write_all(s->fd, s->batch, size, &done);
-    if (error != 0) {
-        done = whole_bytes(s, done);
-        (void)!ftruncate(s->fd, (off_t)(s->written + done));
-    }
+    *whole = whole_records(s, done);
+    if (whole->bytes > 0)
+        s->whole = s->written + whole->bytes;
     s->written += done;
+    if (error == 0)
+        return 0;
+    (void)!ftruncate(s->fd, (off_t)s->whole);
+    (void)lseek(s->fd, (off_t)s->whole, SEEK_SET);
+    s->written = s->whole;
     return error;
 }
 
@@ -270,6 +304,16 @@ static void wait_for_work(spool *s)
             break;
 }
 
+/* What was to be written is not, and the thread waits for spool_resume(). With the lock held. */
+static void wait_in_trouble(spool *s, int error)
+{
+    s->error = error;
+    s->lost += count_records(s, s->used);
+    s->used = 0;
+    while (s->error != 0 && !s->ending)
+        (void)pthread_cond_wait(&s->changed, &s->lock);
+}
+
 /* One round; returns 0 or an errno. With the lock held, but not while it writes. */
 static int work(spool *s)
 {
@@ -277,27 +321,47 @@ static int work(spool *s)
     unsigned files = s->files;
     size_t batch;
     bool cut;
+    extent whole;
     (void)pthread_mutex_unlock(&s->lock);
     size_t taken = fill_batch(s, used, &batch, &cut);
-    int error = write_batch(s, batch);
+    int error = write_batch(s, &whole, batch);
     if (error == 0 && cut)
         error = cut_here(s, files);
     (void)pthread_mutex_lock(&s->lock);
+    s->kept += whole.records;
+    if (error != 0)
+        s->lost += count_records(s, taken) - whole.records;
     s->first = (s->first + taken) % SPOOL_QUEUE_BYTES;
     s->used -= taken;
+    s->proven = s->proven || error == 0;
     return error;
+}
+
+/* Returns 0 or an errno. */
+static int open_files(spool *s, unsigned files)
+{
+    int error = folder_open(&s->folder, s->file);
+    s->opened = true;
+    return error == 0 ? begin_file(s, files) : error;
 }
 
 static void *run(void *argument)
 {
     spool *s = argument;
-    int error = 0;
+    (void)pthread_mutex_lock(&s->lock);
+    const unsigned files = s->files;
+    (void)pthread_mutex_unlock(&s->lock);
+    int error = s->opened ? 0 : open_files(s, files);
     (void)pthread_mutex_lock(&s->lock);
     while (error == 0 && (s->used > 0 || !s->ending)) {
         if (s->used < SPOOL_QUEUE_BYTES / 4)
             wait_for_work(s);
         if (s->used > 0)
             error = work(s);
+        if (error != 0 && s->lasting) {
+            wait_in_trouble(s, error);
+            error = s->error;
+        }
     }
     (void)pthread_mutex_unlock(&s->lock);
     int end_error = end_file(s);
@@ -328,7 +392,8 @@ static void free_spool(spool *s)
     free(s);
 }
 
-spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+static spool *make(const char *file, unsigned files, spool_news *news, void *user, bool open,
+                   int *error)
 {
     spool *s = calloc(1, sizeof *s);
     if (!s) {
@@ -339,9 +404,9 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
                  .files = files, .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
     (void)pthread_mutex_init(&s->lock, NULL);
     thread_init_condition(&s->changed);
-    *error = s->file && s->batch && s->queue ? folder_open(&s->folder, s->file) : ENOMEM;
-    if (*error == 0)
-        *error = begin_file(s, files);
+    *error = s->file && s->batch && s->queue ? 0 : ENOMEM;
+    if (*error == 0 && open)
+        *error = open_files(s, files);
     if (*error == 0)
         *error = thread_start(&s->thread, run, s);
     if (*error == 0)
@@ -350,10 +415,60 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
     return NULL;
 }
 
+spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    return make(file, files, news, user, true, error);
+}
+
+spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    return make(file, files, news, user, false, error);
+}
+
+void spool_last(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->lasting = true;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+void spool_resume(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->error = s->ended ? s->error : 0;
+    s->proven = false;
+    (void)pthread_cond_broadcast(&s->changed);
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+bool spool_has_resumed(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    bool proven = s->proven && s->error == 0;
+    (void)pthread_mutex_unlock(&s->lock);
+    return proven;
+}
+
+uint64_t spool_kept(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t kept = s->kept;
+    (void)pthread_mutex_unlock(&s->lock);
+    return kept;
+}
+
+uint64_t spool_lost(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t lost = s->lost;
+    (void)pthread_mutex_unlock(&s->lock);
+    return lost;
+}
+
 static size_t room(const spool *s)
 {
     size_t left = SPOOL_QUEUE_BYTES - s->used;
-    return s->ending || s->ended || left < HEAD ? 0 : left - HEAD;
+    return s->ending || s->ended || s->error != 0 || left < HEAD ? 0 : left - HEAD;
 }
 
 size_t spool_room(spool *s)
@@ -365,9 +480,9 @@ size_t spool_room(spool *s)
 }
 
 /* A record, or a cut of no bytes. */
-static bool put(spool *s, const void *record, size_t size)
+static bool put(spool *s, const void *record, size_t size, uint32_t flags)
 {
-    uint32_t head = (uint32_t)size;
+    uint32_t head = (uint32_t)size | flags;
     (void)pthread_mutex_lock(&s->lock);
     bool fits = size <= room(s) && room(s) > 0;
     if (fits) {
@@ -384,12 +499,18 @@ static bool put(spool *s, const void *record, size_t size)
 bool spool_write(spool *s, const void *record, size_t size)
 {
     assert(size > 0 && size <= SPOOL_RECORD_MAX);
-    return put(s, record, size);
+    return put(s, record, size, 0);
+}
+
+bool spool_write_part(spool *s, const void *part, size_t size)
+{
+    assert(size > 0 && size <= SPOOL_RECORD_MAX);
+    return put(s, part, size, PART);
 }
 
 bool spool_cut(spool *s)
 {
-    return put(s, "", 0);
+    return put(s, "", 0, 0);
 }
 
 void spool_set_files(spool *s, unsigned files)

@@ -30,12 +30,34 @@ typedef void spool_news(void *user);
  * it would rotate. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
+/* The same, but the thread makes the file, so that no disk holds up the caller: errors of that end
+ * it, as later ones do. */
+spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error);
+
+/* From now on an error does not end it: what is queued then is lost, and nothing is taken before
+ * spool_resume(). */
+void spool_last(spool *s);
+void spool_resume(spool *s);
+
+/* Whether what was queued first since spool_resume() is in the file, and no error came then. */
+bool spool_has_resumed(spool *s);
+
+/* Records that the file has, of one that is never cut. */
+uint64_t spool_kept(spool *s);
+
+/* Records that were lost with errors. */
+uint64_t spool_lost(spool *s);
+
 /* Bytes of records that there is room for in the queue now; more only as time goes by. */
 size_t spool_room(spool *s);
 
 /* Queues a record of 1 to SPOOL_RECORD_MAX bytes. False, with nothing written, when there is no
  * room or the spool has ended. */
 bool spool_write(spool *s, const void *record, size_t size);
+
+/* The same with the beginning of a record that is longer than that: after an error all of it is in
+ * the file or nothing. */
+bool spool_write_part(spool *s, const void *part, size_t size);
 
 /* What comes now goes into a new file. False when there is no room or the spool has ended. */
 bool spool_cut(spool *s);

@@ -215,8 +215,21 @@ static void print_recording(FILE *out, const json_t *recording)
     fputc('\n', out);
 }
 
+static void print_journal(FILE *out, const json_t *journal)
+{
+    const char *why = text(journal, "why");
+    fprintf(out, "journal %s: %s%s%s lines %jd", text(journal, "file"), text(journal, "state"),
+            *why ? ": " : "", why, number(journal, "lines"));
+    if (number(journal, "lost") > 0)
+        fprintf(out, " lost %jd", number(journal, "lost"));
+    if (number(journal, "gaps") > 0)
+        fprintf(out, " gaps %jd", number(journal, "gaps"));
+    fputc('\n', out);
+}
+
 void status_print(FILE *out, const json_t *status)
 {
+    const json_t *journal = json_object_get(status, "journal");
     const json_t *recordings = json_object_get(status, "recordings");
     const json_t *bus = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
@@ -225,6 +238,8 @@ void status_print(FILE *out, const json_t *status)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
     for (size_t i = 0; i < json_array_size(recordings); i++)
         print_recording(out, json_array_get(recordings, i));
+    if (journal)
+        print_journal(out, journal);
 }
 
 static const char *fault_state(const json_t *fault)

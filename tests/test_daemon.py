@@ -9,6 +9,7 @@ import contextlib
 import json
 import os
 import re
+import resource
 import signal
 import socket
 import struct
@@ -105,6 +106,85 @@ def test_a_journal_that_cannot_begin_is_an_error(tmp_path):
     (tmp_path / "bus.yaml").write_text(BUS)
     assert "journal no/journal: No such file" in refused(tmp_path, "--journal", "no/journal")
     assert not (tmp_path / "day.sock").exists()
+
+
+# ---- A journal that cannot be written ------------------------------------------------------------
+
+
+def limit_files(process, size):
+    """As a full disk: no file of this process may become larger."""
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+
+@pytest.mark.parametrize("how", ["itself", "reload", "end"])
+def test_a_broken_journal_is_shown_and_taken_up_again(canwired, tmp_path, how):
+    bus = canwired("--journal", "day.journal")
+
+    def journal():
+        return bus.status()["journal"]
+
+    assert (journal()["state"], journal()["gaps"]) == ("writing", 0)
+    assert "journal day.journal: writing lines" in bus.canwire("status", "./day.sock")
+    limit_files(bus.process, (tmp_path / "day.journal").stat().st_size + 20000)
+    wait_until(lambda: journal()["state"] == "broken", "the end of the journal")
+    assert journal()["why"] == "File too large" and journal()["broken_ns"] > 0
+    assert "journal day.journal: broken: File too large" in bus.canwire("status", "./day.sock")
+    wait_until(lambda: "journal day.journal: broken from " in bus.read_log(), "the message")
+    limit_files(bus.process, resource.RLIM_INFINITY)
+    if how == "reload":
+        bus.canwire("reload", "./day.sock")
+    if how != "end":
+        wait_until(lambda: journal()["state"] == "writing", "a journal that is written again")
+        assert journal()["gaps"] == 1 and journal()["lost"] > 0
+        wait_frames(bus, 20)
+    assert "taken up again, nothing is written from " in bus.stop()
+    checked = subprocess.run([CANWIRE, "check", "--journal", "day.journal"], cwd=tmp_path,
+                             capture_output=True, text=True, check=False)
+    assert checked.returncode == 1 and " ended, 1 gap)" in checked.stdout
+    lines = checked.stderr.splitlines()
+    assert len(lines) == 1 and "(File too large), " in lines[0], checked.stderr
+    again = subprocess.run([CANWIRE, "sim", "--journal", "day.journal", "--events", "-"],
+                           cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert again.returncode == 0 and '"event":"tx"' in again.stdout
+    assert "what followed cannot be run again" in again.stderr
+
+
+def test_a_journal_is_told_over_lcm(canwired, lcm_server):
+    server = lcm_server()
+    bus = canwired("--journal", "day.journal", text=LCM.replace("PORT", str(server.port)).replace(
+        "events: [rx, tx]", "events: [state]"))
+    server.accept()
+    received = b""
+    while b"CANWIRE.day.FILE" not in received or b"day.journal\0" not in received:
+        received += server.client.recv(1 << 16)
+    server.close()
+    bus.stop()
+
+
+def test_in_a_loop_of_crashes_the_first_journal_stays(canwired, tmp_path):
+    for _ in range(6):
+        bus = canwired("--journal", "day.journal", "--journal-files", "3")
+        wait_until(lambda: (tmp_path / "day.journal").stat().st_size > 0, "its first lines")
+        bus.process.kill()
+        bus.process.wait()
+        (tmp_path / "day.sock").unlink()
+        if not (tmp_path / "first").exists():
+            (tmp_path / "first").write_bytes((tmp_path / "day.journal").read_bytes())
+        log = bus.log.read_text()
+    assert log.count("has no end") == 3 and "journal day.journal.1 " in log
+    assert "is removed" in log
+    kept = sorted(path.name for path in tmp_path.glob("day.journal*"))
+    assert kept == ["day.journal", "day.journal.1", "day.journal.2"]
+    assert (tmp_path / "day.journal.2").read_bytes() == (tmp_path / "first").read_bytes()
+
+
+@pytest.mark.parametrize("words", [["--journal", "j", "--journal-files", "1"],
+                                   ["--journal", "j", "--journal-files", "x"],
+                                   ["--journal-files", "3"]])
+def test_wrong_numbers_of_journals_are_wrong_usage(tmp_path, words):
+    result = subprocess.run([CANWIRED, "-c", "bus.yaml", *words], cwd=tmp_path, check=False,
+                            capture_output=True, timeout=PATIENCE_S)
+    assert result.returncode == 2
 
 
 # ---- Whoever reads the messages ------------------------------------------------------------------

@@ -208,7 +208,8 @@ def test_a_journal_that_is_cut_off_is_good_as_far_as_it_goes(write):
     path = write(lines()[:-1], end="")
     result = play(path, "--events", "-")
     assert result.stderr.startswith(
-        f"{path}: the journal is cut off at 0.020000000 s; what followed is not known\n")
+        f"{path}: the journal is cut off at 0.020000000 s (line 6, byte 443); "
+        "what followed is not known\n")
     assert '"124#"' not in result.stdout
 
 

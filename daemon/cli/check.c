@@ -5,6 +5,7 @@
 #include "cli.h"
 
 #include "config_files.h"
+#include "journal_check.h"
 #include "portname.h"
 #include "replay.h"
 
@@ -13,17 +14,19 @@
 #include <stdio.h>
 
 static const char usage[] =
-    "usage: canwire check [--ports] FILE\n"
+    "usage: canwire check [--ports] FILE | --journal FILE\n"
     "\n"
     "Validates a configuration or a fault profile, and reads the recordings that it replays to\n"
     "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
     "Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
-    "  --ports   only print the interfaces that the nodes use, one a line\n";
+    "  --ports     only print the interfaces that the nodes use, one a line\n"
+    "  --journal   FILE is a journal of canwired: whether it is whole, and where it is not\n";
 
 static const struct option options[] = {
     {"help", no_argument, NULL, 'h'},
     {"ports", no_argument, NULL, 'p'},
+    {"journal", no_argument, NULL, 'j'},
     {NULL, 0, NULL, 0},
 };
 
@@ -32,6 +35,7 @@ static int check_file(const char *file, bool ports);
 int cli_check(int argc, char **argv)
 {
     bool ports = false;
+    bool journal = false;
     int option;
 
     optind = 0; /* start anew, whoever used getopt before */
@@ -44,12 +48,15 @@ int cli_check(int argc, char **argv)
             fputs(usage, stderr);
             return CLI_USAGE;
         }
-        ports = true;
+        ports = ports || option == 'p';
+        journal = journal || option == 'j';
     }
-    if (optind != argc - 1) {
+    if (optind != argc - 1 || (ports && journal)) {
         fputs(usage, stderr);
         return CLI_USAGE;
     }
+    if (journal)
+        return journal_check(argv[optind], stdout, stderr) ? CLI_OK : CLI_BAD_INPUT;
     return check_file(argv[optind], ports);
 }
 

@@ -46,7 +46,7 @@ _canwire_bus() {
 # Options of subcommand $1, with those that take an argument as NAME=.
 _canwire_options() {
     case $1 in
-    check) echo --ports --help ;;
+    check) echo --ports --journal --help ;;
     bits) echo --raw --help ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
     status | faults) echo --json --help ;;
@@ -151,7 +151,7 @@ _canwired() {
     local current=${COMP_WORDS[COMP_CWORD]}
     case ${COMP_WORDS[COMP_CWORD - 1]} in
     -c | --config | --journal) _canwire_files ;;
-    *) _canwire_words "-c --config --journal --help --version" ;;
+    *) _canwire_words "-c --config --journal --journal-files --help --version" ;;
     esac
 }
 

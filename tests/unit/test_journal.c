@@ -8,7 +8,10 @@
  */
 #include "bus_make.h"
 #include "journal.h"
+#include "journal_check.h"
+#include "journal_keep.h"
 #include "journal_play.h"
+#include "journal_seal.h"
 #include "output.h"
 
 #include <inttypes.h>
@@ -39,7 +42,8 @@ static int make_folder(void **state)
 
 static int remove_folder(void **state)
 {
-    static const char *const names[] = {"bus.yaml", "profile.yaml", "journal", "journal.1"};
+    static const char *const names[] = {"bus.yaml",  "profile.yaml", "journal",
+                                        "journal.1", "journal.2",    "journal.3"};
     (void)state;
     for (size_t i = 0; i < COUNT(names); i++) {
         char path[PATH_MAX_BYTES];
@@ -176,7 +180,7 @@ static void host_begin(host *h, uint64_t seed)
     cw_bus *bus = bus_make(&h->memory, config);
     assert_non_null(bus);
     inputs_init(&h->inputs, h->live, bus, take_events, h);
-    h->journal = journal_start(path_of("journal"), live_config(h->live), error);
+    h->journal = journal_start(path_of("journal"), 2, live_config(h->live), error);
     if (!h->journal)
         fail_msg("%s", error);
     inputs_observe(&h->inputs, note_input, h);
@@ -510,9 +514,9 @@ static void a_journal_that_cannot_begin_says_why(void **state)
     char error[JOURNAL_ERROR_MAX];
     (void)state;
     cfg *config = load_config(0);
-    assert_null(journal_start(folder, config, error));
+    assert_null(journal_start(folder, 2, config, error));
     assert_non_null(strstr(error, "no regular file"));
-    assert_null(journal_start("/nowhere/journal", config, error));
+    assert_null(journal_start("/nowhere/journal", 2, config, error));
     assert_string_equal(error, "journal /nowhere/journal: No such file or directory");
     cfg_free(config);
 }
@@ -538,8 +542,8 @@ static const bad_journal bad_journals[] = {
     {"bus: { bitrate: 500000 }\n", ":1:"},
     {"{}\n", ":1:1: this is no journal"},
     {"[]\n", ":1:1: expected an object"},
-    {"{\"canwire-journal\":2,\"canwire\":\"x\"}\n",
-     ":1:20: version 2 of journals is not known, only 1"},
+    {"{\"canwire-journal\":3,\"canwire\":\"x\"}\n",
+     ":1:20: version 3 of journals is not known, only 1 to 2"},
     {HEADER, ":2:1: a journal begins with a configuration"},
     {HEADER END, ":2:1: a journal begins with a configuration"},
     {HEADER "{\"at\":0,\"config\":[]}\n", ":2:18: config: expected 1 to 200 files"},
@@ -634,10 +638,229 @@ static void a_broken_journal_says_so(void **state)
     write_file("journal",
                HEADER CONFIG "{\"at\":0,\"fire\":\"r\"}\n{\"at\":1600,\"broken\":true}\n");
     assert_int_equal(play(&events, &messages), JOURNAL_INCOMPLETE);
-    assert_non_null(strstr(messages, "the journal is broken at 0.000020000 s; what followed is"));
+    assert_non_null(strstr(messages, "the journal is broken at 0.000020000 s (line 4, byte "));
     assert_non_null(strstr(events, "\"state\":\"bus-off\""));
     free(events);
     free(messages);
+}
+
+/* ---- Damage ---------------------------------------------------------------------------------- */
+
+/* What `canwire check --journal` says of a text. */
+static bool check_text(const char *text, size_t size, char **messages)
+{
+    record errors;
+    FILE *out = fopen(path_of("journal"), "we");
+    FILE *nowhere = fopen("/dev/null", "we");
+    assert_non_null(out);
+    assert_int_equal(fwrite(text, 1, size, out), size);
+    fclose(out);
+    record_begin(&errors);
+    bool good = journal_check(path_of("journal"), nowhere, errors.out);
+    record_end(&errors);
+    fclose(nowhere);
+    *messages = errors.text;
+    return good;
+}
+
+/* A small journal with lines of all kinds that there are in one. */
+static char *make_small_journal(size_t *size)
+{
+    const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {1, 2}};
+    host h;
+    host_begin(&h, 1);
+    (void)inputs_send(&h.inputs, 0, &frame, 0);
+    inputs_advance(&h.inputs, 300 * BIT);
+    journal_mark(h.journal, &h.inputs);
+    inputs_advance(&h.inputs, 400 * BIT);
+    host_end(&h);
+    free(h.events.text);
+    char *text = read_file("journal");
+    *size = strlen(text);
+    return text;
+}
+
+/* "journal:LINE:", or a message without place. */
+static void check_place(const char *messages, const char *text, size_t damaged)
+{
+    size_t line = 1;
+    for (size_t i = 0; i < damaged; i++)
+        line += text[i] == '\n';
+    const char *said = strstr(messages, path_of("journal"));
+    assert_non_null(said);
+    size_t told = strtoul(said + strlen(path_of("journal")) + 1, NULL, 10);
+    if (told != line)
+        fail_msg("byte %zu of line %zu: %s", damaged, line, messages);
+}
+
+static void each_flipped_bit_is_found_with_its_line(void **state)
+{
+    size_t size;
+    char *messages;
+    (void)state;
+    char *text = make_small_journal(&size);
+    assert_true(check_text(text, size, &messages));
+    assert_string_equal(messages, "");
+    free(messages);
+    for (size_t i = 0; i < size; i++) {
+        for (unsigned bit = 0; bit < 8; bit++) {
+            text[i] = (char)(text[i] ^ 1 << bit);
+            if (check_text(text, size, &messages))
+                fail_msg("bit %u of byte %zu", bit, i);
+            text[i] = (char)(text[i] ^ 1 << bit);
+            check_place(messages, text, i);
+            free(messages);
+        }
+    }
+    free(text);
+}
+
+static void each_cut_is_found(void **state)
+{
+    size_t size;
+    char *messages;
+    (void)state;
+    char *text = make_small_journal(&size);
+    for (size_t i = 0; i < size; i++) {
+        if (check_text(text, i, &messages))
+            fail_msg("cut at byte %zu", i);
+        check_place(messages, text, i);
+        free(messages);
+    }
+    free(text);
+}
+
+/* Whole lines can be lost, too, and come again. */
+static void each_missing_or_repeated_line_is_found(void **state)
+{
+    size_t size;
+    char *messages;
+    (void)state;
+    char *text = make_small_journal(&size);
+    char *other = malloc(2 * size);
+    unsigned lines = 0;
+    for (size_t i = 0; i < size; lines++) {
+        size_t length = (size_t)(strchr(text + i, '\n') - text) + 1 - i;
+        memcpy(other, text, i);
+        memcpy(other + i, text + i + length, size - i - length);
+        assert_false(check_text(other, size - length, &messages));
+        assert_string_not_equal(messages, "");
+        free(messages);
+        memcpy(other, text, i + length);
+        memcpy(other + i + length, text + i, size - i);
+        assert_false(check_text(other, size + length, &messages));
+        assert_string_not_equal(messages, "");
+        free(messages);
+        i += length;
+    }
+    assert_int_equal(lines, 5);
+    free(other);
+    free(text);
+}
+
+static void a_damaged_journal_is_played_up_to_the_damage(void **state)
+{
+    size_t size;
+    char *events;
+    char *messages;
+    (void)state;
+    char *text = make_small_journal(&size);
+    *strstr(text, "\"end\"") ^= 1;
+    write_file("journal", text);
+    assert_int_equal(play(&events, &messages), JOURNAL_FAILED);
+    assert_non_null(strstr(messages, ":5:1: damaged: wrong checksum, bytes "));
+    assert_non_null(strstr(messages, " of the file, behind 0.000600000 s"));
+    assert_string_not_equal(events, "");
+    free(events);
+    free(messages);
+    free(text);
+}
+
+static void the_checksum_is_that_of_zlib(void **state)
+{
+    (void)state;
+    assert_int_equal(journal_crc32(0, "123456789", 9), 0xCBF43926);
+    assert_int_equal(journal_crc32(journal_crc32(0, "1234", 4), "56789", 5), 0xCBF43926);
+}
+
+/* ---- The journals of before ------------------------------------------------------------------ */
+
+static void write_numbered(unsigned number, const char *text)
+{
+    char name[32];
+    snprintf(name, sizeof name, number ? "journal.%u" : "journal", number);
+    if (text)
+        write_file(name, text);
+    else
+        unlink(path_of(name));
+}
+
+/* Letters: a journal of that name, small ones with their end; '-': none. */
+typedef struct keeping {
+    unsigned files;
+    const char *before; /* from FILE on */
+    const char *after;  /* from FILE.1 on */
+} keeping;
+
+static const keeping keepings[] = {
+    {5, "A---", "A---"},  {5, "AB--", "AB--"}, {2, "a---", "a---"}, {2, "ab--", "a---"},
+    {3, "abc-", "ab--"},  {3, "AbC-", "AC--"}, {3, "aBC-", "aC--"}, {3, "ABC-", "AC--"},
+    {3, "ABCD", "A-D-"},  {2, "A---", "A---"}, {2, "AB--", "AB--"}, {2, "ABC-", "AC--"},
+    {4, "aBc-", "aBc-"},  {4, "A-BC", "ABC-"}, {4, "-BC-", "BC--"}, {4, "abCD", "aCD-"},
+    {3, "----", "----"},
+};
+
+static void the_first_without_end_and_the_newest_are_kept(void **state)
+{
+    (void)state;
+    for (size_t k = 0; k < COUNT(keepings); k++) {
+        const keeping *now = &keepings[k];
+        char after[5] = "----";
+        for (unsigned i = 0; i < 4; i++) {
+            char text[200];
+            snprintf(text, sizeof text,
+                     "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%c\"}\n%s",
+                     now->before[i],
+                     now->before[i] >= 'a' ? END : "{\"at\":0,\"fire\":\"r\"}\n");
+            write_numbered(i, now->before[i] == '-' ? NULL : text);
+        }
+        assert_int_equal(journal_make_room(path_of("journal"), now->files), 0);
+        assert_int_equal(access(path_of("journal"), F_OK), -1);
+        for (unsigned i = 0; i < 4; i++) {
+            char name[32];
+            snprintf(name, sizeof name, "journal.%u", i + 1);
+            if (access(path_of(name), F_OK) != 0)
+                continue;
+            char *text = read_file(name);
+            after[i] = strstr(text, "\"bus\":\"")[7];
+            free(text);
+        }
+        if (strcmp(after, now->after) != 0)
+            fail_msg("%u files, %s: %s and not %s", now->files, now->before, after, now->after);
+        for (unsigned i = 0; i < 5; i++)
+            write_numbered(i, NULL);
+    }
+}
+
+static void in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < 1000; i++) {
+        char text[200];
+        assert_int_equal(journal_make_room(path_of("journal"), 3), 0);
+        snprintf(text, sizeof text,
+                 "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%u\"}\n", i);
+        write_file("journal", text);
+        assert_int_equal(access(path_of("journal.3"), F_OK), -1);
+    }
+    char *first = read_file("journal.2");
+    char *last = read_file("journal.1");
+    assert_non_null(strstr(first, "\"bus\":\"0\""));
+    assert_non_null(strstr(last, "\"bus\":\"998\""));
+    free(first);
+    free(last);
+    for (unsigned i = 0; i < 3; i++)
+        write_numbered(i, NULL);
 }
 
 static void a_good_journal_has_nothing_to_say(void **state)
@@ -666,7 +889,7 @@ static int journal_without_room(void)
     if (!freopen("/dev/null", "we", stderr) || setrlimit(RLIMIT_FSIZE, &limit) != 0)
         return 2; /* what is logged may go to a file that is larger already */
     unlink(path_of("journal"));
-    journal *full = journal_start(path_of("journal"), live_config(h.live), error);
+    journal *full = journal_start(path_of("journal"), 2, live_config(h.live), error);
     inputs_observe(&h.inputs, journal_input, full);
     for (unsigned i = 0; i < 100000 && journal_lost(full) == 0; i++) {
         (void)inputs_send(&h.inputs, 0, &frame, 0);
@@ -700,6 +923,85 @@ static void a_full_disk_breaks_a_journal(void **state)
     free(messages);
 }
 
+/* Until a broken journal is seen to be written again. */
+static bool wait_for_state(journal *j, host *h, const char *wanted)
+{
+    for (unsigned i = 0; i < 60000; i++) {
+        json_t *status = journal_to_json(j);
+        bool is = strcmp(json_string_value(json_object_get(status, "state")), wanted) == 0;
+        json_decref(status);
+        if (is)
+            return true;
+        inputs_advance(&h->inputs, cw_bus_now(h->inputs.bus) + 100 * BIT);
+        journal_mark(j, &h->inputs);
+        usleep(1000);
+    }
+    return false;
+}
+
+/* In a process of its own: it gets room for more when it has had too little. */
+static int journal_with_room_again(bool by_itself, rlim_t room)
+{
+    char error[JOURNAL_ERROR_MAX];
+    struct rlimit limit = {.rlim_cur = room, .rlim_max = RLIM_INFINITY};
+    const cw_frame frame = {.id = 0x123};
+    host h;
+    host_begin(&h, 1);
+    if (!freopen("/dev/null", "we", stderr) || setrlimit(RLIMIT_FSIZE, &limit) != 0)
+        return 2;
+    for (unsigned i = 0; i < 4; i++)
+        write_numbered(i, NULL);
+    journal *full = journal_start(path_of("journal"), 2, live_config(h.live), error);
+    inputs_observe(&h.inputs, journal_input, full);
+    for (unsigned i = 0; i < 1000; i++) {
+        (void)inputs_send(&h.inputs, 0, &frame, 0);
+        inputs_advance(&h.inputs, cw_bus_now(h.inputs.bus) + 200 * BIT);
+    }
+    if (!wait_for_state(full, &h, "broken"))
+        return 3;
+    (void)inputs_send(&h.inputs, 1, &frame, 0);
+    limit.rlim_cur = RLIM_INFINITY;
+    (void)setrlimit(RLIMIT_FSIZE, &limit);
+    if (!by_itself)
+        journal_retry(full, &h.inputs);
+    if (!wait_for_state(full, &h, "writing"))
+        return 4;
+    const cw_frame last = {.id = 0x7FF};
+    (void)inputs_send(&h.inputs, 1, &last, 0);
+    inputs_advance(&h.inputs, cw_bus_now(h.inputs.bus) + 300 * BIT);
+    journal_stop(full, &h.inputs);
+    return 0;
+}
+
+static void a_journal_is_taken_up_again(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < 4; i++) {
+        char *events;
+        char *messages;
+        int status;
+        fflush(stdout);
+        pid_t child = fork();
+        if (child == 0)
+            _exit(journal_with_room_again(i % 2 == 0, i < 2 ? 4000 : 100));
+        assert_int_equal(waitpid(child, &status, 0), child);
+        assert_int_equal(status, 0);
+        assert_int_equal(play(&events, &messages), JOURNAL_INCOMPLETE);
+        assert_non_null(strstr(messages, "nothing was written from 0.0"));
+        assert_non_null(strstr(messages, "(File too large), "));
+        free(events);
+        free(messages);
+        char *text = read_file("journal");
+        assert_non_null(strstr(text, "\"frame\":\"7FF#\""));
+        assert_non_null(strstr(text, "\"nodes\":[{\"name\":\"a\",\"state\":\"error-active\""));
+        assert_false(check_text(text, strlen(text), &messages));
+        assert_non_null(strstr(messages, "nothing was written from 0.0"));
+        assert_int_equal(strchr(messages, '\n')[1], 0); /* nothing else is wrong */
+        free(messages);
+        free(text);
+    }
+}
+
 /* It says where it is broken, and ends there. */
 static void too_much_at_once_breaks_a_journal(void **state)
 {
@@ -722,7 +1024,8 @@ static void too_much_at_once_breaks_a_journal(void **state)
     journal_mark(h.journal, &h.inputs);
     host_end(&h);
     assert_int_equal(play(&events, &messages), JOURNAL_INCOMPLETE);
-    assert_non_null(strstr(messages, "the journal is broken at 0.000000000 s; what followed is"));
+    assert_non_null(strstr(messages, "nothing was written from 0.000000000 s to 0.002000000 s (the "
+                                     "disk is too slow), 2 lines are missing"));
     assert_string_equal(events, "");
     free(text);
     free(events);
@@ -748,7 +1051,7 @@ static void a_large_configuration_goes_into_it(void **state)
     void *memory;
     inputs in;
     inputs_init(&in, l, bus_make(&memory, config), NULL, NULL);
-    journal *j = journal_start(path_of("journal"), live_config(l), error);
+    journal *j = journal_start(path_of("journal"), 2, live_config(l), error);
     assert_int_equal(journal_lost(j), 0);
     journal_stop(j, &in);
     assert_int_equal(play(&events, &messages), JOURNAL_PLAYED);
@@ -769,6 +1072,14 @@ int main(void)
         cmocka_unit_test(a_journal_that_cannot_begin_says_why),
         cmocka_unit_test(bad_journals_are_refused_with_their_place),
         cmocka_unit_test(a_broken_journal_says_so),
+        cmocka_unit_test(each_flipped_bit_is_found_with_its_line),
+        cmocka_unit_test(each_cut_is_found),
+        cmocka_unit_test(each_missing_or_repeated_line_is_found),
+        cmocka_unit_test(a_damaged_journal_is_played_up_to_the_damage),
+        cmocka_unit_test(the_checksum_is_that_of_zlib),
+        cmocka_unit_test(the_first_without_end_and_the_newest_are_kept),
+        cmocka_unit_test(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded),
+        cmocka_unit_test(a_journal_is_taken_up_again),
         cmocka_unit_test(a_good_journal_has_nothing_to_say),
         cmocka_unit_test(a_full_disk_breaks_a_journal),
         cmocka_unit_test(too_much_at_once_breaks_a_journal),
