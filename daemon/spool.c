@@ -34,7 +34,6 @@ struct spool {
     int fd;        /* locked, so that no other program rotates it */
     uint64_t written; /* bytes of records in this file */
     uint64_t whole;   /* ... of those that are whole with all their parts */
-    bool opened;      /* or the thread does that first */
     spool_news *news;
     void *user;
     unsigned char *batch;
@@ -341,17 +340,13 @@ static int work(spool *s)
 static int open_files(spool *s, unsigned files)
 {
     int error = folder_open(&s->folder, s->file);
-    s->opened = true;
     return error == 0 ? begin_file(s, files) : error;
 }
 
 static void *run(void *argument)
 {
     spool *s = argument;
-    (void)pthread_mutex_lock(&s->lock);
-    const unsigned files = s->files;
-    (void)pthread_mutex_unlock(&s->lock);
-    int error = s->opened ? 0 : open_files(s, files);
+    int error = 0;
     (void)pthread_mutex_lock(&s->lock);
     while (error == 0 && (s->used > 0 || !s->ending)) {
         if (s->used < SPOOL_QUEUE_BYTES / 4)
@@ -392,8 +387,7 @@ static void free_spool(spool *s)
     free(s);
 }
 
-static spool *make(const char *file, unsigned files, spool_news *news, void *user, bool open,
-                   int *error)
+spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
 {
     spool *s = calloc(1, sizeof *s);
     if (!s) {
@@ -405,7 +399,7 @@ static spool *make(const char *file, unsigned files, spool_news *news, void *use
     (void)pthread_mutex_init(&s->lock, NULL);
     thread_init_condition(&s->changed);
     *error = s->file && s->batch && s->queue ? 0 : ENOMEM;
-    if (*error == 0 && open)
+    if (*error == 0)
         *error = open_files(s, files);
     if (*error == 0)
         *error = thread_start(&s->thread, run, s);
@@ -413,16 +407,6 @@ static spool *make(const char *file, unsigned files, spool_news *news, void *use
         return s;
     free_spool(s);
     return NULL;
-}
-
-spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
-{
-    return make(file, files, news, user, true, error);
-}
-
-spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error)
-{
-    return make(file, files, news, user, false, error);
 }
 
 void spool_last(spool *s)

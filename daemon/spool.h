@@ -30,10 +30,6 @@ typedef void spool_news(void *user);
  * it would rotate. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
-/* The same, but the thread makes the file, so that no disk holds up the caller: errors of that end
- * it, as later ones do. */
-spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error);
-
 /* From now on an error does not end it: what is queued then is lost, and nothing is taken before
  * spool_resume(). */
 void spool_last(spool *s);
