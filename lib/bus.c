@@ -533,12 +533,13 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
     run_all_due(bus);
     if (tick < bus->bit_ticks)
         return CW_OK;
+    const uint64_t begin = bus->now;
     for (const uint64_t last = tick - bus->bit_ticks; bus->now <= last;) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
         go_on(bus, tick);
         run_all_due(bus);
-        if (++bus->work + bus->ring.count >= enough && bus->now <= last)
+        if (++bus->work + bus->ring.count >= enough && bus->now > begin && bus->now <= last)
             return CW_AGAIN;
     }
     return CW_OK;

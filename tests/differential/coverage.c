@@ -21,7 +21,7 @@ const char *diff_op_name(diff_op_kind kind)
     static const char *const names[DIFF_OP_COUNT] = {
         "send",   "restart",    "add rule",  "clear rule",    "stop rule", "fire rule", "set",
         "flush",  "attach",     "set events", "take over",    "bring forward", "stepping",
-        "check"};
+        "watching", "check"};
     return names[kind];
 }
 
