@@ -23,6 +23,20 @@ void inputs_advance(inputs *in, uint64_t tick)
     in->drain(in->drain_user);
 }
 
+bool inputs_advance_some(inputs *in, uint64_t tick, uint64_t work)
+{
+    const uint64_t begin = cw_bus_work(in->bus);
+    uint64_t done;
+    cw_status status;
+    in->advanced = true;
+    do {
+        done = cw_bus_work(in->bus) - begin;
+        status = cw_bus_advance_some(in->bus, tick, done < work ? work - done : 0);
+        in->drain(in->drain_user);
+    } while (status == CW_FULL && done < work);
+    return status == CW_OK;
+}
+
 static void note(inputs *in, input what)
 {
     what.now = cw_bus_now(in->bus);

@@ -71,6 +71,9 @@ void inputs_observe(inputs *in, input_observer *observer, void *user);
 /* cw_bus_advance() to a tick, with all events taken. */
 void inputs_advance(inputs *in, uint64_t tick);
 
+/* cw_bus_advance_some(), with all events taken. Returns whether the tick has been reached. */
+bool inputs_advance_some(inputs *in, uint64_t tick, uint64_t work);
+
 /* cw_node_send() */
 cw_status inputs_send(inputs *in, unsigned node, const cw_frame *frame, uint64_t at_tick);
 

@@ -525,7 +525,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         step(bus);
 }
 
-/* Up to a tick, or until there is so much work, with the events that are there; at least one bit. */
+/* Up to a tick, or until there is so much work, with the events that are there; at least a bit. */
 static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
 {
     if (!cw_ring_has_room(bus))
@@ -539,7 +539,8 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
             return CW_FULL;
         go_on(bus, tick);
         run_all_due(bus);
-        if (++bus->work + bus->ring.count >= enough && bus->now > begin && bus->now <= last)
+        bus->work++;
+        if (bus->work + bus->ring.count >= enough && bus->now > begin && bus->now <= last)
             return CW_AGAIN;
     }
     return CW_OK;

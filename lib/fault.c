@@ -272,7 +272,9 @@ static uint64_t next_arming(const cw_fault *f)
 /* Rules that come after this one are armed, at once or later. */
 static void arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
 {
-    bus->work += bus->faults.count / RULES_OF_A_PIECE;
+    if (bus->faults.after_rules == 0)
+        return;
+    bus->work += 1 + bus->faults.count / RULES_OF_A_PIECE;
     for (unsigned i = 0; i < bus->faults.count; i++) {
         const cw_fault *f = fault_at(bus, i);
         if (f->used && f->rule.has_after && f->rule.after == rule)
@@ -633,6 +635,27 @@ static void run_rules(cw_bus *bus)
         cw_fault_apply_topology(bus);
 }
 
+static bool is_traffic(const cw_fault *f)
+{
+    return f->used && f->active &&
+           (f->rule.action == CW_ACTION_SEND || cw_is_steady_traffic(f->rule.action));
+}
+
+/* One node after the other: a drop of an earlier one would have to go before all events of later
+ * ones, of which there may be thousands. To the queues it is all the same. */
+static void run_traffic(cw_bus *bus)
+{
+    uint64_t nodes = 0;
+    for (unsigned rule = 0; rule < bus->faults.count; rule++)
+        if (is_traffic(fault_at(bus, rule)))
+            nodes |= cw_node_bit(fault_at(bus, rule)->rule.node);
+    for (; nodes; nodes &= nodes - 1)
+        for (unsigned rule = 0; rule < bus->faults.count; rule++)
+            if (fault_at(bus, rule)->rule.node == cw_lowest_node(nodes) &&
+                is_traffic(fault_at(bus, rule)))
+                cw_fault_traffic(bus, rule);
+}
+
 void cw_fault_run_due(cw_bus *bus)
 {
     if (bus->faults.next_due > bus->now && bus->faults.awake_count == 0)
@@ -642,9 +665,8 @@ void cw_fault_run_due(cw_bus *bus)
         run_rules(bus);
         cw_fault_release_held(bus);
     }
-    for (unsigned rule = 0; due && rule < bus->faults.count; rule++)
-        if (fault_at(bus, rule)->used && fault_at(bus, rule)->active)
-            cw_fault_traffic(bus, rule);
+    if (due)
+        run_traffic(bus);
     bool steady = !due && bus->faults.traffic_rules > 0;
     for (unsigned i = 0; steady && i < bus->faults.awake_count; i++)
         if (fault_at(bus, bus->faults.awake[i])->active)
@@ -728,6 +750,7 @@ static void count_kinds(cw_bus *bus)
     set->noise_rules = 0;
     set->traffic_rules = 0;
     set->error_rules = 0;
+    set->after_rules = 0;
     set->copies = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_fault *f = &set->faults[i];
@@ -736,6 +759,7 @@ static void count_kinds(cw_bus *bus)
         set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
         set->traffic_rules += f->used && cw_is_steady_traffic(f->rule.action);
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
+        set->after_rules += f->used && f->rule.has_after;
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
             set->copies += f->rule.number;
     }

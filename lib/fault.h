@@ -90,6 +90,7 @@ typedef struct cw_fault_set {
     unsigned noise_rules;
     unsigned traffic_rules; /* that may send at any bit */
     unsigned error_rules;
+    unsigned after_rules;   /* that come after another one */
     unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
