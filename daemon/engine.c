@@ -21,6 +21,7 @@
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
 #define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
+#define WORK_AT_ONCE 256u /* of the bus, before a look at the clock */
 #define RELEASES_AT_ONCE 16u /* before a look at the clock */
 #define RELEASES_OF_A_TICK 1024u /* the same within one tick */
 #define NS_PER_S INT64_C(1000000000)
@@ -138,9 +139,39 @@ static void handle_events(void *user)
     }
 }
 
+/* Whether this wake-up has lasted for long enough. */
+static bool is_over(const engine *e)
+{
+    return clock_ns(CLOCK_MONOTONIC) >= e->deadline_ns;
+}
+
+static uint64_t work_since_look(const engine *e)
+{
+    return cw_bus_work(e->now.bus) - e->looked_at;
+}
+
+/* Whether this wake-up may go on. The clock is looked at when some work has been done meanwhile:
+ * what lies in a millisecond of the bus, or in one frame, may be any amount of it. */
+static bool has_time(engine *e)
+{
+    if (work_since_look(e) < WORK_AT_ONCE)
+        return true;
+    e->looked_at = cw_bus_work(e->now.bus);
+    return !is_over(e);
+}
+
+/* Up to a tick; false when the time of this wake-up is over before. */
+static bool go_to(engine *e, uint64_t tick)
+{
+    while (has_time(e))
+        if (inputs_advance_some(&e->inputs, tick, WORK_AT_ONCE - work_since_look(e)))
+            return true;
+    return false;
+}
+
 /* Bit by bit, with a look at each; those of an idle bus, in which nothing is to be seen, go in one
  * leap. */
-static void show_bits(engine *e, uint64_t tick)
+static bool show_bits(engine *e, uint64_t tick)
 {
     const uint32_t bit_ticks = e->config->bit_ticks;
     while (cw_bus_now(e->now.bus) + bit_ticks <= tick) {
@@ -148,27 +179,27 @@ static void show_bits(engine *e, uint64_t tick)
         uint64_t now = cw_bus_now(e->now.bus);
         uint64_t quiet = calm ? cw_bus_quiet_until(e->now.bus, tick) : now;
         cw_bus_set_watching(e->now.bus, quiet == now);
-        if (quiet > now) {
-            inputs_advance(&e->inputs, quiet);
-        } else {
-            inputs_advance(&e->inputs, now + bit_ticks);
+        if (!go_to(e, quiet > now ? quiet : now + bit_ticks))
+            return false;
+        if (quiet == now) {
             e->bit_observer(e->bit_user, e->now.bus);
             e->calm_bits++;
         }
     }
+    return true;
 }
 
-static void advance(engine *e, uint64_t tick)
+/* Up to a tick; false when the time of this wake-up is over before. */
+static bool advance(engine *e, uint64_t tick)
 {
-    if (e->bit_observer)
-        show_bits(e, tick);
-    inputs_advance(&e->inputs, tick);
+    return (!e->bit_observer || show_bits(e, tick)) && go_to(e, tick);
 }
 
-/* The first frame of the inbox comes up at the latest in the bit that holds its tick. */
-static void make_room_in_inbox(engine *e)
+/* The first frame of the inbox comes up at the latest in the bit that holds its tick. False when
+ * the time of this wake-up is over before. */
+static bool make_room_in_inbox(engine *e)
 {
-    advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
+    return advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
 }
 
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
@@ -176,28 +207,38 @@ static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_
     e->frames_read += count;
     for (unsigned i = 0; i < count; i++) {
         uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
-        while (inputs_send(&e->inputs, node, &e->batch[i].frame, tick) == CW_FULL)
-            make_room_in_inbox(e);
+        (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for it */
     }
 }
 
-/* How many frames may be read from a port at once; 0: its node's queue is full, and they wait. */
-static unsigned readable(const engine *e, unsigned node, bool waits)
+/* For how many frames there is room in the inbox, up to a batch, once the bus has made some. */
+static unsigned inbox_room(engine *e)
+{
+    while (cw_bus_inbox_room(e->now.bus) < PORT_BATCH && make_room_in_inbox(e))
+        continue;
+    unsigned room = cw_bus_inbox_room(e->now.bus);
+    return room < PORT_BATCH ? room : PORT_BATCH;
+}
+
+/* How many frames a port's node takes at once; 0: its queue is full, and they wait. */
+static unsigned node_room(const engine *e, unsigned node, bool waits)
 {
     unsigned room = waits ? cw_node_room(e->now.bus, node) : PORT_BATCH;
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
-/* Returns whether all that waited there has been read, as far as anybody asks for it. */
+/* Returns whether its node has room for more. When the bus is so far behind that the inbox is full,
+ * what waits there waits on; all ports are looked at again soon. */
 static bool read_port(engine *e, unsigned node, const clock_pair *now, bool waits)
 {
     bool more = true;
     unsigned max = 1;
     for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
-        max = readable(e, node, waits);
-        if (max == 0)
+        max = node_room(e, node, waits);
+        unsigned room = max > 0 ? inbox_room(e) : 0;
+        if (room == 0)
             break;
-        unsigned count = port_read(e->now.ports[node], e->batch, max, &more);
+        unsigned count = port_read(e->now.ports[node], e->batch, max < room ? max : room, &more);
         hand_in_batch(e, node, count, now);
     }
     port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
@@ -208,6 +249,9 @@ void engine_read_rest(engine *e, unsigned node)
 {
     clock_pair now = read_clocks();
     (void)read_port(e, node, &now, false);
+    if (cw_bus_inbox_room(e->now.bus) == 0)
+        log_node_warning(e->config->nodes[node].name,
+                         "what its ECU has written last is lost: the bus is too far behind");
 }
 
 /* A port that waits for room in its node's queue is not watched, or it would wake the loop for
@@ -244,12 +288,6 @@ static void read_pushed_back(engine *e)
             read_or_push_back(e, i, &now);
 }
 
-/* Whether this wake-up has lasted for long enough. */
-static bool is_over(const engine *e)
-{
-    return clock_ns(CLOCK_MONOTONIC) >= e->deadline_ns;
-}
-
 /* Hands in what is to be released up to a tick. Returns up to which tick that has been done: there
  * may be more of it than any machine can do. A tick is done as a whole where it can be. */
 static uint64_t run_releases(engine *e, uint64_t now)
@@ -267,10 +305,12 @@ static uint64_t run_releases(engine *e, uint64_t now)
         last = tick;
         unsigned node;
         bool frame = release_first(e->now.plan, &node) != NULL;
-        if (inputs_release(&e->inputs, e->now.plan) != CW_OK)
-            make_room_in_inbox(e);
-        else
+        if (inputs_release(&e->inputs, e->now.plan) == CW_OK) {
             e->books.nodes[node].released += frame;
+        } else if (!make_room_in_inbox(e)) {
+            now = tick > 0 ? tick - 1 : 0;
+            break;
+        }
     }
     if (now > e->released)
         e->released = now;
@@ -300,7 +340,8 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
         if (end > tick)
             end = tick;
         reached = run_releases(e, end);
-        advance(e, reached);
+        if (!advance(e, reached))
+            return cw_bus_now(e->now.bus);
         if (e->pushed_back)
             read_pushed_back(e);
         release_look(e->now.plan, e->now.bus);
@@ -407,17 +448,30 @@ static void catch_up(engine *e, uint64_t now)
     } while (tick < now && !is_over(e));
 }
 
-/* Bit by bit up to now, so that the bus stops where the frame ends. */
+static bool may_stop(const engine *e)
+{
+    return cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick;
+}
+
+/* Bit by bit up to now, so that the bus stops where the frame ends; or by the clock, when this
+ * machine cannot keep up with the bus. */
 static void run_out(engine *e, uint64_t now)
 {
-    while (!cw_bus_idle(e->now.bus) && cw_bus_now(e->now.bus) < e->stop_tick &&
-           cw_bus_now(e->now.bus) + e->config->bit_ticks <= now)
-        advance(e, cw_bus_now(e->now.bus) + e->config->bit_ticks);
-    if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick)
+    const uint32_t bit_ticks = e->config->bit_ticks;
+    while (!may_stop(e) && cw_bus_now(e->now.bus) + bit_ticks <= now)
+        if (!advance(e, cw_bus_now(e->now.bus) + bit_ticks))
+            break;
+    if (may_stop(e) || clock_ns(CLOCK_MONOTONIC) >= e->stop_ns)
         ev_break(e->loop, EVBREAK_ALL);
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
+
+static void start_turn(engine *e)
+{
+    e->deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
+    e->looked_at = cw_bus_work(e->now.bus);
+}
 
 static void wake(engine *e)
 {
@@ -425,12 +479,13 @@ static void wake(engine *e)
         skip_missed_time(e);
     clock_pair clocks = read_clocks();
     follow_clock(e, &clocks);
+    start_turn(e);
     uint64_t now = tick_of(e, clocks.monotonic_ns);
     if (e->stopping) {
         run_out(e, now);
     } else {
         read_ports(e, &clocks);
-        e->deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
+        start_turn(e); /* whatever the ports took, the bus has time of its own */
         engine_run_to_boundary(e, now);
         if (!e->next || !is_over(e))
             catch_up(e, now);
@@ -546,6 +601,8 @@ void engine_stop(engine *e)
     e->ticking = false;
     catchup_log(&e->catchup, INT64_MAX);
     e->stop_tick = cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
+    e->stop_ns = clock_ns(CLOCK_MONOTONIC) + NS_PER_S +
+                 2 * (int64_t)text_ticks_ns((uint64_t)BOUNDARY_BITS * e->config->bit_ticks);
     reload_free(e->next);
     e->next = NULL;
     unwatch_all(e);

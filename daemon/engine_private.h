@@ -60,13 +60,15 @@ struct engine {
     ev_io timer;
     wake_alarm alarm; /* behind it */
     int64_t deadline_ns; /* CLOCK_MONOTONIC: when this wake-up is to give others their turn */
+    uint64_t looked_at;  /* work of the bus when the clock was looked at for that */
     int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
     pacing_duty duty;
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
     int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
     bool stopping;
-    uint64_t stop_tick; /* no later than this */
+    uint64_t stop_tick; /* no later than this ... */
+    int64_t stop_ns;    /* ... and CLOCK_MONOTONIC than this */
     port_frame batch[PORT_BATCH];
     uint64_t frames_read; /* from all ports */
 };
@@ -76,7 +78,7 @@ struct engine {
 /* ---- engine.c -------------------------------------------------------------------------------- */
 
 /* Releases and bus up to a tick. Returns the tick that was reached; it is an earlier one when there
- * are so many releases that the time of this wake-up is over. */
+ * is so much to be done that the time of this wake-up is over. */
 uint64_t engine_run_to(engine *e, uint64_t tick);
 
 /* Hands in what still waits at a port, whether there is room for it or not. */

@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_engine_work.c - how much the engine does between two looks at the clock.
+ *
+ * The clock is ours: it goes on by a step at each look at it, so that the number of looks is
+ * the time. Nothing here depends on the machine: what is bounded is the work of the bus (cw_bus_work()).
+ */
+#include "engine.h"
+
+#include "config.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include <cmocka.h>
+
+#define NS_PER_S INT64_C(1000000000)
+#define STEP_NS INT64_C(5000000) /* that a look takes: ten are the time of a wake-up */
+#define RULES 1000u
+#define LOOKS_MAX 40u /* in one call, with reading clocks and arming the timer */
+
+/* Between two looks: what the engine allows itself, and the bit in which that was used up: for
+ * each rule its hit, its frame, the event of that and its place in the ring. */
+#define WORK_MAX (256u + 8u * RULES)
+
+/* ---- The clock ------------------------------------------------------------------------------- */
+
+static int64_t clock_now_ns = NS_PER_S;
+static const engine *watched;
+static uint64_t work_at_look;
+static uint64_t most_work;
+static unsigned looks;
+
+/* In place of that of the C library, for all of this program. */
+int clock_gettime(clockid_t id, struct timespec *t)
+{
+    if (watched && id == CLOCK_MONOTONIC) {
+        uint64_t work = cw_bus_work(engine_bus(watched));
+        if (work - work_at_look > most_work)
+            most_work = work - work_at_look;
+        work_at_look = work;
+        clock_now_ns += STEP_NS;
+        looks++;
+    }
+    *t = (struct timespec){.tv_sec = clock_now_ns / NS_PER_S, .tv_nsec = clock_now_ns % NS_PER_S};
+    return 0;
+}
+
+/* ---- A bus with more to do than any machine can ---------------------------------------------- */
+
+typedef struct rig {
+    struct ev_loop *loop;
+    live *live;
+    engine *engine;
+    uint64_t drops;
+    uint64_t bits; /* that were shown */
+} rig;
+
+static char *make_config(const char *traffic, const char *action)
+{
+    char *text;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    fprintf(out, "bus: { name: work, bitrate: 1000000 }\ncatch-up: 1s\nnodes:\n"
+                 "  - { name: a, queue: 4 %s }\n  - { name: b, queue: 4 }\n%s", traffic,
+            *action ? "faults:\n" : "");
+    for (unsigned i = 0; i < RULES && *action; i++) {
+        fprintf(out, "  - name: r%u\n    when: { time: 0s }\n    do: { ", i);
+        fprintf(out, "%s, as: %c }\n", action, i % 2 ? 'a' : 'b');
+    }
+    fclose(out);
+    return text;
+}
+
+static void count_drops(void *user, const cw_event *event)
+{
+    ((rig *)user)->drops += event->kind == CW_EVENT_DROP;
+}
+
+static void count_bits(void *user, const cw_bus *bus)
+{
+    (void)bus;
+    ((rig *)user)->bits++;
+}
+
+static void start_rig(rig *r, const char *traffic, const char *action)
+{
+    char *text = make_config(traffic, action);
+    const cfg_file file = {.name = "work.yaml", .text = text, .size = strlen(text)};
+    cfg *config = cfg_load_given(&file, 1, stderr);
+    assert_non_null(config);
+    free(text);
+    *r = (rig){.loop = ev_loop_new(EVFLAG_AUTO), .live = live_new(config)};
+    r->engine = engine_start(r->loop, r->live, NULL);
+    assert_non_null(r->engine);
+    engine_observe(r->engine, count_drops, r);
+    watched = r->engine;
+    work_at_look = cw_bus_work(engine_bus(r->engine));
+    most_work = 0;
+    looks = 0;
+}
+
+static void end_rig(rig *r)
+{
+    watched = NULL;
+    engine_free(r->engine);
+    live_free(r->live);
+    ev_loop_destroy(r->loop);
+}
+
+/* One call has done a bounded amount of work between looks, and not looked for long. */
+static void assert_in_bounds(const char *what)
+{
+    if (most_work > WORK_MAX || looks > LOOKS_MAX)
+        fail_msg("%s: work %llu between two of %u looks", what, (unsigned long long)most_work,
+                 looks);
+    looks = 0;
+}
+
+/* Some seconds go by in which the machine does nothing but this, and the bus goes on. */
+static void wake_often(rig *r, const char *what)
+{
+    for (unsigned i = 0; i < 20; i++) {
+        uint64_t before = cw_bus_now(engine_bus(r->engine));
+        clock_now_ns += NS_PER_S / 2;
+        engine_update(r->engine);
+        assert_in_bounds(what);
+        assert_true(cw_bus_now(engine_bus(r->engine)) > before);
+    }
+}
+
+static const char *const floods[] = {
+    "send: 123#1122334455667788, every: 1ns",
+    "send: 123#, every: 1bit",
+    "babble: 123#",
+    "load: 100%",
+};
+
+static void rules_that_send_faster_than_the_bus(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < sizeof floods / sizeof floods[0]; i++) {
+        rig r;
+        start_rig(&r, "", floods[i]);
+        wake_often(&r, floods[i]);
+        assert_int_equal(engine_check_books(r.engine), 0);
+        end_rig(&r);
+    }
+}
+
+/* What a bus cannot send is dropped and counted, each frame, and takes no memory. */
+static void what_is_too_much_is_counted(void **state)
+{
+    (void)state;
+    rig r;
+    start_rig(&r, "", floods[0]);
+    wake_often(&r, floods[0]);
+    cw_node_stats stats;
+    uint64_t made = 0;
+    for (unsigned i = 0; i < 2; i++) {
+        assert_int_equal(cw_node_get_stats(engine_bus(r.engine), i, &stats), CW_OK);
+        assert_true(cw_node_stats_balance(&stats));
+        assert_in_range(stats.queue, 0, 4);
+        made += stats.made_by_rules;
+        r.drops -= stats.dropped[CW_DROP_QUEUE_FULL];
+    }
+    cw_bus_stats bus;
+    cw_bus_get_stats(engine_bus(r.engine), &bus);
+    assert_int_equal(r.drops, 0); /* events and counters agree */
+    assert_int_equal(made, (bus.bits + 1) * RULES); /* one of each rule a bit, from tick 0 on */
+    end_rig(&r);
+}
+
+/* A request: the bus is brought up to now before and after. */
+static void requests_do_not_wait_for_the_bus(void **state)
+{
+    (void)state;
+    rig r;
+    start_rig(&r, "", floods[0]);
+    for (unsigned i = 0; i < 10; i++) {
+        clock_now_ns += NS_PER_S / 2;
+        inputs *in = engine_change(r.engine);
+        assert_in_bounds("before a request");
+        (void)inputs_restart(in, 0);
+        engine_update(r.engine);
+        assert_in_bounds("after a request");
+    }
+    end_rig(&r);
+}
+
+/* With recordings of bits each one is looked at by itself. */
+static void bits_are_shown_in_turns(void **state)
+{
+    (void)state;
+    rig r;
+    start_rig(&r, "", floods[0]);
+    engine_observe_bits(r.engine, count_bits, &r);
+    wake_often(&r, "bits shown");
+    assert_true(r.bits > 0);
+    end_rig(&r);
+    start_rig(&r, "", "");
+    engine_observe_bits(r.engine, count_bits, &r);
+    wake_often(&r, "bits shown, nothing to do");
+    end_rig(&r);
+}
+
+/* Traffic of nodes fills the inbox of a bus that is behind. */
+static void traffic_of_nodes_waits_too(void **state)
+{
+    (void)state;
+    rig r;
+    start_rig(&r, ", traffic: [ { send: 124#, every: 1us }, { send: 125#, every: 2us } ]",
+              floods[0]);
+    wake_often(&r, "traffic");
+    end_rig(&r);
+}
+
+/* It stops, though the frame on the wire does not end before long. */
+static void the_end_comes_in_time(void **state)
+{
+    (void)state;
+    rig r;
+    start_rig(&r, "", floods[0]);
+    wake_often(&r, "before the end");
+    engine_stop(r.engine);
+    assert_in_bounds("stop");
+    clock_now_ns += NS_PER_S; /* a bus that is as slow as this one gets no more than that */
+    assert_true(ev_run(r.loop, EVRUN_ONCE)); /* its timer is due */
+    assert_in_bounds("stopped");
+    end_rig(&r);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rules_that_send_faster_than_the_bus),
+        cmocka_unit_test(what_is_too_much_is_counted),
+        cmocka_unit_test(requests_do_not_wait_for_the_bus),
+        cmocka_unit_test(bits_are_shown_in_turns),
+        cmocka_unit_test(traffic_of_nodes_waits_too),
+        cmocka_unit_test(the_end_comes_in_time),
+    };
+    return cmocka_run_group_tests_name("engine work", tests, NULL, NULL);
+}
