@@ -42,7 +42,7 @@ typedef struct cfg_owner {
 
 static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
     read_peer, read_peer_name, read_netns, read_mode, read_lcm,
-    read_lcm_url, read_lcm_events, read_control, read_when_full;
+    read_lcm_url, read_lcm_events, read_control, read_when_full, read_vxcan;
 
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
@@ -85,11 +85,12 @@ static const schema_choice missing_ports[] = {
     {.name = NULL},
 };
 
-/* In the order of reading: nodes need the bus, faults need the nodes and may name the rules of
- * profiles, what is expected may name all rules. */
+/* In the order of reading: nodes need the bus and vxcan, faults need the nodes and may name the
+ * rules of profiles, what is expected may name all rules. */
 static const schema_key file_keys[] = {
     {.name = "bus", .read = read_bus, .required = true},
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
+    {.name = "vxcan", .read = read_vxcan},
     {.name = "nodes", .read = read_nodes, .required = true},
     {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},
@@ -600,6 +601,32 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
                         rounded_rate(fast + 1), rounded_rate(fast));
 }
 
+static void read_vxcan(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    (void)schema_choose_bool(self, &config->vxcan, key, value);
+}
+
+static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
+                       const cfg_node *node);
+
+/* With `vxcan` the ECU's interface is called as its node, where nothing else is said. */
+static void name_peer(schema *self, const yaml_node_t *value, cfg_node *node)
+{
+    static const schema_key key = {.name = "peer"};
+
+    if (portname_is_interface(node->name)) {
+        node->peer = schema_copy(self, node->name);
+        check_peer(self, &key, value, node);
+    } else {
+        schema_complain(self, value,
+                        "peer: with vxcan an ECU's interface is called as its node, but '%s' is "
+                        "too long for one (15 bytes); peer: NAME gives it another name",
+                        node->name);
+    }
+}
+
 static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
 {
     cfg_walk *walk = self->user;
@@ -612,6 +639,8 @@ static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
     };
     schema_map(self, "node", value, node_keys, node);
     walk->unnamed = walk->unnamed || *node->name == '\0';
+    if (walk->config->vxcan && portname_is_interface(node->port) && *node->name && !node->peer)
+        name_peer(self, value, node);
 }
 
 static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -731,6 +760,14 @@ static void read_when_full(schema *self, const schema_key *key, yaml_node_t *val
     schema_read_choice(self, key, value, object);
 }
 
+static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
+                       const cfg_node *node)
+{
+    check_interface(self, key, value, node->peer, node->netns);
+    if (!node->netns && node->peer && same_text(node->peer, node->port))
+        schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
+}
+
 static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -739,10 +776,11 @@ static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, v
         schema_complain(self, value, "%s: only a node with port has a peer", key->name);
     else if (!portname_is_interface(node->port))
         schema_complain(self, value, "%s: only a port that is an interface has a peer", key->name);
-    schema_map(self, key->name, value, peer_keys, node);
-    check_interface(self, key, value, node->peer, node->netns);
-    if (!node->netns && node->peer && same_text(node->peer, node->port))
-        schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
+    if (value->type == YAML_SCALAR_NODE) /* short for { name: … } */
+        read_peer_name(self, key, value, object);
+    else
+        schema_map(self, key->name, value, peer_keys, node);
+    check_peer(self, key, value, node);
 }
 
 static void read_peer_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

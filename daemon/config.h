@@ -186,6 +186,7 @@ typedef struct cfg {
     cfg_pacing pacing;
     cfg_missing_port missing_port;
     const char *warnings; /* a line each, FILE:LINE:COLUMN: warning: ...; "" when there is none */
+    bool vxcan; /* ports that are interfaces have a peer, by default one with the node's name */
     cfg_time catch_up; /* how far the bus may fall behind; default 1s */
 } cfg;
 

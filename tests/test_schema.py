@@ -34,6 +34,7 @@ DEPTH_MAX = 40
 # What the loader finds and the schema cannot.
 SEMANTIC = [
     "there is no node", "there is no rule", "duplicate", "cannot come after itself",
+    "is too long for one",
     "is in the list twice", "is in the map twice", "is named twice", "nothing is separated",
     "wait for the same states", "another node", "needs a frame on the bus",
     "error frames (#MASK)", "for error frames (#MASK), not for both", "more frame filters than fit",

@@ -233,6 +233,23 @@ static void times_that_are_rounded_are_told(void **state)
     cfg_free(config);
 }
 
+static void ports_have_peers_by_one_key(void **state)
+{
+    static const char *const peers[] = {"engine", "can0", "can0", NULL, NULL};
+    (void)state;
+    cfg *config = load_good(GOOD "vxcan.yaml");
+    assert_true(config->vxcan);
+    for (unsigned i = 0; i < 5; i++) {
+        if (peers[i])
+            assert_string_equal(config->nodes[i].peer, peers[i]);
+        else
+            assert_null(config->nodes[i].peer);
+    }
+    assert_null(config->nodes[1].netns);
+    assert_string_equal(config->nodes[2].netns, "dash");
+    cfg_free(config);
+}
+
 static void bus_keys_are_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -1178,6 +1195,7 @@ int main(void)
         cmocka_unit_test(ports_are_read),
         cmocka_unit_test(times_that_are_rounded_are_told),
         cmocka_unit_test(warnings_take_no_place_of_errors),
+        cmocka_unit_test(ports_have_peers_by_one_key),
         cmocka_unit_test(bus_keys_are_read),
         cmocka_unit_test(node_keys_are_read),
         cmocka_unit_test(traffic_is_read),
