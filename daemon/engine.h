@@ -67,6 +67,10 @@ void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user);
  * the clock. */
 uint64_t engine_realtime_ns(const engine *e, uint64_t tick);
 
+/* Counts what ECUs have sent on vcans without loopback, which reaches nobody; once a second is
+ * enough. */
+void engine_count_loopless(engine *e);
+
 /* What is to be shown beyond the bus itself. */
 void engine_report(const engine *e, report *out);
 

@@ -9,8 +9,10 @@
 #include "engine_private.h"
 
 #include "log.h"
+#include "loopless.h"
 #include "portname.h"
 
+#include <errno.h>
 #include <net/if.h>
 #include <string.h>
 
@@ -91,6 +93,7 @@ static void gain_port(engine *e, unsigned node)
     e->links.refused &= ~bit_of(node);
     e->now.ports[node] = p;
     conserve_opened(&e->books, node, p);
+    engine_count_loopless(e);
     engine_watch_port(e, node);
     tell_small_buffer(e, node);
 }
@@ -135,11 +138,23 @@ static void take_interface(engine *e, unsigned node, unsigned index, report_link
         set_link(e, node, state);
 }
 
-static void on_seen(void *user, unsigned index, const char *name, bool up)
+/* Only of a vcan its counters tell what was sent without loopback. */
+static void note_kind(engine *e, const char *name, bool vcan)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (!has_name(e, i, name))
+            continue;
+        e->links.vcans &= ~bit_of(i);
+        e->links.vcans |= vcan ? bit_of(i) : 0;
+    }
+}
+
+static void on_seen(void *user, unsigned index, const char *name, const char *kind, bool up)
 {
     engine *e = user;
     report_link state = up ? REPORT_LINK_UP : REPORT_LINK_DOWN;
     bool news = false;
+    note_kind(e, name, strcmp(kind, "vcan") == 0);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         news = news || is_news(e, i, index, name, state);
         e->links.mentioned |= has_name(e, i, name) ? bit_of(i) : 0;
@@ -233,7 +248,16 @@ bool engine_open_ports(engine *e)
         e->links.state[i] = REPORT_LINK_UP;
         good = open_port(e, i) && good; /* go on, to name all that are missing */
     }
+    engine_count_loopless(e);
     return good;
+}
+
+void engine_count_loopless(engine *e)
+{
+    if (loopless_look(e->config, e->now.ports, e->links.vcans) || e->links.told_uncounted)
+        return;
+    e->links.told_uncounted = true;
+    log_warning("frames that are sent without loopback cannot be counted: %s", strerror(errno));
 }
 
 bool engine_watch_links(engine *e)
@@ -274,6 +298,7 @@ void engine_carry_links_over(engine *e, const reload *r)
     report_link before[CW_NODES_MAX];
     memcpy(before, e->links.state, sizeof before);
     e->links.refused = 0;
+    e->links.vcans = 0; /* the list that is asked for below tells again */
     for (unsigned i = 0; i < e->config->node_count; i++) {
         report_link state = link_after(e, r, before, i);
         e->links.state[i] = state;

@@ -28,6 +28,8 @@ typedef struct engine_links {
     report_link state[CW_NODES_MAX];
     bool awaited;       /* there is a list of interfaces to come */
     uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
+    uint64_t vcans;     /* nodes whose interface is a vcan, as far as is known */
+    bool told_uncounted; /* that frames without loopback cannot be counted has been logged */
     uint64_t refused;   /* nodes whose interface is there but could not be opened */
     ev_timer retry;     /* of these, and of a list that could not be had */
     bool told_small;    /* that the kernel keeps a port short of room has been logged */

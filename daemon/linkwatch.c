@@ -67,20 +67,40 @@ void linkwatch_list(linkwatch *w)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-static const char *name_of(const struct nlmsghdr *header)
+/* The first one of a type among the attributes from one place to another, or NULL. */
+static const struct rtattr *find(unsigned short type, const char *attribute, const char *end)
 {
-    const struct ifinfomsg *info = NLMSG_DATA(header);
-    const char *attribute = (const char *)info + NLMSG_ALIGN(sizeof *info);
-    const char *end = (const char *)header + header->nlmsg_len;
     while (end - attribute >= (ptrdiff_t)sizeof(struct rtattr)) {
         const struct rtattr *a = (const struct rtattr *)attribute;
         if (a->rta_len < sizeof *a || a->rta_len > end - attribute)
             return NULL;
-        if (a->rta_type == IFLA_IFNAME)
-            return RTA_DATA(a);
+        if ((a->rta_type & NLA_TYPE_MASK) == type)
+            return a;
         attribute += RTA_ALIGN(a->rta_len);
     }
     return NULL;
+}
+
+static const struct rtattr *find_in(unsigned short type, const struct nlmsghdr *header)
+{
+    const struct ifinfomsg *info = NLMSG_DATA(header);
+    return find(type, (const char *)info + NLMSG_ALIGN(sizeof *info),
+                (const char *)header + header->nlmsg_len);
+}
+
+/* A text with its final 0, or "". */
+static const char *text_of(const struct rtattr *a)
+{
+    bool text = a && RTA_PAYLOAD(a) > 0 && memchr(RTA_DATA(a), '\0', RTA_PAYLOAD(a));
+    return text ? RTA_DATA(a) : "";
+}
+
+static const char *kind_of(const struct nlmsghdr *header)
+{
+    const struct rtattr *info = find_in(IFLA_LINKINFO, header);
+    if (!info)
+        return "";
+    return text_of(find(IFLA_INFO_KIND, RTA_DATA(info), (const char *)info + info->rta_len));
 }
 
 static void take_link(linkwatch *w, const struct nlmsghdr *header)
@@ -88,11 +108,11 @@ static void take_link(linkwatch *w, const struct nlmsghdr *header)
     const struct ifinfomsg *info = NLMSG_DATA(header);
     if (info->ifi_family != AF_UNSPEC || info->ifi_index <= 0) /* bridges tell of ports, too */
         return;
-    const char *name = name_of(header);
+    const char *name = text_of(find_in(IFLA_IFNAME, header));
     if (header->nlmsg_type == RTM_DELLINK)
         w->calls->gone(w->user, (unsigned)info->ifi_index);
-    else if (name)
-        w->calls->seen(w->user, (unsigned)info->ifi_index, name,
+    else if (*name)
+        w->calls->seen(w->user, (unsigned)info->ifi_index, name, kind_of(header),
                        (info->ifi_flags & UP_FLAGS) == UP_FLAGS);
 }
 

@@ -13,8 +13,9 @@ typedef struct linkwatch linkwatch;
 /* All are called from the loop. */
 typedef struct linkwatch_calls {
     /* An interface is there, perhaps with another name or state than before. up: it can carry
-     * frames, which a vxcan does only when its peer is up, too. */
-    void (*seen)(void *user, unsigned index, const char *name, bool up);
+     * frames, which a vxcan does only when its peer is up, too. kind: as `ip link` has it, such as
+     * "vcan"; "" where there is none. */
+    void (*seen)(void *user, unsigned index, const char *name, const char *kind, bool up);
     void (*gone)(void *user, unsigned index);
     /* All interfaces of a list that was asked for have been seen. */
     void (*listed)(void *user);

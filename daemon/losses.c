@@ -30,6 +30,7 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 4] = "connections refused, an ECU is connected already",
     [CW_DROP_COUNT + 5] = "bus-off",
     [CW_DROP_COUNT + 6] = "restarts",
+    [CW_DROP_COUNT + 7] = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -47,6 +48,7 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 4] = interface->refused;
     now[CW_DROP_COUNT + 5] = stats.bus_off;
     now[CW_DROP_COUNT + 6] = stats.restarts;
+    now[CW_DROP_COUNT + 7] = interface->loopless;
 }
 
 /* "" where the node's program can do nothing about it. */

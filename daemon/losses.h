@@ -9,7 +9,7 @@
 #include "config.h"
 #include "report.h"
 
-#define LOSS_KINDS (CW_DROP_COUNT + 7)
+#define LOSS_KINDS (CW_DROP_COUNT + 8)
 
 /* What has been logged so far; starts all zero. */
 typedef struct losses {

@@ -305,6 +305,7 @@ static void tell_status(service *s)
     char trouble[TROUBLE_BYTES];
     cw_bus_stats stats;
     engine_update(s->engine);
+    engine_count_loopless(s->engine);
     report beyond;
     engine_report(s->engine, &beyond);
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
@@ -442,6 +443,7 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
     ev_run(loop, 0);
+    engine_count_loopless(s->engine);
     report beyond;
     engine_report(s->engine, &beyond);
     if (s->publisher)

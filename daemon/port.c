@@ -193,6 +193,17 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *m
     return p->kind->read(p, frames, max, more);
 }
 
+void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
+{
+    if (!p->loopless_begun) {
+        p->loopless_begun = true;
+        p->loopless_before = most;
+    }
+    int64_t news = least - p->loopless_before;
+    if (counting && news > 0 && (uint64_t)news > p->stats.loopless)
+        p->stats.loopless = (uint64_t)news;
+}
+
 void port_pushed_back(port *p)
 {
     p->stats.pushed_back++;

@@ -35,6 +35,7 @@ typedef struct port_stats {
     uint64_t malformed;      /* messages of an ECU that are no frames */
     uint64_t connected;      /* how often an ECU connected */
     uint64_t refused;        /* connections refused since an ECU was connected already */
+    uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
     uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
 } port_stats;
 
@@ -63,6 +64,11 @@ int port_fd(const port *p);
 /* Reads up to max frames that wait, from 1 to PORT_BATCH. Returns how many were put into frames;
  * *more tells whether to read again. */
 unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
+
+/* So many frames have been sent on its interface without loopback since that was made, at least and
+ * at most. Counts those since it was opened; the first call begins with the most, so that none from
+ * before counts. counting: else only that is done. */
+void port_count_loopless(port *p, int64_t least, int64_t most, bool counting);
 
 /* Counts that it is not read for a while, since its node's queue is full. */
 void port_pushed_back(port *p);

@@ -58,6 +58,8 @@ struct port {
     uint64_t told_dropped; /* of stats.kernel_dropped, what the ECU has been told of ... */
     uint64_t told_tick;    /* ... and when */
     errframe_limit limit;
+    bool loopless_begun;
+    int64_t loopless_before; /* what had been sent without loopback when it was opened */
     port_messages messages;
 };
 

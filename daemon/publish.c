@@ -411,6 +411,8 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     set_delay(&m, &s->delay);
     m.dropped_rx += (int64_t)interface->write_failed;
     m.dropped_kernel = (int64_t)interface->kernel_dropped;
+    m.dropped_loopless = (int64_t)interface->loopless;
+    m.pushed_back = (int64_t)interface->pushed_back;
     m.error_frames_left_out = (int64_t)interface->errors_left_out;
     m.error_frames_ignored = (int64_t)interface->errors_ignored;
     PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);

@@ -159,7 +159,8 @@ static bool refuse_key(char *error, const char *key)
     else
         snprintf(error, SETTINGS_ERROR_MAX,
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
-                 "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, order, warning-limit",
+                 "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, "
+                 "order, warning-limit",
                  key);
     return false;
 }

@@ -175,7 +175,18 @@ static void print_traffic(FILE *out, const json_t *node)
     fputs("    TX:  bytes packets errors dropped carrier collsns\n", out);
     fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "tx_bytes"),
             number(node, "tx_frames"), number(node, "tx_errors"),
-            sum(json_object_get(node, "dropped")) + number(interface, "kernel_dropped"), 0, 0);
+            sum(json_object_get(node, "dropped")) + number(interface, "kernel_dropped") +
+                number(interface, "loopless"),
+            0, 0);
+}
+
+/* Where a program has spoken to nobody. */
+static void print_loopless(FILE *out, const json_t *node)
+{
+    intmax_t frames = number(json_object_get(node, "interface"), "loopless");
+    if (frames > 0)
+        fprintf(out, "    %jd frames sent without loopback have not reached the bus: use vxcan\n",
+                frames);
 }
 
 /* Where programs wait for room in the queue, in place of losing frames. */
@@ -196,9 +207,11 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     bool waits = strcmp(text(node, "when_full"), "wait") == 0;
     fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s%s\n", position, text(node, "name"),
             *peer ? "@" : "", peer, number(settings, "queue"), text(settings, "order"),
-            waits ? " when-full wait" : "", has_link(node) ? "" : " link ", has_link(node) ? "" : upper(link, text(node, "link")));
+            waits ? " when-full wait" : "", has_link(node) ? "" : " link ",
+            has_link(node) ? "" : upper(link, text(node, "link")));
     print_state(out, node, bitrate);
     print_push_back(out, node);
+    print_loopless(out, node);
     print_counters(out, node);
     print_traffic(out, node);
 }
