@@ -205,7 +205,8 @@ def test_dropping_can_be_asked_for_and_names_what_helps(rig):
     line = next(l for l in r.stop().splitlines() if "queue full" in l)
     assert re.search(r"node engine: \d+ dropped, queue full \(the last one 7E0\): give it room "
                      r"\(queue: 4 in the configuration\), or its program writes in smaller bursts "
-                     r"\(ISO-TP: STmin or a block size\), or waits \(when-full: wait\)(;|$)", line), line
+                     r"\(ISO-TP: STmin or a block size\), or waits \(when-full: wait\)(;|$)",
+                     line), line
 
 
 def test_nobody_waits_for_a_node_that_takes_nothing(rig):

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""Transport protocols as programs use them, for the tests of stacks over canwired.
+
+The protocols have timers of their own: in the kernel 1 s for a flow control or the next
+consecutive frame, which cannot be changed. On a machine that stands still for longer a transfer
+fails although nothing is lost. So a transfer is tried again, a few times, and what must hold
+each time is counted: no frame was dropped or lost by the way.
+"""
+
+import contextlib
+import errno
+import socket
+import struct
+import time
+
+import can
+import pytest
+
+from conftest import RECEIVE_BUFFER_BYTES, SO_RCVBUFFORCE, assert_balance
+from test_faults import Shell
+
+SOL_CAN_ISOTP, CAN_ISOTP_OPTS, CAN_ISOTP_RECV_FC = 106, 1, 2
+CAN_ISOTP_WAIT_TX_DONE = 0x400
+REQUEST, RESPONSE = 0x7E0, 0x7E8
+TRIES = 6
+PATIENCE_S = 20  # for one transfer; the protocol gives up much earlier
+STOPPED = {errno.ECOMM, errno.ETIMEDOUT, errno.EILSEQ, errno.EBADMSG, errno.EPROTO, errno.ENODATA,
+           errno.ECONNRESET}  # what the kernel's protocols say when a transfer has failed
+
+
+def payload(size, seed=0):
+    return bytes((i * 7 + i // 256 + seed) & 0xFF for i in range(size))
+
+
+class Failed(Exception):
+    """A transfer that did not come through."""
+
+
+class IsotpSocket:
+    """Kernel ISO-TP. What it asks of the other side: block size and STmin."""
+
+    def __init__(self, interface, rx, tx, block_size=0, stmin=0):
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
+        self.socket.setsockopt(SOL_CAN_ISOTP, CAN_ISOTP_OPTS,
+                               struct.pack("=IIBBBB", CAN_ISOTP_WAIT_TX_DONE, 0, 0, 0, 0, 0))
+        self.socket.setsockopt(SOL_CAN_ISOTP, CAN_ISOTP_RECV_FC,
+                               struct.pack("=BBB", block_size, stmin, 0))
+        self.socket.bind((interface, rx, tx))
+        self.socket.settimeout(PATIENCE_S)
+
+    def send(self, data):
+        """Until the last frame has been written."""
+        with failing():
+            self.socket.send(data)
+
+    def receive(self):
+        with failing():
+            return self.socket.recv(5000)
+
+    def drain(self):
+        """What a transfer that has failed has left behind."""
+        self.socket.setblocking(False)
+        while True:
+            try:
+                self.socket.recv(5000)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                assert error.errno in STOPPED, error
+        self.socket.settimeout(PATIENCE_S)
+
+    def close(self):
+        self.socket.close()
+
+
+@contextlib.contextmanager
+def failing():
+    try:
+        yield
+    except TimeoutError as error:
+        raise Failed(str(error)) from error
+    except OSError as error:
+        assert error.errno in STOPPED, error
+        raise Failed(str(error)) from error
+
+
+def tries(transfer, ends, count=TRIES):
+    """Until it comes through; returns how often it did not."""
+    for failures in range(count):
+        try:
+            transfer()
+            return failures
+        except Failed:
+            time.sleep(1.2)  # the other side's timer runs out, too, and the queue empties
+            for end in ends:
+                end.drain()
+    pytest.fail(f"{count} transfers failed, one after the other")
+
+
+def exchange(client, server, size=4095):
+    """A message there and back."""
+    def transfer():
+        data, answer = payload(size), payload(size, 1)
+        client.send(data)
+        assert_same(server.receive(), data)
+        server.send(answer)
+        assert_same(client.receive(), answer)
+
+    return tries(transfer, (client, server))
+
+
+def assert_same(got, wanted):
+    """The first message of a try that failed may come late; no other one may."""
+    if got != wanted:
+        assert len(got) == len(wanted), (len(got), len(wanted))
+        raise Failed("another message")
+
+
+class Rig:
+    """A bus on vcan0 (client), vcan1 (server), and what else nodes says."""
+
+    def __init__(self, daemon, bus):
+        self.daemon, self.bus = daemon, bus
+        self.shell = Shell(daemon)
+
+    def nodes(self):
+        return self.shell.nodes(self.bus)
+
+    def run(self, *words, **more):
+        return self.shell.run(words[0], self.bus, *words[1:], **more)
+
+    def stop(self, lossless=True):
+        """Nothing was lost between program and bus, but for what faults have dropped."""
+        for node in self.nodes().values():
+            assert_balance(node)
+            if lossless and node["interface"]:
+                assert node["dropped"]["queue-full"] == 0, node
+                assert node["interface"]["kernel_dropped"] == 0, node
+                assert node["interface"]["loopless"] == 0, node
+                assert node["interface"]["write_failed"] == 0, node
+        return self.daemon.stop()
+
+
+BUS = """
+bus: {{ name: stacks, bitrate: {bitrate} }}
+control: stacks.sock
+nodes:
+  - {{ name: client, port: vcan0{client} }}
+  - {{ name: server, port: vcan1{server} }}
+{more}
+"""
+
+
+def bus_text(**more):
+    return BUS.format(**{"bitrate": 500000, "client": "", "server": "", "more": "", **more})
+
+
+@contextlib.contextmanager
+def python_bus(interface):
+    """python-can, with room for what comes while Python is busy."""
+    with can.Bus(interface="socketcan", channel=interface) as bus:
+        bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+        yield bus

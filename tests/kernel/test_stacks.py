@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: MIT
+"""ISO-TP, UDS, J1939 and CANopen as they are, over canwired.
+
+They write whole messages at once, as vcan lets them; none of their frames may get lost.
+"""
+
+import contextlib
+import socket
+import threading
+
+import canopen
+import isotp
+import pytest
+import udsoncan
+from udsoncan.client import Client
+from udsoncan.connections import IsoTPSocketConnection, PythonIsoTpConnection
+
+import stacks
+from conftest import ip, wait_until
+from stacks import (REQUEST, RESPONSE, Failed, IsotpSocket, Rig, bus_text, exchange, payload,
+                    python_bus, tries)
+
+MESSAGE = 4095  # bytes: 1 first and 585 consecutive frames
+
+
+@pytest.fixture(name="rig")
+def fixture_rig(vcan, canwired):
+    vcan(2)
+
+    def start(**more):
+        return Rig(canwired(bus_text(**more)), "stacks")
+
+    return start
+
+
+@pytest.fixture(name="kernel_isotp")
+def fixture_kernel_isotp():
+    """kernel_isotp(block_size) opens client and server."""
+    with contextlib.ExitStack() as opened:
+
+        def start(block_size=0, interfaces=("vcan0", "vcan1")):
+            ids = (RESPONSE, REQUEST), (REQUEST, RESPONSE)
+            ends = [IsotpSocket(i, *pair, block_size) for i, pair in zip(interfaces, ids)]
+            for end in ends:
+                opened.callback(end.close)
+            return ends
+
+        yield start
+
+
+# ---- ISO-TP of the kernel ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("block_size", [0, 8])
+def test_kernel_isotp(rig, kernel_isotp, block_size):
+    r = rig()
+    client, server = kernel_isotp(block_size)
+    for size in 1, 7, 8, 200, 1700, MESSAGE, MESSAGE:
+        exchange(client, server, size)
+    assert r.nodes()["client"]["tx_frames"] >= 2 * 586
+    r.stop()
+
+
+def test_kernel_isotp_with_a_short_queue(rig, kernel_isotp):
+    """What a small controller would do, and the log says what to do about it; with blocks that the
+    queue can hold it works."""
+    r = rig(client=", queue: 16")
+    client, server = kernel_isotp()
+    client.send(payload(MESSAGE))
+    node = r.shell.nodes("stacks")["client"]
+    wait_until(lambda: r.nodes()["client"]["dropped"]["queue-full"] > 0, "lost frames")
+    with pytest.raises(Failed):
+        server.receive()
+    wait_until(lambda: "queue full (the last one 7E0)" in r.daemon.stderr(), "the warning")
+    assert "ISO-TP: STmin or a block size" in r.daemon.stderr()
+    wait_until(lambda: r.nodes()["client"]["queue"] == 0, "the rest of it")
+    lost = r.nodes()["client"]["dropped"]["queue-full"]
+    assert lost > node["dropped"]["queue-full"] or lost > 100
+    for end in client, server:
+        end.drain()
+        end.close()
+    client, server = kernel_isotp(8)
+    exchange(client, server)
+    assert r.nodes()["client"]["dropped"]["queue-full"] == lost
+    r.stop(lossless=False)
+
+
+def test_a_vcan_that_waits(rig, kernel_isotp):
+    """when-full: wait leaves what the queue cannot hold in the kernel, and nothing is lost."""
+    r = rig(client=", queue: 16, when-full: wait", server=", queue: 1, when-full: wait")
+    client, server = kernel_isotp()
+    exchange(client, server)
+    nodes = r.nodes().values()
+    assert all(node["interface"]["pushed_back"] > 0 for node in nodes)
+    assert [node["queue_peak"] for node in nodes] == [16, 1]
+    r.stop()
+
+
+def test_vxcan(canwired, kernel_isotp):
+    ip("link add vx0 type vxcan peer name ecu0", "link add vx1 type vxcan peer name ecu1",
+       *(f"link set {name} up" for name in ("vx0", "ecu0", "vx1", "ecu1")))
+    try:
+        r = Rig(canwired(bus_text().replace("vcan", "vx")), "stacks")
+        exchange(*kernel_isotp(interfaces=("ecu0", "ecu1")))
+        r.stop()
+    finally:
+        ip("link del vx0", "link del vx1")
+
+
+# ---- can-isotp and udsoncan ----------------------------------------------------------------------
+
+PATIENT = {"rx_flowcontrol_timeout": 20000, "rx_consecutive_frame_timeout": 20000}  # ms
+
+
+class Stack(isotp.CanStack):
+    """can-isotp with the interface of IsotpSocket."""
+
+    def receive(self):
+        data = self.recv(block=True, timeout=stacks.PATIENCE_S)
+        if data is None:
+            raise Failed("timeout")
+        return bytes(data)
+
+    def drain(self):
+        self.reset()
+
+
+@contextlib.contextmanager
+def stack(interface, rx, tx, block_size):
+    address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=rx, txid=tx)
+    with python_bus(interface) as bus:
+        layer = Stack(bus, address=address,
+                      params={**PATIENT, "blocksize": block_size, "stmin": 0})
+        layer.start()
+        try:
+            yield layer
+        finally:
+            layer.stop()
+
+
+@pytest.mark.parametrize("block_size", [0, 8])
+def test_python_isotp(rig, block_size):
+    r = rig()
+    with (stack("vcan0", RESPONSE, REQUEST, block_size) as client,
+          stack("vcan1", REQUEST, RESPONSE, block_size) as server):
+        exchange(client, server)
+    r.stop()
+
+
+DID, RECORD = 0xF1A0, payload(2000, 5)
+CONFIG = {**udsoncan.configs.default_client_config, "request_timeout": 60, "p2_timeout": 60,
+          "p2_star_timeout": 60, "data_identifiers": {DID: udsoncan.AsciiCodec(len(RECORD))}}
+
+
+def answer(request):
+    """What an ECU says to the few services that it has."""
+    if request[0] == 0x3E:
+        return bytes([0x7E, request[1]])
+    if request[0] == 0x22:
+        return bytes([0x62]) + request[1:3] + bytes(b & 0x7F for b in RECORD)
+    if request[0] == 0x36:
+        return bytes([0x76, request[1]]) + request[2:]
+    return bytes([0x7F, request[0], 0x11])
+
+
+def serve(end, stopping):
+    while not stopping.is_set():
+        with contextlib.suppress(Failed):
+            end.send(answer(end.receive()))
+
+
+@contextlib.contextmanager
+def uds_server(end):
+    """Ends with the client: a last request wakes it up."""
+    stopping = threading.Event()
+    thread = threading.Thread(target=serve, args=(end, stopping), daemon=True)
+    thread.start()
+    try:
+        yield stopping
+    finally:
+        thread.join(60)
+        assert not thread.is_alive()
+
+
+def ask_all(connection, stopping):
+    with Client(connection, config=CONFIG) as client:
+        client.tester_present()
+        record = client.read_data_by_identifier(DID)
+        assert record.service_data.values[DID] == "".join(chr(b & 0x7F) for b in RECORD)
+        sent = client.transfer_data(1, payload(3000))
+        assert sent.service_data.parameter_records == payload(3000)
+        stopping.set()
+        client.tester_present()
+
+
+def test_uds_over_the_kernel(rig):
+    r = rig()
+    server = IsotpSocket("vcan1", REQUEST, RESPONSE, 8)
+    address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=RESPONSE, txid=REQUEST)
+    with uds_server(server) as stopping:
+        ask_all(IsoTPSocketConnection("vcan0", address), stopping)
+    server.close()
+    r.stop()
+
+
+def test_uds_over_python(rig):
+    r = rig()
+    address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=RESPONSE, txid=REQUEST)
+    with (stack("vcan1", REQUEST, RESPONSE, 0) as server, python_bus("vcan0") as bus,
+          uds_server(server) as stopping):
+        layer = isotp.CanStack(bus, address=address, params=dict(PATIENT, blocksize=0))
+        ask_all(PythonIsoTpConnection(layer), stopping)
+    r.stop()
+
+
+# ---- J1939 of the kernel -------------------------------------------------------------------------
+
+PGN = 0x12300  # peer to peer
+BROADCAST_PGN = 0xFEF0
+
+
+class J1939Socket:
+    def __init__(self, interface, address):
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_J1939)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        self.socket.bind((interface, socket.J1939_NO_NAME, socket.J1939_NO_PGN, address))
+        self.socket.settimeout(stacks.PATIENCE_S)
+        self.interface = interface
+
+    def send(self, data, address, pgn=PGN):
+        with stacks.failing():
+            self.socket.sendto(data, (self.interface, socket.J1939_NO_NAME, pgn, address))
+
+    def receive(self):
+        with stacks.failing():
+            return self.socket.recv(5000)
+
+    drain = IsotpSocket.drain
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.mark.parametrize("queue", ["", ", queue: 16, when-full: wait"], ids=["default", "waits"])
+def test_kernel_j1939(rig, queue):
+    """The longest message of its transport protocol, 255 packets, and one to everybody."""
+    r = rig(client=queue, bitrate=250000)
+    one, other = J1939Socket("vcan0", 0x20), J1939Socket("vcan1", 0x30)
+    try:
+        for size in 8, 9, 1785, 1785:
+            def transfer(size=size):
+                one.send(payload(size), 0x30)
+                stacks.assert_same(other.receive(), payload(size))
+                other.send(payload(size, 1), 0x20)
+                stacks.assert_same(one.receive(), payload(size, 1))
+
+            tries(transfer, (one, other))
+
+        def broadcast():
+            one.send(payload(50), socket.J1939_NO_ADDR, BROADCAST_PGN)
+            stacks.assert_same(other.receive(), payload(50))
+
+        tries(broadcast, (one, other))
+    finally:
+        one.close()
+        other.close()
+    assert r.nodes()["client"]["tx_frames"] > 2 * 255
+    r.stop()
+
+
+# ---- CANopen -------------------------------------------------------------------------------------
+
+NODE = 5
+SHORT, LONG, PDO_VALUE = 0x2000, 0x2001, 0x2002
+
+
+def dictionary():
+    types = canopen.objectdictionary
+    entries = types.ObjectDictionary()
+    for index, kind in ((SHORT, types.UNSIGNED32), (LONG, types.DOMAIN),
+                        (PDO_VALUE, types.UNSIGNED32), (0x1017, types.UNSIGNED16)):
+        variable = types.ODVariable(f"entry {index:X}", index)
+        variable.data_type, variable.access_type, variable.pdo_mappable = kind, "rw", True
+        variable.default = None if kind == types.DOMAIN else 0
+        entries.add_object(variable)
+    for base, kinds in ((0x1800, "com"), (0x1A00, "map")):
+        record = types.ODRecord(f"TPDO {kinds}", base)
+        for sub, kind in ((0, types.UNSIGNED8), (1, types.UNSIGNED32), (2, types.UNSIGNED8),
+                          (3, types.UNSIGNED16), (5, types.UNSIGNED16)):
+            member = types.ODVariable(f"{kinds} {sub}", base, sub)
+            member.data_type, member.access_type, member.default = kind, "rw", 0
+            record.add_member(member)
+        entries.add_object(record)
+    return entries
+
+
+@contextlib.contextmanager
+def canopen_network(interface):
+    network = canopen.Network()
+    network.connect(interface="socketcan", channel=interface)
+    network.bus.socket.setsockopt(socket.SOL_SOCKET, stacks.SO_RCVBUFFORCE,
+                                  stacks.RECEIVE_BUFFER_BYTES)
+    try:
+        yield network
+    finally:
+        network.disconnect()
+
+
+def test_canopen(rig):
+    r = rig()
+    with canopen_network("vcan0") as master, canopen_network("vcan1") as slave:
+        local = slave.create_node(NODE, dictionary())
+        remote = master.add_node(NODE, dictionary())
+        remote.sdo.RESPONSE_TIMEOUT = stacks.PATIENCE_S
+        remote.sdo[SHORT].raw = 0xDEADBEEF  # expedited
+        assert local.sdo[SHORT].raw == remote.sdo[SHORT].raw == 0xDEADBEEF
+        remote.sdo[LONG].raw = payload(1500)  # segmented, both ways
+        assert remote.sdo[LONG].raw == payload(1500)
+        send_pdos(local, remote)
+        send_heartbeats(local, remote)
+    r.stop()
+
+
+def send_pdos(local, remote):
+    for node in local, remote:
+        node.tpdo[1].cob_id = 0x180 + NODE
+        node.tpdo[1].add_variable(PDO_VALUE)
+        node.tpdo[1].enabled = True
+    got = []
+    remote.tpdo[1].subscribe()
+    remote.tpdo[1].add_callback(lambda message: got.append(message[0].raw))
+    for value in range(200):
+        local.tpdo[1][0].raw = value
+        local.tpdo[1].transmit()
+    wait_until(lambda: len(got) == 200, "all PDOs")
+    assert got == list(range(200))
+
+
+def send_heartbeats(local, remote):
+    beats = []
+    remote.nmt.add_heartbeat_callback(beats.append)
+    local.nmt.state = "PRE-OPERATIONAL"
+    local.nmt.start_heartbeat(20)
+    wait_until(lambda: len(beats) >= 10, "heartbeats")
+    local.nmt.stop_heartbeat()
+    assert set(beats) <= {127, 0}
+    assert remote.nmt.state == "PRE-OPERATIONAL"
