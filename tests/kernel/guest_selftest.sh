@@ -3,7 +3,17 @@
 set -uo pipefail
 
 cd -- "$(dirname -- "${BASH_SOURCE[0]}")/../.." || exit 1
-if [[ -z ${CANWIRE_PLACE:-} ]]; then exec scripts/guest -- tests/kernel/guest_selftest.sh "$@"; fi
+if [[ -z ${CANWIRE_PLACE:-} ]]; then
+    named=$(mktemp -d) file=$(mktemp) && trap 'rm -rf -- "$named" "$file"' EXIT
+    echo 'a file' >"$file" && echo 'in a folder' >"$named/file"
+    scripts/guest -- tests/kernel/guest_selftest.sh "$file" "$named/file"
+    status=$?
+    if [[ $(cat "$file" "$named/file") != $'a file\nin a folder' ]]; then
+        echo "what a guest has written is on the host" >&2
+        status=1
+    fi
+    exit "$status"
+fi
 
 passed=0 failed=0
 work=$(mktemp -d) && trap 'rm -rf -- "$work"' EXIT
@@ -55,7 +65,15 @@ the_place() {
     check_run "the checkout is writable" 0 mktemp build/selftest.XXXXXX
     rm -f -- "$(<"$work/out")"
     check_run "other users' namespaces" 0 unshare -Urn true
+    check "files of /tmp that are named" "$shared" "$(cat -- "$@" | tr '\n' ' ')"
+    if (($#)) && [[ $CANWIRE_PLACE == qemu ]]; then
+        # shellcheck disable=SC2016 # that is the point
+        check_run "they can be written" 0 sh -c 'echo >>"$1" && mkdir "${2%/*}/new"' sh "$@"
+    fi
 }
+
+shared=''
+if (($#)); then shared='a file in a folder '; fi
 
 frames() {
     check_run "vcan" 0 ip link add vcan0 type vcan
@@ -102,7 +120,7 @@ nested() {
 
 for part in the_place frames nested; do
     before=$failed
-    "$part"
+    "$part" "$@"
     if ((failed > before)); then echo "in $part: $((failed - before)) failed"; fi
 done
 printf '%s passed, %s failed\n' "$passed" "$failed"
