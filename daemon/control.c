@@ -84,8 +84,10 @@ static void on_line(void *user, server_client *client, char *line, size_t length
     }
     write_json(client, reply);
     json_decref(reply);
-    if (result.watch_changed)
+    if (result.watch_changed) {
         set_watch(c, server_client_number(client), result.watch);
+        server_keep(client, result.watch != 0);
+    }
 }
 
 void control_reloaded(control *c, uint64_t round, const char *errors)
@@ -209,6 +211,8 @@ static const server_calls calls = {
     .drained = on_drained,
     .closed = on_closed,
     .too_many = "{\"ok\":false,\"error\":\"too many connections\"}\n",
+    .too_quiet = "{\"ok\":false,\"error\":\"too many connections: this one was quiet for longest, "
+                 "and another one has its place\"}\n",
     .too_long = "{\"ok\":false,\"error\":\"the line is too long\"}\n",
 };
 

@@ -41,6 +41,9 @@ struct server_client {
     bool held;       /* no line is handled before server_go_on() */
     bool end;        /* the client will write no more */
     bool doomed;     /* to be disconnected */
+    bool stays;      /* also when it says nothing */
+    uid_t user;
+    ev_tstamp heard; /* when its last line came, or itself */
 };
 
 struct server {
@@ -55,6 +58,7 @@ struct server {
     unsigned first; /* client whose turn comes first */
     ev_tstamp log_second;
     unsigned log_lines;
+    server_clock *now;
     server_client clients[SERVER_CLIENTS_MAX];
 };
 
@@ -212,6 +216,7 @@ static void handle_line(server_client *c)
     char *line = buffer_first(&c->in);
     size_t length = c->searched;
     line[length] = '\0';
+    c->heard = s->now(s->loop);
     s->calls->line(s->user, c, line, length);
     buffer_take(&c->in, length + 1);
     c->searched = 0;
@@ -270,34 +275,120 @@ static void on_busy(struct ev_loop *loop, ev_idle *watcher, int events)
     (void)events;
 }
 
+/* ---- Places ---------------------------------------------------------------------------------- */
+
+static unsigned count_clients(const server *s, uid_t user)
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        count += s->clients[i].fd >= 0 && s->clients[i].user == user;
+    return count;
+}
+
+static unsigned count_free(const server *s)
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        count += s->clients[i].fd < 0;
+    return count;
+}
+
+/* Places that are kept for others than this user: one for root and one for the daemon's own user,
+ * until they have one. */
+static unsigned count_kept(const server *s, uid_t user)
+{
+    const uid_t own = geteuid();
+    unsigned kept = user != 0 && count_clients(s, 0) == 0;
+    if (own != 0 && own != user && count_clients(s, own) == 0)
+        kept++;
+    return kept;
+}
+
+static bool has_quota(const server *s, uid_t user)
+{
+    return count_clients(s, user) < SERVER_USER_MAX;
+}
+
+static bool may_come(const server *s, uid_t user)
+{
+    return has_quota(s, user) && count_free(s) > count_kept(s, user);
+}
+
+static bool is_idle(const server_client *c)
+{
+    bool rests = !c->stays && !c->line_waits && !c->held && buffer_length(&c->out) == 0;
+    return c->fd >= 0 && rests && c->server->now(c->server->loop) - c->heard >= SERVER_IDLE_S;
+}
+
+/* The client that has said nothing for longest, if that is too long; NULL: none. */
+static server_client *find_idle(server *s, bool of_user, uid_t user)
+{
+    server_client *found = NULL;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        server_client *c = &s->clients[i];
+        if (is_idle(c) && (!of_user || c->user == user) && (!found || c->heard < found->heard))
+            found = c;
+    }
+    return found;
+}
+
+/* A client that is idle gives its place away when it is needed, and not before. */
+static void make_room(server *s, uid_t user)
+{
+    server_client *idle = find_idle(s, !has_quota(s, user), user);
+    if (idle)
+        dismiss(idle, s->calls->too_quiet);
+}
+
 /* ---- New clients ----------------------------------------------------------------------------- */
 
-static void log_peer(server *s, int fd, const char *what)
+static void log_peer(server *s, const struct ucred *peer, const char *what)
 {
-    struct ucred peer = {.pid = 0};
-    socklen_t size = sizeof peer;
-    if (may_log(s) && getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
-        log_info("control: %s: uid %jd, pid %jd", what, (intmax_t)peer.uid, (intmax_t)peer.pid);
+    if (may_log(s))
+        log_info("control: %s: uid %jd, pid %jd", what, (intmax_t)peer->uid, (intmax_t)peer->pid);
+}
+
+static void take_in(server *s, server_client *c, int fd, uid_t user)
+{
+    c->fd = fd;
+    c->user = user;
+    c->heard = s->now(s->loop);
+    ev_io_init(&c->reader, on_readable, fd, EV_READ);
+    ev_io_init(&c->writer, on_writable, fd, EV_WRITE);
+    c->reader.data = c;
+    c->writer.data = c;
+    ev_io_start(s->loop, &c->reader);
+}
+
+static void refuse(server *s, int fd)
+{
+    (void)send(fd, s->calls->too_many, strlen(s->calls->too_many), MSG_NOSIGNAL | MSG_DONTWAIT);
+    (void)close(fd);
+}
+
+/* Who connected, not who has the descriptor now. */
+static bool get_peer(struct ucred *peer, int fd)
+{
+    socklen_t size = sizeof *peer;
+    return getsockopt(fd, SOL_SOCKET, SO_PEERCRED, peer, &size) == 0;
 }
 
 static void admit(server *s, int fd)
 {
-    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
-        server_client *c = &s->clients[i];
-        if (c->fd >= 0)
+    struct ucred peer;
+    bool known = get_peer(&peer, fd);
+    if (known && !may_come(s, peer.uid))
+        make_room(s, peer.uid);
+    for (unsigned i = 0; known && i < SERVER_CLIENTS_MAX && may_come(s, peer.uid); i++) {
+        if (s->clients[i].fd >= 0)
             continue;
-        c->fd = fd;
-        ev_io_init(&c->reader, on_readable, fd, EV_READ);
-        ev_io_init(&c->writer, on_writable, fd, EV_WRITE);
-        c->reader.data = c;
-        c->writer.data = c;
-        ev_io_start(s->loop, &c->reader);
-        log_peer(s, fd, "client");
+        take_in(s, &s->clients[i], fd, peer.uid);
+        log_peer(s, &peer, "client");
         return;
     }
-    log_peer(s, fd, "too many clients, one is refused");
-    (void)send(fd, s->calls->too_many, strlen(s->calls->too_many), MSG_NOSIGNAL | MSG_DONTWAIT);
-    (void)close(fd);
+    if (known)
+        log_peer(s, &peer, "too many clients, one is refused");
+    refuse(s, fd);
 }
 
 /* Without resources the socket would stay readable and the loop spin. */
@@ -369,7 +460,8 @@ server *server_start(struct ev_loop *loop, const char *path, int inherited,
         log_error("out of memory");
         return NULL;
     }
-    *s = (server){.loop = loop, .calls = calls, .user = user, .socket = PATHSOCKET_NONE};
+    *s = (server){.loop = loop, .calls = calls, .user = user, .socket = PATHSOCKET_NONE,
+                  .now = ev_now};
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         s->clients[i] = (server_client){.server = s, .fd = -1};
     bool good = open_socket(s, path, inherited);
@@ -438,6 +530,16 @@ void server_stop(server *s)
     ev_idle_stop(s->loop, &s->busy);
     pathsocket_close(&s->socket);
     free(s);
+}
+
+void server_set_clock(server *s, server_clock *now)
+{
+    s->now = now;
+}
+
+void server_keep(server_client *client, bool stays)
+{
+    client->stays = stays;
 }
 
 unsigned server_client_number(const server_client *client)

@@ -5,6 +5,9 @@
  * It knows nothing of what the lines say. Whatever clients do, it never waits for one of them,
  * but for a moment at its end, and never works on them for longer than a few milliseconds before
  * the loop turns to the bus again.
+ *
+ * No user keeps the others out: one user has a part of the places at most, one is kept for root and
+ * one for the daemon's own user, and who says nothing makes room for who comes.
  */
 #ifndef CANWIRE_CONTROL_SERVER_H
 #define CANWIRE_CONTROL_SERVER_H
@@ -14,6 +17,8 @@
 #include <stddef.h>
 
 #define SERVER_CLIENTS_MAX 64        /* at a time; a further one gets an error line */
+#define SERVER_USER_MAX 48           /* of these of one user */
+#define SERVER_IDLE_S 60.0           /* without a line; then a client's place may go to another */
 #define SERVER_LINE_MAX (1u << 20)   /* bytes of a line, without its end */
 #define SERVER_OUTPUT_MAX (1u << 20) /* bytes that wait for a client; then it is disconnected */
 #define SERVER_STREAM_MAX (1u << 18) /* bytes that wait, beyond which no news are added */
@@ -30,6 +35,7 @@ typedef struct server_calls {
     void (*closed)(void *user, unsigned client);
     /* What a client is told that is refused or disconnected: a line with its end. */
     const char *too_many;
+    const char *too_quiet;
     const char *too_long;
 } server_calls;
 
@@ -42,6 +48,13 @@ server *server_start(struct ev_loop *loop, const char *path, int inherited,
 /* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get half
  * a second, all together, to read what waits for them. NULL is fine. */
 void server_stop(server *s);
+
+/* What time it is, in seconds; ev_now() to begin with. For tests. */
+typedef ev_tstamp server_clock(struct ev_loop *loop);
+void server_set_clock(server *s, server_clock *now);
+
+/* Whether the client keeps its place also when it says nothing, as one that listens does. */
+void server_keep(server_client *client, bool stays);
 
 /* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */
 unsigned server_client_number(const server_client *client);

@@ -725,13 +725,13 @@ static void replies_come_before_the_end(void **state)
 static void half_lines_hold_up_nobody(void **state)
 {
     const rig *r = *state;
-    int fds[SERVER_CLIENTS_MAX - 1];
-    for (unsigned i = 0; i < SERVER_CLIENTS_MAX - 1; i++) {
+    int fds[SERVER_USER_MAX - 1];
+    for (unsigned i = 0; i < SERVER_USER_MAX - 1; i++) {
         fds[i] = connect_client(r);
         send_text(r, fds[i], "{\"request\":");
     }
     expect_service(r);
-    for (unsigned i = 0; i < SERVER_CLIENTS_MAX - 1; i++) {
+    for (unsigned i = 0; i < SERVER_USER_MAX - 1; i++) {
         send_text(r, fds[i], "\"faults\"}\n");
         json_decref(next_json(r, fds[i]));
         close(fds[i]);
@@ -841,8 +841,8 @@ static void readers_who_do_not_read_are_disconnected(void **state)
 static void one_too_many_is_told(void **state)
 {
     const rig *r = *state;
-    int fds[SERVER_CLIENTS_MAX];
-    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+    int fds[SERVER_USER_MAX];
+    for (unsigned i = 0; i < SERVER_USER_MAX; i++) {
         fds[i] = connect_client(r);
         turn(r);
     }
@@ -853,7 +853,7 @@ static void one_too_many_is_told(void **state)
     close(fds[17]);
     turns(r, 4);
     expect_service(r); /* a place is free again */
-    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+    for (unsigned i = 0; i < SERVER_USER_MAX; i++)
         if (i != 17)
             close(fds[i]);
 }
@@ -944,7 +944,207 @@ static void nothing_closed(void *user, unsigned client)
     (void)client;
 }
 
-static const server_calls no_calls = {nobody_called, nothing_drained, nothing_closed, "", ""};
+static const server_calls no_calls = {nobody_called, nothing_drained, nothing_closed, "", "", ""};
+
+/* ---- Places ---------------------------------------------------------------------------------- */
+
+/* A server of its own, whose clock stands still, and which answers each line with itself. */
+typedef struct hall {
+    const rig *rig;
+    rig place; /* its path, for connect_client() */
+    server *server;
+} hall;
+
+static ev_tstamp hall_time_s;
+
+static ev_tstamp read_hall_clock(struct ev_loop *loop)
+{
+    (void)loop;
+    return hall_time_s;
+}
+
+static void keep_or_echo(void *user, server_client *client, char *line, size_t length)
+{
+    (void)user;
+    if (strcmp(line, "keep") == 0)
+        server_keep(client, true);
+    line[length] = '\n';
+    server_write(client, line, length + 1);
+}
+
+static const server_calls hall_calls = {keep_or_echo,     nothing_drained, nothing_closed,
+                                        "too many\n", "too quiet\n",   "too long\n"};
+
+static void open_hall(hall *h, const rig *r)
+{
+    *h = (hall){.rig = r, .place = *r};
+    snprintf(h->place.path, sizeof h->place.path, "%s/hall", r->folder);
+    h->server = server_start(r->loop, h->place.path, -1, &hall_calls, NULL);
+    assert_non_null(h->server);
+    hall_time_s = 1000.0;
+    server_set_clock(h->server, read_hall_clock);
+    assert_int_equal(chmod(r->folder, 0755), 0); /* other users come */
+    assert_int_equal(chmod(h->place.path, 0666), 0);
+}
+
+static void close_hall(hall *h)
+{
+    server_stop(h->server);
+}
+
+/* A client of this user, who is let in or refused before this returns. */
+static int come(const hall *h, uid_t user)
+{
+    assert_int_equal(seteuid(user), 0);
+    int fd = connect_client(&h->place);
+    assert_int_equal(seteuid(0), 0);
+    turns(h->rig, 4);
+    return fd;
+}
+
+static void expect_line(const hall *h, int fd, const char *expected)
+{
+    const char *line = next_line(h->rig, fd);
+    assert_non_null(line);
+    assert_string_equal(line, expected);
+}
+
+/* Whether the client is served. */
+static void expect_echo(const hall *h, int fd)
+{
+    send_text(h->rig, fd, "hello\n");
+    expect_line(h, fd, "hello");
+}
+
+static void expect_refused(const hall *h, uid_t user)
+{
+    int fd = come(h, user);
+    expect_line(h, fd, "too many");
+    assert_null(next_line(h->rig, fd));
+    close(fd);
+}
+
+/* Fills places of this user; the clients are left open. */
+static void fill(const hall *h, int *fds, unsigned count, uid_t user)
+{
+    for (unsigned i = 0; i < count; i++)
+        fds[i] = come(h, user);
+    expect_echo(h, fds[count - 1]);
+}
+
+static void close_all(const hall *h, const int *fds, unsigned count)
+{
+    for (unsigned i = 0; i < count; i++)
+        close(fds[i]);
+    turns(h->rig, 4);
+}
+
+#define STRANGER 1234u
+#define FRIEND 1235u
+#define DAEMON_USER 1236u /* who is not root, for once */
+
+static bool needs_root(void)
+{
+    if (geteuid() != 0)
+        skip();
+    return geteuid() == 0;
+}
+
+static void one_user_has_a_part_of_the_places(void **state)
+{
+    hall h;
+    int fds[SERVER_USER_MAX];
+    int others[SERVER_CLIENTS_MAX - SERVER_USER_MAX - 1];
+    if (!needs_root())
+        return;
+    open_hall(&h, *state);
+    fill(&h, fds, SERVER_USER_MAX, STRANGER);
+    expect_refused(&h, STRANGER);
+    fill(&h, others, sizeof others / sizeof others[0], FRIEND);
+    expect_refused(&h, FRIEND); /* the last place is root's */
+    int root = come(&h, 0);
+    expect_echo(&h, root);
+    expect_refused(&h, 0); /* it has had its place */
+    close(root);
+    turns(h.rig, 4);
+    expect_refused(&h, FRIEND); /* and has it again */
+    close_all(&h, fds, 1);
+    int friend = come(&h, FRIEND);
+    expect_echo(&h, friend);
+    close(friend);
+    close_all(&h, fds + 1, SERVER_USER_MAX - 1);
+    close_all(&h, others, sizeof others / sizeof others[0]);
+    close_hall(&h);
+}
+
+/* Which user the daemon is it sees when a client comes. */
+static int come_to(const hall *h, uid_t user, uid_t daemon_user)
+{
+    assert_int_equal(seteuid(user), 0);
+    int fd = connect_client(&h->place);
+    assert_int_equal(seteuid(0), 0);
+    assert_int_equal(seteuid(daemon_user), 0);
+    turns(h->rig, 4);
+    assert_int_equal(seteuid(0), 0);
+    return fd;
+}
+
+static void one_place_is_for_root_and_one_for_its_own_user(void **state)
+{
+    hall h;
+    int fds[SERVER_CLIENTS_MAX];
+    unsigned count = 0;
+    if (!needs_root())
+        return;
+    open_hall(&h, *state);
+    for (; count < SERVER_CLIENTS_MAX - 2; count++)
+        fds[count] = come_to(&h, STRANGER + 10 * (count % 2), DAEMON_USER);
+    expect_echo(&h, fds[count - 1]);
+    int refused = come_to(&h, FRIEND, DAEMON_USER);
+    expect_line(&h, refused, "too many");
+    close(refused);
+    fds[count++] = come_to(&h, DAEMON_USER, DAEMON_USER);
+    expect_echo(&h, fds[count - 1]);
+    refused = come_to(&h, DAEMON_USER, DAEMON_USER); /* the other one is root's */
+    expect_line(&h, refused, "too many");
+    close(refused);
+    fds[count++] = come_to(&h, 0, DAEMON_USER);
+    expect_echo(&h, fds[count - 1]);
+    close_all(&h, fds, count);
+    close_hall(&h);
+}
+
+static void who_says_nothing_makes_room(void **state)
+{
+    hall h;
+    int fds[SERVER_USER_MAX];
+    if (!needs_root())
+        return;
+    open_hall(&h, *state);
+    fill(&h, fds, SERVER_USER_MAX, STRANGER);
+    hall_time_s += SERVER_IDLE_S - 1;
+    send_text(h.rig, fds[1], "keep\n");
+    expect_line(&h, fds[1], "keep");
+    expect_refused(&h, STRANGER); /* none is quiet for long enough */
+    hall_time_s += 0.5;
+    expect_echo(&h, fds[0]); /* that one has spoken */
+    hall_time_s += 0.5;
+    int friend = come(&h, FRIEND); /* there is room: nobody has to go */
+    expect_echo(&h, friend);
+    expect_echo(&h, fds[2]);
+    int late = come(&h, STRANGER);
+    expect_echo(&h, late);
+    expect_line(&h, fds[3], "too quiet"); /* the first of those that were quiet for longest */
+    assert_null(next_line(h.rig, fds[3]));
+    hall_time_s += 10 * SERVER_IDLE_S;
+    close(come(&h, STRANGER));
+    expect_echo(&h, fds[1]); /* who watches keeps its place */
+    expect_echo(&h, friend); /* of others nobody goes for it */
+    close(late);
+    close(friend);
+    close_all(&h, fds, SERVER_USER_MAX);
+    close_hall(&h);
+}
 
 static void the_socket_is_for_the_group(void **state)
 {
@@ -1048,6 +1248,9 @@ int main(void)
         CASE(noise_is_refused),
         CASE(readers_who_do_not_read_are_disconnected),
         CASE(one_too_many_is_told),
+        CASE(one_user_has_a_part_of_the_places),
+        CASE(one_place_is_for_root_and_one_for_its_own_user),
+        CASE(who_says_nothing_makes_room),
         CASE(thousand_connections_do_no_harm),
         CASE(a_heap_of_requests_leaves_time_for_the_bus),
         CASE(the_socket_is_for_the_group),
