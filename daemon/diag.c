@@ -4,6 +4,8 @@
  */
 #include "diag.h"
 
+#include "plain.h"
+
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +13,7 @@
 static bool is_repeated(const diag *self, const diag_message *message);
 static int compare(const void *a, const void *b);
 static void print_message(const diag_message *message, FILE *out);
+static void __attribute__((format(printf, 2, 3))) print_line(FILE *out, const char *format, ...);
 
 /* Takes over the text, which is NULL when there is no memory. */
 static void keep(diag *self, diag_message message)
@@ -85,7 +88,7 @@ void diag_flush(diag *self, FILE *out)
         free(self->messages[i].text);
     }
     if (self->overflow)
-        fprintf(out, "%s: there are more errors, only %d are shown\n", self->file.name, DIAG_MAX);
+        print_line(out, "%s: there are more errors, only %d are shown", self->file.name, DIAG_MAX);
     self->errors = 0;
     self->warnings = 0;
     self->count = 0;
@@ -124,15 +127,32 @@ static int compare(const void *a, const void *b)
     return result != 0 ? result : order(x->number, y->number);
 }
 
+/* One line: names of files and texts of clients may have anything in them. */
+static void print_line(FILE *out, const char *format, ...)
+{
+    char *line = NULL;
+    va_list args;
+
+    va_start(args, format);
+    int length = vasprintf(&line, format, args);
+    va_end(args);
+    if (length < 0)
+        line = NULL;
+    if (line)
+        plain_make(line, '?');
+    fprintf(out, "%s\n", line ? line : "out of memory");
+    free(line);
+}
+
 static void print_message(const diag_message *message, FILE *out)
 {
     const char *text = message->text ? message->text : "out of memory";
 
     if (message->elsewhere && message->text)
-        fprintf(out, "%s\n", text);
+        print_line(out, "%s", text);
     else if (message->line == 0)
-        fprintf(out, "%s: %s\n", message->file.name, text);
+        print_line(out, "%s: %s", message->file.name, text);
     else
-        fprintf(out, "%s:%zu:%zu: %s%s\n", message->file.name, message->line, message->column,
-                message->warning ? "warning: " : "", text);
+        print_line(out, "%s:%zu:%zu: %s%s", message->file.name, message->line, message->column,
+                   message->warning ? "warning: " : "", text);
 }

@@ -7,6 +7,8 @@
  */
 #include "log.h"
 
+#include "plain.h"
+
 #include <errno.h>
 #include <inttypes.h>
 #include <pthread.h>
@@ -61,14 +63,6 @@ static void open_journal(void)
 {
     if (leads_to_journal())
         state.journal = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-}
-
-/* A line is a field: no text may have an end of line in it. */
-static void clean(char *text)
-{
-    for (; *text; text++)
-        if ((unsigned char)*text < ' ')
-            *text = ' ';
 }
 
 /* "KEY=value\n", or nothing where there is no value. Values are short enough. */
@@ -137,7 +131,7 @@ static const char *word(priority p)
 static void put(message *m)
 {
     (void)pthread_once(&state.once, open_journal);
-    clean(m->text);
+    plain_make(m->text, ' ');
     if (state.journal < 0)
         fprintf(stderr, "canwired: %s%s\n", word(m->priority), m->text);
     else

@@ -4,6 +4,7 @@
  */
 #include "schema.h"
 
+#include "plain.h"
 #include "text.h"
 
 #include <assert.h>
@@ -366,7 +367,9 @@ static const char *quoted(schema *self, const yaml_node_t *node)
         kept--;
     char *copy = arena_print(self->arena, "'%*s'%s", (int)kept, "", kept < length ? "..." : "");
     for (size_t i = 0; copy && i < kept; i++)
-        copy[i + 1] = (char)(text[i] < ' ' || text[i] == 0x7F ? '?' : text[i]);
+        copy[i + 1] = (char)(text[i] ? text[i] : '?');
+    if (copy)
+        plain_make(copy, '?');
     return copy ? copy : "?";
 }
 

@@ -4,6 +4,8 @@
  */
 #include "trace_format.h"
 
+#include "plain.h"
+
 #include <errno.h>
 #include <inttypes.h>
 #include <stdarg.h>
@@ -132,9 +134,7 @@ static void add_message(trace_input *in, int used, const char *format, va_list a
     size_t start = used < 0 ? 0 : (size_t)used;
     if (start < sizeof in->problem)
         (void)vsnprintf(in->problem + start, sizeof in->problem - start, format, args);
-    for (char *c = in->problem; *c; c++) /* what stands in the file may be anything */
-        if ((unsigned char)*c < ' ' || *c == 0x7F)
-            *c = '?';
+    plain_make(in->problem, '?'); /* what stands in the file may be anything */
 }
 
 trace_result trace_bad_text(trace_input *in, const char *at, const char *format, ...)

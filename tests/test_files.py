@@ -382,6 +382,31 @@ def test_a_recording_keeps_its_lock_when_it_is_rotated(folder):
         assert seen == 0
 
 
+EVIL = {"C1 in UTF-8": "\u009b31m", "a C1 byte": b"\x9b31m", "a new line": "a\nb.yaml:1:1: fine",
+        "an escape": "\x1b[31m", "DEL": "a\x7fb", "half a character": b"a\xe2\x82"}
+
+
+@pytest.mark.parametrize("name", EVIL.values(), ids=EVIL)
+def test_no_name_of_a_file_or_of_rules_reaches_the_terminal_as_it_is(folder, name):
+    name = os.fsencode(name) + b".yaml"
+    (folder / os.fsdecode(name)).write_text("bus: {}\n")
+    write_records(folder, "file: a.log")
+    with running(folder):
+        for words in [["check", name], ["inject", "./day.sock", name]]:
+            result = subprocess.run([CANWIRE, *words], cwd=folder, capture_output=True,
+                                    timeout=TIMEOUT_S, check=False)
+            assert result.returncode == 1
+            for line in result.stderr.splitlines():
+                text = line.decode()  # it is UTF-8
+                assert not re.search("[\x00-\x1f\x7f-\x9f]", text), text
+                assert not text.startswith("b.yaml:"), text
+
+
+def test_characters_of_other_languages_are_shown(folder):
+    (folder / "größe-測試.yaml").write_text("bus: {}\n")
+    assert "größe-測試.yaml:1:" in canwire("check", "größe-測試.yaml", status=1, cwd=folder).stderr
+
+
 def test_what_is_recorded_is_not_for_everybody(folder):
     write_records(folder, "file: a.log")
     before = os.umask(0)

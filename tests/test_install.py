@@ -127,3 +127,22 @@ def test_configurations_stay(make):
     config.write_text("bus: { bitrate: 500000 }\n")
     make("uninstall")
     assert set(tree(make.root)) == {"etc", "etc/canwire", "etc/canwire/rig.yaml"}
+
+
+@pytest.mark.parametrize("program", ["bin/canwire", "sbin/canwired"])
+def test_programs_are_hardened(make, program):
+    """As those of Debian's packages: what readelf says of what is installed."""
+    make("install")
+    path = make.root / "usr" / program
+
+    def readelf(option):
+        return subprocess.run(["readelf", "-W", option, path], capture_output=True, text=True,
+                              check=True).stdout
+
+    assert re.search(r"Type:\s+DYN", readelf("-h"))
+    segments, dynamic, symbols = readelf("-l"), readelf("-d"), readelf("-s")
+    assert "GNU_RELRO" in segments and re.search(r"FLAGS_1.*NOW.*PIE", dynamic)
+    assert "TEXTREL" not in dynamic and not re.search("R(UN)?PATH", dynamic)
+    assert re.search(r"GNU_STACK .* RW ", segments)
+    assert "__stack_chk_fail" in symbols
+    assert re.search(r"__(sprintf|snprintf|vsnprintf|memcpy|fprintf|printf)_chk", symbols)
