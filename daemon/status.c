@@ -132,7 +132,7 @@ static json_t *fault_json(const live *rules, const cw_bus *bus, unsigned index)
     cw_rule_stats stats = {.matches = 0};
     (void)cw_rule_get_stats(bus, index, &stats);
     json_t *object = output_rule_stats(live_config(rules), bus, index);
-    put_count(object, "misses", stats.matches - stats.hits);
+    put_count(object, "misses", stats.misses);
     put_bool(object, "active", stats.active);
     put_bool(object, "over", stats.over);
     put_text(object, "action", action_names[rule->action]);

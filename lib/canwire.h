@@ -834,8 +834,9 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
 typedef struct cw_rule_stats {
-    uint64_t matches; /* of them, those that were no hits were passed over */
-    uint64_t hits;
+    uint64_t matches;
+    uint64_t misses;  /* of these, those that were passed over */
+    uint64_t hits;    /* the others; of NOISE, which begins with them, the bits that it flipped */
     bool active;      /* it is acting now */
     bool over;        /* its count is used up */
 } cw_rule_stats;

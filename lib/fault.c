@@ -323,6 +323,7 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
         return false;
     if (needs_arming(&f->rule))
         f->armed--;
+    f->taken++;
     return true;
 }
 
@@ -867,6 +868,7 @@ cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *sta
         return CW_INVALID;
     const cw_fault *f = &bus->faults.faults[rule];
     *stats = (cw_rule_stats){.matches = f->matches,
+                             .misses = f->matches - f->taken,
                              .hits = f->hits,
                              .active = f->active || f->bits_left > 0,
                              .over = cw_fault_is_over(f) || has_passed(bus, f)};

@@ -36,6 +36,7 @@ typedef struct cw_fault {
     uint64_t bound;       /* nodes whose present transmission the rule looks at */
     uint64_t scope;
     uint64_t matches;
+    uint64_t taken;       /* of these, those that were not passed over */
     uint64_t hits;
     uint64_t last_hit;    /* tick */
     uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */

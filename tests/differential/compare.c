@@ -214,6 +214,7 @@ static void compare_rule(comparison *c, const cw_bus *fast, const cw_bus *refere
     const cw_rule_stats *a = &fast_stats;
     const cw_rule_stats *b = &reference_stats;
     SAME(matches);
+    SAME(misses);
     SAME(hits);
     SAME(active);
     SAME(over);

@@ -2011,6 +2011,44 @@ static void old_rules_end_when_taken_over(void **state)
     rig_free(r);
 }
 
+/* Each match is a hit or a miss; but the hits of noise are the bits that it flips. */
+static void misses_are_matches_that_were_passed_over(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 8);
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+    noise->error_rate = UINT64_MAX / 4;
+    noise->for_ticks = 1000 * BIT;
+    noise->at = NODE(1);
+    cw_rule *frames = rig_rule(r, new_rule("frames", CW_TRIGGER_FRAME, CW_ACTION_NOISE));
+    frames->error_rate = UINT64_MAX / 4;
+    frames->at = NODE(1);
+    frames->skip = 1;
+    frames->every = 2;
+    cw_rule *drops = rig_rule(r, new_rule("drops", CW_TRIGGER_FRAME, CW_ACTION_DROP));
+    drops->side = CW_SIDE_TX;
+    drops->every = 3;
+    rig_start(r);
+    for (unsigned i = 0; i < 12; i++)
+        rig_send(r, 0, &frame, (2000 + 500 * i) * BIT);
+    rig_run_bits(r, 10000);
+    cw_rule_stats stats[3];
+    for (unsigned i = 0; i < 3; i++) {
+        assert_int_equal(cw_rule_get_stats(r->bus, i, &stats[i]), CW_OK);
+        assert_true(stats[i].misses <= stats[i].matches);
+    }
+    assert_int_equal(stats[0].matches, 1);
+    assert_int_equal(stats[0].misses, 0);
+    assert_in_range(stats[0].hits, 100, 500);
+    assert_int_equal(stats[1].misses, (stats[1].matches + 1) / 2);
+    assert_true(stats[1].hits > stats[1].matches);
+    assert_int_equal(stats[2].matches, 12);
+    assert_int_equal(stats[2].hits, 4);
+    assert_int_equal(stats[2].misses, 8);
+    rig_free(r);
+}
+
 /* All that a node holds is dropped and counted; it is not on the bus any more. */
 static void a_flushed_node_is_gone(void **state)
 {
@@ -2214,6 +2252,7 @@ int main(void)
         cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
         cmocka_unit_test(old_rules_end_when_taken_over),
+        cmocka_unit_test(misses_are_matches_that_were_passed_over),
         cmocka_unit_test(a_flushed_node_is_gone),
         cmocka_unit_test(a_flushed_node_stays_gone),
         cmocka_unit_test(a_node_is_taken_over_once),
