@@ -163,6 +163,31 @@ def test_endless_traffic_needs_until(write):
     assert len(events(path, "--until", "10ms")) == 2 * 10
 
 
+IDLE = """
+bus: { name: idle, bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 123#, count: 3, every: 1ms }, { send: 124#, offset: 9000000000s } ]
+  - { name: b, restart-ms: 4000000000 }
+faults:
+  - { name: down, when: { time: 10ms }, do: { bus-off: b } }
+  - { name: noisy, when: { time: 20ms }, do: { noise: 0.5, at: [b], for: 1ms } }
+  - { name: late, when: { time: 8000000000s }, do: { send: 125#, as: a } }
+"""
+
+
+def test_three_centuries_of_an_idle_bus_are_skipped(write):
+    """A run that looks in again and again would take hours for this."""
+    path = write(IDLE)
+    until = "10000000000s"
+    found = [(e["t"], e["event"], e.get("node"), e.get("frame"))
+             for e in events(path, "--until", until)]
+    assert (4000000.01, "restart", "b", None) in found
+    assert [f[0] // 1000000000 for f in found if f[3] == "125#" and f[1] == "tx"] == [8]
+    assert [f[0] // 1000000000 for f in found if f[3] == "124#" and f[1] == "tx"] == [9]
+    assert stats(path, "--until", until)["bus"]["bits"] == 5 * 10**15
+
+
 def test_a_run_gives_up_after_ten_quiet_seconds(write):
     lonely = SMALL.replace("  - name: b\n", "")
     bus = stats(write(lonely))["bus"]

@@ -10,7 +10,7 @@
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
 #define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
-#define SLICE_TICKS (CW_CLOCK_HZ / 4u) /* of bus time between two looks at what has happened */
+#define SLICE_WORK 20000u /* of the bus between two looks at what has happened: some ms */
 #define CALM_BITS 3 /* that are shown from an event on: of what it tells the last is over */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
 
@@ -130,15 +130,12 @@ static void show_progress(sim_run *s)
 
 static void advance_bus(sim_run *s, uint64_t tick)
 {
-    uint64_t target;
+    cw_status status;
     do {
-        uint64_t left = tick > cw_bus_now(s->bus) ? tick - cw_bus_now(s->bus) : 0;
-        target = left > SLICE_TICKS ? cw_bus_now(s->bus) + SLICE_TICKS : tick;
-        while (cw_bus_advance(s->bus, target) == CW_FULL && !s->stopped)
-            pass_on_events(s);
+        status = cw_bus_advance_some(s->bus, tick, SLICE_WORK);
         pass_on_events(s);
         show_progress(s);
-    } while (target < tick && !s->stopped);
+    } while (status != CW_OK && !s->stopped);
 }
 
 /* Start of the first bit from now on that a sink wants, or CW_NEVER. */

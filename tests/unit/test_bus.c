@@ -1620,9 +1620,41 @@ static void configurations_out_of_range_are_refused(void **state)
     rig_free(r);
 }
 
+/* ---- Work ------------------------------------------------------------------------------------ */
+
+/* Each call does a bit at least, and little more than was allowed. */
+static void an_advance_stops_after_some_work(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 8);
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, true);
+    rig_send(r, 0, &frame, 0);
+    const uint64_t end = 1000 * (uint64_t)BIT;
+    uint64_t calls = 0;
+    for (;; calls++) {
+        uint64_t now = cw_bus_now(r->bus);
+        uint64_t work = cw_bus_work(r->bus);
+        cw_status status = cw_bus_advance_some(r->bus, end, calls % 7);
+        assert_in_range(cw_bus_work(r->bus) - work, 1, 7 + 8);
+        assert_true(cw_bus_now(r->bus) > now);
+        rig_poll(r);
+        if (status == CW_OK)
+            break;
+        assert_int_equal(status, CW_AGAIN);
+    }
+    assert_in_range(calls, 200, 1000);
+    assert_int_equal(cw_bus_now(r->bus), end);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    assert_int_equal(cw_bus_advance_some(r->bus, end, 1), CW_OK); /* nothing is left to be done */
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(an_advance_stops_after_some_work),
         cmocka_unit_test(first_sof_comes_after_eleven_bits),
         cmocka_unit_test(frames_follow_after_three_bits),
         cmocka_unit_test(a_frame_joins_a_foreign_sof),

@@ -2191,6 +2191,49 @@ static void random_numbers_are_those_of_the_stream(void **state)
     }
 }
 
+/* ---- Time in which nothing happens ----------------------------------------------------------- */
+
+/* The work of a bus up to a second that is far away: a restart, a rule, a frame in the inbox are
+ * still to come, noise is over, a node is off. */
+static uint64_t work_of_idle_seconds(uint64_t seconds)
+{
+    const uint64_t end = seconds * CW_CLOCK_HZ;
+    rig *r = rig_new(4);
+    const cw_frame frame = rig_frame(0x123, 0, 8);
+    r->nodes[1].restart_ticks = 2 * end;
+    cw_rule *down = rig_rule(r, new_rule("down", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
+    down->nodes = NODE(1);
+    down->time_begin = 10 * BIT;
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+    noise->error_rate = UINT64_MAX / 2;
+    noise->for_ticks = 100 * BIT;
+    cw_rule *late = rig_rule(r, new_rule("late", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
+    late->nodes = NODE(2);
+    late->time_begin = 2 * end;
+    rig_start(r);
+    rig_send(r, 0, &frame, 3000 * BIT);
+    rig_send(r, 0, &frame, 2 * end);
+    assert_int_equal(cw_node_attach(r->bus, 3, false), CW_OK);
+    rig_run_bits(r, 50000);
+    uint64_t before = cw_bus_work(r->bus);
+    assert_int_equal(cw_bus_advance(r->bus, end), CW_OK);
+    assert_true(cw_bus_now(r->bus) > end - BIT);
+    cw_bus_stats stats;
+    cw_bus_get_stats(r->bus, &stats);
+    assert_int_equal(stats.bits, end / BIT);
+    assert_int_equal(stats.load_permille, 0);
+    uint64_t work = cw_bus_work(r->bus) - before;
+    rig_free(r);
+    return work;
+}
+
+static void idle_time_costs_nothing(void **state)
+{
+    (void)state;
+    assert_in_range(work_of_idle_seconds(10), 1, 10);
+    assert_int_equal(work_of_idle_seconds(10), work_of_idle_seconds(UINT64_C(100000000000)));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -2253,6 +2296,7 @@ int main(void)
         cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
         cmocka_unit_test(old_rules_end_when_taken_over),
         cmocka_unit_test(misses_are_matches_that_were_passed_over),
+        cmocka_unit_test(idle_time_costs_nothing),
         cmocka_unit_test(a_flushed_node_is_gone),
         cmocka_unit_test(a_flushed_node_stays_gone),
         cmocka_unit_test(a_node_is_taken_over_once),
