@@ -216,9 +216,9 @@ def test_a_full_disk_stops_the_journal_and_not_the_bus(launch, ecus, tmp_path):
         ecus[0].send(Frame.parse("7FE#5AFE"))
         wait_until(lambda: "7FE#5AFE" in night.live.read_text(), "a frame afterwards")
         log, live = night.morning()
-        assert "lines are missing at its end" in log
+        assert "its end could not be written: No space left on device; at least " in log
         replayed, messages = again(night.journal)
-        assert "what followed is not known" in messages
+        assert "what followed " in messages  # the line of a gap may still have had room
         replayed, live = from_hello(replayed, live)
         assert 100 < len(replayed) < len(live) and replayed == live[:len(replayed)]
     finally:
