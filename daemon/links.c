@@ -65,12 +65,20 @@ static void *extend(request *r, size_t size)
     return (char *)r + end;
 }
 
+/* By bytes: the request is an array of characters to the compiler, which may forget what is written
+ * into it as something else. */
+static char *put_head(char *to, size_t size, unsigned short type)
+{
+    const struct rtattr head = {.rta_len = (unsigned short)RTA_LENGTH(size), .rta_type = type};
+    memcpy(to, &head, sizeof head);
+    return to + RTA_LENGTH(0);
+}
+
 static void put(request *r, unsigned short type, const void *data, size_t size)
 {
-    struct rtattr *attribute = extend(r, RTA_LENGTH(size));
-    *attribute = (struct rtattr){.rta_len = (unsigned short)RTA_LENGTH(size), .rta_type = type};
+    char *to = put_head(extend(r, RTA_LENGTH(size)), size, type);
     if (size > 0)
-        memcpy(RTA_DATA(attribute), data, size);
+        memcpy(to, data, size);
 }
 
 static void put_text(request *r, unsigned short type, const char *text)
@@ -78,16 +86,21 @@ static void put_text(request *r, unsigned short type, const char *text)
     put(r, type, text, strlen(text) + 1);
 }
 
-static struct rtattr *begin(request *r, unsigned short type)
+/* Where an attribute begins that others are in. */
+typedef struct nesting {
+    char *at;
+    unsigned short type;
+} nesting;
+
+static nesting begin(request *r, unsigned short type)
 {
-    struct rtattr *nest = extend(r, RTA_LENGTH(0));
-    *nest = (struct rtattr){.rta_type = type};
-    return nest;
+    return (nesting){.at = extend(r, RTA_LENGTH(0)), .type = type};
 }
 
-static void end(request *r, struct rtattr *nest)
+static void end(request *r, nesting n)
 {
-    nest->rta_len = (unsigned short)((char *)r + r->header.nlmsg_len - (char *)nest);
+    size_t whole = (size_t)((char *)r + r->header.nlmsg_len - n.at);
+    (void)put_head(n.at, whole - RTA_LENGTH(0), n.type);
 }
 
 /* ---- Replies --------------------------------------------------------------------------------- */
@@ -137,6 +150,8 @@ static void read_link(link_info *out, struct nlmsghdr *message)
             copy_text(out->alias, sizeof out->alias, a);
         else if (a->rta_type == IFLA_LINKINFO)
             read_kind(out, a);
+        else if (a->rta_type == IFLA_MTU && RTA_PAYLOAD(a) == sizeof out->mtu)
+            memcpy(&out->mtu, RTA_DATA(a), sizeof out->mtu);
     }
 }
 
@@ -259,6 +274,12 @@ int links_each(links *l, links_visitor *visit, void *user)
     return ask(l, &r, visit, user);
 }
 
+static void put_mtu(request *r)
+{
+    static const uint32_t mtu = LINKS_MTU;
+    put(r, IFLA_MTU, &mtu, sizeof mtu);
+}
+
 /* A request for a new interface that is up. */
 static request make_new(const char *name)
 {
@@ -266,13 +287,14 @@ static request make_new(const char *name)
     r.info.ifi_flags = IFF_UP;
     r.info.ifi_change = IFF_UP;
     put_text(&r, IFLA_IFNAME, name);
+    put_mtu(&r);
     return r;
 }
 
 int links_make_vcan(links *l, const char *name)
 {
     request r = make_new(name);
-    struct rtattr *info = begin(&r, IFLA_LINKINFO);
+    nesting info = begin(&r, IFLA_LINKINFO);
     put_text(&r, IFLA_INFO_KIND, "vcan");
     end(&r, info);
     return ask(l, &r, NULL, NULL);
@@ -285,13 +307,14 @@ int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd)
     request r = make_new(peer);
     if (netns_fd >= 0)
         put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
-    struct rtattr *info = begin(&r, IFLA_LINKINFO);
+    nesting info = begin(&r, IFLA_LINKINFO);
     put_text(&r, IFLA_INFO_KIND, "vxcan");
-    struct rtattr *data = begin(&r, IFLA_INFO_DATA);
-    struct rtattr *other = begin(&r, VXCAN_INFO_PEER);
-    struct ifinfomsg *header = extend(&r, sizeof *header);
-    *header = (struct ifinfomsg){.ifi_family = AF_UNSPEC};
+    nesting data = begin(&r, IFLA_INFO_DATA);
+    nesting other = begin(&r, VXCAN_INFO_PEER);
+    const struct ifinfomsg header = {.ifi_family = AF_UNSPEC};
+    memcpy(extend(&r, sizeof header), &header, sizeof header);
     put_text(&r, IFLA_IFNAME, name);
+    put_mtu(&r);
     end(&r, other);
     end(&r, data);
     end(&r, info);

@@ -8,11 +8,17 @@
 #ifndef CANWIRE_LINKS_H
 #define CANWIRE_LINKS_H
 
+#include <linux/can.h>
 #include <net/if.h>
 #include <stdbool.h>
+#include <stdint.h>
 
 #define LINKS_KIND_BYTES 16u
 #define LINKS_ALIAS_BYTES 256u /* with the final 0; the kernel takes no more */
+
+/* Of the interfaces that are made: the bus is classical, so the kernel refuses CAN FD frames. It
+ * can be changed only while an interface is down. */
+#define LINKS_MTU CAN_MTU
 
 typedef struct links links;
 
@@ -20,6 +26,7 @@ typedef struct link_info {
     char name[IF_NAMESIZE];
     char kind[LINKS_KIND_BYTES];   /* vcan, vxcan, ...; empty for hardware without */
     char alias[LINKS_ALIAS_BYTES]; /* empty: none */
+    uint32_t mtu;
     bool up;
 } link_info;
 
@@ -36,10 +43,11 @@ int links_find(links *l, link_info *info, const char *name);
 typedef bool links_visitor(void *user, const link_info *info);
 int links_each(links *l, links_visitor *visit, void *user);
 
-/* A vcan interface, up. */
+/* A vcan interface, up, with LINKS_MTU. */
 int links_make_vcan(links *l, const char *name);
 
-/* A pair of vxcan interfaces; the peer is up and in the namespace of a file, or -1: in this one. */
+/* A pair of vxcan interfaces with LINKS_MTU; the peer is up and in the namespace of a file, or -1:
+ * in this one. */
 int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd);
 
 /* Sets an interface up and gives it an alias, NULL: as it is. */

@@ -437,7 +437,7 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     if (!start(s, loop, o))
         return false;
     start_watchers(s, loop);
-    log_info("%s: %zu nodes at %u bit/s", s->config->bus_name, s->config->node_count,
+    log_info("%s: %zu nodes at %u bit/s, classical CAN", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
     tell_status(s);
     notify_ready(s->notifier);

@@ -8,6 +8,7 @@
 #include "port_kind.h"
 
 #include "claim.h"
+#include "log.h"
 
 #include <errno.h>
 #include <linux/can/error.h>
@@ -143,6 +144,18 @@ static bool claim_interface(socketcan_port *s, const char *interface, const char
     return false;
 }
 
+/* With a larger MTU than that of classical frames the kernel takes CAN FD frames, too. */
+static void warn_of_fd(const port *p, const char *interface)
+{
+    struct ifreq request = {.ifr_mtu = 0};
+    (void)snprintf(request.ifr_name, sizeof request.ifr_name, "%s", interface);
+    if (ioctl(p->fd, SIOCGIFMTU, &request) == 0 && request.ifr_mtu > (int)CAN_MTU)
+        log_warning("port %s: its MTU is %d: programs can write CAN FD frames, which are dropped "
+                    "(bad-frame), since the bus is classical CAN; with an MTU of 16 they get an "
+                    "error",
+                    interface, request.ifr_mtu);
+}
+
 port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_new(&socketcan, sizeof(socketcan_port));
@@ -158,8 +171,10 @@ port *port_socketcan_open(const char *interface, const char *bus, char error[POR
         close_socket(p);
         return NULL;
     }
-    if (is_own_name(p, interface, error) && claim_interface(s, interface, bus, error))
-        return p;
-    close_socket(p);
-    return NULL;
+    if (!is_own_name(p, interface, error) || !claim_interface(s, interface, bus, error)) {
+        close_socket(p);
+        return NULL;
+    }
+    warn_of_fd(p, interface);
+    return p;
 }

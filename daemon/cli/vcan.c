@@ -37,6 +37,9 @@ static const char help[] =
     "\n"
     "  -h, --help   this text\n"
     "\n"
+    "The bus is classical CAN: what `up` makes has an MTU of 16, so that a program that\n"
+    "writes CAN FD frames gets an error.\n"
+    "\n"
     "An interface that is there already is used when it is of the right kind, and never\n"
     "removed; one of another kind is refused, before anything is made. What `up` has made\n"
     "bears \"canwire FILE\" as its alias (`ip link show`). When a peer has changed, its pair\n"
@@ -172,6 +175,18 @@ static bool judge(step *out, const plan *p, const cfg_node *node, const link_inf
     return true;
 }
 
+/* An interface in use is not taken down for it. */
+static void warn_of_fd(const cfg_node *node, const link_info *info)
+{
+    if (info->mtu <= LINKS_MTU)
+        return;
+    fprintf(stderr,
+            "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
+            "and get lost, since the bus is classical CAN (ip link set %s down; ip link set %s mtu %d "
+            "up)\n",
+            node->port, (unsigned)info->mtu, node->port, node->port, (int)LINKS_MTU);
+}
+
 static int open_netns(const cfg_node *node)
 {
     char path[sizeof NETNS_FOLDER + NAME_MAX];
@@ -192,6 +207,8 @@ static bool plan_port(plan *p, size_t i)
     p->steps[i] = STEP_MAKE;
     if (number == 0 && !judge(&p->steps[i], p, node, &info))
         return false;
+    if (number == 0 && p->steps[i] != STEP_REPLACE)
+        warn_of_fd(node, &info);
     if (!node->netns)
         return true;
     int fd = open_netns(node);

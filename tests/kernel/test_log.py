@@ -50,7 +50,7 @@ def test_fields_of_a_message(vcan, canwired, journal):
     vcan(1)
     daemon = canwired(BUS, before=AS_SERVICE)
     first = record(journal)
-    assert first == {"MESSAGE": "told: 2 nodes at 500000 bit/s", "PRIORITY": "6",
+    assert first == {"MESSAGE": "told: 2 nodes at 500000 bit/s, classical CAN", "PRIORITY": "6",
                      "SYSLOG_IDENTIFIER": "canwired", "CANWIRE_BUS": "told"}
     daemon.config.write_text(BUS.replace("500000", "5"))
     refuse_a_reload(daemon)
@@ -92,5 +92,5 @@ def test_without_the_journal_standard_error_has_the_priority(vcan, canwired):
     vcan(1)
     assert not JOURNAL.exists()
     text = canwired(BUS, before=AS_SERVICE).stop()
-    assert text.splitlines()[0] == "<6>told: 2 nodes at 500000 bit/s"
+    assert text.splitlines()[0] == "<6>told: 2 nodes at 500000 bit/s, classical CAN"
     assert text.splitlines()[-1].startswith("<6>stopped: ")

@@ -133,4 +133,4 @@ def test_the_status_names_nodes_in_trouble(vcan, canwired):
 def test_messages_go_to_standard_error_where_that_is_not_the_journal(vcan, canwired):
     vcan(2)
     daemon = canwired(PAIR, JOURNAL_STREAM="1:2")
-    assert daemon.stop().startswith("canwired: pair: 2 nodes at 500000 bit/s\n")
+    assert daemon.stop().startswith("canwired: pair: 2 nodes at 500000 bit/s, classical CAN\n")

@@ -2,6 +2,7 @@
 """canwire vcan: the interfaces of a configuration are made and removed, others stay as they are."""
 
 import ctypes
+import errno
 import json
 import os
 import shutil
@@ -10,7 +11,7 @@ import subprocess
 
 import pytest
 
-from canbits import Frame
+from canbits import FD, Frame
 from conftest import ROOT, CanSocket, ip
 
 CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
@@ -122,6 +123,34 @@ def test_peers_come_into_their_namespaces_and_carry_frames(rig, netns, canwired)
     rig("down")
     assert set(links()) == {"lo"}
     assert set(links("ecu1")) == {"lo"}
+
+
+def test_programs_that_write_can_fd_get_an_error(rig, netns):
+    netns("ecu1", "ecu2")
+    rig("up", PEERS)
+    rig("up", PAIR.replace("v0", "w0").replace("v1", "w1"), name=rig.file)
+    interfaces = [links()[name] for name in ("v0", "v1", "v2", "v3", "w0", "w1")]
+    interfaces += [links(where)["can0"] for where in ("ecu1", "ecu2")]
+    assert [link["mtu"] for link in interfaces] == [16] * 8
+    for s in (CanSocket("w0"), CanSocket("v3"), socket_in("ecu1")):
+        s.allow_fd()
+        with pytest.raises(OSError) as error:
+            s.send_raw(FD.pack(0x123, 8, 0, bytes(64)))
+        assert error.value.errno == errno.EINVAL
+        s.close()
+
+
+def test_who_makes_interfaces_for_can_fd_is_warned(rig, canwired):
+    ip("link add v0 type vcan", "link set v0 mtu 72", "link add v1 type vcan",
+       "link set v1 mtu 16")
+    rig.file.write_text(PAIR)
+    done = subprocess.run([CANWIRE, "vcan", "up", rig.file], capture_output=True, text=True,
+                          check=True)
+    assert "v0: it exists with an MTU of 72: CAN FD frames" in done.stderr
+    assert done.stderr.count("\n") == 1
+    log = canwired(PAIR).stop()
+    assert log.count("its MTU is 72: programs can write CAN FD frames") == 1
+    assert "port v0: its MTU" in log and "2 nodes at 500000 bit/s, classical CAN\n" in log
 
 
 def test_what_was_there_is_used_and_stays(rig):

@@ -102,7 +102,7 @@ def test_messages_have_fields(bus):
             a.send(FRAME.pack())
     wait_until(lambda: one.messages("CANWIRE_NODE=a"), "a message about a node")
     start = one.messages("CANWIRE_BUS=fields")[0]
-    assert start["MESSAGE"] == "fields: 2 nodes at 500000 bit/s"
+    assert start["MESSAGE"] == "fields: 2 nodes at 500000 bit/s, classical CAN"
     assert (start["PRIORITY"], start["SYSLOG_IDENTIFIER"]) == ("6", "canwired")
     assert "CANWIRE_NODE" not in start
     lost = one.messages("CANWIRE_NODE=a")[0]
