@@ -69,7 +69,7 @@ LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
   demo bench check cover man install uninstall deb clean help build \
-  fuzz fuzz-run
+  fuzz fuzz-run fuzz-merge fuzz-merge-run
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
@@ -106,6 +106,10 @@ FUZZ ?= 60
 fuzz: ## look for inputs that break parsers, ports, controller or bus, for FUZZ=60 seconds in all
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
+
+fuzz-merge: ## what `make fuzz` has found goes into tests/fuzz/corpus, as far as it is new
+	@scripts/install-deps build test
+	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-merge-run
 
 # Another SEED each time; it is told, and with it the same actions come again.
 SOAK ?= 10m
@@ -180,6 +184,8 @@ FUZZ_BYTES_fuzz_control := 4000
 FUZZ_BYTES_fuzz_frame := 64
 FUZZ_BYTES_fuzz_mac := 1000
 FUZZ_BYTES_fuzz_port := 2000
+FUZZ_BYTES_fuzz_profiles := 6000
+FUZZ_BYTES_fuzz_reload := 5000
 FUZZ_BYTES_fuzz_trace := 4000
 fuzz_bytes = $(if $(FUZZ_BYTES_$(1)),-max_len=$(FUZZ_BYTES_$(1)))
 
@@ -192,6 +198,11 @@ fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	  -artifact_prefix=$(BUILD)/found/$(target)- $(call fuzz_bytes,$(target)) \
 	  $(BUILD)/found/$(target) \
 	  $(call fuzz_seeds,$(target)) &&) true
+
+fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
+	@$(foreach target,$(FUZZ_TARGETS),scripts/fuzz-merge $(BUILD)/$(target) \
+	  tests/fuzz/corpus/$(target:fuzz_%=%) $(BUILD)/found/$(target) \
+	  $(FUZZ_SEEDS_$(target)) &&) true
 
 # What scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_codec) $(CONFORMANCE)
@@ -249,7 +260,8 @@ $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
 
-FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(BUILD)/tests/fuzz/support.o $(PARTS) $(LIB)
+FUZZ_SHARED := $(filter-out tests/fuzz/fuzz_%.c tests/fuzz/replay.c,$(wildcard tests/fuzz/*.c))
+FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(call objects,$(FUZZ_SHARED)) $(PARTS) $(LIB)
 
 $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) -fsanitize=fuzzer $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
