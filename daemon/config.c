@@ -40,7 +40,8 @@ typedef struct cfg_owner {
     arena arena;
 } cfg_owner;
 
-static schema_reader read_bus, read_bus_name, read_bitrate, read_nodes, read_node_name, read_port,
+static schema_reader read_bus, read_bus_name, read_bitrate, read_defaults, read_nodes,
+    read_node_name, read_port,
     read_peer, read_peer_name, read_netns, read_mode, read_lcm,
     read_lcm_url, read_lcm_events, read_control, read_when_full, read_vxcan;
 
@@ -85,12 +86,13 @@ static const schema_choice missing_ports[] = {
     {.name = NULL},
 };
 
-/* In the order of reading: nodes need the bus and vxcan, faults need the nodes and may name the
- * rules of profiles, what is expected may name all rules. */
+/* In the order of reading: nodes need the bus, vxcan and their defaults, faults need the nodes and
+ * may name the rules of profiles, what is expected may name all rules. */
 static const schema_key file_keys[] = {
     {.name = "bus", .read = read_bus, .required = true},
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
     {.name = "vxcan", .read = read_vxcan},
+    {.name = "defaults", .read = read_defaults},
     {.name = "nodes", .read = read_nodes, .required = true},
     {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},
@@ -117,38 +119,60 @@ static const schema_key bus_keys[] = {
     {.name = NULL},
 };
 
+/* Keys of nodes that `defaults` has, too. */
+#define RESTART_AND_MODES                                                                          \
+    {.name = "restart-ms",                                                                         \
+     .read = schema_read_uint,                                                                     \
+     .offset = offsetof(cfg_node, restart_ms),                                                     \
+     .arg = &restart_range},                                                                       \
+        {.name = "berr-reporting", .read = read_mode}, {.name = "one-shot", .read = read_mode},    \
+        {.name = "listen-only", .read = read_mode}, {.name = "loopback", .read = read_mode},       \
+        {.name = "presume-ack", .read = read_mode}, {                                              \
+        .name = "lost-arbitration-reporting", .read = read_mode                                    \
+    }
+#define QUEUE                                                                                      \
+    {                                                                                              \
+        .name = "queue", .read = schema_read_uint, .offset = offsetof(cfg_node, queue),            \
+        .arg = &queue_range                                                                        \
+    }
+#define ORDER                                                                                      \
+    {                                                                                              \
+        .name = "order", .read = schema_read_choice, .offset = offsetof(cfg_node, order),          \
+        .arg = cfg_orders                                                                          \
+    }
+#define WARNING_LIMIT                                                                              \
+    {                                                                                              \
+        .name = "warning-limit", .read = schema_read_uint,                                         \
+        .offset = offsetof(cfg_node, warning_limit), .arg = &warning_range                         \
+    }
+
+/* Of a cfg_node. The others are of one node alone. */
+static const schema_key default_keys[] = {
+    RESTART_AND_MODES,
+    QUEUE,
+    {.name = "when-full",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg_node, when_full),
+     .arg = when_full_choices},
+    ORDER,
+    WARNING_LIMIT,
+    {.name = NULL},
+};
+
 /* `traffic` after `port`, which it excludes; `peer` and `when-full` after `port`, which they need;
  * `queue` and `when-full` after `port`, on which their defaults depend. */
 static const schema_key node_keys[] = {
     {.name = "name", .read = read_node_name, .required = true},
     {.name = "port", .read = read_port},
     {.name = "peer", .read = read_peer},
-    {.name = "restart-ms",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_node, restart_ms),
-     .arg = &restart_range},
-    {.name = "berr-reporting", .read = read_mode},
-    {.name = "one-shot", .read = read_mode},
-    {.name = "listen-only", .read = read_mode},
-    {.name = "loopback", .read = read_mode},
-    {.name = "presume-ack", .read = read_mode},
-    {.name = "lost-arbitration-reporting", .read = read_mode},
-    {.name = "queue",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_node, queue),
-     .arg = &queue_range},
+    RESTART_AND_MODES,
+    QUEUE,
     {.name = "when-full",
      .read = read_when_full,
      .offset = offsetof(cfg_node, when_full),
      .arg = when_full_choices},
-    {.name = "order",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg_node, order),
-     .arg = cfg_orders},
-    {.name = "warning-limit",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_node, warning_limit),
-     .arg = &warning_range},
+    ORDER,
+    WARNING_LIMIT,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
 };
@@ -539,6 +563,11 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     };
 
     walk.config = &owner->config;
+    walk.defaults = (cfg_node){
+        .name = cfg_no_name,
+        .queue = QUEUE_DEFAULT,
+        .warning_limit = WARNING_LIMIT_DEFAULT,
+    };
     if (!cfg_load_file(&self, &document, owner->config.file))
         return false;
     owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
@@ -631,16 +660,26 @@ static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
 {
     cfg_walk *walk = self->user;
 
-    *node = (cfg_node){
-        .name = cfg_no_name,
-        .queue = QUEUE_DEFAULT,
-        .warning_limit = WARNING_LIMIT_DEFAULT,
-        .line = (int)value->start_mark.line + 1,
-    };
+    *node = walk->defaults;
+    node->when_full = CFG_WHEN_FULL_DROP; /* without port */
+    node->line = (int)value->start_mark.line + 1;
     schema_map(self, "node", value, node_keys, node);
     walk->unnamed = walk->unnamed || *node->name == '\0';
     if (walk->config->vxcan && portname_is_interface(node->port) && *node->name && !node->peer)
         name_peer(self, value, node);
+}
+
+/* What those have that do not say otherwise. */
+static void read_defaults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_walk *walk = self->user;
+
+    (void)object;
+    schema_map(self, key->name, value, default_keys, &walk->defaults);
+    if (value->type != YAML_MAPPING_NODE)
+        return;
+    walk->default_queue = schema_find(self, value, "queue");
+    walk->default_when_full = schema_find(self, value, "when-full");
 }
 
 static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -740,13 +779,17 @@ static void check_interface(schema *self, const schema_key *key, const yaml_node
 
 static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
+    const cfg_walk *walk = self->user;
     cfg_node *node = object;
 
     node->port_place = cfg_place_of(value);
     node->port = read_port_name(self, key, value);
-    if (portname_is_interface(node->port))
+    bool interface = portname_is_interface(node->port);
+    if (interface && !walk->default_queue)
         node->queue = QUEUE_DEFAULT_INTERFACE;
-    else
+    if (walk->default_when_full)
+        node->when_full = walk->defaults.when_full;
+    else if (!interface)
         node->when_full = CFG_WHEN_FULL_WAIT;
     check_interface(self, key, value, node->port, NULL);
 }
@@ -806,10 +849,12 @@ static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, 
 static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
+    uint8_t mode = cfg_mode(key->name);
     bool on;
 
-    if (schema_choose_bool(self, &on, key, value) && on)
-        node->modes |= cfg_mode(key->name);
+    if (!schema_choose_bool(self, &on, key, value))
+        return;
+    node->modes = (uint8_t)(on ? node->modes | mode : node->modes & ~mode);
     node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
 }
 

@@ -21,6 +21,9 @@ typedef struct cfg_walk {
     const cfg_file *given;      /* the files to read from; NULL: those that there are */
     size_t given_count;
     bool regular;               /* no file may be a pipe or a device */
+    cfg_node defaults;          /* what each node begins with */
+    bool default_queue;         /* ... `defaults` says so: it does not depend on the port */
+    bool default_when_full;
     bool any_node;              /* a node that is not there is made: a profile is checked alone */
     bool unnamed;               /* there is a node whose name could not be read: it may be any */
 } cfg_walk;

@@ -74,6 +74,15 @@ def test_names_are_those_of_their_time(write):
     assert sent(write(lines())) == [("a", "123#"), ("a", "124#"), ("b", "125#")]
 
 
+def test_defaults_of_nodes_are_in_it(write):
+    text = FIRST + "defaults: { queue: 1, one-shot: on }\n"
+    entries = lines(text, text)
+    entries[2:3] = [send("a", "123#", 0), send("a", "122#", 0), send("a", "121#", 0)]
+    entries[-1]["end"]["frames"] = 3
+    events = map(json.loads, play(write(entries), "--events", "-").stdout.splitlines())
+    assert [event["why"] for event in events if event["event"] == "drop"] == ["queue-full"] * 2
+
+
 def test_each_configuration_is_judged(write, tmp_path):
     first = FIRST + "expect: [ { name: before, delivered: 1, from: a } ]\n"
     second = SECOND + "expect: [ { name: after, delivered: 1, from: a } ]\n"

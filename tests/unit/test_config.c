@@ -301,6 +301,37 @@ static void node_keys_are_read(void **state)
     cfg_free(config);
 }
 
+static void nodes_have_defaults_and_may_say_otherwise(void **state)
+{
+    static const unsigned modes = CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
+                                  CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING;
+    cfg *config = load_good(GOOD "defaults.yaml");
+    const cfg_node *all = &config->nodes[0];
+    const cfg_node *own = &config->nodes[1];
+    const cfg_node *interface = &config->nodes[2];
+    const cfg_node *socket = &config->nodes[3];
+
+    (void)state;
+    assert_int_equal(all->restart_ms, 100);
+    assert_int_equal(all->modes, modes);
+    assert_true(all->berr_reporting);
+    assert_int_equal(all->queue, 64);
+    assert_int_equal(all->when_full, CFG_WHEN_FULL_DROP); /* it has no port */
+    assert_int_equal(all->order, CW_ORDER_FIFO);
+    assert_int_equal(all->warning_limit, 90);
+    assert_int_equal(own->restart_ms, 0);
+    assert_int_equal(own->modes, modes & ~(unsigned)CW_MODE_ONE_SHOT);
+    assert_int_equal(own->queue, 3);
+    assert_int_equal(own->order, CW_ORDER_PRIORITY);
+    assert_int_equal(own->warning_limit, 96);
+    assert_int_equal(interface->queue, 64); /* not what an interface has by itself */
+    assert_int_equal(interface->when_full, CFG_WHEN_FULL_WAIT);
+    assert_int_equal(socket->when_full, CFG_WHEN_FULL_DROP);
+    assert_false(socket->berr_reporting);
+    assert_int_equal(config->nodes[4].queue, 7);
+    cfg_free(config);
+}
+
 static void traffic_is_read(void **state)
 {
     cfg *config = load_good(GOOD "full.yaml");
@@ -1163,9 +1194,10 @@ static void check_prints_a_summary_or_the_ports(void **state)
         const char *output;
     } cases[] = {
         {"check config/example.yaml", 0,
-         "config/example.yaml: ok (bus powertrain, 500000 bit/s, 3 nodes, 0 rules)\n"},
+         "config/example.yaml: ok (bus powertrain, 500000 bit/s, classical CAN, 3 nodes, "
+         "0 rules)\n"},
         {"check " GOOD "minimal.yaml", 0,
-         GOOD "minimal.yaml: ok (bus can, 500000 bit/s, 1 node, 0 rules)\n"},
+         GOOD "minimal.yaml: ok (bus can, 500000 bit/s, classical CAN, 1 node, 0 rules)\n"},
         {"check --ports config/example.yaml", 0, "vcan0\nvcan1\nvcan2\n"},
         {"check --ports " GOOD "minimal.yaml", 0, ""},
         {"check --ports " BAD "names.yaml", 1, ""},
@@ -1198,6 +1230,7 @@ int main(void)
         cmocka_unit_test(ports_have_peers_by_one_key),
         cmocka_unit_test(bus_keys_are_read),
         cmocka_unit_test(node_keys_are_read),
+        cmocka_unit_test(nodes_have_defaults_and_may_say_otherwise),
         cmocka_unit_test(traffic_is_read),
         cmocka_unit_test(jitter_replays_and_replies_are_read),
         cmocka_unit_test(recordings_are_read),
