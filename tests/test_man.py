@@ -119,7 +119,7 @@ def test_completion_knows_all_commands_and_options():
 def keys_of(schema):
     """All keys below, but those of fault rules."""
     name = schema.get("$ref", "").removeprefix("#/$defs/")
-    if name in ("rules", "traffic", "recording", "expectation"):
+    if name in ("rules", "traffic", "recording", "expectation", "nodeDefaults"):
         return
     schema = SCHEMA[name] if name else schema
     for key, value in schema.get("properties", {}).items():
