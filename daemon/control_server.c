@@ -443,7 +443,7 @@ static bool open_socket(server *s, const char *path, int inherited)
 {
     char error[PATHSOCKET_ERROR_MAX];
     bool good = inherited >= 0
-                    ? pathsocket_adopt(&s->socket, inherited, path, error)
+                    ? pathsocket_adopt(&s->socket, inherited, path, BACKLOG, error)
                     : pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
     if (!good)
         log_error("control %s: %s", path ? path : "", error);

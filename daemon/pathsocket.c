@@ -171,20 +171,30 @@ static bool lock_adopted(pathsocket *s)
     return lockfile_take(&s->lock, &s->folder) != EBUSY;
 }
 
-bool pathsocket_adopt(pathsocket *s, int fd, const char *path, char error[PATHSOCKET_ERROR_MAX])
+/* It listens already. By listening once more it is this process that clients see at the other end
+ * (SO_PEERCRED), as `canwire reload --pid` looks for, and no longer who made the socket. */
+static bool prepare(int fd, int backlog)
+{
+    int flags = fcntl(fd, F_GETFL);
+    return flags >= 0 && fcntl(fd, F_SETFL, flags | O_NONBLOCK) == 0 &&
+           fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && listen(fd, backlog) == 0;
+}
+
+bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
+                      char error[PATHSOCKET_ERROR_MAX])
 {
     *s = (pathsocket)PATHSOCKET_NONE;
     s->fd = fd;
     s->path = path_of(fd);
-    int flags = fcntl(fd, F_GETFL);
-    if (!s->path || flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) != 0 ||
-        fcntl(fd, F_SETFD, FD_CLOEXEC) != 0)
+    if (!s->path)
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
     else if (path && !is_same_place(path, s->path))
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
                        *s->path ? s->path : "a place without a path");
     else if (!lock_adopted(s))
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, EBUSY));
+    else if (!prepare(fd, backlog))
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
     else
         return true;
     return false;

@@ -37,7 +37,8 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
 /* Takes over a socket that listens already, at this path or, with path NULL, at any. The path stays
  * at the end: it is of whoever made it. False after writing why to error; the pathsocket, which
  * then has the descriptor, is to be closed all the same. */
-bool pathsocket_adopt(pathsocket *s, int fd, const char *path, char error[PATHSOCKET_ERROR_MAX]);
+bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
+                      char error[PATHSOCKET_ERROR_MAX]);
 
 /* Closes it, and removes the path unless it is another's by now. */
 void pathsocket_close(pathsocket *s);

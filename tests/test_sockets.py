@@ -10,11 +10,12 @@ import os
 import signal
 import socket
 import stat
+import struct
 import subprocess
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all, stop_canwired
+from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, kill_all, stop_canwired
 from test_memory import SANITIZERS
 from test_record import wait_until
 
@@ -284,6 +285,7 @@ def listen(path, kind=socket.SOCK_STREAM):
     return listener
 
 
+PEER = struct.Struct("3i")  # process, user, group
 WITHOUT_CONTROL = CONTROL.replace("control: {path}\n", "")
 
 
@@ -303,6 +305,11 @@ def test_a_socket_of_the_service_manager_is_the_control_socket(activate, text, t
             status = subprocess.run([CANWIRE, "status", "./a.sock", "--json"], cwd=tmp_path,
                                     capture_output=True, timeout=TIMEOUT_S, check=True).stdout
             assert json.loads(status)["bus"]["name"] == "day"
+            with socket.socket(socket.AF_UNIX) as client:  # `canwire reload --pid` asks for that
+                client.connect(str(tmp_path / "a.sock"))
+                peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER.size)
+                assert PEER.unpack(peer)[0] == process.pid
+            canwire("reload", "--config", "bus.yaml", "--pid", process.pid, cwd=tmp_path)
             assert "a socket of the service manager" in stop_canwired(process, log)
             assert sockets_and_locks(tmp_path) == ["a.sock"]
 
