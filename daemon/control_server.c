@@ -446,7 +446,7 @@ static bool open_socket(server *s, const char *path, int inherited)
                     ? pathsocket_adopt(&s->socket, inherited, path, BACKLOG, error)
                     : pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
     if (!good)
-        log_error("control %s: %s", path ? path : "", error);
+        log_error("control %s: %s", inherited >= 0 ? "that was passed" : path, error);
     else if (inherited >= 0)
         log_info("control %s: a socket of the service manager", s->socket.path);
     return good;
