@@ -67,7 +67,7 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all picture soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
+.PHONY: all picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
   demo bench check cover man install uninstall deb clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run
 .DELETE_ON_ERROR:
@@ -120,6 +120,13 @@ soak: ## 10^9 bits of random scenarios, SOAK=10m of random trouble for canwired 
 	@$(MAKE) --no-print-directory $(DIFFERENTIAL)
 	@$(MAKE) --no-print-directory VARIANT=san BUILD=build/san build
 	@scripts/soak '$(SOAK)' '$(SEED)' $(DIFFERENTIAL) build/san/canwired
+
+calls: ## every call of the C library fails, at all places, with every error; half an hour
+	@scripts/install-deps build test
+	@scripts/venv
+	@$(MAKE) --no-print-directory build
+	@CALLS=all build/venv/bin/python -m pytest -q -s -p no:cacheprovider tests/test_calls.py \
+	  tests/test_calls_daemon.py
 
 cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; ten minutes
 	@scripts/install-deps build test

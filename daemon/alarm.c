@@ -35,13 +35,15 @@ static struct timespec time_of(int64_t ns)
     return (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = (long)(ns % NS_PER_S)};
 }
 
-void alarm_set(wake_alarm *a, int64_t at_ns)
+bool alarm_set(wake_alarm *a, int64_t at_ns)
 {
     const struct itimerspec at = {.it_value = time_of(at_ns)};
     if (at_ns == a->at_ns)
-        return;
+        return true;
+    if (timerfd_settime(a->fd, TFD_TIMER_ABSTIME, &at, NULL) != 0)
+        return false;
     a->at_ns = at_ns;
-    (void)timerfd_settime(a->fd, TFD_TIMER_ABSTIME, &at, NULL);
+    return true;
 }
 
 bool alarm_take(wake_alarm *a)

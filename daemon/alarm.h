@@ -25,8 +25,9 @@ bool alarm_open(wake_alarm *a);
 
 void alarm_close(wake_alarm *a);
 
-/* To ring at that moment, at once when it has passed, and at no other. */
-void alarm_set(wake_alarm *a, int64_t at_ns);
+/* To ring at that moment, at once when it has passed, and at no other. False, with errno, when it
+ * cannot be set. */
+bool alarm_set(wake_alarm *a, int64_t at_ns);
 
 /* To be called when fd is readable: whether it rings; it is then not set to anything any more. */
 bool alarm_take(wake_alarm *a);

@@ -92,6 +92,20 @@ static void close_client(server_client *c)
     s->calls->closed(s->user, server_client_number(c));
 }
 
+static void tell_dismissed(server *s, const char *whom)
+{
+    if (may_log(s))
+        log_warning("control: %s is disconnected", whom);
+}
+
+/* Nothing can be written any more: the client has gone, or what is wrong is here. */
+static void doom(server_client *c, int error)
+{
+    if (!c->doomed && error != EPIPE && error != ECONNRESET)
+        tell_dismissed(c->server, "a client whose socket fails");
+    c->doomed = true;
+}
+
 /* Writes what the socket takes. */
 static void flush(server_client *c)
 {
@@ -101,7 +115,8 @@ static void flush(server_client *c)
         if (count > 0) {
             buffer_take(&c->out, (size_t)count);
         } else if (errno != EINTR) {
-            c->doomed = c->doomed || errno != EAGAIN;
+            if (errno != EAGAIN)
+                doom(c, errno);
             return;
         }
     }
@@ -113,10 +128,21 @@ static bool is_done_with(const server_client *c)
     return c->end && !c->line_waits && !c->held && buffer_length(&c->out) == 0;
 }
 
+/* libev has given up the socket since the kernel does not take it, and calls once more. */
+static bool is_watched(server_client *c, int events)
+{
+    if (!(events & EV_ERROR))
+        return true;
+    tell_dismissed(c->server, "a client that cannot be watched");
+    close_client(c);
+    return false;
+}
+
 static void on_writable(struct ev_loop *loop, ev_io *io, int events)
 {
-    (void)events;
     server_client *c = io->data;
+    if (!is_watched(c, events))
+        return;
     flush(c);
     if (c->doomed || is_done_with(c)) {
         close_client(c);
@@ -132,10 +158,8 @@ void server_write(server_client *client, const char *text, size_t length)
         return;
     bool full = buffer_length(&client->out) + length > SERVER_OUTPUT_MAX;
     if (full || !buffer_append(&client->out, text, length)) {
-        if (may_log(client->server))
-            log_warning("control: %s is disconnected",
-                        full ? "a client that does not read its replies"
-                             : "out of memory, a client");
+        tell_dismissed(client->server, full ? "a client that does not read its replies"
+                                            : "out of memory, a client");
         client->doomed = true;
     }
     ev_io_start(client->server->loop, &client->writer); /* it also sees to the doomed */
@@ -192,9 +216,11 @@ static void look_at_input(server_client *c)
 static void on_readable(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
-    (void)events;
     server_client *c = io->data;
+    if (!is_watched(c, events))
+        return;
     if (!buffer_reserve(&c->in, READ_BYTES)) {
+        tell_dismissed(c->server, "out of memory, a client");
         close_client(c);
         return;
     }
@@ -388,14 +414,16 @@ static void admit(server *s, int fd)
     }
     if (known)
         log_peer(s, &peer, "too many clients, one is refused");
+    else if (may_log(s))
+        log_warning("control: a client is refused, who it is cannot be told: %s", strerror(errno));
     refuse(s, fd);
 }
 
 /* Without resources the socket would stay readable and the loop spin. */
-static void pause_accepting(server *s)
+static void pause_accepting(server *s, const char *why)
 {
     if (may_log(s))
-        log_warning("control: a client has to wait: %s", strerror(errno));
+        log_warning("control: a client has to wait: %s", why);
     ev_io_stop(s->loop, &s->acceptor);
     ev_timer_set(&s->pause, PAUSE_S, 0.0);
     ev_timer_start(s->loop, &s->pause);
@@ -404,15 +432,18 @@ static void pause_accepting(server *s)
 static void on_client(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
-    (void)events;
     server *s = io->data;
+    if (events & EV_ERROR) {
+        pause_accepting(s, "the socket cannot be watched");
+        return;
+    }
     for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
         int fd = accept4(s->socket.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
         if (fd >= 0) {
             admit(s, fd);
         } else if (errno != EINTR && errno != ECONNABORTED) {
             if (errno != EAGAIN)
-                pause_accepting(s);
+                pause_accepting(s, strerror(errno));
             return;
         }
     }

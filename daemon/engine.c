@@ -375,6 +375,28 @@ static int64_t next_wake_ns(engine *e)
     return tick_ns < wake_ns ? tick_ns : wake_ns;
 }
 
+/* A bus that would go on now and then, when somebody asks for its state, must not seem to run. */
+static void fail(engine *e, const char *what, const char *why)
+{
+    if (!e->failed)
+        log_error("%s: %s; the bus cannot go on", what, why);
+    e->failed = true;
+    ev_break(e->loop, EVBREAK_ALL);
+}
+
+/* libev has given up a descriptor since the kernel does not take it, and calls once more. */
+static bool is_watched(engine *e, int events, const char *what)
+{
+    if (events & EV_ERROR)
+        fail(e, what, "it cannot be watched any more");
+    return !(events & EV_ERROR);
+}
+
+bool engine_has_failed(const engine *e)
+{
+    return e->failed;
+}
+
 static void arm_timer(engine *e)
 {
     uint64_t tick = next_tick(e);
@@ -383,7 +405,8 @@ static void arm_timer(engine *e)
     if (e->next && e->next->deadline < tick)
         tick = e->next->deadline;
     e->due_ns = tick == CW_NEVER ? INT64_MAX : monotonic_of(e, tick);
-    alarm_set(&e->alarm, next_wake_ns(e));
+    if (!alarm_set(&e->alarm, next_wake_ns(e)))
+        fail(e, "timer", strerror(errno));
 }
 
 /* A timer that is due has been set for a little earlier, to be up in time. One that was not, or
@@ -496,8 +519,9 @@ static void wake(engine *e)
 static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
-    (void)events;
     engine *e = ((port_watch *)io)->engine;
+    if (!is_watched(e, events, "port"))
+        return;
     if (e->config->pacing == CFG_PACING_TICK && !e->stopping)
         start_ticking(e);
     else
@@ -522,9 +546,8 @@ void engine_unwatch_port(engine *e, unsigned node)
 static void on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
-    (void)events;
     engine *e = io->data;
-    if (!alarm_take(&e->alarm))
+    if (!is_watched(e, events, "timer") || !alarm_take(&e->alarm))
         return;
     spin(e);
     uint64_t read_before = e->frames_read;

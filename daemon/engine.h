@@ -24,6 +24,10 @@ engine *engine_start(struct ev_loop *loop, live *config, publisher *sink);
  * loop. */
 void engine_stop(engine *e);
 
+/* Whether it has ended the loop, or is about to, because it cannot wake up in time any more, as has
+ * been logged. */
+bool engine_has_failed(const engine *e);
+
 /* Closes the ports. NULL is fine. */
 void engine_free(engine *e);
 

@@ -68,6 +68,7 @@ struct engine {
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
     int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
+    bool failed; /* it can no longer wake up in time */
     bool stopping;
     uint64_t stop_tick; /* no later than this ... */
     int64_t stop_ns;    /* ... and CLOCK_MONOTONIC than this */

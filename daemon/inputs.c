@@ -4,6 +4,9 @@
  */
 #include "inputs.h"
 
+#include <stdlib.h>
+#include <string.h>
+
 void inputs_init(inputs *in, live *config, cw_bus *bus, inputs_drain *drain, void *user)
 {
     *in = (inputs){.config = config, .bus = bus, .drain = drain, .drain_user = user};
@@ -79,7 +82,29 @@ typedef struct injection {
     size_t base;
     size_t added;
     unsigned index[CW_RULES_MAX]; /* where those that were added are on the bus */
+    char *names[CW_RULES_MAX];    /* of our own */
 } injection;
+
+static void free_names(injection *j)
+{
+    for (size_t i = 0; i < CW_RULES_MAX; i++)
+        free(j->names[i]);
+}
+
+/* Before anything is done to the bus: for want of memory nothing is to be taken back, which a run
+ * of the journal, that has the memory, would not do. */
+static bool copy_names(injection *j)
+{
+    for (size_t i = 0; i < j->rules->count && i < CW_RULES_MAX; i++) {
+        j->names[i] = strdup(j->rules->rules[i].name);
+        if (j->names[i])
+            continue;
+        free_names(j);
+        fprintf(j->errors, "out of memory\n");
+        return false;
+    }
+    return true;
+}
 
 static bool add_rule(injection *j, size_t i)
 {
@@ -112,19 +137,10 @@ static void take_back(injection *j)
         (void)cw_bus_clear_rule(j->in->bus, j->index[i]);
 }
 
-/* Gives the rules their names. */
-static bool name_rules(injection *j)
+static void name_rules(injection *j)
 {
-    live *config = j->in->config;
-    for (size_t i = 0; i < j->added; i++) {
-        if (live_put(config, j->index[i], &j->rules->rules[i]))
-            continue;
-        while (i-- > 0)
-            live_remove(config, j->index[i]);
-        fprintf(j->errors, "out of memory\n");
-        return false;
-    }
-    return true;
+    for (size_t i = 0; i < j->added; i++)
+        live_put(j->in->config, j->index[i], &j->rules->rules[i], j->names[i]);
 }
 
 cfg_rules *inputs_inject(inputs *in, const char *text, size_t size, const char *name, FILE *errors)
@@ -138,9 +154,17 @@ cfg_rules *inputs_inject(inputs *in, const char *text, size_t size, const char *
                    .rules = rules,
                    .errors = errors,
                    .base = live_config(in->config)->rule_count};
-    bool good = add_rules(&j) && name_rules(&j);
-    if (!good)
+    if (!copy_names(&j)) {
+        cfg_free_rules(rules);
+        return NULL;
+    }
+    bool good = add_rules(&j);
+    if (good) {
+        name_rules(&j);
+    } else {
         take_back(&j);
+        free_names(&j);
+    }
     note(in, (input){.kind = INPUT_INJECT,
                      .text = text,
                      .size = size,

@@ -55,6 +55,7 @@ void linkwatch_list(linkwatch *w)
                    .nlmsg_flags = NLM_F_REQUEST | NLM_F_DUMP},
         .info = {.ifi_family = AF_UNSPEC},
     };
+    ev_io_start(w->loop, &w->io); /* it may have been given up */
     w->incomplete = w->listing;
     if (w->listing) /* the kernel makes one at a time */
         return;
@@ -159,8 +160,11 @@ static void take_messages(linkwatch *w, size_t size)
 static void on_message(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
-    (void)events;
     linkwatch *w = io->data;
+    if (events & EV_ERROR) { /* libev has given it up since the kernel does not take it */
+        fail(w, ENOMEM);
+        return;
+    }
     for (unsigned reads = 0; reads < READS_MAX; reads++) {
         struct sockaddr_nl from = {.nl_family = AF_NETLINK};
         struct iovec vector = {.iov_base = w->buffer, .iov_len = sizeof w->buffer};
@@ -199,7 +203,6 @@ linkwatch *linkwatch_start(struct ev_loop *loop, const linkwatch_calls *calls, v
     }
     ev_io_init(&w->io, on_message, w->fd, EV_READ);
     w->io.data = w;
-    ev_io_start(loop, &w->io);
     linkwatch_list(w);
     return w;
 }

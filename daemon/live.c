@@ -80,19 +80,15 @@ bool live_is_injected(const live *l, unsigned index)
     return index < CW_RULES_MAX && l->injected[index];
 }
 
-bool live_put(live *l, unsigned index, const cw_rule *rule)
+void live_put(live *l, unsigned index, const cw_rule *rule, char *name)
 {
     assert(index < CW_RULES_MAX && !l->names[index]);
-    char *name = strdup(rule->name);
-    if (!name)
-        return false;
     l->injected[index] = name;
     l->rules[index] = *rule;
     l->rules[index].name = name;
     l->names[index] = name;
     if (index >= l->now.rule_count)
         l->now.rule_count = index + 1u;
-    return true;
 }
 
 void live_remove(live *l, unsigned index)

@@ -36,8 +36,9 @@ bool live_find(const live *l, unsigned *index, const char *name);
 /* Whether a rule was injected, not configured. */
 bool live_is_injected(const live *l, unsigned index);
 
-/* Notes an injected rule under the index that the bus gave it; copies the rule and its name. */
-bool live_put(live *l, unsigned index, const cw_rule *rule);
+/* Notes an injected rule under the index that the bus gave it; copies the rule. The name is from
+ * malloc() and is taken. */
+void live_put(live *l, unsigned index, const cw_rule *rule, char *name);
 
 /* Forgets a rule that was taken away. */
 void live_remove(live *l, unsigned index);

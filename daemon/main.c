@@ -49,6 +49,9 @@ typedef struct service {
     ev_signal hangup;
     ev_timer statistics;
     ev_timer status;
+    ev_async nudge; /* see check_nudges() */
+    unsigned seconds; /* that it has not come */
+    bool failed;
     struct ev_loop *loop;
 } service;
 
@@ -324,11 +327,34 @@ static void tell_status(service *s)
                   journal_is_broken(s->journal) ? ", journal broken" : "", s->refused);
 }
 
+/* Signals and news of other threads come by a pipe of libev's own. When the kernel does not watch
+ * it, as when a user's watches are used up, libev tells nobody, and SIGTERM would be of no use. */
+static void check_nudges(service *s)
+{
+    if (!ev_is_active(&s->nudge))
+        return;
+    if (s->seconds++ == 0) { /* this may be the first round of the loop */
+        ev_async_send(s->loop, &s->nudge);
+        return;
+    }
+    log_error("the event loop cannot watch for signals");
+    s->failed = true;
+    ev_break(s->loop, EVBREAK_ALL);
+}
+
+/* One is enough: it is watched from then on. */
+static void on_nudge(struct ev_loop *loop, ev_async *watcher, int events)
+{
+    (void)events;
+    ev_async_stop(loop, watcher);
+}
+
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
     tell_status(timer->data);
+    check_nudges(timer->data);
 }
 
 /* ---- Start and end --------------------------------------------------------------------------- */
@@ -344,6 +370,9 @@ static void start_watchers(service *s, struct ev_loop *loop)
     ev_signal_init(&s->hangup, on_hangup, SIGHUP);
     s->hangup.data = s;
     ev_signal_start(loop, &s->hangup);
+    ev_async_init(&s->nudge, on_nudge);
+    ev_async_start(loop, &s->nudge);
+    ev_async_send(loop, &s->nudge);
     ev_timer_init(&s->status, on_status, STATUS_PERIOD_S, STATUS_PERIOD_S);
     s->status.data = s;
     ev_timer_start(loop, &s->status);
@@ -442,7 +471,8 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     tell_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
-    ev_run(loop, 0);
+    if (!engine_has_failed(s->engine)) /* what breaks a loop breaks none that is still to run */
+        ev_run(loop, 0);
     engine_count_loopless(s->engine);
     report beyond;
     engine_report(s->engine, &beyond);
@@ -451,7 +481,7 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
     (void)engine_check_books(s->engine);
     report_end(s);
-    return true;
+    return !s->failed && !engine_has_failed(s->engine);
 }
 
 static int refuse_usage(void)

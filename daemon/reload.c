@@ -7,6 +7,7 @@
 #include "bus_make.h"
 #include "log.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -176,17 +177,17 @@ bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
     return good;
 }
 
+/* Without any memory that could be lacking: the books would be lost. */
 void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX])
 {
     unsigned char *elements = array;
-    unsigned char *old = malloc(CW_NODES_MAX * size);
-    if (old)
-        memcpy(old, array, CW_NODES_MAX * size);
+    unsigned char old[CW_NODES_MAX * RELOAD_REMAP_BYTES_MAX];
+    assert(size <= RELOAD_REMAP_BYTES_MAX);
+    memcpy(old, array, CW_NODES_MAX * size);
     memset(array, 0, CW_NODES_MAX * size);
-    for (unsigned i = 0; old && i < CW_NODES_MAX; i++)
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
         if (from[i] != CW_NO_NODE)
             memcpy(elements + i * size, old + from[i] * size, size);
-    free(old);
 }
 
 void reload_free(reload *r)

@@ -46,8 +46,10 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors);
  * False, with nothing changed, after writing a line per error. */
 bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors);
 
+#define RELOAD_REMAP_BYTES_MAX 512u
+
 /* Moves what an array keeps of each node to the node's new place; what new nodes have is all
- * zero. The array has CW_NODES_MAX elements of that size. */
+ * zero. The array has CW_NODES_MAX elements of that size, at most RELOAD_REMAP_BYTES_MAX. */
 void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX]);
 
 /* Frees what has not been taken out of it. NULL is fine. */

@@ -147,7 +147,19 @@ static const char *read_line(client *c)
 const char *client_next(client *c)
 {
     set_patience(c->fd, 0);
-    return read_line(c);
+    errno = 0;
+    const char *line = read_line(c);
+    c->error = line || feof(c->in) ? 0 : errno;
+    return line;
+}
+
+bool client_tell_end(const client *c)
+{
+    if (c->error == 0)
+        complain(c, "it has ended");
+    else
+        complain(c, "it cannot be read any more: %s", strerror(c->error));
+    return c->error == 0;
 }
 
 /* Messages of the loader stand for themselves: they name file, line and column. */

@@ -16,6 +16,7 @@ typedef struct client {
     FILE *in;
     char *line; /* the last one that was read */
     size_t line_size;
+    int error; /* the errno that client_next() has ended with, 0: the bus has ended */
 } client;
 
 /* Where sockets of buses are: /run/canwire, or $CANWIRE_RUN. */
@@ -29,8 +30,12 @@ bool client_open(client *c, const char *bus);
  * refused or does not come; else to be released by the caller. */
 json_t *client_ask(client *c, json_t *request);
 
-/* The next line that the bus sends, however long that takes. NULL at the end. */
+/* The next line that the bus sends, however long that takes. NULL at the end, which is not always
+ * that of the bus. */
 const char *client_next(client *c);
+
+/* Says that it has ended, or what has. False: it was not the bus. */
+bool client_tell_end(const client *c);
 
 void client_close(client *c);
 

@@ -34,6 +34,15 @@ typedef struct injection {
     buffer with; /* lines for the end of the text */
 } injection;
 
+/* False after a message. */
+static bool append(buffer *to, const char *bytes, size_t count)
+{
+    bool good = buffer_append(to, bytes, count);
+    if (!good)
+        fputs("canwire inject: out of memory\n", stderr);
+    return good;
+}
+
 /* KEY=VALUE becomes a line of the map `with`. */
 static bool add_parameter(void *user, const char *argument)
 {
@@ -43,18 +52,21 @@ static bool add_parameter(void *user, const char *argument)
         fprintf(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
         return false;
     }
-    bool good = buffer_length(&in->with) > 0 || buffer_append(&in->with, "\nwith:\n", 7);
-    return good && buffer_append(&in->with, "  ", 2) &&
-           buffer_append(&in->with, argument, (size_t)(equals - argument)) &&
-           buffer_append(&in->with, ": ", 2) &&
-           buffer_append(&in->with, equals + 1, strlen(equals + 1)) &&
-           buffer_append(&in->with, "\n", 1);
+    bool good = buffer_length(&in->with) > 0 || append(&in->with, "\nwith:\n", 7);
+    return good && append(&in->with, "  ", 2) &&
+           append(&in->with, argument, (size_t)(equals - argument)) &&
+           append(&in->with, ": ", 2) && append(&in->with, equals + 1, strlen(equals + 1)) &&
+           append(&in->with, "\n", 1);
 }
 
 /* Up to what is too much; the bus would refuse it anyway. */
 static bool read_all(buffer *text, FILE *in)
 {
-    while (buffer_length(text) <= TEXT_MAX && buffer_reserve(text, READ_BYTES)) {
+    while (buffer_length(text) <= TEXT_MAX) {
+        if (!buffer_reserve(text, READ_BYTES)) {
+            errno = ENOMEM;
+            return false;
+        }
         size_t count = fread(text->data + text->end, 1, READ_BYTES, in);
         text->end += count;
         if (count == 0)
@@ -92,9 +104,9 @@ static bool read_text(injection *in, const char *word)
 {
     bool is_file = file_exists(word) || looks_like_file(word);
     in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
-    if (is_file ? !read_file(in, word) : !buffer_append(&in->text, word, strlen(word)))
+    if (is_file ? !read_file(in, word) : !append(&in->text, word, strlen(word)))
         return false;
-    return buffer_append(&in->text, in->with.data, buffer_length(&in->with));
+    return append(&in->text, in->with.data, buffer_length(&in->with));
 }
 
 static int send_text(const char *bus, const injection *in)

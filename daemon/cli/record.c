@@ -254,9 +254,9 @@ static int run(recording *r)
     fprintf(stderr, "canwire record: writing %s\n", r->what.file);
     while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus)))
         take_line(r, line);
-    if (!interrupted && recorder_error(r->recorder) == 0)
-        fprintf(stderr, "canwire: bus %s: it has ended\n", r->bus.bus);
-    return finish(r);
+    bool good = interrupted || recorder_error(r->recorder) != 0 || client_tell_end(&r->bus);
+    int status = finish(r);
+    return good ? status : CLI_BAD_INPUT;
 }
 
 int cli_record(int argc, char **argv)

@@ -87,7 +87,7 @@ static int show_events(client *c, bool json)
             print_line(line);
     }
     if (!ferror(stdout))
-        fprintf(stderr, "canwire: bus %s: it has ended\n", c->bus);
+        (void)client_tell_end(c);
     return CLI_BAD_INPUT;
 }
 

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: MIT
+"""Whatever call of the C library fails, nothing breaks, and nothing is lost in silence.
+
+Each program is run once to list the sites where it calls (failing.py), then once more for each
+site: its call fails once, and in another run with all of its kind from then on. After each:
+
+* no crash, and with sanitizers neither an error nor a leak;
+* everything is as without the failure, or a message that there was not before says what is not;
+  a program that ends by that has an exit status that is not 0.
+
+CANWIRE is the tool, by default build/release/canwire; canwired is beside it. With sanitizers only
+some of the runs are made. CALLS=all makes all of them, with every errno that a call may have, and
+at later calls of a site (make calls).
+"""
+
+import concurrent.futures
+import contextlib
+import json
+import socket
+import subprocess
+import threading
+
+import pytest
+
+from failing import WORKERS, Calls, build_library, plan, run_all
+from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all
+from test_record import wait_until
+
+TRACE = "(0.000000) can0 7FF#01\n(0.000500) can0 100#01\n(0.001000) can0 700#R\n"
+BUS = """bus: { name: calls, bitrate: 500000 }
+nodes:
+  - { name: engine, restart-ms: 100 }
+  - name: load
+    traffic: [ { send: 123#DEADBEEF, every: 1ms, count: 2 },
+               { replay: drive.log, only: "700:700" } ]
+  - { name: dash, traffic: [ { reply: 700#11, to: "700" } ] }
+profiles: [ { file: PROFILES/deaf-ecu.yaml, with: { victim: dash } } ]
+faults:
+  - name: crc
+    when: { frame: "123", count: 1, time: 1ms.. }
+    do: { flip: "crc[3]", at: [engine] }
+expect:
+  - { delivered: 2, frame: "123", from: load, to: engine }
+  - { name: never, state: bus-off, node: engine, reached: never }
+"""
+OUTPUTS = ("log", "events", "pcapng", "stats", "junit", "vcd", "svg")
+
+
+@pytest.fixture(name="library", scope="module")
+def fixture_library(tmp_path_factory):
+    return build_library(tmp_path_factory.mktemp("calls"))
+
+
+class Outcome:
+    """What a run has left behind: status, standard output, messages, files."""
+
+    def __init__(self, folder, words, environment, outputs):
+        for name in outputs:
+            (folder / name).unlink(missing_ok=True)
+        before = contents(folder, outputs)
+        result = subprocess.run(words, cwd=folder, env=environment, capture_output=True,
+                                stdin=subprocess.DEVNULL, timeout=TIMEOUT_S, check=False)
+        self.status, self.stdout = result.returncode, result.stdout
+        self.messages = result.stderr.decode(errors="replace").splitlines()
+        self.files = {name: (folder / name).read_bytes() for name in outputs
+                      if (folder / name).exists()}
+        self.harmed = contents(folder, outputs) != before
+
+    def same_output(self, good):
+        return (self.status, self.stdout, self.files) == (good.status, good.stdout, good.files)
+
+    def wrong(self, good, silent):
+        """What must not be, or None; silent: nothing can be said."""
+        text = "\n".join(self.messages)
+        if self.status < 0 or "Sanitizer" in text or "runtime error" in text:
+            return f"it crashes: {self.status}"
+        if self.harmed:
+            return "what it reads has changed"
+        if self.same_output(good):
+            return None
+        if self.status == 0 or self.status == 2:
+            return f"status {self.status}"
+        if not silent and not set(self.messages) - set(good.messages):
+            return "no message"
+        return None
+
+
+def contents(folder, outputs):
+    """Of what is read and not written."""
+    return {file.name: file.read_bytes() for file in folder.iterdir()
+            if file.is_file() and file.name not in (*outputs, "calls")}
+
+
+class Program:
+    """A program in a folder of its own, as many times as there are calls to fail."""
+
+    def __init__(self, folder, library, words, outputs=()):
+        self.folder, self.words, self.outputs = folder, words, outputs
+        self.calls = Calls(folder, library)
+
+    def run(self):
+        return Outcome(self.folder, self.words, self.calls.environment(), self.outputs)
+
+    def list_sites(self):
+        self.calls.list_sites()
+        good = self.run()
+        return good, self.calls.sites()
+
+    def attempt(self, each, good):
+        """What was wrong, and whether the call was reached."""
+        self.calls.fail(each)
+        outcome = self.run()
+        wrong = outcome.wrong(good, each.site.group == "tell")
+        return (wrong and f"{wrong}: {each.text(self.words[0])}\n    status {outcome.status}, " +
+                " | ".join(outcome.messages[-4:]), self.calls.failed() > 0)
+
+
+def fail_each(programs):
+    """All tries of a program, which is there several times in folders of their own."""
+    good, sites = programs[0].list_sites()
+    tries = plan(sites)
+    reached = run_all(programs, programs[0].words[0], tries,
+                      lambda program, each: program.attempt(each, good))
+    assert reached == len(tries)
+    return good, sites
+
+
+@pytest.fixture(name="programs")
+def fixture_programs(tmp_path, library):
+    """programs(words, outputs, files) is a program as often as it can run at the same time."""
+    def make(words, outputs=(), **files):
+        result = []
+        for i in range(WORKERS):
+            folder = tmp_path / str(i)
+            folder.mkdir()
+            (folder / "drive.log").write_text(TRACE)
+            (folder / "bus.yaml").write_text(BUS.replace("PROFILES",
+                                                         str(ROOT / "config/profiles")))
+            for name, text in files.items():
+                (folder / name).write_text(text)
+            result.append(Program(folder, library, words, outputs))
+        return result
+
+    return make
+
+
+# ---- The tool alone ------------------------------------------------------------------------------
+
+
+def test_check(programs):
+    good, sites = fail_each(programs([CANWIRE, "check", "bus.yaml"]))
+    assert good.status == 0 and len(sites) > 100
+
+
+def test_sim_with_each_output(programs):
+    words = [word for name in OUTPUTS for word in (f"--{name}", name)]
+    good, sites = fail_each(programs([CANWIRE, "sim", "bus.yaml", *words, "--to", "1ms"], OUTPUTS))
+    assert good.status == 0 and len(good.files) == len(OUTPUTS) and len(sites) > 300
+
+
+@pytest.mark.parametrize("output", [None, *OUTPUTS])
+def test_sim_to_standard_output(programs, output):
+    words = [f"--{output}", "-"] if output else []
+    good, _ = fail_each(programs([CANWIRE, "sim", "bus.yaml", *words]))
+    assert good.status == 0
+
+
+@pytest.mark.parametrize("words", [["bits", "123#DEADBEEF"], ["help"], ["--version"]])
+def test_bits_and_help(programs, words):
+    good, _ = fail_each(programs([CANWIRE, *words]))
+    assert good.status == 0 and good.stdout
+
+
+# ---- Clients -------------------------------------------------------------------------------------
+
+LIVE = """bus: { name: calls, bitrate: 500000 }
+control: day.sock
+nodes:
+  - { name: engine }
+  - { name: load, traffic: [ { send: 123#DEADBEEF, every: 5ms } ] }
+faults:
+  - { name: crc, when: { manual: yes }, do: { bus-off: engine } }
+"""
+RULE = "{ name: mine, when: { manual: yes }, do: { bus-off: load } }"
+EVENTS = b"""{"t":0.001000000,"node":"load","event":"tx","frame":"123#DEADBEEF"}
+{"t":0.001500000,"node":"engine","event":"state","state":"error-passive","tec":128,"rec":0}
+{"lost":3}
+{"t":0.002000000,"node":"load","event":"tx","frame":"123#DEADBEEF"}
+"""
+
+
+class Bus(threading.Thread):
+    """A control socket that answers as a canwired has done the first time; a watch gets EVENTS, and
+    then the bus has ended. Each client finds it as all others did."""
+
+    answers = {}
+
+    def __init__(self, folder, real):
+        super().__init__(daemon=True)
+        self.real = real
+        self.listener = socket.socket(socket.AF_UNIX)
+        self.listener.bind(str(folder / "bus.sock"))
+        self.listener.listen(8)
+        self.start()
+
+    def run(self):
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self.serve, args=[client], daemon=True).start()
+
+    def serve(self, client):
+        with client, contextlib.suppress(OSError):  # it has gone
+            for line in client.makefile("rb"):
+                if line not in self.answers:
+                    self.answers[line] = self.ask(line)
+                client.sendall(self.answers[line])
+                if json.loads(line)["request"] == "watch":
+                    client.sendall(EVENTS)
+                    return
+
+    def ask(self, line):
+        with socket.socket(socket.AF_UNIX) as real:
+            real.connect(str(self.real))
+            real.sendall(line)
+            return real.makefile("rb").readline()
+
+    def close(self):
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+        self.join()
+
+
+@pytest.fixture(name="real", scope="module")
+def fixture_real(tmp_path_factory):
+    """The control socket of a canwired."""
+    folder = tmp_path_factory.mktemp("real")
+    (folder / "bus.yaml").write_text(LIVE)
+    with (folder / "stderr").open("w") as errors:
+        process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors)
+    try:
+        wait_until((folder / "day.sock").exists, "the control socket")
+        yield folder / "day.sock"
+    finally:
+        kill_all([process])
+
+
+@pytest.mark.parametrize("words, outputs", [
+    (["status", "BUS"], []), (["status", "BUS", "--json"], []), (["faults", "BUS"], []),
+    (["faults", "BUS", "--json"], []), (["set", "BUS", "load", "restart-ms=100"], []),
+    (["inject", "BUS", RULE], []), (["inject", "BUS", "other.yaml"], []),
+    (["fire", "BUS", "crc"], []), (["clear", "BUS", "crc"], []), (["restart", "BUS", "engine"], []),
+    (["reload", "BUS"], []), (["watch", "BUS"], []), (["watch", "BUS", "--text", "tx,state"], []),
+    (["record", "BUS", "a.log"], ["a.log"]), (["record", "BUS", "a.pcapng"], ["a.pcapng"]),
+], ids=lambda words: " ".join(words[:3:2]))
+def test_clients(programs, real, words, outputs):
+    some = programs([CANWIRE, *(word.replace("BUS", "./bus.sock") for word in words)], outputs,
+                    **{"other.yaml": RULE.replace("mine", "other")})
+    buses = [Bus(each.folder, real) for each in some]
+    try:
+        good, sites = fail_each(some)
+        assert good.status == int(words[0] == "watch"), good.messages
+        assert len(sites) > 10
+    finally:
+        for each in buses:
+            each.close()
