@@ -19,6 +19,9 @@ OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
 OPTIMISE_cover := -O0 -g --coverage
+# Work is counted in basic blocks (tests/world), which are those of the source, without inlining it all.
+OPTIMISE_world := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
+  -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
 OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
   -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
@@ -69,7 +72,7 @@ LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
   demo bench check cover man install uninstall deb clean help build \
-  fuzz fuzz-run fuzz-merge fuzz-merge-run
+  fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
@@ -127,6 +130,22 @@ calls: ## every call of the C library fails, at all places, with every error; ha
 	@$(MAKE) --no-print-directory build
 	@CALLS=all build/venv/bin/python -m pytest -q -s -p no:cacheprovider tests/test_calls.py \
 	  tests/test_calls_daemon.py
+
+# Seeds of the simulated world: FIRST..LAST, or one; `world 7 --trace` shows each call. The nightly
+# run is SEEDS=1..10000; 200 of them are in `make test`.
+SEEDS ?= 1..200
+WORLD_BUILD = VARIANT=world BUILD=build/world
+world: ## canwired in simulated worlds (clocks, disk, sockets, signals), SEEDS=1..200
+	@scripts/install-deps build test
+	@$(MAKE) --no-print-directory -s -j2 $(WORLD_BUILD) build/world/world
+	@scripts/world build/world/world '$(SEEDS)'
+
+world-night: ## the same for 10000 seeds, those that fail are listed
+	@$(MAKE) --no-print-directory world SEEDS=1..10000
+
+world-proof: ## that the simulated world finds what was repaired: with each repair taken out again
+	@scripts/install-deps build test
+	@scripts/world-proof
 
 cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; ten minutes
 	@scripts/install-deps build test
@@ -256,6 +275,33 @@ DIGEST_PARTS := $(filter-out \
   $(wildcard tests/differential/*.c))
 $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
+
+# canwired in a simulated world: its code and libev's call seam_NAME for each NAME in `calls`, and
+# its own work is counted. What else it calls must be known to be of no concern (check-calls).
+WORLD := $(BUILD)/world
+LIBEV_ARCHIVE := $(shell $(CC) -print-file-name=libev.a)
+WORLD_PROGRAMS := $(call objects,daemon/main.c $(PARTS_SOURCES) $(TOOL_SOURCES) $(LIB_SOURCES))
+ifeq ($(VARIANT),world)
+$(WORLD_PROGRAMS): ALL_CFLAGS += -fsanitize-coverage=trace-pc
+endif
+
+$(BUILD)/world-syms: tests/world/calls
+	@mkdir -p $(@D)
+	@sed -n 's/^[a-z].*/& seam_&/p' $< >$@
+
+$(BUILD)/canwired.o: $(call objects,daemon/main.c $(PARTS_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) \
+  $(LIBEV_ARCHIVE) $(BUILD)/world-syms
+	@ld -r -o $@ $(filter %.o,$^) --whole-archive $(LIBEV_ARCHIVE)
+	@objcopy --redefine-sym main=canwired_main --redefine-syms=$(BUILD)/world-syms \
+	  --keep-global-symbol=canwired_main $@
+
+$(BUILD)/canwire.o: $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
+	@ld -r -o $@ $^
+	@objcopy --redefine-sym main=canwire_main --keep-global-symbol=canwire_main $@
+
+$(WORLD): $(call objects,$(wildcard tests/world/*.c)) $(BUILD)/canwired.o $(BUILD)/canwire.o
+	@scripts/world-calls $(BUILD)/canwired.o
+	$(CC) $(ALL_CFLAGS) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ -llcm -lsystemd -lm $(TOOL_LIBS)
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
