@@ -9,7 +9,7 @@
 #include "errframe.h"
 
 #define PORT_BATCH 64          /* frames of one read */
-#define PORT_ERROR_TEXT_MAX 160
+#define PORT_ERROR_TEXT_MAX 300 /* a path and why, as pathsocket.h has it */
 #define PORT_BUFFER_BYTES (8 << 20) /* that a port asks for, for frames that wait to be read */
 
 typedef struct port port;
