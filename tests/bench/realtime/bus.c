@@ -19,7 +19,23 @@ typedef struct bus_process {
     cw_bus_stats last;
 } bus_process;
 
-/* The configuration file of a bus whose ports are inherited sockets. */
+void rt_port_path(char path[RT_PATH_MAX], const char *folder, unsigned node)
+{
+    (void)snprintf(path, RT_PATH_MAX, "%s/n%u", folder, node);
+}
+
+static void write_port(FILE *out, const rt_bus_options *o, const int ports[RT_NODES], unsigned node)
+{
+    char path[RT_PATH_MAX];
+    if (o->folder) {
+        rt_port_path(path, o->folder, node);
+        fprintf(out, "  - { name: n%u, port: \"unix:%s\", order: fifo }\n", node, path);
+    } else {
+        fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo }\n", node, ports[node]);
+    }
+}
+
+/* The configuration file of a bus whose ports are sockets. */
 static cfg *make_config(const rt_bus_options *o, const int ports[RT_NODES])
 {
     char path[] = "/tmp/canwire-bench-XXXXXX";
@@ -36,7 +52,7 @@ static cfg *make_config(const rt_bus_options *o, const int ports[RT_NODES])
                     "}\n",
                     i);
         else
-            fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo }\n", i, ports[i]);
+            write_port(out, o, ports, i);
     fclose(out);
     cfg *config = cfg_load(path, stderr);
     (void)unlink(path);
@@ -120,7 +136,7 @@ pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int p
         result->ready = true;
         _exit(result->good ? 0 : 1);
     }
-    for (unsigned i = 0; i < RT_NODES; i++)
+    for (unsigned i = 0; i < RT_NODES && !options->folder; i++)
         (void)close(ports[i]);
     return pid;
 }

@@ -101,9 +101,9 @@ static bool all_have_come(const crowd *c)
 
 static void run_until(crowd *c, int64_t end_ns, bool numbered)
 {
-    struct epoll_event events[RT_BUSES * RT_NODES];
+    struct epoll_event events[RT_BUSES_MAX * RT_NODES];
     while (rt_now_ns() < end_ns) {
-        int count = epoll_wait(c->epoll, events, RT_BUSES * RT_NODES, 10);
+        int count = epoll_wait(c->epoll, events, RT_BUSES_MAX * RT_NODES, 10);
         for (int i = 0; i < count; i++)
             read_ecu(c, &c->ecus[events[i].data.u32], numbered);
         if (numbered && !c->answer && all_have_come(c))

@@ -10,7 +10,8 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-#define RT_BUSES 8u
+#define RT_BUSES_MAX 16u
+#define RT_PATH_MAX 64
 #define RT_NODES 4u       /* of a bus */
 #define RT_BITRATE 1000000u
 #define RT_SAMPLES_MAX 400000u
@@ -58,10 +59,14 @@ bool rt_take_priority(void);
 typedef struct rt_bus_options {
     const char *pacing;
     bool own_traffic; /* its last node sends by itself, 46 % load, and has no ECU */
+    const char *folder; /* its ports are sockets there, see rt_port_path(); NULL: inherited ones */
 } rt_bus_options;
 
+/* Where the ECU of a node connects. */
+void rt_port_path(char path[RT_PATH_MAX], const char *folder, unsigned node);
+
 /* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed
- * here. It ends with SIGTERM. */
+ * here; not looked at where it has a folder. It ends with SIGTERM. */
 pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int ports[RT_NODES]);
 
 /* ---- timer.c --------------------------------------------------------------------------------- */

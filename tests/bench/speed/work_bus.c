@@ -30,12 +30,14 @@ static cw_rule flip_every(const char *name, unsigned every)
                      .probability = UINT64_MAX, .field = CW_FIELD_CRC, .index = 3, .bits = 1};
 }
 
-static cw_rule flip_id(const char *name, unsigned number)
+/* wild: for this identifier and its neighbour. */
+static cw_rule flip_id(const char *name, unsigned number, bool wild)
 {
     cw_rule r = flip_every(name, 1);
     r.filter_count = 1;
     r.filters[0] =
-        (cw_filter){.value = bench_foreign_id(number), .mask = CW_FILTER_EXTENDED | 0x7FFu};
+        (cw_filter){.value = bench_foreign_id(number) & ~(uint32_t)wild,
+                    .mask = CW_FILTER_EXTENDED | (0x7FFu & ~(uint32_t)wild)};
     return r;
 }
 
@@ -66,7 +68,7 @@ static unsigned make_rules(cw_rule *rules, const bench_bus_options *o)
         rules[count++] = mute(o->nodes - 1);
     for (unsigned i = 0; i < o->rules; i++) {
         (void)snprintf(names[i], sizeof names[i], "id %u", i % CW_RULES_MAX);
-        rules[count++] = flip_id(names[i], i);
+        rules[count++] = flip_id(names[i], i, i < o->wild);
     }
     return count;
 }

@@ -56,6 +56,10 @@ const bench_work bench_works[] = {
     FRAMES("rules-10", .nodes = 4, .senders = 4, .rules = 10),
     FRAMES("rules-100", .nodes = 4, .senders = 4, .rules = 100),
     FRAMES("rules-1000", .nodes = 4, .senders = 4, .rules = 1000),
+    FRAMES("wild-10", .nodes = 4, .senders = 4, .rules = 1000, .wild = 10),
+    FRAMES("wild-100", .nodes = 4, .senders = 4, .rules = 1000, .wild = 100),
+    BITS("saturated-8", .nodes = 8, .senders = 8),
+    BITS("saturated-lost-8", .nodes = 8, .senders = 8, .lost = true),
     {.name = "mix", .unit = "bus second", .units = 1, .start = bench_mix_start,
      .run = bench_mix_run, .end = bench_mix_end},
 };

@@ -62,7 +62,8 @@ typedef struct bench_bus_options {
     bool bit_by_bit;  /* a rule is at work in every bit; the last node must not be a sender */
     bool lockstep;    /* a rule must see the controllers in every bit */
     unsigned every;   /* attempt that gets a wrong CRC bit, 0: none */
-    unsigned rules;   /* with exact identifiers that nobody sends */
+    unsigned rules;   /* for identifiers that nobody sends */
+    unsigned wild;    /* of these, with a mask for two of them each; the others are exact */
 } bench_bus_options;
 
 void *bench_bus_start(const void *options);
