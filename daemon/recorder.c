@@ -92,6 +92,7 @@ static void dump_event(recorder *r, const cw_event *event, uint64_t time_ns)
 static void dump_bit(recorder *r, const cw_bit_view *bit)
 {
     vcd_bit(r->vcd, bit);
+    vcd_flush(r->vcd);
 }
 
 static void end_dump(recorder *r)

@@ -407,7 +407,6 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
         self->begun = true;
     }
     write_state_changes(self, bit, found.states);
-    write_out(self);
     self->end = bit->end;
 }
 
@@ -440,6 +439,11 @@ void vcd_event(vcd *self, const cw_event *event)
         if (event->nodes >> i & 1u)
             self->nodes[i].error_now = event->error.type;
     self->errors |= event->nodes;
+}
+
+void vcd_flush(vcd *self)
+{
+    write_out(self);
 }
 
 void vcd_close(vcd *self)

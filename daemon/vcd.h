@@ -42,6 +42,9 @@ void vcd_event(vcd *self, const cw_event *event);
 /* Each bit, in order. Where bits are left out, everything stays as it was. */
 void vcd_bit(vcd *self, const cw_bit_view *bit);
 
+/* Gives the stream what of it has been kept back so far. */
+void vcd_flush(vcd *self);
+
 /* Writes the end of the last bit, frees. NULL is fine. */
 void vcd_close(vcd *self);
 
