@@ -75,7 +75,7 @@ diff_outcome diff_try(const diff_scenario *s, uint64_t *tick, bool tell)
     pid_t child = fork();
     if (child == 0) {
         if (!tell)
-            (void)freopen("/dev/null", "w", stderr);
+            (void)!freopen("/dev/null", "w", stderr);
         limit_time(HANG_SECONDS / 10);
         diff_run(&verdict, s, &unused, tell ? stdout : NULL);
         fflush(stdout);
