@@ -268,7 +268,7 @@ def fixture_odd_bus(tmp_path):
         def serve():
             client, _ = listener.accept()
             with client:
-                client.recv(65536)
+                client.makefile("rb").readline()
                 client.sendall(answer)
 
         threads.append(threading.Thread(target=serve))

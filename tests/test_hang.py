@@ -245,7 +245,7 @@ def test_replies_come_in_their_order(bus):
             running.carries_frames()
             control.settimeout(0)
             with pytest.raises(BlockingIOError):
-                control.recv(1)
+                control.recv(1)  # whole: there is nothing
         control.settimeout(PATIENCE_S)
         replies = [json.loads(line) for line in control.makefile()]
     assert [(reply["id"], reply["ok"]) for reply in replies] == [(1, True), (2, True)]

@@ -13,6 +13,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from collections import defaultdict
 
 import pytest
@@ -174,13 +175,14 @@ def test_a_program_that_does_not_want_to_wait_is_told(rig):
 
 
 def test_the_bus_has_no_gap_while_a_program_waits(rig):
-    """Though canwired itself may be late: the journal run again has one frame after the other."""
+    """Though canwired and the program may be late: the journal run again has one frame after the
+    other, or after its arrival."""
     count = 600
     r = rig(journal=True, bitrate=125000)
     sender = r.engine.send_in_background([(0x123, number) for number in range(count)])
     wait_until(lambda: len(r.dash.frames) > 20, "the first frames")
     r.process.send_signal(signal.SIGSTOP)  # the socket holds what the bus does in 200 ms
-    threading.Event().wait(0.1)
+    time.sleep(0.1)  # no wait: the bus may have caught up with the socket, or not
     r.process.send_signal(signal.SIGCONT)
     sender.join(PATIENCE_S)
     r.dash.expect([(0x123, number) for number in range(count)])
@@ -188,9 +190,11 @@ def test_the_bus_has_no_gap_while_a_program_waits(rig):
     r.run("sim", "--journal", "bus.journal", "--events", "again")
     lines = [json.loads(line) for line in (r.folder / "again").read_text().splitlines()]
     ends = [round(e["t"] * 1e9) for e in lines if e["event"] == "tx"]
-    assert len(ends) == count
-    gaps = {later - earlier for earlier, later in zip(ends, ends[1:])}
-    bits = {gap // 8000 for gap in gaps}
+    journal = map(json.loads, (r.folder / "bus.journal").read_text().splitlines())
+    arrivals = [line["tick"] * 25 // 2 for line in journal if "send" in line]
+    assert len(ends) == len(arrivals) == count
+    bits = {(end - max(before, arrival)) // 8000
+            for before, end, arrival in zip(ends, ends[1:], arrivals[1:])}
     assert max(bits) <= 47 + 4 * 8 + 19 + 3, sorted(bits)  # a frame, all its stuff bits, three bits
 
 
@@ -340,6 +344,6 @@ def test_nothing_is_lost_or_turned_round_by_hundreds_of_skips(rig, pacing):
 def stop_now_and_then(process, times):
     for _ in range(times):
         process.send_signal(signal.SIGSTOP)
-        threading.Event().wait(0.05)
+        time.sleep(0.05)  # no wait: or longer
         process.send_signal(signal.SIGCONT)
-        threading.Event().wait(0.02)
+        time.sleep(0.02)  # no wait: or longer

@@ -23,7 +23,7 @@ SOL_CAN_ISOTP, CAN_ISOTP_OPTS, CAN_ISOTP_RECV_FC = 106, 1, 2
 CAN_ISOTP_WAIT_TX_DONE = 0x400
 REQUEST, RESPONSE = 0x7E0, 0x7E8
 TRIES = 6
-PATIENCE_S = 20  # for one transfer; the protocol gives up much earlier
+PATIENCE_S = 30  # for one transfer; the protocol gives up much earlier
 STOPPED = {errno.ECOMM, errno.ETIMEDOUT, errno.EILSEQ, errno.EBADMSG, errno.EPROTO, errno.ENODATA,
            errno.ECONNRESET}  # what the kernel's protocols say when a transfer has failed
 
@@ -55,7 +55,7 @@ class IsotpSocket:
 
     def receive(self):
         with failing():
-            return self.socket.recv(5000)
+            return self.socket.recv(5000)  # whole: a message
 
     def drain(self):
         """What a transfer that has failed has left behind."""
@@ -91,7 +91,7 @@ def tries(transfer, ends, count=TRIES):
             transfer()
             return failures
         except Failed:
-            time.sleep(1.2)  # the other side's timer runs out, too, and the queue empties
+            time.sleep(1.2)  # no wait: the other side's timer runs out, and the queue empties
             for end in ends:
                 end.drain()
     pytest.fail(f"{count} transfers failed, one after the other")

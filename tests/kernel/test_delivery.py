@@ -142,7 +142,7 @@ def test_10000_frames_each_way_arrive_once_and_in_order(vcan, can_socket, canwir
             upto = min(MANY, len(received[1 - i]) + OUTSTANDING)
             end.send(*written[i][sent[i] : upto])
             sent[i] = max(upto, sent[i])
-        select.select([e.socket for e in ends], [], [], 1)
+        select.select([e.socket for e in ends], [], [], 1)  # poll: in a loop
     assert received[1] == written[0]
     assert received[0] == written[1]
     bus, nodes = messages.wait_final(daemon.stop())
@@ -164,7 +164,7 @@ def test_python_can_and_can_utils_talk_to_each_other(vcan, canwired):
     daemon = canwired(TWO_NODES.format(bus="programs"))
     with can.Bus(interface="socketcan", channel="vcan0") as bus:
         subprocess.run(["cansend", "vcan1", "123#DEADBEEF"], check=True)
-        message = bus.recv(PATIENCE_S)
+        message = bus.recv(PATIENCE_S)  # whole: a frame
         assert (message.arbitration_id, message.data) == (0x123, b"\xde\xad\xbe\xef")
         assert not message.is_extended_id
 
@@ -175,7 +175,7 @@ def test_python_can_and_can_utils_talk_to_each_other(vcan, canwired):
         line = ""
         while not line:  # until candump listens
             bus.send(reply)
-            if select.select([dump.stdout], [], [], 0.2)[0]:
+            if select.select([dump.stdout], [], [], 0.2)[0]:  # poll: in a loop
                 line = dump.stdout.readline()
         assert line.split()[1:] == ["vcan1", "12345678#0102"]
         assert dump.wait(PATIENCE_S) == 0

@@ -234,7 +234,7 @@ def test_python_can_sees_bus_off_and_restart(car):
         bus.send(can.Message(arbitration_id=0x123, data=[2], is_extended_id=False))
         with can.Bus(interface="socketcan", channel="vcan1") as other:
             bus.send(can.Message(arbitration_id=0x123, data=[3], is_extended_id=False))
-            received = other.recv(TIMEOUT_S)
+            received = other.recv(TIMEOUT_S)  # whole: a frame
     assert received.arbitration_id == 0x123
     c.settle()
     assert c.gearbox.all() == ["123#02", "123#03", LAST]

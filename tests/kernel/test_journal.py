@@ -111,7 +111,7 @@ def chatter(sockets, seed, stop):
             text = f"{number:08X}#{data}" if extended else f"{number:03X}#{data}"
             with contextlib.suppress(OSError):  # its interface is down for a while
                 draw.choice(sockets).send(Frame.parse(text))
-        time.sleep(draw.random() * 0.02)
+        time.sleep(draw.random() * 0.02)  # no wait: others go on meanwhile
 
 
 @pytest.fixture(name="ecus")
@@ -132,17 +132,17 @@ def test_a_night_runs_again_to_the_byte(launch, ecus, tmp_path, seed):
         night.run("set", "dash", "one-shot=on", "queue=2", "order=fifo")
         night.run("inject", NOISE)
         ip("link set vcan2 down")
-        time.sleep(0.1)
+        time.sleep(0.1)  # no wait: others go on meanwhile
         ip("link set vcan2 up")
         night.run("clear", "noise")
         night.daemon.config.write_text(bus(NODES[:2] + ["{ name: dashboard, port: vcan2 }"], seed))
         night.run("reload")
         wait_until(lambda: "configuration reloaded" in night.daemon.stderr(), "the reload")
         night.run("set", "engine", "listen-only=on")
-        time.sleep(0.2)
+        time.sleep(0.2)  # no wait: others go on meanwhile
         night.run("set", "engine", "listen-only=off")
         night.daemon.process.send_signal(signal.SIGHUP)
-        time.sleep(0.2)
+        time.sleep(0.2)  # no wait: others go on meanwhile
     finally:
         stop.set()
         talk.join()
@@ -177,7 +177,7 @@ def test_time_that_is_skipped_is_in_it(launch, ecus, tmp_path):
     text = bus(NODES).replace("seed:", "catch-up: 100ms\nseed:")
     night = Night(launch, tmp_path, text)
     night.daemon.process.send_signal(signal.SIGSTOP)
-    time.sleep(1)
+    time.sleep(1)  # no wait: at least so long
     night.daemon.process.send_signal(signal.SIGCONT)
     ecus[0].send(Frame.parse("123#"))
     wait_until(lambda: '"skip"' in night.live.read_text(), "the event")

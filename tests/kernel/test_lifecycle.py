@@ -90,6 +90,7 @@ def test_runs_without_multicast_route_and_finds_it_later(
     assert daemon.stop().count("warning") == 1
 
 
+WARNING_S = 10  # between two warnings
 LOST = "messages cannot be sent and are lost"
 
 
@@ -97,6 +98,7 @@ def test_a_multicast_route_that_is_lost_and_comes_back(vcan, can_socket, canwire
     """Again and again; the log is not filled with it, the bus does not notice."""
     vcan(2)
     a, b = can_socket("vcan0"), can_socket("vcan1")
+    begin = time.monotonic()
     daemon = canwired(PAIR)
     messages = listen("pair")
     before = messages.wait_bus(lambda m: m.bits > 0, "statistics").events_dropped
@@ -108,7 +110,7 @@ def test_a_multicast_route_that_is_lost_and_comes_back(vcan, can_socket, canwire
                 wait_until(lambda: LOST in daemon.stderr(), "the warning")
             a.send(frame)
             assert b.receive(1) == [frame]
-            time.sleep(0.3)  # for some messages
+            time.sleep(0.3)  # no wait: for some messages, of which the first has been lost by now
         finally:
             ip(f"route add {MULTICAST_ROUTE}")
         seen = len(messages.bus)
@@ -117,4 +119,4 @@ def test_a_multicast_route_that_is_lost_and_comes_back(vcan, can_socket, canwire
     assert messages.bus[-1].frames == 4
     log = daemon.stop()
     assert "Network is unreachable" in log and "LCM at udpm" in log and "works again" in log
-    assert 1 <= log.count(LOST) <= 3
+    assert 1 <= log.count(LOST) <= 2 + (time.monotonic() - begin) / WARNING_S

@@ -35,7 +35,7 @@ def fixture_journal():
 
 def record(journal):
     """The next message, by field."""
-    lines = journal.recv(65536).decode().splitlines()
+    lines = journal.recv(65536).decode().splitlines()  # whole: a datagram
     return dict(line.split("=", 1) for line in lines)
 
 

@@ -56,7 +56,7 @@ class Bus:
     def stopped(self, seconds):
         """Stops the daemon for some time."""
         self.daemon.process.send_signal(signal.SIGSTOP)
-        time.sleep(seconds)
+        time.sleep(seconds)  # no wait: at least so long
         self.daemon.process.send_signal(signal.SIGCONT)
 
     def stop(self):
@@ -102,7 +102,7 @@ def test_a_bus_that_was_stopped_too_long_skips_it_and_says_so(bus, skips, can_so
     written = frames(0x100, 20)
     b.daemon.process.send_signal(signal.SIGSTOP)
     engine.send(*written)
-    time.sleep(STOP_S)
+    time.sleep(STOP_S)  # no wait: at least so long
     b.daemon.process.send_signal(signal.SIGCONT)
     event = next_skip()
     assert set(event) == {"t", "event", "skipped_ns"}
@@ -138,9 +138,9 @@ def test_a_bus_at_rest_misses_nothing(bus, can_socket):
     engine, gearbox = can_socket("vcan0"), can_socket("vcan1")
     written = frames(0x100, 10)
     b.daemon.process.send_signal(signal.SIGSTOP)
-    time.sleep(STOP_S / 2)
+    time.sleep(STOP_S / 2)  # no wait: at least so long
     engine.send(*written)
-    time.sleep(STOP_S / 2)
+    time.sleep(STOP_S / 2)  # no wait: at least so long
     b.daemon.process.send_signal(signal.SIGCONT)
     assert gearbox.receive(10) == written
     assert b.status()["bus"]["skips"] == 0

@@ -36,7 +36,7 @@ class Ecu:
 
     def is_closed(self):
         try:
-            return self.socket.recv(100) == b""
+            return self.socket.recv(100) == b""  # whole: a message
         except ConnectionResetError:
             return True
 
@@ -156,7 +156,7 @@ def test_an_inherited_socket_is_a_port(vcan, can_socket, tmp_path):
         daemon.terminate()
         assert daemon.wait(PATIENCE_S) == 0
     ours.settimeout(PATIENCE_S)
-    assert ours.recv(100) == b""
+    assert ours.recv(100) == b""  # whole: a message
     ours.close()
 
 

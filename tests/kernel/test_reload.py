@@ -347,7 +347,7 @@ def test_reloads_under_saturated_load_lose_nothing_and_double_nothing(vcan, rig,
             reloads += 1
             r.write(texts[reloads % 2])
             r.hang_up()
-        select.select([e.socket for e in ends], [], [], 1)
+        select.select([e.socket for e in ends], [], [], 1)  # poll: in a loop
     assert received[1] == written[0]
     assert received[0] == written[1]
     assert reloads > 3, "the machine is too slow to disturb the traffic"
@@ -542,7 +542,7 @@ def test_a_bus_without_control_socket_gets_a_signal(vcan, rig, tmp_path):
         r.shell.environment["NOTIFY_SOCKET"] = manager.getsockname()
         r.reload(r.daemon.config.read_text(),
                  lambda r: ask_by_file(r, "--pid", str(r.daemon.process.pid)))
-        assert manager.recv(100) == b"RELOADING=1"
+        assert manager.recv(100) == b"RELOADING=1"  # whole: a datagram
     assert r.daemon.stop().count(RELOADED) == 1
 
 

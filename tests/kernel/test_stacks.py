@@ -116,7 +116,7 @@ class Stack(isotp.CanStack):
     """can-isotp with the interface of IsotpSocket."""
 
     def receive(self):
-        data = self.recv(block=True, timeout=stacks.PATIENCE_S)
+        data = self.recv(block=True, timeout=stacks.PATIENCE_S)  # whole: a message
         if data is None:
             raise Failed("timeout")
         return bytes(data)
@@ -233,7 +233,7 @@ class J1939Socket:
 
     def receive(self):
         with stacks.failing():
-            return self.socket.recv(5000)
+            return self.socket.recv(5000)  # whole: a message
 
     drain = IsotpSocket.drain
 

@@ -115,7 +115,7 @@ def test_transfers_go_on_after_canwired_was_stopped(vcan, canwired, kernel_isotp
     for _ in range(2):
         client.send(payload(MESSAGE))
         r.daemon.process.send_signal(signal.SIGSTOP)
-        time.sleep(1.1)
+        time.sleep(1.1)  # no wait: at least so long
         r.daemon.process.send_signal(signal.SIGCONT)
         for end in client, server:
             end.drain()
@@ -128,7 +128,7 @@ def test_transfers_go_on_after_canwired_was_stopped(vcan, canwired, kernel_isotp
 
 
 def stop_now_and_then(process, ended):
-    while not ended.wait(0.05):
+    while not ended.wait(0.05):  # poll: in a loop
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.1)
         process.send_signal(signal.SIGCONT)

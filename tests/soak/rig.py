@@ -194,7 +194,7 @@ class Rig:
     def stop(self, seconds):
         """Nothing runs for a while: swapped out, stopped, a debugger."""
         self.process.send_signal(signal.SIGSTOP)
-        time.sleep(seconds)
+        time.sleep(seconds)  # no wait: at least so long
         self.process.send_signal(signal.SIGCONT)
 
     def clock(self, seconds):
@@ -344,7 +344,7 @@ class Rig:
     def push(self, s, data):
         """As much as canwired takes within a moment."""
         try:
-            s.settimeout(0.2)
+            s.settimeout(0.2)  # poll: what is not taken by then counts as cut off
             s.sendall(data)
         except OSError:
             self.outcomes["clients cut off"] += 1

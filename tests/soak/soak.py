@@ -115,7 +115,7 @@ class Soak:
     def act(self):
         self.done, action = next(self.actions)
         self.log.append(f"{self.done}: {action}")
-        time.sleep(action.pause_s)
+        time.sleep(action.pause_s)  # no wait: or longer
         getattr(self.rig, action.name)(**action.arguments)
         self.rig.pump()
         if self.done % CHECK_EACH == 0:

@@ -84,7 +84,7 @@ class Bus:
         """Whether a frame gets from one ECU to the other."""
         with can_socket(f"{self.name}0") as a, can_socket(f"{self.name}1") as b:
             a.send(FRAME.pack())
-            return Frame.unpack(b.recv(16)) == FRAME
+            return Frame.unpack(b.recv(16)) == FRAME  # whole: a frame
 
     def start(self):
         systemctl("start", self.unit)

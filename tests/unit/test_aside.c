@@ -133,7 +133,7 @@ static void what_is_left_alone_tells_nothing(void **state)
     w->goes_on = true;
     WAIT_UNTIL(w, aside_left() == 0);
     aside *ready = begin(w, NEVER_S);
-    usleep(20000); /* it is ready by then, or is left before: both are good */
+    usleep(20000); /* no wait: it is ready by then, or left before */
     aside_leave(ready);
     WAIT_UNTIL(w, w->dropped == 2);
     WAIT_UNTIL(w, aside_left() == 0);
