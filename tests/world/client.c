@@ -94,12 +94,21 @@ static bool read_into(client *c, text *t)
     return count == 0 || (errno != EAGAIN && errno != EINTR);
 }
 
+/* That of a connection that broke off. */
+static void forget_half_line(text *t)
+{
+    while (t->size > 0 && t->bytes[t->size - 1] != '\n')
+        t->bytes[--t->size] = '\0';
+}
+
 static void watch(actor *self)
 {
     client *c = (client *)self;
     self->next_ns = world->now_ns + 5 * MS;
-    if (c->fd < 0 && open_client(c))
+    if (c->fd < 0 && open_client(c)) {
+        forget_half_line(&watched[c->life]);
         ask(c, "{\"request\":\"watch\"}\n");
+    }
     if (c->fd >= 0 && read_into(c, &watched[c->life]))
         close_client(c);
 }

@@ -70,7 +70,8 @@ int life_start(const char *journal)
                       .ready_ns = NEVER,
                       .stop_ns = NEVER,
                       .ended_ns = NEVER,
-                      .die_at_call = -1};
+                      .die_at_call = -1,
+                      .may_fail = world->config_is_bad};
     world_trace("starts life %d", n);
     int task = world_add_task(n, true);
     (void)fflush(NULL);

@@ -22,6 +22,7 @@ static void write_bad_config(void)
     fputs("bus: { name: w, bitrate: 7 }\nnodes: [ { nam: e0 } ]\n", out);
     (void)fclose(out);
     (void)rename("bus.yaml.new", "bus.yaml");
+    world->config_is_bad = true;
 }
 
 static void hang_up_signal(void)
@@ -51,6 +52,7 @@ static void put_fifo(void)
 {
     (void)unlink("bus.yaml");
     (void)mkfifo("bus.yaml", 0600);
+    world->config_is_bad = true;
     world_trace("bus.yaml is a FIFO now");
     hang_up_signal();
 }
@@ -126,7 +128,7 @@ static void mend(void)
 {
     world->disk = (world_disk){.room = NEVER};
     world->refuse_permille = 0;
-    if (the_story.fifo) {
+    if (world->config_is_bad) {
         (void)unlink("bus.yaml");
         story_write_config(version);
     }

@@ -164,5 +164,6 @@ void story_write_config(unsigned version)
         fprintf(out, "record:\n  - { file: " WORLD_ROOT "log/rec%u.log }\n", version % 3);
     (void)fclose(out);
     (void)rename("bus.yaml.new", "bus.yaml");
+    world->config_is_bad = false;
     world_trace("writes bus.yaml, version %u", version);
 }

@@ -139,6 +139,7 @@ typedef struct world_state {
     world_disk disk;
     world_task tasks[TASKS_MAX];
     world_life lives[LIVES_MAX];
+    bool config_is_bad; /* bus.yaml, so that no start can succeed */
     unsigned life_count;
     unsigned connection_count;
     world_connection connections[CONNECTIONS_MAX];
