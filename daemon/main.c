@@ -359,7 +359,9 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start and end --------------------------------------------------------------------------- */
 
-static void start_watchers(service *s, struct ev_loop *loop)
+/* Before anything is made that is to be taken away again: what comes meanwhile is seen to when the
+ * loop runs. */
+static void start_signals(service *s, struct ev_loop *loop)
 {
     ev_signal_init(&s->terminate, on_signal, SIGTERM);
     ev_signal_init(&s->interrupt, on_signal, SIGINT);
@@ -370,6 +372,10 @@ static void start_watchers(service *s, struct ev_loop *loop)
     ev_signal_init(&s->hangup, on_hangup, SIGHUP);
     s->hangup.data = s;
     ev_signal_start(loop, &s->hangup);
+}
+
+static void start_watchers(service *s, struct ev_loop *loop)
+{
     ev_async_init(&s->nudge, on_nudge);
     ev_async_start(loop, &s->nudge);
     ev_async_send(loop, &s->nudge);
@@ -463,6 +469,7 @@ static bool start(service *s, struct ev_loop *loop, const options *o)
 
 static bool run(service *s, struct ev_loop *loop, const options *o)
 {
+    start_signals(s, loop);
     if (!start(s, loop, o))
         return false;
     start_watchers(s, loop);

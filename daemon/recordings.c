@@ -347,6 +347,7 @@ static json_t *entry_json(const entry *e)
     put_count(object, "lost", stats.lost);
     put_count(object, "bytes", stats.bytes);
     put_count(object, "files_begun", stats.begun);
+    put_count(object, "files", e->what.files);
     return object;
 }
 

@@ -344,14 +344,21 @@ def test_a_file_that_another_canwired_writes_is_refused(folder, text, words, mes
             pass
 
 
-def test_a_tool_does_not_write_what_the_bus_writes(folder):
-    write_records(folder, "file: a.log")
+def test_a_tool_does_not_write_what_the_bus_reads_or_writes(folder):
+    write_records(folder, "file: a.log, files: 3")
+    (folder / "link").symlink_to("bus.yaml")
+    (folder / "hard").hardlink_to(folder / "bus.yaml")
+    (folder / "elsewhere").mkdir()
     with running(folder, "--journal", "day.journal"):
         inodes = {p.name: p.stat().st_ino for p in folder.iterdir()}
-        for file in ["a.log", "day.journal"]:
-            result = canwire("record", "./day.sock", file, "--format", "candump", status=1,
-                             cwd=folder)
-            assert f"{file}: another program is writing it" in result.stderr
+        for file, other in [("a.log", "record"), ("a.log.2", "record"), ("day.journal", "journal"),
+                            ("bus.yaml", "configuration"), ("link", "configuration"),
+                            ("hard", "configuration")]:
+            result = canwire("record", "../day.sock", f"../{file}", "--format", "candump", status=1,
+                             cwd=folder / "elsewhere")
+            assert re.search(rf"\.\./{file} is the same file as the (bus' )?{other} ",
+                             result.stderr)
+            assert str(folder) in result.stderr
         (folder / "quick.yaml").write_text(SECOND)
         result = sim("quick.yaml", "--log", "a.log", status=1, cwd=folder)
         assert "a.log: another program is writing it" in result.stderr

@@ -16,7 +16,7 @@ import subprocess
 import pytest
 
 from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, kill_all, stop_canwired
-from test_memory import SANITIZERS
+from failing import SANITIZERS
 from test_record import wait_until
 
 CONTROL = """bus: {{ name: day, bitrate: 500000 }}
@@ -95,6 +95,25 @@ def test_a_canwired_that_does_not_listen_yet_is_not_taken_for_one_that_is_gone(
                        else socket.SOCK_SEQPACKET) as client:
         client.connect(str(tmp_path / "a.sock"))
     stop_canwired(first, first_log)
+    assert sockets_and_locks(tmp_path) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_signal_while_it_starts_is_seen_to_when_it_runs(kind, number, start, library, tmp_path):
+    hold = tmp_path / "hold"
+    hold.touch()
+    process, log = start(KINDS[kind].format(path="a.sock"), LD_PRELOAD=str(library),
+                         HOLD_LISTEN=str(hold))
+    wait_until((tmp_path / "hold.held").exists, "the start between bind() and listen()")
+    process.send_signal(number)
+    hold.unlink()
+    if number == signal.SIGHUP:
+        wait_until(lambda: "configuration reloaded" in log.read_text()
+                   or process.poll() is not None, "the reload")
+        stop_canwired(process, log)
+    assert process.wait(TIMEOUT_S) == 0
+    assert "stopped: 0 frames" in log.read_text()
     assert sockets_and_locks(tmp_path) == []
 
 

@@ -9,6 +9,7 @@
 #include "command.h"
 #include "event_read.h"
 #include "jsonput.h"
+#include "record_files.h"
 #include "recorder.h"
 #include "thread.h"
 
@@ -114,14 +115,10 @@ static char *copy_of(const json_t *text)
 }
 
 /* Names and ports of the nodes. False after a message. */
-static bool ask_nodes(recording *r)
+static bool take_nodes(recording *r, const json_t *status)
 {
-    json_t *reply = client_ask_once(r->bus.bus, client_request("status"));
-    const json_t *status = json_object_get(reply, "status");
     const json_t *nodes = json_object_get(status, "nodes");
     size_t count = json_array_size(nodes);
-    if (!reply)
-        return false;
     free_nodes(&r->config);
     r->config.bitrate_bps = (uint32_t)json_integer_value(
         json_object_get(json_object_get(status, "bus"), "bitrate"));
@@ -136,6 +133,15 @@ static bool ask_nodes(recording *r)
     }
     if (!good)
         fprintf(stderr, "canwire record: the status of bus %s cannot be taken\n", r->bus.bus);
+    return good;
+}
+
+/* Before the file is begun: whether it is none of the bus. False after a message. */
+static bool ask_status(recording *r, bool first)
+{
+    json_t *reply = client_ask_once(r->bus.bus, client_request("status"));
+    const json_t *status = json_object_get(reply, "status");
+    bool good = reply && take_nodes(r, status) && (!first || record_check_files(&r->what, status));
     json_decref(reply);
     return good;
 }
@@ -170,7 +176,7 @@ static void take_lost(recording *r, json_int_t count)
 static event_read_result look_again(recording *r, cw_event *event, uint64_t *time_ns,
                                     const json_t *line)
 {
-    if (!ask_nodes(r))
+    if (!ask_status(r, false))
         return EVENT_NO_SUCH_NODE;
     recorder_nodes_changed(r->recorder, NULL);
     return event_read(event, time_ns, line, &r->config);
@@ -243,7 +249,7 @@ static int run(recording *r)
 {
     const char *line;
     int error = 0;
-    if (!ask_nodes(r) || !begin_watch(r))
+    if (!ask_status(r, true) || !begin_watch(r))
         return CLI_BAD_INPUT;
     r->recorder = recorder_start(&r->what, &r->config, NULL, NULL, NULL, &error);
     if (!r->recorder) {

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * record_files.c - what canwire record writes is none of the bus' own files.
+ *
+ * canwired names its files as it was told them, so a path may begin where canwired was started.
+ * Where that is only canwired's own user and root can see. Nobody else may replace its files,
+ * unless he may write to their folders.
+ */
+#include "record_files.h"
+
+#include "fileuse.h"
+#include "spool.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define CHECK_NAME "canwire record"
+
+typedef struct bus_files {
+    fileuses uses;
+    char **paths; /* of the uses, to be freed */
+    size_t count;
+    char folder[PATH_MAX]; /* in which canwired runs; empty: not known */
+} bus_files;
+
+static void find_folder(char folder[PATH_MAX], const json_t *status)
+{
+    char link[64];
+    (void)snprintf(link, sizeof link, "/proc/%" JSON_INTEGER_FORMAT "/cwd",
+                   json_integer_value(json_object_get(status, "pid")));
+    ssize_t length = readlink(link, folder, PATH_MAX - 1);
+    folder[length > 0 ? length : 0] = '\0';
+}
+
+/* As this process can open it, to be freed. */
+static char *make_path(const bus_files *files, const char *name)
+{
+    char *path = NULL;
+    if (*name == '/' || *files->folder == '\0')
+        return strdup(name);
+    return asprintf(&path, "%s/%s", files->folder, name) < 0 ? NULL : path;
+}
+
+/* The file that an object of the status names; nothing where it names none. */
+static void add_file(bus_files *files, const json_t *object, fileuse use)
+{
+    const char *name = json_string_value(json_object_get(object, "file"));
+    if (!name)
+        return;
+    char *path = make_path(files, name);
+    files->uses.incomplete = files->uses.incomplete || !path;
+    if (!path)
+        return;
+    files->paths[files->count++] = path;
+    use.path = path;
+    fileuses_add(&files->uses, &use);
+}
+
+/* "record" with the files that it is rotated to. */
+static void add_recording(bus_files *files, const json_t *recording)
+{
+    const json_int_t kept = json_integer_value(json_object_get(recording, "files"));
+    const bool rotated = kept > 1 && kept <= SPOOL_FILES_MAX;
+    add_file(files, recording,
+             (fileuse){.what = "the bus' record",
+                       .written = true,
+                       .older = rotated ? (unsigned)kept - 1 : 0});
+}
+
+static void add_files(bus_files *files, const json_t *status)
+{
+    const json_t *recordings = json_object_get(status, "recordings");
+    add_file(files, status, (fileuse){.what = "the configuration"});
+    for (size_t i = 0; i < json_array_size(recordings); i++)
+        add_recording(files, json_array_get(recordings, i));
+    add_file(files, json_object_get(status, "journal"),
+             (fileuse){.what = "the bus' journal", .written = true});
+}
+
+bool record_check_files(const cfg_record *what, const json_t *status)
+{
+    bus_files files = {.count = 0};
+    const size_t most = json_array_size(json_object_get(status, "recordings")) + 2;
+    files.paths = calloc(most, sizeof *files.paths);
+    if (!files.paths) {
+        fputs(CHECK_NAME ": out of memory\n", stderr);
+        return false;
+    }
+    find_folder(files.folder, status);
+    add_files(&files, status);
+    fileuses_add(
+        &files.uses,
+        &(fileuse){.what = "", .path = what->file, .written = true, .older = what->files - 1});
+    bool good = fileuses_check(&files.uses, CHECK_NAME, stderr);
+    for (size_t i = 0; i < files.count; i++)
+        free(files.paths[i]);
+    free(files.paths);
+    fileuses_free(&files.uses);
+    return good;
+}
