@@ -411,3 +411,14 @@ def test_what_is_rounded_is_told_at_the_start_at_a_reload_and_by_inject(canwired
                                 timeout=PATIENCE_S, check=True)
         assert result.stderr.startswith(told) and result.stderr.count("\n") == 1
     bus.stop()
+
+
+def test_messages_of_the_tool_have_no_control_characters(canwired):
+    daemon = canwired()
+    daemon.wait_ready()
+    for request in ["fire", "restart"]:
+        result = subprocess.run([CANWIRE, request, "./day.sock", "a\x1b[31m\x9b1m\nb\x85"],
+                                cwd=daemon.folder, capture_output=True, timeout=PATIENCE_S,
+                                check=False)
+        assert result.returncode == 1 and result.stderr.endswith(b"'a?[31m??1m?b??'\n")
+    daemon.stop()

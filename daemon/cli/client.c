@@ -6,6 +6,7 @@
 
 #include "cli.h"
 #include "jsonput.h"
+#include "plain.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -19,14 +20,24 @@
 #define FOLDER_DEFAULT "/run/canwire"
 #define PATIENCE_S 30 /* for a reply */
 
+#define MESSAGE_BYTES 16384 /* of one; a longer one is cut */
+
+/* The texts of a bus, and names that are in them, may be anything. */
+static void print_plain(char *text)
+{
+    plain_make(text, '?');
+    fprintf(stderr, "%s\n", text);
+}
+
 static void __attribute__((format(printf, 2, 3))) complain(const client *c, const char *format, ...)
 {
+    char text[MESSAGE_BYTES];
     va_list args;
     va_start(args, format);
-    fprintf(stderr, "canwire: bus %s: ", c->bus);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
+    int used = snprintf(text, sizeof text, "canwire: bus %.*s: ", MESSAGE_BYTES / 2, c->bus);
+    (void)vsnprintf(text + used, sizeof text - (size_t)used, format, args);
     va_end(args);
+    print_plain(text);
 }
 
 /* ---- Connecting ------------------------------------------------------------------------------ */
