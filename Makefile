@@ -19,7 +19,7 @@ OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
 OPTIMISE_cover := -O0 -g --coverage
-# Work is counted in basic blocks (tests/world), which are those of the source, without inlining it all.
+# Work is counted in basic blocks (tests/world): those of the source, without all the inlining.
 OPTIMISE_world := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
 OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
@@ -28,15 +28,15 @@ ifeq ($(OPTIMISE_$(VARIANT)),)
 $(error VARIANT is debug, release or san)
 endif
 
-# What Debian's packages have, for programs that strangers' files and clients reach. Only where there
-# is an optimizer (_FORTIFY_SOURCE needs it) and no sanitizer, which has all of this better.
+# What Debian's packages have, for programs that strangers' files and clients reach. Only where
+# there is an optimizer (_FORTIFY_SOURCE needs it) and no sanitizer, which has all of this better.
 ifeq ($(VARIANT),release)
 HARDEN := -D_FORTIFY_SOURCE=2 -fstack-protector-strong -fstack-clash-protection -fPIE \
   -Wformat -Werror=format-security
 HARDEN += $(if $(filter x86_64% i%86%,$(shell $(CC) -dumpmachine)),-fcf-protection)
 HARDEN_LINK := -pie -Wl,-z,relro -Wl,-z,now
-# The engine is exempt from what costs instructions in each function (2 to 3 % of a frame): it reads no
-# files and no sockets, its arrays are of fixed size, and it may call nothing but mem* (make check).
+# The engine is exempt from what costs instructions in each function (2 to 3 % of a frame): it reads
+# no files and no sockets, its arrays are of fixed size, and it may call nothing but mem* (make check).
 LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 
@@ -70,8 +70,8 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test test-unit \
-  demo bench check cover man install uninstall deb clean help build \
+.PHONY: all picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test \
+  test-unit demo bench check cover man install uninstall deb clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof
 .DELETE_ON_ERROR:
 
@@ -311,13 +311,15 @@ $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS) -lcmocka
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) \
+	  $(TOOL_LIBS) -lcmocka
 
 FUZZ_SHARED := $(filter-out tests/fuzz/fuzz_%.c tests/fuzz/replay.c,$(wildcard tests/fuzz/*.c))
 FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(call objects,$(FUZZ_SHARED)) $(PARTS) $(LIB)
 
 $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) -fsanitize=fuzzer $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) -fsanitize=fuzzer $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ \
+	  $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)

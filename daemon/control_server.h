@@ -45,8 +45,8 @@ typedef struct server_calls {
 server *server_start(struct ev_loop *loop, const char *path, int inherited,
                      const server_calls *calls, void *user);
 
-/* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get half
- * a second, all together, to read what waits for them. NULL is fine. */
+/* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get
+ * half a second, all together, to read what waits for them. NULL is fine. */
 void server_stop(server *s);
 
 /* What time it is, in seconds; ev_now() to begin with. For tests. */

@@ -9,8 +9,8 @@
 #include <stdio.h>
 
 /* Reads a journal to its end, without running it. What is in it goes to out, what is wrong to
- * errors, a line each with its place. Whether nothing is wrong: all lines are there and as they were
- * written, nothing is missing, and the last one says that canwired has ended. */
+ * errors, a line each with its place. Whether nothing is wrong: all lines are there and as they
+ * were written, nothing is missing, and the last one says that canwired has ended. */
 bool journal_check(const char *file, FILE *out, FILE *errors);
 
 #endif

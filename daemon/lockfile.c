@@ -3,7 +3,8 @@
  * lockfile.c - a file that is there to be locked.
  *
  * It is removed by who has the lock. Another program may have opened it before that: it then gets
- * the lock of a file that is no more. So who gets a lock looks whether the name is still that file's.
+ * the lock of a file that is no more. So who gets a lock looks whether the name is still that
+ * file's.
  */
 #include "lockfile.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * plain.c - text of others, before it is shown: on one line, and nothing in it that a terminal obeys.
+ * plain.c - text of others, before it is shown: on one line, nothing in it that a terminal obeys.
  */
 #include "plain.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * plain.h - text of others, before it is shown: on one line, and nothing in it that a terminal obeys.
+ * plain.h - text of others, before it is shown: on one line, nothing in it that a terminal obeys.
  */
 #ifndef CANWIRE_PLAIN_H
 #define CANWIRE_PLAIN_H

@@ -519,7 +519,7 @@ typedef struct cw_node_config {
     cw_order order;         /* which of the pending frames goes first (M1) */
     uint16_t queue;         /* frames waiting or being sent, 1..CW_QUEUE_MAX */
     uint16_t queue_room;    /* what `queue` can be set to later, at most CW_QUEUE_MAX; there is room
-                               for `queue` and what the rules of the configuration set in any case */
+                               in any case for `queue` and what the configuration's rules set */
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
 } cw_node_config;
@@ -591,8 +591,8 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
  * The new bus must be at tick 0 and the events of the old one taken; the old one may be thrown
  * away afterwards. Frames of nodes that are no more are lost: see cw_node_flush(); frames for
  * which a smaller queue has no room are dropped with an event. What has been flushed stays off the
- * bus. CW_INVALID, with nothing changed: another bit rate, no such node, one that is named twice, an
- * inbox too small for what waits. */
+ * bus. CW_INVALID, with nothing changed: another bit rate, no such node, one that is named twice,
+ * an inbox too small for what waits. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED), those that come later, too; it leaves
@@ -641,7 +641,8 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
 /* The same, but stops early, CW_AGAIN, when it has done that much work since the call, and at least
  * one bit: a bit is not divided, whatever rules do in it. Call again to go on; into which pieces an
  * advance is cut changes nothing. For whoever looks at a clock meanwhile: how much work lies before
- * a tick cannot be told beforehand, and with rules that send faster than the bus there is no end. */
+ * a tick cannot be told beforehand, and with rules that send faster than the bus there is no end.
+ */
 cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work);
 
 /* The work done so far, in pieces that take about the same time, below a microsecond: single bits

@@ -25,7 +25,10 @@ nodes:
   - {{ name: dash }}
 profiles: [ {{ file: profile.yaml }} ]
 """
-PROFILE = 'faults:\n  - { name: f, when: { frame: "123", count: 1 }, do: { flip: "crc[3]", at: [dash] } }\n'
+PROFILE = """
+faults:
+  - { name: f, when: { frame: "123", count: 1 }, do: { flip: "crc[3]", at: [dash] } }
+"""
 READ = {"bus.yaml": "the configuration", "profile.yaml": "the profile", "in.log": "replay"}
 OUTPUTS = ["--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit"]
 
@@ -192,7 +195,8 @@ def test_an_output_that_another_program_writes_is_refused(folder):
 
 def write_records(folder, *records):
     entries = "".join(f"  - {{ {record} }}\n" for record in records)
-    (folder / "bus.yaml").write_text(BUS.format(count="") + "control: day.sock\nrecord:\n" + entries)
+    head = BUS.format(count="") + "control: day.sock\nrecord:\n"
+    (folder / "bus.yaml").write_text(head + entries)
 
 
 RECORDS = {

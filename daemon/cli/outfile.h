@@ -17,8 +17,8 @@ typedef struct outfile {
     bool begun;
 } outfile;
 
-/* Opens it for writing; a file that is there is not changed yet. NULL as name: it is not wanted. One
- * that another program records into is refused.
+/* Opens it for writing; a file that is there is not changed yet. NULL as name: it is not wanted.
+ * One that another program records into is refused.
  * False after a message that begins with `program`. */
 bool outfile_open(outfile *self, const char *name, const char *program);
 

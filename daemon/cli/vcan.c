@@ -182,8 +182,8 @@ static void warn_of_fd(const cfg_node *node, const link_info *info)
         return;
     fprintf(stderr,
             "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
-            "and get lost, since the bus is classical CAN (ip link set %s down; ip link set %s mtu %d "
-            "up)\n",
+            "and get lost, since the bus is classical CAN (ip link set %s down; "
+            "ip link set %s mtu %d up)\n",
             node->port, (unsigned)info->mtu, node->port, node->port, (int)LINKS_MTU);
 }
 

@@ -35,7 +35,8 @@ static const test_case cases[] = {
      "restart 127[r11] r10 r(T=0 R=0) >456#AA r3",
      NULL},
     {"8.5.10",
-     "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r40 withdraw restart 127[r11] r10 r(T=0 R=0)",
+     "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r40 withdraw restart 127[r11] r10 "
+     "r(T=0 R=0)",
      NULL},
     {"8.5.10",
      "set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r40 restart 127[r11] r10 r(T=0 R=0) r20",

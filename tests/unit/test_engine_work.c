@@ -3,7 +3,8 @@
  * test_engine_work.c - how much the engine does between two looks at the clock.
  *
  * The clock is ours: it goes on by a step at each look at it, so that the number of looks is
- * the time. Nothing here depends on the machine: what is bounded is the work of the bus (cw_bus_work()).
+ * the time. Nothing here depends on the machine: what is bounded is the work of the bus
+ * (cw_bus_work()).
  */
 #include "engine.h"
 

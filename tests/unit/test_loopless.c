@@ -20,7 +20,7 @@ static void counters_are_read_by_name(void **state)
     static char text[] =
         "Inter-|   Receive                                   |  Transmit\n"
         " face |bytes    packets errs drop fifo frame compressed multicast|bytes    packets\n"
-        "    lo:     100       2    0    0    0     0          0         0      100       2    0 0\n"
+        "    lo:   100     2    0    0    0     0          0         0    100     2    0 0\n"
         "vcan0:18446744073709551615 18446744073709551614 0 0 0 0 0 0 7 18446744073709551615 0 0\n"
         "fifteen-letters: 1 3 9 9 9 9 9 9 5 4 9 9 9 9 9 9\n"
         " broken: 1 2 3\n"
