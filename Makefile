@@ -36,7 +36,7 @@ HARDEN := -D_FORTIFY_SOURCE=2 -fstack-protector-strong -fstack-clash-protection 
 HARDEN += $(if $(filter x86_64% i%86%,$(shell $(CC) -dumpmachine)),-fcf-protection)
 HARDEN_LINK := -pie -Wl,-z,relro -Wl,-z,now
 # The engine is exempt from what costs instructions in each function (2 to 3 % of a frame): it reads
-# no files and no sockets, its arrays are of fixed size, and it may call nothing but mem* (make check).
+# no files and no sockets, its arrays are of fixed size, and it calls nothing but mem*.
 LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 

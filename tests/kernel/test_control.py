@@ -100,7 +100,7 @@ def test_status_shows_nodes_as_ip_does(control, ecus):
 
 
 def wait_until_watched(control, watch):
-    """A rule that changes nothing is fired until the watch tells of it; then all of that is read."""
+    """A rule that changes nothing is fired until the watch tells of it; then all is read."""
     control.tool("inject", "powertrain", "{ name: probe, when: { manual: yes }, "
                                          "do: { set: engine, loopback: off } }")
     lines, fired = [], 0
