@@ -180,6 +180,12 @@ static bool prepare(int fd, int backlog)
            fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && listen(fd, backlog) == 0;
 }
 
+static bool refuse(char error[PATHSOCKET_ERROR_MAX], const char *why)
+{
+    (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", why);
+    return false;
+}
+
 bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
                       char error[PATHSOCKET_ERROR_MAX])
 {
@@ -187,17 +193,15 @@ bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
     s->fd = fd;
     s->path = path_of(fd);
     if (!s->path)
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
-    else if (path && !is_same_place(path, s->path))
+        return refuse(error, strerror(errno));
+    if (path && !is_same_place(path, s->path)) {
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
                        *s->path ? s->path : "a place without a path");
-    else if (!lock_adopted(s))
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, EBUSY));
-    else if (!prepare(fd, backlog))
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
-    else
-        return true;
-    return false;
+        return false;
+    }
+    if (!lock_adopted(s))
+        return refuse(error, explain(s, EBUSY));
+    return prepare(fd, backlog) || refuse(error, strerror(errno));
 }
 
 /* ---- The end --------------------------------------------------------------------------------- */
