@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #define SOCKET "run/w.sock"
-#define ANSWER_NS (1 * S) /* at the latest */
+#define ANSWER_NS (2 * S) /* at the latest: more than two of the longest turns (TURN_MAX_NS) */
 #define ASK_NS (40 * MS)
 #define IDLERS 12u
 #define LINE_MAX_BYTES 4096u
