@@ -1617,6 +1617,14 @@ static void configurations_out_of_range_are_refused(void **state)
         r->nodes[1] = nodes[i];
         assert_int_equal(cw_bus_size(&good), 0);
     }
+    static const cw_node_config edges[] = {
+        {.queue = 1, .warning_limit = 1},
+        {.queue = CW_QUEUE_MAX, .queue_room = CW_QUEUE_MAX, .warning_limit = 255},
+    };
+    for (size_t i = 0; i < sizeof edges / sizeof edges[0]; i++) {
+        r->nodes[1] = edges[i];
+        assert_true(cw_bus_size(&good) > 0);
+    }
     rig_free(r);
 }
 
