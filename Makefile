@@ -98,7 +98,7 @@ bench: ## what canwire costs, in ns and instructions, beside others; build/bench
 
 check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; what the library needs
 	@scripts/install-deps all
-	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a
+	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES)
 	@scripts/check build/check/libcanwire.a
 
 picture: build ## draw the picture in README.md again
