@@ -29,8 +29,7 @@ control: {path}
 """
 FRAME = Frame.parse("123#DEADBEEF")
 CAN_RAW_ERR_FILTER, CAN_ERR_ACK = 2, 0x20  # names that Python lacks
-ATTACK_S = 5
-GAP_MAX_S = 4.0  # between two frames of a busy bus: an attack that stalls it does so for ATTACK_S
+GAP_MAX_S = 1.0  # between two frames of a busy bus, on a slow and busy machine
 HIT_ONCE = '{name: once, when: {frame: "123", count: 1}, do: {flip: "crc[3]", at: [gearbox]}}'
 
 
@@ -347,7 +346,7 @@ def test_hostile_clients_never_stall_the_bus(attack, control, ecus):
     engine, gearbox = ecus
     frames = 3000
     sender = threading.Thread(
-        target=keep_attacking, args=(attack, control, time.monotonic() + ATTACK_S), daemon=True
+        target=keep_attacking, args=(attack, control, time.monotonic() + 2), daemon=True
     )
     engine.send(*[FRAME] * frames)  # 165 us each
     sender.start()
