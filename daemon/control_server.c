@@ -44,6 +44,7 @@ struct server_client {
     bool stays;      /* also when it says nothing */
     uid_t user;
     ev_tstamp heard; /* when its last line came, or itself */
+    ev_tstamp took;  /* while something waits for it: when it last took of that, or it began */
 };
 
 struct server {
@@ -114,6 +115,7 @@ static void flush(server_client *c)
             send(c->fd, buffer_first(&c->out), buffer_length(&c->out), MSG_NOSIGNAL | MSG_DONTWAIT);
         if (count > 0) {
             buffer_take(&c->out, (size_t)count);
+            c->took = c->server->now(c->server->loop);
         } else if (errno != EINTR) {
             if (errno != EAGAIN)
                 doom(c, errno);
@@ -156,6 +158,8 @@ void server_write(server_client *client, const char *text, size_t length)
 {
     if (client->doomed)
         return;
+    if (buffer_length(&client->out) == 0)
+        client->took = client->server->now(client->server->loop);
     bool full = buffer_length(&client->out) + length > SERVER_OUTPUT_MAX;
     if (full || !buffer_append(&client->out, text, length)) {
         tell_dismissed(client->server, full ? "a client that does not read its replies"
@@ -340,19 +344,27 @@ static bool may_come(const server *s, uid_t user)
     return has_quota(s, user) && count_free(s) > count_kept(s, user);
 }
 
-static bool is_idle(const server_client *c)
+/* Since when it has done nothing: first of all it has to read what waits for it. */
+static ev_tstamp idle_since(const server_client *c)
 {
-    bool rests = !c->stays && !c->line_waits && !c->held && buffer_length(&c->out) == 0;
-    return c->fd >= 0 && rests && c->server->now(c->server->loop) - c->heard >= SERVER_IDLE_S;
+    return buffer_length(&c->out) > 0 ? c->took : c->heard;
 }
 
-/* The client that has said nothing for longest, if that is too long; NULL: none. */
+static bool is_idle(const server_client *c)
+{
+    bool reads_all = buffer_length(&c->out) == 0;
+    if (c->fd < 0 || (reads_all && (c->stays || c->line_waits || c->held)))
+        return false;
+    return c->server->now(c->server->loop) - idle_since(c) >= SERVER_IDLE_S;
+}
+
+/* The client that has said or taken nothing for longest, if that is too long; NULL: none. */
 static server_client *find_idle(server *s, bool of_user, uid_t user)
 {
     server_client *found = NULL;
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
         server_client *c = &s->clients[i];
-        if (is_idle(c) && (!of_user || c->user == user) && (!found || c->heard < found->heard))
+        if (is_idle(c) && (!of_user || c->user == user) && (!found || idle_since(c) < idle_since(found)))
             found = c;
     }
     return found;

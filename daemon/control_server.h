@@ -7,7 +7,8 @@
  * the loop turns to the bus again.
  *
  * No user keeps the others out: one user has a part of the places at most, one is kept for root and
- * one for the daemon's own user, and who says nothing makes room for who comes.
+ * one for the daemon's own user, and who says nothing, or does not read what it is told, makes room
+ * for who comes.
  */
 #ifndef CANWIRE_CONTROL_SERVER_H
 #define CANWIRE_CONTROL_SERVER_H
@@ -18,7 +19,8 @@
 
 #define SERVER_CLIENTS_MAX 64        /* at a time; a further one gets an error line */
 #define SERVER_USER_MAX 48           /* of these of one user */
-#define SERVER_IDLE_S 60.0           /* without a line; then a client's place may go to another */
+#define SERVER_IDLE_S 60.0           /* without a line, or with something unread of which nothing is
+                                        taken; then a client's place may go to another */
 #define SERVER_LINE_MAX (1u << 20)   /* bytes of a line, without its end */
 #define SERVER_OUTPUT_MAX (1u << 20) /* bytes that wait for a client; then it is disconnected */
 #define SERVER_STREAM_MAX (1u << 18) /* bytes that wait, beyond which no news are added */
@@ -53,7 +55,8 @@ void server_stop(server *s);
 typedef ev_tstamp server_clock(struct ev_loop *loop);
 void server_set_clock(server *s, server_clock *now);
 
-/* Whether the client keeps its place also when it says nothing, as one that listens does. */
+/* Whether the client keeps its place also when it says nothing, as one that listens does; it has to
+ * read what it is told. */
 void server_keep(server_client *client, bool stays);
 
 /* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */

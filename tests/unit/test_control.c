@@ -1146,6 +1146,77 @@ static void who_says_nothing_makes_room(void **state)
     close_hall(&h);
 }
 
+#define STUFFING_MAX 400 /* lines that fill any socket; with what else waits no reason to be sent off */
+
+/* Lines that the client does not read come back, until its socket takes no more of them. */
+static void stuff(const hall *h, int fd)
+{
+    static char line[2001];
+    memset(line, 'x', sizeof line - 1);
+    line[sizeof line - 1] = '\n';
+    for (unsigned i = 0; i < STUFFING_MAX; i++) {
+        assert_true(send_bytes(h->rig, fd, line, sizeof line));
+        turns(h->rig, 2);
+    }
+}
+
+/* Reads a part of what waits for it. */
+static void read_some(const hall *h, int fd)
+{
+    static char bytes[65536];
+    for (unsigned i = 0; i < 4; i++) {
+        assert_true(recv(fd, bytes, sizeof bytes, MSG_DONTWAIT) > 0);
+        turns(h->rig, 2);
+    }
+}
+
+/* Reads on to the end of the connection, or until nothing more comes. Whether it has ended. */
+static bool read_to_end(const hall *h, int fd)
+{
+    static char bytes[65536];
+    for (unsigned idle = 0; idle < 10; idle++) {
+        ssize_t count = recv(fd, bytes, sizeof bytes, MSG_DONTWAIT);
+        if (count == 0 || (count < 0 && errno == ECONNRESET))
+            return true;
+        idle = count > 0 ? 0 : idle;
+        turns(h->rig, 2);
+    }
+    return false;
+}
+
+static void who_does_not_read_makes_room(void **state)
+{
+    hall h;
+    int fds[SERVER_USER_MAX];
+    if (!needs_root())
+        return;
+    open_hall(&h, *state);
+    fill(&h, fds, SERVER_USER_MAX, STRANGER);
+    send_text(h.rig, fds[1], "keep\n");
+    expect_line(&h, fds[1], "keep");
+    stuff(&h, fds[0]);
+    stuff(&h, fds[1]); /* one that watches */
+    stuff(&h, fds[2]);
+    hall_time_s += SERVER_IDLE_S - 1;
+    for (unsigned i = 3; i < SERVER_USER_MAX; i++)
+        expect_echo(&h, fds[i]);
+    expect_refused(&h, STRANGER); /* none has been like that for long enough */
+    read_some(&h, fds[2]);        /* slowly, but it does */
+    hall_time_s += 1;
+    int first = come(&h, STRANGER);
+    int second = come(&h, STRANGER);
+    expect_echo(&h, first);
+    expect_echo(&h, second);
+    expect_refused(&h, STRANGER);
+    assert_true(read_to_end(&h, fds[0]));
+    assert_true(read_to_end(&h, fds[1]));
+    assert_false(read_to_end(&h, fds[2]));
+    close(first);
+    close(second);
+    close_all(&h, fds, SERVER_USER_MAX);
+    close_hall(&h);
+}
+
 static void the_socket_is_for_the_group(void **state)
 {
     const rig *r = *state;
@@ -1251,6 +1322,7 @@ int main(void)
         CASE(one_user_has_a_part_of_the_places),
         CASE(one_place_is_for_root_and_one_for_its_own_user),
         CASE(who_says_nothing_makes_room),
+        CASE(who_does_not_read_makes_room),
         CASE(thousand_connections_do_no_harm),
         CASE(a_heap_of_requests_leaves_time_for_the_bus),
         CASE(the_socket_is_for_the_group),
