@@ -4,6 +4,8 @@
  */
 #include "config_files.h"
 
+#include "portname.h"
+
 static fileuse at_place(const cfg *config, cfg_place place)
 {
     return (fileuse){.file = config->file, .line = place.line, .column = place.column};
@@ -42,6 +44,25 @@ void cfg_add_files_written(fileuses *all, const cfg *config)
     }
 }
 
+/* Of the control socket and of ports. */
+static void add_sockets(fileuses *all, const cfg *config)
+{
+    fileuse use = at_place(config, config->control_place);
+    use.what = "control";
+    use.path = config->control;
+    if (use.path)
+        fileuses_add_socket(all, &use);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        const portname port = portname_parse(node->port ? node->port : "");
+        use = at_place(config, node->port_place);
+        use.what = "port";
+        use.path = port.path;
+        if (port.kind == PORTNAME_UNIX)
+            fileuses_add_socket(all, &use);
+    }
+}
+
 static void add_all(fileuses *all, const fileuses *others)
 {
     for (size_t i = 0; others && i < others->count; i++)
@@ -53,6 +74,7 @@ bool cfg_check_files(const cfg *config, const fileuses *others, const char *prog
 {
     fileuses all = {.count = 0};
     cfg_add_files_read(&all, config);
+    add_sockets(&all, config);
     add_all(&all, others);
     cfg_add_files_written(&all, config);
     bool good = fileuses_check(&all, program, errors);

@@ -12,8 +12,8 @@
 void cfg_add_files_read(fileuses *all, const cfg *config);    /* itself, profiles, replays */
 void cfg_add_files_written(fileuses *all, const cfg *config); /* recordings */
 
-/* Whether none of these files, nor of `others` (NULL: none), is written that is something else,
- * too. Else one line for each to errors. */
+/* Whether none of these files, nor of the sockets that the bus makes, nor of `others` (NULL: none),
+ * is written that is something else, too. Else one line for each to errors. */
 bool cfg_check_files(const cfg *config, const fileuses *others, const char *program, FILE *errors);
 
 #endif

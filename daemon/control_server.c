@@ -364,7 +364,8 @@ static server_client *find_idle(server *s, bool of_user, uid_t user)
     server_client *found = NULL;
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
         server_client *c = &s->clients[i];
-        if (is_idle(c) && (!of_user || c->user == user) && (!found || idle_since(c) < idle_since(found)))
+        if (is_idle(c) && (!of_user || c->user == user) &&
+            (!found || idle_since(c) < idle_since(found)))
             found = c;
     }
     return found;

@@ -49,6 +49,17 @@ void fileuses_add(fileuses *all, const fileuse *use)
     all->incomplete = all->incomplete || !uses;
 }
 
+void fileuses_add_socket(fileuses *all, const fileuse *use)
+{
+    fileuse made = *use;
+    made.written = true;
+    made.socket = true;
+    fileuses_add(all, &made);
+    made.socket = false;
+    made.lock = true;
+    fileuses_add(all, &made);
+}
+
 void fileuses_free(fileuses *all)
 {
     free(all->uses);
@@ -57,11 +68,17 @@ void fileuses_free(fileuses *all)
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
-/* "PATH.3"; the text is to be freed. Number 0 is PATH itself. */
-static char *numbered(const char *path, unsigned number)
+static const char *behind_path(const fileuse *use)
+{
+    return use->lock ? ".lock" : "";
+}
+
+/* "PATH.3"; the text is to be freed. Number 0 is PATH itself, or its lock. */
+static char *numbered(const fileuse *use, unsigned number)
 {
     char *text = NULL;
-    int length = number == 0 ? asprintf(&text, "%s", path) : asprintf(&text, "%s.%u", path, number);
+    int length = number == 0 ? asprintf(&text, "%s%s", use->path, behind_path(use))
+                             : asprintf(&text, "%s.%u", use->path, number);
     return length < 0 ? NULL : text;
 }
 
@@ -107,7 +124,7 @@ static bool take_status(place *p, bool found, const struct stat *status)
         return true;
     p->device = status->st_dev;
     p->inode = status->st_ino;
-    return S_ISREG(status->st_mode);
+    return S_ISREG(status->st_mode) || S_ISSOCK(status->st_mode);
 }
 
 typedef enum finding { FOUND_PLACE, FOUND_SPECIAL, FOUND_NO_MEMORY } finding;
@@ -119,14 +136,15 @@ static finding find_stdout(place *p)
     return take_status(p, found, &status) && found ? FOUND_PLACE : FOUND_SPECIAL;
 }
 
-/* The file itself is opened by its path, so links are followed; a rotation moves what it finds. */
+/* The file itself is opened by its path, so links are followed; a rotation moves what it finds, and
+ * a socket is made where no link is. */
 static finding find_place(place *p, const fileuse *use)
 {
     char path[PATH_MAX];
     struct stat status;
     if (strcmp(use->path, "-") == 0)
         return find_stdout(p);
-    char *text = numbered(use->path, p->number);
+    char *text = numbered(use, p->number);
     if (!text)
         return FOUND_NO_MEMORY;
     (void)snprintf(path, sizeof path, "%s", text);
@@ -134,7 +152,7 @@ static finding find_place(place *p, const fileuse *use)
     bool found = (p->number == 0 ? stat(path, &status) : lstat(path, &status)) == 0;
     if (!take_status(p, found, &status))
         return FOUND_SPECIAL;
-    if (p->number == 0)
+    if (p->number == 0 && !use->socket)
         follow_links(path);
     return find_folder(p, path) ? FOUND_PLACE : FOUND_NO_MEMORY;
 }
@@ -281,8 +299,8 @@ static void note_all(clash *clashes, const fileuses *all, places *found, const l
 static void print_use(FILE *errors, const fileuse *use, unsigned number)
 {
     bool standard = strcmp(use->path, "-") == 0;
-    fprintf(errors, "%s%s%s", use->what, *use->what ? " " : "",
-            standard ? "standard output" : use->path);
+    fprintf(errors, "%s%s%s%s", use->what, *use->what ? " " : "",
+            standard ? "standard output" : use->path, behind_path(use));
     if (number > 0)
         fprintf(errors, ", which is rotated to %s.%u,", use->path, number);
 }

@@ -15,9 +15,11 @@
 #include <stdio.h>
 
 typedef struct fileuse {
-    const char *what; /* "--log", "record ..."; it begins the message about it */
+    const char *what; /* "--log", "record", "control"; it begins the message about it */
     const char *path; /* "-": standard output */
     bool written;
+    bool socket;      /* a socket is made there, which is never what a link leads to */
+    bool lock;        /* it is PATH.lock, of the socket at PATH */
     unsigned older;   /* when it is rotated it becomes PATH.1, and so on to this number */
     const char *file; /* which names it, at this place (from 1 on); NULL: the command line */
     int line;
@@ -35,9 +37,12 @@ void fileuses_add(fileuses *all, const fileuse *use);
 
 void fileuses_free(fileuses *all);
 
-/* Whether no file that is written has another use. What is there and no regular file (/dev/null, a
- * pipe, a terminal) may have many. Else one line for each to errors: FILE:LINE:COLUMN: message, or
- * with the name of the program in place of that. */
+/* Adds the socket that is made at use->path, and its lock (lockfile.h). */
+void fileuses_add_socket(fileuses *all, const fileuse *use);
+
+/* Whether no file that is written has another use. What is there and neither a regular file nor a
+ * socket (/dev/null, a pipe, a terminal) may have many. Else one line for each to errors:
+ * FILE:LINE:COLUMN: message, or with the name of the program in place of that. */
 bool fileuses_check(const fileuses *all, const char *program, FILE *errors);
 
 #endif

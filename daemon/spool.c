@@ -95,8 +95,17 @@ static bool is_own(const spool *s, const struct stat *there)
            own.st_ino == there->st_ino;
 }
 
-/* EBUSY when another program writes one of the files that are to be moved or removed, now or when
- * it is rotated. */
+/* 0 or an errno. A socket would not be found any more, whosever it is: EINVAL. EBUSY: another
+ * program writes it. */
+static int check_other(const folder *in, const char *name)
+{
+    struct stat there;
+    if (fstatat(in->fd, name, &there, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(there.st_mode))
+        return EINVAL;
+    return filelock_probe(in->fd, name);
+}
+
+/* Of the files that are to be moved or removed, now or when it is rotated. */
 static int check_others(const spool *s, unsigned files)
 {
     struct stat there;
@@ -104,7 +113,7 @@ static int check_others(const spool *s, unsigned files)
     int error = 0;
     for (unsigned i = found && is_own(s, &there) ? 1 : 0; i < files && error == 0; i++) {
         char *name = numbered(s->folder.name, i);
-        error = name ? filelock_probe(s->folder.fd, name) : ENOMEM;
+        error = name ? check_other(&s->folder, name) : ENOMEM;
         free(name);
     }
     return error;

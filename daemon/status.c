@@ -8,6 +8,7 @@
 #include "output.h"
 #include "settings.h"
 
+#include <string.h>
 #include <unistd.h>
 
 static const char *const action_names[CW_ACTION_COUNT] = {
@@ -111,6 +112,21 @@ static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyo
     return object;
 }
 
+/* What it reads besides its file. */
+static json_t *reads_json(const cfg *config)
+{
+    json_t *array = json_array();
+    for (size_t i = 1; i < config->file_count; i++)
+        put_last(array, text_to_json(config->files[i].name, strlen(config->files[i].name)));
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++) {
+            const cfg_traffic *traffic = &config->nodes[i].traffic[t];
+            if (traffic->kind == CFG_TRAFFIC_REPLAY)
+                put_last(array, text_to_json(traffic->file, strlen(traffic->file)));
+        }
+    return array;
+}
+
 json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors)
 {
@@ -119,6 +135,8 @@ json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
     put_text(object, "version", CANWIRE_VERSION);
     put_count(object, "pid", (uint64_t)getpid());
     put_text(object, "file", config->file);
+    put(object, "reads", reads_json(config));
+    put_text(object, "control", config->control);
     put(object, "bus", bus_json(config, bus, beyond));
     for (unsigned i = 0; i < config->node_count; i++)
         put_last(nodes, node_json(config, bus, i, &beyond->nodes[i], errors));

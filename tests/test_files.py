@@ -10,6 +10,7 @@ import itertools
 import os
 import re
 import signal
+import socket
 import stat
 import subprocess
 
@@ -227,6 +228,84 @@ def test_no_recording_is_another(folder, records, named):
     assert not (folder / "a.log").exists()
 
 
+# What is recorded, and the socket, or its lock, that would go with it.
+SOCKETS = {
+    "control, rotated": ("file: rec.log, files: 3", "control: rec.log.1",
+                         ["record rec.log, which is rotated to rec.log.1,", "control rec.log.1 "]),
+    "control": ("file: day.sock, format: candump", "control: other/day.sock",
+                ["record day.sock ", "control other/day.sock "]),
+    "control's lock": ("file: day.sock.lock, format: candump", "control: day.sock",
+                       ["record day.sock.lock ", "control day.sock.lock "]),
+    "a port, rotated": ("file: rec.log, files: 3", "port: unix:rec.log.2",
+                        ["record rec.log, which is rotated to rec.log.2,", "port rec.log.2 "]),
+    "a port's lock": ("file: other/ecu.lock, format: candump", "port: unix:ecu",
+                      ["record other/ecu.lock ", "port ecu.lock "]),
+    "a port's lock, rotated": ("file: a, format: candump", "port: unix:lock",
+                               ["record a, which is rotated to a.4,", "port lock.lock "]),
+}
+
+
+def write_sockets(folder, record, key):
+    """The port is a third node's."""
+    port, control = (key, "") if key.startswith("port") else ("", key)
+    nodes = f"  - {{ name: gateway, {port} }}\nprofiles:" if port else "profiles:"
+    (folder / "bus.yaml").write_text(BUS.format(count="").replace("profiles:", nodes) +
+                                     f"{control}\nrecord: [ {{ {record} }} ]\n")
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["there", "new"])
+@pytest.mark.parametrize("record, key, named", SOCKETS.values(), ids=SOCKETS)
+def test_no_recording_takes_the_place_of_a_socket(folder, record, key, named, there):
+    (folder / "other").symlink_to(".")
+    (folder / "lock.lock").touch()
+    (folder / "a.4").hardlink_to(folder / "lock.lock")
+    with socket.socket(socket.AF_UNIX) as stale:
+        if there and not named[1].endswith(".lock "):
+            stale.bind(str(folder / key.split(":")[-1].strip()))
+        write_sockets(folder, record, key)
+        for program, words in [(CANWIRE, ["check", "bus.yaml"]), (CANWIRED, ["-c", "bus.yaml"])]:
+            result = subprocess.run([program, *words], cwd=folder, capture_output=True, text=True,
+                                    timeout=TIMEOUT_S, check=False)
+            assert result.returncode == 1
+            assert_named(result.stderr, *named)
+            assert re.match(r"bus.yaml:\d+:\d+: record ", result.stderr)
+
+
+def test_no_journal_takes_the_place_of_a_socket(folder):
+    write_records(folder, "file: a.log")
+    for journal, other in [("day.sock", "control day.sock "),
+                           ("day.sock.lock", "control day.sock.lock ")]:
+        result = subprocess.run([CANWIRED, "-c", "bus.yaml", "--journal", journal], cwd=folder,
+                                capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        assert result.returncode == 1
+        assert_named(result.stderr, f"--journal {journal} ", other)
+
+
+def test_a_reload_takes_no_socket_for_a_recording(folder):
+    write_sockets(folder, "file: a.log", "control: rec.log.1")
+    with running(folder):
+        for record, other in [("file: rec.log", "control rec.log.1"),
+                              ("file: rec.log.1.lock, format: vcd", "control rec.log.1.lock")]:
+            write_sockets(folder, record, "control: rec.log.1")
+            message = canwire("reload", "./rec.log.1", status=1, cwd=folder).stderr
+            assert_named(message, "record rec.log", other)
+        assert canwire("status", "./rec.log.1", cwd=folder).stdout
+
+
+def test_no_socket_of_others_is_rotated_away(folder):
+    write_records(folder, "file: a.log, files: 4")
+    (folder / "a.log.1").write_text("before\n")
+    for name in ["a.log.2", "a.log.3"]:
+        with socket.socket(socket.AF_UNIX) as other:
+            other.bind(str(folder / name))
+            result = subprocess.run([CANWIRED, "-c", "bus.yaml"], cwd=folder, capture_output=True,
+                                    text=True, timeout=TIMEOUT_S, check=False)
+        assert result.returncode == 1
+        assert "record a.log: there is something that is no regular file" in result.stderr
+        assert (folder / name).is_socket() and (folder / "a.log.1").read_text() == "before\n"
+        (folder / name).unlink()
+
+
 def test_names_beyond_those_that_are_kept_are_free(folder):
     write_records(folder, "file: a.log, files: 3", "file: a.log.3, format: candump",
                   "file: b.log, files: 1", "file: b.log.1, format: candump")
@@ -349,7 +428,9 @@ def test_a_file_that_another_canwired_writes_is_refused(folder, text, words, mes
 
 
 def test_a_tool_does_not_write_what_the_bus_reads_or_writes(folder):
-    write_records(folder, "file: a.log, files: 3")
+    write_sockets(folder, "file: a.log, files: 3", "port: unix:ecu")
+    with (folder / "bus.yaml").open("a") as out:
+        out.write("control: day.sock\n")
     (folder / "link").symlink_to("bus.yaml")
     (folder / "hard").hardlink_to(folder / "bus.yaml")
     (folder / "elsewhere").mkdir()
@@ -357,6 +438,9 @@ def test_a_tool_does_not_write_what_the_bus_reads_or_writes(folder):
         inodes = {p.name: p.stat().st_ino for p in folder.iterdir()}
         for file, other in [("a.log", "record"), ("a.log.2", "record"), ("day.journal", "journal"),
                             ("bus.yaml", "configuration"), ("link", "configuration"),
+                            ("profile.yaml", "input"),
+                            ("in.log", "input"), ("day.sock", "control"),
+                            ("day.sock.lock", "control"), ("ecu", "port"), ("ecu.lock", "port"),
                             ("hard", "configuration")]:
             result = canwire("record", "../day.sock", f"../{file}", "--format", "candump", status=1,
                              cwd=folder / "elsewhere")

@@ -9,6 +9,7 @@
 #include "record_files.h"
 
 #include "fileuse.h"
+#include "portname.h"
 #include "spool.h"
 
 #include <limits.h>
@@ -44,19 +45,45 @@ static char *make_path(const bus_files *files, const char *name)
     return asprintf(&path, "%s/%s", files->folder, name) < 0 ? NULL : path;
 }
 
-/* The file that an object of the status names; nothing where it names none. */
-static void add_file(bus_files *files, const json_t *object, fileuse use)
+/* Where what is called so in the status is; NULL: it has no such name, or there is no memory. */
+static const char *keep_path(bus_files *files, const char *name)
 {
-    const char *name = json_string_value(json_object_get(object, "file"));
     if (!name)
-        return;
+        return NULL;
     char *path = make_path(files, name);
     files->uses.incomplete = files->uses.incomplete || !path;
-    if (!path)
-        return;
-    files->paths[files->count++] = path;
-    use.path = path;
-    fileuses_add(&files->uses, &use);
+    if (path)
+        files->paths[files->count++] = path;
+    return path;
+}
+
+/* Nothing where there is no name. */
+static void add_name(bus_files *files, const json_t *name, fileuse use)
+{
+    use.path = keep_path(files, json_string_value(name));
+    if (use.path)
+        fileuses_add(&files->uses, &use);
+}
+
+/* The file that an object of the status names. */
+static void add_file(bus_files *files, const json_t *object, fileuse use)
+{
+    add_name(files, json_object_get(object, "file"), use);
+}
+
+static void add_socket(bus_files *files, const char *name, const char *what)
+{
+    const fileuse use = {.what = what, .path = keep_path(files, name)};
+    if (use.path)
+        fileuses_add_socket(&files->uses, &use);
+}
+
+static void add_port(bus_files *files, const json_t *node)
+{
+    const char *text = json_string_value(json_object_get(node, "port"));
+    const portname port = portname_parse(text ? text : "");
+    if (port.kind == PORTNAME_UNIX)
+        add_socket(files, port.path, "the bus' port");
 }
 
 /* "record" with the files that it is rotated to. */
@@ -73,17 +100,32 @@ static void add_recording(bus_files *files, const json_t *recording)
 static void add_files(bus_files *files, const json_t *status)
 {
     const json_t *recordings = json_object_get(status, "recordings");
+    const json_t *reads = json_object_get(status, "reads");
+    const json_t *nodes = json_object_get(status, "nodes");
     add_file(files, status, (fileuse){.what = "the configuration"});
+    for (size_t i = 0; i < json_array_size(reads); i++)
+        add_name(files, json_array_get(reads, i), (fileuse){.what = "the bus' input"});
+    add_socket(files, json_string_value(json_object_get(status, "control")), "the bus' control");
+    for (size_t i = 0; i < json_array_size(nodes); i++)
+        add_port(files, json_array_get(nodes, i));
     for (size_t i = 0; i < json_array_size(recordings); i++)
         add_recording(files, json_array_get(recordings, i));
     add_file(files, json_object_get(status, "journal"),
              (fileuse){.what = "the bus' journal", .written = true});
 }
 
+/* How many it can name at most: beside these the configuration, the journal and the socket. */
+static size_t count_names(const json_t *status)
+{
+    return json_array_size(json_object_get(status, "recordings")) +
+           json_array_size(json_object_get(status, "reads")) +
+           json_array_size(json_object_get(status, "nodes")) + 3;
+}
+
 bool record_check_files(const cfg_record *what, const json_t *status)
 {
     bus_files files = {.count = 0};
-    const size_t most = json_array_size(json_object_get(status, "recordings")) + 2;
+    const size_t most = count_names(status);
     files.paths = calloc(most, sizeof *files.paths);
     if (!files.paths) {
         fputs(CHECK_NAME ": out of memory\n", stderr);

@@ -1146,7 +1146,7 @@ static void who_says_nothing_makes_room(void **state)
     close_hall(&h);
 }
 
-#define STUFFING_MAX 400 /* lines that fill any socket; with what else waits no reason to be sent off */
+#define STUFFING_MAX 400 /* lines that fill any socket, and are fewer than disconnect the client */
 
 /* Lines that the client does not read come back, until its socket takes no more of them. */
 static void stuff(const hall *h, int fd)
