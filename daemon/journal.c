@@ -21,7 +21,7 @@
 #include <time.h>
 
 #define LINE_BYTES 512 /* of a short line */
-#define RECORD_HEAD 8u /* what a record needs in the queue besides its bytes, at most */
+#define RECORD_HEAD 16u /* what a record needs in the queue besides its bytes, at most */
 #define RETRY_MARKS 5u /* about as many seconds until a broken journal is tried again */
 #define JOURNAL_WHY_MAX 100
 #define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
@@ -42,7 +42,7 @@ struct journal {
     bool told;           /* in the log, that it is broken */
     bool reloaded;       /* since it is broken */
     unsigned marks;      /* since it is broken, or was tried again */
-    uint64_t broken_at;  /* tick of the last line that may be there */
+    uint64_t broken_at;  /* tick of the last line that is there */
     uint64_t taken_up_at;
     uint64_t lost;       /* lines that were not even queued */
     uint64_t lost_told;
@@ -94,11 +94,12 @@ const journal_counter journal_counters[JOURNAL_COUNTERS] = {
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-/* Nothing is written from here on before take_up(). A gap that has not been closed goes on. */
+/* Nothing is written from here on before take_up(). A gap that has not been closed goes on. After
+ * an error what was queued is lost, too; a disk that is too slow still writes it. */
 static void break_off(journal *j, const char *why)
 {
     if (j->state == JOURNAL_WRITING) {
-        j->broken_at = j->last_at;
+        j->broken_at = spool_error(j->spool) != 0 ? spool_kept_stamp(j->spool) : j->last_at;
         j->told = false;
         (void)snprintf(j->why, sizeof j->why, "%s", why);
     }
@@ -288,6 +289,7 @@ static void put_other(journal *j, const input *what)
 void journal_input(void *user, const input *what)
 {
     journal *j = user;
+    spool_stamp(j->spool, what->now);
     if (what->kind == INPUT_RELOAD && j->state != JOURNAL_WRITING)
         j->reloaded = true;
     if (j->state == JOURNAL_BROKEN_OFF)
@@ -306,6 +308,7 @@ static void put_mark(journal *j, const char *key, const inputs *in)
     cw_bus_stats stats;
     json_t *counters = json_object();
     cw_bus_get_stats(in->bus, &stats);
+    spool_stamp(j->spool, stats.ticks);
     json_t *line = begin_line(j, stats.ticks, in->advanced);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++)
         put_count(counters, journal_counters[i].name, journal_counters[i].read(&stats));
@@ -381,6 +384,7 @@ static json_t *gap_to_json(const journal *j, const inputs *in)
 static void put_gap(journal *j, const inputs *in)
 {
     const uint64_t now = cw_bus_now(in->bus);
+    spool_stamp(j->spool, now);
     json_t *line = begin_line(j, now, false);
     put(line, "gap", gap_to_json(j, in));
     put_object(j, line);

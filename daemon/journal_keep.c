@@ -210,7 +210,7 @@ static int remove_one(row *r, size_t which)
     if (unlinkat(r->folder.fd, name, 0) != 0 && errno != ENOENT)
         return errno;
     describe(text, r, &f);
-    log_warning("%s is removed: there are too many", text);
+    log_warning("%s is removed%s", text, f.empty ? "" : ": there are too many");
     r->count--;
     memmove(&r->all[which], &r->all[which + 1], (r->count - which) * sizeof r->all[0]);
     return 0;

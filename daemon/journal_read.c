@@ -41,6 +41,7 @@ struct journal_reader {
     uint64_t byte; /* the first of it */
     unsigned version;
     uint64_t last; /* what the line before has as its number */
+    uint64_t missing; /* lines before that one, which the line of a gap is still to tell of */
     uint64_t tick; /* what it has as `at` */
     bool damaged;  /* a line before this one is: numbers need not go on */
     const char *line;
@@ -451,7 +452,9 @@ static bool check_keys(journal_reader *r, const line_spec *spec)
     return check_type(r, spec->name, spec->type);
 }
 
-/* Numbers go on one by one; behind a gap those of the lines in it are left out. */
+/* Numbers go on one by one; at a gap those of the lines in it are left out. Where header or
+ * configuration had to be written once more they stand before the line of the gap, with what is
+ * missing before them. */
 static bool check_number(journal_reader *r, journal_entry *entry)
 {
     uint64_t number = 0;
@@ -459,15 +462,17 @@ static bool check_number(journal_reader *r, journal_entry *entry)
         return true;
     if (!read_number(r, &number, "n", INT64_MAX))
         return false;
-    const uint64_t missing = number > r->last ? number - r->last - 1 : 0;
+    const uint64_t missing = r->missing + (number > r->last ? number - r->last - 1 : 0);
     const bool again = number <= r->last;
-    const bool known = r->damaged;
+    const bool known = r->damaged || value_of(r, "gap");
+    const bool told_later = !known && value_of(r, "config");
     r->last = number;
     r->damaged = false;
+    r->missing = told_later ? missing : 0;
     entry->missing = missing;
     if (again)
         return wrong(r, "n", "damaged: line number %" PRIu64 " has been there before", number);
-    return missing == 0 || known || value_of(r, "gap") ||
+    return missing == 0 || known || told_later ||
            wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
 }
 
@@ -601,7 +606,12 @@ static bool read_header(journal_reader *r)
     r->started = strdup(started ? started : "");
     if (!r->writer || !r->bus || !r->started)
         return no_memory(r);
-    return r->version < 2 || (check_seal(r) && read_number(r, &r->last, "n", INT64_MAX));
+    if (r->version < 2)
+        return true;
+    if (!check_seal(r) || !read_number(r, &r->last, "n", INT64_MAX))
+        return false;
+    r->missing = r->last > 0 ? r->last - 1 : 0;
+    return true;
 }
 
 journal_reader *journal_open(const char *file, FILE *errors)

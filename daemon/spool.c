@@ -22,7 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define HEAD sizeof(uint32_t)        /* of a record */
+#define HEAD (sizeof(uint32_t) + sizeof(uint64_t)) /* of a record: its size, and its stamp */
 #define PART (UINT32_C(1) << 31)     /* in its head: the next one belongs to it */
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
@@ -47,7 +47,9 @@ struct spool {
     bool ended;
     bool lasting; /* no error ends it */
     bool proven;  /* something has been written since spool_resume() */
+    uint64_t stamp; /* of what comes now */
     uint64_t kept; /* records in the file; while there are no cuts */
+    uint64_t kept_stamp; /* of the last one of them */
     uint64_t lost; /* records that were queued when it came to an error */
     int error;
     unsigned char *queue;
@@ -217,6 +219,13 @@ static uint32_t record_size(const spool *s, size_t offset)
     return size;
 }
 
+static uint64_t record_stamp(const spool *s, size_t offset)
+{
+    uint64_t stamp;
+    copy_out(s, &stamp, offset + sizeof(uint32_t), sizeof stamp);
+    return stamp;
+}
+
 /* Records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
 static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
 {
@@ -240,6 +249,7 @@ static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
 typedef struct extent {
     size_t bytes;
     uint64_t records;
+    uint64_t stamp; /* of the last one */
 } extent;
 
 /* What of so many bytes of records at the front of the queue is whole with all its parts. */
@@ -253,9 +263,10 @@ static extent whole_records(const spool *s, size_t bytes)
         if (size == 0 || seen + size > bytes)
             break;
         seen += size;
-        offset += HEAD + size;
         if (!(head & PART))
-            whole = (extent){.bytes = seen, .records = whole.records + 1};
+            whole = (extent){.bytes = seen, .records = whole.records + 1,
+                             .stamp = record_stamp(s, offset)};
+        offset += HEAD + size;
     }
     return whole;
 }
@@ -337,6 +348,8 @@ static int work(spool *s)
         error = cut_here(s, files);
     (void)pthread_mutex_lock(&s->lock);
     s->kept += whole.records;
+    if (whole.records > 0)
+        s->kept_stamp = whole.stamp;
     if (error != 0)
         s->lost += count_records(s, taken) - whole.records;
     s->first = (s->first + taken) % SPOOL_QUEUE_BYTES;
@@ -450,6 +463,21 @@ uint64_t spool_kept(spool *s)
     return kept;
 }
 
+void spool_stamp(spool *s, uint64_t stamp)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->stamp = stamp;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+uint64_t spool_kept_stamp(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t stamp = s->kept_stamp;
+    (void)pthread_mutex_unlock(&s->lock);
+    return stamp;
+}
+
 uint64_t spool_lost(spool *s)
 {
     (void)pthread_mutex_lock(&s->lock);
@@ -481,6 +509,7 @@ static bool put(spool *s, const void *record, size_t size, uint32_t flags)
     if (fits) {
         const size_t before = s->used;
         copy_in(s, &head, sizeof head);
+        copy_in(s, &s->stamp, sizeof s->stamp);
         copy_in(s, record, size);
         if (before == 0 || (before < SPOOL_QUEUE_BYTES / 4 && s->used >= SPOOL_QUEUE_BYTES / 4))
             (void)pthread_cond_signal(&s->changed);

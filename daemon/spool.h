@@ -41,6 +41,11 @@ bool spool_has_resumed(spool *s);
 /* Records that the file has, of one that is never cut. */
 uint64_t spool_kept(spool *s);
 
+/* What all records have that come from now on, 0 before; and what the last one has that is in the
+ * file. */
+void spool_stamp(spool *s, uint64_t stamp);
+uint64_t spool_kept_stamp(spool *s);
+
 /* Records that were lost with errors. */
 uint64_t spool_lost(spool *s);
 

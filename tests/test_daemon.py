@@ -161,6 +161,14 @@ def test_a_journal_is_told_over_lcm(canwired, lcm_server):
     bus.stop()
 
 
+def test_an_empty_journal_is_not_one_too_many(canwired, tmp_path):
+    (tmp_path / "day.journal").touch()
+    bus = canwired("--journal", "day.journal")
+    removed = [line for line in bus.log.read_text().splitlines() if "is removed" in line]
+    assert len(removed) == 1 and removed[0].endswith("empty) is removed")
+    bus.stop()
+
+
 def test_in_a_loop_of_crashes_the_first_journal_stays(canwired, tmp_path):
     for _ in range(6):
         bus = canwired("--journal", "day.journal", "--journal-files", "3")
