@@ -44,6 +44,8 @@ typedef struct service {
     reloader *reloader;
     uint64_t hangups[2];         /* rounds of reloads that SIGHUP has asked for */
     char refused[TROUBLE_BYTES]; /* why the last reload was refused, or empty */
+    bool stopping;
+    bool stopping_told; /* to who has asked for a reload by SIGHUP */
     ev_signal terminate;
     ev_signal interrupt;
     ev_signal hangup;
@@ -82,6 +84,7 @@ static void on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
     (void)loop;
     (void)events;
     service *s = watcher->data;
+    s->stopping = true;
     notify_stopping(s->notifier);
     notify_status(s->notifier, "Letting the frame on the wire end");
     engine_stop(s->engine);
@@ -161,12 +164,19 @@ static void note_refusal(service *s, const char *why)
 {
     (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
                    why);
-    if (!reloader_is_busy(s->reloader))
+    if (!reloader_is_busy(s->reloader) && !s->stopping)
         notify_ready(s->notifier);
 }
 
-static void log_refusal(char *errors)
+/* That the end comes first is no error, and is told once. */
+static void log_refusal(service *s, char *errors)
 {
+    if (s->stopping) {
+        if (!s->stopping_told)
+            log_info("reload: canwired is stopping, nothing was changed");
+        s->stopping_told = true;
+        return;
+    }
     log_lines(errors);
     log_error("reload: nothing was changed");
 }
@@ -180,7 +190,7 @@ static void on_round(void *user, uint64_t round, char *errors)
     if (s->control)
         control_reloaded(s->control, round, errors);
     if (errors && s->hangups[round % 2] == round)
-        log_refusal(errors);
+        log_refusal(s, errors);
 }
 
 static const reloader_calls reload_calls = {
@@ -208,7 +218,7 @@ static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
     char none[] = "out of memory";
     if (round == 0) {
         note_refusal(s, errors && text ? text : none);
-        log_refusal(errors && text ? text : none);
+        log_refusal(s, errors && text ? text : none);
     }
     s->hangups[round % 2] = round;
     free(text);
@@ -647,6 +657,7 @@ int main(int argc, char **argv)
     }
     s.notifier = notify_open(loop);
     bool good = run(&s, loop, &o);
+    s.stopping = true;
     reloader_free(s.reloader);
     s.reloader = NULL;
     control_stop(s.control);
