@@ -302,7 +302,7 @@ static void print_use(FILE *errors, const fileuse *use, unsigned number)
     fprintf(errors, "%s%s%s%s", use->what, *use->what ? " " : "",
             standard ? "standard output" : use->path, behind_path(use));
     if (number > 0)
-        fprintf(errors, ", which is rotated to %s.%u,", use->path, number);
+        fprintf(errors, ", which is rotated to %s.%u", use->path, number);
 }
 
 static void tell(FILE *errors, const fileuses *all, const clash *c, const char *program)
@@ -314,7 +314,7 @@ static void tell(FILE *errors, const fileuses *all, const clash *c, const char *
     else
         fprintf(errors, "%s: ", program);
     print_use(errors, own, c->own->number);
-    fputs(" is the same file as ", errors);
+    fputs(c->own->number > 0 ? ", is the same file as " : " is the same file as ", errors);
     print_use(errors, other, c->other->number);
     if (other->file)
         fprintf(errors, " (%s:%d:%d)", other->file, other->line, other->column);

@@ -91,6 +91,7 @@ def contents(folder):
 def assert_named(message, *words):
     """It is one line that names all."""
     assert len(message.splitlines()) == 1 and "is the same file as" in message, message
+    assert ",:" not in message and ", (" not in message, message
     for word in words:
         assert word in message, message
 
