@@ -51,9 +51,10 @@ ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS)
 DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
 
 LIB_SOURCES := $(wildcard lib/*.c)
-# all of daemon/ but the main of canwired; an archive, so that each program takes what it needs
-PARTS_SOURCES := $(filter-out daemon/main.c,$(wildcard daemon/*.c))
-TOOL_SOURCES := $(wildcard daemon/cli/*.c)
+# all of daemon/ but the main of canwired and the tool; an archive, so that each program takes what
+# it needs
+TOOL_SOURCES := $(wildcard daemon/cli/*.c daemon/cli/*/*.c)
+PARTS_SOURCES := $(filter-out $(TOOL_SOURCES),$(wildcard daemon/*/*.c))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
@@ -243,11 +244,11 @@ mutant-short-cuts-run:
 
 $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(AR) qcs $@ $^
 
 $(PARTS): $(call objects,$(PARTS_SOURCES))
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(AR) qcs $@ $^
 
 $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)

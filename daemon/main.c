@@ -2,20 +2,20 @@
  *
  * main.c - canwired: one bus in the foreground.
  */
-#include "activation.h"
-#include "config_files.h"
-#include "control.h"
-#include "engine.h"
-#include "journal.h"
-#include "journal_keep.h"
-#include "jsonput.h"
-#include "log.h"
-#include "losses.h"
-#include "notify.h"
-#include "publish.h"
-#include "recordings.h"
-#include "reloader.h"
-#include "watchdog.h"
+#include "base/jsonput.h"
+#include "base/log.h"
+#include "config/files.h"
+#include "engine/engine.h"
+#include "engine/reloader.h"
+#include "run/journal.h"
+#include "run/journal_keep.h"
+#include "serve/activation.h"
+#include "serve/control.h"
+#include "serve/losses.h"
+#include "serve/notify.h"
+#include "serve/publish.h"
+#include "serve/recordings.h"
+#include "serve/watchdog.h"
 
 #include <errno.h>
 #include <ev.h>

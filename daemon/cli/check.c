@@ -2,12 +2,12 @@
  *
  * check.c - canwire check: validates a configuration or a fault profile, or lists its ports.
  */
-#include "cli.h"
+#include "cli/cli.h"
 
-#include "config_files.h"
-#include "journal_check.h"
-#include "portname.h"
-#include "replay.h"
+#include "config/files.h"
+#include "config/portname.h"
+#include "run/journal_check.h"
+#include "run/replay.h"
 
 #include <getopt.h>
 #include <inttypes.h>

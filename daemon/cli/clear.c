@@ -2,9 +2,9 @@
  *
  * clear.c - canwire clear and canwire fire: ends a fault rule, or lets a manual one act.
  */
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
 
 static const char clear_help[] =
     "Ends what a fault rule does and takes it away; without RULE all rules, configured ones too.\n"

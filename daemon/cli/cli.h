@@ -5,8 +5,8 @@
  * argv[0] is the subcommand's name. Each prints its own usage for --help and returns the exit
  * status of the tool.
  */
-#ifndef CANWIRE_CLI_H
-#define CANWIRE_CLI_H
+#ifndef CANWIRE_CLI_CLI_H
+#define CANWIRE_CLI_CLI_H
 
 enum cli_exit {
     CLI_OK = 0,

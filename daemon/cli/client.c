@@ -2,11 +2,11 @@
  *
  * client.c - asks a running canwired at its control socket.
  */
-#include "client.h"
+#include "cli/client.h"
 
-#include "cli.h"
-#include "jsonput.h"
-#include "plain.h"
+#include "base/jsonput.h"
+#include "base/plain.h"
+#include "cli/cli.h"
 
 #include <errno.h>
 #include <stdarg.h>

@@ -2,8 +2,8 @@
  *
  * client.h - asks a running canwired at its control socket.
  */
-#ifndef CANWIRE_CLIENT_H
-#define CANWIRE_CLIENT_H
+#ifndef CANWIRE_CLI_CLIENT_H
+#define CANWIRE_CLI_CLIENT_H
 
 #include <jansson.h>
 #include <stdbool.h>

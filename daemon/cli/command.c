@@ -2,7 +2,7 @@
  *
  * command.c - the command line of the subcommands that talk to a bus.
  */
-#include "command.h"
+#include "cli/command.h"
 
 #include <getopt.h>
 #include <stdio.h>

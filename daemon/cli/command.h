@@ -2,10 +2,10 @@
  *
  * command.h - the command line of the subcommands that talk to a bus.
  */
-#ifndef CANWIRE_COMMAND_H
-#define CANWIRE_COMMAND_H
+#ifndef CANWIRE_CLI_COMMAND_H
+#define CANWIRE_CLI_COMMAND_H
 
-#include "cli.h"
+#include "cli/cli.h"
 
 #include <stdbool.h>
 

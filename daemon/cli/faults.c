@@ -2,10 +2,10 @@
  *
  * faults.c - canwire faults: the fault rules on a bus.
  */
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
-#include "status.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
+#include "serve/status.h"
 
 static const char help[] =
     "Lists the fault rules on a bus, configured and injected, with how often they matched, hit "

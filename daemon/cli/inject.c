@@ -2,10 +2,10 @@
  *
  * inject.c - canwire inject: puts fault rules onto a running bus.
  */
-#include "buffer.h"
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/buffer.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
 
 #include <errno.h>
 #include <string.h>

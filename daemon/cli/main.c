@@ -2,9 +2,9 @@
  *
  * main.c - the canwire tool: finds the subcommand and runs it.
  */
-#include "cli.h"
-#include "jsonput.h"
-#include "nearest.h"
+#include "base/jsonput.h"
+#include "base/nearest.h"
+#include "cli/cli.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -2,9 +2,9 @@
  *
  * outfile.c - a file that is written to: what it had stays until there is something to write.
  */
-#include "outfile.h"
+#include "cli/outfile.h"
 
-#include "filelock.h"
+#include "base/filelock.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -2,8 +2,8 @@
  *
  * outfile.h - a file that is written to: what it had stays until there is something to write.
  */
-#ifndef CANWIRE_OUTFILE_H
-#define CANWIRE_OUTFILE_H
+#ifndef CANWIRE_CLI_OUTFILE_H
+#define CANWIRE_CLI_OUTFILE_H
 
 #include <stdbool.h>
 #include <stdio.h>

@@ -5,13 +5,13 @@
  * The daemon may not write where the user may, so events come over the control socket and the file
  * is written here.
  */
-#include "client.h"
-#include "command.h"
-#include "event_read.h"
-#include "jsonput.h"
-#include "record_files.h"
-#include "recorder.h"
-#include "thread.h"
+#include "base/jsonput.h"
+#include "base/thread.h"
+#include "cli/client.h"
+#include "cli/command.h"
+#include "cli/record_files.h"
+#include "record/event_read.h"
+#include "record/recorder.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -6,11 +6,11 @@
  * Where that is only canwired's own user and root can see. Nobody else may replace its files,
  * unless he may write to their folders.
  */
-#include "record_files.h"
+#include "cli/record_files.h"
 
-#include "fileuse.h"
-#include "portname.h"
-#include "spool.h"
+#include "base/fileuse.h"
+#include "base/spool.h"
+#include "config/portname.h"
 
 #include <limits.h>
 #include <stdio.h>

@@ -2,10 +2,10 @@
  *
  * record_files.h - what canwire record writes is none of the bus' own files.
  */
-#ifndef CANWIRE_RECORD_FILES_H
-#define CANWIRE_RECORD_FILES_H
+#ifndef CANWIRE_CLI_RECORD_FILES_H
+#define CANWIRE_CLI_RECORD_FILES_H
 
-#include "config.h"
+#include "config/config.h"
 
 #include <jansson.h>
 #include <stdbool.h>

@@ -5,9 +5,9 @@
  * A service manager knows the file and the process of a bus, and wants to hear of a refusal: that
  * is what --config and --pid are for.
  */
-#include "client.h"
-#include "command.h"
-#include "config.h"
+#include "cli/client.h"
+#include "cli/command.h"
+#include "config/config.h"
 
 #include <errno.h>
 #include <limits.h>

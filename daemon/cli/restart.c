@@ -2,9 +2,9 @@
  *
  * restart.c - canwire restart: gets a node out of bus-off.
  */
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
 
 static const char help[] =
     "Restarts a node that is bus-off, as `ip link set DEVICE type can restart` does. It comes "

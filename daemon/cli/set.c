@@ -2,9 +2,9 @@
  *
  * set.c - canwire set: changes settings of a node while the bus runs.
  */
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
 
 #include <string.h>
 

@@ -2,10 +2,10 @@
  *
  * status.c - canwire status: a bus and its nodes, or all buses.
  */
-#include "status.h"
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
+#include "serve/status.h"
 
 #include <glob.h>
 #include <string.h>

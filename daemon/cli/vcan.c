@@ -5,11 +5,11 @@
  * What it has made is known by its alias, "canwire FILE", so that it removes that and no more,
  * whatever has become of the file. The alias also tells the peer: another peer, another pair.
  */
-#include "cli.h"
+#include "cli/cli.h"
 
-#include "config.h"
-#include "links.h"
-#include "portname.h"
+#include "config/config.h"
+#include "config/portname.h"
+#include "port/links.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -2,9 +2,9 @@
  *
  * watch.c - canwire watch: what happens on a bus, while it happens.
  */
-#include "client.h"
-#include "command.h"
-#include "jsonput.h"
+#include "base/jsonput.h"
+#include "cli/client.h"
+#include "cli/command.h"
 
 #include <string.h>
 #include <unistd.h>

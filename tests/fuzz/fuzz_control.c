@@ -5,11 +5,11 @@
  * Server and clients are in this process, on a real socket; the engine is a fake with a real bus.
  * Input: bytes for the server; those in `marks` are left out and do something else meanwhile.
  */
-#include "fuzz.h"
 #include "../unit/fake_engine.h"
+#include "fuzz.h"
 
-#include "control.h"
-#include "log.h"
+#include "base/log.h"
+#include "serve/control.h"
 
 #include <errno.h>
 #include <stdlib.h>

@@ -5,7 +5,7 @@
  */
 #include "fuzz.h"
 
-#include "text.h"
+#include "base/text.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

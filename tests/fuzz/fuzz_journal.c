@@ -6,8 +6,8 @@
  */
 #include "fuzz.h"
 
-#include "journal_play.h"
-#include "output.h"
+#include "record/output.h"
+#include "run/journal_play.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -13,7 +13,7 @@
  */
 #include "fuzz.h"
 
-#include "port_kind.h"
+#include "port/kind.h"
 
 #include <errno.h>
 #include <fcntl.h>

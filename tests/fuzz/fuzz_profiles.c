@@ -7,7 +7,7 @@
  */
 #include "fuzz.h"
 
-#include "config.h"
+#include "config/config.h"
 #include "parts.h"
 #include "simulate.h"
 

@@ -10,13 +10,13 @@
  */
 #include "fuzz.h"
 
-#include "config.h"
-#include "inputs.h"
-#include "live.h"
-#include "output.h"
+#include "config/config.h"
 #include "parts.h"
-#include "release.h"
-#include "bus_make.h"
+#include "record/output.h"
+#include "run/bus_make.h"
+#include "run/inputs.h"
+#include "run/live.h"
+#include "run/release.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,8 +5,8 @@
  */
 #include "fuzz.h"
 
-#include "replay.h"
-#include "trace_read.h"
+#include "run/replay.h"
+#include "trace/read.h"
 
 #include <stdlib.h>
 #include <string.h>

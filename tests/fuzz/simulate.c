@@ -6,8 +6,8 @@
 
 #include "fuzz.h"
 
-#include "output.h"
-#include "release.h"
+#include "record/output.h"
+#include "run/release.h"
 
 #include <string.h>
 

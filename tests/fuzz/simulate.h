@@ -5,7 +5,7 @@
 #ifndef CANWIRE_FUZZ_SIMULATE_H
 #define CANWIRE_FUZZ_SIMULATE_H
 
-#include "config.h"
+#include "config/config.h"
 
 /* The bus of a configuration in virtual time, its traffic handed in, as `canwire sim` does it. */
 void fuzz_simulate(const cfg *config);

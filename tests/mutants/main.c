@@ -11,7 +11,7 @@
  */
 #include "mutants.h"
 
-#include "config.h"
+#include "config/config.h"
 
 #include <ftw.h>
 #include <stdio.h>

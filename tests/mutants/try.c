@@ -4,13 +4,13 @@
  */
 #include "mutants.h"
 
-#include "config.h"
-#include "inputs.h"
-#include "live.h"
-#include "output.h"
-#include "port.h"
-#include "release.h"
-#include "reload.h"
+#include "config/config.h"
+#include "engine/reload.h"
+#include "port/port.h"
+#include "record/output.h"
+#include "run/inputs.h"
+#include "run/live.h"
+#include "run/release.h"
 
 #include <fcntl.h>
 #include <stdio.h>
@@ -166,7 +166,7 @@ static void run(world *w, uint64_t bits)
     inputs_advance(&w->inputs, end);
 }
 
-/* As engine_reload.c does it. */
+/* As engine/go_over.c does it. */
 static void go_over(world *w, reload *r)
 {
     if (inputs_take_over(&w->inputs, r->setup.bus, r->config, r->from) != CW_OK)

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
  * fake_engine.h - an engine for tests of the control socket: a real bus whose time goes on with
- * each engine_update(). It takes the place of daemon/engine.c in the program that includes it,
+ * each engine_update(). It takes the place of daemon/engine/engine.c in the program that includes it,
  * once.
  */
 #ifndef CANWIRE_TEST_FAKE_ENGINE_H
 #define CANWIRE_TEST_FAKE_ENGINE_H
 
-#include "control.h"
-#include "engine.h"
+#include "engine/engine.h"
+#include "serve/control.h"
 
 #include <stdlib.h>
 #include <string.h>

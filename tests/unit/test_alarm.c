@@ -2,7 +2,7 @@
  *
  * test_alarm.c - the timer of the engine rings when it is to, and is set only when that changes.
  */
-#include "alarm.h"
+#include "base/alarm.h"
 
 #include <poll.h>
 #include <setjmp.h>

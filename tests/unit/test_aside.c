@@ -2,10 +2,10 @@
  *
  * test_aside.c - what is done beside the bus: done, given up, left alone, and files read ahead.
  */
-#include "aside.h"
-#include "reloader.h"
-#include "thread.h"
-#include "trace_ahead.h"
+#include "base/aside.h"
+#include "base/thread.h"
+#include "engine/reloader.h"
+#include "trace/ahead.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

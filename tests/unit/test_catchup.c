@@ -10,7 +10,7 @@
 #include <cmocka.h>
 
 #include "canwire.h"
-#include "catchup.h"
+#include "engine/catchup.h"
 
 #define S UINT64_C(80000000) /* ticks */
 #define NS_PER_S INT64_C(1000000000)

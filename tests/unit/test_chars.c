@@ -2,7 +2,7 @@
  *
  * test_chars.c - what chars.c writes is what printf writes, and not a byte more.
  */
-#include "chars.h"
+#include "base/chars.h"
 
 #include <inttypes.h>
 #include <setjmp.h>

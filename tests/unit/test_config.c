@@ -5,8 +5,8 @@
  * Runs at the top of the source tree. Each file in tests/config/bad begins with its errors, one a
  * line: "# expect: LINE:COLUMN: a part of the message".
  */
-#include "config.h"
-#include "yamlfile.h"
+#include "base/yamlfile.h"
+#include "config/config.h"
 
 #include <dirent.h>
 #include <setjmp.h>

@@ -4,9 +4,9 @@
  */
 #include "rig.h"
 
-#include "conserve.h"
-#include "port.h"
-#include "reload.h"
+#include "engine/conserve.h"
+#include "engine/reload.h"
+#include "port/port.h"
 
 struct port {
     port_stats stats;

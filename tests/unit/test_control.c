@@ -5,11 +5,11 @@
  * Server and clients are in this process, on a real socket in a folder of its own. The engine is
  * the fake of fake_engine.h.
  */
-#include "control.h"
-#include "control_requests.h"
-#include "control_server.h"
 #include "fake_engine.h"
-#include "status.h"
+#include "serve/control.h"
+#include "serve/requests.h"
+#include "serve/server.h"
+#include "serve/status.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -3,8 +3,8 @@
  * test_engine_links.c - which nodes are on the bus, by what rtnetlink says of interfaces, with a
  * kernel, ports and a bus that are only as much as that needs.
  */
-#include "engine_private.h"
-#include "portname.h"
+#include "config/portname.h"
+#include "engine/engine_private.h"
 
 #include <errno.h>
 #include <linux/rtnetlink.h>

@@ -6,9 +6,9 @@
  * the time. Nothing here depends on the machine: what is bounded is the work of the bus
  * (cw_bus_work()).
  */
-#include "engine.h"
+#include "engine/engine.h"
 
-#include "config.h"
+#include "config/config.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -2,8 +2,8 @@
  *
  * test_event_read.c - lines of events become the events again that they were written from.
  */
-#include "event_read.h"
-#include "output.h"
+#include "record/event_read.h"
+#include "record/output.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

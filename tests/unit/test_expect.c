@@ -5,7 +5,7 @@
  * Each case is one expectation as it stands in a configuration, on a run that is written down as
  * events; each has its outcome in words.
  */
-#include "expect.h"
+#include "cli/sim/expect.h"
 
 #include <inttypes.h>
 #include <setjmp.h>

@@ -6,13 +6,13 @@
  * The first run is that of a host that does everything that there is at random; it stands for
  * canwired.
  */
-#include "bus_make.h"
-#include "journal.h"
-#include "journal_check.h"
-#include "journal_keep.h"
-#include "journal_play.h"
-#include "journal_seal.h"
-#include "output.h"
+#include "record/output.h"
+#include "run/bus_make.h"
+#include "run/journal.h"
+#include "run/journal_check.h"
+#include "run/journal_keep.h"
+#include "run/journal_play.h"
+#include "run/journal_seal.h"
 
 #include <inttypes.h>
 #include <setjmp.h>

@@ -11,8 +11,8 @@
 
 #include <cmocka.h>
 
-#include "netdev.h"
-#include "port_kind.h"
+#include "port/kind.h"
+#include "port/netdev.h"
 
 /* As Linux 6.1 writes it, with a name that is as long as can be. */
 static void counters_are_read_by_name(void **state)

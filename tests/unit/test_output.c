@@ -2,7 +2,7 @@
  *
  * test_output.c - events as JSON lines, candump logs and statistics, as the contract shows them.
  */
-#include "output.h"
+#include "record/output.h"
 
 #include <jansson.h>
 #include <setjmp.h>

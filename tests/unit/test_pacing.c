@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "pacing.h"
+#include "engine/pacing.h"
 
 #define MS INT64_C(1000000)
 #define S (1000 * MS)

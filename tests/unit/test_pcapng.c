@@ -2,11 +2,11 @@
  *
  * test_pcapng.c - captures that are written: their bytes, and what our own reader makes of them.
  */
-#include "pcapng.h"
+#include "record/pcapng.h"
 
-#include "errframe.h"
-#include "text.h"
-#include "trace_read.h"
+#include "base/text.h"
+#include "port/errframe.h"
+#include "trace/read.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -4,8 +4,8 @@
  */
 #include "rig.h"
 
-#include "engine.h"
-#include "portname.h"
+#include "config/portname.h"
+#include "engine/engine.h"
 
 #include <errno.h>
 #include <fcntl.h>

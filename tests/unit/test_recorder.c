@@ -6,8 +6,8 @@
  * A limit of file size stands for a full disk: a write then gets some of the bytes into the file,
  * and the next one fails.
  */
-#include "recorder.h"
-#include "text.h"
+#include "base/text.h"
+#include "record/recorder.h"
 
 #include <errno.h>
 #include <inttypes.h>

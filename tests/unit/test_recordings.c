@@ -5,7 +5,7 @@
  * Their threads get write() and close() of this file, which can hang; so can the wait for them,
  * which then has no time to pass.
  */
-#include "recordings.h"
+#include "serve/recordings.h"
 
 #include <errno.h>
 #include <pthread.h>

@@ -2,7 +2,7 @@
  *
  * test_text.c - frames, filters, numbers, times and positions as text.
  */
-#include "text.h"
+#include "base/text.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -5,10 +5,10 @@
  *
  * Runs at the top of the source tree. tests/traces/candump was written by candump itself.
  */
-#include "replay.h"
-#include "text.h"
-#include "trace_format.h"
-#include "trace_read.h"
+#include "base/text.h"
+#include "run/replay.h"
+#include "trace/format.h"
+#include "trace/read.h"
 
 #include <inttypes.h>
 #include <setjmp.h>

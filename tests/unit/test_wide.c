@@ -2,7 +2,7 @@
  *
  * test_wide.c - numbers of 128 bits: products, sums and quotients at the edges and at random.
  */
-#include "wide.h"
+#include "base/wide.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -4,7 +4,7 @@
  */
 #include "realtime.h"
 
-#include "engine.h"
+#include "engine/engine.h"
 
 #include <signal.h>
 #include <stdio.h>

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * alarm.c - a timer for one moment of CLOCK_MONOTONIC, which is only set when that moment is
+ * another one.
+ */
+#include "base/alarm.h"
+
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#define NS_PER_S INT64_C(1000000000)
+
+bool alarm_open(wake_alarm *a)
+{
+    *a = ALARM_CLOSED;
+    a->fd = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
+    return a->fd >= 0;
+}
+
+void alarm_close(wake_alarm *a)
+{
+    if (a->fd >= 0)
+        (void)close(a->fd);
+    *a = ALARM_CLOSED;
+}
+
+/* All zeros would switch it off. */
+static struct timespec time_of(int64_t ns)
+{
+    if (ns == ALARM_NEVER)
+        return (struct timespec){.tv_sec = 0};
+    if (ns < 1)
+        ns = 1;
+    return (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = (long)(ns % NS_PER_S)};
+}
+
+bool alarm_set(wake_alarm *a, int64_t at_ns)
+{
+    const struct itimerspec at = {.it_value = time_of(at_ns)};
+    if (at_ns == a->at_ns)
+        return true;
+    if (timerfd_settime(a->fd, TFD_TIMER_ABSTIME, &at, NULL) != 0)
+        return false;
+    a->at_ns = at_ns;
+    return true;
+}
+
+bool alarm_take(wake_alarm *a)
+{
+    uint64_t expirations;
+    if (read(a->fd, &expirations, sizeof expirations) != sizeof expirations)
+        return false;
+    a->at_ns = ALARM_NEVER;
+    return true;
+}

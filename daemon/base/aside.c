@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * aside.c - has something done beside the bus that may hang, as reading a file of a network may.
+ */
+#include "base/aside.h"
+
+#include "base/thread.h"
+
+#include <errno.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdlib.h>
+
+struct aside {
+    struct ev_loop *loop;
+    const aside_calls *calls;
+    void *task;
+    void *user;
+    ev_async news;
+    ev_timer limit;
+    pthread_mutex_t lock; /* of all below */
+    bool ready;
+    bool left; /* nobody waits any more: the thread frees all */
+};
+
+static atomic_uint left_alone;
+
+static void free_aside(aside *a)
+{
+    (void)pthread_mutex_destroy(&a->lock);
+    free(a);
+}
+
+static void *run(void *argument)
+{
+    aside *a = argument;
+    a->calls->work(a->task);
+    (void)pthread_mutex_lock(&a->lock);
+    const bool left = a->left;
+    a->ready = true;
+    if (!left)
+        ev_async_send(a->loop, &a->news); /* under the lock: the loop is still there */
+    (void)pthread_mutex_unlock(&a->lock);
+    if (!left)
+        return NULL;
+    a->calls->drop(a->task);
+    free_aside(a);
+    left_alone--;
+    return NULL;
+}
+
+static void stop_watchers(aside *a)
+{
+    ev_async_stop(a->loop, &a->news);
+    ev_timer_stop(a->loop, &a->limit);
+}
+
+/* The lock is had once more, so that the thread is out of it. */
+static void on_news(struct ev_loop *loop, ev_async *news, int events)
+{
+    (void)loop;
+    (void)events;
+    aside *a = news->data;
+    const aside_calls *calls = a->calls;
+    void *user = a->user;
+    void *task = a->task;
+    (void)pthread_mutex_lock(&a->lock);
+    (void)pthread_mutex_unlock(&a->lock);
+    stop_watchers(a);
+    free_aside(a);
+    calls->done(user, task);
+}
+
+static void on_limit(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    aside *a = timer->data;
+    const aside_calls *calls = a->calls;
+    void *user = a->user;
+    aside_leave(a);
+    calls->late(user);
+}
+
+aside *aside_start(struct ev_loop *loop, const aside_calls *calls, void *task, void *user,
+                   double limit_s)
+{
+    aside *a = calloc(1, sizeof *a);
+    if (!a)
+        return NULL;
+    *a = (aside){.loop = loop, .calls = calls, .task = task, .user = user};
+    (void)pthread_mutex_init(&a->lock, NULL);
+    ev_async_init(&a->news, on_news);
+    ev_now_update(loop); /* or the limit would begin where a long callback did */
+    ev_timer_init(&a->limit, on_limit, limit_s, 0.0);
+    a->news.data = a;
+    a->limit.data = a;
+    ev_async_start(loop, &a->news);
+    ev_timer_start(loop, &a->limit);
+    int error = thread_start_alone(run, a);
+    if (error == 0)
+        return a;
+    stop_watchers(a);
+    free_aside(a);
+    errno = error;
+    return NULL;
+}
+
+void aside_leave(aside *a)
+{
+    if (!a)
+        return;
+    stop_watchers(a);
+    (void)pthread_mutex_lock(&a->lock);
+    const bool ready = a->ready; /* the thread has left the task to the loop */
+    a->left = true;
+    if (!ready)
+        left_alone++;
+    (void)pthread_mutex_unlock(&a->lock);
+    if (!ready)
+        return;
+    a->calls->drop(a->task);
+    free_aside(a);
+}
+
+unsigned aside_left(void)
+{
+    return left_alone;
+}

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * buffer.c - bytes that wait, first in, first out, in memory that grows and shrinks.
+ */
+#include "base/buffer.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SIZE_MIN 4096u
+#define SIZE_KEPT 65536u /* of an empty buffer; a larger one gives its memory back */
+
+/* Moving is paid for by the bytes taken before: it waits until they are half of the memory. */
+static void move_to_front(buffer *self)
+{
+    if (self->begin == 0 || self->begin < self->size / 2)
+        return;
+    memmove(self->data, buffer_first(self), buffer_length(self));
+    self->end -= self->begin;
+    self->begin = 0;
+}
+
+bool buffer_reserve(buffer *self, size_t count)
+{
+    if (count <= self->size - self->end)
+        return true;
+    move_to_front(self);
+    size_t size = self->size > SIZE_MIN ? self->size : SIZE_MIN;
+    while (size - self->end < count)
+        size *= 2;
+    if (size == self->size)
+        return true;
+    char *data = realloc(self->data, size);
+    if (!data)
+        return false;
+    self->data = data;
+    self->size = size;
+    return true;
+}
+
+bool buffer_append(buffer *self, const char *bytes, size_t count)
+{
+    if (!buffer_reserve(self, count))
+        return false;
+    if (count > 0)
+        memcpy(self->data + self->end, bytes, count);
+    self->end += count;
+    return true;
+}
+
+void buffer_take(buffer *self, size_t count)
+{
+    assert(count <= buffer_length(self));
+    self->begin += count;
+    if (self->begin < self->end)
+        return;
+    self->begin = 0;
+    self->end = 0;
+    if (self->size > SIZE_KEPT)
+        buffer_free(self);
+}
+
+void buffer_free(buffer *self)
+{
+    free(self->data);
+    *self = (buffer){.data = NULL};
+}

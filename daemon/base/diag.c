@@ -1,0 +1,158 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * diag.c - collects the errors of a file and of those that it names, prints them in their order.
+ */
+#include "base/diag.h"
+
+#include "base/plain.h"
+
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+static bool is_repeated(const diag *self, const diag_message *message);
+static int compare(const void *a, const void *b);
+static void print_message(const diag_message *message, FILE *out);
+static void __attribute__((format(printf, 2, 3))) print_line(FILE *out, const char *format, ...);
+
+/* Takes over the text, which is NULL when there is no memory. */
+static void keep(diag *self, diag_message message)
+{
+    message.file = self->file;
+    message.number = self->count;
+    self->messages[self->count] = message;
+    if (is_repeated(self, &message))
+        free(message.text);
+    else
+        self->count++;
+}
+
+static void add(diag *self, diag_message message)
+{
+    self->errors++;
+    if (self->count < DIAG_MAX) {
+        keep(self, message);
+        return;
+    }
+    self->overflow = true;
+    free(message.text);
+}
+
+void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
+{
+    diag_message message = {.line = line, .column = column};
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&message.text, format, args) < 0)
+        message.text = NULL;
+    va_end(args);
+    add(self, message);
+}
+
+void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
+{
+    diag_message message = {.line = line, .column = column, .warning = true};
+    va_list args;
+
+    if (self->warnings == DIAG_WARNINGS_MAX || self->count == DIAG_MAX)
+        return;
+    va_start(args, format);
+    if (vasprintf(&message.text, format, args) < 0)
+        message.text = NULL;
+    va_end(args);
+    self->warnings++;
+    keep(self, message);
+}
+
+void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
+{
+    add(self, (diag_message){
+                  .line = line, .column = column, .elsewhere = true, .text = strdup(text)});
+}
+
+diag_file diag_enter(diag *self, const char *name, size_t number)
+{
+    diag_file before = self->file;
+
+    self->file = (diag_file){.name = name, .number = number};
+    return before;
+}
+
+void diag_flush(diag *self, FILE *out)
+{
+    qsort(self->messages, self->count, sizeof self->messages[0], compare);
+    for (size_t i = 0; i < self->count; i++) {
+        if (self->errors == 0 || !self->messages[i].warning)
+            print_message(&self->messages[i], out);
+        free(self->messages[i].text);
+    }
+    if (self->overflow)
+        print_line(out, "%s: there are more errors, only %d are shown", self->file.name, DIAG_MAX);
+    self->errors = 0;
+    self->warnings = 0;
+    self->count = 0;
+    self->overflow = false;
+}
+
+/* A profile that is loaded twice has its errors twice. */
+static bool is_repeated(const diag *self, const diag_message *message)
+{
+    for (size_t i = 0; i < self->count; i++) {
+        const diag_message *other = &self->messages[i];
+
+        if (other->line == message->line && other->column == message->column && other->text &&
+            message->text && strcmp(other->text, message->text) == 0 &&
+            strcmp(other->file.name, message->file.name) == 0)
+            return true;
+    }
+    return false;
+}
+
+static int order(size_t a, size_t b)
+{
+    return (a > b) - (a < b);
+}
+
+static int compare(const void *a, const void *b)
+{
+    const diag_message *x = a;
+    const diag_message *y = b;
+    int result = order(x->file.number, y->file.number);
+
+    if (result == 0)
+        result = order(x->line, y->line);
+    if (result == 0)
+        result = order(x->column, y->column);
+    return result != 0 ? result : order(x->number, y->number);
+}
+
+/* One line: names of files and texts of clients may have anything in them. */
+static void print_line(FILE *out, const char *format, ...)
+{
+    char *line = NULL;
+    va_list args;
+
+    va_start(args, format);
+    int length = vasprintf(&line, format, args);
+    va_end(args);
+    if (length < 0)
+        line = NULL;
+    if (line)
+        plain_make(line, '?');
+    fprintf(out, "%s\n", line ? line : "out of memory");
+    free(line);
+}
+
+static void print_message(const diag_message *message, FILE *out)
+{
+    const char *text = message->text ? message->text : "out of memory";
+
+    if (message->elsewhere && message->text)
+        print_line(out, "%s", text);
+    else if (message->line == 0)
+        print_line(out, "%s: %s", message->file.name, text);
+    else
+        print_line(out, "%s:%zu:%zu: %s%s", message->file.name, message->line, message->column,
+                   message->warning ? "warning: " : "", text);
+}

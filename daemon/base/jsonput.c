@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * jsonput.c - fills JSON objects and arrays, writes them.
+ */
+#include "base/jsonput.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static _Noreturn void end_without_memory(void)
+{
+    fputs("canwire: out of memory\n", stderr);
+    exit(EXIT_FAILURE);
+}
+
+static void *allocate(size_t size)
+{
+    void *memory = malloc(size);
+    if (!memory)
+        end_without_memory();
+    return memory;
+}
+
+void json_must_have_memory(void)
+{
+    json_set_alloc_funcs(allocate, free);
+}
+
+void put(json_t *object, const char *key, json_t *value)
+{
+    if (json_object_set_new(object, key, value) != 0)
+        end_without_memory();
+}
+
+void put_last(json_t *array, json_t *value)
+{
+    if (json_array_append_new(array, value) != 0)
+        end_without_memory();
+}
+
+void put_out(FILE *out, const json_t *value)
+{
+    (void)json_dumpf(value, out, JSON_INDENT(2) | JSON_PRESERVE_ORDER);
+    fputc('\n', out);
+}
+
+void put_count(json_t *object, const char *key, uint64_t value)
+{
+    put(object, key, json_integer(value > INT64_MAX ? INT64_MAX : (json_int_t)value));
+}
+
+void put_ticks(json_t *object, const char *key, uint64_t ticks)
+{
+    uint64_t pairs = ticks / 2;
+
+    put_count(object, key, pairs > INT64_MAX / 25 ? INT64_MAX : pairs * 25 + ticks % 2 * 25 / 2);
+}
+
+void put_bool(json_t *object, const char *key, bool value)
+{
+    put(object, key, json_boolean(value));
+}
+
+void put_text(json_t *object, const char *key, const char *text)
+{
+    put(object, key, text ? text_to_json(text, strlen(text)) : json_null());
+}
+
+void put_text_last(json_t *array, const char *text)
+{
+    put_last(array, text_to_json(text, strlen(text)));
+}
+
+json_t *text_to_json(const char *text, size_t length)
+{
+    json_t *value = json_stringn(text, length);
+    if (value)
+        return value;
+    char *ascii = malloc(length + 1);
+    if (!ascii)
+        end_without_memory();
+    memcpy(ascii, text, length);
+    for (size_t i = 0; i < length; i++)
+        if ((unsigned char)text[i] >= 0x80)
+            ascii[i] = '?';
+    value = json_stringn(ascii, length);
+    free(ascii);
+    return value;
+}

@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * log.c - messages: to the journal where standard error leads there, else to standard error.
+ *
+ * Through standard error the journal gets no fields, and a journal that does not read would hold up
+ * the bus: so a message is a datagram of systemd's journal protocol, sent without waiting.
+ */
+#include "base/log.h"
+
+#include "base/plain.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <pthread.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+
+#define MESSAGE_BYTES 512u
+#define NAME_BYTES 64u
+#define RECORD_BYTES (MESSAGE_BYTES + 400u) /* with all fields */
+
+static const struct sockaddr_un journal_address = {
+    .sun_family = AF_UNIX,
+    .sun_path = "/run/systemd/journal/socket",
+};
+
+typedef enum priority { ERROR = 3, WARNING = 4, INFO = 6 } priority; /* of syslog(3) */
+
+typedef struct message {
+    priority priority;
+    const char *node; /* or NULL */
+    char text[MESSAGE_BYTES];
+} message;
+
+static struct {
+    pthread_once_t once;
+    int journal; /* -1: messages go to standard error */
+    char bus[NAME_BYTES];
+    atomic_uint lost;
+} state = {.once = PTHREAD_ONCE_INIT, .journal = -1};
+
+/* ---- Journal --------------------------------------------------------------------------------- */
+
+/* Whether standard error is what systemd has connected to the journal, and not something that was
+ * put in its place. */
+static bool leads_to_journal(void)
+{
+    const char *stream = getenv("JOURNAL_STREAM");
+    uintmax_t device, inode;
+    struct stat own;
+    return stream && sscanf(stream, "%ju:%ju", &device, &inode) == 2 && fstat(2, &own) == 0 &&
+           own.st_dev == device && own.st_ino == inode;
+}
+
+static void open_journal(void)
+{
+    if (leads_to_journal())
+        state.journal = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+}
+
+/* "KEY=value\n", or nothing where there is no value. Values are short enough. */
+static size_t add_field(char record[RECORD_BYTES], size_t used, const char *key, const char *value)
+{
+    if (!value || !*value)
+        return used;
+    int length = snprintf(record + used, RECORD_BYTES - used, "%s=%s\n", key, value);
+    return used + (size_t)length < RECORD_BYTES ? used + (size_t)length : used;
+}
+
+/* Returns 0 or an errno. */
+static int send_record(const message *m)
+{
+    char record[RECORD_BYTES];
+    char number[] = {(char)('0' + m->priority), '\0'};
+    size_t size = add_field(record, 0, "MESSAGE", m->text);
+    size = add_field(record, size, "PRIORITY", number);
+    size = add_field(record, size, "SYSLOG_IDENTIFIER", "canwired");
+    size = add_field(record, size, "CANWIRE_BUS", state.bus);
+    size = add_field(record, size, "CANWIRE_NODE", m->node);
+    return sendto(state.journal, record, size, MSG_DONTWAIT | MSG_NOSIGNAL,
+                  (const struct sockaddr *)&journal_address, sizeof journal_address) < 0
+               ? errno
+               : 0;
+}
+
+/* Before the message that comes next. */
+static void tell_lost(void)
+{
+    unsigned lost = atomic_exchange(&state.lost, 0);
+    message m = {.priority = WARNING};
+    if (lost == 0)
+        return;
+    (void)snprintf(m.text, sizeof m.text, "%u messages lost, the journal did not take them", lost);
+    if (send_record(&m) != 0)
+        atomic_fetch_add(&state.lost, lost);
+}
+
+static void send_message(const message *m)
+{
+    tell_lost();
+    int number = send_record(m);
+    if (number == EAGAIN || number == ENOBUFS)
+        atomic_fetch_add(&state.lost, 1);
+    else if (number != 0) /* it is not there at all */
+        fprintf(stderr, "<%d>%s\n", (int)m->priority, m->text);
+}
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+static const char *word(priority p)
+{
+    switch (p) {
+    case ERROR:
+        return "error: ";
+    case WARNING:
+        return "warning: ";
+    case INFO:
+        break;
+    }
+    return "";
+}
+
+/* One write a message, so that lines of several threads do not mix. */
+static void put(message *m)
+{
+    (void)pthread_once(&state.once, open_journal);
+    plain_make(m->text, ' ');
+    if (state.journal < 0)
+        fprintf(stderr, "canwired: %s%s\n", word(m->priority), m->text);
+    else
+        send_message(m);
+}
+
+static void __attribute__((format(printf, 3, 0)))
+print(priority p, const char *node, const char *format, va_list args)
+{
+    message m = {.priority = p, .node = node};
+    int used = node ? snprintf(m.text, sizeof m.text, "node %.*s: ", (int)NAME_BYTES, node) : 0;
+    (void)vsnprintf(m.text + used, sizeof m.text - (size_t)used, format, args);
+    put(&m);
+}
+
+void log_set_bus(const char *bus)
+{
+    (void)snprintf(state.bus, sizeof state.bus, "%s", bus);
+}
+
+void log_info(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(INFO, NULL, format, args);
+    va_end(args);
+}
+
+void log_warning(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(WARNING, NULL, format, args);
+    va_end(args);
+}
+
+void log_error(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(ERROR, NULL, format, args);
+    va_end(args);
+}
+
+void log_node_info(const char *node, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(INFO, node, format, args);
+    va_end(args);
+}
+
+void log_node_warning(const char *node, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(WARNING, node, format, args);
+    va_end(args);
+}
+
+void log_node_error(const char *node, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print(ERROR, node, format, args);
+    va_end(args);
+}
+
+/* Complete lines: to standard error as they are, each a message in the journal. */
+static void tell_lines(const char *lines, void (*tell)(const char *format, ...))
+{
+    (void)pthread_once(&state.once, open_journal);
+    if (state.journal < 0) {
+        fputs(lines, stderr);
+        return;
+    }
+    for (size_t length; *lines; lines += length + (lines[length] == '\n')) {
+        length = strcspn(lines, "\n");
+        tell("%.*s", (int)length, lines);
+    }
+}
+
+void log_warnings(const char *lines)
+{
+    tell_lines(lines, log_warning);
+}
+
+void log_as_is(const char *lines)
+{
+    tell_lines(lines, log_error);
+}

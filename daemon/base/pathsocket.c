@@ -1,0 +1,228 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pathsocket.c - a Unix socket that listens at a path: for the daemon's group, and removed at the
+ * end.
+ */
+#include "base/pathsocket.h"
+
+#include "base/lockfile.h"
+#include "base/log.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <grp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#define GROUP "canwire"
+
+static bool is_socket(const folder *in)
+{
+    struct stat found;
+    return fstatat(in->fd, in->name, &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(found.st_mode);
+}
+
+/* Whether a socket is at the path that nobody listens at. One of another type is in use. */
+static bool is_stale(const pathsocket *s, const struct sockaddr_un *address, int type)
+{
+    if (!is_socket(&s->folder))
+        return false;
+    int fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
+                 errno == ECONNREFUSED;
+    if (fd >= 0)
+        (void)close(fd);
+    return stale;
+}
+
+/* Returns 0 or an errno. The mask makes the socket 0660 from its first moment on. */
+static int bind_once(int fd, const struct sockaddr_un *address)
+{
+    mode_t mask = umask(S_IXUSR | S_IXGRP | S_IRWXO);
+    int result = bind(fd, (const struct sockaddr *)address, sizeof *address);
+    int number = result == 0 ? 0 : errno;
+    (void)umask(mask);
+    return number;
+}
+
+static const char *explain(const pathsocket *s, int number)
+{
+    if (number == EBUSY || (number == EADDRINUSE && is_socket(&s->folder)))
+        return "in use; is another canwired running for this bus?";
+    if (number == EADDRINUSE)
+        return "there is something that is no socket";
+    if (number == ENAMETOOLONG)
+        return "the path is too long for a socket";
+    if (number == ELOOP || number == EINVAL)
+        return "its lock, the path with .lock behind it, is no regular file";
+    if (number == ESTALE)
+        return "somebody else has changed the directory meanwhile";
+    return number == ENOENT ? "the directory does not exist" : strerror(number);
+}
+
+/* Without the group the socket is for the daemon's own user and group. */
+static void give_to_group(const pathsocket *s, int made, gid_t now, const char *what)
+{
+    const struct group *group = getgrnam(GROUP);
+    if (group && group->gr_gid != now &&
+        fchownat(made, "", (uid_t)-1, group->gr_gid, AT_EMPTY_PATH) != 0)
+        log_warning("%s %s: cannot give it to the group " GROUP ": %s", what, s->path,
+                    strerror(errno));
+}
+
+/* What bind() has made is looked at, and given away, through a descriptor: where others may write
+ * to the directory, the path can be anything a moment later. Returns 0 or an errno. */
+static int take_made(pathsocket *s, const char *what)
+{
+    struct stat found;
+    int made = openat(s->folder.fd, s->folder.name, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    if (made < 0)
+        return ESTALE;
+    bool own = fstat(made, &found) == 0 && S_ISSOCK(found.st_mode) &&
+               found.st_uid == geteuid() && found.st_nlink == 1;
+    if (own) {
+        s->made = true;
+        s->device = found.st_dev;
+        s->inode = found.st_ino;
+        give_to_group(s, made, found.st_gid, what);
+    }
+    (void)close(made);
+    return own ? 0 : ESTALE;
+}
+
+/* With the lock: who has bound a socket here, and does not listen, is gone. */
+static int bind_path(const pathsocket *s, int type, const char *what)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    memcpy(address.sun_path, s->path, strlen(s->path));
+    int number = bind_once(s->fd, &address);
+    if (number == EADDRINUSE && is_stale(s, &address, type)) {
+        log_info("%s %s: replacing the socket of a canwired that is gone", what, s->path);
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
+        number = bind_once(s->fd, &address);
+    }
+    return number;
+}
+
+/* 0 or the number of what went wrong. */
+static int open_path(pathsocket *s, int type, int backlog, const char *what)
+{
+    struct sockaddr_un address;
+    if (!s->path)
+        return ENOMEM;
+    if (strlen(s->path) >= sizeof address.sun_path)
+        return ENAMETOOLONG;
+    int number = folder_open(&s->folder, s->path);
+    if (number == 0)
+        number = lockfile_take(&s->lock, &s->folder);
+    if (number != 0)
+        return number;
+    s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s->fd < 0)
+        return errno;
+    number = bind_path(s, type, what);
+    if (number == 0)
+        number = take_made(s, what);
+    if (number != 0)
+        return number;
+    return listen(s->fd, backlog) == 0 ? 0 : errno;
+}
+
+bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
+                     char error[PATHSOCKET_ERROR_MAX])
+{
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->path = strdup(path);
+    int number = open_path(s, type, backlog, what);
+    if (number != 0)
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, number));
+    return number == 0;
+}
+
+/* ---- A socket that is there ------------------------------------------------------------------ */
+
+static bool is_same_place(const char *a, const char *b)
+{
+    struct stat in_a;
+    struct stat in_b;
+    return strcmp(a, b) == 0 ||
+           (stat(a, &in_a) == 0 && stat(b, &in_b) == 0 && in_a.st_dev == in_b.st_dev &&
+            in_a.st_ino == in_b.st_ino);
+}
+
+/* The path that it is at, to be freed; empty: none. NULL with errno set. */
+static char *path_of(int fd)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    socklen_t size = sizeof address - 1; /* there is a 0 behind it */
+    return getsockname(fd, (struct sockaddr *)&address, &size) == 0 ? strdup(address.sun_path)
+                                                                   : NULL;
+}
+
+/* Where this user may not make a lock, who made the socket is to see that it is the only one. */
+static bool lock_adopted(pathsocket *s)
+{
+    if (*s->path == '\0' || folder_open(&s->folder, s->path) != 0)
+        return true;
+    return lockfile_take(&s->lock, &s->folder) != EBUSY;
+}
+
+/* It listens already. By listening once more it is this process that clients see at the other end
+ * (SO_PEERCRED), as `canwire reload --pid` looks for, and no longer who made the socket. */
+static bool prepare(int fd, int backlog)
+{
+    int flags = fcntl(fd, F_GETFL);
+    return flags >= 0 && fcntl(fd, F_SETFL, flags | O_NONBLOCK) == 0 &&
+           fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && listen(fd, backlog) == 0;
+}
+
+static bool refuse(char error[PATHSOCKET_ERROR_MAX], const char *why)
+{
+    (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", why);
+    return false;
+}
+
+bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
+                      char error[PATHSOCKET_ERROR_MAX])
+{
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->fd = fd;
+    s->path = path_of(fd);
+    if (!s->path)
+        return refuse(error, strerror(errno));
+    if (path && !is_same_place(path, s->path)) {
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
+                       *s->path ? s->path : "a place without a path");
+        return false;
+    }
+    if (!lock_adopted(s))
+        return refuse(error, explain(s, EBUSY));
+    return prepare(fd, backlog) || refuse(error, strerror(errno));
+}
+
+/* ---- The end --------------------------------------------------------------------------------- */
+
+/* Not the socket of a daemon that has taken the place. */
+static void remove_path(const pathsocket *s)
+{
+    struct stat now;
+    if (s->made && fstatat(s->folder.fd, s->folder.name, &now, AT_SYMLINK_NOFOLLOW) == 0 &&
+        now.st_ino == s->inode && now.st_dev == s->device)
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
+}
+
+/* The lock is the last to go. */
+void pathsocket_close(pathsocket *s)
+{
+    remove_path(s);
+    if (s->fd >= 0)
+        (void)close(s->fd);
+    lockfile_release(s->lock, &s->folder);
+    folder_close(&s->folder);
+    free(s->path);
+    *s = (pathsocket)PATHSOCKET_NONE;
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * plain.c - text of others, before it is shown: on one line, nothing in it that a terminal obeys.
+ */
+#include "base/plain.h"
+
+#include <stddef.h>
+
+/* Bytes that a character of this first byte has; 0: none begins so. */
+static size_t size_of(unsigned char first)
+{
+    if (first < 0x80)
+        return 1;
+    if (first >= 0xC2 && first <= 0xDF)
+        return 2;
+    if (first >= 0xE0 && first <= 0xEF)
+        return 3;
+    return first >= 0xF0 && first <= 0xF4 ? 4 : 0;
+}
+
+/* The bytes of the character that begins here, 0: it is none, or one that controls something. */
+static size_t shown_size(const unsigned char *text)
+{
+    size_t size = size_of(*text);
+    if (*text < ' ' || *text == 0x7F || (*text == 0xC2 && text[1] >= 0x80 && text[1] <= 0x9F))
+        return 0;
+    for (size_t i = 1; i < size; i++)
+        if ((text[i] & 0xC0) != 0x80) /* the end of the text is none, either */
+            return 0;
+    return size;
+}
+
+void plain_make(char *text, char instead)
+{
+    while (*text) {
+        size_t size = shown_size((const unsigned char *)text);
+        if (size == 0)
+            *text = instead;
+        text += size == 0 ? 1 : size;
+    }
+}

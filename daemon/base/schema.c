@@ -1,0 +1,430 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * schema.c - walks a YAML document by tables of keys, into plain structs.
+ */
+#include "base/schema.h"
+
+#include "base/plain.h"
+#include "base/text.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SHOWN_MAX 40 /* bytes of a value that a message shows */
+
+static const schema_choice booleans[] = {
+    {.name = "on", .value = true},
+    {.name = "off", .value = false},
+    {.name = "yes", .value = true},
+    {.name = "no", .value = false},
+    {.name = "true", .value = true},
+    {.name = "false", .value = false},
+    {.name = NULL},
+};
+
+static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
+                       const schema_key *keys);
+static const char *allowed_keys(schema *self, const schema_key *keys);
+static const char *scalar_text(const yaml_node_t *node);
+static const char *shown(schema *self, const yaml_node_t *node);
+static const char *allowed_choices(schema *self, const schema_choice *choices);
+static void store_uint(void *target, size_t bytes, uint64_t value);
+static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
+                          size_t max);
+
+void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
+                void *object)
+{
+    if (map->type != YAML_MAPPING_NODE) {
+        schema_complain(self, map, "%s: expected a map with the keys %s, not %s", what,
+                        allowed_keys(self, keys), shown(self, map));
+        return;
+    }
+    bool complete = check_keys(self, what, map, keys);
+    for (const schema_key *key = keys; key->name; key++) {
+        yaml_node_t *value = schema_find(self, map, key->name);
+
+        if (value && key->read && !schema_is_open(self, value))
+            key->read(self, key, value, object);
+        else if (!value && key->required && complete)
+            schema_complain(self, map, "%s: the key '%s' is missing", what, key->name);
+    }
+}
+
+void *schema_member(const schema_key *key, void *object)
+{
+    return (char *)object + key->offset;
+}
+
+bool schema_is_open(const schema *self, const yaml_node_t *value)
+{
+    const char *text = scalar_text(value);
+
+    return self->has_open && text && *text == SCHEMA_OPEN;
+}
+
+bool schema_is_null(const yaml_node_t *value)
+{
+    if (value->type != YAML_SCALAR_NODE || value->data.scalar.style != YAML_PLAIN_SCALAR_STYLE)
+        return false;
+
+    const char *text = (const char *)value->data.scalar.value;
+    return *text == '\0' || strcmp(text, "~") == 0 || strcmp(text, "null") == 0;
+}
+
+yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i)
+{
+    const yaml_node_pair_t *pair = map->data.mapping.pairs.start + i;
+
+    if (pair >= map->data.mapping.pairs.top)
+        return NULL;
+    *value = yaml_document_get_node(self->document, pair->value);
+    return yaml_document_get_node(self->document, pair->key);
+}
+
+yaml_node_t *schema_find(schema *self, const yaml_node_t *map, const char *name)
+{
+    const yaml_node_pair_t *end = map->data.mapping.pairs.top;
+
+    for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start; pair < end; pair++) {
+        const char *text = scalar_text(yaml_document_get_node(self->document, pair->key));
+        if (text && strcmp(text, name) == 0)
+            return yaml_document_get_node(self->document, pair->value);
+    }
+    return NULL;
+}
+
+const char *schema_text(schema *self, const schema_key *key, const yaml_node_t *value,
+                        const char *expected)
+{
+    const char *text = scalar_text(value);
+
+    if (text && *text)
+        return text;
+    schema_expected(self, key, value, expected);
+    return NULL;
+}
+
+size_t schema_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
+                    size_t max)
+{
+    if (list->type == YAML_SEQUENCE_NODE)
+        return clamp_count(self, key, list, min, max);
+    schema_expected(self, key, list, "a list");
+    return 0;
+}
+
+size_t schema_count_one(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
+                        size_t max)
+{
+    if (list->type == YAML_SEQUENCE_NODE)
+        return clamp_count(self, key, list, min, max);
+    return 1;
+}
+
+yaml_node_t *schema_item(schema *self, yaml_node_t *list, size_t i)
+{
+    if (list->type != YAML_SEQUENCE_NODE)
+        return list;
+    return yaml_document_get_node(self->document, list->data.sequence.items.start[i]);
+}
+
+bool schema_choose(schema *self, unsigned *out, const schema_key *key, const yaml_node_t *value,
+                   const schema_choice *choices)
+{
+    const char *text = scalar_text(value);
+    const schema_choice *choice = choices;
+
+    while (choice->name && (!text || strcmp(text, choice->name) != 0))
+        choice++;
+    if (choice->name) {
+        *out = choice->value;
+        return true;
+    }
+    schema_complain(self, value, "%s: expected one of %s, not %s", key->name,
+                    allowed_choices(self, choices), shown(self, value));
+    return false;
+}
+
+bool schema_choose_bool(schema *self, bool *out, const schema_key *key, const yaml_node_t *value)
+{
+    unsigned choice;
+
+    if (!schema_choose(self, &choice, key, value, booleans))
+        return false;
+    *out = choice;
+    return true;
+}
+
+void schema_read_uint(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const schema_range *range = key->arg;
+    const char *text = scalar_text(value);
+    uint64_t number = 0;
+    const char *problem = text && *text ? text_parse_uint(&number, text) : "";
+
+    if (!problem && number >= range->min && number <= range->max) {
+        store_uint(schema_member(key, object), range->bytes, number);
+        return;
+    }
+    schema_complain(
+        self, value, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64 ", not %s%s%s%s",
+        key->name, range->min, range->max, shown(self, value), problem && *problem ? " (" : "",
+        problem ? problem : "", problem && *problem ? ")" : "");
+}
+
+void schema_read_bool(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_choose_bool(self, schema_member(key, object), key, value);
+}
+
+void schema_read_choice(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_choose(self, schema_member(key, object), key, value, key->arg);
+}
+
+void schema_complain(schema *self, const yaml_node_t *at, const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0)
+        text = NULL;
+    va_end(args);
+    diag_add(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, "%s",
+             text ? text : "out of memory");
+    free(text);
+}
+
+void schema_warn(schema *self, const yaml_node_t *at, const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+
+    va_start(args, format);
+    if (vasprintf(&text, format, args) < 0)
+        text = NULL;
+    va_end(args);
+    diag_warn(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, "%s",
+              text ? text : "out of memory");
+    free(text);
+}
+
+void schema_complain_elsewhere(schema *self, const yaml_node_t *at, const char *text)
+{
+    diag_add_elsewhere(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, text);
+}
+
+void schema_expected(schema *self, const schema_key *key, const yaml_node_t *value,
+                     const char *expected)
+{
+    schema_complain(self, value, "%s: expected %s, not %s", key->name, expected,
+                    shown(self, value));
+}
+
+void schema_problem(schema *self, const schema_key *key, const yaml_node_t *value,
+                    const char *problem)
+{
+    if (problem)
+        schema_complain(self, value, "%s: %s: %s", key->name, shown(self, value), problem);
+}
+
+const char *schema_suggestion(schema *self, const nearest *guess)
+{
+    const char *text = "";
+
+    if (guess->best)
+        text = arena_print(self->arena, " (did you mean '%s'?)", guess->best);
+    return text ? text : "";
+}
+
+const char *schema_join(schema *self, const char *list, const char *word)
+{
+    const char *longer = arena_print(self->arena, "%s%s%s", list, *list ? ", " : "", word);
+
+    return longer ? longer : list;
+}
+
+void *schema_alloc(schema *self, size_t count, size_t size)
+{
+    void *memory = count <= SIZE_MAX / size ? arena_alloc(self->arena, count * size) : NULL;
+
+    if (!memory)
+        diag_add(self->errors, 0, 0, "out of memory");
+    return memory;
+}
+
+char *schema_copy(schema *self, const char *text)
+{
+    char *copy = schema_alloc(self, strlen(text) + 1, 1);
+
+    return copy ? strcpy(copy, text) : NULL;
+}
+
+char *schema_print(schema *self, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    char *text = arena_print_list(self->arena, format, args);
+    va_end(args);
+    if (!text)
+        diag_add(self->errors, 0, 0, "out of memory");
+    return text;
+}
+
+static const char *allowed_keys(schema *self, const schema_key *keys)
+{
+    const char *list = "";
+
+    for (; keys->name; keys++)
+        if (keys->read)
+            list = schema_join(self, list, keys->name);
+    return list;
+}
+
+static void complain_unknown(schema *self, const char *what, const yaml_node_t *name,
+                             const schema_key *keys)
+{
+    const char *text = scalar_text(name);
+    nearest guess = {.word = text ? text : ""};
+
+    if (text && strcmp(text, "<<") == 0) {
+        schema_complain(self, name, "%s: merge keys (<<) are not supported", what);
+        return;
+    }
+    for (const schema_key *key = keys; key->name; key++)
+        if (key->read)
+            nearest_consider(&guess, key->name);
+    schema_complain(self, name, "%s: unknown key %s%s; allowed: %s", what, shown(self, name),
+                    schema_suggestion(self, &guess), allowed_keys(self, keys));
+}
+
+/* Index of a key in its table; that of the end when it is unknown. */
+static size_t find_key(const schema_key *keys, const char *name)
+{
+    size_t i = 0;
+
+    while (keys[i].name && (!name || strcmp(keys[i].name, name) != 0))
+        i++;
+    return i;
+}
+
+/* Complains about unknown, refused and duplicate keys. False when one was refused: what is missing
+ * may then be part of it. */
+static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
+                       const schema_key *keys)
+{
+    size_t first_line[SCHEMA_KEYS_MAX] = {0};
+    const yaml_node_pair_t *end = map->data.mapping.pairs.top;
+    bool complete = true;
+
+    for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start;
+         pair < end && !self->errors->overflow; pair++) {
+        const yaml_node_t *name = yaml_document_get_node(self->document, pair->key);
+        size_t i = find_key(keys, scalar_text(name));
+
+        assert(i < SCHEMA_KEYS_MAX);
+        if (!keys[i].name)
+            complain_unknown(self, what, name, keys);
+        else if (first_line[i] != 0)
+            schema_complain(self, name, "%s: duplicate key '%s' (first in line %zu)", what,
+                            keys[i].name, first_line[i]);
+        else if (!keys[i].read)
+            schema_complain(self, name, "%s: the key '%s' is not supported yet; allowed: %s", what,
+                            keys[i].name, allowed_keys(self, keys));
+        if (keys[i].name && first_line[i] == 0)
+            first_line[i] = name->start_mark.line + 1;
+        complete = complete && !(keys[i].name && !keys[i].read);
+    }
+    return complete;
+}
+
+/* The text of a scalar without NUL, else NULL; "" for YAML's null. */
+static const char *scalar_text(const yaml_node_t *node)
+{
+    if (schema_is_null(node))
+        return "";
+    if (node->type != YAML_SCALAR_NODE)
+        return NULL;
+
+    const char *text = (const char *)node->data.scalar.value;
+    return strlen(text) == node->data.scalar.length ? text : NULL;
+}
+
+/* A quoted, bounded copy on one line; a cut never leaves half a UTF-8 character. */
+static const char *quoted(schema *self, const yaml_node_t *node)
+{
+    const unsigned char *text = node->data.scalar.value;
+    size_t length = node->data.scalar.length;
+    size_t kept = length < SHOWN_MAX ? length : SHOWN_MAX;
+
+    while (kept < length && kept > 0 && (text[kept] & 0xC0) == 0x80)
+        kept--;
+    char *copy = arena_print(self->arena, "'%*s'%s", (int)kept, "", kept < length ? "..." : "");
+    for (size_t i = 0; copy && i < kept; i++)
+        copy[i + 1] = (char)(text[i] ? text[i] : '?');
+    if (copy)
+        plain_make(copy, '?');
+    return copy ? copy : "?";
+}
+
+/* A value as messages name it. */
+static const char *shown(schema *self, const yaml_node_t *node)
+{
+    switch (node->type) {
+    case YAML_SCALAR_NODE:
+        return node->data.scalar.length == 0 ? "nothing" : quoted(self, node);
+    case YAML_SEQUENCE_NODE:
+        return "a list";
+    case YAML_MAPPING_NODE:
+        return "a map";
+    case YAML_NO_NODE:
+        break;
+    }
+    return "nothing";
+}
+
+static const char *allowed_choices(schema *self, const schema_choice *choices)
+{
+    const char *list = "";
+
+    for (; choices->name; choices++)
+        list = schema_join(self, list, choices->name);
+    return list;
+}
+
+static void store_uint(void *target, size_t bytes, uint64_t value)
+{
+    switch (bytes) {
+    case 1:
+        *(uint8_t *)target = (uint8_t)value;
+        break;
+    case 2:
+        *(uint16_t *)target = (uint16_t)value;
+        break;
+    case 4:
+        *(uint32_t *)target = (uint32_t)value;
+        break;
+    default:
+        assert(bytes == 8);
+        *(uint64_t *)target = value;
+        break;
+    }
+}
+
+static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
+                          size_t max)
+{
+    size_t count = (size_t)(list->data.sequence.items.top - list->data.sequence.items.start);
+
+    if (count >= min && count <= max)
+        return count;
+    schema_complain(self, list, "%s: expected %zu to %zu items, not %zu", key->name, min, max,
+                    count);
+    return count < max ? count : max;
+}

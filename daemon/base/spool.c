@@ -1,0 +1,607 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * spool.c - writes a file through a thread of its own, so that no disk ever holds up the bus.
+ *
+ * The queue is a ring of bytes: each record has its size before it; size 0 is a cut. The thread
+ * lets bytes wait a little, so that many small records are one write().
+ */
+#include "base/spool.h"
+
+#include "base/filelock.h"
+#include "base/folder.h"
+#include "base/thread.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#define HEAD (sizeof(uint32_t) + sizeof(uint64_t)) /* of a record: its size, and its stamp */
+#define PART (UINT32_C(1) << 31)     /* in its head: the next one belongs to it */
+#define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
+#define NAP_NS 20000000              /* between two writes, when there is little to write */
+#define MODE 0640 /* less the umask: what a bus carried is not for everybody */
+
+struct spool {
+    char *file;
+    folder folder; /* of the file: whatever becomes of its path, all happens there */
+    int fd;        /* locked, so that no other program rotates it */
+    uint64_t written; /* bytes of records in this file */
+    uint64_t whole;   /* ... of those that are whole with all their parts */
+    spool_news *news;
+    void *user;
+    unsigned char *batch;
+    pthread_t thread;
+    pthread_mutex_t lock; /* of all below */
+    pthread_cond_t changed;
+    unsigned files;
+    size_t first; /* of the queue */
+    size_t used;
+    bool ending;
+    bool ended;
+    bool lasting; /* no error ends it */
+    bool proven;  /* something has been written since spool_resume() */
+    uint64_t stamp; /* of what comes now */
+    uint64_t kept; /* records in the file; while there are no cuts */
+    uint64_t kept_stamp; /* of the last one of them */
+    uint64_t lost; /* records that were queued when it came to an error */
+    int error;
+    unsigned char *queue;
+};
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* "FILE.3", to be freed; number 0 is FILE itself. */
+static char *numbered(const char *file, unsigned number)
+{
+    char *name = NULL;
+    int length = number == 0 ? asprintf(&name, "%s", file) : asprintf(&name, "%s.%u", file, number);
+    return length < 0 ? NULL : name;
+}
+
+/* Returns 0 or an errno. What is not there need not be moved. */
+static int move_file(const folder *in, unsigned number)
+{
+    char *from = numbered(in->name, number);
+    char *to = numbered(in->name, number + 1);
+    int error = from && to ? 0 : ENOMEM;
+    if (error == 0 && renameat(in->fd, from, in->fd, to) != 0 && errno != ENOENT)
+        error = errno;
+    free(from);
+    free(to);
+    return error;
+}
+
+/* FILE becomes FILE.1 and so on; of `files` the oldest is no more. Returns 0 or an errno. */
+static int rotate(const folder *in, unsigned files)
+{
+    int error = 0;
+    if (files <= 1)
+        return unlinkat(in->fd, in->name, 0) == 0 || errno == ENOENT ? 0 : errno;
+    for (unsigned i = files - 1; i > 0 && error == 0; i--)
+        error = move_file(in, i - 1);
+    return error;
+}
+
+/* Whether it is the file that is being written. */
+static bool is_own(const spool *s, const struct stat *there)
+{
+    struct stat own;
+    return s->fd >= 0 && fstat(s->fd, &own) == 0 && own.st_dev == there->st_dev &&
+           own.st_ino == there->st_ino;
+}
+
+/* 0 or an errno. A socket would not be found any more, whosever it is: EINVAL. EBUSY: another
+ * program writes it. */
+static int check_other(const folder *in, const char *name)
+{
+    struct stat there;
+    if (fstatat(in->fd, name, &there, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(there.st_mode))
+        return EINVAL;
+    return filelock_probe(in->fd, name);
+}
+
+/* Of the files that are to be moved or removed, now or when it is rotated. */
+static int check_others(const spool *s, unsigned files)
+{
+    struct stat there;
+    bool found = fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0;
+    int error = 0;
+    for (unsigned i = found && is_own(s, &there) ? 1 : 0; i < files && error == 0; i++) {
+        char *name = numbered(s->folder.name, i);
+        error = name ? check_other(&s->folder, name) : ENOMEM;
+        free(name);
+    }
+    return error;
+}
+
+/* A file that is locked before it has a name, so that nobody else can have its lock. -1 where the
+ * file system has no such files. */
+static int make_locked(const folder *in)
+{
+    char path[32];
+    int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
+    if (fd < 0)
+        return -1;
+    (void)snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    if (filelock_take(fd) == 0 &&
+        linkat(AT_FDCWD, path, in->fd, in->name, AT_SYMLINK_FOLLOW) == 0)
+        return fd;
+    (void)close(fd);
+    return -1;
+}
+
+/* Another program may see it first, and be faster; then it is that one's. */
+static int make_and_lock(int *fd, const folder *in)
+{
+    *fd = openat(in->fd, in->name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
+    if (*fd < 0)
+        return errno;
+    int error = filelock_take(*fd);
+    if (error != 0)
+        (void)close(*fd);
+    return error;
+}
+
+/* Makes the file, which must not be there. Returns 0 or an errno. */
+static int make_file(spool *s)
+{
+    int fd = make_locked(&s->folder);
+    int error = fd < 0 ? make_and_lock(&fd, &s->folder) : 0;
+    if (error != 0)
+        return error;
+    s->fd = fd;
+    s->written = 0;
+    s->whole = 0;
+    return 0;
+}
+
+/* Rotates what is there, unless it is empty, and begins a file. Returns 0 or an errno. */
+static int begin_file(spool *s, unsigned files)
+{
+    struct stat there;
+    int error = check_others(s, files);
+    if (error == 0 &&
+        fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0)
+        error = S_ISREG(there.st_mode) ? rotate(&s->folder, there.st_size > 0 ? files : 1) : EINVAL;
+    return error == 0 ? make_file(s) : error;
+}
+
+static int end_file(spool *s)
+{
+    int error = s->fd >= 0 && close(s->fd) != 0 ? errno : 0;
+    s->fd = -1;
+    return error;
+}
+
+/* Returns 0 or an errno, with *done bytes written in either case. */
+static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *done)
+{
+    for (*done = 0; *done < size;) {
+        ssize_t count = write(fd, bytes + *done, size - *done);
+        if (count < 0 && errno != EINTR)
+            return errno;
+        *done += count > 0 ? (size_t)count : 0;
+    }
+    return 0;
+}
+
+/* ---- The queue ------------------------------------------------------------------------------- */
+
+static void copy_in(spool *s, const void *bytes, size_t size)
+{
+    size_t end = (s->first + s->used) % SPOOL_QUEUE_BYTES;
+    size_t part = size < SPOOL_QUEUE_BYTES - end ? size : SPOOL_QUEUE_BYTES - end;
+    memcpy(s->queue + end, bytes, part);
+    memcpy(s->queue, (const unsigned char *)bytes + part, size - part);
+    s->used += size;
+}
+
+/* Copies bytes that begin so far behind the first one. */
+static void copy_out(const spool *s, void *bytes, size_t offset, size_t size)
+{
+    size_t begin = (s->first + offset) % SPOOL_QUEUE_BYTES;
+    size_t part = size < SPOOL_QUEUE_BYTES - begin ? size : SPOOL_QUEUE_BYTES - begin;
+    memcpy(bytes, s->queue + begin, part);
+    memcpy((unsigned char *)bytes + part, s->queue, size - part);
+}
+
+static uint32_t record_size(const spool *s, size_t offset)
+{
+    uint32_t size;
+    copy_out(s, &size, offset, sizeof size);
+    return size;
+}
+
+static uint64_t record_stamp(const spool *s, size_t offset)
+{
+    uint64_t stamp;
+    copy_out(s, &stamp, offset + sizeof(uint32_t), sizeof stamp);
+    return stamp;
+}
+
+/* Records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
+static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
+{
+    size_t taken = 0;
+    *batch = 0;
+    *cut = false;
+    while (taken < used) {
+        uint32_t size = record_size(s, taken) & ~PART;
+        if (*batch + size > BATCH)
+            break;
+        *cut = size == 0;
+        copy_out(s, s->batch + *batch, taken + HEAD, size);
+        *batch += size;
+        taken += HEAD + size;
+        if (*cut)
+            break;
+    }
+    return taken;
+}
+
+typedef struct extent {
+    size_t bytes;
+    uint64_t records;
+    uint64_t stamp; /* of the last one */
+} extent;
+
+/* What of so many bytes of records at the front of the queue is whole with all its parts. */
+static extent whole_records(const spool *s, size_t bytes)
+{
+    size_t offset = 0;
+    extent whole = {.bytes = 0};
+    for (size_t seen = 0; seen < bytes;) {
+        uint32_t head = record_size(s, offset);
+        uint32_t size = head & ~PART;
+        if (size == 0 || seen + size > bytes)
+            break;
+        seen += size;
+        if (!(head & PART))
+            whole = (extent){.bytes = seen, .records = whole.records + 1,
+                             .stamp = record_stamp(s, offset)};
+        offset += HEAD + size;
+    }
+    return whole;
+}
+
+/* Records, with all their parts one each, in so many bytes of the queue. */
+static uint64_t count_records(const spool *s, size_t used)
+{
+    uint64_t count = 0;
+    for (size_t offset = 0; offset < used;) {
+        uint32_t head = record_size(s, offset);
+        count += head != 0 && !(head & PART);
+        offset += HEAD + (head & ~PART);
+    }
+    return count;
+}
+
+/* ---- The thread ------------------------------------------------------------------------------ */
+
+/* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a
+ * record that did not get into the file as a whole is then taken out again. */
+static int write_batch(spool *s, extent *whole, size_t size)
+{
+    size_t done;
+    int error = write_all(s->fd, s->batch, size, &done);
+    *whole = whole_records(s, done);
+    if (whole->bytes > 0)
+        s->whole = s->written + whole->bytes;
+    s->written += done;
+    if (error == 0)
+        return 0;
+    (void)!ftruncate(s->fd, (off_t)s->whole);
+    (void)lseek(s->fd, (off_t)s->whole, SEEK_SET);
+    s->written = s->whole;
+    return error;
+}
+
+static int cut_here(spool *s, unsigned files)
+{
+    const int before = s->fd; /* locked until the next one is */
+    int error = begin_file(s, files);
+    if (error != 0)
+        s->fd = -1;
+    return close(before) != 0 && error == 0 ? errno : error;
+}
+
+/* Waits for something to write, and then a little for more. With the lock held. */
+static void wait_for_work(spool *s)
+{
+    while (s->used == 0 && !s->ending)
+        (void)pthread_cond_wait(&s->changed, &s->lock);
+    const struct timespec until = thread_in_ns(NAP_NS);
+    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending)
+        if (pthread_cond_timedwait(&s->changed, &s->lock, &until) != 0)
+            break;
+}
+
+/* What was to be written is not, and the thread waits for spool_resume(). With the lock held. */
+static void wait_in_trouble(spool *s, int error)
+{
+    s->error = error;
+    s->lost += count_records(s, s->used);
+    s->used = 0;
+    while (s->error != 0 && !s->ending)
+        (void)pthread_cond_wait(&s->changed, &s->lock);
+}
+
+/* One round; returns 0 or an errno. With the lock held, but not while it writes. */
+static int work(spool *s)
+{
+    size_t used = s->used;
+    unsigned files = s->files;
+    size_t batch;
+    bool cut;
+    extent whole;
+    (void)pthread_mutex_unlock(&s->lock);
+    size_t taken = fill_batch(s, used, &batch, &cut);
+    int error = write_batch(s, &whole, batch);
+    if (error == 0 && cut)
+        error = cut_here(s, files);
+    (void)pthread_mutex_lock(&s->lock);
+    s->kept += whole.records;
+    if (whole.records > 0)
+        s->kept_stamp = whole.stamp;
+    if (error != 0)
+        s->lost += count_records(s, taken) - whole.records;
+    s->first = (s->first + taken) % SPOOL_QUEUE_BYTES;
+    s->used -= taken;
+    s->proven = s->proven || error == 0;
+    return error;
+}
+
+/* Returns 0 or an errno. */
+static int open_files(spool *s, unsigned files)
+{
+    int error = folder_open(&s->folder, s->file);
+    return error == 0 ? begin_file(s, files) : error;
+}
+
+static void *run(void *argument)
+{
+    spool *s = argument;
+    int error = 0;
+    (void)pthread_mutex_lock(&s->lock);
+    while (error == 0 && (s->used > 0 || !s->ending)) {
+        if (s->used < SPOOL_QUEUE_BYTES / 4)
+            wait_for_work(s);
+        if (s->used > 0)
+            error = work(s);
+        if (error != 0 && s->lasting) {
+            wait_in_trouble(s, error);
+            error = s->error;
+        }
+    }
+    (void)pthread_mutex_unlock(&s->lock);
+    int end_error = end_file(s);
+    (void)pthread_mutex_lock(&s->lock);
+    s->error = error != 0 ? error : end_error;
+    s->ended = true;
+    (void)pthread_cond_broadcast(&s->changed);
+    spool_news *news = s->news;
+    void *user = s->user;
+    (void)pthread_mutex_unlock(&s->lock);
+    if (news)
+        news(user);
+    return NULL;
+}
+
+/* ---- For the others -------------------------------------------------------------------------- */
+
+static void free_spool(spool *s)
+{
+    if (s->fd >= 0)
+        (void)close(s->fd);
+    folder_close(&s->folder);
+    (void)pthread_cond_destroy(&s->changed);
+    (void)pthread_mutex_destroy(&s->lock);
+    free(s->file);
+    free(s->batch);
+    free(s->queue);
+    free(s);
+}
+
+spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    spool *s = calloc(1, sizeof *s);
+    if (!s) {
+        *error = ENOMEM;
+        return NULL;
+    }
+    *s = (spool){.file = strdup(file), .folder = FOLDER_NONE, .fd = -1, .news = news, .user = user,
+                 .files = files, .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
+    (void)pthread_mutex_init(&s->lock, NULL);
+    thread_init_condition(&s->changed);
+    *error = s->file && s->batch && s->queue ? 0 : ENOMEM;
+    if (*error == 0)
+        *error = open_files(s, files);
+    if (*error == 0)
+        *error = thread_start(&s->thread, run, s);
+    if (*error == 0)
+        return s;
+    free_spool(s);
+    return NULL;
+}
+
+void spool_last(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->lasting = true;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+void spool_resume(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->error = s->ended ? s->error : 0;
+    s->proven = false;
+    (void)pthread_cond_broadcast(&s->changed);
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+bool spool_has_resumed(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    bool proven = s->proven && s->error == 0;
+    (void)pthread_mutex_unlock(&s->lock);
+    return proven;
+}
+
+uint64_t spool_kept(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t kept = s->kept;
+    (void)pthread_mutex_unlock(&s->lock);
+    return kept;
+}
+
+void spool_stamp(spool *s, uint64_t stamp)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->stamp = stamp;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+uint64_t spool_kept_stamp(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t stamp = s->kept_stamp;
+    (void)pthread_mutex_unlock(&s->lock);
+    return stamp;
+}
+
+uint64_t spool_lost(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    uint64_t lost = s->lost;
+    (void)pthread_mutex_unlock(&s->lock);
+    return lost;
+}
+
+static size_t room(const spool *s)
+{
+    size_t left = SPOOL_QUEUE_BYTES - s->used;
+    return s->ending || s->ended || s->error != 0 || left < HEAD ? 0 : left - HEAD;
+}
+
+size_t spool_room(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    size_t bytes = room(s);
+    (void)pthread_mutex_unlock(&s->lock);
+    return bytes;
+}
+
+/* A record, or a cut of no bytes. */
+static bool put(spool *s, const void *record, size_t size, uint32_t flags)
+{
+    uint32_t head = (uint32_t)size | flags;
+    (void)pthread_mutex_lock(&s->lock);
+    bool fits = size <= room(s) && room(s) > 0;
+    if (fits) {
+        const size_t before = s->used;
+        copy_in(s, &head, sizeof head);
+        copy_in(s, &s->stamp, sizeof s->stamp);
+        copy_in(s, record, size);
+        if (before == 0 || (before < SPOOL_QUEUE_BYTES / 4 && s->used >= SPOOL_QUEUE_BYTES / 4))
+            (void)pthread_cond_signal(&s->changed);
+    }
+    (void)pthread_mutex_unlock(&s->lock);
+    return fits;
+}
+
+bool spool_write(spool *s, const void *record, size_t size)
+{
+    assert(size > 0 && size <= SPOOL_RECORD_MAX);
+    return put(s, record, size, 0);
+}
+
+bool spool_write_part(spool *s, const void *part, size_t size)
+{
+    assert(size > 0 && size <= SPOOL_RECORD_MAX);
+    return put(s, part, size, PART);
+}
+
+bool spool_cut(spool *s)
+{
+    return put(s, "", 0, 0);
+}
+
+void spool_set_files(spool *s, unsigned files)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->files = files;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+const char *spool_explain(int error)
+{
+    if (error == EBUSY)
+        return "another program is writing it, or a file that it would rotate";
+    return error == EINVAL ? "there is something that is no regular file" : strerror(error);
+}
+
+int spool_error(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    int error = s->error;
+    (void)pthread_mutex_unlock(&s->lock);
+    return error;
+}
+
+void spool_end(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->ending = true;
+    (void)pthread_cond_broadcast(&s->changed);
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+bool spool_has_ended(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    bool ended = s->ended;
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+bool spool_wait(spool *s, const struct timespec *until)
+{
+    spool_end(s);
+    (void)pthread_mutex_lock(&s->lock);
+    while (!s->ended && pthread_cond_timedwait(&s->changed, &s->lock, until) == 0)
+        ;
+    bool ended = s->ended;
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+/* Nobody is there any more to be told. Whether it has ended all the same. */
+static bool leave(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->news = NULL;
+    bool ended = s->ended;
+    (void)pthread_mutex_unlock(&s->lock);
+    return ended;
+}
+
+bool spool_close(spool *s, unsigned patience_s)
+{
+    if (!s)
+        return true;
+    const struct timespec until = thread_in_seconds(patience_s);
+    if (!spool_wait(s, &until) && !leave(s))
+        return false;
+    (void)pthread_join(s->thread, NULL);
+    free_spool(s);
+    return true;
+}

@@ -1,0 +1,456 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * expect.c - judges a run by what its configuration expects of it.
+ */
+#include "cli/sim/expect.h"
+
+#include "base/text.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* In the same order as cfg_percentile. */
+static const unsigned percents[CFG_PERCENTILES] = {50, 90, 95, 99};
+
+/* What has been found about one expectation. Where each node counts for itself, by node; else all
+ * in place 0. */
+typedef struct tally {
+    uint64_t count[CW_NODES_MAX];
+    uint64_t first[CW_NODES_MAX];     /* tick, when count is not 0 */
+    uint64_t total;                   /* DELAY: frames */
+    uint64_t worst;                   /* ... the longest delay in ticks */
+    uint64_t worst_at;                /* ... tick */
+    uint64_t beyond[CFG_PERCENTILES]; /* ... frames that took longer than the limit */
+} tally;
+
+struct expect {
+    const cfg *config;
+    cw_bus_stats start;
+    size_t count;
+    tally tallies[];
+};
+
+expect *expect_start(const cfg *config, const cw_bus_stats *start)
+{
+    expect *x = calloc(1, sizeof *x + config->expect_count * sizeof x->tallies[0]);
+    if (!x)
+        return NULL;
+    x->config = config;
+    x->start = *start;
+    x->count = config->expect_count;
+    return x;
+}
+
+void expect_free(expect *x)
+{
+    free(x);
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static bool is_counted_by_node(const cfg_expect *e)
+{
+    return e->to || e->node;
+}
+
+static bool matches_data(const cw_rule *when, const cw_frame *frame)
+{
+    if (cw_frame_length(frame) < when->data_length)
+        return false;
+    for (unsigned i = 0; i < when->data_length; i++)
+        if ((frame->data[i] & when->data_mask[i]) != when->data_value[i])
+            return false;
+    return true;
+}
+
+static bool matches_frame(const cw_rule *when, const cw_frame *frame)
+{
+    return cw_frame_matches(frame, when->filters, when->filter_count) && matches_data(when, frame);
+}
+
+/* At receivers when some are named, else at the sender when it is done. */
+static bool is_delivery(const cfg_expect *e, const cw_event *event)
+{
+    return event->kind == (e->to ? CW_EVENT_RX : CW_EVENT_TX) &&
+           (e->when.from == 0 || (e->when.from & event->from)) &&
+           matches_frame(&e->when, &event->frame);
+}
+
+/* Whether an event is one of those that an expectation is about, whichever node it concerns. */
+static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *event)
+{
+    switch (e->kind) {
+    case CFG_EXPECT_DELIVERED:
+    case CFG_EXPECT_DELAY:
+    case CFG_EXPECT_SEEN:
+        return is_delivery(e, event);
+    case CFG_EXPECT_STATE:
+        return event->kind == CW_EVENT_STATE && (e->states >> event->state & 1u);
+    case CFG_EXPECT_ERRORS:
+        return event->kind == CW_EVENT_ERROR &&
+               (e->types == 0 || (e->types >> event->error.type & 1u));
+    case CFG_EXPECT_DROPS:
+        return event->kind == CW_EVENT_DROP && (e->why == 0 || (e->why >> event->why & 1u)) &&
+               matches_frame(&e->when, &event->frame);
+    case CFG_EXPECT_RESTARTS:
+        return event->kind == CW_EVENT_RESTART;
+    case CFG_EXPECT_OVERLOADS:
+        return event->kind == CW_EVENT_OVERLOAD;
+    case CFG_EXPECT_ARBITRATION_LOST:
+        return event->kind == CW_EVENT_ARBITRATION_LOST && matches_frame(&e->when, &event->frame);
+    case CFG_EXPECT_FAULTS:
+        return event->kind == CW_EVENT_FAULT &&
+               (!e->rule || strcmp(e->rule, config->rules[event->rule].name) == 0);
+    case CFG_EXPECT_LOAD:
+    case CFG_EXPECT_COUNT:
+        break;
+    }
+    return false;
+}
+
+static void count(tally *t, unsigned place, uint64_t tick)
+{
+    if (t->count[place]++ == 0)
+        t->first[place] = tick;
+}
+
+static void note_delay(tally *t, const cfg_expect *e, const cw_event *event)
+{
+    uint64_t delay = event->tick - event->handed_in;
+    t->total++;
+    if (delay > t->worst) {
+        t->worst = delay;
+        t->worst_at = event->tick;
+    }
+    for (unsigned i = 0; i < CFG_PERCENTILES; i++)
+        t->beyond[i] += delay > e->percentile[i];
+}
+
+static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
+{
+    uint64_t nodes = event->nodes & (e->to | e->node);
+    if (!is_counted_by_node(e))
+        count(t, 0, event->tick);
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        count(t, (unsigned)__builtin_ctzll(rest), event->tick);
+        if (e->kind == CFG_EXPECT_DELAY)
+            note_delay(t, e, event);
+    }
+    if (e->kind == CFG_EXPECT_DELAY && !is_counted_by_node(e))
+        note_delay(t, e, event);
+}
+
+void expect_event(expect *x, const cw_event *event)
+{
+    for (size_t i = 0; i < x->count; i++) {
+        const cfg_expect *e = &x->config->expects[i];
+        if (event->tick >= e->when.time_begin && event->tick < e->when.time_end &&
+            is_about(x->config, e, event))
+            note_event(&x->tallies[i], e, event);
+    }
+}
+
+/* ---- What is wanted, in words ---------------------------------------------------------------- */
+
+static void write_span(FILE *out, const char *before, uint64_t ticks)
+{
+    char text[TIME_TEXT_MAX];
+    text_print_span(text, ticks);
+    fprintf(out, "%s%s", before, text);
+}
+
+static void write_nodes(FILE *out, const cfg *config, const char *before, uint64_t nodes)
+{
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        fprintf(out, "%s%s", before, config->nodes[__builtin_ctzll(rest)].name);
+        before = ", ";
+    }
+}
+
+/* Returns the last number. */
+static uint64_t write_limits(FILE *out, const cfg_expect *e)
+{
+    if (e->min == e->max)
+        fprintf(out, "%" PRIu64, e->min);
+    else if (e->max == UINT64_MAX)
+        fprintf(out, "at least %" PRIu64, e->min);
+    else if (e->min == 0)
+        fprintf(out, "at most %" PRIu64, e->max);
+    else
+        fprintf(out, "%" PRIu64 " to %" PRIu64, e->min, e->max);
+    return e->max == UINT64_MAX ? e->min : e->max;
+}
+
+static void write_filters(FILE *out, const cw_rule *when)
+{
+    for (unsigned i = 0; i < when->filter_count; i++) {
+        char text[FILTER_TEXT_MAX];
+        text_print_filter(text, &when->filters[i]);
+        fprintf(out, "%s%s", i == 0 ? " " : ",", text);
+    }
+    if (when->data_length > 0)
+        fputs(" with data ", out);
+    for (unsigned i = 0; i < when->data_length; i++)
+        for (unsigned shift = 8; shift > 0; shift -= 4)
+            fputc((when->data_mask[i] >> (shift - 4) & 15u)
+                      ? "0123456789ABCDEF"[when->data_value[i] >> (shift - 4) & 15u]
+                      : '.',
+                  out);
+}
+
+static void write_where(FILE *out, const cfg *config, const cfg_expect *e)
+{
+    write_nodes(out, config, " from ", e->when.from);
+    write_nodes(out, config, " to ", e->to);
+    write_nodes(out, config, " at ", e->node);
+}
+
+static void write_window(FILE *out, const cw_rule *when)
+{
+    if (when->time_begin > 0)
+        write_span(out, " from ", when->time_begin);
+    if (when->time_end != CW_NEVER)
+        write_span(out, when->time_begin > 0 ? " to " : " before ", when->time_end);
+}
+
+/* Words of a set, in brackets. */
+static void write_words(FILE *out, uint32_t set, unsigned size, const char *(*name)(unsigned))
+{
+    const char *before = " (";
+    for (unsigned i = 0; i < size; i++) {
+        if (!(set >> i & 1u))
+            continue;
+        fprintf(out, "%s%s", before, name(i));
+        before = ", ";
+    }
+    if (set)
+        fputc(')', out);
+}
+
+static const char *type_name(unsigned type)
+{
+    return cw_error_type_name((cw_error_type)type);
+}
+
+static const char *why_name(unsigned why)
+{
+    return cw_drop_name((cw_drop)why);
+}
+
+static void write_delay_limits(FILE *out, const cfg_expect *e)
+{
+    const char *before = "";
+    if (e->delay_max != CW_NEVER) {
+        write_span(out, "at most ", e->delay_max);
+        before = ", ";
+    }
+    for (unsigned i = 0; i < CFG_PERCENTILES; i++) {
+        if (e->percentile[i] == CW_NEVER)
+            continue;
+        fprintf(out, "%s%u %% within", before, percents[i]);
+        write_span(out, " ", e->percentile[i]);
+        before = ", ";
+    }
+}
+
+static void write_states(FILE *out, const cfg_expect *e)
+{
+    const char *before = "";
+    for (unsigned i = 0; i < CW_STATE_COUNT; i++) {
+        if (!(e->states >> i & 1u))
+            continue;
+        fprintf(out, "%s%s", before, cw_state_name((cw_state)i));
+        before = " or ";
+    }
+    fputs(e->never ? " never reached" : " reached", out);
+}
+
+static void write_permille(FILE *out, uint64_t permille)
+{
+    fprintf(out, "%" PRIu64 ".%" PRIu64 " %%", permille / 10, permille % 10);
+}
+
+static void write_load_limits(FILE *out, const cfg_expect *e)
+{
+    fputs("a load of ", out);
+    write_permille(out, e->min);
+    fputs(" to ", out);
+    write_permille(out, e->max);
+}
+
+static void write_counted(FILE *out, const cfg_expect *e)
+{
+    static const char *const names[CFG_EXPECT_COUNT][2] = {
+        [CFG_EXPECT_ERRORS] = {"error", "errors"},
+        [CFG_EXPECT_DROPS] = {"frame dropped", "frames dropped"},
+        [CFG_EXPECT_RESTARTS] = {"restart", "restarts"},
+        [CFG_EXPECT_OVERLOADS] = {"overload flag", "overload flags"},
+        [CFG_EXPECT_FAULTS] = {"hit", "hits"},
+        [CFG_EXPECT_ARBITRATION_LOST] = {"lost arbitration", "lost arbitrations"},
+        [CFG_EXPECT_DELIVERED] = {"frame", "frames"},
+    };
+    uint64_t number = write_limits(out, e);
+    fprintf(out, " %s", names[e->kind][number != 1]);
+}
+
+static void write_subject(FILE *out, const cfg_expect *e)
+{
+    switch (e->kind) {
+    case CFG_EXPECT_DELAY:
+        fputs("delays of ", out);
+        write_delay_limits(out, e);
+        fputs(" for frames", out);
+        break;
+    case CFG_EXPECT_SEEN:
+        fputs(e->never ? "no frame" : "a frame", out);
+        break;
+    case CFG_EXPECT_STATE:
+        write_states(out, e);
+        break;
+    case CFG_EXPECT_LOAD:
+        write_load_limits(out, e);
+        break;
+    case CFG_EXPECT_DELIVERED:
+    case CFG_EXPECT_ERRORS:
+    case CFG_EXPECT_DROPS:
+    case CFG_EXPECT_RESTARTS:
+    case CFG_EXPECT_OVERLOADS:
+    case CFG_EXPECT_ARBITRATION_LOST:
+    case CFG_EXPECT_FAULTS:
+    case CFG_EXPECT_COUNT:
+        write_counted(out, e);
+        break;
+    }
+}
+
+static void write_wanted(FILE *out, const cfg *config, const cfg_expect *e)
+{
+    write_subject(out, e);
+    write_filters(out, &e->when);
+    write_words(out, e->types, CW_ERROR_COUNT, type_name);
+    write_words(out, e->why, CW_DROP_COUNT, why_name);
+    if (e->rule)
+        fprintf(out, " of %s", e->rule);
+    write_where(out, config, e);
+    write_window(out, &e->when);
+}
+
+/* ---- What was found -------------------------------------------------------------------------- */
+
+/* Judges one place of a tally. */
+static bool is_met_at(const cfg_expect *e, const tally *t, unsigned place)
+{
+    if (e->kind == CFG_EXPECT_SEEN || e->kind == CFG_EXPECT_STATE)
+        return (t->count[place] == 0) == e->never;
+    return t->count[place] >= e->min && t->count[place] <= e->max;
+}
+
+static void write_found(FILE *out, const cfg_expect *e, const tally *t, unsigned place)
+{
+    bool moment = e->kind == CFG_EXPECT_SEEN || e->kind == CFG_EXPECT_STATE;
+    if (!moment)
+        fprintf(out, "%" PRIu64, t->count[place]);
+    else if (t->count[place] == 0)
+        fputs(e->kind == CFG_EXPECT_SEEN ? "none" : "never", out);
+    else
+        write_span(out, e->kind == CFG_EXPECT_SEEN ? "one at " : "at ", t->first[place]);
+}
+
+static bool judge_counts(FILE *out, const cfg *config, const cfg_expect *e, const tally *t)
+{
+    const uint64_t nodes = is_counted_by_node(e) ? e->to | e->node : 1u;
+    const bool several = (nodes & (nodes - 1)) != 0;
+    const char *before = "";
+    bool met = true;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = (unsigned)__builtin_ctzll(rest);
+        met = is_met_at(e, t, i) && met;
+        if (several)
+            fprintf(out, "%s%s: ", before, config->nodes[i].name);
+        write_found(out, e, t, i);
+        before = ", ";
+    }
+    return met;
+}
+
+/* Rounded down. */
+static void write_share(FILE *out, uint64_t part, uint64_t all, uint64_t limit)
+{
+    uint64_t permille = part * 1000 / all;
+    fputs(", ", out);
+    write_permille(out, permille);
+    write_span(out, " within ", limit);
+}
+
+static bool judge_delays(FILE *out, const cfg_expect *e, const tally *t)
+{
+    bool met = t->worst <= e->delay_max;
+    if (t->total == 0) {
+        fputs("no frame", out);
+        return false;
+    }
+    write_span(out, "at most ", t->worst);
+    write_span(out, " (at ", t->worst_at);
+    fputc(')', out);
+    for (unsigned i = 0; i < CFG_PERCENTILES; i++) {
+        if (e->percentile[i] == CW_NEVER)
+            continue;
+        write_share(out, t->total - t->beyond[i], t->total, e->percentile[i]);
+        met = met && t->beyond[i] * 100 <= t->total * (100 - percents[i]);
+    }
+    fprintf(out, ", of %" PRIu64, t->total);
+    return met;
+}
+
+static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start,
+                       const cw_bus_stats *bus)
+{
+    uint64_t permille = cw_load_permille(start, bus);
+    write_permille(out, permille);
+    return permille >= e->min && permille <= e->max;
+}
+
+static bool judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
+{
+    const cfg_expect *e = &x->config->expects[i];
+    if (e->when.time_begin > bus->ticks) {
+        write_span(out, "nothing: the run ended at ", bus->ticks);
+        return false;
+    }
+    if (e->kind == CFG_EXPECT_DELAY)
+        return judge_delays(out, e, &x->tallies[i]);
+    if (e->kind == CFG_EXPECT_LOAD)
+        return judge_load(out, e, &x->start, bus);
+    return judge_counts(out, x->config, e, &x->tallies[i]);
+}
+
+static bool conclude(expect_report *report, const expect *x, size_t i, const cw_bus_stats *bus)
+{
+    const cfg_expect *e = &x->config->expects[i];
+    expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};
+    uint64_t begin = e->when.time_begin > x->start.ticks ? e->when.time_begin : x->start.ticks;
+    uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
+    size_t size;
+    FILE *wanted = open_memstream(&o.wanted, &size);
+    FILE *got = open_memstream(&o.got, &size);
+    if (wanted)
+        write_wanted(wanted, x->config, e);
+    if (got)
+        o.met = judge(got, x, i, bus);
+    o.ticks = end > begin ? end - begin : 0;
+    bool good = !e->name || o.name;
+    good = wanted && fclose(wanted) == 0 && good;
+    good = got && fclose(got) == 0 && good;
+    return expect_report_add(report, o) && good;
+}
+
+bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus)
+{
+    cw_bus_stats stats;
+    cw_bus_get_stats(bus, &stats);
+    for (size_t i = 0; i < x->count; i++)
+        if (!conclude(report, x, i, &stats))
+            return false;
+    return true;
+}

@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * expect_report.c - outcomes of expectations, as text and as JUnit XML.
+ */
+#include "cli/sim/expect_report.h"
+
+#include "canwire.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void free_texts(expect_outcome *outcome)
+{
+    free(outcome->name);
+    free(outcome->wanted);
+    free(outcome->got);
+}
+
+bool expect_report_add(expect_report *report, expect_outcome outcome)
+{
+    if (!outcome.name && outcome.wanted)
+        outcome.name = strdup(outcome.wanted);
+    bool good = outcome.name && outcome.wanted && outcome.got;
+    expect_outcome *longer =
+        good ? realloc(report->outcomes, (report->count + 1) * sizeof *longer) : NULL;
+    if (!longer) {
+        free_texts(&outcome);
+        return false;
+    }
+    outcome.configuration = report->configuration;
+    report->outcomes = longer;
+    report->outcomes[report->count++] = outcome;
+    report->failed += !outcome.met;
+    return true;
+}
+
+void expect_report_free(expect_report *report)
+{
+    for (size_t i = 0; i < report->count; i++)
+        free_texts(&report->outcomes[i]);
+    free(report->outcomes);
+    *report = (expect_report){.count = 0};
+}
+
+/* ---- Text ------------------------------------------------------------------------------------ */
+
+void expect_report_text(FILE *out, const expect_report *report)
+{
+    for (size_t i = 0; i < report->count; i++) {
+        const expect_outcome *o = &report->outcomes[i];
+        bool named = strcmp(o->name, o->wanted) != 0;
+        fprintf(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
+                named ? o->name : "", named ? ": " : "", o->wanted, o->got);
+    }
+    fprintf(out, "%zu expectation%s, %zu met, %zu failed\n", report->count,
+            report->count == 1 ? "" : "s", report->count - report->failed, report->failed);
+}
+
+/* ---- JUnit XML ------------------------------------------------------------------------------- */
+
+/* What UTF-8 of a code point that XML does not allow begins with: U+FFFE and U+FFFF. */
+static bool is_forbidden(const char *text)
+{
+    return (unsigned char)text[0] < ' ' || strncmp(text, "\xEF\xBF\xBE", 3) == 0 ||
+           strncmp(text, "\xEF\xBF\xBF", 3) == 0;
+}
+
+static void write_escaped(FILE *out, const char *text)
+{
+    for (; *text; text++) {
+        switch (*text) {
+        case '&':
+            fputs("&amp;", out);
+            break;
+        case '<':
+            fputs("&lt;", out);
+            break;
+        case '>':
+            fputs("&gt;", out);
+            break;
+        case '"':
+            fputs("&quot;", out);
+            break;
+        default:
+            if (!is_forbidden(text)) {
+                fputc(*text, out);
+                break;
+            }
+            fputc('?', out);
+            text += (unsigned char)*text < ' ' ? 0 : 2;
+            break;
+        }
+    }
+}
+
+static void write_attribute(FILE *out, const char *name, const char *value)
+{
+    fprintf(out, " %s=\"", name);
+    write_escaped(out, value);
+    fputc('"', out);
+}
+
+/* In seconds; more than three decimals are not taken by all readers. To the nearest millisecond,
+ * but what took time is never shown as having taken none. */
+static void write_time(FILE *out, uint64_t ticks)
+{
+    const uint64_t ms_ticks = CW_CLOCK_HZ / 1000u;
+    uint64_t ms = ticks / ms_ticks + (ticks % ms_ticks >= ms_ticks / 2 ? 1 : 0);
+    if (ms == 0 && ticks > 0)
+        ms = 1;
+    fprintf(out, " time=\"%" PRIu64 ".%03" PRIu64 "\"", ms / 1000u, ms % 1000u);
+}
+
+/* What makes a name different from those of other cases. */
+static void write_which(FILE *out, const expect_report *report, const expect_outcome *o)
+{
+    size_t before = 0; /* in the same configuration */
+    bool elsewhere = false;
+    for (const expect_outcome *other = report->outcomes;
+         other < report->outcomes + report->count; other++) {
+        if (strcmp(other->name, o->name) != 0)
+            continue;
+        elsewhere = elsewhere || other->configuration != o->configuration;
+        before += other < o && other->configuration == o->configuration;
+    }
+    if (elsewhere)
+        fprintf(out, " (configuration %u)", o->configuration);
+    if (before > 0)
+        fprintf(out, " (%zu)", before + 1);
+}
+
+static void write_case(FILE *out, const expect_report *report, const expect_outcome *o,
+                       const char *bus)
+{
+    fputs("    <testcase name=\"", out);
+    write_escaped(out, o->name);
+    write_which(out, report, o);
+    fputc('"', out);
+    write_attribute(out, "classname", bus);
+    write_time(out, o->ticks);
+    if (o->met) {
+        fputs("/>\n", out);
+        return;
+    }
+    fputs(">\n      <failure type=\"expectation\" message=\"wanted ", out);
+    write_escaped(out, o->wanted);
+    fputs(", got ", out);
+    write_escaped(out, o->got);
+    fputs("\"/>\n    </testcase>\n", out);
+}
+
+static void write_counts(FILE *out, const expect_report *report)
+{
+    fprintf(out, " tests=\"%zu\" failures=\"%zu\" errors=\"0\"", report->count, report->failed);
+}
+
+void expect_report_junit(FILE *out, const expect_report *report, const char *bus, uint64_t ticks)
+{
+    fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"canwire\"", out);
+    write_counts(out, report);
+    write_time(out, ticks);
+    fputs(">\n  <testsuite", out);
+    write_attribute(out, "name", bus);
+    write_counts(out, report);
+    fputs(" skipped=\"0\"", out);
+    write_time(out, ticks);
+    fputs(">\n", out);
+    for (size_t i = 0; i < report->count; i++)
+        write_case(out, report, &report->outcomes[i], bus);
+    fputs("  </testsuite>\n</testsuites>\n", out);
+}

@@ -1,0 +1,461 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim.c - `canwire sim`: the bus of a configuration in virtual time, without sockets.
+ */
+#include "cli/cli.h"
+
+#include "cli/sim/sim_journal.h"
+#include "cli/sim/sim_judge.h"
+#include "cli/sim/sim_run.h"
+#include "cli/sim/sim_scout.h"
+#include "cli/sim/sim_trace.h"
+#include "cli/sim/sim_until.h"
+#include "cli/sim/summary.h"
+#include "config/files.h"
+#include "record/output.h"
+#include "record/pcapng.h"
+
+#include <getopt.h>
+#include <inttypes.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+typedef enum output {
+    OUT_EVENTS = 0,
+    OUT_LOG,
+    OUT_PCAPNG,
+    OUT_STATS,
+    OUT_VCD,
+    OUT_SVG,
+    OUT_JUNIT,
+    OUT_COUNT
+} output;
+
+typedef struct sim_options {
+    const char *file; /* NULL with a journal */
+    const char *journal;
+    time_option until;
+    time_option from;
+    time_option to;
+    const char *until_event;
+    bool has_seed;
+    uint64_t seed;
+    const char *outputs[OUT_COUNT]; /* NULL: not wanted */
+    bool step;
+} sim_options;
+
+typedef struct sim {
+    cfg *config; /* NULL with a journal, whose own is that of the run */
+    sim_journal journal;
+    sim_run run;
+    outfile out[OUT_COUNT];
+    sim_trace trace;
+    sim_until awaited;
+    sim_judge judge;
+} sim;
+
+static const char usage[] =
+    "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
+    "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
+    "       [--step] [--junit F]\n"
+    "       canwire sim --journal FILE ...\n";
+
+static const char help[] =
+    "\n"
+    "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
+    "with a port are there but send nothing.\n"
+    "\n"
+    "  --journal FILE\n"
+    "                 what canwired --journal has written down, once more\n"
+    "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done,\n"
+    "                 or after 10 s of bus time without a frame or a release\n"
+    "  --until-event [NODE:]EVENT\n"
+    "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
+    "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE.\n"
+    "                 If it does not come, the run ends as it does without this option; but when\n"
+    "                 traffic has no `count`, and there is no --until, it never ends. The run is\n"
+    "                 done twice: outputs are written when it is known where the event comes\n"
+    "  --seed N       instead of the seed in FILE\n"
+    "  --events F     every event as a line of JSON\n"
+    "  --log F        every transmitted frame as candump -L writes it\n"
+    "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from\n"
+    "                 1970 on\n"
+    "  --stats F      statistics as JSON, at the end\n"
+    "  --vcd F        levels, fields and states of all nodes, for GTKWave, PulseView and sigrok,\n"
+    "                 whose decoder for CAN knows no error frames\n"
+    "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
+    "  --from TIME    of these only the bits from this bus time on\n"
+    "  --to TIME      ... up to this one\n"
+    "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
+    "  --step         simulate every node in every bit: slower, the same results\n"
+    "\n"
+    "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
+    "reported in any case, on standard error when an F is standard output. Ctrl-C ends a run at\n"
+    "once: outputs end anywhere, and there are no statistics, no JUnit XML and no summary.\n"
+    "Exit status: 0, 1 a value or a file is bad, or FILE has no such node or rule, 2 wrong\n"
+    "usage, 3 an expectation failed.\n";
+
+/* ---- Set-up ---------------------------------------------------------------------------------- */
+
+/* Traffic that does not end by itself, or NULL. */
+static const cfg_traffic *find_endless(const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
+            if (cfg_traffic_is_endless(&config->nodes[i].traffic[t]))
+                return &config->nodes[i].traffic[t];
+    return NULL;
+}
+
+static bool set_until(sim *s, const time_option *o)
+{
+    const cfg_traffic *endless = s->journal.player ? NULL : find_endless(s->config);
+    if (o->text) {
+        /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
+        const cfg_time beyond = {.ns = 1};
+        s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
+    } else if (endless && !s->awaited.text) {
+        fprintf(stderr,
+                "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
+                "--until-event EVENT\n",
+                s->config->file, endless->place.line, endless->place.column);
+        return false;
+    } else if (endless) {
+        sim_until_warn(&s->awaited);
+    }
+    return true;
+}
+
+static void write_event(void *user, const cw_event *event)
+{
+    const sim *s = user;
+    if (s->out[OUT_EVENTS].stream)
+        output_event(s->out[OUT_EVENTS].stream, s->run.config, event);
+    if (s->out[OUT_LOG].stream)
+        output_log(s->out[OUT_LOG].stream, s->run.config, event);
+    if (s->out[OUT_PCAPNG].stream)
+        pcapng_event(s->out[OUT_PCAPNG].stream, s->run.config, event, text_ticks_ns(event->tick));
+}
+
+static bool make_bus(sim *s, const sim_options *o)
+{
+    s->config = cfg_load(o->file, stderr);
+    if (!s->config)
+        return false;
+    fputs(s->config->warnings, stderr);
+    if (o->has_seed)
+        s->config->seed = o->seed;
+    if (sim_open(&s->run, s->config, false))
+        return true;
+    fprintf(stderr, "canwire sim: out of memory\n");
+    return false;
+}
+
+static bool open_journal(sim *s, const sim_options *o)
+{
+    s->journal = (sim_journal){.errors = stderr,
+                               .run = &s->run,
+                               .judge = &s->judge,
+                               .trace = &s->trace,
+                               .awaited = &s->awaited,
+                               .pcapng = &s->out[OUT_PCAPNG]};
+    return sim_journal_open(&s->journal, o->journal);
+}
+
+static void add_writer(sim *s, const sim_options *o)
+{
+    sim_sink writer = {.user = s, .event = write_event, .kinds = 1u << CW_EVENT_TX};
+    if (o->outputs[OUT_EVENTS] || o->outputs[OUT_PCAPNG])
+        writer.kinds = 0;
+    s->run.step = o->step;
+    sim_add_sink(&s->run, &writer);
+}
+
+static bool set_window(sim *s, const sim_options *o)
+{
+    return sim_trace_window(&s->trace, &o->from, &o->to, s->run.config, "canwire sim");
+}
+
+static bool set_event(sim *s, const sim_options *o)
+{
+    return sim_until_start(&s->awaited, o->until_event, &s->run);
+}
+
+static bool wants_output(const sim_options *o)
+{
+    bool any = false;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        any = any || o->outputs[i];
+    return any;
+}
+
+/* A run without outputs prints a summary. */
+static void add_outputs(fileuses *all, const sim_options *o)
+{
+    static const char *const names[OUT_COUNT] = {
+        [OUT_EVENTS] = "--events", [OUT_LOG] = "--log",     [OUT_PCAPNG] = "--pcapng",
+        [OUT_STATS] = "--stats",   [OUT_VCD] = "--vcd",     [OUT_SVG] = "--svg",
+        [OUT_JUNIT] = "--junit",
+    };
+    bool standard = !wants_output(o);
+    for (unsigned i = 0; i < OUT_COUNT; i++) {
+        fileuse use = {.what = names[i], .path = o->outputs[i], .written = true};
+        if (use.path && strcmp(use.path, "-") != 0)
+            fileuses_add(all, &use);
+        standard = standard || (use.path && strcmp(use.path, "-") == 0);
+    }
+    if (standard)
+        fileuses_add(all, &(fileuse){.what = "", .path = "-", .written = true});
+}
+
+/* None may be in the place of what is read, or of another one. The journal has the configuration in
+ * it, and all that was replayed. */
+static bool check_files(const sim *s, const sim_options *o)
+{
+    fileuses all = {.count = 0};
+    if (o->journal)
+        fileuses_add(&all, &(fileuse){.what = "--journal", .path = o->journal});
+    else
+        cfg_add_files_read(&all, s->config);
+    add_outputs(&all, o);
+    bool good = fileuses_check(&all, "canwire sim", stderr);
+    fileuses_free(&all);
+    return good;
+}
+
+static bool open_outputs(sim *s, const sim_options *o)
+{
+    bool good = check_files(s, o);
+    for (unsigned i = 0; i < OUT_COUNT && good; i++)
+        good = outfile_open(&s->out[i], o->outputs[i], "canwire sim");
+    s->trace.vcd_out = &s->out[OUT_VCD];
+    s->trace.svg_out = &s->out[OUT_SVG];
+    s->judge.junit = &s->out[OUT_JUNIT];
+    return good;
+}
+
+/* Tick at which the run ends if nothing fails, CW_NEVER: that is not known yet. */
+static uint64_t known_end(const sim *s, const sim_options *o)
+{
+    return o->until_event || o->journal ? CW_NEVER : s->run.until;
+}
+
+/* Finds out first where an awaited event comes, since only there care has to be taken; not for the
+ * reference, which takes it all the time. */
+static void look_ahead(sim *s, const sim_options *o, bool progress)
+{
+    sim_scout scout = {.journal = o->journal, .run = &s->run, .progress = progress};
+    if (o->until_event && !o->step)
+        sim_scout_go(&scout, &s->awaited);
+}
+
+/* Those that are written while the bus runs. An awaited event has been looked for before, which may
+ * take long and be interrupted: until then they are as they were. */
+static void begin_outputs(sim *s)
+{
+    (void)outfile_begin(&s->out[OUT_EVENTS]);
+    (void)outfile_begin(&s->out[OUT_LOG]);
+    if (outfile_begin(&s->out[OUT_PCAPNG]))
+        pcapng_begin(s->out[OUT_PCAPNG].stream, s->run.config);
+    sim_trace_begin(&s->trace);
+}
+
+/* The trace is behind what else looks on: what has to do with events comes before what has to do
+ * with bits. No output is touched until all is known to be possible. */
+static bool set_up(sim *s, const sim_options *o)
+{
+    if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
+        return false;
+    add_writer(s, o);
+    return set_event(s, o) && set_until(s, &o->until) && set_window(s, o) && open_outputs(s, o) &&
+           sim_judge_start(&s->judge, &s->run, o->journal) &&
+           sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
+}
+
+static bool close_outputs(sim *s)
+{
+    bool good = true;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        good = outfile_close(&s->out[i], "canwire sim") && good;
+    return good;
+}
+
+static bool finish(sim *s, const sim_options *o)
+{
+    if (outfile_begin(&s->out[OUT_STATS]))
+        output_stats(s->out[OUT_STATS].stream, s->run.config, s->run.bus);
+    if (!wants_output(o))
+        summary_print(stdout, s->run.config, s->run.bus);
+    bool good = sim_judge_finish(&s->judge, &s->run);
+    good = sim_trace_finish(&s->trace, "canwire sim") && good;
+    return close_outputs(s) && good;
+}
+
+static bool writes_to_stdout(const sim_options *o)
+{
+    bool any = false;
+    for (unsigned i = 0; i < OUT_COUNT; i++)
+        any = any || (o->outputs[i] && strcmp(o->outputs[i], "-") == 0);
+    return any;
+}
+
+static void tear_down(sim *s)
+{
+    sim_trace_close(&s->trace);
+    (void)close_outputs(s);
+    sim_judge_close(&s->judge);
+    sim_close(&s->run);
+    sim_journal_close(&s->journal);
+    cfg_free(s->config);
+}
+
+/* ---- Command line ---------------------------------------------------------------------------- */
+
+static bool can_be_shared(const char *file)
+{
+    struct stat found;
+    return stat(file, &found) == 0 && !S_ISREG(found.st_mode);
+}
+
+/* Two outputs in one file would overwrite each other; on standard output they come in turn, and
+ * what is no file (/dev/null) takes all. The one that stands there twice, or NULL. */
+static const char *shared_output(const sim_options *o)
+{
+    for (size_t i = 0; i < OUT_COUNT; i++)
+        for (size_t k = i + 1; k < OUT_COUNT; k++)
+            if (o->outputs[i] && o->outputs[k] && strcmp(o->outputs[i], "-") != 0 &&
+                strcmp(o->outputs[i], o->outputs[k]) == 0 && !can_be_shared(o->outputs[i]))
+                return o->outputs[i];
+    return NULL;
+}
+
+/* Says what is wrong; returns the exit status. */
+static int refuse(const char *what, const char *why)
+{
+    fprintf(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
+    return CLI_USAGE;
+}
+
+static bool take_time(time_option *out, const char *option, const char *text)
+{
+    const char *wrong = text_parse_time(&out->time, text);
+    out->text = text;
+    if (wrong)
+        fprintf(stderr, "canwire sim: %s %s: %s\n", option, text, wrong);
+    return !wrong;
+}
+
+static bool take_seed(sim_options *o, const char *text)
+{
+    o->has_seed = true;
+    if (!text_parse_uint(&o->seed, text))
+        return true;
+    fprintf(stderr, "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n",
+            text, UINT64_MAX);
+    return false;
+}
+
+#define OPTION_OUTPUT 256 /* of getopt's values: the first output */
+
+/* False after a message, when the value is bad. */
+static bool take_option(sim_options *o, int option)
+{
+    if (option >= OPTION_OUTPUT)
+        o->outputs[option - OPTION_OUTPUT] = optarg;
+    else if (option == 'u')
+        return take_time(&o->until, "--until", optarg);
+    else if (option == 'f')
+        return take_time(&o->from, "--from", optarg);
+    else if (option == 'o')
+        return take_time(&o->to, "--to", optarg);
+    else if (option == 's')
+        return take_seed(o, optarg);
+    else if (option == 'E')
+        o->until_event = optarg;
+    else if (option == 'J')
+        o->journal = optarg;
+    else
+        o->step = true;
+    return true;
+}
+
+/* What does not go together. Returns -1 to go on, else the exit status. */
+static int check_options(const sim_options *o)
+{
+    const char *shared = shared_output(o);
+    if (o->journal && o->has_seed)
+        return refuse("--seed", "it is in the journal");
+    if ((o->from.text || o->to.text) && !o->outputs[OUT_VCD] && !o->outputs[OUT_SVG])
+        return refuse("--from and --to", "they are for --vcd and --svg");
+    if (shared)
+        return refuse(shared, "two outputs into one file");
+    return -1;
+}
+
+/* Returns -1 to go on, else the exit status. */
+static int parse_options(sim_options *o, int argc, char **argv)
+{
+    static const struct option options[] = {
+        {"until", required_argument, NULL, 'u'},
+        {"until-event", required_argument, NULL, 'E'},
+        {"seed", required_argument, NULL, 's'},
+        {"journal", required_argument, NULL, 'J'},
+        {"from", required_argument, NULL, 'f'},
+        {"to", required_argument, NULL, 'o'},
+        {"step", no_argument, NULL, 'S'},
+        {"help", no_argument, NULL, 'h'},
+        {"events", required_argument, NULL, OPTION_OUTPUT + OUT_EVENTS},
+        {"log", required_argument, NULL, OPTION_OUTPUT + OUT_LOG},
+        {"pcapng", required_argument, NULL, OPTION_OUTPUT + OUT_PCAPNG},
+        {"stats", required_argument, NULL, OPTION_OUTPUT + OUT_STATS},
+        {"vcd", required_argument, NULL, OPTION_OUTPUT + OUT_VCD},
+        {"svg", required_argument, NULL, OPTION_OUTPUT + OUT_SVG},
+        {"junit", required_argument, NULL, OPTION_OUTPUT + OUT_JUNIT},
+        {NULL, 0, NULL, 0},
+    };
+    int c;
+    while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
+        if (c == 'h') {
+            fputs(usage, stdout);
+            fputs(help, stdout);
+            return CLI_OK;
+        }
+        if (c == '?') {
+            fputs(usage, stderr);
+            return CLI_USAGE;
+        }
+        if (!take_option(o, c))
+            return CLI_BAD_INPUT;
+    }
+    if (optind + (o->journal ? 0 : 1) != argc) {
+        fputs(usage, stderr);
+        return CLI_USAGE;
+    }
+    o->file = argv[optind];
+    return check_options(o);
+}
+
+int cli_sim(int argc, char **argv)
+{
+    sim_options options = {.file = NULL};
+    int status = parse_options(&options, argc, argv);
+    if (status >= 0)
+        return status;
+    sim s = {.judge.to_stderr = writes_to_stdout(&options)};
+    bool good = set_up(&s, &options);
+    if (good) {
+        bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
+        look_ahead(&s, &options, room);
+        begin_outputs(&s);
+        sim_progress_start(&s.run.progress, room, options.until_event);
+        good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
+        sim_until_finish(&s.awaited);
+        good = finish(&s, &options) && good;
+    }
+    bool met = s.judge.report.failed == 0;
+    tear_down(&s);
+    if (!good)
+        return CLI_BAD_INPUT;
+    return met ? CLI_OK : CLI_EXPECTATION;
+}

@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_journal.h - a run of `canwire sim` that is driven by the journal of canwired.
+ */
+#ifndef CANWIRE_CLI_SIM_SIM_JOURNAL_H
+#define CANWIRE_CLI_SIM_SIM_JOURNAL_H
+
+#include "cli/sim/sim_judge.h"
+#include "cli/sim/sim_run.h"
+#include "cli/sim/sim_trace.h"
+#include "cli/sim/sim_until.h"
+#include "run/journal_play.h"
+
+/* Those that look on and have to know of another configuration. */
+typedef struct sim_journal {
+    journal_player *player; /* NULL: there is no journal */
+    FILE *errors;           /* for messages */
+    sim_run *run;
+    sim_judge *judge; /* NULL: nobody judges, traces, writes */
+    sim_trace *trace;
+    outfile *pcapng;
+    sim_until *awaited;
+} sim_journal;
+
+/* Opens a journal and the run. All but the player is to be set. False after a message. */
+bool sim_journal_open(sim_journal *j, const char *file);
+
+void sim_journal_close(sim_journal *j);
+
+/* Runs to the end of the journal, or of the run. False after a message, when it cannot be
+ * understood or when this is not the run that it tells of. */
+bool sim_journal_go(sim_journal *j);
+
+#endif

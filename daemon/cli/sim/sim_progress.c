@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_progress.c - one line on a terminal that tells how far a long run has come.
+ */
+#include "cli/sim/sim_progress.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#define LOOK_TICKS (CW_CLOCK_HZ / 100u) /* bus time between two looks at the clock */
+#define FIRST_NS INT64_C(1000000000)
+#define PERIOD_NS INT64_C(250000000)
+#define LINE_MAX_BYTES 192
+#define COLUMNS_DEFAULT 80 /* of a terminal that does not tell */
+#define CLOCK_MAX 32
+#define AWAITED_MAX 32 /* letters of the event that the run waits for */
+
+static int64_t wall_ns(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
+}
+
+void sim_progress_start(sim_progress *p, bool wanted, const char *awaited)
+{
+    *p = (sim_progress){.on = wanted && isatty(STDERR_FILENO), .awaited = awaited};
+    if (!p->on)
+        return;
+    p->start_ns = wall_ns();
+    p->next_ns = p->start_ns + FIRST_NS;
+}
+
+bool sim_progress_is_due(sim_progress *p, uint64_t now)
+{
+    if (!p->on || now - p->looked < LOOK_TICKS)
+        return false;
+    p->looked = now;
+    return wall_ns() >= p->next_ns;
+}
+
+/* "1:02:03" or "2:03" */
+static void print_clock(char *out, size_t size, double seconds)
+{
+    uint64_t s = (uint64_t)seconds;
+    if (s >= 3600)
+        snprintf(out, size, "%" PRIu64 ":%02u:%02u", s / 3600, (unsigned)(s / 60 % 60),
+                 (unsigned)(s % 60));
+    else
+        snprintf(out, size, "%u:%02u", (unsigned)(s / 60), (unsigned)(s % 60));
+}
+
+/* Three digits that say something, without an exponent. */
+static void print_factor(FILE *out, double factor)
+{
+    double unit = 1;
+    while (factor / unit >= 999.5)
+        unit *= 10;
+    if (unit > 1)
+        fprintf(out, "%.0f", (double)(uint64_t)(factor / unit + 0.5) * unit);
+    else if (factor < 0.001)
+        fputs("0.001", out);
+    else
+        fprintf(out, "%.3g", factor);
+}
+
+/* What a line may tell, least important first: on a narrow terminal they are left out in turn, the
+ * bus time last. */
+typedef enum detail {
+    DETAIL_AWAITED = 0,
+    DETAIL_FRAMES,
+    DETAIL_SPEED,
+    DETAIL_UNIT, /* the word for what is counted */
+    DETAIL_LEFT,
+    DETAIL_END,
+    DETAIL_COUNT
+} detail;
+
+/* What there is to tell. */
+typedef struct news {
+    const cw_bus_stats *stats;
+    uint64_t end;  /* CW_NEVER: unknown */
+    double wall_s; /* since the start */
+    const char *awaited;
+} news;
+
+static void print_left(FILE *out, const news *n)
+{
+    const double per_tick = n->wall_s / (double)n->stats->ticks;
+    char clock[CLOCK_MAX];
+    print_clock(clock, sizeof clock, per_tick * (double)(n->end - n->stats->ticks));
+    fprintf(out, ", %s left", clock);
+}
+
+static void print_awaited(FILE *out, const char *awaited)
+{
+    fprintf(out, ", waits for %.*s%s", AWAITED_MAX, awaited,
+            strlen(awaited) > AWAITED_MAX ? "..." : "");
+}
+
+/* Details from `first` on. */
+static void print_details(FILE *out, const news *n, detail first)
+{
+    const double done = (double)n->stats->ticks / CW_CLOCK_HZ;
+    const bool known = n->end != CW_NEVER && n->end > n->stats->ticks && n->stats->ticks > 0;
+    fprintf(out, "%.1f s", done);
+    if (known && first <= DETAIL_END)
+        fprintf(out, " of %.1f s", (double)n->end / CW_CLOCK_HZ);
+    if (first <= DETAIL_UNIT)
+        fputs(" bus time", out);
+    if (first <= DETAIL_FRAMES)
+        fprintf(out, ", %" PRIu64 " frames", n->stats->frames);
+    if (first <= DETAIL_SPEED) {
+        fputs(", ", out);
+        print_factor(out, done / n->wall_s);
+        fputs(" x real time", out);
+    }
+    if (known && first <= DETAIL_LEFT)
+        print_left(out, n);
+    if (n->awaited && first <= DETAIL_AWAITED)
+        print_awaited(out, n->awaited);
+}
+
+/* Returns whether the line fits; only whole ones are of use. */
+static bool print_line(char line[LINE_MAX_BYTES], size_t room, const news *n, detail first)
+{
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+    if (!out)
+        return false;
+    print_details(out, n, first);
+    bool good = fclose(out) == 0 && length <= room;
+    if (good)
+        memcpy(line, text, length + 1);
+    free(text);
+    return good;
+}
+
+/* Characters of a line that do not make it wrap. */
+static size_t terminal_room(void)
+{
+    struct winsize window;
+    size_t columns = COLUMNS_DEFAULT;
+    if (ioctl(STDERR_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col > 0)
+        columns = window.ws_col;
+    return columns < LINE_MAX_BYTES ? columns - 1 : LINE_MAX_BYTES - 1;
+}
+
+/* The line stays where it is; what comes then begins below it. SA_RESETHAND. */
+static void end_line(int signal)
+{
+    ssize_t written = write(STDERR_FILENO, "\n", 1);
+    (void)written;
+    (void)raise(signal);
+}
+
+static void watch_interrupt(sim_progress *p)
+{
+    struct sigaction ending = {.sa_flags = (int)SA_RESETHAND};
+    ending.sa_handler = end_line;
+    (void)sigemptyset(&ending.sa_mask);
+    (void)sigaction(SIGINT, NULL, &p->before);
+    if (p->before.sa_handler == SIG_DFL)
+        (void)sigaction(SIGINT, &ending, NULL);
+}
+
+void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
+{
+    char line[LINE_MAX_BYTES];
+    cw_bus_stats stats;
+    cw_bus_get_stats(bus, &stats);
+    const int64_t now_ns = wall_ns();
+    const news n = {.stats = &stats,
+                    .end = end,
+                    .wall_s = (double)(now_ns - p->start_ns) / 1e9,
+                    .awaited = p->awaited};
+    const size_t room = terminal_room();
+    bool fits = false;
+    for (unsigned first = 0; first <= DETAIL_COUNT && !fits; first++)
+        fits = print_line(line, room, &n, (detail)first);
+    const unsigned before = p->width;
+    p->next_ns = now_ns + PERIOD_NS;
+    if (!fits)
+        return;
+    if (before == 0)
+        watch_interrupt(p);
+    p->width = (unsigned)strlen(line);
+    fprintf(stderr, "\r%s%*s", line, before > p->width ? (int)(before - p->width) : 0, "");
+    (void)fflush(stderr);
+}
+
+void sim_progress_wipe(sim_progress *p)
+{
+    if (p->width == 0)
+        return;
+    fprintf(stderr, "\r%*s\r", (int)p->width, "");
+    (void)fflush(stderr);
+    p->width = 0;
+    (void)sigaction(SIGINT, &p->before, NULL);
+}

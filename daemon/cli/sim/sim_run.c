@@ -1,0 +1,366 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_run.c - a bus in virtual time: releases handed in, time advanced, events and bits passed on.
+ */
+#include "cli/sim/sim_run.h"
+
+#include <assert.h>
+#include <stdlib.h>
+
+#define INBOX_FRAMES 1024
+#define EVENT_RING 4096
+#define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
+#define SLICE_WORK 20000u /* of the bus between two looks at what has happened: some ms */
+#define CALM_BITS 3 /* that are shown from an event on: of what it tells the last is over */
+#define END_RECESSIVE_BITS 11 /* after the last frame */
+
+/* ---- Set-up ---------------------------------------------------------------------------------- */
+
+/* About the files that are replayed. */
+static void tell(void *user, bool failed, const char *text)
+{
+    sim_run *s = user;
+    if (s->quiet)
+        return;
+    sim_progress_wipe(&s->progress);
+    fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
+}
+
+bool sim_open(sim_run *s, const cfg *config, bool quiet)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    *s = (sim_run){
+        .config = config, .until = CW_NEVER, .careful_from = CW_NEVER, .quiet = quiet};
+    cfg_bus_config(&bus_config, nodes, config);
+    bus_config.inbox = INBOX_FRAMES;
+    bus_config.events = EVENT_RING;
+    s->memory = malloc(cw_bus_size(&bus_config));
+    s->plan = release_plan_new(config, tell, s);
+    if (!s->memory || !s->plan)
+        return false;
+    s->bus = cw_bus_init(s->memory, &bus_config);
+    if (s->bus)
+        release_add_replies(s->bus, config);
+    return s->bus != NULL;
+}
+
+bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
+{
+    static const cfg no_traffic = {.node_count = 0};
+    *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER, .careful_from = CW_NEVER};
+    s->plan = release_plan_new(&no_traffic, tell, s);
+    return s->plan != NULL;
+}
+
+void sim_close(sim_run *s)
+{
+    release_plan_free(s->plan);
+    free(s->memory);
+    s->plan = NULL;
+    s->memory = NULL;
+    s->bus = NULL;
+}
+
+void sim_add_sink(sim_run *s, const sim_sink *sink)
+{
+    assert(s->sink_count < SIM_SINKS_MAX);
+    s->sinks[s->sink_count] = *sink;
+    s->bit_sinks |= (uint32_t)(sink->bit != NULL) << s->sink_count;
+    s->sinks[s->sink_count++].bits_from -= sink->bits_from % s->config->bit_ticks;
+}
+
+void sim_be_careful(sim_run *s, uint64_t from)
+{
+    s->careful_from = from == CW_NEVER ? from : from - from % s->config->bit_ticks;
+}
+
+void sim_stop(sim_run *s, uint64_t tick)
+{
+    s->stopped = true;
+    s->until = tick;
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+static void pass_on(sim_run *s, const cw_event *event)
+{
+    s->calm_bits = 0;
+    if (event->tick > s->until)
+        return;
+    if (event->kind == CW_EVENT_TX)
+        s->last_activity = event->tick;
+    for (unsigned i = 0; i < s->sink_count; i++)
+        if (s->sinks[i].event)
+            s->sinks[i].event(s->sinks[i].user, event);
+}
+
+static void pass_on_events(sim_run *s)
+{
+    cw_event event;
+    while (cw_bus_poll(s->bus, &event))
+        pass_on(s, &event);
+}
+
+void sim_pass_on(sim_run *s, const cw_event *event)
+{
+    pass_on_events(s);
+    if (event)
+        pass_on(s, event);
+}
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* Where the run is careful, it is expected to end. */
+static uint64_t guess_end(const sim_run *s, uint64_t now)
+{
+    uint64_t known = s->careful_from > now ? least(s->until, s->careful_from) : s->until;
+    return known != CW_NEVER ? known : release_guess_end(s->plan, now);
+}
+
+static void show_progress(sim_run *s)
+{
+    uint64_t now = cw_bus_now(s->bus);
+    if (sim_progress_is_due(&s->progress, now))
+        sim_progress_write(&s->progress, s->bus, guess_end(s, now));
+}
+
+static void advance_bus(sim_run *s, uint64_t tick)
+{
+    cw_status status;
+    do {
+        status = cw_bus_advance_some(s->bus, tick, SLICE_WORK);
+        pass_on_events(s);
+        show_progress(s);
+    } while (status != CW_OK && !s->stopped);
+}
+
+/* Start of the first bit from now on that a sink wants, or CW_NEVER. */
+static uint64_t wanted_from(const sim_run *s, const sim_sink *sink)
+{
+    const uint64_t now = cw_bus_now(s->bus);
+    uint64_t start = sink->bits_from > now ? sink->bits_from : now;
+    bool over = sink->bits_to != 0 && start >= sink->bits_to;
+    return over ? CW_NEVER : start;
+}
+
+/* ... that any sink wants. */
+static uint64_t next_wanted(const sim_run *s)
+{
+    uint64_t start = CW_NEVER;
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1)
+        start = least(start, wanted_from(s, &s->sinks[__builtin_ctz(rest)]));
+    return start;
+}
+
+static void set_watching(sim_run *s, bool watching)
+{
+    if (watching != s->watching)
+        cw_bus_set_watching(s->bus, watching);
+    s->watching = watching;
+}
+
+/* Up to which tick there is nothing to be seen, for sinks that want no more than changes. What an
+ * event has to do with is seen in its bit or in the next one, and is over in the one behind it. */
+static uint64_t quiet_until(sim_run *s, uint64_t tick)
+{
+    const uint64_t now = cw_bus_now(s->bus);
+    if (s->step || s->calm_bits < CALM_BITS)
+        return now;
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
+        const sim_sink *sink = &s->sinks[__builtin_ctz(rest)];
+        if (!sink->changes)
+            return now;
+        if (sink->bits_from > now)
+            tick = least(tick, sink->bits_from);
+        if (sink->bits_to > now) /* to the end of its last bit */
+            tick = least(tick, sink->bits_to + s->config->bit_ticks - 1);
+    }
+    return cw_bus_quiet_until(s->bus, tick);
+}
+
+/* One bit, which may have been wanted. */
+static void advance_bit(sim_run *s)
+{
+    uint64_t start = cw_bus_now(s->bus);
+    uint32_t wanted = 0; /* of which sinks */
+    for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
+        unsigned i = (unsigned)__builtin_ctz(rest);
+        wanted |= (uint32_t)(wanted_from(s, &s->sinks[i]) == start) << i;
+    }
+    advance_bus(s, start + s->config->bit_ticks);
+    for (; wanted; wanted &= wanted - 1) {
+        const sim_sink *sink = &s->sinks[__builtin_ctz(wanted)];
+        sink->bit(sink->user, s->bus);
+    }
+    s->calm_bits++;
+}
+
+/* The run is to end now, whatever is still to come. */
+static bool is_over(const sim_run *s)
+{
+    return s->stopped || release_failed(s->plan);
+}
+
+/* How far the bus may go until a file that is replayed as fast as possible looks for its turn. */
+static uint64_t next_look(const sim_run *s)
+{
+    if (!release_is_fast(s->plan))
+        return CW_NEVER;
+    if (s->config->rule_count > 0)
+        return cw_bus_now(s->bus) + s->config->bit_ticks;
+    return release_look_at(s->plan, s->bus);
+}
+
+/* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file
+ * that is replayed as fast as possible has its turn. */
+static void advance(sim_run *s, uint64_t tick)
+{
+    const uint32_t bit_ticks = s->config->bit_ticks;
+    while (!is_over(s) && cw_bus_now(s->bus) + bit_ticks <= tick) {
+        uint64_t wanted = next_wanted(s);
+        uint64_t look = next_look(s);
+        uint64_t end = least(tick, least(look, s->careful_from));
+        bool now = wanted == cw_bus_now(s->bus);
+        if (now)
+            wanted = quiet_until(s, end);
+        else
+            s->calm_bits = 0; /* the first one that is wanted is to be shown */
+        now = wanted == cw_bus_now(s->bus);
+        set_watching(s, now);
+        if (now || cw_bus_now(s->bus) >= s->careful_from)
+            advance_bit(s);
+        else
+            advance_bus(s, least(end, wanted));
+        if (look == CW_NEVER)
+            continue;
+        release_look(s->plan, s->bus);
+        if (release_next_tick(s->plan) <= cw_bus_now(s->bus) + bit_ticks)
+            return;
+    }
+    if (!is_over(s))
+        advance_bus(s, tick);
+}
+
+/* When a run to the end of the traffic gives up waiting for something to happen. */
+static uint64_t quiet_end(const sim_run *s)
+{
+    if (s->until != CW_NEVER)
+        return CW_NEVER;
+    return s->last_activity + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
+}
+
+/* Hands in all releases of one tick, which the bus has not reached, so that their events come among
+ * the others of that tick. */
+static void hand_in_due(sim_run *s, uint64_t tick)
+{
+    while (!is_over(s) && release_next_tick(s->plan) == tick) {
+        unsigned node;
+        bool frame = release_first(s->plan, &node) != NULL;
+        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
+            advance(s, cw_bus_inbox_first(s->bus) + s->config->bit_ticks - 1);
+        else if (frame)
+            s->last_activity = tick;
+    }
+}
+
+/* Up to the last release; false when the run is over before. */
+static bool run_releases(sim_run *s)
+{
+    release_look(s->plan, s->bus);
+    while (!is_over(s)) {
+        uint64_t tick = release_next_tick(s->plan);
+        uint64_t bit_end = cw_bus_now(s->bus) + s->config->bit_ticks;
+        bool fast = release_is_fast(s->plan);
+        if (tick == CW_NEVER && !fast)
+            return true;
+        if ((fast ? least(tick, bit_end) : tick) > s->until)
+            break;
+        /* a tx on the way moves the end of the quiet time, so it is asked for again */
+        uint64_t target = least(least(tick - 1, s->until), quiet_end(s));
+        if (bit_end < tick && target < bit_end)
+            return false;
+        if (bit_end < tick)
+            advance(s, target);
+        else if (tick > quiet_end(s))
+            return false;
+        else
+            hand_in_due(s, tick);
+    }
+    return true;
+}
+
+static bool traffic_is_over(const sim_run *s)
+{
+    return cw_bus_pending(s->bus) == 0 && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
+}
+
+/* Bit by bit, so that the run ends in the very bit that the documentation names. */
+static void run_out(sim_run *s)
+{
+    while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
+        advance(s, cw_bus_now(s->bus) + s->config->bit_ticks);
+}
+
+static void run_until(sim_run *s)
+{
+    advance(s, s->until);
+    if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* amid a bit, which has to be run */
+        advance(s, s->until + s->config->bit_ticks);
+}
+
+/* Lost arbitrations cost most where nodes are many, and few look at them. */
+static uint32_t wanted_events(const sim_run *s)
+{
+    uint32_t kinds = 1u << CW_EVENT_TX;
+    for (unsigned i = 0; i < s->sink_count; i++)
+        if (s->sinks[i].event)
+            kinds |= s->sinks[i].kinds ? s->sinks[i].kinds : UINT32_MAX;
+    return kinds;
+}
+
+void sim_begin(sim_run *s)
+{
+    cw_bus_set_stepping(s->bus, s->step);
+    cw_bus_set_events(s->bus, wanted_events(s));
+}
+
+void sim_end(sim_run *s)
+{
+    sim_progress_wipe(&s->progress);
+}
+
+bool sim_advance(sim_run *s, uint64_t tick)
+{
+    if (tick > s->until)
+        run_until(s);
+    else
+        advance(s, tick);
+    return tick <= s->until && !is_over(s);
+}
+
+void sim_change(sim_run *s, const cfg *config, cw_bus *bus)
+{
+    s->config = config;
+    s->bus = bus;
+    cw_bus_set_events(bus, wanted_events(s));
+}
+
+bool sim_go(sim_run *s)
+{
+    sim_begin(s);
+    bool goes_on = run_releases(s);
+    if (s->until != CW_NEVER)
+        run_until(s);
+    else if (goes_on)
+        run_out(s);
+    sim_end(s);
+    if (!goes_on && !s->quiet)
+        fprintf(stderr,
+                "canwire sim: ended before the last release, after %u s of bus time without a "
+                "frame (--until TIME waits longer)\n", QUIET_LIMIT_S);
+    return !release_failed(s->plan);
+}

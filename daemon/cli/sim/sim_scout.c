@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_scout.c - runs a bus a first time, with no output, to find where an awaited event comes.
+ */
+#include "cli/sim/sim_scout.h"
+
+#include "cli/sim/sim_journal.h"
+
+#include <stdio.h>
+#include <sys/stat.h>
+
+/* A drop has the time at which its frame was handed in, which is not the end of a bit. */
+#define CAREFUL_BITS 2u
+
+/* A pipe is empty the second time. Files that are replayed are none. */
+static bool can_be_read_again(const char *file)
+{
+    struct stat status;
+    return stat(file, &status) == 0 && S_ISREG(status.st_mode);
+}
+
+/* Runs ahead of its events: once the awaited one has been seen the bus may be anywhere. */
+static bool prepare(sim_run *ahead, sim_until *found, const sim_scout *s, const sim_until *awaited)
+{
+    if (!sim_until_start(found, awaited->text, ahead))
+        return false;
+    found->warns = awaited->warns;
+    sim_be_careful(ahead, CW_NEVER);
+    ahead->until = s->run->until;
+    ahead->quiet = true;
+    sim_progress_start(&ahead->progress, s->progress, awaited->text);
+    return true;
+}
+
+static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awaited)
+{
+    sim_run ahead;
+    bool good = sim_open(&ahead, s->run->config, true) && prepare(&ahead, found, s, awaited);
+    if (good)
+        (void)sim_go(&ahead); /* what fails here does so again */
+    sim_close(&ahead);
+    return good;
+}
+
+static bool run_journal(sim_until *found, const sim_scout *s, const sim_until *awaited)
+{
+    sim_run ahead = {.bus = NULL};
+    FILE *nowhere = fopen("/dev/null", "w");
+    sim_journal player = {.errors = nowhere, .run = &ahead, .awaited = found};
+    bool good = nowhere && sim_journal_open(&player, s->journal) &&
+                prepare(&ahead, found, s, awaited);
+    if (good)
+        (void)sim_journal_go(&player);
+    sim_close(&ahead);
+    sim_journal_close(&player);
+    if (nowhere)
+        fclose(nowhere);
+    return good;
+}
+
+void sim_scout_go(const sim_scout *s, sim_until *awaited)
+{
+    sim_until found = {.happened = false};
+    const uint64_t early = (uint64_t)CAREFUL_BITS * s->run->config->bit_ticks;
+    if (s->journal && !can_be_read_again(s->journal))
+        return;
+    if (!(s->journal ? run_journal(&found, s, awaited) : run_file(&found, s, awaited)))
+        return;
+    awaited->warns = false; /* it has done so */
+    if (!found.happened)
+        sim_be_careful(s->run, CW_NEVER);
+    else
+        sim_be_careful(s->run, found.tick > early ? found.tick - early : 0);
+}

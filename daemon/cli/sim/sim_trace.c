@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_trace.c - the bits of a run in virtual time, or a window of them, as VCD and as a picture.
+ */
+#include "cli/sim/sim_trace.h"
+
+#include "record/bitpart.h"
+
+#include <assert.h>
+#include <inttypes.h>
+
+/* ---- The window ------------------------------------------------------------------------------ */
+
+bool sim_trace_window(sim_trace *self, const time_option *from, const time_option *to,
+                      const cfg *config, const char *program)
+{
+    self->from = from->text ? text_time_ticks(from->time, config->bit_ticks) : 0;
+    self->to = to->text ? text_time_ticks(to->time, config->bit_ticks) : CW_NEVER;
+    if (self->from < self->to)
+        return true;
+    if (to->text)
+        fprintf(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program,
+                to->text, from->text ? from->text : "0");
+    else
+        fprintf(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
+    return false;
+}
+
+/* ---- Looking on ------------------------------------------------------------------------------ */
+
+/* Between two bits, at the start of the window. */
+static void begin(sim_trace *self, const cw_bus *bus)
+{
+    self->begun = true;
+    if (self->vcd_out->stream)
+        self->vcd = vcd_open(outfile_begin(self->vcd_out), self->run->config, bus);
+    if (self->svg_out->stream)
+        self->svg = svg_new(self->run->config, bus);
+    self->no_memory =
+        (self->vcd_out->stream && !self->vcd) || (self->svg_out->stream && !self->svg);
+}
+
+/* At the very start of the window only what acts from then on; that comes before the bit has been
+ * passed on which ends there. */
+static bool is_inside(const sim_trace *self, const cw_event *event)
+{
+    const cfg *config = self->run->config;
+    uint64_t start = self->from - self->from % config->bit_ticks;
+    bool acts = event->kind == CW_EVENT_FAULT && !bit_has_hit(&config->rules[event->rule]);
+    return event->tick > start || (event->tick == start && acts);
+}
+
+static void take_event(void *user, const cw_event *event)
+{
+    sim_trace *self = user;
+    if (self->left || self->no_memory || !is_inside(self, event))
+        return;
+    if (!self->begun)
+        begin(self, self->run->bus);
+    if (self->vcd)
+        vcd_event(self->vcd, event);
+    if (self->svg && !svg_event(self->svg, event))
+        self->no_memory = true;
+}
+
+static void take_bit(void *user, const cw_bus *bus)
+{
+    sim_trace *self = user;
+    cw_bit_view bit;
+    cw_status status = cw_bus_get_bit(bus, &bit);
+    assert(status == CW_OK);
+    (void)status;
+    if (self->left)
+        return;
+    if (!self->begun)
+        begin(self, bus);
+    if (bit.end <= self->from || self->no_memory) /* it was to see what the window begins with */
+        return;
+    if (self->vcd)
+        vcd_bit(self->vcd, &bit);
+    if (self->svg && !svg_bit(self->svg, &bit))
+        self->no_memory = true;
+}
+
+static bool fits_picture(uint64_t bits, const char *program)
+{
+    if (bits > SVG_BITS_MAX)
+        fprintf(stderr,
+                "%s: --svg: a picture has at most %d bits, these are %" PRIu64
+                ": choose others by --from and --to\n",
+                program, SVG_BITS_MAX, bits);
+    return bits <= SVG_BITS_MAX;
+}
+
+/* Bits of the window that the run is sure to have, as far as its end is known; where it is not, all
+ * bits that overlap with a window that has an end. */
+static uint64_t known_bits(const sim_trace *self, uint64_t end, uint32_t bit_ticks)
+{
+    uint64_t bits = end != CW_NEVER ? end / bit_ticks : 0; /* whole ones, from the start on */
+    if (self->to <= end && self->to != CW_NEVER)
+        bits = (self->to - 1) / bit_ticks + 1;
+    return bits > self->from / bit_ticks ? bits - self->from / bit_ticks : 0;
+}
+
+/* What is known before the run, so that no output is touched for it. */
+static bool is_possible(const sim_trace *self, uint64_t end, uint32_t bit_ticks,
+                        const char *program)
+{
+    if (end != CW_NEVER && self->from > end && self->from - end >= bit_ticks) {
+        fprintf(stderr, "%s: --from: the run ends before\n", program);
+        return false;
+    }
+    return !self->svg_out->stream || fits_picture(known_bits(self, end, bit_ticks), program);
+}
+
+bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program)
+{
+    const uint32_t bit_ticks = run->config->bit_ticks;
+    if (!self->vcd_out->stream && !self->svg_out->stream)
+        return true;
+    if (!is_possible(self, end, bit_ticks, program))
+        return false;
+    const sim_sink sink = {
+        .user = self,
+        .event = take_event,
+        .bit = take_bit,
+        .bits_from = self->from >= bit_ticks ? self->from - bit_ticks : 0,
+        .bits_to = self->to == CW_NEVER ? 0 : self->to,
+        .changes = !self->svg_out->stream,
+    };
+    self->run = run;
+    sim_add_sink(run, &sink);
+    return true;
+}
+
+void sim_trace_begin(sim_trace *self)
+{
+    if (self->run && self->from < self->run->config->bit_ticks)
+        begin(self, self->run->bus);
+}
+
+static bool draw(const sim_trace *self, const char *program)
+{
+    if (!fits_picture(svg_count(self->svg), program))
+        return false;
+    bool good = svg_write(outfile_begin(self->svg_out), self->svg, self->to);
+    if (!good)
+        fprintf(stderr, "%s: out of memory\n", program);
+    return good;
+}
+
+bool sim_trace_finish(sim_trace *self, const char *program)
+{
+    if (!self->run || self->left)
+        return !self->run || self->good;
+    vcd_close(self->vcd);
+    self->vcd = NULL;
+    bool empty = !self->begun || (self->svg && svg_count(self->svg) == 0);
+    if (self->no_memory)
+        fprintf(stderr, "%s: out of memory\n", program);
+    else if (empty)
+        fprintf(stderr, "%s: --from: the run ends before\n", program);
+    return !self->no_memory && !empty && (!self->svg || draw(self, program));
+}
+
+void sim_trace_leave(sim_trace *self, const char *program)
+{
+    char time[TIME_TEXT_MAX];
+    if (!self->run || self->left || !self->begun)
+        return;
+    text_print_seconds(time, cw_bus_now(self->run->bus));
+    if (cw_bus_now(self->run->bus) < self->to)
+        fprintf(stderr,
+                "%s: the bus goes over to other nodes at %s s: --vcd and --svg end there\n",
+                program, time);
+    self->good = sim_trace_finish(self, program);
+    self->left = true;
+}
+
+void sim_trace_close(sim_trace *self)
+{
+    vcd_close(self->vcd);
+    svg_free(self->svg);
+    self->vcd = NULL;
+    self->svg = NULL;
+}

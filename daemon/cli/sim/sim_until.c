@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_until.c - ends a run with an event: [NODE:]KIND[:WHICH].
+ */
+#include "cli/sim/sim_until.h"
+
+#include <string.h>
+
+#define WARN_S 10u /* of bus time */
+
+static const char expected[] =
+    "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
+    "arbitration-lost, state, link), a state (error-active, error-warning, error-passive, "
+    "bus-off), tx:FILTER or the like for frames, fault[:RULE], or skip";
+
+/* Events of the bus, not of a node. */
+#define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)
+
+/* Events with a frame: a filter may follow. */
+#define FRAME_KINDS                                                                                \
+    (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP | 1u << CW_EVENT_ARBITRATION_LOST)
+
+static bool fail(const sim_until *u, const char *problem)
+{
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: %s\n", u->text, problem);
+    return false;
+}
+
+static bool same(const char *word, size_t length, const char *name)
+{
+    return strlen(name) == length && strncmp(word, name, length) == 0;
+}
+
+/* The kind or the state that a word is; false when it is none. */
+static bool find_kind(sim_until *u, const char *word, size_t length)
+{
+    for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
+        const char *name = cw_event_name((cw_event_kind)kind);
+        if (kind == CW_EVENT_TOLERATED || !same(word, length, name))
+            continue;
+        u->kinds = 1u << kind;
+        u->states = UINT32_MAX;
+        return true;
+    }
+    for (unsigned state = 0; state < CW_STATE_COUNT; state++) {
+        if (!same(word, length, cw_state_name((cw_state)state)))
+            continue;
+        u->kinds = 1u << CW_EVENT_STATE;
+        u->states = 1u << state;
+        return true;
+    }
+    return false;
+}
+
+static int find_node(const cfg *config, const char *word, size_t length)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (same(word, length, config->nodes[i].name))
+            return (int)i;
+    return -1;
+}
+
+/* Nodes or rules, as far as they have names. */
+static bool fail_unknown(sim_until *u, const char *what, const char *word, size_t length)
+{
+    const cfg *config = u->run->config;
+    const bool nodes = strcmp(what, "node") == 0;
+    const size_t count = nodes ? config->node_count : config->rule_count;
+    const char *before = ": there is ";
+    if (u->run->quiet)
+        return false;
+    fprintf(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
+            (int)length, word);
+    for (size_t i = 0; i < count; i++) {
+        const char *name = nodes ? config->nodes[i].name : config->rules[i].name;
+        if (name)
+            fprintf(stderr, "%s%s", before, name);
+        if (name)
+            before = ", ";
+    }
+    fputc('\n', stderr);
+    return false;
+}
+
+static bool fail_word(const sim_until *u, const char *word, size_t length)
+{
+    if (same(word, length, "record"))
+        return fail(u, "recordings are canwired's, canwire sim has no such events");
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
+                (int)length, word, expected);
+    return false;
+}
+
+static bool find_rule(sim_until *u, const char *name)
+{
+    const cfg *config = u->run->config;
+    for (size_t i = 0; i < config->rule_count; i++)
+        if (config->rules[i].name && strcmp(config->rules[i].name, name) == 0)
+            u->rule = name;
+    return u->rule || fail_unknown(u, "rule", name, strlen(name));
+}
+
+static bool fail_behind(const sim_until *u, const char *which)
+{
+    if (!u->run->quiet)
+        fprintf(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
+                expected);
+    return false;
+}
+
+/* What stands behind the kind: which rule, or which frames. */
+static bool read_which(sim_until *u, const char *which)
+{
+    if (u->kinds & 1u << CW_EVENT_FAULT)
+        return find_rule(u, which);
+    if (!(u->kinds & FRAME_KINDS))
+        return fail_behind(u, which);
+    const char *problem =
+        text_parse_filters(u->filters, &u->filter_count, CW_RULE_FILTERS_MAX, which);
+    return !problem || fail(u, problem);
+}
+
+/* "KIND" or "KIND:WHICH" */
+static bool read_kind(sim_until *u, const char *text)
+{
+    size_t length = strcspn(text, ":");
+    if (!find_kind(u, text, length))
+        return fail_word(u, text, length);
+    return text[length] == '\0' || read_which(u, text + length + 1);
+}
+
+/* A node first, if an event follows and the word is no event itself, or if there is such a node. */
+static bool read_event(sim_until *u, const char *text)
+{
+    size_t length = strcspn(text, ":");
+    sim_until probe = *u;
+    bool event_itself = find_kind(&probe, text, length);
+    const char *rest = text[length] == ':' ? text + length + 1 : NULL;
+    int node = rest ? find_node(u->run->config, text, length) : -1;
+    if (!rest || (node < 0 && event_itself))
+        return read_kind(u, text);
+    bool event_follows = find_kind(&probe, rest, strcspn(rest, ":"));
+    if (!event_follows && (event_itself || node < 0))
+        return read_kind(u, text);
+    if (!event_follows)
+        return fail_word(u, rest, strcspn(rest, ":"));
+    if (node < 0)
+        return fail_unknown(u, "node", text, length);
+    if (probe.kinds & BUS_KINDS)
+        return fail(u, "faults and skips are events of the bus, not of a node");
+    u->nodes = UINT64_C(1) << node;
+    return read_kind(u, rest);
+}
+
+static bool is_awaited(const sim_until *u, const cw_event *event)
+{
+    if (!(u->kinds >> event->kind & 1u))
+        return false;
+    if (event->kind == CW_EVENT_FAULT)
+        return !u->rule || strcmp(u->run->config->rules[event->rule].name, u->rule) == 0;
+    if (event->kind == CW_EVENT_SKIP)
+        return true;
+    if (event->kind == CW_EVENT_STATE && !(u->states >> event->state & 1u))
+        return false;
+    if ((FRAME_KINDS >> event->kind & 1u) &&
+        !cw_frame_matches(&event->frame, u->filters, u->filter_count))
+        return false;
+    return event->nodes & u->nodes;
+}
+
+static void warn(sim_until *u)
+{
+    u->warns = false;
+    sim_progress_wipe(&u->run->progress);
+    fprintf(stderr,
+            "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
+            "without `count`, so that without the event only --until TIME ends the run\n",
+            u->text, WARN_S);
+}
+
+static void look_at_event(void *user, const cw_event *event)
+{
+    sim_until *u = user;
+    if (u->warns && event->tick > WARN_S * (uint64_t)CW_CLOCK_HZ)
+        warn(u);
+    if (u->happened || !is_awaited(u, event))
+        return;
+    u->happened = true;
+    u->tick = event->tick;
+    sim_stop(u->run, event->tick);
+}
+
+bool sim_until_start(sim_until *u, const char *text, sim_run *run)
+{
+    const sim_sink sink = {.user = u, .event = look_at_event};
+    *u = (sim_until){.text = text, .run = run, .nodes = UINT64_MAX};
+    if (!text)
+        return true;
+    if (!read_event(u, text))
+        return false;
+    sim_be_careful(run, 0);
+    sim_add_sink(run, &sink);
+    return true;
+}
+
+void sim_until_change(sim_until *u)
+{
+    sim_until again = {.text = u->text, .run = u->run, .nodes = UINT64_MAX, .warns = u->warns};
+    if (!u->text || u->happened)
+        return;
+    if (!read_event(&again, u->text))
+        again.kinds = 0;
+    *u = again;
+}
+
+void sim_until_warn(sim_until *u)
+{
+    u->warns = true;
+}
+
+void sim_until_finish(const sim_until *u)
+{
+    if (u->text && !u->happened)
+        fprintf(stderr, "canwire sim: --until-event %s: it did not happen\n", u->text);
+}

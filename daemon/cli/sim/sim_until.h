@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_until.h - ends a run with an event: [NODE:]KIND[:WHICH].
+ */
+#ifndef CANWIRE_CLI_SIM_SIM_UNTIL_H
+#define CANWIRE_CLI_SIM_SIM_UNTIL_H
+
+#include "cli/sim/sim_run.h"
+
+typedef struct sim_until {
+    const char *text; /* as it was written, NULL: no event is waited for */
+    sim_run *run;
+    uint64_t nodes;                         /* of any of these */
+    uint32_t kinds;                         /* 1u << cw_event_kind */
+    uint32_t states;                        /* CW_EVENT_STATE: 1u << cw_state */
+    const char *rule;                       /* CW_EVENT_FAULT: its name; NULL: any */
+    cw_filter filters[CW_RULE_FILTERS_MAX]; /* of events with a frame */
+    unsigned filter_count;
+    bool happened;
+    uint64_t tick; /* ... at */
+    bool warns;        /* see sim_until_warn() */
+} sim_until;
+
+/* Reads what is waited for and adds the sink that stops the run, which is careful from the start
+ * on. NULL as text: nothing is done. False after a message to standard error. */
+bool sim_until_start(sim_until *u, const char *text, sim_run *run);
+
+/* The run has no other end: when the event has not come after 10 s of bus time, that is said, once,
+ * on standard error. */
+void sim_until_warn(sim_until *u);
+
+/* The run has another configuration. What is waited for is what the text says there; it does not
+ * happen when there is no such node or rule. */
+void sim_until_change(sim_until *u);
+
+/* Says on standard error when it did not happen. */
+void sim_until_finish(const sim_until *u);
+
+#endif

@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * summary.c - a bus and its nodes as a small table for people.
+ */
+#include "cli/sim/summary.h"
+
+#include <inttypes.h>
+
+static uint64_t sum(const uint64_t *counters, unsigned count)
+{
+    uint64_t total = 0;
+    for (unsigned i = 0; i < count; i++)
+        total += counters[i];
+    return total;
+}
+
+static void print_node(FILE *out, const cfg_node *node, const cw_node_stats *s)
+{
+    fprintf(out,
+            "%-16s %-13s %4u %4u %9" PRIu64 " %9" PRIu64 " %8" PRIu64 " %8" PRIu64 " %8" PRIu64
+            " %7" PRIu32 "\n",
+            node->name, cw_state_name(s->state), s->tec, s->rec, s->tx_frames, s->rx_frames,
+            s->arbitration_lost, sum(s->errors, CW_ERROR_COUNT), sum(s->dropped, CW_DROP_COUNT),
+            s->queue);
+}
+
+void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    cw_bus_stats stats;
+    cw_bus_get_stats(bus, &stats);
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, stats.ticks);
+    const cw_bus_stats start = {.bits = 0};
+    unsigned load = cw_load_permille(&start, &stats);
+    fprintf(out,
+            "%s: %s s at %u bit/s, %" PRIu64 " frames, load %u.%u %%, %" PRIu64 " error frames, "
+            "%" PRIu64 " fault hits\n",
+            config->bus_name, time, config->bitrate_bps, stats.frames, load / 10, load % 10,
+            stats.error_frames, stats.faults);
+    fprintf(out, "%-16s %-13s %4s %4s %9s %9s %8s %8s %8s %7s\n", "node", "state", "tec", "rec",
+            "tx", "rx", "arb-lost", "errors", "dropped", "queued");
+    for (unsigned i = 0; i < config->node_count; i++) {
+        cw_node_stats node;
+        if (cw_node_get_stats(bus, i, &node) == CW_OK)
+            print_node(out, &config->nodes[i], &node);
+    }
+}

@@ -1,0 +1,279 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status_text.c - the status of a bus as text, in the layout of `ip -details -statistics link`.
+ */
+#include "serve/status.h"
+
+#include <ctype.h>
+#include <inttypes.h>
+#include <string.h>
+
+#define UPPER_MAX 32
+#define NS_PER_S 1000000000
+#define LAG_SHOWN_MS 100 /* less is usual on a busy machine */
+
+/* Columns of numbers under their names, as `ip` has for re-started, bus-errors ... */
+typedef struct column {
+    const char *title;
+    const char *key;
+} column;
+
+#define TITLE_WIDTH 10
+#define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
+
+static intmax_t number(const json_t *object, const char *key)
+{
+    return (intmax_t)json_integer_value(json_object_get(object, key));
+}
+
+/* "" when there is none. */
+static const char *text(const json_t *object, const char *key)
+{
+    const char *value = json_string_value(json_object_get(object, key));
+    return value ? value : "";
+}
+
+static const char *upper(char out[UPPER_MAX], const char *word)
+{
+    size_t i;
+    for (i = 0; word[i] && i + 1 < UPPER_MAX; i++)
+        out[i] = (char)toupper((unsigned char)word[i]);
+    out[i] = '\0';
+    return out;
+}
+
+static intmax_t sum(const json_t *object)
+{
+    intmax_t total = 0;
+    json_t *members = (json_t *)(uintptr_t)object; /* the iterator takes no const */
+    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
+        total += (intmax_t)json_integer_value(json_object_iter_value(i));
+    return total;
+}
+
+/* Only where the bus has not kept up with real time. */
+static void print_pace(FILE *out, const json_t *bus)
+{
+    intmax_t lag_ms = number(bus, "lag_ns") / 1000000;
+    intmax_t skipped_ms = number(bus, "skipped_ns") / 1000000;
+    if (lag_ms >= LAG_SHOWN_MS)
+        fprintf(out, "    behind real time by %jd.%03jd s\n", lag_ms / 1000, lag_ms % 1000);
+    if (skipped_ms > 0)
+        fprintf(out, "    fell behind real time %jd times, skipped %jd.%03jd s\n",
+                number(bus, "skips"), skipped_ms / 1000, skipped_ms % 1000);
+}
+
+static void print_bus(FILE *out, const json_t *bus)
+{
+    intmax_t time_ns = number(bus, "time_ns");
+    intmax_t load = number(bus, "load_second_permille");
+    fprintf(out,
+            "%s: bitrate %jd up %jd.%03jd s load %jd.%jd %% frames %jd error-frames %jd "
+            "overload-frames %jd fault-hits %jd\n",
+            text(bus, "name"), number(bus, "bitrate"), time_ns / NS_PER_S,
+            time_ns % NS_PER_S / 1000000, load / 10, load % 10, number(bus, "frames"),
+            number(bus, "error_frames"), number(bus, "overload_frames"), number(bus, "faults"));
+    print_pace(out, bus);
+}
+
+/* "<LISTEN-ONLY,ONE-SHOT> ", or nothing. */
+static void print_modes(FILE *out, const json_t *settings)
+{
+    const char *before = "<";
+    char flag[UPPER_MAX];
+    json_t *members = (json_t *)(uintptr_t)settings; /* the iterator takes no const */
+    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
+        if (!json_is_true(json_object_iter_value(i)))
+            continue;
+        fprintf(out, "%s%s", before, upper(flag, json_object_iter_key(i)));
+        before = ",";
+    }
+    if (*before == ',')
+        fputs("> ", out);
+}
+
+/* Whether the interface is there and up, or the node has none. */
+static bool has_link(const json_t *node)
+{
+    const char *link = text(node, "link");
+    return *link == '\0' || strcmp(link, "up") == 0;
+}
+
+static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
+{
+    const json_t *settings = json_object_get(node, "settings");
+    char state[UPPER_MAX];
+    fputs("    can ", out);
+    print_modes(out, settings);
+    fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
+            has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
+            number(node, "tec"), number(node, "rec"),
+            number(settings, "restart-ms"));
+    fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
+}
+
+/* Of column i and what stands under it; the last one ends the line. */
+static int column_width(const column *columns, size_t count, size_t i)
+{
+    int width = (int)strlen(columns[i].title);
+    if (i + 1 == count)
+        return 0;
+    return width > TITLE_WIDTH ? width : TITLE_WIDTH;
+}
+
+static void print_columns(FILE *out, const json_t *values, const column *columns, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        fprintf(out, "%s%-*s", i == 0 ? "\t  " : " ", column_width(columns, count, i),
+                columns[i].title);
+    fputc('\n', out);
+    for (size_t i = 0; i < count; i++)
+        fprintf(out, "%s%-*jd", i == 0 ? "\t  " : " ", column_width(columns, count, i),
+                number(values, columns[i].key));
+    fputc('\n', out);
+}
+
+static void print_counters(FILE *out, const json_t *node)
+{
+    static const column controller[] = {
+        {"re-started", "restarts"},         {"bus-errors", "bus_errors"},
+        {"arbit-lost", "arbitration_lost"}, {"error-warn", "error_warning"},
+        {"error-pass", "error_passive"},    {"bus-off", "bus_off"},
+    };
+    static const column errors[] = {
+        {"bit-err", "bit"}, {"stuff-err", "stuff"}, {"form-err", "form"},
+        {"crc-err", "crc"}, {"ack-err", "ack"},
+    };
+    static const column more[] = {
+        {"queued", "queue"},
+        {"queue-peak", "queue_peak"},
+        {"re-sent", "retransmissions"},
+        {"overloads", "overloads"},
+        {"undetected", "undetected_errors"},
+    };
+    static const column drops[] = {
+        {"queue-full", "queue-full"},   {"one-shot", "one-shot"},   {"bus-off", "bus-off"},
+        {"listen-only", "listen-only"}, {"bad-frame", "bad-frame"}, {"fault", "fault"},
+        {"link-down", "link-down"},
+    };
+    print_columns(out, node, controller, COUNT_OF(controller));
+    print_columns(out, json_object_get(node, "errors"), errors, COUNT_OF(errors));
+    print_columns(out, node, more, COUNT_OF(more));
+    fputs("\t  dropped:\n", out);
+    print_columns(out, json_object_get(node, "dropped"), drops, COUNT_OF(drops));
+}
+
+/* What a driver's link statistics would count. What the ECU's interface lost on the way to the
+ * node counts as dropped by it. */
+static void print_traffic(FILE *out, const json_t *node)
+{
+    const json_t *interface = json_object_get(node, "interface");
+    fputs("    RX:  bytes packets errors dropped  missed   mcast\n", out);
+    fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "rx_bytes"),
+            number(node, "rx_frames"), number(node, "rx_errors"), number(interface, "write_failed"),
+            0, 0);
+    fputs("    TX:  bytes packets errors dropped carrier collsns\n", out);
+    fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "tx_bytes"),
+            number(node, "tx_frames"), number(node, "tx_errors"),
+            sum(json_object_get(node, "dropped")) + number(interface, "kernel_dropped") +
+                number(interface, "loopless"),
+            0, 0);
+}
+
+/* Where a program has spoken to nobody. */
+static void print_loopless(FILE *out, const json_t *node)
+{
+    intmax_t frames = number(json_object_get(node, "interface"), "loopless");
+    if (frames > 0)
+        fprintf(out, "    %jd frames sent without loopback have not reached the bus: use vxcan\n",
+                frames);
+}
+
+/* Where programs wait for room in the queue, in place of losing frames. */
+static void print_push_back(FILE *out, const json_t *node)
+{
+    bool now = json_is_true(json_object_get(node, "pushed_back"));
+    intmax_t times = number(json_object_get(node, "interface"), "pushed_back");
+    if (times > 0)
+        fprintf(out, "    queue full, the ECU has had to wait %jd times%s\n", times,
+                now ? ", and does now" : "");
+}
+
+static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)
+{
+    const json_t *settings = json_object_get(node, "settings");
+    const char *peer = text(node, "port");
+    char link[UPPER_MAX];
+    bool waits = strcmp(text(node, "when_full"), "wait") == 0;
+    fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s%s\n", position, text(node, "name"),
+            *peer ? "@" : "", peer, number(settings, "queue"), text(settings, "order"),
+            waits ? " when-full wait" : "", has_link(node) ? "" : " link ",
+            has_link(node) ? "" : upper(link, text(node, "link")));
+    print_state(out, node, bitrate);
+    print_push_back(out, node);
+    print_loopless(out, node);
+    print_counters(out, node);
+    print_traffic(out, node);
+}
+
+static void print_recording(FILE *out, const json_t *recording)
+{
+    const char *why = text(recording, "why");
+    intmax_t lost = number(recording, "lost");
+    fprintf(out, "record %s: %s%s%s entries %jd bytes %jd", text(recording, "file"),
+            text(recording, "state"), *why ? ": " : "", why, number(recording, "entries"),
+            number(recording, "bytes"));
+    if (lost > 0)
+        fprintf(out, " lost %jd", lost);
+    fputc('\n', out);
+}
+
+static void print_journal(FILE *out, const json_t *journal)
+{
+    const char *why = text(journal, "why");
+    fprintf(out, "journal %s: %s%s%s lines %jd", text(journal, "file"), text(journal, "state"),
+            *why ? ": " : "", why, number(journal, "lines"));
+    if (number(journal, "lost") > 0)
+        fprintf(out, " lost %jd", number(journal, "lost"));
+    if (number(journal, "gaps") > 0)
+        fprintf(out, " gaps %jd", number(journal, "gaps"));
+    fputc('\n', out);
+}
+
+void status_print(FILE *out, const json_t *status)
+{
+    const json_t *journal = json_object_get(status, "journal");
+    const json_t *recordings = json_object_get(status, "recordings");
+    const json_t *bus = json_object_get(status, "bus");
+    const json_t *nodes = json_object_get(status, "nodes");
+    print_bus(out, bus);
+    for (size_t i = 0; i < json_array_size(nodes); i++)
+        print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
+    for (size_t i = 0; i < json_array_size(recordings); i++)
+        print_recording(out, json_array_get(recordings, i));
+    if (journal)
+        print_journal(out, journal);
+}
+
+static const char *fault_state(const json_t *fault)
+{
+    if (json_is_true(json_object_get(fault, "active")))
+        return "active";
+    if (json_is_true(json_object_get(fault, "over")))
+        return "over";
+    return json_is_true(json_object_get(fault, "manual")) ? "manual" : "waiting";
+}
+
+void status_print_faults(FILE *out, const json_t *faults)
+{
+    fprintf(out, "%-24s %-10s %-8s %8s %8s %8s %s\n", "RULE", "ACTION", "STATE", "MATCHES", "HITS",
+            "MISSES", "FROM");
+    for (size_t i = 0; i < json_array_size(faults); i++) {
+        const json_t *fault = json_array_get(faults, i);
+        bool injected = json_is_true(json_object_get(fault, "injected"));
+        fprintf(out, "%-24s %-10s %-8s %8jd %8jd %8jd %s\n", text(fault, "name"),
+                text(fault, "action"), fault_state(fault), number(fault, "matches"),
+                number(fault, "hits"), number(fault, "misses"),
+                injected ? "injection" : "configuration");
+    }
+}

@@ -1,0 +1,258 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * svg_layout.c - where things of a picture go: rows of bits, lanes of nodes, notes beside them.
+ */
+#include "cli/svg/svg_layout.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define NOTE_SHIFT 4 /* from the line of a note to its text */
+#define NOTE_SPACE 8 /* between texts */
+#define NAME_SPACE 10 /* between a name and the bits */
+
+int svg_layout_x(const svg_layout *self, const svg_row *row, size_t bit)
+{
+    return SVG_MARGIN + self->labels + (int)(bit - row->first) * self->bit;
+}
+
+int svg_layout_letters(const svg_layout *self, int size)
+{
+    return (self->labels - NAME_SPACE) * 1000 / (size * SVG_NAME_PERMILLE);
+}
+
+int svg_layout_text(const placed_note *n)
+{
+    return n->letters * SVG_LETTER;
+}
+
+int svg_layout_faults(const svg_row *row)
+{
+    return (int)row->levels[NOTE_OF_BUS] * SVG_NOTE;
+}
+
+int svg_layout_wire(void)
+{
+    return SVG_WAVE + SVG_DIGITS + SVG_GAP;
+}
+
+int svg_layout_node(const svg_row *row, unsigned node)
+{
+    return SVG_BAND + 4 + SVG_WAVE + 2 + (int)row->levels[node] * SVG_NOTE + SVG_GAP;
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+/* As wide as the longest name needs. */
+static int find_labels(const cfg *config)
+{
+    int width = SVG_LABELS_MIN;
+    for (size_t i = 0; i < config->node_count; i++) {
+        int letters = (int)strlen(config->nodes[i].name);
+        int needed = (letters * SVG_NAME_SIZE * SVG_NAME_PERMILLE + 999) / 1000 + NAME_SPACE;
+        width = needed > width ? needed : width;
+    }
+    return width;
+}
+
+/* As many as are needed, all of about the same length. */
+static bool make_rows(svg_layout *self, const cw_bit_view *bits, size_t count)
+{
+    const size_t most = SVG_AREA / SVG_BIT_MIN;
+    self->row_count = (count + most - 1) / most;
+    self->rows = calloc(self->row_count, sizeof *self->rows);
+    if (!self->rows)
+        return false;
+    size_t each = (count + self->row_count - 1) / self->row_count;
+    self->bit = SVG_AREA / (int)each;
+    if (self->bit > SVG_BIT_MAX)
+        self->bit = SVG_BIT_MAX;
+    for (size_t i = 0; i < self->row_count; i++) {
+        svg_row *row = &self->rows[i];
+        row->first = i * each;
+        row->end = i + 1 < self->row_count ? row->first + each : count;
+        for (size_t b = row->first; b < row->end; b++)
+            row->wires = bits[b].wire_count > row->wires ? bits[b].wire_count : row->wires;
+    }
+    int area = (int)each * self->bit;
+    self->width = 2 * SVG_MARGIN + self->labels + (area > SVG_AREA_MIN ? area : SVG_AREA_MIN);
+    return true;
+}
+
+/* ---- Notes ----------------------------------------------------------------------------------- */
+
+/* The notes of a lane in a row, from left to right. */
+typedef struct shelf {
+    placed_note **notes;
+    size_t count;
+    int *left; /* of what has its place in each level so far */
+    unsigned levels;
+} shelf;
+
+static int text_end(const placed_note *n)
+{
+    int end = n->text + svg_layout_text(n);
+    return n->same || end < n->x ? n->x : end;
+}
+
+static void take_lane(shelf *on, svg_layout *self, const svg_row *row, unsigned lane)
+{
+    on->count = 0;
+    on->levels = 0;
+    for (size_t i = 0; i < self->note_count; i++) {
+        placed_note *n = &self->notes[i];
+        size_t bit = note_bit(n->note);
+        if (n->note->node != lane || bit < row->first || bit >= row->end)
+            continue;
+        int half = (int)(n->note->half - 2 * row->first);
+        n->x = svg_layout_x(self, row, row->first) + half * self->bit / 2;
+        n->letters = (int)strlen(n->note->text);
+        on->notes[on->count++] = n;
+    }
+}
+
+static void cut_to(placed_note *n, int room)
+{
+    if (svg_layout_text(n) > room)
+        n->letters = room / SVG_LETTER;
+}
+
+/* Which side of its line each text is on. Those of the last notes are on the left when they would
+ * leave the picture, and those that would then be in the way of such a line. Returns the first. */
+static size_t choose_sides(const shelf *on, int left, int right)
+{
+    int limit = right;
+    size_t first = on->count;
+    for (size_t i = on->count; i-- > 0;) {
+        const placed_note *n = on->notes[i];
+        bool fits = n->x + NOTE_SHIFT + svg_layout_text(n) <= limit;
+        if (fits || n->x - left < limit - n->x)
+            continue;
+        limit = n->x;
+        first = i;
+    }
+    for (size_t i = 0; i < on->count; i++) {
+        placed_note *n = on->notes[i];
+        n->before = i >= first;
+        cut_to(n, n->before ? n->x - NOTE_SHIFT - left : limit - n->x - NOTE_SHIFT);
+        n->text = n->before ? n->x - NOTE_SHIFT - svg_layout_text(n) : n->x + NOTE_SHIFT;
+    }
+    return first;
+}
+
+static bool is_same(const placed_note *a, const placed_note *b)
+{
+    return a->note->node == NOTE_OF_BUS && strcmp(a->note->text, b->note->text) == 0;
+}
+
+static void join(placed_note *n, const placed_note *neighbour)
+{
+    n->same = true;
+    n->level = neighbour->level;
+    n->joined = neighbour->x;
+}
+
+/* Left edge of all that is in a level, or goes through it to one behind. */
+static int left_of(const shelf *on, unsigned level)
+{
+    int left = INT_MAX;
+    for (; level < on->levels; level++)
+        left = on->left[level] < left ? on->left[level] : left;
+    return left;
+}
+
+/* From right to left, each as near to the lane as it can be: so the line from a note to its bit
+ * crosses no text. */
+static void place_behind(shelf *on, size_t end)
+{
+    for (size_t i = end; i-- > 0;) {
+        placed_note *n = on->notes[i];
+        const placed_note *next = i + 1 < end ? on->notes[i + 1] : NULL;
+        int edge = text_end(n) + NOTE_SPACE;
+        if (next && edge > next->x && is_same(n, next))
+            join(n, next);
+        else
+            while (edge > left_of(on, n->level))
+                n->level++;
+        on->levels = n->level == on->levels ? on->levels + 1 : on->levels;
+        on->left[n->level] = n->x;
+    }
+}
+
+/* From left to right, each behind all that it or its line would touch. */
+static void place_before(shelf *on, size_t first)
+{
+    for (size_t i = first; i < on->count; i++) {
+        placed_note *n = on->notes[i];
+        const placed_note *last = i > first ? on->notes[i - 1] : NULL;
+        if (last && n->text < last->x + NOTE_SPACE && is_same(n, last)) {
+            join(n, last);
+            continue;
+        }
+        for (size_t k = 0; k < i; k++)
+            if (text_end(on->notes[k]) + NOTE_SPACE > n->text && on->notes[k]->level >= n->level)
+                n->level = on->notes[k]->level + 1;
+        on->levels = n->level >= on->levels ? n->level + 1 : on->levels;
+    }
+}
+
+static void place_lane(svg_layout *self, svg_row *row, unsigned lane, shelf *on)
+{
+    take_lane(on, self, row, lane);
+    size_t first = choose_sides(on, SVG_MARGIN + self->labels, self->width - SVG_MARGIN);
+    place_behind(on, first);
+    place_before(on, first);
+    row->levels[lane] = on->levels;
+}
+
+static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
+{
+    self->notes = calloc(notes->count + 1, sizeof *self->notes);
+    shelf on = {.count = 0};
+    on.notes = calloc(notes->count + 1, sizeof *on.notes);
+    on.left = calloc(notes->count + 1, sizeof *on.left);
+    bool good = self->notes && on.notes && on.left;
+    for (size_t i = 0; good && i < notes->count; i++)
+        if (note_bit(&notes->list[i]) < count)
+            self->notes[self->note_count++].note = &notes->list[i];
+    for (size_t r = 0; good && r < self->row_count; r++)
+        for (unsigned lane = 0; lane <= NOTE_OF_BUS; lane++)
+            place_lane(self, &self->rows[r], lane, &on);
+    free(on.notes);
+    free(on.left);
+    return good;
+}
+
+/* ---- All together ---------------------------------------------------------------------------- */
+
+static void stack_rows(svg_layout *self, size_t node_count)
+{
+    int y = SVG_TITLE;
+    for (size_t r = 0; r < self->row_count; r++) {
+        svg_row *row = &self->rows[r];
+        row->y = y;
+        row->height = SVG_AXIS + svg_layout_faults(row) + (int)row->wires * svg_layout_wire();
+        for (unsigned i = 0; i < node_count; i++)
+            row->height += svg_layout_node(row, i);
+        y += row->height + (r + 1 < self->row_count ? SVG_ROW_GAP : 0);
+    }
+    self->height = y + SVG_LEGEND;
+}
+
+bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
+                     size_t count)
+{
+    *self = (svg_layout){.labels = find_labels(notes->config)};
+    if (!make_rows(self, bits, count) || !place_notes(self, notes, count))
+        return false;
+    stack_rows(self, bits[0].node_count);
+    return true;
+}
+
+void svg_layout_free(svg_layout *self)
+{
+    free(self->rows);
+    free(self->notes);
+    *self = (svg_layout){.bit = 0};
+}

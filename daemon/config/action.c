@@ -1,0 +1,605 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * action.c - what fault rules do: the key `do`, one table of keys for each action.
+ */
+#include "config/read.h"
+
+#include <string.h>
+
+#define COPIES_MAX 16u /* that one hit makes of a frame, as the library */
+#define OVERTAKING_MAX CW_QUEUE_MAX
+#define OVERLOAD_FRAMES_MAX 2u
+#define TEC_MAX 263u /* as cw_mac_set_counters() */
+#define REC_MAX 255u
+#define DLC_MAX 15u
+#define TICKS_PER_MS (CW_CLOCK_HZ / 1000u)
+
+/* Checks and settles what the keys of an action say together; `map` is the value of `do`. */
+typedef void action_settler(schema *self, yaml_node_t *map, cw_rule *rule);
+
+typedef struct action {
+    const char *name;
+    cw_action action;
+    bool needs_frame;       /* on the bus, whatever the rule waits for */
+    const schema_key *keys; /* the action's own first */
+    action_settler *settle; /* or NULL */
+} action;
+
+/* A setting of a node as schema_read_uint() takes it, and its CW_SET_*. */
+typedef struct setting {
+    schema_range range; /* first: schema_read_uint() gets the pointer */
+    uint8_t which;
+} setting;
+
+static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
+    read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
+    read_restart, read_order, read_period;
+static action_settler settle_force, settle_stuck, settle_wrong_crc, settle_counters, settle_set,
+    settle_side, settle_change, settle_send, settle_babble;
+
+static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
+static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
+static const schema_range rec_range = {0, REC_MAX, sizeof(uint16_t)};
+static const schema_range overload_range = {1, OVERLOAD_FRAMES_MAX, sizeof(uint32_t)};
+static const schema_range copies_range = {1, COPIES_MAX, sizeof(uint32_t)};
+static const schema_range overtaking_range = {1, OVERTAKING_MAX, sizeof(uint32_t)};
+static const schema_range dlc_range = {0, DLC_MAX, sizeof(uint8_t)};
+
+static const setting queue_setting = {{1, CW_QUEUE_MAX, sizeof(uint16_t)}, CW_SET_QUEUE};
+static const setting warning_setting = {{1, 255, sizeof(uint16_t)}, CW_SET_WARNING};
+static const setting restart_setting = {{0, UINT32_MAX, sizeof(uint64_t)}, CW_SET_RESTART};
+
+static const schema_choice levels[] = {
+    {.name = "dominant", .value = CW_DOMINANT},
+    {.name = "recessive", .value = CW_RECESSIVE},
+    {.name = NULL},
+};
+
+static const schema_choice sides[] = {
+    {.name = "tx", .value = CW_SIDE_TX},
+    {.name = "rx", .value = CW_SIDE_RX},
+    {.name = NULL},
+};
+
+/* Keys that several actions have. */
+#define MEMBER(m) .offset = offsetof(cw_rule, m)
+#define AT                                                                                         \
+    {                                                                                              \
+        .name = "at", .read = read_at, MEMBER(at)                                                  \
+    }
+#define FOR                                                                                        \
+    {                                                                                              \
+        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks)                                   \
+    }
+#define FROM                                                                                       \
+    {                                                                                              \
+        .name = "from", .read = read_position, .required = true                                    \
+    }
+#define AS                                                                                         \
+    {                                                                                              \
+        .name = "as", .read = read_node, MEMBER(node), .required = true                            \
+    }
+#define SIDE                                                                                       \
+    {                                                                                              \
+        .name = "side", .read = schema_read_choice, MEMBER(side), .arg = sides                     \
+    }
+#define NODES(key)                                                                                 \
+    {                                                                                              \
+        .name = (key), .read = cfg_read_node_set, MEMBER(nodes)                                    \
+    }
+#define FRAME(key)                                                                                 \
+    {                                                                                              \
+        .name = (key), .read = cfg_read_frame, MEMBER(frame)                                       \
+    }
+#define NUMBER(key, range)                                                                         \
+    {                                                                                              \
+        .name = (key), .read = schema_read_uint, MEMBER(number), .arg = (range)                    \
+    }
+#define BITS                                                                                       \
+    {                                                                                              \
+        .name = "bits", .read = schema_read_uint, MEMBER(bits), .arg = &bits_range                 \
+    }
+#define END                                                                                        \
+    {                                                                                              \
+        .name = NULL                                                                               \
+    }
+
+static const schema_key flip_keys[] = {{.name = "flip", .read = read_position}, BITS, AT, END};
+static const schema_key force_keys[] = {
+    {.name = "force", .read = read_level},
+    FROM,
+    BITS,
+    {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks)},
+    AT,
+    END,
+};
+static const schema_key glitch_keys[] = {{.name = "glitch", .read = read_levels}, FROM, AT, END};
+static const schema_key stuck_keys[] = {
+    {.name = "stuck", .read = read_level},
+    {.name = "on", .read = read_line},
+    FOR,
+    {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout)},
+    END,
+};
+static const schema_key noise_keys[] = {
+    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate)}, AT, FOR, END};
+static const schema_key no_ack_keys[] = {NODES("no-ack"), FOR, END};
+static const schema_key wrong_crc_keys[] = {NODES("wrong-crc"), END};
+static const schema_key bus_off_keys[] = {NODES("bus-off"), END};
+static const schema_key error_flag_keys[] = {NODES("error-flag"), END};
+static const schema_key restart_keys[] = {NODES("restart"), END};
+static const schema_key counters_keys[] = {
+    NODES("counters"),
+    {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range},
+    {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range},
+    END,
+};
+static const schema_key overload_keys[] = {NODES("overload"), NUMBER("frames", &overload_range),
+                                           END};
+static const schema_key set_keys[] = {
+    NODES("set"),
+    {.name = "one-shot", .read = read_mode},
+    {.name = "listen-only", .read = read_mode},
+    {.name = "loopback", .read = read_mode},
+    {.name = "presume-ack", .read = read_mode},
+    {.name = "berr-reporting", .read = read_mode},
+    {.name = "lost-arbitration-reporting", .read = read_mode},
+    {.name = "restart-ms",
+     .read = read_restart,
+     MEMBER(settings.restart_ticks),
+     .arg = &restart_setting},
+    {.name = "queue", .read = read_setting, MEMBER(settings.queue), .arg = &queue_setting},
+    {.name = "order", .read = read_order, MEMBER(settings.order), .arg = cfg_orders},
+    {.name = "warning-limit",
+     .read = read_setting,
+     MEMBER(settings.warning_limit),
+     .arg = &warning_setting},
+    END,
+};
+static const schema_key disconnect_keys[] = {NODES("disconnect"), FOR, END};
+static const schema_key partition_keys[] = {{.name = "partition", .read = read_groups}, FOR, END};
+static const schema_key drop_keys[] = {
+    {.name = "drop", .read = schema_read_choice, MEMBER(side), .arg = sides}, AT, END};
+static const schema_key delay_keys[] = {
+    {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks)}, AT, SIDE, END};
+static const schema_key duplicate_keys[] = {NUMBER("duplicate", &copies_range), AT, SIDE, END};
+static const schema_key reorder_keys[] = {NUMBER("reorder", &overtaking_range), AT, SIDE, END};
+static const schema_key change_keys[] = {
+    {.name = "change", .read = read_change, MEMBER(change)}, AT, SIDE, END};
+static const schema_key send_keys[] = {
+    FRAME("send"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
+    FOR,           END,
+};
+static const schema_key babble_keys[] = {
+    FRAME("babble"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
+    FOR,             END,
+};
+static const schema_key load_keys[] = {
+    {.name = "load", .read = read_load, MEMBER(load_permille)}, AS, FOR, END};
+static const schema_key reply_keys[] = {
+    FRAME("reply"), AS, {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks)}, END};
+
+/* Of `change: { ... }`, a cw_change. */
+static const schema_key change_part_keys[] = {
+    {.name = "id", .read = read_id},
+    {.name = "dlc", .read = read_dlc, .offset = offsetof(cw_change, dlc), .arg = &dlc_range},
+    {.name = "set", .read = read_bytes, .offset = offsetof(cw_change, set)},
+    {.name = "and", .read = read_bytes, .offset = offsetof(cw_change, and_mask)},
+    {.name = "or", .read = read_bytes, .offset = offsetof(cw_change, or_mask)},
+    {.name = "xor", .read = read_bytes, .offset = offsetof(cw_change, xor_mask)},
+    END,
+};
+
+/* As design.md lists them. */
+static const action actions[] = {
+    {"flip", CW_ACTION_FLIP, true, flip_keys, NULL},
+    {"force", CW_ACTION_FORCE, true, force_keys, settle_force},
+    {"glitch", CW_ACTION_GLITCH, true, glitch_keys, NULL},
+    {"stuck", CW_ACTION_STUCK, false, stuck_keys, settle_stuck},
+    {"noise", CW_ACTION_NOISE, false, noise_keys, NULL},
+    {"no-ack", CW_ACTION_NO_ACK, false, no_ack_keys, NULL},
+    {"wrong-crc", CW_ACTION_WRONG_CRC, true, wrong_crc_keys, settle_wrong_crc},
+    {"bus-off", CW_ACTION_BUS_OFF, false, bus_off_keys, NULL},
+    {"error-flag", CW_ACTION_ERROR_FLAG, false, error_flag_keys, NULL},
+    {"restart", CW_ACTION_RESTART, false, restart_keys, NULL},
+    {"counters", CW_ACTION_COUNTERS, false, counters_keys, settle_counters},
+    {"overload", CW_ACTION_OVERLOAD, false, overload_keys, NULL},
+    {"set", CW_ACTION_SET, false, set_keys, settle_set},
+    {"disconnect", CW_ACTION_DISCONNECT, false, disconnect_keys, NULL},
+    {"partition", CW_ACTION_PARTITION, false, partition_keys, NULL},
+    {"drop", CW_ACTION_DROP, true, drop_keys, settle_side},
+    {"delay", CW_ACTION_DELAY, true, delay_keys, settle_side},
+    {"duplicate", CW_ACTION_DUPLICATE, true, duplicate_keys, settle_side},
+    {"reorder", CW_ACTION_REORDER, true, reorder_keys, settle_side},
+    {"change", CW_ACTION_CHANGE, true, change_keys, settle_change},
+    {"send", CW_ACTION_SEND, false, send_keys, settle_send},
+    {"babble", CW_ACTION_BABBLE, false, babble_keys, settle_babble},
+    {"load", CW_ACTION_LOAD, false, load_keys, NULL},
+    {"reply", CW_ACTION_REPLY, true, reply_keys, NULL},
+};
+
+#define ACTION_COUNT (sizeof actions / sizeof actions[0])
+
+static const action *find_action(schema *self, const yaml_node_t *map);
+static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule);
+static void set_defaults(cw_rule *rule);
+
+void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    size_t errors = self->errors->errors;
+    const action *found = NULL;
+
+    if (value->type == YAML_MAPPING_NODE)
+        found = find_action(self, value);
+    if (!found)
+        complain_no_action(self, value, rule);
+    if (!found || self->errors->errors > errors)
+        return;
+    rule->action = found->action;
+    set_defaults(rule);
+    schema_map(self, key->name, value, found->keys, rule);
+    if (found->settle && self->errors->errors == errors)
+        found->settle(self, value, rule);
+}
+
+bool cfg_action_needs_frame(cw_action what)
+{
+    for (size_t i = 0; i < ACTION_COUNT; i++)
+        if (actions[i].action == what)
+            return actions[i].needs_frame;
+    return false;
+}
+
+/* What the keys of an action change. */
+static void set_defaults(cw_rule *rule)
+{
+    rule->line = CW_LINE_WIRE;
+    rule->number = 1;
+    rule->tec = CW_KEEP;
+    rule->rec = CW_KEEP;
+    memset(rule->change.and_mask, 0xFF, sizeof rule->change.and_mask);
+}
+
+/* The only action of a map; NULL when there is none. Complains about a second one. */
+static const action *find_action(schema *self, const yaml_node_t *map)
+{
+    const action *found = NULL;
+    bool replies = schema_find(self, map, "reply"); /* `delay` is then a key of it */
+
+    for (size_t i = 0; i < ACTION_COUNT; i++) {
+        const yaml_node_t *value = schema_find(self, map, actions[i].name);
+
+        if (!value || (replies && actions[i].action == CW_ACTION_DELAY))
+            continue;
+        if (!found) {
+            found = &actions[i];
+            continue;
+        }
+        schema_complain(self, map, "do: a rule has one action, not both '%s' and '%s'", found->name,
+                        actions[i].name);
+        break;
+    }
+    return found;
+}
+
+/* All actions as keys: what is unknown gets a suggestion. */
+static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    schema_key keys[ACTION_COUNT + 1] = {END};
+    size_t errors = self->errors->errors;
+    const char *list = "";
+
+    for (size_t i = 0; i < ACTION_COUNT; i++) {
+        keys[i] = (schema_key){.name = actions[i].name, .read = cfg_read_action};
+        list = schema_join(self, list, actions[i].name);
+    }
+    schema_map(self, "do", map, keys, rule);
+    if (self->errors->errors == errors)
+        schema_complain(self, map, "do: an action is missing; one of: %s", list);
+}
+
+static void read_position(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, "a position such as crc[3]");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_position(&rule->field, &rule->index, text));
+}
+
+static void read_level(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    unsigned level;
+
+    if (schema_choose(self, &level, key, value, levels))
+        rule->level = level;
+}
+
+static void read_levels(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    text_levels found = {.bits = 1};
+    const char *text = schema_text(self, key, value, "levels such as 10x1");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_levels(&found, text));
+    rule->bits = found.bits;
+    rule->pattern_level = found.level;
+    rule->pattern_mask = found.mask;
+}
+
+/* wire, NODE.tx or NODE.rx; names of nodes may have points of their own. */
+static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "wire, NODE.tx or NODE.rx";
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text || strcmp(text, "wire") == 0)
+        return;
+    const char *point = strrchr(text, '.');
+    bool tx = point && strcmp(point, ".tx") == 0;
+    if (!tx && !(point && strcmp(point, ".rx") == 0)) {
+        schema_expected(self, key, value, expected);
+        return;
+    }
+    const char *name = schema_print(self, "%.*s", (int)(point - text), text);
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+    rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
+    rule->node = (uint8_t)(node < 0 ? 0 : node);
+}
+
+/* Nodes; `wire`, unless a node is called so, is what is meant without `at`: all of them. */
+static void read_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    bool wire = value->type == YAML_SCALAR_NODE &&
+                strcmp((const char *)value->data.scalar.value, "wire") == 0;
+
+    if (!wire || cfg_find_node(walk->config, "wire") != CW_NO_NODE)
+        cfg_read_node_set(self, key, value, object);
+}
+
+static void read_node(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint8_t *member = schema_member(key, object);
+    const char *name = schema_text(self, key, value, "the name of a node");
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+
+    if (node >= 0)
+        *member = (uint8_t)node;
+}
+
+static void join_group(schema *self, const schema_key *key, const yaml_node_t *value,
+                       uint64_t *named, uint8_t *group, uint8_t number)
+{
+    if (schema_is_open(self, value))
+        return;
+    const char *name = schema_text(self, key, value, "the name of a node");
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+    if (node < 0)
+        return;
+    if (*named >> node & 1)
+        schema_complain(self, value, "%s: '%s' is named twice", key->name, name);
+    *named |= UINT64_C(1) << node;
+    group[node] = number;
+}
+
+/* Nodes that are not named make one more group. */
+static void read_groups(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    cw_rule *rule = object;
+    uint64_t named = 0;
+    size_t count = schema_count(self, key, value, 1, CW_NODES_MAX);
+
+    for (size_t i = 0; i < CW_NODES_MAX; i++)
+        rule->group[i] = (uint8_t)count;
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *list = schema_item(self, value, i);
+        size_t members = schema_count(self, key, list, 1, CW_NODES_MAX);
+
+        for (size_t j = 0; j < members; j++)
+            join_group(self, key, schema_item(self, list, j), &named, rule->group, (uint8_t)i);
+    }
+    bool all = (size_t)__builtin_popcountll(named) == walk->config->node_count;
+    if (count == 1 && named && all && !walk->any_node)
+        schema_complain(self, value, "%s: all nodes are in one group, nothing is separated",
+                        key->name);
+}
+
+static void read_load(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a part such as 60%");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_percent(schema_member(key, object), text));
+}
+
+static void read_change(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, change_part_keys, schema_member(key, object));
+}
+
+static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_change *change = object;
+    const char *text = schema_text(self, key, value, "an identifier such as 123");
+
+    change->set_id = true;
+    if (text)
+        schema_problem(self, key, value, text_parse_id(&change->id, &change->id_flags, text));
+}
+
+static void read_dlc(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_change *change = object;
+
+    change->set_dlc = true;
+    schema_read_uint(self, key, value, object);
+}
+
+/* Bytes of one of the members of a change; only `set` may leave bits open. */
+static void read_bytes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_change *change = object;
+    uint8_t *member = schema_member(key, object);
+    text_bytes bytes = {0};
+    const char *text = schema_text(self, key, value, "data bytes such as DEADBEEF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
+    bool all_given = true;
+    for (size_t i = 0; i < bytes.length; i++)
+        all_given = all_given && bytes.mask[i] == 0xFF;
+    if (!all_given && member != change->set)
+        schema_complain(self, value, "%s: only 'set' may have wildcards", key->name);
+    memcpy(member, bytes.value, bytes.length);
+    if (member == change->set)
+        memcpy(change->set_mask, bytes.mask, bytes.length);
+}
+
+static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_settings *settings = &((cw_rule *)object)->settings;
+    uint8_t mode = cfg_mode(key->name);
+    bool on = false;
+
+    schema_choose_bool(self, &on, key, value);
+    settings->which |= CW_SET_MODES;
+    settings->modes_mask |= mode;
+    if (on)
+        settings->modes |= mode;
+}
+
+static void read_setting(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const setting *wanted = key->arg;
+
+    ((cw_rule *)object)->settings.which |= wanted->which;
+    schema_read_uint(self, key, value, object);
+}
+
+static void read_restart(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_settings *settings = &((cw_rule *)object)->settings;
+
+    read_setting(self, key, value, object);
+    settings->restart_ticks *= TICKS_PER_MS;
+}
+
+/* Frames come at their times as far as there are bits for them, so it is not rounded otherwise. */
+static void read_period(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks_min(self, key, value, object);
+    if (*ticks < cfg_of(self)->bit_ticks)
+        cfg_warn_rounded(self, key, value, *ticks);
+}
+
+static void read_order(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ((cw_rule *)object)->settings.which |= CW_SET_ORDER;
+    schema_read_choice(self, key, value, object);
+}
+
+/* Complains about the value of a key that two others exclude. */
+static void complain_at(schema *self, const yaml_node_t *map, const char *name, const char *problem)
+{
+    const yaml_node_t *value = schema_find(self, map, name);
+
+    schema_complain(self, value ? value : map, "%s: %s", name, problem);
+}
+
+static bool has(schema *self, const yaml_node_t *map, const char *name)
+{
+    return schema_find(self, map, name) != NULL;
+}
+
+static void settle_force(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    (void)rule;
+    if (has(self, map, "bits") && has(self, map, "for"))
+        complain_at(self, map, "for", "give the length in 'bits' or as a time, not both");
+}
+
+static void settle_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    bool sensible = rule->line == CW_LINE_TX && rule->level == CW_DOMINANT;
+
+    if (has(self, map, "dominant-timeout") && !sensible && !self->has_open)
+        complain_at(self, map, "dominant-timeout",
+                    "a transceiver ends a dominant level on its NODE.tx only");
+}
+
+/* Only frames of the node itself can be its matches: they are counted, those of others are not. */
+static void settle_wrong_crc(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    if (rule->from == 0)
+        rule->from = rule->nodes;
+    else if (rule->nodes & rule->from)
+        rule->from &= rule->nodes;
+    else if (rule->nodes)
+        complain_at(self, map, "wrong-crc", "the rule waits for frames 'from' another node");
+}
+
+static void settle_counters(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    (void)rule;
+    if (!has(self, map, "tec") && !has(self, map, "rec"))
+        complain_at(self, map, "counters", "one of the keys 'tec' and 'rec' is needed");
+}
+
+static void settle_set(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    yaml_node_t *value;
+
+    (void)rule;
+    if (!schema_pair(self, &value, map, 1))
+        complain_at(self, map, "set", "there is no key that says what to set");
+}
+
+/* Without a side `at` are receivers; at the side of the sender it is one more word for `from`. */
+static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    bool given = rule->action == CW_ACTION_DROP || has(self, map, "side");
+
+    if (!has(self, map, "at"))
+        return;
+    if (!given)
+        rule->side = CW_SIDE_RX;
+    if (rule->side == CW_SIDE_RX)
+        return;
+    if (rule->from && rule->at && !(rule->from & rule->at))
+        complain_at(self, map, "at", "the rule waits for frames 'from' another node");
+    if (rule->at)
+        rule->from = rule->from ? rule->from & rule->at : rule->at;
+    rule->at = 0;
+}
+
+static void settle_change(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    const yaml_node_t *change = schema_find(self, map, "change");
+    yaml_node_t *value;
+
+    settle_side(self, map, rule);
+    if (change->type == YAML_MAPPING_NODE && !schema_pair(self, &value, change, 0))
+        complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
+}
+
+/* With a time between its frames it is what `send` does. */
+static void settle_babble(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    if (has(self, map, "every"))
+        rule->action = CW_ACTION_SEND;
+}
+
+static void settle_send(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    (void)rule;
+    if (has(self, map, "for") && !has(self, map, "every"))
+        complain_at(self, map, "for", "without 'every' the frame is sent once");
+}

@@ -1,0 +1,263 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * config.h - a configuration file, parsed and validated into plain structs.
+ *
+ * Everything is owned by the cfg and freed with it. All errors of a file are collected in one
+ * pass, each as FILE:LINE:COLUMN: message; a configuration with errors is never returned.
+ */
+#ifndef CANWIRE_CONFIG_CONFIG_H
+#define CANWIRE_CONFIG_CONFIG_H
+
+#include "base/text.h"
+#include "canwire.h"
+#include "trace/read.h"
+
+#include <stdio.h>
+
+/* Where something is in its file, both from 1 on; 0: nowhere. */
+typedef struct cfg_place {
+    int line;
+    int column;
+} cfg_place;
+
+typedef enum cfg_traffic_kind {
+    CFG_TRAFFIC_SEND = 0, /* `frame`, release k at offset + k * every + jitter, k < count */
+    CFG_TRAFFIC_REPLAY,   /* the frames of a file, count times */
+    CFG_TRAFFIC_REPLY     /* `frame` answers each one that matches, after `delay`, count times */
+} cfg_traffic_kind;
+
+/* One entry of a node's traffic. */
+typedef struct cfg_traffic {
+    cfg_traffic_kind kind;
+    cfg_place place;
+    cw_frame frame;
+    cfg_time offset; /* of a replay: of the first entry of the file */
+    cfg_time every;
+    bool has_every;
+    cfg_time jitter; /* at most `every`, if there is one */
+    cfg_time delay;
+    uint64_t count; /* UINT64_MAX: unlimited; 1 without `every` */
+
+    /* Of a replay: */
+    char *file;
+    trace_format format;
+    bool fast;     /* as fast as possible, else with the times of the file */
+    bool loop;     /* count is UINT64_MAX */
+    cfg_time gap;  /* between the last entry of the file and the first one when it is repeated */
+    char *channel; /* only this interface of the file, or NULL */
+
+    /* Which frames: of the file, with none any; or those that are answered. */
+    cw_filter filters[CW_RULE_FILTERS_MAX];
+    uint8_t filter_count;
+} cfg_traffic;
+
+/* What becomes of what an ECU writes while its node's queue is full. */
+typedef enum cfg_when_full {
+    CFG_WHEN_FULL_DROP = 0, /* dropped and counted: default where the port is an interface */
+    CFG_WHEN_FULL_WAIT      /* it stays in the port, which is not read: default of sockets */
+} cfg_when_full;
+
+typedef struct cfg_node {
+    char *name;          /* "", which no node is called, while it is not known */
+    char *port;          /* interface name, or NULL */
+    cfg_place port_place;
+    char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
+    char *netns;         /* network namespace that the peer is in; NULL: that of the port */
+    uint8_t modes;       /* CW_MODE_* */
+    bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
+    cw_order order;
+    uint16_t queue; /* default 16; 1024 where the port is an interface */
+    cfg_when_full when_full;
+    uint16_t warning_limit;
+    uint32_t restart_ms;
+    size_t traffic_count;
+    cfg_traffic *traffic;
+    int line; /* of the node in its file */
+} cfg_node;
+
+typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK, CFG_PACING_SPIN } cfg_pacing;
+
+/* What to do at the start, and at a reload, about a port whose interface is not there. */
+typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;
+
+#define CFG_PACING_TICK_NS 1000000u /* how far `tick` pacing coalesces wake-ups */
+
+/* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
+typedef struct cfg_lcm {
+    bool enabled;    /* an `lcm` key is present */
+    cfg_place place;
+    char *url;       /* default "udpm://239.255.76.67:7667?ttl=0" */
+    cfg_place url_place;
+    cfg_time period; /* default 1s */
+    uint32_t events; /* default error, state, restart, overload, drop, fault */
+} cfg_lcm;
+
+/* What `canwire sim` is to find out about a run. */
+typedef enum cfg_expect_kind {
+    CFG_EXPECT_DELIVERED = 0, /* how many frames are delivered */
+    CFG_EXPECT_DELAY,         /* how long they take from hand-in */
+    CFG_EXPECT_SEEN,          /* whether there is one at all */
+    CFG_EXPECT_STATE,         /* whether nodes come into one of the states */
+    CFG_EXPECT_ERRORS,        /* how many events of these kinds there are ... */
+    CFG_EXPECT_DROPS,
+    CFG_EXPECT_RESTARTS,
+    CFG_EXPECT_OVERLOADS,
+    CFG_EXPECT_ARBITRATION_LOST,
+    CFG_EXPECT_FAULTS, /* ... this one: hits of fault rules */
+    CFG_EXPECT_LOAD,   /* of the whole run */
+    CFG_EXPECT_COUNT
+} cfg_expect_kind;
+
+/* The part of the delays, in percent, that has a limit of its own. */
+typedef enum cfg_percentile {
+    CFG_P50 = 0,
+    CFG_P90,
+    CFG_P95,
+    CFG_P99,
+    CFG_PERCENTILES
+} cfg_percentile;
+
+typedef struct cfg_expect {
+    cw_rule when;  /* first, for the readers of rules: filters, data, from, time_begin, time_end */
+    cfg_expect_kind kind;
+    char *name;    /* or NULL */
+    uint64_t to;   /* frames at these receivers, each for itself; 0: as they are on the bus */
+    uint64_t node; /* events of these nodes, each for itself; 0: of all together */
+    uint64_t min;  /* of what is counted, inclusive; of the load in permille */
+    uint64_t max;
+    bool never;    /* SEEN and STATE: it must not be */
+    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit */
+    uint64_t percentile[CFG_PERCENTILES]; /* the same */
+    uint8_t states;      /* STATE: 1u << cw_state */
+    uint32_t types;      /* ERRORS: 1u << cw_error_type; 0: any */
+    uint32_t why;        /* DROPS: 1u << cw_drop; 0: for any reason */
+    const char *rule;    /* FAULTS: its name; NULL: any */
+    int line;            /* in its file */
+} cfg_expect;
+
+typedef enum cfg_record_format {
+    CFG_RECORD_CANDUMP = 0, /* as candump -L writes it */
+    CFG_RECORD_PCAPNG,      /* for Wireshark, with error frames */
+    CFG_RECORD_VCD          /* the bits */
+} cfg_record_format;
+
+#define CFG_RECORDS_MAX 16u
+#define CFG_RECORD_SIZE_MIN 64000u
+#define CFG_RECORD_SIZE_MAX UINT64_C(1000000000000)
+
+/* A file that is recorded while the bus runs. */
+typedef struct cfg_record {
+    char *file;               /* without what means nothing in a path, as ./ */
+    cfg_place place;
+    cfg_record_format format; /* default: by the end of the name */
+    uint64_t size;            /* bytes of a file before the next is begun; default 100 MB */
+    uint32_t files;           /* that are kept; default 5 */
+} cfg_record;
+
+/* A file that a configuration was read from. */
+typedef struct cfg_file {
+    const char *name;
+    const char *text;
+    size_t size; /* of the text, which may have any bytes in it */
+} cfg_file;
+
+typedef struct cfg {
+    char *file;
+    size_t file_count;
+    cfg_file *files; /* as they were when they were read: the configuration first, then profiles */
+    char *bus_name; /* default "can" */
+    cfg_place bus_name_place;
+    uint32_t bitrate_bps;
+    cfg_place bitrate_place;
+    uint32_t bit_ticks;
+    uint64_t seed;
+    size_t node_count;
+    cfg_node *nodes;
+    size_t rule_count;
+    cw_rule *rules; /* names owned by the cfg */
+    size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
+    size_t expect_count;
+    cfg_expect *expects;
+    size_t record_count;
+    cfg_record *records;
+    cfg_lcm lcm;
+    char *control; /* socket path, or NULL */
+    cfg_place control_place;
+    cfg_pacing pacing;
+    cfg_missing_port missing_port;
+    const char *warnings; /* a line each, FILE:LINE:COLUMN: warning: ...; "" when there is none */
+    bool vxcan; /* ports that are interfaces have a peer, by default one with the node's name */
+    cfg_time catch_up; /* how far the bus may fall behind; default 1s */
+} cfg;
+
+/* Reads a file. Returns NULL after writing one line per error to errors. */
+cfg *cfg_load(const char *file, FILE *errors);
+
+/* The same, but neither it nor its profiles may be pipes or devices, on which reading could wait
+ * for ever. */
+cfg *cfg_load_regular(const char *file, FILE *errors);
+
+/* Reads a configuration from files that are given, the first of which is the configuration, and
+ * from no others: files of traffic are not looked into. Otherwise as cfg_load(). */
+cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);
+
+/* Reads a file that is a configuration or a fault profile on its own; in a profile any name of a
+ * node will do. True when it is good: *config is then the configuration, to be freed, or NULL for
+ * a profile, and *rule_count its rules. Else one line per error has gone to errors. */
+bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors);
+
+/* Frees everything; NULL is fine. */
+void cfg_free(cfg *config);
+
+/* Fault rules from a text: what `canwire inject` sends. They are in an order in which they can be
+ * added one after the other: a rule comes after the one that its `after` names. */
+typedef struct cfg_rules {
+    size_t count;
+    cw_rule *rules; /* with their names freed by cfg_free_rules() */
+    const char *warnings; /* as those of a configuration */
+} cfg_rules;
+
+/* The rules of a running bus: names by index on the bus, NULL where there is no rule. */
+typedef struct cfg_running {
+    size_t count;
+    const char *const *names;
+} cfg_running;
+
+/* Reads rules from size bytes of YAML or JSON: a list of rules, a single rule, {faults: [...]}, or
+ * a profile, which may have `with: {PARAMETER: VALUE}` at its top. Names of nodes are those of the
+ * configuration. A new rule must have a name that is not running; `after` may name a new or a
+ * running rule: an index below running->count is one on the bus, running->count + i is rules[i]
+ * of the result. With running == NULL the rules of the configuration are running. `name` stands
+ * for the text in messages. Returns NULL after writing one line per error to errors. */
+cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const cfg *config,
+                          const cfg_running *running, FILE *errors);
+
+/* Frees everything; NULL is fine. */
+void cfg_free_rules(cfg_rules *rules);
+
+/* A recording with all that has a default. */
+void cfg_record_default(cfg_record *record);
+
+/* The format that the end of a file's name stands for, or that a name ("pcapng") stands for; false
+ * for others. And the name of a format. */
+bool cfg_record_format_of_file(cfg_record_format *format, const char *file);
+bool cfg_record_format_of_name(cfg_record_format *format, const char *name);
+const char *cfg_record_format_name(cfg_record_format format);
+
+/* Bytes before the next file is begun, "100MB". NULL, or what is allowed. */
+const char *cfg_record_parse_size(uint64_t *size, const char *text);
+
+/* Whether it never comes to an end by itself. */
+bool cfg_traffic_is_endless(const cfg_traffic *traffic);
+
+/* The index of the node of that name, or CW_NO_NODE. */
+uint8_t cfg_find_node(const cfg *config, const char *name);
+
+/* By node of a configuration: the one of that name in an old one, or CW_NO_NODE. */
+void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);
+
+/* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
+ * into the cfg. There is room for the replies, see release_add_replies(). */
+void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);
+
+#endif

@@ -1,0 +1,396 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * expect.c - the keys of `expect`: what a run is to be judged by.
+ *
+ * Each expectation has one key that says what is looked at, the subject, and perhaps conditions.
+ */
+#include "config/read.h"
+
+#include <assert.h>
+#include <string.h>
+
+#define EXPECT_MAX 1000u
+#define NAME_MAX_BYTES 200u
+#define PERCENT_MAX 1000u /* permille */
+
+/* Conditions that a subject can have. */
+#define HAS_FRAME 0x01u /* frame, data */
+#define HAS_FROM 0x02u
+#define HAS_TO 0x04u
+#define HAS_TIME 0x08u /* time, before */
+#define HAS_NODE 0x10u
+#define HAS_REACHED 0x20u
+#define HAS_TYPE 0x40u
+#define HAS_WHY 0x80u
+#define HAS_RULE 0x100u
+#define IS_FRAMES (HAS_FRAME | HAS_FROM | HAS_TO | HAS_TIME)
+
+typedef struct subject {
+    const char *name;
+    cfg_expect_kind kind;
+    unsigned conditions;
+} subject;
+
+static const subject subjects[] = {
+    {"delivered", CFG_EXPECT_DELIVERED, IS_FRAMES},
+    {"delay", CFG_EXPECT_DELAY, IS_FRAMES},
+    {"seen", CFG_EXPECT_SEEN, IS_FRAMES},
+    {"state", CFG_EXPECT_STATE, HAS_NODE | HAS_REACHED | HAS_TIME},
+    {"errors", CFG_EXPECT_ERRORS, HAS_NODE | HAS_TYPE | HAS_TIME},
+    {"drops", CFG_EXPECT_DROPS, HAS_NODE | HAS_WHY | HAS_FRAME | HAS_TIME},
+    {"restarts", CFG_EXPECT_RESTARTS, HAS_NODE | HAS_TIME},
+    {"overloads", CFG_EXPECT_OVERLOADS, HAS_NODE | HAS_TIME},
+    {"arbitration-lost", CFG_EXPECT_ARBITRATION_LOST, HAS_NODE | HAS_FRAME | HAS_TIME},
+    {"faults", CFG_EXPECT_FAULTS, HAS_RULE | HAS_TIME},
+    {"load", CFG_EXPECT_LOAD, 0},
+};
+
+#define SUBJECTS (sizeof subjects / sizeof subjects[0])
+
+typedef struct condition {
+    const char *name;
+    unsigned flag; /* HAS_* */
+} condition;
+
+static const condition conditions[] = {
+    {"frame", HAS_FRAME}, {"data", HAS_FRAME},  {"from", HAS_FROM}, {"to", HAS_TO},
+    {"time", HAS_TIME},   {"before", HAS_TIME}, {"node", HAS_NODE}, {"reached", HAS_REACHED},
+    {"type", HAS_TYPE},   {"why", HAS_WHY},     {"rule", HAS_RULE},
+};
+
+#define CONDITIONS (sizeof conditions / sizeof conditions[0])
+
+static schema_reader read_name, read_count, read_delay, read_whether, read_states, read_load,
+    read_percent, read_types, read_whys, read_rule;
+
+static const schema_range count_range = {0, UINT64_MAX, sizeof(uint64_t)};
+
+static const schema_choice whether[] = {
+    {.name = "yes", .value = false},
+    {.name = "never", .value = true},
+    {.name = NULL},
+};
+
+#define COUNTED(text)                                                                              \
+    {                                                                                              \
+        .name = text, .read = read_count, .offset = offsetof(cfg_expect, min), .arg = &count_range \
+    }
+
+static const schema_key expect_keys[] = {
+    {.name = "name", .read = read_name},
+    COUNTED("delivered"),
+    {.name = "delay", .read = read_delay, .offset = offsetof(cfg_expect, delay_max)},
+    {.name = "seen", .read = read_whether},
+    {.name = "state", .read = read_states},
+    COUNTED("errors"),
+    COUNTED("drops"),
+    COUNTED("restarts"),
+    COUNTED("overloads"),
+    COUNTED("arbitration-lost"),
+    COUNTED("faults"),
+    {.name = "load", .read = read_load},
+    {.name = "frame", .read = cfg_read_filters},
+    {.name = "data", .read = cfg_read_data},
+    {.name = "from",
+     .read = cfg_read_node_set,
+     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, from)},
+    {.name = "to", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, to)},
+    {.name = "node", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, node)},
+    {.name = "time", .read = cfg_read_window},
+    {.name = "before",
+     .read = cfg_read_ticks_min,
+     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, time_end)},
+    {.name = "reached", .read = read_whether},
+    {.name = "type", .read = read_types},
+    {.name = "why", .read = read_whys},
+    {.name = "rule", .read = read_rule},
+    {.name = NULL},
+};
+
+static const schema_key count_keys[] = {
+    {.name = "min",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_expect, min),
+     .arg = &count_range},
+    {.name = "max",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_expect, max),
+     .arg = &count_range},
+    {.name = NULL},
+};
+
+#define PERCENTILE(text, which)                                                                    \
+    {                                                                                              \
+        .name = text, .read = cfg_read_ticks_min,                                                  \
+        .offset = offsetof(cfg_expect, percentile) + (which) * sizeof(uint64_t)                    \
+    }
+
+static const schema_key delay_keys[] = {
+    {.name = "max", .read = cfg_read_ticks_min, .offset = offsetof(cfg_expect, delay_max)},
+    PERCENTILE("p50", CFG_P50),
+    PERCENTILE("p90", CFG_P90),
+    PERCENTILE("p95", CFG_P95),
+    PERCENTILE("p99", CFG_P99),
+    {.name = NULL},
+};
+
+static const schema_key load_keys[] = {
+    {.name = "min", .read = read_percent, .offset = offsetof(cfg_expect, min)},
+    {.name = "max", .read = read_percent, .offset = offsetof(cfg_expect, max)},
+    {.name = NULL},
+};
+
+static_assert(offsetof(cfg_expect, when) == 0, "readers of rules read into it");
+
+/* ---- Subjects -------------------------------------------------------------------------------- */
+
+/* A map of limits with at least one in it. */
+static void read_limits(schema *self, const schema_key *key, yaml_node_t *value,
+                        const schema_key *limits, cfg_expect *e)
+{
+    yaml_node_t *first;
+
+    schema_map(self, key->name, value, limits, e);
+    if (value->type == YAML_MAPPING_NODE && !schema_pair(self, &first, value, 0))
+        schema_complain(self, value, "%s: no limit is given", key->name);
+    else if (e->min > e->max)
+        schema_complain(self, value, "%s: min is more than max", key->name);
+}
+
+/* A number, or a map with min, max or both. */
+static void read_count(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_expect *e = object;
+
+    if (value->type == YAML_MAPPING_NODE) {
+        read_limits(self, key, value, count_keys, e);
+        return;
+    }
+    schema_read_uint(self, key, value, e);
+    e->max = e->min;
+}
+
+/* A time, the maximum, or a map. */
+static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    if (value->type == YAML_MAPPING_NODE)
+        read_limits(self, key, value, delay_keys, object);
+    else
+        cfg_read_ticks_min(self, key, value, object);
+}
+
+static void read_whether(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_expect *e = object;
+    unsigned never;
+
+    if (schema_choose(self, &never, key, value, whether))
+        e->never = never;
+}
+
+static void read_states(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_expect *e = object;
+
+    e->states = cfg_read_states(self, key, value);
+}
+
+static void read_load(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_expect *e = object;
+
+    e->max = PERCENT_MAX;
+    read_limits(self, key, value, load_keys, e);
+}
+
+static void read_percent(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *member = schema_member(key, object);
+    uint16_t permille = 0;
+    const char *text = schema_text(self, key, value, "a part of the bus such as 60%");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_percent(&permille, text));
+    *member = permille;
+}
+
+/* ---- Conditions ------------------------------------------------------------------------------ */
+
+static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a text of 1 to 200 bytes on one line";
+    cfg_expect *e = object;
+    const char *text = schema_text(self, key, value, expected);
+    bool good = text && strlen(text) <= NAME_MAX_BYTES;
+
+    for (const char *c = text; good && *c; c++)
+        good = (unsigned char)*c >= ' ' && *c != 0x7F;
+    if (text && !good)
+        schema_expected(self, key, value, expected);
+    if (!text || !good)
+        return;
+    for (size_t i = 0; i < cfg_of(self)->expect_count; i++) {
+        const cfg_expect *other = &cfg_of(self)->expects[i];
+        if (other->name && strcmp(other->name, text) == 0) {
+            schema_complain(self, value, "duplicate name '%s' (also of the one in line %d)", text,
+                            other->line);
+            return;
+        }
+    }
+    e->name = schema_copy(self, text);
+}
+
+/* Words, one or a list, as bits. */
+static uint32_t read_words(schema *self, const schema_key *key, yaml_node_t *value,
+                           const schema_choice *choices, size_t max)
+{
+    size_t count = schema_count_one(self, key, value, 1, max);
+    uint32_t mask = 0;
+    unsigned word;
+
+    for (size_t i = 0; i < count; i++)
+        if (schema_choose(self, &word, key, schema_item(self, value, i), choices))
+            mask |= 1u << word;
+    return mask;
+}
+
+static void read_types(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_choice choices[CW_ERROR_COUNT + 1] = {{.name = NULL}};
+    cfg_expect *e = object;
+
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
+        choices[i] = (schema_choice){.name = cw_error_type_name((cw_error_type)i), .value = i};
+    e->types = read_words(self, key, value, choices, CW_ERROR_COUNT);
+}
+
+static void read_whys(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_choice choices[CW_DROP_COUNT + 1] = {{.name = NULL}};
+    cfg_expect *e = object;
+
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
+        choices[i] = (schema_choice){.name = cw_drop_name((cw_drop)i), .value = i};
+    e->why = read_words(self, key, value, choices, CW_DROP_COUNT);
+}
+
+static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg *config = cfg_of(self);
+    cfg_expect *e = object;
+    const char *text = schema_text(self, key, value, "the name of a rule");
+    nearest guess = {.word = text};
+
+    for (size_t i = 0; text && i < config->rule_count && !e->rule; i++) {
+        const char *name = config->rules[i].name;
+        if (name && strcmp(name, text) == 0)
+            e->rule = name;
+        else if (name)
+            nearest_consider(&guess, name);
+    }
+    if (text && !e->rule)
+        schema_complain(self, value, "%s: there is no rule '%.64s'%s", key->name, text,
+                        schema_suggestion(self, &guess));
+}
+
+/* ---- What goes together ---------------------------------------------------------------------- */
+
+static const char *list_subjects(schema *self)
+{
+    const char *list = "";
+
+    for (size_t i = 0; i < SUBJECTS; i++)
+        list = schema_join(self, list, subjects[i].name);
+    return list;
+}
+
+/* The one subject, or NULL after a complaint. */
+static const subject *find_subject(schema *self, yaml_node_t *map)
+{
+    const subject *found = NULL;
+
+    for (size_t i = 0; i < SUBJECTS; i++) {
+        yaml_node_t *value = schema_find(self, map, subjects[i].name);
+        if (value && found) {
+            schema_complain(self, value, "'%s' and '%s': make an expectation of each", found->name,
+                            subjects[i].name);
+            return NULL;
+        }
+        if (value)
+            found = &subjects[i];
+    }
+    if (!found)
+        schema_complain(self, map, "expectation: expected one of %s", list_subjects(self));
+    return found;
+}
+
+static void check_conditions(schema *self, yaml_node_t *map, const subject *about)
+{
+    const char *allowed = "";
+
+    for (size_t i = 0; i < CONDITIONS; i++)
+        if (about->conditions & conditions[i].flag)
+            allowed = schema_join(self, allowed, conditions[i].name);
+    for (size_t i = 0; i < CONDITIONS; i++) {
+        yaml_node_t *value = schema_find(self, map, conditions[i].name);
+        if (value && !(about->conditions & conditions[i].flag))
+            schema_complain(self, value, "%s: does not go with '%s'; %s%s", conditions[i].name,
+                            about->name, *allowed ? "what does: " : "nothing does", allowed);
+    }
+}
+
+/* What could be looked at for ever without an outcome that means something. */
+static void check_sense(schema *self, yaml_node_t *map, const cfg_expect *e)
+{
+    const cfg *config = cfg_of(self);
+    yaml_node_t *before = schema_find(self, map, "before");
+    yaml_node_t *to = schema_find(self, map, "to");
+    bool own = e->to && e->to == e->when.from && (e->to & (e->to - 1)) == 0;
+
+    if (before && schema_find(self, map, "time"))
+        schema_complain(self, before, "before: 'time' has an end of its own; give one of both");
+    if (e->when.error_mask)
+        schema_complain(
+            self, schema_find(self, map, "frame"),
+            "frame: error frames (#MASK) are no frames that are delivered; see 'errors'");
+    if (e->kind == CFG_EXPECT_STATE && !e->node && !schema_find(self, map, "node"))
+        schema_complain(self, map, "expectation: the key 'node' is missing");
+    for (unsigned i = 0; own && i < config->node_count; i++)
+        if ((e->to >> i & 1u) && !(config->nodes[i].modes & CW_MODE_LOOPBACK))
+            schema_complain(self, to, "to: a node does not get its own frames");
+}
+
+static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
+{
+    size_t errors = self->errors->errors;
+
+    *e = (cfg_expect){
+        .when.time_end = CW_NEVER,
+        .max = UINT64_MAX,
+        .delay_max = CW_NEVER,
+        .line = (int)value->start_mark.line + 1,
+    };
+    for (unsigned i = 0; i < CFG_PERCENTILES; i++)
+        e->percentile[i] = CW_NEVER;
+    schema_map(self, "expectation", value, expect_keys, e);
+    const subject *about = value->type == YAML_MAPPING_NODE ? find_subject(self, value) : NULL;
+    if (!about)
+        return;
+    e->kind = about->kind;
+    check_conditions(self, value, about);
+    if (self->errors->errors == errors)
+        check_sense(self, value, e);
+}
+
+void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    size_t count = schema_count(self, key, value, 0, EXPECT_MAX);
+
+    config->expects = schema_alloc(self, count + 1, sizeof *config->expects);
+    if (!config->expects)
+        return;
+    for (; config->expect_count < count; config->expect_count++)
+        read_expect(self, schema_item(self, value, config->expect_count),
+                    &config->expects[config->expect_count]);
+}

@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * files.c - the files that a bus reads and writes, as its configuration names them.
+ */
+#include "config/files.h"
+
+#include "portname.h"
+
+static fileuse at_place(const cfg *config, cfg_place place)
+{
+    return (fileuse){.file = config->file, .line = place.line, .column = place.column};
+}
+
+static void add_replays(fileuses *all, const cfg *config, const cfg_node *node)
+{
+    for (size_t i = 0; i < node->traffic_count; i++) {
+        const cfg_traffic *traffic = &node->traffic[i];
+        fileuse use = at_place(config, traffic->place);
+        use.what = "replay";
+        use.path = traffic->file;
+        if (traffic->kind == CFG_TRAFFIC_REPLAY)
+            fileuses_add(all, &use);
+    }
+}
+
+void cfg_add_files_read(fileuses *all, const cfg *config)
+{
+    for (size_t i = 0; i < config->file_count; i++)
+        fileuses_add(all, &(fileuse){.what = i == 0 ? "the configuration" : "the profile",
+                                     .path = config->files[i].name});
+    for (size_t i = 0; i < config->node_count; i++)
+        add_replays(all, config, &config->nodes[i]);
+}
+
+void cfg_add_files_written(fileuses *all, const cfg *config)
+{
+    for (size_t i = 0; i < config->record_count; i++) {
+        fileuse use = at_place(config, config->records[i].place);
+        use.what = "record";
+        use.path = config->records[i].file;
+        use.written = true;
+        use.older = config->records[i].files - 1;
+        fileuses_add(all, &use);
+    }
+}
+
+/* Of the control socket and of ports. */
+static void add_sockets(fileuses *all, const cfg *config)
+{
+    fileuse use = at_place(config, config->control_place);
+    use.what = "control";
+    use.path = config->control;
+    if (use.path)
+        fileuses_add_socket(all, &use);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        const portname port = portname_parse(node->port ? node->port : "");
+        use = at_place(config, node->port_place);
+        use.what = "port";
+        use.path = port.path;
+        if (port.kind == PORTNAME_UNIX)
+            fileuses_add_socket(all, &use);
+    }
+}
+
+static void add_all(fileuses *all, const fileuses *others)
+{
+    for (size_t i = 0; others && i < others->count; i++)
+        fileuses_add(all, &others->uses[i]);
+    all->incomplete = all->incomplete || (others && others->incomplete);
+}
+
+bool cfg_check_files(const cfg *config, const fileuses *others, const char *program, FILE *errors)
+{
+    fileuses all = {.count = 0};
+    cfg_add_files_read(&all, config);
+    add_sockets(&all, config);
+    add_all(&all, others);
+    cfg_add_files_written(&all, config);
+    bool good = fileuses_check(&all, program, errors);
+    fileuses_free(&all);
+    return good;
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * portname.c - what the name of a port says: an interface, or a socket in place of one.
+ */
+#include "config/portname.h"
+
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define INTERFACE_NAME_MAX 15u /* IFNAMSIZ with its final 0 has 16 bytes */
+#define FD_DIGITS_MAX 6u
+
+static const char *behind(const char *text, const char *prefix)
+{
+    size_t length = strlen(prefix);
+    return strncmp(text, prefix, length) == 0 ? text + length : NULL;
+}
+
+/* What the kernel takes for the name of an interface. */
+static bool is_interface_name(const char *name)
+{
+    if (!*name || strlen(name) > INTERFACE_NAME_MAX || strcmp(name, ".") == 0 ||
+        strcmp(name, "..") == 0)
+        return false;
+    for (; *name; name++)
+        if (*name == '/' || *name == ':' || isspace((unsigned char)*name))
+            return false;
+    return true;
+}
+
+/* Names come up in the log. */
+static bool is_path(const char *path)
+{
+    const char *c = path;
+    while (*c && !iscntrl((unsigned char)*c))
+        c++;
+    return *path && !*c;
+}
+
+/* Of a single form, so that two names of one descriptor are equal. 0, 1 and 2 are taken. */
+static bool parse_fd(int *fd, const char *text)
+{
+    size_t digits = strspn(text, "0123456789");
+    if (digits == 0 || digits > FD_DIGITS_MAX || text[digits] || text[0] == '0')
+        return false;
+    *fd = atoi(text);
+    return *fd > 2;
+}
+
+portname portname_parse(const char *text)
+{
+    portname name = {.path = behind(text, "unix:"), .fd = -1};
+    const char *number = behind(text, "fd:");
+    if (name.path)
+        name.kind = is_path(name.path) ? PORTNAME_UNIX : PORTNAME_INVALID;
+    else if (number)
+        name.kind = parse_fd(&name.fd, number) ? PORTNAME_FD : PORTNAME_INVALID;
+    else if (is_interface_name(text))
+        name.kind = PORTNAME_INTERFACE;
+    return name;
+}
+
+bool portname_is_interface(const char *text)
+{
+    return text && portname_parse(text).kind == PORTNAME_INTERFACE;
+}

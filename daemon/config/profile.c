@@ -1,0 +1,591 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * profile.c - fault rules from elsewhere: profiles with parameters, and texts to inject.
+ *
+ * A profile is a map of `parameters` (name: default, or nothing where there is none) and `faults`,
+ * in which $NAME or ${NAME} in any text stands for a parameter, and $$ for a dollar.
+ */
+#include "base/yamlfile.h"
+#include "config/read.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define PROFILES_MAX 100u         /* that one configuration loads */
+#define PARAMETERS_MAX 64u        /* of one profile */
+#define PARAMETER_NAME_MAX 32u    /* bytes */
+#define PARAMETER_VALUE_MAX 256u  /* bytes */
+#define EXPANDED_MAX 1024u        /* bytes of a text after all parameters have their values */
+#define ALONE_BITRATE_BPS 500000u /* turns bits into time where there is no bus */
+
+#define PARAMETER_LETTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
+#define PARAMETER_CHARACTERS PARAMETER_LETTERS "0123456789_-"
+
+typedef struct parameter {
+    const char *name;
+    const char *value; /* NULL: none */
+    const yaml_node_t *at;
+} parameter;
+
+typedef struct parameters {
+    size_t count;
+    parameter list[PARAMETERS_MAX];
+} parameters;
+
+/* A profile as its file has it. */
+typedef struct profile {
+    parameters declared;
+    parameters given; /* by its own `with` */
+    yaml_node_t *faults;
+} profile;
+
+/* One item of `profiles`. */
+typedef struct item {
+    const char *file;
+    const char *prefix;
+    parameters given;
+} item;
+
+/* What cfg_load_rules() returns is the first member of this. */
+typedef struct rules_owner {
+    cfg_rules rules;
+    arena arena;
+} rules_owner;
+
+static schema_reader read_file_name, read_prefix, read_parameters, read_value, read_about,
+    read_about_text, read_faults;
+
+static const schema_key item_keys[] = {
+    {.name = "file", .read = read_file_name, .required = true},
+    {.name = "with", .read = read_parameters, .offset = offsetof(item, given)},
+    {.name = "as", .read = read_prefix},
+    {.name = NULL},
+};
+
+static const schema_key profile_keys[] = {
+    {.name = "profile", .read = read_about},
+    {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
+    {.name = "faults", .read = read_faults, .required = true},
+    {.name = NULL},
+};
+
+/* The same where nobody else can give values. */
+static const schema_key injected_keys[] = {
+    {.name = "profile", .read = read_about},
+    {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
+    {.name = "with", .read = read_parameters, .offset = offsetof(profile, given)},
+    {.name = "faults", .read = read_faults, .required = true},
+    {.name = NULL},
+};
+
+static const schema_key about_keys[] = {
+    {.name = "name", .read = read_about_text},
+    {.name = "description", .read = read_about_text},
+    {.name = NULL},
+};
+
+static const schema_key rules_key = {.name = "faults"};
+
+static const char open_text[] = {SCHEMA_OPEN, '\0'};
+
+static void load_item(schema *self, yaml_node_t *value, size_t number);
+static void bind(schema *self, parameters *declared, const parameters *given,
+                 const yaml_node_t *at);
+static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *faults,
+                          const parameters *known);
+static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                      size_t size);
+static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors);
+
+bool cfg_is_profile(schema *self, const yaml_node_t *root)
+{
+    if (root->type != YAML_MAPPING_NODE || schema_find(self, root, "bus") ||
+        schema_find(self, root, "nodes"))
+        return false;
+    return schema_find(self, root, "faults") || schema_find(self, root, "parameters") ||
+           schema_find(self, root, "profile");
+}
+
+void cfg_read_profiles(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    size_t count = schema_count(self, key, value, 0, PROFILES_MAX);
+
+    (void)object;
+    for (size_t i = 0; i < count; i++)
+        load_item(self, schema_item(self, value, i), i + 1);
+}
+
+/* Nodes for names to come: those of the profile are not known. */
+static bool prepare_alone(schema *self, cfg *config)
+{
+    config->bit_ticks = CW_CLOCK_HZ / ALONE_BITRATE_BPS;
+    config->nodes = schema_alloc(self, CW_NODES_MAX, sizeof *config->nodes);
+    return config->nodes != NULL;
+}
+
+void cfg_read_profile(schema *self, yaml_node_t *root)
+{
+    const cfg_walk *walk = self->user;
+    profile *found = schema_alloc(self, 1, sizeof *found);
+
+    if (!found || (walk->any_node && !prepare_alone(self, walk->config)))
+        return;
+    schema_map(self, "profile", root, walk->any_node ? profile_keys : injected_keys, found);
+    bind(self, &found->declared, &found->given, root);
+    if (!found->faults)
+        return;
+    expand_faults(self, root, found->faults, &found->declared);
+    cfg_read_rules(self, &rules_key, found->faults);
+}
+
+cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const cfg *config,
+                          const cfg_running *running, FILE *errors)
+{
+    diag found = {.file.name = name};
+    cfg scratch = *config;
+    const char *names[CW_RULES_MAX];
+    cfg_running own = {.count = config->rule_count, .names = names};
+    cfg_walk walk = {.config = &scratch, .running = running ? running : &own};
+    rules_owner *owner = calloc(1, sizeof *owner);
+
+    for (size_t i = 0; i < own.count; i++)
+        names[i] = config->rules[i].name;
+    scratch.rule_count = 0;
+    scratch.rules = NULL;
+    if (!owner)
+        diag_add(&found, 0, 0, "out of memory");
+    else if (read_text(owner, &walk, &found, text, size) &&
+             cfg_keep_warnings(&owner->rules.warnings, &owner->arena, &found))
+        return &owner->rules;
+    diag_flush(&found, errors);
+    cfg_free_rules(owner ? &owner->rules : NULL);
+    return NULL;
+}
+
+void cfg_free_rules(cfg_rules *rules)
+{
+    if (!rules)
+        return;
+    rules_owner *owner = (rules_owner *)rules;
+    arena_free(&owner->arena);
+    free(owner);
+}
+
+static void read_file_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    item *wanted = object;
+    const char *text = schema_text(self, key, value, "the path of a profile");
+
+    if (text)
+        wanted->file = cfg_resolve_path(self, cfg_of(self)->file, text);
+}
+
+static void read_prefix(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    item *wanted = object;
+
+    wanted->prefix = cfg_read_name(self, key, value, NODE_NAME_MAX);
+}
+
+static bool parameter_name_valid(const char *name)
+{
+    size_t length = strlen(name);
+
+    return length <= PARAMETER_NAME_MAX && strspn(name, PARAMETER_LETTERS) > 0 &&
+           strspn(name, PARAMETER_CHARACTERS) == length;
+}
+
+static parameter *find_parameter(parameters *all, const char *name)
+{
+    for (size_t i = 0; i < all->count; i++)
+        if (strcmp(all->list[i].name, name) == 0)
+            return &all->list[i];
+    return NULL;
+}
+
+static void read_value(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    parameter *found = object;
+
+    if (schema_is_null(value))
+        return;
+    const char *text = schema_text(self, key, value, "a single value");
+    if (text && strlen(text) > PARAMETER_VALUE_MAX)
+        schema_complain(self, value, "%s: a parameter has at most %u bytes", key->name,
+                        PARAMETER_VALUE_MAX);
+    else if (text)
+        found->value = schema_copy(self, text);
+}
+
+/* No name: out of memory, which was said. */
+static void add_parameter(schema *self, yaml_node_t *at, yaml_node_t *value, parameters *all,
+                          const char *name)
+{
+    if (!name)
+        return;
+    schema_key own = {.name = name};
+    parameter *added = &all->list[all->count++];
+
+    *added = (parameter){.name = name, .at = at};
+    read_value(self, &own, value, added);
+}
+
+static void read_parameter(schema *self, const schema_key *key, yaml_node_t *name,
+                           yaml_node_t *value, parameters *all)
+{
+    const char *text = schema_text(self, key, name, "the name of a parameter");
+
+    if (!text)
+        return;
+    if (!parameter_name_valid(text))
+        schema_complain(self, name,
+                        "%s: the name of a parameter is a letter, then letters, digits, '_' or "
+                        "'-', at most %u in all, not '%.40s'",
+                        key->name, PARAMETER_NAME_MAX, text);
+    else if (find_parameter(all, text))
+        schema_complain(self, name, "%s: duplicate parameter '%s'", key->name, text);
+    else if (all->count == PARAMETERS_MAX)
+        schema_complain(self, name, "%s: these are more than %u parameters", key->name,
+                        PARAMETERS_MAX);
+    else
+        add_parameter(self, name, value, all, schema_copy(self, text));
+}
+
+/* A map of names and values; nothing is an empty one. */
+static void read_parameters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    parameters *all = schema_member(key, object);
+    yaml_node_t *name;
+    yaml_node_t *of_name;
+
+    if (schema_is_null(value))
+        return;
+    if (value->type != YAML_MAPPING_NODE) {
+        schema_expected(self, key, value, "a map of parameters such as { victim: engine }");
+        return;
+    }
+    for (size_t i = 0; (name = schema_pair(self, &of_name, value, i)) != NULL; i++)
+        read_parameter(self, key, name, of_name, all);
+}
+
+static void read_about(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, about_keys, object);
+}
+
+static void read_about_text(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    (void)object;
+    schema_text(self, key, value, "a text");
+}
+
+/* The rules wait until the parameters have values. */
+static void read_faults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    profile *found = object;
+
+    if (value->type == YAML_SEQUENCE_NODE)
+        found->faults = value;
+    else
+        schema_expected(self, key, value, "a list");
+}
+
+static void complain_unknown(schema *self, const parameters *declared, const parameter *given)
+{
+    nearest guess = {.word = given->name};
+    const char *list = "";
+
+    for (size_t i = 0; i < declared->count; i++) {
+        nearest_consider(&guess, declared->list[i].name);
+        list = schema_join(self, list, declared->list[i].name);
+    }
+    schema_complain(self, given->at, "with: the profile has no parameter '%s'%s; it has: %s",
+                    given->name, schema_suggestion(self, &guess), *list ? list : "none");
+}
+
+/* Gives the parameters their values; `at` is where a missing one is missed. */
+static void bind(schema *self, parameters *declared, const parameters *given, const yaml_node_t *at)
+{
+    const cfg_walk *walk = self->user;
+
+    for (size_t i = 0; i < given->count; i++) {
+        parameter *known = find_parameter(declared, given->list[i].name);
+
+        if (!known)
+            complain_unknown(self, declared, &given->list[i]);
+        else if (given->list[i].value)
+            known->value = given->list[i].value;
+    }
+    for (size_t i = 0; i < declared->count && !walk->any_node; i++)
+        if (!declared->list[i].value)
+            schema_complain(self, at, "with: the parameter '%s' of the profile needs a value",
+                            declared->list[i].name);
+}
+
+static bool check_profile(schema *self, const yaml_node_t *root)
+{
+    if (cfg_is_profile(self, root))
+        return true;
+    schema_complain(self, root, "this is no fault profile: it has no 'faults', or it has a bus");
+    return false;
+}
+
+/* Reads the rules of a profile whose document is loaded, seen from the configuration. */
+static void read_document(schema *config, schema *self, const item *wanted, const yaml_node_t *at,
+                          size_t number)
+{
+    yaml_node_t *root = yaml_document_get_root_node(self->document);
+    profile *found = schema_alloc(self, 1, sizeof *found);
+
+    if (!root)
+        diag_add(self->errors, 1, 1, "the file is empty; a profile needs the key faults");
+    if (!found || !root || !check_profile(self, root))
+        return;
+    schema_map(self, "profile", root, profile_keys, found);
+    diag_file inner = diag_enter(self->errors, cfg_of(self)->file, 0);
+    bind(config, &found->declared, &wanted->given, at);
+    diag_enter(self->errors, inner.name, number);
+    if (!found->faults)
+        return;
+    expand_faults(self, root, found->faults, &found->declared);
+    cfg_read_rules(self, &rules_key, found->faults);
+}
+
+/* The errors of a profile are told with its own name; the configuration's file gets one, too. */
+static void load_profile(schema *config, const item *wanted, const yaml_node_t *at, size_t number)
+{
+    yaml_document_t document;
+    cfg_walk walk = *(const cfg_walk *)config->user;
+    schema self = *config;
+    diag *errors = config->errors;
+    diag_file outer = diag_enter(errors, wanted->file, number);
+    size_t before = errors->count;
+
+    walk.prefix = wanted->prefix;
+    walk.first_rule = walk.config->rule_count;
+    self.user = &walk;
+    self.document = &document;
+    if (cfg_load_file(&self, &document, wanted->file)) {
+        read_document(config, &self, wanted, at, number);
+        yaml_document_delete(&document);
+    }
+    bool bad = false;
+    for (size_t i = before; i < errors->count; i++)
+        bad = bad || (errors->messages[i].file.number == number && !errors->messages[i].warning);
+    diag_enter(errors, outer.name, outer.number);
+    if (bad)
+        schema_complain(config, at, "profiles: there are errors in %s", wanted->file);
+}
+
+static void load_item(schema *self, yaml_node_t *value, size_t number)
+{
+    item *wanted = schema_alloc(self, 1, sizeof *wanted);
+
+    if (!wanted)
+        return;
+    schema_map(self, "profiles", value, item_keys, wanted);
+    if (wanted->file)
+        load_profile(self, wanted, value, number);
+}
+
+/* Length of the name after a '$', 0 when there is none; *text is put after it. */
+static size_t take_name(const char **name, const char **text)
+{
+    bool braces = **text == '{';
+    const char *begin = *text + braces;
+    size_t length = strspn(begin, PARAMETER_CHARACTERS);
+
+    if (braces && begin[length] != '}')
+        return 0;
+    *name = begin;
+    *text = begin + length + braces;
+    return length;
+}
+
+/* The value of the parameter whose reference begins after a '$'; NULL after a complaint. */
+static const char *take_parameter(schema *self, const yaml_node_t *at, const parameters *known,
+                                  const char **text)
+{
+    const char *name;
+    size_t length = take_name(&name, text);
+    nearest guess = {.word = ""};
+
+    if (length == 0) {
+        schema_complain(self, at,
+                        "'$' begins a parameter, $NAME or ${NAME}; $$ stands for a dollar");
+        return NULL;
+    }
+    guess.word = schema_print(self, "%.*s", (int)length, name);
+    if (!guess.word)
+        return NULL;
+    for (size_t i = 0; i < known->count; i++) {
+        const parameter *candidate = &known->list[i];
+
+        nearest_consider(&guess, candidate->name);
+        if (strcmp(candidate->name, guess.word) == 0)
+            return candidate->value ? candidate->value : open_text;
+    }
+    schema_complain(self, at, "there is no parameter '%.40s'%s", guess.word,
+                    schema_suggestion(self, &guess));
+    return NULL;
+}
+
+/* A text with the values of its parameters, or NULL after a complaint. *open: one has none yet. */
+static char *expand(schema *self, bool *open, const yaml_node_t *at, const parameters *known,
+                    const char *text)
+{
+    char *out = schema_alloc(self, 1, EXPANDED_MAX + 1);
+    size_t length = 0;
+
+    while (out && *text) {
+        size_t plain = strcspn(text, "$");
+        const char *piece = text;
+
+        text += plain;
+        if (plain == 0 && text[1] == '$') {
+            plain = 1;
+            text += 2;
+        } else if (plain == 0) {
+            text++;
+            piece = take_parameter(self, at, known, &text);
+            if (!piece)
+                return NULL;
+            plain = strlen(piece);
+            *open = *open || *piece == SCHEMA_OPEN;
+        }
+        if (plain > EXPANDED_MAX - length) {
+            schema_complain(self, at, "a text with parameters has at most %u bytes", EXPANDED_MAX);
+            return NULL;
+        }
+        memcpy(out + length, piece, plain);
+        length += plain;
+    }
+    return out;
+}
+
+/* Gives a scalar a new text, which is none of its own; libyaml frees it with free(). */
+static void replace(schema *self, yaml_node_t *node, const char *text)
+{
+    size_t length = strlen(text);
+    yaml_char_t *value = realloc(node->data.scalar.value, length + 1);
+
+    if (!value) {
+        diag_add(self->errors, 0, 0, "out of memory");
+        return;
+    }
+    memcpy(value, text, length + 1);
+    node->data.scalar.value = value;
+    node->data.scalar.length = length;
+}
+
+static void expand_node(schema *self, yaml_node_t *node, const parameters *known)
+{
+    const char *text = (const char *)node->data.scalar.value;
+    bool open = false;
+
+    if (!strchr(text, '$'))
+        return;
+    const char *expanded = expand(self, &open, node, known, text);
+    /* What could not be expanded has been told; its reader need not complain again. */
+    open = open || !expanded;
+    self->has_open = self->has_open || open;
+    replace(self, node, open ? open_text : expanded);
+}
+
+/* libyaml lays out the nodes of a document in the order of the text: those of `faults` end where
+ * the next key of the root begins. */
+static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *faults,
+                          const parameters *known)
+{
+    const yaml_node_t *end = self->document->nodes.top;
+    yaml_node_t *value;
+    const yaml_node_t *key;
+
+    for (size_t i = 0; (key = schema_pair(self, &value, root, i)) != NULL; i++)
+        if (key > faults && key < end)
+            end = key;
+    for (yaml_node_t *node = faults; node < end; node++)
+        if (node->type == YAML_SCALAR_NODE)
+            expand_node(self, node, known);
+}
+
+/* A rule, a list of rules, or a map with the rules in it. */
+static void read_root(schema *self, yaml_node_t *root)
+{
+    bool map = root->type == YAML_MAPPING_NODE;
+
+    if (cfg_is_profile(self, root))
+        cfg_read_profile(self, root);
+    else if (root->type == YAML_SEQUENCE_NODE || (map && schema_find(self, root, "name")))
+        cfg_read_rules(self, &rules_key, root);
+    else
+        schema_complain(self, root,
+                        "expected a rule ({ name, when, do }), a list of rules, or a profile");
+}
+
+static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                      size_t size)
+{
+    yaml_document_t document;
+    schema self = {
+        .errors = errors,
+        .arena = &owner->arena,
+        .document = &document,
+        .user = walk,
+    };
+
+    if (!yaml_text_load(&document, text, size, errors))
+        return false;
+    yaml_node_t *root = yaml_document_get_root_node(&document);
+    if (root)
+        read_root(&self, root);
+    else
+        diag_add(errors, 1, 1, "there is no rule");
+    yaml_document_delete(&document);
+    return errors->errors == 0 && put_in_order(owner, walk, errors);
+}
+
+/* Moves a rule behind those that are placed; `after` goes by places from then on. */
+static void place(rules_owner *owner, const cfg_walk *walk, uint16_t *places, size_t rule)
+{
+    cw_rule *placed = &owner->rules.rules[owner->rules.count];
+    size_t running = walk->running->count;
+
+    *placed = walk->config->rules[rule];
+    if (placed->has_after && placed->after >= running)
+        placed->after = (uint16_t)(running + places[placed->after - running]);
+    places[rule] = (uint16_t)owner->rules.count++;
+}
+
+/* Rules after rules that they name; the order of the text otherwise. */
+static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors)
+{
+    size_t count = walk->config->rule_count;
+    size_t running = walk->running->count;
+    const cw_rule *rules = walk->config->rules;
+    uint16_t places[CW_RULES_MAX];
+    bool placed;
+
+    owner->rules.rules = arena_alloc(&owner->arena, (count + 1) * sizeof *rules);
+    if (!owner->rules.rules) {
+        diag_add(errors, 0, 0, "out of memory");
+        return false;
+    }
+    memset(places, 0xFF, sizeof places);
+    do {
+        placed = false;
+        for (size_t i = 0; i < count; i++) {
+            bool waits = rules[i].has_after && rules[i].after >= running &&
+                         places[rules[i].after - running] == UINT16_MAX;
+            if (places[i] != UINT16_MAX || waits)
+                continue;
+            place(owner, walk, places, i);
+            placed = true;
+        }
+    } while (placed);
+    if (owner->rules.count < count)
+        diag_add(errors, 0, 0,
+                 "there are rules that come after each other in a circle; a running "
+                 "bus cannot take them");
+    return owner->rules.count == count;
+}

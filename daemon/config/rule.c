@@ -1,0 +1,507 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rule.c - the keys of fault rules but for `do`: name and when, and what the rule waits
+ * for by what is written and what it does.
+ */
+#include "config/read.h"
+
+#include <string.h>
+
+#define STATES_MAX ((size_t)CW_STATE_COUNT)
+
+static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
+static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
+static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
+
+static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
+static const schema_range positive_range = {1, UINT32_MAX, sizeof(uint32_t)};
+
+/* The names have been read before: rules may refer to later ones. */
+static const schema_key rule_keys[] = {
+    {.name = "name", .read = read_nothing, .required = true},
+    {.name = "when", .read = read_when},
+    {.name = "do", .read = cfg_read_action, .required = true},
+    {.name = NULL},
+};
+
+static const schema_key when_keys[] = {
+    {.name = "frame", .read = cfg_read_filters},
+    {.name = "data", .read = cfg_read_data},
+    {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
+    {.name = "state", .read = read_states},
+    {.name = "time", .read = read_window},
+    {.name = "after", .read = read_after},
+    {.name = "skip",
+     .read = schema_read_uint,
+     .offset = offsetof(cw_rule, skip),
+     .arg = &number_range},
+    {.name = "every",
+     .read = schema_read_uint,
+     .offset = offsetof(cw_rule, every),
+     .arg = &positive_range},
+    {.name = "count",
+     .read = schema_read_uint,
+     .offset = offsetof(cw_rule, count),
+     .arg = &positive_range},
+    {.name = "hold-off", .read = cfg_read_bits, .offset = offsetof(cw_rule, hold_off)},
+    {.name = "probability", .read = cfg_read_fraction, .offset = offsetof(cw_rule, probability)},
+    {.name = "manual", .read = schema_read_bool, .offset = offsetof(cw_rule, manual)},
+    {.name = NULL},
+};
+
+static const schema_key after_keys[] = {
+    {.name = "rule", .read = read_after_rule, .required = true},
+    {.name = "delay", .read = cfg_read_bits, .offset = offsetof(cw_rule, after_delay)},
+    {.name = NULL},
+};
+
+static const schema_key name_key = {.name = "name"};
+
+static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
+{
+    schema_map(self, "rule", value, rule_keys, rule);
+    if (value->type == YAML_MAPPING_NODE)
+        settle_trigger(self, value, rule);
+}
+
+/* The rules in a longer array. */
+static cw_rule *grow_rules(schema *self, size_t more)
+{
+    cfg *config = cfg_of(self);
+    cw_rule *rules = schema_alloc(self, config->rule_count + more + 1, sizeof *rules);
+
+    if (rules && config->rule_count > 0)
+        memcpy(rules, config->rules, config->rule_count * sizeof *rules);
+    if (rules)
+        config->rules = rules;
+    return rules;
+}
+
+void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
+{
+    cfg_walk *walk = self->user;
+    cfg *config = walk->config;
+    size_t first = config->rule_count;
+    size_t room = CW_RULES_MAX - first - config->reply_count;
+    size_t count = schema_count_one(self, key, value, 0, room);
+
+    walk->list = first;
+    if (!grow_rules(self, count))
+        return;
+    for (size_t i = 0; i < count; i++) {
+        config->rules[first + i] = (cw_rule){
+            .time_end = CW_NEVER,
+            .every = 1,
+            .probability = UINT64_MAX,
+            .bits = 1,
+        };
+        read_name(self, schema_item(self, value, i), &config->rules[first + i]);
+        config->rule_count++;
+    }
+    for (size_t i = 0; i < count; i++)
+        read_rule(self, schema_item(self, value, i), &config->rules[first + i]);
+}
+
+void cfg_read_faults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    (void)object;
+    if (value->type == YAML_SEQUENCE_NODE)
+        cfg_read_rules(self, key, value);
+    else
+        schema_expected(self, key, value, "a list");
+}
+
+static void read_nothing(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    (void)self;
+    (void)key;
+    (void)value;
+    (void)object;
+}
+
+/* Index of the rule of that name among those read so far, or rule_count. */
+static size_t find_rule(const cfg *config, size_t first, const char *name)
+{
+    size_t i = first;
+
+    while (i < config->rule_count &&
+           (!config->rules[i].name || strcmp(config->rules[i].name, name) != 0))
+        i++;
+    return i < config->rule_count ? i : config->rule_count;
+}
+
+/* Index of the running rule of that name, or running->count. */
+static size_t find_running(const cfg_running *running, const char *name)
+{
+    size_t i = 0;
+
+    while (i < running->count && (!running->names[i] || strcmp(running->names[i], name) != 0))
+        i++;
+    return i;
+}
+
+static void check_distinct(schema *self, const yaml_node_t *value, const char *name)
+{
+    const cfg_walk *walk = self->user;
+    size_t other = find_rule(walk->config, 0, name);
+
+    if (walk->running && find_running(walk->running, name) < walk->running->count)
+        schema_complain(self, value, "a rule '%s' is running already; clear it first", name);
+    else if (other < walk->list)
+        schema_complain(self, value,
+                        "duplicate name '%s' (also of a rule of a profile); give the profile a "
+                        "prefix with 'as'",
+                        name);
+    else if (other < walk->config->rule_count)
+        schema_complain(self, value, "duplicate name '%s' (also of rule %zu in the list)", name,
+                        other - walk->list + 1);
+}
+
+/* The name of a rule with the prefix of its profile, or NULL after a complaint. */
+static const char *full_name(schema *self, const char *name)
+{
+    const cfg_walk *walk = self->user;
+
+    return walk->prefix ? schema_print(self, "%s.%s", walk->prefix, name) : name;
+}
+
+/* A name that is missing or not known yet leaves the rule without. */
+static void read_name(schema *self, yaml_node_t *value, cw_rule *rule)
+{
+    if (value->type != YAML_MAPPING_NODE)
+        return;
+    yaml_node_t *name = schema_find(self, value, name_key.name);
+    if (!name || schema_is_open(self, name))
+        return;
+    const char *text = cfg_read_name(self, &name_key, name, RULE_NAME_MAX);
+    if (!text)
+        return;
+    const char *full = full_name(self, text);
+    if (!full)
+        return;
+    if (full != text && strlen(full) > RULE_NAME_MAX)
+        schema_complain(self, name, "name: '%s' has more than %d characters with its prefix", full,
+                        RULE_NAME_MAX);
+    check_distinct(self, name, full);
+    rule->name = full;
+}
+
+static void read_when(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, when_keys, object);
+}
+
+static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, cw_rule *rule)
+{
+    unsigned room = CW_RULE_FILTERS_MAX - rule->filter_count;
+    unsigned count = 0;
+    uint32_t mask = 0;
+    const char *text = schema_text(self, key, value, "a frame filter such as 123 or 100:700");
+
+    if (!text)
+        return;
+    if (*text == '#')
+        schema_problem(self, key, value, text_parse_error_mask(&mask, text));
+    else
+        schema_problem(self, key, value,
+                       text_parse_filters(rule->filters + rule->filter_count, &count, room, text));
+    rule->filter_count = (uint8_t)(rule->filter_count + count);
+    rule->error_mask |= mask;
+}
+
+/* One text or a list of them. */
+void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+
+        if (!schema_is_open(self, item))
+            read_filter(self, key, item, object);
+    }
+}
+
+void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    text_bytes bytes = {0};
+    const char *text = schema_text(self, key, value, "data bytes such as DEAD..EF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
+    rule->data_length = bytes.length;
+    memcpy(rule->data_mask, bytes.mask, sizeof bytes.mask);
+    memcpy(rule->data_value, bytes.value, sizeof bytes.value);
+}
+
+static void complain_no_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                             const char *name)
+{
+    const cfg *config = cfg_of(self);
+    nearest guess = {.word = name};
+    const char *list = "";
+
+    for (size_t i = 0; i < config->node_count; i++) {
+        nearest_consider(&guess, config->nodes[i].name);
+        list = schema_join(self, list, config->nodes[i].name);
+    }
+    /* Without any node the missing list is the only complaint worth making. */
+    if (config->node_count > 0)
+        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
+                        schema_suggestion(self, &guess), list);
+}
+
+/* A further node of that name, for a profile that is checked without a bus; or -1. */
+static int make_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                     const char *name)
+{
+    cfg *config = cfg_of(self);
+
+    if (!cfg_name_valid(name, NODE_NAME_MAX)) {
+        schema_expected(self, key, value, "the name of a node");
+        return -1;
+    }
+    if (config->node_count == CW_NODES_MAX) {
+        schema_complain(self, value, "%s: these are more than %d nodes", key->name, CW_NODES_MAX);
+        return -1;
+    }
+    char *copy = schema_copy(self, name);
+    if (!copy)
+        return -1;
+    config->nodes[config->node_count].name = copy;
+    return (int)config->node_count++;
+}
+
+int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name)
+{
+    const cfg_walk *walk = self->user;
+    uint8_t node = cfg_find_node(walk->config, name);
+
+    if (node != CW_NO_NODE)
+        return node;
+    if (walk->any_node)
+        return make_node(self, key, value, name);
+    if (!walk->unnamed) /* it may be meant, and has been told */
+        complain_no_node(self, key, value, name);
+    return -1;
+}
+
+/* The node that a value names as a mask, 0 after a complaint or when it is not known yet. */
+static uint64_t read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    if (schema_is_open(self, value))
+        return 0;
+    const char *name = schema_text(self, key, value, "the name of a node");
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+
+    return node < 0 ? 0 : UINT64_C(1) << node;
+}
+
+void cfg_read_node_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *set = schema_member(key, object);
+    size_t count = schema_count_one(self, key, value, 1, CW_NODES_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        uint64_t node = read_node_mask(self, key, item);
+        if (*set & node)
+            schema_complain(self, item, "%s: this node is in the list twice", key->name);
+        *set |= node;
+    }
+}
+
+uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
+{
+    schema_choice choices[STATES_MAX + 1] = {{.name = NULL}};
+    size_t count = schema_count_one(self, key, value, 1, STATES_MAX);
+    unsigned mask = 0;
+    unsigned state;
+
+    for (unsigned i = 0; i < STATES_MAX; i++)
+        choices[i] = (schema_choice){.name = cw_state_name((cw_state)i), .value = i};
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        if (!schema_is_open(self, item) && schema_choose(self, &state, key, item, choices))
+            mask |= 1u << state;
+    }
+    return (uint8_t)mask;
+}
+
+/* One entry, NODE: STATE or NODE: [STATES]. */
+static void read_state(schema *self, const schema_key *key, const yaml_node_t *node,
+                       yaml_node_t *value, cw_rule *rule)
+{
+    uint64_t bit = read_node_mask(self, key, node);
+    uint8_t mask = cfg_read_states(self, key, value);
+
+    if (rule->state_nodes & bit)
+        schema_complain(self, node, "%s: this node is in the map twice", key->name);
+    else if (rule->state_mask && mask && mask != rule->state_mask)
+        schema_complain(self, value,
+                        "%s: all nodes of one rule wait for the same states; make a rule for each "
+                        "and put them in sequence with 'after'",
+                        key->name);
+    rule->state_nodes |= bit;
+    rule->state_mask |= mask;
+}
+
+static void read_states(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a map such as { engine: error-passive }";
+    yaml_node_t *states;
+    yaml_node_t *node = NULL;
+
+    if (value->type == YAML_MAPPING_NODE)
+        node = schema_pair(self, &states, value, 0);
+    if (!node)
+        schema_expected(self, key, value, expected);
+    for (size_t i = 1; node; i++) {
+        read_state(self, key, node, states, object);
+        node = schema_pair(self, &states, value, i);
+    }
+}
+
+/* One end of a window in ticks; false after a complaint. */
+static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const yaml_node_t *value,
+                     const char *text)
+{
+    cfg_time time = {0};
+    const char *problem = text_parse_time(&time, text);
+
+    schema_problem(self, key, value, problem);
+    *tick = text_time_ticks(time, cfg_of(self)->bit_ticks);
+    return !problem;
+}
+
+/* BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
+void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a time or a window such as 2s, 2s.., 2s..5s or ..5s";
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text)
+        return;
+    const char *dots = strstr(text, "..");
+    size_t length = dots ? (size_t)(dots - text) : strlen(text);
+    const char *end = dots ? dots + 2 : "";
+    if (length == 0 && *end == '\0') {
+        schema_expected(self, key, value, expected);
+        return;
+    }
+    const char *begin = schema_print(self, "%.*s", (int)length, text);
+    if (!begin || (length > 0 && !read_end(self, &rule->time_begin, key, value, begin)))
+        return;
+    if (*end == '\0' || !read_end(self, &rule->time_end, key, value, end))
+        return;
+    if (rule->time_end <= rule->time_begin)
+        schema_problem(self, key, value, "the window must end after it begins");
+}
+
+static void read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cw_rule *rule = object;
+
+    cfg_read_window(self, key, value, object);
+    cfg_warn_rounded(self, key, value, rule->time_begin);
+    cfg_warn_rounded(self, key, value, rule->time_end);
+}
+
+static void read_after(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, after_keys, object);
+}
+
+static void complain_no_rule(schema *self, const schema_key *key, const yaml_node_t *value,
+                             const char *name)
+{
+    const cfg_walk *walk = self->user;
+    nearest guess = {.word = name};
+
+    for (size_t i = walk->first_rule; i < walk->config->rule_count; i++)
+        if (walk->config->rules[i].name)
+            nearest_consider(&guess, walk->config->rules[i].name);
+    for (size_t i = 0; walk->running && i < walk->running->count; i++)
+        if (walk->running->names[i])
+            nearest_consider(&guess, walk->running->names[i]);
+    schema_complain(self, value, "%s: there is no rule '%.64s'%s", key->name, name,
+                    schema_suggestion(self, &guess));
+}
+
+/* Rules of the same text come first; then those that are running. */
+static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    const cfg *config = walk->config;
+    cw_rule *rule = object;
+    size_t running = walk->running ? walk->running->count : 0;
+    const char *text = schema_text(self, key, value, "the name of a rule");
+
+    rule->has_after = true;
+    const char *full = text ? full_name(self, text) : NULL;
+    if (!full)
+        return;
+    size_t own = find_rule(config, walk->first_rule, full);
+    size_t other = walk->running ? find_running(walk->running, text) : running;
+    if (own < config->rule_count && &config->rules[own] == rule)
+        schema_complain(self, value, "%s: a rule cannot come after itself", key->name);
+    else if (own < config->rule_count)
+        rule->after = (uint16_t)(running + own);
+    else if (other < running)
+        rule->after = (uint16_t)other;
+    else
+        complain_no_rule(self, key, value, text);
+}
+
+void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a decimal fraction from 0 to 1");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_probability(schema_member(key, object), text));
+}
+
+/* The value of a key of `when`, or NULL. */
+static yaml_node_t *find_when(schema *self, const yaml_node_t *map, const char *name)
+{
+    const yaml_node_t *when = schema_find(self, map, "when");
+
+    return when && when->type == YAML_MAPPING_NODE ? schema_find(self, when, name) : NULL;
+}
+
+static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_rule *rule)
+{
+    const yaml_node_t *frame = find_when(self, map, "frame");
+    const yaml_node_t *data = find_when(self, map, "data");
+
+    if (rule->filter_count > 0)
+        schema_complain(self, frame,
+                        "frame: a rule waits for frames or for error frames (#MASK), "
+                        "not for both");
+    else if (data)
+        schema_complain(self, data, "data: error frames (#MASK) have no data to compare");
+    else if (cfg_action_needs_frame(rule->action))
+        schema_complain(self, frame,
+                        "frame: what this rule does needs a frame on the bus, an "
+                        "error frame (#MASK) is none");
+}
+
+/* What the rule waits for follows from what is written. */
+static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
+{
+    bool on_frames = cfg_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
+                     find_when(self, map, "data") || find_when(self, map, "from");
+
+    if (rule->error_mask) {
+        rule->trigger = CW_TRIGGER_ERROR;
+        check_error_trigger(self, map, rule);
+    } else if (on_frames) {
+        rule->trigger = CW_TRIGGER_FRAME;
+    } else if (rule->has_after || rule->manual) {
+        rule->trigger = CW_TRIGGER_ARMED;
+    } else {
+        rule->trigger = CW_TRIGGER_TIME;
+    }
+}

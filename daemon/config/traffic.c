@@ -1,0 +1,319 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * traffic.c - the traffic of nodes without port: the keys of `send`, `replay` and `reply`.
+ */
+#include "config/read.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define TRAFFIC_MAX 4096u /* entries of one node */
+#define GAP_DEFAULT_NS 1000000u
+#define LOOK_ENTRIES 1000u /* of a file that are looked at beforehand */
+
+static schema_reader read_every, read_delay, read_file, read_channel, read_filters;
+
+static const schema_range count_range = {1, UINT64_MAX, sizeof(uint64_t)};
+static const schema_range replies_range = {1, UINT32_MAX, sizeof(uint64_t)};
+
+static const schema_choice formats[] = {
+    {.name = "candump", .value = TRACE_CANDUMP},
+    {.name = "candump-delta", .value = TRACE_CANDUMP_DELTA},
+    {.name = "asc", .value = TRACE_ASC},
+    {.name = "pcapng", .value = TRACE_PCAPNG},
+    {.name = NULL},
+};
+
+enum { SPEED_ORIGINAL = 0, SPEED_MAX };
+
+static const schema_choice speeds[] = {
+    {.name = "original", .value = SPEED_ORIGINAL},
+    {.name = "max", .value = SPEED_MAX},
+    {.name = NULL},
+};
+
+static schema_reader read_speed;
+
+#define MEMBER(m) .offset = offsetof(cfg_traffic, m)
+
+static const schema_key send_keys[] = {
+    {.name = "send", .read = cfg_read_frame, MEMBER(frame)},
+    {.name = "every", .read = read_every, MEMBER(every)},
+    {.name = "offset", .read = cfg_read_time, MEMBER(offset)},
+    {.name = "jitter", .read = cfg_read_time, MEMBER(jitter)},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range},
+    {.name = NULL},
+};
+
+static const schema_key replay_keys[] = {
+    {.name = "replay", .read = read_file},
+    {.name = "only", .read = read_filters},
+    {.name = "interface", .read = read_channel},
+    {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats},
+    {.name = "speed", .read = read_speed, .arg = speeds},
+    {.name = "offset", .read = cfg_read_time, MEMBER(offset)},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range},
+    {.name = "loop", .read = schema_read_bool, MEMBER(loop)},
+    {.name = "gap", .read = cfg_read_span, MEMBER(gap)},
+    {.name = NULL},
+};
+
+static const schema_key reply_keys[] = {
+    {.name = "reply", .read = cfg_read_frame, MEMBER(frame)},
+    {.name = "to", .read = read_filters},
+    {.name = "delay", .read = read_delay, MEMBER(delay)},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &replies_range},
+    {.name = NULL},
+};
+
+/* Checks and settles what the keys of an entry say together. */
+typedef void entry_settler(schema *self, yaml_node_t *map, cfg_traffic *traffic);
+
+static entry_settler settle_send, settle_replay, settle_reply;
+
+/* By cfg_traffic_kind; the first key names the kind. */
+static const struct {
+    const schema_key *keys;
+    entry_settler *settle;
+} kinds[] = {
+    [CFG_TRAFFIC_SEND] = {send_keys, settle_send},
+    [CFG_TRAFFIC_REPLAY] = {replay_keys, settle_replay},
+    [CFG_TRAFFIC_REPLY] = {reply_keys, settle_reply},
+};
+
+#define KINDS (sizeof kinds / sizeof kinds[0])
+
+bool cfg_traffic_is_endless(const cfg_traffic *traffic)
+{
+    return traffic->kind != CFG_TRAFFIC_REPLY && traffic->count == UINT64_MAX;
+}
+
+/* ---- Entries --------------------------------------------------------------------------------- */
+
+static bool is_known_key(const char *name)
+{
+    for (size_t i = 0; i < KINDS; i++)
+        for (const schema_key *key = kinds[i].keys; key->name; key++)
+            if (strcmp(key->name, name) == 0)
+                return true;
+    return false;
+}
+
+/* Without a key that names its kind. It may be there with a slip in it. */
+static void complain_missing(schema *self, const yaml_node_t *map)
+{
+    yaml_node_t *value;
+    const yaml_node_t *name;
+    for (size_t i = 0; (name = schema_pair(self, &value, map, i)); i++) {
+        const char *text = name->type == YAML_SCALAR_NODE ? (char *)name->data.scalar.value : "";
+        nearest guess = {.word = text};
+        for (size_t k = 0; k < KINDS; k++)
+            nearest_consider(&guess, kinds[k].keys[0].name);
+        if (*text == '\0' || is_known_key(text))
+            continue;
+        schema_complain(self, name, "traffic: unknown key '%s'%s; one of 'send', 'replay' and "
+                        "'reply' is needed", text, schema_suggestion(self, &guess));
+        return;
+    }
+    schema_complain(self, map, "traffic: one of the keys 'send', 'replay' and 'reply' is missing");
+}
+
+/* The kind that a map is of, or KINDS after a complaint. */
+static size_t find_kind(schema *self, yaml_node_t *map)
+{
+    size_t found = KINDS;
+    for (size_t i = 0; i < KINDS; i++) {
+        yaml_node_t *value = schema_find(self, map, kinds[i].keys[0].name);
+        if (value && found < KINDS) {
+            schema_complain(self, value, "traffic: '%s' and '%s' exclude each other",
+                            kinds[found].keys[0].name, kinds[i].keys[0].name);
+            return KINDS;
+        }
+        if (value)
+            found = i;
+    }
+    if (found == KINDS)
+        complain_missing(self, map);
+    return found;
+}
+
+static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
+{
+    *traffic = (cfg_traffic){
+        .place = cfg_place_of(value), .count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
+    size_t kind = CFG_TRAFFIC_SEND; /* of what is no map, for the complaint */
+    if (value->type == YAML_MAPPING_NODE)
+        kind = find_kind(self, value);
+    if (kind == KINDS)
+        return;
+    size_t errors = self->errors->errors;
+    traffic->kind = (cfg_traffic_kind)kind;
+    schema_map(self, "traffic", value, kinds[kind].keys, traffic);
+    if (self->errors->errors == errors)
+        kinds[kind].settle(self, value, traffic);
+}
+
+void cfg_read_traffic(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    size_t count = schema_count(self, key, value, 0, TRAFFIC_MAX);
+
+    if (node->port)
+        schema_complain(self, value, "%s: only a node without port has traffic of its own",
+                        key->name);
+    node->traffic = schema_alloc(self, count + 1, sizeof *node->traffic);
+    if (!node->traffic)
+        return;
+    for (; node->traffic_count < count; node->traffic_count++)
+        read_entry(self, schema_item(self, value, node->traffic_count),
+                   &node->traffic[node->traffic_count]);
+}
+
+/* ---- send ------------------------------------------------------------------------------------ */
+
+static void read_every(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+
+    traffic->has_every = true;
+    cfg_read_span(self, key, value, object);
+}
+
+static void settle_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+{
+    uint32_t bit_ticks = cfg_of(self)->bit_ticks;
+    yaml_node_t *count = schema_find(self, map, "count");
+
+    if (traffic->has_every) {
+        if (text_time_ticks(traffic->jitter, bit_ticks) >
+            text_time_ticks(traffic->every, bit_ticks))
+            schema_complain(self, schema_find(self, map, "jitter"),
+                            "jitter: at most as long as 'every', so that the order stays");
+        return;
+    }
+    if (count && traffic->count > 1)
+        schema_complain(self, count, "count: without 'every' a frame is sent once");
+    traffic->count = 1;
+}
+
+/* ---- replay ---------------------------------------------------------------------------------- */
+
+static void read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+    const char *text = schema_text(self, key, value, "the path of a file");
+
+    if (text)
+        traffic->file = cfg_resolve_path(self, cfg_of(self)->file, text);
+}
+
+static void read_channel(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "an interface or a channel of the file, at most 31 bytes";
+    cfg_traffic *traffic = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (text && strlen(text) >= TRACE_CHANNEL_MAX)
+        schema_expected(self, key, value, expected);
+    if (text)
+        traffic->channel = schema_copy(self, text);
+}
+
+static void read_speed(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+    unsigned speed;
+
+    if (schema_choose(self, &speed, key, value, key->arg))
+        traffic->fast = speed == SPEED_MAX;
+}
+
+static void read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_traffic *traffic = object;
+    size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "a frame filter such as 100:700");
+        unsigned more = 0;
+        if (!text)
+            continue;
+        schema_problem(self, key, item,
+                       text_parse_filters(&traffic->filters[traffic->filter_count], &more,
+                                          CW_RULE_FILTERS_MAX - traffic->filter_count, text));
+        traffic->filter_count = (uint8_t)(traffic->filter_count + more);
+    }
+}
+
+/* Reads the beginning of the file: up to its first frame, as a rule. What is wrong further behind
+ * is found while it is replayed, or by `canwire check`. */
+static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffic *traffic)
+{
+    char problem[TRACE_PROBLEM_MAX];
+    trace_record record = {.kind = TRACE_OTHER};
+    trace_result result = TRACE_RECORD;
+    trace_reader *reader = trace_open(traffic->file, traffic->format, problem);
+
+    if (!reader) {
+        /* what is wrong in the file has its place there, behind the name */
+        if (strncmp(problem + strlen(traffic->file), ": ", 2) == 0)
+            schema_complain(self, at, "replay: %s", problem);
+        else
+            schema_complain_elsewhere(self, at, problem);
+        return;
+    }
+    for (unsigned i = 0; i < LOOK_ENTRIES && result == TRACE_RECORD && record.kind != TRACE_FRAME;
+         i++)
+        result = trace_next(reader, &record);
+    if (result == TRACE_RECORD && record.kind == TRACE_FRAME && !record.timed && !traffic->fast) {
+        trace_complain(problem, reader, &record, TRACE_NO_TIME);
+        schema_complain_elsewhere(self, at, problem);
+    }
+    if (result == TRACE_BAD)
+        schema_complain_elsewhere(self, at, trace_problem(reader));
+    trace_close(reader);
+}
+
+static void settle_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+{
+    yaml_node_t *count = schema_find(self, map, "count");
+    yaml_node_t *gap = schema_find(self, map, "gap");
+
+    if (count && traffic->loop)
+        schema_complain(self, count, "count: not together with 'loop'");
+    if (gap && traffic->fast)
+        schema_complain(self, gap, "gap: with 'speed: max' the file is repeated at once");
+    if (!count && !traffic->loop)
+        traffic->count = 1;
+    const cfg_walk *walk = self->user;
+    if (traffic->file && !walk->given)
+        look_into_file(self, schema_find(self, map, "replay"), traffic);
+}
+
+/* ---- reply ----------------------------------------------------------------------------------- */
+
+/* What answers is a rule, which acts at bits. */
+static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_time *delay = schema_member(key, object);
+
+    cfg_read_time(self, key, value, object);
+    cfg_warn_rounded(self, key, value, text_time_ticks(*delay, cfg_of(self)->bit_ticks));
+}
+
+/* Without `to` it answers the remote frame of its own identifier. */
+static void settle_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+{
+    cfg *config = cfg_of(self);
+    bool extended = traffic->frame.flags & CW_FRAME_EXTENDED;
+
+    if (++config->reply_count > CW_RULES_MAX)
+        schema_complain(self, map, "traffic: at most %u replies", CW_RULES_MAX);
+    if (traffic->filter_count > 0)
+        return;
+    traffic->filter_count = 1;
+    traffic->filters[0] = (cw_filter){
+        .value = traffic->frame.id | CW_FILTER_REMOTE | (extended ? CW_FILTER_EXTENDED : 0),
+        .mask = CW_FILTER_EXTENDED | CW_FILTER_REMOTE | (extended ? 0x1FFFFFFFu : 0x7FFu)};
+}

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * due.c - when the first thing comes that anybody outside of the bus can see.
+ */
+#include "engine/due.h"
+
+#define FRAME_BITS_MIN 44u /* SOF to EOF, of an empty frame without stuff bits */
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* M7: receivers have a frame at the end of the last but one of its bits, which begin with the first
+ * whole bit. */
+static uint64_t reception(const cfg *config, uint64_t tick, unsigned bits)
+{
+    const uint64_t bit_ticks = config->bit_ticks;
+    uint64_t start = (tick + bit_ticks - 1) / bit_ticks * bit_ticks;
+    uint64_t length = (bits - 1) * bit_ticks;
+    return start >= tick && start < CW_NEVER - length ? start + length : CW_NEVER;
+}
+
+/* Whether the node will surely put the frame into its queue: nothing is told of it then. */
+static bool will_queue(const cw_bus *bus, unsigned node, const cw_frame *frame)
+{
+    unsigned room = cw_node_room(bus, node);
+    return cw_frame_valid(frame) && room > 0 && room < CW_QUEUE_MAX;
+}
+
+uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config)
+{
+    unsigned node;
+    const uint64_t next = cw_bus_next(bus);
+    const uint64_t release = release_next_tick(plan);
+    if (release >= next || config->rule_count > 0 || release_is_fast(plan))
+        return least(next, release);
+    const cw_frame *frame = release_first(plan, &node);
+    if (!frame || !will_queue(bus, node, frame))
+        return release;
+    /* it is the next one on the bus if nothing is under way and none comes up with it */
+    bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 &&
+                 release_is_alone(plan, release + 2 * config->bit_ticks);
+    unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;
+    return least(next, reception(config, release, bits));
+}

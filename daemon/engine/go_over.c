@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * go_over.c - the running bus goes over to another configuration.
+ */
+#include "engine/engine_private.h"
+
+#include "base/log.h"
+
+#include <inttypes.h>
+
+/* Nodes that are no more lose what they had to send. */
+static void log_removed(const engine *e)
+{
+    cw_node_stats stats;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (cw_node_get_stats(e->now.bus, i, &stats) == CW_OK &&
+            stats.dropped[CW_DROP_REMOVED] > 0)
+            log_node_warning(e->config->nodes[i].name, "%" PRIu64 " dropped, it is no more",
+                             stats.dropped[CW_DROP_REMOVED]);
+}
+
+static void keep_ports(setup *old, reload *r)
+{
+    for (unsigned i = 0; i < r->config->node_count; i++) {
+        uint8_t from = r->port_from[i];
+        if (from == CW_NO_NODE)
+            continue;
+        r->setup.ports[i] = old->ports[from];
+        old->ports[from] = NULL;
+    }
+}
+
+/* Every port ends with its old node and begins with its new one, which may be the same. */
+static void carry_books_over(engine *e, const reload *r)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        conserve_closing(&e->books, i, e->now.ports[i]);
+    conserve_remap(&e->books, r->from);
+    for (unsigned i = 0; i < r->config->node_count; i++)
+        if (r->port_from[i] != CW_NO_NODE)
+            conserve_opened(&e->books, i, e->now.ports[r->port_from[i]]);
+}
+
+static void go_over(engine *e)
+{
+    reload *r = e->next;
+    e->next = NULL;
+    if (inputs_take_over(&e->inputs, r->setup.bus, r->config, r->from) != CW_OK) {
+        log_error("%s: the bus cannot go over to the new configuration", r->config->file);
+        reload_free(r);
+        return;
+    }
+    log_removed(e);
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_unwatch_port(e, i);
+    carry_books_over(e, r);
+    keep_ports(&e->now, r);
+    release_take_over(r->setup.plan, e->now.plan, r->from, e->released + 1);
+    setup_free(&e->now);
+    e->now = r->setup;
+    r->setup = (setup){.memory = NULL};
+    live_replace(e->live, r->config);
+    r->config = NULL;
+    engine_read_limits(e);
+    reload_remap(e->arrived, sizeof e->arrived[0], r->from);
+    reload_remap(e->overflowed, sizeof e->overflowed[0], r->from);
+    e->ticking = false;
+    e->pushed_back = 0;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        engine_watch_port(e, i);
+    engine_carry_links_over(e, r);
+    log_warnings(e->config->warnings);
+    log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
+    if (e->changed)
+        e->changed(e->changed_user, r->from);
+    reload_free(r);
+}
+
+/* Up to now bit by bit until a frame ends; then over to the next configuration. With too much to
+ * release it gets there in several wake-ups. */
+void engine_run_to_boundary(engine *e, uint64_t now)
+{
+    while (e->next) {
+        if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->next->deadline) {
+            go_over(e);
+            return;
+        }
+        uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+        if (end > now || engine_run_to(e, end) < end)
+            return;
+    }
+}
+
+bool engine_reload(engine *e, reload *r, FILE *errors)
+{
+    if (e->stopping) {
+        fprintf(errors, "%s: canwired is stopping\n", e->config->file);
+        reload_free(r);
+        return false;
+    }
+    engine_update(e);
+    if (!reload_match(r, e->config, e->next, errors)) {
+        reload_free(r);
+        return false;
+    }
+    r->deadline = e->next ? e->next->deadline
+                          : cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
+    reload_free(e->next);
+    e->next = r;
+    engine_update(e);
+    return true;
+}

@@ -1,0 +1,309 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * links.c - nodes leave the bus and come back with their interfaces.
+ *
+ * A configuration names interfaces, so names count: an interface that is renamed is gone, and what
+ * gets its name takes its place, as it would at the next start. An interface that is made anew is
+ * another one and needs another socket. Ports that are no interfaces stay as they are.
+ */
+#include "engine/engine_private.h"
+
+#include "base/log.h"
+#include "config/portname.h"
+#include "port/loopless.h"
+
+#include <errno.h>
+#include <net/if.h>
+#include <string.h>
+
+#define RETRY_S 1.0 /* of interfaces that are there but cannot be opened, and of lists */
+
+static uint64_t bit_of(unsigned node)
+{
+    return UINT64_C(1) << node;
+}
+
+static const char *const link_words[] = {
+    [REPORT_NO_LINK] = "",
+    [REPORT_LINK_UP] = "is up",
+    [REPORT_LINK_DOWN] = "is down",
+    [REPORT_LINK_MISSING] = "is missing, waiting for it",
+};
+
+/* ---- Nodes and the bus ----------------------------------------------------------------------- */
+
+/* The bus has been brought up to now. */
+static void set_link(engine *e, unsigned node, report_link state)
+{
+    const cfg_node *config = &e->config->nodes[node];
+    if (e->links.state[node] == state)
+        return;
+    e->links.state[node] = state;
+    if (state == REPORT_LINK_UP)
+        log_node_info(config->name, "%s %s", config->port, link_words[state]);
+    else
+        log_node_warning(config->name, "%s %s", config->port, link_words[state]);
+    inputs_attach(&e->inputs, node, state == REPORT_LINK_UP);
+}
+
+/* What the ECU has written up to now still counts. */
+static void lose_port(engine *e, unsigned node)
+{
+    if (e->now.ports[node]) {
+        engine_read_rest(e, node);
+        conserve_closing(&e->books, node, e->now.ports[node]);
+        engine_unwatch_port(e, node);
+        port_close(e->now.ports[node]);
+        e->now.ports[node] = NULL;
+        e->pushed_back &= ~bit_of(node);
+    }
+    e->links.refused &= ~bit_of(node);
+    set_link(e, node, REPORT_LINK_MISSING);
+}
+
+static void start_retrying(engine *e, unsigned node, const char *error)
+{
+    if (!(e->links.refused & bit_of(node)))
+        log_node_warning(e->config->nodes[node].name, "port %s; trying again every %.0f s", error,
+                         RETRY_S);
+    e->links.refused |= bit_of(node);
+    ev_timer_again(e->loop, &e->links.retry);
+}
+
+/* Once is enough: the limit is the machine's. */
+static void tell_small_buffer(engine *e, unsigned node)
+{
+    const port *p = e->now.ports[node];
+    if (!p || e->links.told_small || port_buffer_bytes(p) >= PORT_BUFFER_BYTES)
+        return;
+    e->links.told_small = true;
+    log_warning("an interface may have %u KiB of frames waiting, not %d, before the kernel drops "
+                "more: sysctl net.core.rmem_max=%d",
+                port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
+}
+
+static void gain_port(engine *e, unsigned node)
+{
+    char error[PORT_ERROR_TEXT_MAX];
+    port *p = port_open(e->config->nodes[node].port, e->config->bus_name, error);
+    if (!p) {
+        start_retrying(e, node, error);
+        return;
+    }
+    e->links.refused &= ~bit_of(node);
+    e->now.ports[node] = p;
+    conserve_opened(&e->books, node, p);
+    engine_count_loopless(e);
+    engine_watch_port(e, node);
+    tell_small_buffer(e, node);
+}
+
+/* ---- What rtnetlink says --------------------------------------------------------------------- */
+
+static bool has_index(const engine *e, unsigned node, unsigned index)
+{
+    return e->now.ports[node] && port_index(e->now.ports[node]) == index;
+}
+
+static bool has_name(const engine *e, unsigned node, const char *name)
+{
+    const char *own = e->config->nodes[node].port;
+    return own && strcmp(own, name) == 0;
+}
+
+static bool is_news(const engine *e, unsigned node, unsigned index, const char *name,
+                    report_link state)
+{
+    if (has_name(e, node, name))
+        return !has_index(e, node, index) || e->links.state[node] != state;
+    return has_index(e, node, index);
+}
+
+/* First of all those that had an interface that is another's now: it can be opened once at a
+ * time. */
+static void lose_other_names(engine *e, unsigned index, const char *name)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (has_index(e, i, index) && !has_name(e, i, name))
+            lose_port(e, i);
+}
+
+static void take_interface(engine *e, unsigned node, unsigned index, report_link state)
+{
+    if (e->now.ports[node] && !has_index(e, node, index))
+        lose_port(e, node);
+    if (!e->now.ports[node])
+        gain_port(e, node);
+    if (has_index(e, node, index))
+        set_link(e, node, state);
+}
+
+/* Only of a vcan its counters tell what was sent without loopback. */
+static void note_kind(engine *e, const char *name, bool vcan)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (!has_name(e, i, name))
+            continue;
+        e->links.vcans &= ~bit_of(i);
+        e->links.vcans |= vcan ? bit_of(i) : 0;
+    }
+}
+
+static void on_seen(void *user, unsigned index, const char *name, const char *kind, bool up)
+{
+    engine *e = user;
+    report_link state = up ? REPORT_LINK_UP : REPORT_LINK_DOWN;
+    bool news = false;
+    note_kind(e, name, strcmp(kind, "vcan") == 0);
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        news = news || is_news(e, i, index, name, state);
+        e->links.mentioned |= has_name(e, i, name) ? bit_of(i) : 0;
+    }
+    if (!news || e->stopping)
+        return;
+    engine_update(e); /* nodes may have got other places by that */
+    lose_other_names(e, index, name);
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (has_name(e, i, name))
+            take_interface(e, i, index, state);
+    engine_update(e);
+}
+
+static void on_gone(void *user, unsigned index)
+{
+    engine *e = user;
+    if (e->stopping)
+        return;
+    engine_update(e);
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (!has_index(e, i, index))
+            continue;
+        e->links.mentioned &= ~bit_of(i);
+        lose_port(e, i);
+    }
+    engine_update(e);
+}
+
+static void on_listing(void *user)
+{
+    engine *e = user;
+    e->links.awaited = true;
+    e->links.mentioned = 0;
+    ev_timer_stop(e->loop, &e->links.retry);
+}
+
+static void on_listed(void *user)
+{
+    engine *e = user;
+    e->links.awaited = false;
+    if (e->stopping)
+        return;
+    engine_update(e);
+    if (e->links.awaited) /* the update was a reload: nodes have other places, another list comes */
+        return;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (portname_is_interface(e->config->nodes[i].port) && !(e->links.mentioned & bit_of(i)))
+            lose_port(e, i);
+    engine_update(e);
+}
+
+/* Until there is another list, nodes are where they were. */
+static void on_failed(void *user)
+{
+    engine *e = user;
+    e->links.awaited = true;
+    ev_timer_again(e->loop, &e->links.retry);
+}
+
+static void on_retry(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    engine *e = timer->data;
+    linkwatch_list(e->links.watch);
+}
+
+/* ---- Start, stop, reload --------------------------------------------------------------------- */
+
+static bool open_port(engine *e, unsigned node)
+{
+    char error[PORT_ERROR_TEXT_MAX];
+    const cfg_node *config = &e->config->nodes[node];
+    if (e->config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(config->port))
+        return true;
+    e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
+    if (!e->now.ports[node])
+        log_node_error(config->name, "port %s", error);
+    tell_small_buffer(e, node);
+    return e->now.ports[node] != NULL;
+}
+
+/* All are taken for up until the first list of interfaces says what is. */
+bool engine_open_ports(engine *e)
+{
+    bool good = true;
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        if (!e->config->nodes[i].port)
+            continue;
+        e->links.state[i] = REPORT_LINK_UP;
+        good = open_port(e, i) && good; /* go on, to name all that are missing */
+    }
+    engine_count_loopless(e);
+    return good;
+}
+
+void engine_count_loopless(engine *e)
+{
+    if (loopless_look(e->config, e->now.ports, e->links.vcans) || e->links.told_uncounted)
+        return;
+    e->links.told_uncounted = true;
+    log_warning("frames that are sent without loopback cannot be counted: %s", strerror(errno));
+}
+
+bool engine_watch_links(engine *e)
+{
+    static const linkwatch_calls calls = {.seen = on_seen,
+                                          .gone = on_gone,
+                                          .listing = on_listing,
+                                          .listed = on_listed,
+                                          .failed = on_failed};
+    ev_init(&e->links.retry, on_retry);
+    e->links.retry.repeat = RETRY_S;
+    e->links.retry.data = e;
+    e->links.watch = linkwatch_start(e->loop, &calls, e);
+    return e->links.watch != NULL;
+}
+
+void engine_unwatch_links(engine *e)
+{
+    if (!e->links.watch)
+        return;
+    ev_timer_stop(e->loop, &e->links.retry);
+    linkwatch_stop(e->links.watch);
+    e->links.watch = NULL;
+}
+
+static report_link link_after(const engine *e, const reload *r, const report_link *before,
+                              unsigned node)
+{
+    if (!e->config->nodes[node].port)
+        return REPORT_NO_LINK;
+    if (r->port_from[node] != CW_NO_NODE)
+        return before[r->port_from[node]];
+    return e->now.ports[node] ? REPORT_LINK_UP : REPORT_LINK_MISSING;
+}
+
+void engine_carry_links_over(engine *e, const reload *r)
+{
+    report_link before[CW_NODES_MAX];
+    memcpy(before, e->links.state, sizeof before);
+    e->links.refused = 0;
+    e->links.vcans = 0; /* the list that is asked for below tells again */
+    for (unsigned i = 0; i < e->config->node_count; i++) {
+        report_link state = link_after(e, r, before, i);
+        e->links.state[i] = state;
+        inputs_attach(&e->inputs, i, state == REPORT_NO_LINK || state == REPORT_LINK_UP);
+        tell_small_buffer(e, i);
+    }
+    linkwatch_list(e->links.watch);
+}

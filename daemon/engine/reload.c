@@ -1,0 +1,200 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * reload.c - from one configuration to the next while the bus runs: what is prepared beforehand.
+ */
+#include "engine/reload.h"
+
+#include "base/log.h"
+#include "run/bus_make.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Setups ---------------------------------------------------------------------------------- */
+
+/* About the files that are replayed. */
+static void tell(void *user, bool failed, const char *text)
+{
+    (void)user;
+    if (failed)
+        log_error("%s; it is replayed no further", text);
+    else
+        log_warning("%s", text);
+}
+
+bool setup_make(setup *s, const cfg *config)
+{
+    *s = (setup){.plan = release_plan_new(config, tell, NULL)};
+    s->bus = bus_make(&s->memory, config);
+    return s->bus && s->plan && release_read_ahead(s->plan);
+}
+
+void setup_free(setup *s)
+{
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        port_close(s->ports[i]);
+    release_plan_free(s->plan);
+    free(s->memory);
+    *s = (setup){.memory = NULL};
+}
+
+/* ---- What cannot change ---------------------------------------------------------------------- */
+
+static bool same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* What is missing in the file is told at its beginning. */
+static void print_place(FILE *errors, const cfg *config, cfg_place place)
+{
+    fprintf(errors, "%s:%d:%d: ", config->file, place.line ? place.line : 1,
+            place.column ? place.column : 1);
+}
+
+/* A setting that a new configuration must not change. */
+typedef struct fixed {
+    const char *name;
+    bool same;
+    cfg_place place;
+} fixed;
+
+static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
+{
+    const cfg_lcm *lcm = &new->lcm;
+    const fixed settings[] = {
+        {"bus.name", same_text(new->bus_name, old->bus_name), new->bus_name_place},
+        {"bus.bitrate", new->bitrate_bps == old->bitrate_bps, new->bitrate_place},
+        {"control", same_text(new->control, old->control), new->control_place},
+        {"lcm", lcm->enabled == old->lcm.enabled, lcm->place},
+        {"lcm.url", same_text(lcm->url, old->lcm.url), lcm->url_place},
+    };
+    bool good = true;
+    for (size_t i = 0; i < sizeof settings / sizeof settings[0]; i++) {
+        if (settings[i].same)
+            continue;
+        print_place(errors, new, settings[i].place);
+        fprintf(errors, "%s cannot change while the bus runs: restart canwired\n",
+                settings[i].name);
+        good = false;
+    }
+    return good;
+}
+
+/* ---- Nodes and ports ------------------------------------------------------------------------- */
+
+static uint8_t find_port(const cfg *config, const char *interface)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (same_text(config->nodes[i].port, interface))
+            return (uint8_t)i;
+    return CW_NO_NODE;
+}
+
+static bool may_be_missing(const cfg *config, const char *interface)
+{
+    return config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(interface);
+}
+
+static bool open_port(reload *r, unsigned i, FILE *errors)
+{
+    char error[PORT_ERROR_TEXT_MAX];
+    const cfg_node *node = &r->config->nodes[i];
+    if (may_be_missing(r->config, node->port))
+        return true;
+    r->setup.ports[i] = port_open(node->port, r->config->bus_name, error);
+    if (!r->setup.ports[i]) {
+        print_place(errors, r->config, node->port_place);
+        fprintf(errors, "node %s: port %s\n", node->name, error);
+    }
+    return r->setup.ports[i] != NULL;
+}
+
+/* An interface is opened once, so a port that a reload under way has opened is lent. */
+static port *borrow_port(const reload *pending, const char *interface)
+{
+    uint8_t node = pending ? find_port(pending->config, interface) : CW_NO_NODE;
+    return node == CW_NO_NODE ? NULL : pending->setup.ports[node];
+}
+
+/* Ports that were borrowed are kept, or given back. */
+static void settle_borrowed(reload *r, reload *pending, bool keep)
+{
+    for (unsigned i = 0; pending && i < CW_NODES_MAX; i++)
+        for (unsigned k = 0; r->setup.ports[i] && k < CW_NODES_MAX; k++)
+            if (pending->setup.ports[k] == r->setup.ports[i]) {
+                port **loser = keep ? &pending->setup.ports[k] : &r->setup.ports[i];
+                *loser = NULL;
+                break;
+            }
+}
+
+/* A port goes on whatever its node is called: a second socket on an interface would take what the
+ * first one writes for frames of the ECU. */
+static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *errors)
+{
+    bool good = true;
+    cfg_match_nodes(r->from, r->config, old);
+    memset(r->port_from, CW_NO_NODE, sizeof r->port_from);
+    for (unsigned i = 0; i < r->config->node_count; i++) {
+        const cfg_node *node = &r->config->nodes[i];
+        if (!node->port)
+            continue;
+        r->port_from[i] = find_port(old, node->port);
+        if (r->port_from[i] != CW_NO_NODE)
+            continue;
+        r->setup.ports[i] = borrow_port(pending, node->port);
+        if (!r->setup.ports[i])
+            good = open_port(r, i, errors) && good;
+    }
+    return good;
+}
+
+reload *reload_read(const char *file, const fileuses *others, FILE *errors)
+{
+    reload *r = calloc(1, sizeof *r);
+    if (!r) {
+        fprintf(errors, "%s: out of memory\n", file);
+        return NULL;
+    }
+    r->config = cfg_load_regular(file, errors);
+    bool good = r->config && cfg_check_files(r->config, others, "canwired", errors);
+    if (good && !setup_make(&r->setup, r->config)) {
+        fprintf(errors, "%s: out of memory\n", file);
+        good = false;
+    }
+    if (good)
+        return r;
+    reload_free(r);
+    return NULL;
+}
+
+bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
+{
+    bool good = can_follow(r->config, old, errors) && match_nodes(r, old, pending, errors);
+    settle_borrowed(r, pending, good);
+    return good;
+}
+
+/* Without any memory that could be lacking: the books would be lost. */
+void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX])
+{
+    unsigned char *elements = array;
+    unsigned char old[CW_NODES_MAX * RELOAD_REMAP_BYTES_MAX];
+    assert(size <= RELOAD_REMAP_BYTES_MAX);
+    memcpy(old, array, CW_NODES_MAX * size);
+    memset(array, 0, CW_NODES_MAX * size);
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        if (from[i] != CW_NO_NODE)
+            memcpy(elements + i * size, old + from[i] * size, size);
+}
+
+void reload_free(reload *r)
+{
+    if (!r)
+        return;
+    setup_free(&r->setup);
+    cfg_free(r->config);
+    free(r);
+}

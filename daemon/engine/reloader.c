@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * reloader.c - reads the configuration again beside the bus, whenever somebody asks for it.
+ */
+#include "engine/reloader.h"
+
+#include "base/aside.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LEFT_MAX 4u /* rounds that were given up and whose threads still hang, after which there is
+                       no other */
+
+/* What a thread works on. */
+typedef struct reading {
+    char *file;
+    fileuses others;
+    FILE *errors; /* writes into text */
+    char *text;
+    size_t size;
+    reload *result; /* NULL: there are errors */
+} reading;
+
+struct reloader {
+    struct ev_loop *loop;
+    const fileuses *others;
+    const reloader_calls *calls;
+    void *user;
+    aside *aside;   /* NULL: nothing is being read */
+    char *file;     /* that is being read */
+    char *next;     /* that is to be read then; NULL: none */
+    uint64_t round; /* that is being read, or was the last one */
+};
+
+/* ---- In the thread --------------------------------------------------------------------------- */
+
+static void read_config(void *task)
+{
+    reading *t = task;
+    t->result = reload_read(t->file, &t->others, t->errors);
+}
+
+static void free_reading(void *task)
+{
+    reading *t = task;
+    reload_free(t->result);
+    if (t->errors)
+        (void)fclose(t->errors);
+    fileuses_free(&t->others);
+    free(t->text);
+    free(t->file);
+    free(t);
+}
+
+/* All of it is the thread's own: it may still be there when nothing else is. */
+static reading *make_reading(const char *file, const fileuses *others)
+{
+    reading *t = calloc(1, sizeof *t);
+    if (!t)
+        return NULL;
+    for (size_t i = 0; i < others->count; i++)
+        fileuses_add(&t->others, &others->uses[i]);
+    t->others.incomplete = t->others.incomplete || others->incomplete;
+    t->file = strdup(file);
+    t->errors = open_memstream(&t->text, &t->size);
+    if (t->file && t->errors)
+        return t;
+    free_reading(t);
+    return NULL;
+}
+
+/* ---- Rounds ---------------------------------------------------------------------------------- */
+
+static void go_on(reloader *r);
+
+static void on_done(void *user, void *task)
+{
+    reloader *r = user;
+    reading *t = task;
+    bool good = false;
+    r->aside = NULL;
+    if (t->result)
+        good = r->calls->take(r->user, t->result, t->errors);
+    t->result = NULL;
+    char none[] = "out of memory\n";
+    bool told = fflush(t->errors) == 0 && t->text && *t->text;
+    r->calls->over(r->user, r->round, good ? NULL : told ? t->text : none);
+    free_reading(t);
+    go_on(r);
+}
+
+static void on_late(void *user)
+{
+    reloader *r = user;
+    char *text = NULL;
+    char none[] = "out of memory\n";
+    r->aside = NULL;
+    if (asprintf(&text,
+                 "%s: reading it, and the files that it names, takes longer than %d s and is given "
+                 "up; does a disk or a network hang?\n",
+                 r->file, RELOADER_LIMIT_S) < 0)
+        text = NULL;
+    r->calls->over(r->user, r->round, text ? text : none);
+    free(text);
+    go_on(r);
+}
+
+static const aside_calls reading_calls = {
+    .work = read_config, .drop = free_reading, .done = on_done, .late = on_late};
+
+/* Begins the next round. Takes the name over. False after writing why not. */
+static bool begin(reloader *r, char *file, FILE *errors)
+{
+    free(r->file);
+    r->file = file;
+    r->round++;
+    if (aside_left() >= LEFT_MAX) {
+        fprintf(errors,
+                "%s: %u reloads were given up and still hang; before one of them comes back there "
+                "is no other\n",
+                file, aside_left());
+        return false;
+    }
+    reading *t = make_reading(file, r->others);
+    errno = ENOMEM;
+    if (t)
+        r->aside = aside_start(r->loop, &reading_calls, t, r, RELOADER_LIMIT_S);
+    if (r->aside) {
+        r->calls->begins(r->user);
+        return true;
+    }
+    fprintf(errors, "%s: it cannot be read: %s\n", file, strerror(errno));
+    if (t)
+        free_reading(t);
+    return false;
+}
+
+/* Over to the round that has been asked for meanwhile. */
+static void go_on(reloader *r)
+{
+    char *text = NULL;
+    size_t size = 0;
+    char *file = r->next;
+    r->next = NULL;
+    if (!file)
+        return;
+    FILE *errors = open_memstream(&text, &size);
+    bool good = errors && begin(r, file, errors);
+    if (errors) {
+        (void)fclose(errors);
+    } else {
+        r->round++;
+        free(file);
+    }
+    char none[] = "out of memory\n";
+    if (!good)
+        r->calls->over(r->user, r->round, errors && text ? text : none);
+    free(text);
+}
+
+/* ---- For the others -------------------------------------------------------------------------- */
+
+reloader *reloader_new(struct ev_loop *loop, const fileuses *others, const reloader_calls *calls,
+                       void *user)
+{
+    reloader *r = calloc(1, sizeof *r);
+    if (r)
+        *r = (reloader){.loop = loop, .others = others, .calls = calls, .user = user};
+    return r;
+}
+
+uint64_t reloader_ask(reloader *r, const char *file, FILE *errors)
+{
+    char *copy = strdup(file);
+    if (!copy) {
+        fputs("out of memory\n", errors);
+        return 0;
+    }
+    if (!reloader_is_busy(r))
+        return begin(r, copy, errors) ? r->round : 0;
+    free(r->next);
+    r->next = copy;
+    return r->round + 1;
+}
+
+bool reloader_is_busy(const reloader *r)
+{
+    return r->aside || r->next;
+}
+
+static void stop_round(reloader *r, uint64_t round)
+{
+    char text[] = "canwired is stopping\n";
+    r->calls->over(r->user, round, text);
+}
+
+void reloader_free(reloader *r)
+{
+    if (!r)
+        return;
+    if (r->aside)
+        stop_round(r, r->round);
+    if (r->next)
+        stop_round(r, r->round + 1);
+    aside_leave(r->aside);
+    free(r->file);
+    free(r->next);
+    free(r);
+}

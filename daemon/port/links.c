@@ -1,0 +1,345 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * links.c - network interfaces, through rtnetlink: to look at, to make and to remove.
+ */
+#include "port/links.h"
+
+#include <errno.h>
+#include <linux/can/vxcan.h>
+#include <linux/netlink.h>
+#include <linux/rtnetlink.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define REQUEST_BYTES 1024u /* more than the longest one */
+#define REPLY_BYTES 65536u  /* the kernel sends no larger part of a dump */
+#define ERROR_BYTES 200u
+
+struct links {
+    int fd;
+    uint32_t sequence;
+    char error[ERROR_BYTES];
+    union {
+        struct nlmsghdr header; /* for the alignment */
+        char bytes[REPLY_BYTES];
+    } reply;
+};
+
+typedef struct request {
+    struct nlmsghdr header;
+    struct ifinfomsg info;
+    char attributes[REQUEST_BYTES];
+} request;
+
+/* What to do with the messages that answer a request. */
+typedef struct listener {
+    links_visitor *visit;
+    void *user;
+    bool done; /* it wants no more */
+} listener;
+
+/* ---- Requests -------------------------------------------------------------------------------- */
+
+/* The flags include what ends the answer: NLM_F_ACK or NLM_F_DUMP. */
+static request make_request(uint16_t type, uint16_t flags)
+{
+    return (request){
+        .header = {.nlmsg_len = NLMSG_LENGTH(sizeof(struct ifinfomsg)),
+                   .nlmsg_type = type,
+                   .nlmsg_flags = (uint16_t)(NLM_F_REQUEST | flags)},
+        .info = {.ifi_family = AF_UNSPEC},
+    };
+}
+
+/* Room for more at the end of a request. */
+static void *extend(request *r, size_t size)
+{
+    size_t end = NLMSG_ALIGN(r->header.nlmsg_len);
+    if (end + size > sizeof *r)
+        abort(); /* names and aliases have a maximum */
+    r->header.nlmsg_len = (uint32_t)(end + size);
+    return (char *)r + end;
+}
+
+/* By bytes: the request is an array of characters to the compiler, which may forget what is written
+ * into it as something else. */
+static char *put_head(char *to, size_t size, unsigned short type)
+{
+    const struct rtattr head = {.rta_len = (unsigned short)RTA_LENGTH(size), .rta_type = type};
+    memcpy(to, &head, sizeof head);
+    return to + RTA_LENGTH(0);
+}
+
+static void put(request *r, unsigned short type, const void *data, size_t size)
+{
+    char *to = put_head(extend(r, RTA_LENGTH(size)), size, type);
+    if (size > 0)
+        memcpy(to, data, size);
+}
+
+static void put_text(request *r, unsigned short type, const char *text)
+{
+    put(r, type, text, strlen(text) + 1);
+}
+
+/* Where an attribute begins that others are in. */
+typedef struct nesting {
+    char *at;
+    unsigned short type;
+} nesting;
+
+static nesting begin(request *r, unsigned short type)
+{
+    return (nesting){.at = extend(r, RTA_LENGTH(0)), .type = type};
+}
+
+static void end(request *r, nesting n)
+{
+    size_t whole = (size_t)((char *)r + r->header.nlmsg_len - n.at);
+    (void)put_head(n.at, whole - RTA_LENGTH(0), n.type);
+}
+
+/* ---- Replies --------------------------------------------------------------------------------- */
+
+static void copy_text(char *out, size_t size, const struct rtattr *attribute)
+{
+    (void)snprintf(out, size, "%.*s", (int)RTA_PAYLOAD(attribute),
+                   (const char *)RTA_DATA(attribute));
+}
+
+/* The attributes in a piece of memory. */
+typedef struct attributes {
+    char *first;
+    size_t size;
+} attributes;
+
+/* Takes the first one off, NULL at the end. */
+static struct rtattr *take_attribute(attributes *in)
+{
+    struct rtattr *a = (struct rtattr *)in->first;
+    if (in->size < sizeof *a || a->rta_len < sizeof *a || a->rta_len > in->size)
+        return NULL;
+    size_t length = RTA_ALIGN(a->rta_len);
+    length = length < in->size ? length : in->size;
+    in->first += length;
+    in->size -= length;
+    return a;
+}
+
+static void read_kind(link_info *out, struct rtattr *nest)
+{
+    attributes in = {.first = RTA_DATA(nest), .size = RTA_PAYLOAD(nest)};
+    for (struct rtattr *a; (a = take_attribute(&in));)
+        if (a->rta_type == IFLA_INFO_KIND)
+            copy_text(out->kind, sizeof out->kind, a);
+}
+
+static void read_link(link_info *out, struct nlmsghdr *message)
+{
+    struct ifinfomsg *info = NLMSG_DATA(message);
+    attributes in = {.first = (char *)IFLA_RTA(info), .size = IFLA_PAYLOAD(message)};
+    *out = (link_info){.up = info->ifi_flags & IFF_UP};
+    for (struct rtattr *a; (a = take_attribute(&in));) {
+        if (a->rta_type == IFLA_IFNAME)
+            copy_text(out->name, sizeof out->name, a);
+        else if (a->rta_type == IFLA_IFALIAS)
+            copy_text(out->alias, sizeof out->alias, a);
+        else if (a->rta_type == IFLA_LINKINFO)
+            read_kind(out, a);
+        else if (a->rta_type == IFLA_MTU && RTA_PAYLOAD(a) == sizeof out->mtu)
+            memcpy(&out->mtu, RTA_DATA(a), sizeof out->mtu);
+    }
+}
+
+/* The kernel's own words, where it has some, follow the error. */
+static int read_error(links *l, struct nlmsghdr *message)
+{
+    const struct nlmsgerr *reply = NLMSG_DATA(message);
+    int number = -reply->error;
+    (void)snprintf(l->error, sizeof l->error, "%s", strerror(number));
+    if (number == 0 || !(message->nlmsg_flags & NLM_F_ACK_TLVS))
+        return number;
+    size_t skip = sizeof *reply;
+    if (!(message->nlmsg_flags & NLM_F_CAPPED))
+        skip += reply->msg.nlmsg_len - sizeof reply->msg;
+    skip = NLMSG_LENGTH(NLMSG_ALIGN(skip));
+    if (skip > message->nlmsg_len)
+        return number;
+    attributes in = {.first = (char *)message + skip, .size = message->nlmsg_len - skip};
+    for (struct rtattr *a; (a = take_attribute(&in));)
+        if ((a->rta_type & NLA_TYPE_MASK) == NLMSGERR_ATTR_MSG)
+            copy_text(l->error, sizeof l->error, a);
+    return number;
+}
+
+static int fail(links *l, int number)
+{
+    (void)snprintf(l->error, sizeof l->error, "%s", strerror(number));
+    return number;
+}
+
+/* Takes one message; -1: there is more to come, else how the request ended. */
+static int take(links *l, listener *to, struct nlmsghdr *message)
+{
+    link_info info;
+    if (message->nlmsg_seq != l->sequence)
+        return -1;
+    if (message->nlmsg_type == NLMSG_DONE)
+        return 0;
+    if (message->nlmsg_type == NLMSG_ERROR)
+        return read_error(l, message);
+    if (message->nlmsg_type != RTM_NEWLINK)
+        return -1;
+    read_link(&info, message);
+    if (to->visit && !to->done)
+        to->done = !to->visit(to->user, &info);
+    return -1;
+}
+
+static int receive(links *l, listener *to)
+{
+    for (;;) {
+        ssize_t size = recv(l->fd, l->reply.bytes, sizeof l->reply.bytes, MSG_TRUNC);
+        if (size < 0 && errno == EINTR)
+            continue;
+        if (size < 0)
+            return fail(l, errno);
+        if ((size_t)size > sizeof l->reply.bytes)
+            return fail(l, EMSGSIZE);
+        unsigned rest = (unsigned)size;
+        for (struct nlmsghdr *m = &l->reply.header; NLMSG_OK(m, rest); m = NLMSG_NEXT(m, rest)) {
+            int result = take(l, to, m);
+            if (result >= 0)
+                return result;
+        }
+    }
+}
+
+/* Sends a request and reads what answers it, to the end. */
+static int ask(links *l, request *r, links_visitor *visit, void *user)
+{
+    listener to = {.visit = visit, .user = user};
+    r->header.nlmsg_seq = ++l->sequence;
+    if (send(l->fd, r, r->header.nlmsg_len, 0) < 0)
+        return fail(l, errno);
+    return receive(l, &to);
+}
+
+/* ---- Public functions ------------------------------------------------------------------------ */
+
+links *links_open(void)
+{
+    static const int on = 1;
+    links *l = calloc(1, sizeof *l);
+    if (!l)
+        return NULL;
+    l->fd = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE);
+    if (l->fd < 0) {
+        free(l);
+        return NULL;
+    }
+    (void)setsockopt(l->fd, SOL_NETLINK, NETLINK_EXT_ACK, &on, sizeof on); /* for its words */
+    return l;
+}
+
+void links_close(links *l)
+{
+    if (!l)
+        return;
+    (void)close(l->fd);
+    free(l);
+}
+
+static bool keep(void *user, const link_info *info)
+{
+    link_info *out = user;
+    *out = *info;
+    return false;
+}
+
+int links_find(links *l, link_info *info, const char *name)
+{
+    request r = make_request(RTM_GETLINK, NLM_F_ACK);
+    put_text(&r, IFLA_IFNAME, name);
+    return ask(l, &r, keep, info);
+}
+
+int links_each(links *l, links_visitor *visit, void *user)
+{
+    request r = make_request(RTM_GETLINK, NLM_F_DUMP);
+    return ask(l, &r, visit, user);
+}
+
+static void put_mtu(request *r)
+{
+    static const uint32_t mtu = LINKS_MTU;
+    put(r, IFLA_MTU, &mtu, sizeof mtu);
+}
+
+/* A request for a new interface that is up. */
+static request make_new(const char *name)
+{
+    request r = make_request(RTM_NEWLINK, NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL);
+    r.info.ifi_flags = IFF_UP;
+    r.info.ifi_change = IFF_UP;
+    put_text(&r, IFLA_IFNAME, name);
+    put_mtu(&r);
+    return r;
+}
+
+int links_make_vcan(links *l, const char *name)
+{
+    request r = make_new(name);
+    nesting info = begin(&r, IFLA_LINKINFO);
+    put_text(&r, IFLA_INFO_KIND, "vcan");
+    end(&r, info);
+    return ask(l, &r, NULL, NULL);
+}
+
+/* The kernel sets only the first of a pair up, the second is not there yet by then. So the peer is
+ * the first, and the one of this namespace, which can be set up later, the second. */
+int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd)
+{
+    request r = make_new(peer);
+    if (netns_fd >= 0)
+        put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
+    nesting info = begin(&r, IFLA_LINKINFO);
+    put_text(&r, IFLA_INFO_KIND, "vxcan");
+    nesting data = begin(&r, IFLA_INFO_DATA);
+    nesting other = begin(&r, VXCAN_INFO_PEER);
+    const struct ifinfomsg header = {.ifi_family = AF_UNSPEC};
+    memcpy(extend(&r, sizeof header), &header, sizeof header);
+    put_text(&r, IFLA_IFNAME, name);
+    put_mtu(&r);
+    end(&r, other);
+    end(&r, data);
+    end(&r, info);
+    return ask(l, &r, NULL, NULL);
+}
+
+int links_set(links *l, const char *name, const char *alias)
+{
+    request r = make_request(RTM_SETLINK, NLM_F_ACK);
+    r.info.ifi_flags = IFF_UP;
+    r.info.ifi_change = IFF_UP;
+    put_text(&r, IFLA_IFNAME, name);
+    if (alias)
+        put(&r, IFLA_IFALIAS, alias, strlen(alias));
+    return ask(l, &r, NULL, NULL);
+}
+
+int links_remove(links *l, const char *name)
+{
+    request r = make_request(RTM_DELLINK, NLM_F_ACK);
+    put_text(&r, IFLA_IFNAME, name);
+    return ask(l, &r, NULL, NULL);
+}
+
+const char *links_error(const links *l)
+{
+    return l->error;
+}

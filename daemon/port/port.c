@@ -1,0 +1,273 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * port.c - what all kinds of ports do alike: frames from and to SocketCAN's form, and counting.
+ */
+#include "port/kind.h"
+
+#include "config/portname.h"
+
+#include <errno.h>
+#include <linux/can/error.h>
+#include <net/if.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about lost frames */
+
+/* ---- Opening and closing --------------------------------------------------------------------- */
+
+bool port_exists(const char *name)
+{
+    return !portname_is_interface(name) || if_nametoindex(name) != 0 || errno != ENODEV;
+}
+
+port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MAX])
+{
+    const portname name = portname_parse(text);
+    switch (name.kind) {
+    case PORTNAME_INTERFACE:
+        return port_socketcan_open(text, bus, error);
+    case PORTNAME_UNIX:
+        return port_unix_open(name.path, error);
+    case PORTNAME_FD:
+        return port_unix_adopt(name.fd, error);
+    case PORTNAME_INVALID:
+        break;
+    }
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: expected %s", text, PORTNAME_EXPECTED);
+    return NULL;
+}
+
+static void prepare_messages(port_messages *m)
+{
+    for (unsigned i = 0; i < PORT_BATCH; i++) {
+        m->vectors[i] = (struct iovec){.iov_base = &m->frames[i], .iov_len = CANFD_MTU};
+        m->headers[i].msg_hdr.msg_iov = &m->vectors[i];
+        m->headers[i].msg_hdr.msg_iovlen = 1;
+    }
+}
+
+port *port_new(const port_kind *kind, size_t size)
+{
+    port *p = calloc(1, size);
+    if (!p)
+        return NULL;
+    p->kind = kind;
+    p->fd = -1;
+    p->buffer_bytes = PORT_BUFFER_BYTES;
+    prepare_messages(&p->messages);
+    return p;
+}
+
+void port_close(port *p)
+{
+    if (p)
+        p->kind->close(p);
+}
+
+unsigned port_index(const port *p)
+{
+    return p->index;
+}
+
+unsigned port_buffer_bytes(const port *p)
+{
+    return p->buffer_bytes;
+}
+
+int port_fd(const port *p)
+{
+    return p->fd;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* Where it cannot be the DLC of eight bytes it is what programs left there, as for Linux. */
+static uint8_t dlc_of(const struct can_frame *in)
+{
+    bool raw = in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN &&
+               in->len8_dlc <= CAN_MAX_RAW_DLC;
+    return raw ? in->len8_dlc : in->len;
+}
+
+/* The kernel lets an 11-bit identifier above 7FF through: the value is kept, so that the bus sees
+ * that it is invalid. What programs left behind the data is not for the bus: rules that change a
+ * frame would show it. */
+static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t size)
+{
+    *out = (cw_frame){.id = in->can_id & CAN_EFF_MASK};
+    if (in->can_id & CAN_EFF_FLAG)
+        out->flags |= CW_FRAME_EXTENDED;
+    if (in->can_id & CAN_RTR_FLAG)
+        out->flags |= CW_FRAME_REMOTE;
+    if (size == CANFD_MTU) {
+        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever the data */
+        return;
+    }
+    struct can_frame classic;
+    memcpy(&classic, in, sizeof classic);
+    out->dlc = dlc_of(&classic);
+    memcpy(out->data, classic.data, cw_frame_length(out));
+}
+
+void port_count_drops(port *p, uint32_t drops)
+{
+    int32_t news = (int32_t)(drops - p->drops); /* what comes with frames may be older */
+    if (news <= 0)
+        return;
+    p->drops = drops;
+    p->stats.kernel_dropped += (uint32_t)news;
+}
+
+/* What the kernel says beside a message: when it arrived, 0 when it does not tell, and how many
+ * were dropped before it. */
+static int64_t take_control(port *p, struct msghdr *header)
+{
+    int64_t arrival_ns = 0;
+    for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c; c = CMSG_NXTHDR(header, c)) {
+        if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SCM_TIMESTAMPNS) {
+            struct timespec time;
+            memcpy(&time, CMSG_DATA(c), sizeof time);
+            arrival_ns = time.tv_sec * INT64_C(1000000000) + time.tv_nsec;
+        } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
+            uint32_t drops;
+            memcpy(&drops, CMSG_DATA(c), sizeof drops);
+            port_count_drops(p, drops);
+        }
+    }
+    return arrival_ns;
+}
+
+/* Raw CAN sockets give nothing else. */
+static bool is_frame(const port_messages *m, unsigned i)
+{
+    const struct mmsghdr *header = &m->headers[i];
+    bool classic = header->msg_len == CAN_MTU && m->frames[i].len <= CAN_MAX_DLEN;
+    return (classic || header->msg_len == CANFD_MTU) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
+}
+
+/* Whether a message is a frame for the bus; if so it is put into *out. */
+static bool take_message(port *p, port_frame *out, unsigned i)
+{
+    struct mmsghdr *m = &p->messages.headers[i];
+    int64_t arrival_ns = take_control(p, &m->msg_hdr);
+    if (m->msg_hdr.msg_flags & MSG_CONFIRM)
+        return false;
+    if (!is_frame(&p->messages, i)) {
+        p->stats.malformed++;
+        return false;
+    }
+    if (p->messages.frames[i].can_id & CAN_ERR_FLAG) {
+        p->stats.errors_ignored++;
+        return false;
+    }
+    from_socketcan(&out->frame, &p->messages.frames[i], m->msg_len);
+    out->realtime_ns = arrival_ns;
+    return true;
+}
+
+int port_receive(port *p, int socket, unsigned max)
+{
+    port_messages *m = &p->messages;
+    for (unsigned i = 0; i < max; i++) {
+        m->headers[i].msg_hdr.msg_control = m->controls[i];
+        m->headers[i].msg_hdr.msg_controllen = p->kind->control_bytes;
+    }
+    return recvmmsg(socket, m->headers, max, MSG_DONTWAIT, NULL);
+}
+
+unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
+{
+    unsigned count = 0;
+    for (int i = 0; i < received; i++)
+        if (take_message(p, &frames[count], (unsigned)i))
+            count++;
+    p->stats.read += count;
+    return count;
+}
+
+unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
+{
+    return p->kind->read(p, frames, max, more);
+}
+
+void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
+{
+    if (!p->loopless_begun) {
+        p->loopless_begun = true;
+        p->loopless_before = most;
+    }
+    int64_t news = least - p->loopless_before;
+    if (counting && news > 0 && (uint64_t)news > p->stats.loopless)
+        p->stats.loopless = (uint64_t)news;
+}
+
+void port_pushed_back(port *p)
+{
+    p->stats.pushed_back++;
+}
+
+/* ---- Writing and counting -------------------------------------------------------------------- */
+
+static void to_socketcan(struct can_frame *out, const cw_frame *in)
+{
+    *out = (struct can_frame){.can_id = in->id};
+    if (in->flags & CW_FRAME_EXTENDED)
+        out->can_id |= CAN_EFF_FLAG;
+    if (in->flags & CW_FRAME_REMOTE)
+        out->can_id |= CAN_RTR_FLAG;
+    out->len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
+    out->len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
+    memcpy(out->data, in->data, cw_frame_length(in));
+}
+
+bool port_write(port *p, const cw_frame *frame)
+{
+    uint64_t *counters[PORT_SENT_COUNT] = {
+        [PORT_SENT] = &p->stats.written,
+        [PORT_SEND_FAILED] = &p->stats.write_failed,
+        [PORT_UNHEARD] = &p->stats.unheard,
+    };
+    struct can_frame out;
+    to_socketcan(&out, frame);
+    port_sent sent = p->kind->send(p, &out);
+    (*counters[sent])++;
+    return sent == PORT_SENT;
+}
+
+bool port_write_error(port *p, const errframe *frame, uint64_t tick)
+{
+    uint64_t *counters[PORT_SENT_COUNT] = {
+        [PORT_SENT] = &p->stats.errors_written,
+        [PORT_SEND_FAILED] = &p->stats.errors_failed,
+        [PORT_UNHEARD] = &p->stats.errors_unheard,
+    };
+    if (!errframe_limit_pass(&p->limit, frame, tick))
+        return false;
+    struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
+    memcpy(out.data, frame->data, CAN_ERR_DLC);
+    port_sent sent = p->kind->send(p, &out);
+    (*counters[sent])++;
+    return sent == PORT_SENT;
+}
+
+void port_tell_overflow(port *p, uint64_t tick)
+{
+    bool early = p->told_dropped > 0 && tick - p->told_tick < OVERFLOW_TICKS;
+    if (p->told_dropped == p->stats.kernel_dropped || early)
+        return;
+    p->told_dropped = p->stats.kernel_dropped;
+    p->told_tick = tick;
+    const errframe overflow = errframe_rx_overflow();
+    (void)port_write_error(p, &overflow, tick);
+}
+
+void port_get_stats(port *p, port_stats *stats)
+{
+    if (p->kind->count)
+        p->kind->count(p);
+    p->stats.errors_left_out = p->limit.left_out;
+    *stats = p->stats;
+}

@@ -1,0 +1,180 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * socketcan.c - a port on a raw CAN socket.
+ *
+ * What the socket reads is what the ECU's programs wrote: its own frames the kernel does not loop
+ * back to it, and port.c passes over those flagged as confirmed all the same.
+ */
+#include "port/kind.h"
+
+#include "base/log.h"
+#include "port/claim.h"
+
+#include <errno.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <linux/sock_diag.h>
+#include <net/if.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+typedef struct socketcan_port {
+    port port;
+    claim claim;
+} socketcan_port;
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+static bool set_option(int fd, int level, int option, int value)
+{
+    return setsockopt(fd, level, option, &value, sizeof value) == 0;
+}
+
+/* Without CAP_NET_ADMIN no more than net.core.rmem_max is granted. The kernel doubles it, for what
+ * it keeps beside a frame, and tells the double. */
+static void ask_for_room(port *p)
+{
+    int granted = 0;
+    socklen_t size = sizeof granted;
+    if (!set_option(p->fd, SOL_SOCKET, SO_RCVBUFFORCE, PORT_BUFFER_BYTES))
+        (void)set_option(p->fd, SOL_SOCKET, SO_RCVBUF, PORT_BUFFER_BYTES);
+    if (getsockopt(p->fd, SOL_SOCKET, SO_RCVBUF, &granted, &size) == 0)
+        p->buffer_bytes = (unsigned)granted / 2;
+}
+
+static bool set_options(port *p)
+{
+    const int fd = p->fd;
+    ask_for_room(p);
+    return set_option(fd, SOL_SOCKET, SO_TIMESTAMPNS, 1) &&
+           set_option(fd, SOL_SOCKET, SO_RXQ_OVFL, 1) &&
+           set_option(fd, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1) &&
+           set_option(fd, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, (int)CAN_ERR_MASK);
+}
+
+static bool bind_to(port *p, const char *interface)
+{
+    struct sockaddr_can address = {.can_family = AF_CAN};
+    struct ifreq request = {.ifr_ifindex = 0};
+    (void)snprintf(request.ifr_name, sizeof request.ifr_name, "%s", interface);
+    if (ioctl(p->fd, SIOCGIFINDEX, &request) != 0)
+        return false;
+    p->index = (unsigned)request.ifr_ifindex;
+    address.can_ifindex = request.ifr_ifindex;
+    return bind(p->fd, (const struct sockaddr *)&address, sizeof address) == 0;
+}
+
+/* found: there is such an interface. */
+static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool found, int number)
+{
+    const char *remedy = "";
+    if (number == ENODEV && found)
+        remedy = " for CAN: it is another kind of interface";
+    else if (number == ENODEV)
+        remedy = " (make it: ip link add NAME type vcan; ip link set NAME up)";
+    else if (number == EAFNOSUPPORT)
+        remedy = " (this kernel has no CAN: modprobe can-raw vcan)";
+    else if (number == EMFILE)
+        remedy = " (raise the limit: ulimit -n, LimitNOFILE=)";
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s%s", interface, strerror(number), remedy);
+}
+
+static void close_socket(port *p)
+{
+    if (p->fd >= 0)
+        (void)close(p->fd);
+    claim_release(&((socketcan_port *)p)->claim);
+    free(p);
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
+{
+    int received = port_receive(p, p->fd, max);
+    /* what has happened to the interface is told once; frames may wait behind it */
+    bool error = received < 0 && errno != EAGAIN && errno != EINTR;
+    *more = received == (int)max || error;
+    return port_take(p, frames, received);
+}
+
+static port_sent send_to_socket(port *p, const struct can_frame *frame)
+{
+    bool good = send(p->fd, frame, sizeof *frame, MSG_DONTWAIT) == sizeof *frame;
+    return good ? PORT_SENT : PORT_SEND_FAILED;
+}
+
+static void count_drops(port *p)
+{
+    uint32_t memory[SK_MEMINFO_VARS] = {0};
+    socklen_t size = sizeof memory;
+    if (getsockopt(p->fd, SOL_SOCKET, SO_MEMINFO, memory, &size) == 0)
+        port_count_drops(p, memory[SK_MEMINFO_DROPS]);
+}
+
+static const port_kind socketcan = {.close = close_socket,
+                                    .read = read_socket,
+                                    .send = send_to_socket,
+                                    .count = count_drops,
+                                    .control_bytes = PORT_CONTROL_BYTES};
+
+/* The kernel also finds an interface by its alternative names. It tells of changes only by the
+ * name itself, so that a node with another one would be off the bus at once. */
+static bool is_own_name(const port *p, const char *interface, char error[PORT_ERROR_TEXT_MAX])
+{
+    char name[IF_NAMESIZE];
+    if (!if_indextoname(p->index, name) || strcmp(name, interface) == 0)
+        return true;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%.*s: only another name (altname) of %s: use that",
+                   IF_NAMESIZE - 1, interface, name);
+    return false;
+}
+
+static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
+                            char error[PORT_ERROR_TEXT_MAX])
+{
+    char why[PORT_ERROR_TEXT_MAX - IF_NAMESIZE - 2];
+    if (claim_take(&s->claim, s->port.index, bus, why, sizeof why))
+        return true;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%.*s: %s", IF_NAMESIZE - 1, interface, why);
+    return false;
+}
+
+/* With a larger MTU than that of classical frames the kernel takes CAN FD frames, too. */
+static void warn_of_fd(const port *p, const char *interface)
+{
+    struct ifreq request = {.ifr_mtu = 0};
+    (void)snprintf(request.ifr_name, sizeof request.ifr_name, "%s", interface);
+    if (ioctl(p->fd, SIOCGIFMTU, &request) == 0 && request.ifr_mtu > (int)CAN_MTU)
+        log_warning("port %s: its MTU is %d: programs can write CAN FD frames, which are dropped "
+                    "(bad-frame), since the bus is classical CAN; with an MTU of 16 they get an "
+                    "error",
+                    interface, request.ifr_mtu);
+}
+
+port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX])
+{
+    port *p = port_new(&socketcan, sizeof(socketcan_port));
+    if (!p) {
+        explain(error, interface, false, ENOMEM);
+        return NULL;
+    }
+    socketcan_port *s = (socketcan_port *)p;
+    s->claim = (claim)CLAIM_NONE;
+    p->fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
+    if (p->fd < 0 || !set_options(p) || !bind_to(p, interface)) {
+        explain(error, interface, p->index != 0, errno);
+        close_socket(p);
+        return NULL;
+    }
+    if (!is_own_name(p, interface, error) || !claim_interface(s, interface, bus, error)) {
+        close_socket(p);
+        return NULL;
+    }
+    warn_of_fd(p, interface);
+    return p;
+}

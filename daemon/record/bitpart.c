@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bitpart.c - what belongs to a bit, for traces: the part of a frame that it is, hits of rules.
+ */
+#include "record/bitpart.h"
+
+#include "base/chars.h"
+
+#include <assert.h>
+
+bit_part bit_part_of(const cw_bit_view *bit, unsigned node)
+{
+    const cw_bit_node *n = &bit->nodes[node];
+    bool dominant = !(bit->sampled >> node & 1u);
+    bool waits = n->phase == CW_MAC_ERROR_WAIT || n->phase == CW_MAC_OVERLOAD_WAIT;
+    bit_part part = {.field = n->place.field, .phase = n->phase};
+    if (waits && dominant)
+        part.field = CW_FIELD_NONE;
+    else if (n->phase == CW_MAC_ERROR_WAIT) /* the first bit of the delimiter */
+        part.phase = CW_MAC_ERROR_DELIMITER;
+    else if (n->phase == CW_MAC_OVERLOAD_WAIT)
+        part.phase = CW_MAC_OVERLOAD_DELIMITER;
+    if (part.field == CW_FIELD_DATA)
+        part.byte = n->place.index / 8u;
+    return part;
+}
+
+bool bit_part_same(const bit_part *a, const bit_part *b)
+{
+    return a->field == b->field && a->phase == b->phase && a->byte == b->byte;
+}
+
+static const char *phase_name(cw_mac_phase phase)
+{
+    static const char *const names[CW_MAC_PHASE_COUNT] = {
+        [CW_MAC_OFF] = "off",
+        [CW_MAC_INTEGRATING] = "integrating",
+        [CW_MAC_IDLE] = "idle",
+        [CW_MAC_ERROR_WAIT] = "error-wait",
+        [CW_MAC_OVERLOAD_WAIT] = "overload-wait",
+        [CW_MAC_BUS_OFF] = "bus-off",
+        [CW_MAC_RECOVERING] = "recovering",
+    };
+    assert(names[phase]);
+    return names[phase];
+}
+
+void bit_part_print(char out[BIT_PART_TEXT_MAX], const bit_part *part)
+{
+    bool phase = part->field == CW_FIELD_NONE;
+    char *end = chars_text(out, phase ? phase_name(part->phase) : cw_field_name(part->field));
+    if (part->field == CW_FIELD_DATA) {
+        *end++ = '[';
+        end = chars_decimal(end, part->byte);
+        *end++ = ']';
+    }
+    *end = '\0';
+}
+
+bool bit_has_hit(const cw_rule *rule)
+{
+    return rule->trigger == CW_TRIGGER_FRAME || rule->action == CW_ACTION_NOISE;
+}

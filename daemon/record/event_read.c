@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * event_read.c - events of a bus from the lines of JSON that output_event() wrote.
+ */
+#include "record/event_read.h"
+
+#include "base/text.h"
+
+#include <string.h>
+
+static const char *text_of(const json_t *line, const char *key)
+{
+    const char *text = json_string_value(json_object_get(line, key));
+    return text ? text : "";
+}
+
+static unsigned number_of(const json_t *line, const char *key)
+{
+    json_int_t value = json_integer_value(json_object_get(line, key));
+    return value > 0 && value <= UINT16_MAX ? (unsigned)value : 0;
+}
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+static bool find_kind(cw_event_kind *kind, const char *word)
+{
+    for (unsigned i = 0; i < CW_EVENT_COUNT; i++)
+        if (strcmp(cw_event_name((cw_event_kind)i), word) == 0) {
+            *kind = (cw_event_kind)i;
+            return true;
+        }
+    return false;
+}
+
+static bool find_state(uint8_t *state, const char *word)
+{
+    for (unsigned i = 0; i < CW_STATE_COUNT; i++)
+        if (strcmp(cw_state_name((cw_state)i), word) == 0) {
+            *state = (uint8_t)i;
+            return true;
+        }
+    return false;
+}
+
+static bool find_drop(uint8_t *why, const char *word)
+{
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
+        if (strcmp(cw_drop_name((cw_drop)i), word) == 0) {
+            *why = (uint8_t)i;
+            return true;
+        }
+    return false;
+}
+
+static bool find_type(cw_error_type *type, const char *word)
+{
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
+        if (strcmp(cw_error_type_name((cw_error_type)i), word) == 0) {
+            *type = (cw_error_type)i;
+            return true;
+        }
+    return false;
+}
+
+static bool find_field(cw_field *field, const char *word)
+{
+    for (unsigned i = 0; i < CW_FIELD_COUNT; i++)
+        if (strcmp(cw_field_name((cw_field)i), word) == 0) {
+            *field = (cw_field)i;
+            return true;
+        }
+    return false;
+}
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+static bool read_error(cw_error *error, const json_t *line)
+{
+    bool sends = strcmp(text_of(line, "role"), "tx") == 0;
+    error->role = sends ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
+    error->place.index = (uint8_t)number_of(line, "index");
+    error->place.stuff = json_is_true(json_object_get(line, "stuff"));
+    return find_type(&error->type, text_of(line, "type")) &&
+           find_field(&error->place.field, text_of(line, "field"));
+}
+
+/* What an event says beyond time, node and kind; false when it is not understood. */
+static bool read_details(cw_event *out, const json_t *line)
+{
+    const char *frame = text_of(line, "frame");
+    if (*frame && text_parse_frame(&out->frame, frame) != NULL)
+        return false;
+    out->tec = (uint16_t)number_of(line, "tec");
+    out->rec = (uint16_t)number_of(line, "rec");
+    out->lost_bit = (uint8_t)number_of(line, "bit");
+    if (out->kind == CW_EVENT_ERROR)
+        return read_error(&out->error, line);
+    if (out->kind == CW_EVENT_STATE)
+        return find_state(&out->state, text_of(line, "state"));
+    if (out->kind == CW_EVENT_DROP)
+        return find_drop(&out->why, text_of(line, "why"));
+    if (out->kind == CW_EVENT_SKIP) {
+        json_int_t ns = json_integer_value(json_object_get(line, "skipped_ns"));
+        out->ticks = ns > 0 ? (uint64_t)ns / 25 * 2 : 0;
+    }
+    return true;
+}
+
+static bool find_node(uint64_t *nodes, const json_t *line, const cfg *config)
+{
+    const char *name = json_string_value(json_object_get(line, "node"));
+    uint8_t node = name ? cfg_find_node(config, name) : CW_NO_NODE;
+    if (node != CW_NO_NODE)
+        *nodes = UINT64_C(1) << node;
+    return node != CW_NO_NODE || !name;
+}
+
+event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *line,
+                             const cfg *config)
+{
+    double seconds = json_number_value(json_object_get(line, "t"));
+    *out = (cw_event){.kind = CW_EVENT_COUNT};
+    if (!(seconds >= 0 && seconds < 1e9) || !find_kind(&out->kind, text_of(line, "event")) ||
+        !read_details(out, line))
+        return EVENT_OTHER;
+    *time_ns = (uint64_t)(seconds * 1e9 + 0.5); /* exact for the first hundred days */
+    out->tick = *time_ns / 25 * 2;
+    return find_node(&out->nodes, line, config) ? EVENT_READ : EVENT_NO_SUCH_NODE;
+}

@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * event_read.h - events of a bus from the lines of JSON that output_event() wrote.
+ */
+#ifndef CANWIRE_RECORD_EVENT_READ_H
+#define CANWIRE_RECORD_EVENT_READ_H
+
+#include "canwire.h"
+#include "config/config.h"
+
+#include <jansson.h>
+
+typedef enum event_read_result {
+    EVENT_READ = 0,
+    EVENT_OTHER,       /* a kind that is no event of the bus, or one that newer versions have */
+    EVENT_NO_SUCH_NODE /* the nodes are not these any more */
+} event_read_result;
+
+/* Fills in what such a line tells of these kinds: error, state, restart, arbitration-lost, drop,
+ * tx, rx, skip. The tick is not exact: *time_ns is, in bus time. Whether a frame of an error was
+ * extended is not told. */
+event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *line,
+                             const cfg *config);
+
+#endif

@@ -1,0 +1,414 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * output.c - writes what happens on a bus: events as JSON lines, candump logs, statistics.
+ */
+#include "record/output.h"
+
+#include "base/chars.h"
+#include "base/jsonput.h"
+#include "base/text.h"
+#include "config/portname.h"
+
+#include <assert.h>
+#include <string.h>
+
+#define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
+
+#define BLOCK_BYTES 4096u /* of lines that are written at once */
+#define HEAD_MAX (TIME_TEXT_MAX + 16u)
+#define TAIL_MAX 256u /* with the name of a rule */
+
+/* Lines on their way to a file, which have the name of a node to themselves: what stands before and
+ * behind it is put together once for all of them. */
+typedef struct block {
+    FILE *out;
+    char *end;
+    size_t head_length;
+    size_t tail_length;
+    char head[HEAD_MAX];
+    char tail[TAIL_MAX];
+    char text[BLOCK_BYTES];
+} block;
+
+static char *put_head(char *at, const cw_event *event);
+static char *put_tail(char *at, const cfg *config, const cw_event *event);
+static bool is_of_the_bus(cw_event_kind kind);
+static uint64_t nodes_of(const cfg *config, const cw_event *event);
+static void begin_block(block *b, FILE *out, const char *head_end, const char *tail_end);
+static void end_block(block *b);
+static void add_line(block *b, const char *name);
+static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
+static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
+
+void output_event(FILE *out, const cfg *config, const cw_event *event)
+{
+    block b;
+
+    if (event->kind == CW_EVENT_TOLERATED) {
+        return;
+    }
+    char *head_end = put_head(b.head, event);
+    if (is_of_the_bus(event->kind)) {
+        begin_block(&b, out, head_end, put_tail(b.tail, config, event));
+        add_line(&b, "");
+        end_block(&b);
+        return;
+    }
+    head_end = chars_text(head_end, ",\"node\":\"");
+    b.tail[0] = '"';
+    begin_block(&b, out, head_end, put_tail(b.tail + 1, config, event));
+    for (uint64_t rest = nodes_of(config, event); rest != 0; rest &= rest - 1) {
+        add_line(&b, config->nodes[__builtin_ctzll(rest)].name);
+    }
+    end_block(&b);
+}
+
+void output_log(FILE *out, const cfg *config, const cw_event *event)
+{
+    if (event->kind == CW_EVENT_TX) {
+        output_log_at(out, config, event, text_ticks_ns(event->tick));
+    }
+}
+
+void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns)
+{
+    block b;
+
+    if (event->kind != CW_EVENT_TX) {
+        return;
+    }
+    char *head_end = text_print_log_ns(b.head, time_ns);
+    *head_end++ = ' ';
+    b.tail[0] = ' ';
+    char *tail_end = text_print_frame(b.tail + 1, &event->frame);
+    *tail_end++ = '\n';
+    begin_block(&b, out, head_end, tail_end);
+    for (uint64_t rest = nodes_of(config, event); rest != 0; rest &= rest - 1) {
+        const cfg_node *node = &config->nodes[__builtin_ctzll(rest)];
+
+        add_line(&b, portname_is_interface(node->port) ? node->port : node->name);
+    }
+    end_block(&b);
+}
+
+void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    json_t *root = json_object();
+
+    put(root, "bus", output_bus_stats(config, bus));
+    put(root, "nodes", stats_of_nodes(config, bus));
+    put(root, "rules", stats_of_rules(config, bus));
+    put_out(out, root);
+    json_decref(root);
+}
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+/* With head and tail put into it, which end there. */
+static void begin_block(block *b, FILE *out, const char *head_end, const char *tail_end)
+{
+    b->out = out;
+    b->end = b->text;
+    b->head_length = (size_t)(head_end - b->head);
+    b->tail_length = (size_t)(tail_end - b->tail);
+    assert(b->head_length <= HEAD_MAX && b->tail_length <= TAIL_MAX);
+}
+
+static void end_block(block *b)
+{
+    (void)fwrite(b->text, 1, (size_t)(b->end - b->text), b->out);
+    b->end = b->text;
+}
+
+static void add_line(block *b, const char *name)
+{
+    const size_t name_length = strlen(name);
+    const size_t length = b->head_length + name_length + b->tail_length;
+
+    assert(length <= BLOCK_BYTES);
+    if (length > (size_t)(b->text + BLOCK_BYTES - b->end)) {
+        end_block(b);
+    }
+    char *at = chars_copy(b->end, b->head, b->head_length);
+    at = chars_copy(at, name, name_length);
+    b->end = chars_copy(at, b->tail, b->tail_length);
+}
+
+/* The nodes that an event concerns. */
+static uint64_t nodes_of(const cfg *config, const cw_event *event)
+{
+    const uint64_t all = config->node_count < CW_NODES_MAX
+                             ? (UINT64_C(1) << config->node_count) - 1
+                             : UINT64_MAX;
+
+    return event->nodes & all;
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static bool is_of_the_bus(cw_event_kind kind)
+{
+    return kind == CW_EVENT_FAULT || kind == CW_EVENT_SKIP;
+}
+
+static char *put_word(char *at, const char *key, const char *word)
+{
+    at = chars_text(at, key);
+    at = chars_text(at, word);
+    *at++ = '"';
+    return at;
+}
+
+static char *put_number(char *at, const char *key, uint64_t number)
+{
+    return chars_decimal(chars_text(at, key), number);
+}
+
+/* The configuration allows no character in names that JSON would need escaped. */
+static char *put_rule(char *at, const cfg *config, const cw_event *event)
+{
+    assert(event->rule < config->rule_count);
+    const char *name = config->rules[event->rule].name;
+    assert(strlen(name) < CW_RULE_NAME_MAX && name[strspn(name, NAME_CHARACTERS)] == '\0');
+    at = put_word(at, ",\"rule\":\"", name);
+    return put_number(at, ",\"hit\":", event->hit);
+}
+
+static char *put_frame(char *at, const cw_frame *frame)
+{
+    at = text_print_frame(chars_text(at, ",\"frame\":\""), frame);
+    *at++ = '"';
+    return at;
+}
+
+static char *put_counters(char *at, const cw_event *event)
+{
+    at = put_number(at, ",\"tec\":", event->tec);
+    return put_number(at, ",\"rec\":", event->rec);
+}
+
+static char *put_error(char *at, const cw_event *event)
+{
+    const cw_error *error = &event->error;
+
+    at = put_word(at, ",\"role\":\"", error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
+    at = put_word(at, ",\"type\":\"", cw_error_type_name(error->type));
+    at = put_word(at, ",\"field\":\"", cw_field_name(error->place.field));
+    at = put_number(at, ",\"index\":", error->place.index);
+    if (error->place.stuff) {
+        at = chars_text(at, ",\"stuff\":true");
+    }
+    at = put_word(at, ",\"flag\":\"", cw_flag_name(error->flag));
+    return put_counters(at, event);
+}
+
+/* What an event says beyond time, node and kind. */
+static char *put_details(char *at, const cfg *config, const cw_event *event)
+{
+    switch (event->kind) {
+    case CW_EVENT_FAULT:
+        return put_rule(at, config, event);
+    case CW_EVENT_LINK:
+        return put_word(at, ",\"state\":\"", event->up ? "up" : "down");
+    case CW_EVENT_DROP:
+        at = put_frame(at, &event->frame);
+        return put_word(at, ",\"why\":\"", cw_drop_name(event->why));
+    case CW_EVENT_ARBITRATION_LOST:
+        at = put_frame(at, &event->frame);
+        return put_number(at, ",\"bit\":", event->lost_bit);
+    case CW_EVENT_ERROR:
+        return put_error(at, event);
+    case CW_EVENT_RX:
+    case CW_EVENT_TX:
+        return put_frame(at, &event->frame);
+    case CW_EVENT_STATE:
+        at = put_word(at, ",\"state\":\"", cw_state_name(event->state));
+        return put_counters(at, event);
+    case CW_EVENT_SKIP:
+        return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
+    case CW_EVENT_RESTART:
+    case CW_EVENT_OVERLOAD:
+    case CW_EVENT_TOLERATED:
+    case CW_EVENT_COUNT:
+        break;
+    }
+    return at;
+}
+
+/* What stands before the name of the node. */
+static char *put_head(char *at, const cw_event *event)
+{
+    return text_print_seconds(chars_text(at, "{\"t\":"), event->tick);
+}
+
+/* What stands behind it. */
+static char *put_tail(char *at, const cfg *config, const cw_event *event)
+{
+    at = put_word(at, ",\"event\":\"", cw_event_name(event->kind));
+    at = put_details(at, config, event);
+    return chars_text(at, "}\n");
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
+/* Load of the whole run. */
+static unsigned load_permille(const cw_bus_stats *stats)
+{
+    const cw_bus_stats start = {0};
+
+    return cw_load_permille(&start, stats);
+}
+
+json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
+{
+    json_t *object = json_object();
+    cw_bus_stats stats;
+
+    cw_bus_get_stats(bus, &stats);
+    put(object, "name", json_string(config->bus_name));
+    put_count(object, "bitrate", config->bitrate_bps);
+    put_ticks(object, "time_ns", stats.ticks);
+    put_count(object, "bits", stats.bits);
+    put_count(object, "busy_bits", stats.busy_bits);
+    put_count(object, "load_permille", load_permille(&stats));
+    put_count(object, "load_second_permille", stats.load_permille);
+    put_count(object, "frames", stats.frames);
+    put_count(object, "frame_bits", stats.frame_bits);
+    put_count(object, "error_frames", stats.error_frames);
+    put_count(object, "overload_frames", stats.overload_frames);
+    put_count(object, "arbitration_lost", stats.arbitration_lost);
+    put_count(object, "undetected_errors", stats.undetected_errors);
+    put_count(object, "faults", stats.faults);
+    put_count(object, "pending", stats.pending);
+    return object;
+}
+
+static json_t *stats_of_drops(const uint64_t dropped[CW_DROP_COUNT])
+{
+    json_t *object = json_object();
+
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
+        put_count(object, cw_drop_name((cw_drop)i), dropped[i]);
+    }
+    return object;
+}
+
+static json_t *stats_of_errors(const cw_node_stats *stats)
+{
+    json_t *object = json_object();
+
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
+        put_count(object, cw_error_type_name((cw_error_type)i), stats->errors[i]);
+    }
+    return object;
+}
+
+static uint64_t sum_of_errors(const cw_node_stats *stats)
+{
+    uint64_t sum = 0;
+
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
+        sum += stats->errors[i];
+    }
+    return sum;
+}
+
+static json_t *stats_of_delay(const cw_delay *delay)
+{
+    json_t *object = json_object();
+
+    put_count(object, "count", delay->count);
+    put_ticks(object, "min_ns", delay->min_ticks);
+    put_ticks(object, "mean_ns", delay->count != 0 ? delay->sum_ticks / delay->count : 0);
+    put_ticks(object, "max_ns", delay->max_ticks);
+    put_ticks(object, "p50_ns", cw_delay_quantile_ticks(delay, 500));
+    put_ticks(object, "p99_ns", cw_delay_quantile_ticks(delay, 990));
+    return object;
+}
+
+/* The counters of what a node sent and received. */
+static void put_traffic(json_t *object, const cw_node_stats *stats)
+{
+    put_count(object, "handed_in", stats->handed_in);
+    put_count(object, "made_by_rules", stats->made_by_rules);
+    put_count(object, "tx_frames", stats->tx_frames);
+    put_count(object, "tx_bytes", stats->tx_bytes);
+    put_count(object, "tx_bits", stats->tx_bits);
+    put_count(object, "rx_frames", stats->rx_frames);
+    put_count(object, "rx_bytes", stats->rx_bytes);
+    put_count(object, "rx_accepted", stats->rx_accepted);
+    put_count(object, "rx_made_by_rules", stats->rx_made_by_rules);
+    put(object, "dropped", stats_of_drops(stats->dropped));
+    put(object, "rx_dropped", stats_of_drops(stats->rx_dropped));
+    put_count(object, "arbitration_lost", stats->arbitration_lost);
+    put_count(object, "retransmissions", stats->retransmissions);
+}
+
+/* The counters of what went wrong. */
+static void put_troubles(json_t *object, const cw_node_stats *stats)
+{
+    put(object, "errors", stats_of_errors(stats));
+    put_count(object, "bus_errors", sum_of_errors(stats));
+    put_count(object, "overloads", stats->overloads);
+    put_count(object, "error_warning", stats->error_warning);
+    put_count(object, "error_passive", stats->error_passive);
+    put_count(object, "bus_off", stats->bus_off);
+    put_count(object, "restarts", stats->restarts);
+    put_count(object, "undetected_errors", stats->undetected_errors);
+}
+
+json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
+{
+    json_t *object = json_object();
+
+    put(object, "name", json_string(node->name));
+    put_text(object, "port", node->port);
+    put(object, "state", json_string(cw_state_name(stats->state)));
+    put_count(object, "tec", stats->tec);
+    put_count(object, "rec", stats->rec);
+    put_traffic(object, stats);
+    put_troubles(object, stats);
+    put_count(object, "inbox", stats->inbox);
+    put_count(object, "queue", stats->queue);
+    put_count(object, "queue_peak", stats->queue_peak);
+    put_count(object, "held", stats->held);
+    put_count(object, "rx_held", stats->rx_held);
+    put(object, "delay", stats_of_delay(&stats->delay));
+    return object;
+}
+
+static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
+{
+    json_t *array = json_array();
+
+    for (unsigned i = 0; i < config->node_count; i++) {
+        cw_node_stats stats;
+
+        if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
+            put_last(array, output_node_stats(&config->nodes[i], &stats));
+        }
+    }
+    return array;
+}
+
+json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule)
+{
+    json_t *object = json_object();
+    cw_rule_stats stats = {0};
+
+    cw_rule_get_stats(bus, rule, &stats);
+    put_text(object, "name", config->rules[rule].name);
+    put_count(object, "matches", stats.matches);
+    put_count(object, "hits", stats.hits);
+    return object;
+}
+
+static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
+{
+    json_t *array = json_array();
+
+    for (unsigned i = 0; i < config->rule_count; i++) {
+        put_last(array, output_rule_stats(config, bus, i));
+    }
+    return array;
+}

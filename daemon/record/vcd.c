@@ -1,0 +1,457 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * vcd.c - the bits of a bus as a Value Change Dump, for GTKWave, PulseView and sigrok.
+ *
+ * Levels, fields, faults and errors belong to a bit and change at its start; states and counters
+ * change at its end. sigrok 0.5 takes texts for unknown words and passes over them, word by word:
+ * so the identifier of a text begins with a letter that begins no value (f, q, e, n), and there are
+ * no comments among the values. It gives up at the first vector of more than one bit, but passes
+ * over numbers of type real: so the counters are real. Newer sigrok shows these as curves, and
+ * refuses files with variables of type event.
+ */
+#include "record/vcd.h"
+
+#include "base/chars.h"
+#include "record/bitpart.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TICK_PS 12500u
+#define UNITS_PER_BIT_MIN 10u /* so that sigrok's decoder can place its sample points */
+#define RULES_TEXT_MAX 256    /* bytes of the names of rules in one bit, with the final 0 */
+#define NO_ERROR CW_ERROR_COUNT
+#define NO_MARK UINT32_MAX
+#define TEXT_BYTES 4096u    /* that are written at once */
+#define CHANGE_MAX (CW_NODES_MAX * 4u + RULES_TEXT_MAX + 32u) /* of a time and values */
+
+/* What was last written of a node. */
+typedef struct vcd_node {
+    uint32_t mark; /* see mark_of(); NO_MARK: look at the part */
+    bit_part part;
+    cw_error_type error;
+    cw_error_type error_now; /* of the bit in progress */
+    cw_state state;
+    uint16_t tec;
+    uint16_t rec;
+} vcd_node;
+
+struct vcd {
+    FILE *out;
+    const cfg *config;
+    bool begun;    /* all variables have values */
+    uint64_t time; /* tick last written */
+    uint64_t end;  /* tick of the end of the last bit */
+    uint64_t units_per_bit;
+    uint64_t driven; /* as in cw_bit_view */
+    uint64_t sampled;
+    uint64_t stuff;
+    uint64_t errors; /* nodes whose error is to be looked at */
+    uint64_t alike;  /* as in cw_bit_view */
+    uint32_t alike_mark;
+    uint32_t printed_mark; /* what was last printed: other nodes often want the same */
+    bit_part printed_part;
+    char printed[BIT_PART_TEXT_MAX];
+    bool wire;
+    bool fault;
+    bool rule;                       /* `rule` is not empty */
+    char rules_now[RULES_TEXT_MAX];  /* of the bit in progress */
+    char rules_next[RULES_TEXT_MAX]; /* of the bit after it */
+    size_t used; /* of text */
+    char text[TEXT_BYTES];
+    size_t node_count;
+    vcd_node nodes[];
+};
+
+/* ---- Header ---------------------------------------------------------------------------------- */
+
+static void write_scale(vcd *self)
+{
+    static const struct {
+        uint64_t ps;
+        const char *name;
+    } units[] = {{100000000, "100 us"}, {10000000, "10 us"}, {1000000, "1 us"}, {100000, "100 ns"},
+                 {10000, "10 ns"},      {1000, "1 ns"},      {100, "100 ps"}};
+    const uint64_t bit_ps = (uint64_t)self->config->bit_ticks * TICK_PS;
+    size_t i = 0;
+    while (bit_ps % units[i].ps != 0 || bit_ps / units[i].ps < UNITS_PER_BIT_MIN)
+        i++; /* 100 ps divide a tick */
+    self->units_per_bit = bit_ps / units[i].ps;
+    fprintf(self->out, "$timescale %s $end\n", units[i].name);
+}
+
+static void write_header(vcd *self)
+{
+    FILE *out = self->out;
+    fprintf(out, "$version canwire $end\n");
+    write_scale(self);
+    fprintf(out, "$scope module %s $end\n", self->config->bus_name);
+    fprintf(out, "$var wire 1 w wire $end\n");
+    for (size_t i = 0; i < self->node_count; i++) {
+        const char *name = self->config->nodes[i].name;
+        fprintf(out, "$var wire 1 d%zu %s.driven $end\n", i, name);
+        fprintf(out, "$var wire 1 s%zu %s.sampled $end\n", i, name);
+        fprintf(out, "$var wire 1 t%zu %s.stuff $end\n", i, name);
+        fprintf(out, "$var string 1 f%zu %s.field $end\n", i, name);
+        fprintf(out, "$var string 1 e%zu %s.error $end\n", i, name);
+        fprintf(out, "$var string 1 q%zu %s.state $end\n", i, name);
+        fprintf(out, "$var real 64 c%zu %s.tec $end\n", i, name);
+        fprintf(out, "$var real 64 k%zu %s.rec $end\n", i, name);
+    }
+    fprintf(out, "$var wire 1 m fault $end\n");
+    fprintf(out, "$var string 1 n rule $end\n");
+    fprintf(out, "$upscope $end\n$enddefinitions $end\n");
+}
+
+vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    vcd *self = calloc(1, sizeof *self + config->node_count * sizeof self->nodes[0]);
+    if (!self)
+        return NULL;
+    self->out = out;
+    self->config = config;
+    self->node_count = config->node_count;
+    self->time = CW_NEVER;
+    self->end = cw_bus_now(bus);
+    for (unsigned i = 0; i < self->node_count; i++) {
+        cw_node_stats stats;
+        cw_status status = cw_node_get_stats(bus, i, &stats);
+        assert(status == CW_OK);
+        (void)status;
+        self->nodes[i].state = stats.state;
+        self->nodes[i].tec = stats.tec;
+        self->nodes[i].rec = stats.rec;
+        self->nodes[i].error_now = NO_ERROR;
+        self->nodes[i].mark = NO_MARK;
+    }
+    self->errors = UINT64_MAX; /* all are written once */
+    self->alike_mark = self->printed_mark = NO_MARK;
+    write_header(self);
+    return self;
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+/* Of a set of nodes that is not empty. */
+static unsigned lowest(uint64_t nodes)
+{
+    return (unsigned)__builtin_ctzll(nodes);
+}
+
+static uint64_t all_nodes(const vcd *self)
+{
+    return UINT64_MAX >> (CW_NODES_MAX - self->node_count);
+}
+
+static void write_out(vcd *self)
+{
+    if (self->used > 0)
+        (void)fwrite(self->text, 1, self->used, self->out);
+    self->used = 0;
+}
+
+/* Where a change is to be written, behind its time. */
+static char *begin_change(vcd *self, uint64_t tick)
+{
+    if (TEXT_BYTES - self->used < CHANGE_MAX)
+        write_out(self);
+    char *at = self->text + self->used;
+    if (tick == self->time)
+        return at;
+    const uint32_t bit_ticks = self->config->bit_ticks;
+    assert(tick % bit_ticks == 0);
+    self->time = tick;
+    *at++ = '#';
+    at = chars_decimal(at, tick / bit_ticks * self->units_per_bit);
+    *at++ = '\n';
+    return at;
+}
+
+/* at: where it ends, or several have ended. */
+static void end_changes(vcd *self, const char *at)
+{
+    self->used = (size_t)(at - self->text);
+    assert(self->used <= TEXT_BYTES);
+}
+
+/* at: where it ends but for its line. */
+static void end_change(vcd *self, char *at)
+{
+    *at++ = '\n';
+    end_changes(self, at);
+}
+
+static char *put_id(char *at, char id, size_t node)
+{
+    *at++ = id;
+    if (node >= 10)
+        *at++ = (char)('0' + node / 10);
+    *at++ = (char)('0' + node % 10);
+    return at;
+}
+
+static void write_time(vcd *self, uint64_t tick)
+{
+    end_changes(self, begin_change(self, tick));
+}
+
+static void write_word(vcd *self, const char *word)
+{
+    end_change(self, chars_text(begin_change(self, self->time), word));
+}
+
+static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigned value)
+{
+    char *at = begin_change(self, tick);
+    *at++ = 'r';
+    at = chars_decimal(at, value);
+    *at++ = ' ';
+    end_change(self, put_id(at, id, node));
+}
+
+static void write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)
+{
+    char *at = begin_change(self, tick);
+    *at++ = 's';
+    at = chars_text(at, text);
+    *at++ = ' ';
+    end_change(self, put_id(at, id, node));
+}
+
+/* A level of the whole bus. */
+static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char id)
+{
+    if (self->begun && *before == level)
+        return;
+    char *at = begin_change(self, tick);
+    *at++ = level ? '1' : '0';
+    *at++ = id;
+    end_change(self, at);
+    *before = level;
+}
+
+/* A level of each node. */
+static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t levels, char id)
+{
+    uint64_t changed = (self->begun ? *before ^ levels : UINT64_MAX) & all_nodes(self);
+    *before = levels;
+    if (!changed)
+        return;
+    char *at = begin_change(self, tick); /* has room for one of each node */
+    for (; changed; changed &= changed - 1) {
+        unsigned i = lowest(changed);
+        *at++ = levels >> i & 1u ? '1' : '0';
+        at = put_id(at, id, i);
+        *at++ = '\n';
+    }
+    end_changes(self, at);
+}
+
+/* Where this is as it was, so is the part; but for phases in which it depends on a level. */
+static inline uint32_t mark_of(const cw_bit_node *n)
+{
+    uint32_t byte = n->place.field == CW_FIELD_DATA ? n->place.index / 8u : 0;
+    bool waits = n->phase == CW_MAC_ERROR_WAIT || n->phase == CW_MAC_OVERLOAD_WAIT;
+    return waits ? NO_MARK : (uint32_t)n->phase << 16 | (uint32_t)n->place.field << 8 | byte;
+}
+
+static void write_part(vcd *self, const cw_bit_view *bit, unsigned node)
+{
+    vcd_node *n = &self->nodes[node];
+    if (n->mark == NO_MARK || n->mark != self->printed_mark) {
+        self->printed_mark = n->mark;
+        self->printed_part = bit_part_of(bit, node);
+        bit_part_print(self->printed, &self->printed_part);
+    }
+    if (self->begun && bit_part_same(&n->part, &self->printed_part))
+        return;
+    n->part = self->printed_part;
+    write_text(self, bit->start, self->printed, 'f', node);
+}
+
+static void write_error(vcd *self, uint64_t tick, size_t node)
+{
+    vcd_node *n = &self->nodes[node];
+    if (!self->begun || n->error != n->error_now)
+        write_text(self, tick, n->error_now == NO_ERROR ? "" : cw_error_type_name(n->error_now),
+                   'e', node);
+    n->error = n->error_now;
+    n->error_now = NO_ERROR;
+    if (n->error == NO_ERROR)
+        self->errors &= ~(UINT64_C(1) << node);
+}
+
+/* Part and error of each node, where there may be something new. */
+static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
+{
+    for (uint64_t rest = (parts | self->errors) & all_nodes(self); rest; rest &= rest - 1) {
+        unsigned i = lowest(rest);
+        if (parts >> i & 1u)
+            write_part(self, bit, i);
+        if (self->errors >> i & 1u)
+            write_error(self, bit->start, i);
+    }
+}
+
+/* One after the other may be of the same rules: then it is written again, for a marker each. */
+static void write_rules(vcd *self, uint64_t tick)
+{
+    bool now = self->rules_now[0] != '\0';
+    if (!self->begun || now || self->rule) {
+        char *at = begin_change(self, tick);
+        *at++ = 's';
+        at = chars_text(at, self->rules_now);
+        end_change(self, chars_text(at, " n"));
+    }
+    self->rule = now;
+    if (now || self->rules_next[0] != '\0')
+        memcpy(self->rules_now, self->rules_next, sizeof self->rules_now);
+    self->rules_next[0] = '\0';
+}
+
+static void write_states(vcd *self, uint64_t tick)
+{
+    for (size_t i = 0; i < self->node_count; i++) {
+        const vcd_node *n = &self->nodes[i];
+        write_text(self, tick, cw_state_name(n->state), 'q', i);
+        write_number(self, tick, 'c', i, n->tec);
+        write_number(self, tick, 'k', i, n->rec);
+    }
+}
+
+static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t nodes)
+{
+    for (; nodes; nodes &= nodes - 1) {
+        unsigned i = lowest(nodes);
+        vcd_node *n = &self->nodes[i];
+        const cw_bit_node *now = &bit->nodes[i];
+        if (n->state != now->state)
+            write_text(self, bit->end, cw_state_name(now->state), 'q', i);
+        if (n->tec != now->tec)
+            write_number(self, bit->end, 'c', i, now->tec);
+        if (n->rec != now->rec)
+            write_number(self, bit->end, 'k', i, now->rec);
+        n->state = now->state;
+        n->tec = now->tec;
+        n->rec = now->rec;
+    }
+}
+
+/* ---- Bits and events ------------------------------------------------------------------------- */
+
+/* Nodes about which a bit may tell something; all of them are looked at in each. */
+typedef struct news {
+    uint64_t stuff; /* they are in a stuff bit */
+    uint64_t parts;
+    uint64_t states;
+} news;
+
+/* Nodes in the same place as one of them, if they have all been before, too. */
+static uint64_t find_alike(vcd *self, news *found, const cw_bit_view *bit)
+{
+    if (!bit->alike)
+        return 0;
+    const cw_bit_node *one = &bit->nodes[lowest(bit->alike)];
+    const uint32_t mark = mark_of(one);
+    bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;
+    self->alike = bit->alike;
+    self->alike_mark = mark;
+    if (!same)
+        return 0;
+    found->stuff |= one->place.stuff ? bit->alike : 0;
+    return bit->alike;
+}
+
+static news find_news(vcd *self, const cw_bit_view *bit)
+{
+    news found = {.stuff = 0};
+    const uint64_t single = all_nodes(self) & ~find_alike(self, &found, bit);
+    for (uint64_t rest = single; rest; rest &= rest - 1) {
+        unsigned i = lowest(rest);
+        const uint32_t mark = mark_of(&bit->nodes[i]);
+        bool same = mark == self->nodes[i].mark && mark != NO_MARK;
+        self->nodes[i].mark = mark;
+        found.stuff |= (uint64_t)bit->nodes[i].place.stuff << i;
+        found.parts |= (uint64_t)!same << i;
+    }
+    for (unsigned i = 0; i < bit->node_count; i++) {
+        const vcd_node *n = &self->nodes[i];
+        const cw_bit_node *now = &bit->nodes[i];
+        if (n->tec != now->tec || n->rec != now->rec || n->state != now->state)
+            found.states |= UINT64_C(1) << i;
+    }
+    return found;
+}
+
+void vcd_bit(vcd *self, const cw_bit_view *bit)
+{
+    uint64_t start = bit->start;
+    bool fault = bit->tx_faults | bit->wire_faults | bit->rx_faults || self->rules_now[0] != '\0';
+    assert(bit->node_count == self->node_count);
+    const news found = find_news(self, bit);
+    if (!self->begun) {
+        write_time(self, start);
+        write_word(self, "$dumpvars");
+    }
+    write_level(self, start, &self->wire, bit->wire == UINT64_MAX, 'w');
+    write_levels(self, start, &self->driven, bit->driven, 'd');
+    write_levels(self, start, &self->sampled, bit->sampled, 's');
+    write_levels(self, start, &self->stuff, found.stuff, 't');
+    write_parts(self, bit, found.parts);
+    write_level(self, start, &self->fault, fault, 'm');
+    write_rules(self, start);
+    if (!self->begun) {
+        write_states(self, start);
+        write_word(self, "$end");
+        self->begun = true;
+    }
+    write_state_changes(self, bit, found.states);
+    self->end = bit->end;
+}
+
+/* What does not fit is told by a +. */
+static void add_rule(char text[RULES_TEXT_MAX], const char *name)
+{
+    size_t used = strlen(text);
+    size_t length = strlen(name);
+    if (used + 1 + length + 2 <= RULES_TEXT_MAX)
+        snprintf(text + used, RULES_TEXT_MAX - used, "%s%s", used ? "+" : "", name);
+    else if (text[used - 1] != '+')
+        snprintf(text + used, RULES_TEXT_MAX - used, "+");
+}
+
+static void note_fault(vcd *self, const cw_event *event)
+{
+    const cw_rule *rule = &self->config->rules[event->rule];
+    assert(event->rule < self->config->rule_count);
+    bool in_bit = bit_has_hit(rule) || event->tick <= self->end;
+    add_rule(in_bit ? self->rules_now : self->rules_next, rule->name);
+}
+
+void vcd_event(vcd *self, const cw_event *event)
+{
+    if (event->kind == CW_EVENT_FAULT)
+        note_fault(self, event);
+    if (event->kind != CW_EVENT_ERROR)
+        return;
+    for (size_t i = 0; i < self->node_count; i++)
+        if (event->nodes >> i & 1u)
+            self->nodes[i].error_now = event->error.type;
+    self->errors |= event->nodes;
+}
+
+void vcd_flush(vcd *self)
+{
+    write_out(self);
+}
+
+void vcd_close(vcd *self)
+{
+    if (!self)
+        return;
+    if (self->begun)
+        write_time(self, self->end);
+    write_out(self);
+    free(self);
+}

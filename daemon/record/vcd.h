@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * vcd.h - the bits of a bus as a Value Change Dump, for GTKWave, PulseView and sigrok.
+ *
+ * Variables, in a scope named as the bus (1 is recessive, as at the RXD pin of a transceiver):
+ *
+ *   wire               level; where the bus is partitioned, of all its wires together
+ *   fault              1 in bits in which a rule hits, or changes a level
+ *   rule               text: the rules that hit in this bit, with + between them
+ *   NODE.driven        what the node puts onto its wire
+ *   NODE.sampled       what its controller takes
+ *   NODE.stuff         1 in a bit that the node takes for a stuff bit
+ *   NODE.field         text: see bit_part_print()
+ *   NODE.error         text: type of the error that the node detects in this bit
+ *   NODE.state         text: error-active ... bus-off
+ *   NODE.tec NODE.rec  whole numbers, of type real
+ *
+ * Only changes are written, so idle time costs nothing. The unit of time is the coarsest that
+ * divides a bit into ten or more: sigrok unfolds the file to a sample for each unit.
+ *
+ * Nothing here fails by itself but for lack of memory; the caller looks at ferror(out).
+ */
+#ifndef CANWIRE_RECORD_VCD_H
+#define CANWIRE_RECORD_VCD_H
+
+#include "canwire.h"
+#include "config/config.h"
+
+#include <stdio.h>
+
+typedef struct vcd vcd;
+
+/* Begins a dump of the bits that are still to come on a bus, between two bits: writes the header,
+ * notes states and counters. Names of nodes and rules are those of config, which must stay where it
+ * is; its rules may change, its nodes and bit rate may not: after such a reload begin another dump.
+ * out stays the caller's. NULL, with nothing written, when there is no memory. */
+vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus);
+
+/* Each event, before the bit at whose end it came. */
+void vcd_event(vcd *self, const cw_event *event);
+
+/* Each bit, in order. Where bits are left out, everything stays as it was. */
+void vcd_bit(vcd *self, const cw_bit_view *bit);
+
+/* Gives the stream what of it has been kept back so far. */
+void vcd_flush(vcd *self);
+
+/* Writes the end of the last bit, frees. NULL is fine. */
+void vcd_close(vcd *self);
+
+#endif

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bus_make.c - the bus of a configuration as canwired runs it, with room for what comes later.
+ */
+#include "run/bus_make.h"
+
+#include "run/release.h"
+
+#include <stdlib.h>
+
+#define INBOX_FRAMES 8192
+#define EVENT_RING 4096
+
+cw_bus *bus_make(void **memory, const cfg *config)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    cfg_bus_config(&bus_config, nodes, config);
+    for (unsigned i = 0; i < bus_config.node_count; i++)
+        nodes[i].queue_room = CW_QUEUE_MAX; /* for `set`; slots that are not used cost no memory */
+    bus_config.inbox = INBOX_FRAMES;
+    bus_config.events = EVENT_RING;
+    bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
+    *memory = malloc(cw_bus_size(&bus_config));
+    cw_bus *bus = *memory ? cw_bus_init(*memory, &bus_config) : NULL;
+    if (bus)
+        release_add_replies(bus, config);
+    return bus;
+}

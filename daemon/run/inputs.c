@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * inputs.c - all that is done to a running bus from outside, in one place, where it can be noted.
+ */
+#include "run/inputs.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+void inputs_init(inputs *in, live *config, cw_bus *bus, inputs_drain *drain, void *user)
+{
+    *in = (inputs){.config = config, .bus = bus, .drain = drain, .drain_user = user};
+}
+
+void inputs_observe(inputs *in, input_observer *observer, void *user)
+{
+    in->observer = observer;
+    in->observer_user = user;
+}
+
+void inputs_advance(inputs *in, uint64_t tick)
+{
+    in->advanced = true;
+    while (cw_bus_advance(in->bus, tick) == CW_FULL)
+        in->drain(in->drain_user);
+    in->drain(in->drain_user);
+}
+
+bool inputs_advance_some(inputs *in, uint64_t tick, uint64_t work)
+{
+    const uint64_t begin = cw_bus_work(in->bus);
+    uint64_t done;
+    cw_status status;
+    in->advanced = true;
+    do {
+        done = cw_bus_work(in->bus) - begin;
+        status = cw_bus_advance_some(in->bus, tick, done < work ? work - done : 0);
+        in->drain(in->drain_user);
+    } while (status == CW_FULL && done < work);
+    return status == CW_OK;
+}
+
+static void note(inputs *in, input what)
+{
+    what.now = cw_bus_now(in->bus);
+    what.advanced = in->advanced;
+    in->advanced = false;
+    if (in->observer)
+        in->observer(in->observer_user, &what);
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+cw_status inputs_send(inputs *in, unsigned node, const cw_frame *frame, uint64_t at_tick)
+{
+    cw_status status = cw_node_send(in->bus, node, frame, at_tick);
+    if (status == CW_OK)
+        note(in, (input){.kind = INPUT_SEND, .node = node, .frame = frame, .at_tick = at_tick});
+    return status;
+}
+
+cw_status inputs_release(inputs *in, release_plan *plan)
+{
+    unsigned node;
+    const uint64_t at_tick = release_next_tick(plan);
+    const cw_frame *first = release_first(plan, &node);
+    const cw_frame frame = first ? *first : (cw_frame){.id = 0};
+    cw_status status = release_hand_in(plan, in->bus);
+    if (first && status == CW_OK)
+        note(in, (input){.kind = INPUT_SEND, .node = node, .frame = &frame, .at_tick = at_tick});
+    return status;
+}
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+/* Rules that are being injected. Where one comes `after` another of them, that one is rule
+ * base + its place, and on the bus already. */
+typedef struct injection {
+    inputs *in;
+    const cfg_rules *rules;
+    FILE *errors;
+    size_t base;
+    size_t added;
+    unsigned index[CW_RULES_MAX]; /* where those that were added are on the bus */
+    char *names[CW_RULES_MAX];    /* of our own */
+} injection;
+
+static void free_names(injection *j)
+{
+    for (size_t i = 0; i < CW_RULES_MAX; i++)
+        free(j->names[i]);
+}
+
+/* Before anything is done to the bus: for want of memory nothing is to be taken back, which a run
+ * of the journal, that has the memory, would not do. */
+static bool copy_names(injection *j)
+{
+    for (size_t i = 0; i < j->rules->count && i < CW_RULES_MAX; i++) {
+        j->names[i] = strdup(j->rules->rules[i].name);
+        if (j->names[i])
+            continue;
+        free_names(j);
+        fprintf(j->errors, "out of memory\n");
+        return false;
+    }
+    return true;
+}
+
+static bool add_rule(injection *j, size_t i)
+{
+    cw_rule rule = j->rules->rules[i];
+    if (rule.has_after && rule.after >= j->base)
+        rule.after = (uint16_t)j->index[rule.after - j->base];
+    cw_status status = cw_bus_add_rule(j->in->bus, &j->index[i], &rule);
+    if (status == CW_FULL)
+        fprintf(j->errors, "rule %s: no more room, a bus has at most %d rules\n", rule.name,
+                CW_RULES_MAX);
+    else if (status != CW_OK)
+        fprintf(j->errors, "rule %s: the bus does not take it\n", rule.name);
+    return status == CW_OK;
+}
+
+static bool add_rules(injection *j)
+{
+    if (j->rules->count > CW_RULES_MAX) {
+        fprintf(j->errors, "at most %d rules\n", CW_RULES_MAX);
+        return false;
+    }
+    while (j->added < j->rules->count && add_rule(j, j->added))
+        j->added++;
+    return j->added == j->rules->count;
+}
+
+static void take_back(injection *j)
+{
+    for (size_t i = 0; i < j->added; i++)
+        (void)cw_bus_clear_rule(j->in->bus, j->index[i]);
+}
+
+static void name_rules(injection *j)
+{
+    for (size_t i = 0; i < j->added; i++)
+        live_put(j->in->config, j->index[i], &j->rules->rules[i], j->names[i]);
+}
+
+cfg_rules *inputs_inject(inputs *in, const char *text, size_t size, const char *name, FILE *errors)
+{
+    cfg_running running = live_running(in->config);
+    cfg_rules *rules =
+        cfg_load_rules(text, size, name, live_config(in->config), &running, errors);
+    if (!rules)
+        return NULL;
+    injection j = {.in = in,
+                   .rules = rules,
+                   .errors = errors,
+                   .base = live_config(in->config)->rule_count};
+    if (!copy_names(&j)) {
+        cfg_free_rules(rules);
+        return NULL;
+    }
+    bool good = add_rules(&j);
+    if (good) {
+        name_rules(&j);
+    } else {
+        take_back(&j);
+        free_names(&j);
+    }
+    note(in, (input){.kind = INPUT_INJECT,
+                     .text = text,
+                     .size = size,
+                     .name = name,
+                     .refused = !good});
+    if (good)
+        return rules;
+    cfg_free_rules(rules);
+    return NULL;
+}
+
+void inputs_clear(inputs *in, unsigned rule)
+{
+    (void)cw_bus_clear_rule(in->bus, rule);
+    note(in, (input){.kind = INPUT_CLEAR, .rule = live_config(in->config)->rules[rule].name});
+    live_remove(in->config, rule);
+}
+
+cw_status inputs_fire(inputs *in, unsigned rule)
+{
+    cw_status status = cw_bus_fire_rule(in->bus, rule);
+    if (status == CW_OK)
+        note(in, (input){.kind = INPUT_FIRE, .rule = live_config(in->config)->rules[rule].name});
+    return status;
+}
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+cw_status inputs_restart(inputs *in, unsigned node)
+{
+    cw_status status = cw_node_restart(in->bus, node);
+    if (status == CW_OK)
+        note(in, (input){.kind = INPUT_RESTART, .node = node});
+    return status;
+}
+
+cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings)
+{
+    cw_status status = cw_node_set(in->bus, node, settings);
+    if (status == CW_OK)
+        note(in, (input){.kind = INPUT_SET, .node = node, .settings = settings});
+    return status;
+}
+
+void inputs_attach(inputs *in, unsigned node, bool on)
+{
+    if (cw_node_attached(in->bus, node) == on)
+        return;
+    while (cw_node_attach(in->bus, node, on) == CW_FULL)
+        in->drain(in->drain_user);
+    note(in, (input){.kind = INPUT_ATTACH, .node = node, .on = on});
+    in->drain(in->drain_user);
+}
+
+cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier)
+{
+    cw_bus_bring_forward(in->bus, earlier);
+    note(in, (input){.kind = INPUT_SKIP, .skipped = ticks, .earlier = earlier});
+    return (cw_event){.kind = CW_EVENT_SKIP, .tick = cw_bus_now(in->bus), .ticks = ticks};
+}
+
+/* ---- Reload ---------------------------------------------------------------------------------- */
+
+/* Frames of nodes that are no more are dropped, with events. */
+static void flush_removed(inputs *in, const cfg *config, const uint8_t *from)
+{
+    uint64_t stay = 0;
+    for (unsigned i = 0; i < config->node_count; i++)
+        stay |= from[i] == CW_NO_NODE ? 0 : UINT64_C(1) << from[i];
+    for (unsigned i = 0; i < live_config(in->config)->node_count; i++)
+        while (!(stay >> i & 1u) && cw_node_flush(in->bus, i) == CW_FULL)
+            in->drain(in->drain_user);
+    in->drain(in->drain_user);
+}
+
+cw_status inputs_take_over(inputs *in, cw_bus *next, const cfg *config,
+                           const uint8_t from[CW_NODES_MAX])
+{
+    flush_removed(in, config, from);
+    cw_status status = cw_bus_take_over(next, in->bus, from);
+    if (status != CW_OK)
+        return status;
+    note(in, (input){.kind = INPUT_RELOAD, .config = config});
+    in->bus = next;
+    return CW_OK;
+}

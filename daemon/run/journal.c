@@ -1,0 +1,555 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * journal.c - writes down all that is done to a bus, so that it can be run again.
+ */
+#include "run/journal.h"
+
+#include "base/jsonput.h"
+#include "base/log.h"
+#include "base/spool.h"
+#include "base/text.h"
+#include "base/thread.h"
+#include "run/journal_keep.h"
+#include "run/journal_seal.h"
+#include "run/settings.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define LINE_BYTES 512 /* of a short line */
+#define RECORD_HEAD 16u /* what a record needs in the queue besides its bytes, at most */
+#define RETRY_MARKS 5u /* about as many seconds until a broken journal is tried again */
+#define JOURNAL_WHY_MAX 100
+#define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
+
+typedef enum journal_state {
+    JOURNAL_WRITING = 0,
+    JOURNAL_BROKEN_OFF, /* nothing is written */
+    JOURNAL_TRYING      /* it is again, but none of it is known to be in the file yet */
+} journal_state;
+
+struct journal {
+    spool *spool;
+    char *file;
+    const cfg *config; /* the live one */
+    uint64_t last_at;  /* tick of the last line */
+    uint64_t number;   /* of lines so far, written or not */
+    journal_state state;
+    bool told;           /* in the log, that it is broken */
+    bool reloaded;       /* since it is broken */
+    unsigned marks;      /* since it is broken, or was tried again */
+    uint64_t broken_at;  /* tick of the last line that is there */
+    uint64_t taken_up_at;
+    uint64_t lost;       /* lines that were not even queued */
+    uint64_t lost_told;
+    unsigned gaps;
+    char why[JOURNAL_WHY_MAX];
+    char started[32];
+};
+
+/* ---- Counters -------------------------------------------------------------------------------- */
+
+static uint64_t read_frames(const cw_bus_stats *stats)
+{
+    return stats->frames;
+}
+
+static uint64_t read_error_frames(const cw_bus_stats *stats)
+{
+    return stats->error_frames;
+}
+
+static uint64_t read_overload_frames(const cw_bus_stats *stats)
+{
+    return stats->overload_frames;
+}
+
+static uint64_t read_arbitration_lost(const cw_bus_stats *stats)
+{
+    return stats->arbitration_lost;
+}
+
+static uint64_t read_faults(const cw_bus_stats *stats)
+{
+    return stats->faults;
+}
+
+static uint64_t read_pending(const cw_bus_stats *stats)
+{
+    return stats->pending;
+}
+
+const journal_counter journal_counters[JOURNAL_COUNTERS] = {
+    {"frames", read_frames},
+    {"error_frames", read_error_frames},
+    {"overload_frames", read_overload_frames},
+    {"arbitration_lost", read_arbitration_lost},
+    {"faults", read_faults},
+    {"pending", read_pending},
+};
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+/* Nothing is written from here on before take_up(). A gap that has not been closed goes on. After
+ * an error what was queued is lost, too; a disk that is too slow still writes it. */
+static void break_off(journal *j, const char *why)
+{
+    if (j->state == JOURNAL_WRITING) {
+        j->broken_at = spool_error(j->spool) != 0 ? spool_kept_stamp(j->spool) : j->last_at;
+        j->told = false;
+        (void)snprintf(j->why, sizeof j->why, "%s", why);
+    }
+    j->state = JOURNAL_BROKEN_OFF;
+    j->marks = 0;
+}
+
+static void lose_line(journal *j, const char *why)
+{
+    if (j->state != JOURNAL_BROKEN_OFF)
+        break_off(j, why);
+    j->number++;
+    j->lost++;
+}
+
+/* A line that is longer than a record of the spool can be goes in pieces, but all of them. */
+static bool write_line(journal *j, const char *line, size_t size)
+{
+    bool good = size + size / SPOOL_RECORD_MAX * RECORD_HEAD + RECORD_HEAD <= spool_room(j->spool);
+    while (good && size > SPOOL_RECORD_MAX) {
+        good = spool_write_part(j->spool, line, SPOOL_RECORD_MAX);
+        line += SPOOL_RECORD_MAX;
+        size -= SPOOL_RECORD_MAX;
+    }
+    return good && spool_write(j->spool, line, size);
+}
+
+/* A line has room for a seal. */
+static void put_line(journal *j, char *line, size_t size)
+{
+    if (j->state != JOURNAL_BROKEN_OFF &&
+        write_line(j, line, journal_seal_put(line, size, j->number + 1))) {
+        j->number++;
+        return;
+    }
+    int error = spool_error(j->spool);
+    lose_line(j, error != 0 ? strerror(error) : "the disk is too slow");
+}
+
+static void __attribute__((format(printf, 2, 3))) put_short(journal *j, const char *format, ...)
+{
+    char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
+    va_list args;
+    va_start(args, format);
+    int size = vsnprintf(line, LINE_BYTES, format, args);
+    va_end(args);
+    put_line(j, line, (size_t)size);
+}
+
+static void put_object(journal *j, json_t *object)
+{
+    char *text = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
+    size_t size = text ? strlen(text) : 0;
+    char *line = text ? realloc(text, size + 2 + JOURNAL_SEAL_BYTES) : NULL;
+    if (line) {
+        memcpy(line + size, "\n", 2);
+        put_line(j, line, size + 1);
+    } else {
+        lose_line(j, strerror(ENOMEM));
+        free(text);
+    }
+    free(line);
+    json_decref(object);
+}
+
+/* What every line begins with. "again" where the bus was advanced to the tick of the line before
+ * once more. */
+static json_t *begin_line(const journal *j, uint64_t now, bool advanced)
+{
+    json_t *line = json_object();
+    put_count(line, "at", now);
+    if (advanced && now == j->last_at)
+        put_bool(line, "again", true);
+    return line;
+}
+
+/* A text as it is: as a text, or, where JSON cannot hold it, as {"hex": ...}. */
+static json_t *bytes_to_json(const char *bytes, size_t size)
+{
+    json_t *text = json_stringn(bytes, size);
+    if (text)
+        return text;
+    char *hex = malloc(2 * size + 1);
+    if (!hex)
+        return json_null();
+    hex[0] = '\0';
+    for (size_t i = 0; i < size; i++)
+        (void)sprintf(hex + 2 * i, "%02x", (unsigned)(unsigned char)bytes[i]);
+    json_t *object = json_object();
+    put_text(object, "hex", hex);
+    free(hex);
+    return object;
+}
+
+static json_t *files_to_json(const cfg *config)
+{
+    json_t *files = json_array();
+    for (size_t i = 0; i < config->file_count; i++) {
+        const cfg_file *file = &config->files[i];
+        json_t *entry = json_object();
+        put(entry, "name", bytes_to_json(file->name, strlen(file->name)));
+        put(entry, "text", bytes_to_json(file->text, file->size));
+        put_last(files, entry);
+    }
+    return files;
+}
+
+/* ---- Inputs ---------------------------------------------------------------------------------- */
+
+/* Whether the notation that people use says all of a frame. */
+static bool is_plain(const cw_frame *frame, const char *text)
+{
+    cw_frame again = {.id = 0};
+    return !text_parse_frame(&again, text) && again.id == frame->id &&
+           again.flags == frame->flags && again.dlc == frame->dlc &&
+           memcmp(again.data, frame->data, sizeof again.data) == 0;
+}
+
+/* Most of the lines, so not by way of a JSON object. */
+static void put_send(journal *j, const input *what)
+{
+    char frame[FRAME_TEXT_MAX];
+    char raw[LINE_BYTES / 2];
+    text_print_frame(frame, what->frame);
+    if (is_plain(what->frame, frame)) {
+        (void)snprintf(raw, sizeof raw, "\"frame\":\"%s\"", frame);
+    } else {
+        int used =
+            snprintf(raw, sizeof raw, "\"id\":%" PRIu32 ",\"flags\":%u,\"dlc\":%u,\"data\":\"",
+                     what->frame->id, (unsigned)what->frame->flags, (unsigned)what->frame->dlc);
+        for (size_t i = 0; i < sizeof what->frame->data; i++)
+            used += snprintf(raw + used, sizeof raw - (size_t)used, "%02X",
+                             (unsigned)what->frame->data[i]);
+        (void)snprintf(raw + used, sizeof raw - (size_t)used, "\"");
+    }
+    put_short(j, "{\"at\":%" PRIu64 "%s,\"send\":\"%s\",%s,\"tick\":%" PRIu64 "}\n", what->now,
+              what->advanced && what->now == j->last_at ? ",\"again\":true" : "",
+              j->config->nodes[what->node].name, raw, what->at_tick);
+}
+
+static void put_inject(json_t *line, const input *what)
+{
+    put(line, "inject", bytes_to_json(what->text, what->size));
+    put(line, "name", bytes_to_json(what->name, strlen(what->name)));
+    if (what->refused)
+        put_bool(line, "refused", true);
+}
+
+static void put_other(journal *j, const input *what)
+{
+    json_t *line = begin_line(j, what->now, what->advanced);
+    const char *node = what->node < j->config->node_count ? j->config->nodes[what->node].name : "";
+    switch (what->kind) {
+    case INPUT_INJECT:
+        put_inject(line, what);
+        break;
+    case INPUT_CLEAR:
+        put_text(line, "clear", what->rule);
+        break;
+    case INPUT_FIRE:
+        put_text(line, "fire", what->rule);
+        break;
+    case INPUT_RESTART:
+        put_text(line, "restart", node);
+        break;
+    case INPUT_SET:
+        put_text(line, "set", node);
+        put(line, "settings", settings_given_to_json(what->settings));
+        break;
+    case INPUT_ATTACH:
+        put_text(line, what->on ? "attach" : "detach", node);
+        break;
+    case INPUT_SKIP:
+        put_count(line, "skip", what->skipped);
+        put_count(line, "earlier", what->earlier);
+        break;
+    case INPUT_RELOAD:
+        put(line, "reload", files_to_json(what->config));
+        break;
+    case INPUT_SEND:
+    case INPUT_COUNT:
+        break;
+    }
+    put_object(j, line);
+}
+
+void journal_input(void *user, const input *what)
+{
+    journal *j = user;
+    spool_stamp(j->spool, what->now);
+    if (what->kind == INPUT_RELOAD && j->state != JOURNAL_WRITING)
+        j->reloaded = true;
+    if (j->state == JOURNAL_BROKEN_OFF)
+        lose_line(j, "");
+    else if (what->kind == INPUT_SEND)
+        put_send(j, what);
+    else
+        put_other(j, what);
+    j->last_at = what->now;
+}
+
+/* ---- Marks ----------------------------------------------------------------------------------- */
+
+static void put_mark(journal *j, const char *key, const inputs *in)
+{
+    cw_bus_stats stats;
+    json_t *counters = json_object();
+    cw_bus_get_stats(in->bus, &stats);
+    spool_stamp(j->spool, stats.ticks);
+    json_t *line = begin_line(j, stats.ticks, in->advanced);
+    for (size_t i = 0; i < JOURNAL_COUNTERS; i++)
+        put_count(counters, journal_counters[i].name, journal_counters[i].read(&stats));
+    put(line, key, counters);
+    put_object(j, line);
+    j->last_at = stats.ticks;
+}
+
+/* ---- The beginning --------------------------------------------------------------------------- */
+
+static void print_time(char out[32])
+{
+    struct timespec now;
+    struct tm date;
+    (void)clock_gettime(CLOCK_REALTIME, &now);
+    size_t used = strftime(out, 32, "%Y-%m-%dT%H:%M:%S", gmtime_r(&now.tv_sec, &date));
+    (void)snprintf(out + used, 32 - used, ".%06ldZ", now.tv_nsec / 1000);
+}
+
+static void put_header(journal *j)
+{
+    json_t *header = json_object();
+    put_count(header, "canwire-journal", JOURNAL_VERSION);
+    put_text(header, "canwire", CANWIRE_VERSION);
+    put_text(header, "bus", j->config->bus_name);
+    put_text(header, "started", j->started);
+    put_object(j, header);
+}
+
+static void put_config(journal *j)
+{
+    json_t *line = json_object();
+    put_count(line, "at", 0);
+    put(line, "config", files_to_json(j->config));
+    put_object(j, line);
+}
+
+/* ---- Gaps ------------------------------------------------------------------------------------ */
+
+/* What is known of a node behind a gap, since what has become of it there is not. */
+static json_t *node_to_json(const journal *j, const inputs *in, unsigned node)
+{
+    cw_node_stats stats;
+    json_t *object = json_object();
+    if (cw_node_get_stats(in->bus, node, &stats) != CW_OK)
+        return object;
+    put_text(object, "name", j->config->nodes[node].name);
+    put_text(object, "state", cw_state_name(stats.state));
+    put_count(object, "tec", stats.tec);
+    put_count(object, "rec", stats.rec);
+    put_count(object, "queue", stats.queue);
+    return object;
+}
+
+static json_t *gap_to_json(const journal *j, const inputs *in)
+{
+    json_t *gap = json_object();
+    json_t *nodes = json_array();
+    json_t *rules = json_array();
+    put_text(gap, "why", j->why);
+    for (unsigned i = 0; i < j->config->node_count; i++)
+        put_last(nodes, node_to_json(j, in, i));
+    for (size_t i = 0; i < j->config->rule_count; i++)
+        if (j->config->rules[i].name)
+            put_text_last(rules, j->config->rules[i].name);
+    put(gap, "nodes", nodes);
+    put(gap, "rules", rules);
+    if (j->reloaded)
+        put(gap, "config", files_to_json(j->config));
+    return gap;
+}
+
+static void put_gap(journal *j, const inputs *in)
+{
+    const uint64_t now = cw_bus_now(in->bus);
+    spool_stamp(j->spool, now);
+    json_t *line = begin_line(j, now, false);
+    put(line, "gap", gap_to_json(j, in));
+    put_object(j, line);
+    j->last_at = now;
+    j->taken_up_at = now;
+}
+
+/* Whether it is really taken up is seen when the line is in the file: see look(). */
+static void take_up(journal *j, const inputs *in)
+{
+    const uint64_t there = spool_kept(j->spool);
+    spool_resume(j->spool);
+    j->state = JOURNAL_TRYING;
+    if (there == 0)
+        put_header(j);
+    if (there <= 1)
+        put_config(j);
+    put_gap(j, in);
+    put_mark(j, "mark", in);
+}
+
+static void tell_broken(journal *j)
+{
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, j->broken_at);
+    log_error("journal %s: broken from %s s on: %s; the bus goes on without it", j->file, time,
+              j->why);
+    j->told = true;
+}
+
+static void tell_taken_up(journal *j)
+{
+    char begin[TIME_TEXT_MAX];
+    char end[TIME_TEXT_MAX];
+    text_print_seconds(begin, j->broken_at);
+    text_print_seconds(end, j->taken_up_at);
+    log_warning("journal %s: taken up again, nothing is written from %s s to %s s, %" PRIu64
+                " lines are missing; it can be run again up to there only",
+                j->file, begin, end, journal_lost(j) - j->lost_told);
+    j->lost_told = journal_lost(j);
+}
+
+/* How the disk takes it. */
+static void look(journal *j)
+{
+    int error = spool_error(j->spool);
+    if (j->state == JOURNAL_TRYING && spool_has_resumed(j->spool)) {
+        j->state = JOURNAL_WRITING;
+        j->reloaded = false;
+        j->gaps++;
+        tell_taken_up(j);
+    }
+    if (j->state != JOURNAL_BROKEN_OFF && error != 0)
+        break_off(j, strerror(error));
+    if (j->state == JOURNAL_BROKEN_OFF && !j->told)
+        tell_broken(j);
+}
+
+/* A disk that was too slow has to have written what waited, another one gets some time. */
+static bool may_be_tried(const journal *j)
+{
+    if (spool_error(j->spool) == 0)
+        return spool_room(j->spool) > SPOOL_QUEUE_BYTES / 2;
+    return j->marks >= RETRY_MARKS;
+}
+
+void journal_mark(journal *j, const inputs *in)
+{
+    look(j);
+    if (j->state != JOURNAL_BROKEN_OFF)
+        put_mark(j, "mark", in);
+    else if (may_be_tried(j))
+        take_up(j, in);
+    j->marks++;
+}
+
+void journal_retry(journal *j, const inputs *in)
+{
+    look(j);
+    if (j->state == JOURNAL_BROKEN_OFF)
+        take_up(j, in);
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+static void free_journal(journal *j)
+{
+    free(j->file);
+    free(j);
+}
+
+journal *journal_start(const char *file, unsigned files, const cfg *config,
+                       char error[JOURNAL_ERROR_MAX])
+{
+    journal *j = calloc(1, sizeof *j);
+    int problem = ENOMEM;
+    if (j)
+        j->file = strdup(file);
+    if (j && j->file)
+        problem = journal_make_room(file, files);
+    if (j && j->file && problem == 0)
+        j->spool = spool_open(file, 1, NULL, NULL, &problem);
+    if (!j || !j->spool) {
+        (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file,
+                       spool_explain(problem));
+        if (j)
+            free_journal(j);
+        return NULL;
+    }
+    j->config = config;
+    spool_last(j->spool);
+    print_time(j->started);
+    put_header(j);
+    put_config(j);
+    return j;
+}
+
+/* What is missing at the end of the file. */
+static void tell_end(journal *j, int error)
+{
+    if (error)
+        log_error("journal %s: its end could not be written: %s; at least %" PRIu64
+                  " lines are missing",
+                  j->file, strerror(error), journal_lost(j) - j->lost_told);
+    else if (j->state != JOURNAL_WRITING)
+        tell_taken_up(j);
+}
+
+void journal_stop(journal *j, const inputs *in)
+{
+    if (!j)
+        return;
+    look(j);
+    if (j->state == JOURNAL_BROKEN_OFF)
+        take_up(j, in);
+    put_mark(j, "end", in);
+    const struct timespec until = thread_in_seconds(CLOSE_S);
+    int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
+    if (error == 0 && j->state == JOURNAL_BROKEN_OFF)
+        error = ENOBUFS;
+    tell_end(j, error);
+    (void)spool_close(j->spool, 0);
+    free_journal(j);
+}
+
+uint64_t journal_lost(const journal *j)
+{
+    return j->lost + spool_lost(j->spool);
+}
+
+bool journal_is_broken(const journal *j)
+{
+    return j && j->state != JOURNAL_WRITING;
+}
+
+json_t *journal_to_json(const journal *j)
+{
+    json_t *object = json_object();
+    put(object, "file", text_to_json(j->file, strlen(j->file)));
+    put_text(object, "state", j->state == JOURNAL_WRITING ? "writing" : "broken");
+    put_text(object, "why", j->state == JOURNAL_WRITING ? NULL : j->why);
+    put_count(object, "lines", j->number - journal_lost(j));
+    put_count(object, "lost", journal_lost(j));
+    put_count(object, "gaps", j->gaps);
+    if (j->state != JOURNAL_WRITING)
+        put_count(object, "broken_ns", text_ticks_ns(j->broken_at));
+    return object;
+}

@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * journal_check.c - whether a journal is whole, and where it is not.
+ */
+#include "run/journal_check.h"
+
+#include "base/text.h"
+#include "run/journal_read.h"
+
+#include <inttypes.h>
+
+#define DAMAGES_MAX 20u /* that are told one by one */
+
+typedef struct checker {
+    journal_reader *reader;
+    const char *file;
+    FILE *errors;
+    uint64_t lines;
+    uint64_t inputs;
+    uint64_t gaps;
+    uint64_t damages;
+    uint64_t tick; /* of the last line */
+    bool ended;
+} checker;
+
+static void complain(checker *c, const char *problem)
+{
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, c->tick);
+    fprintf(c->errors, "%s:%zu:1: %s (byte %" PRIu64 ", behind %s s)\n", c->file,
+            journal_line(c->reader), problem, journal_byte(c->reader), time);
+}
+
+static void note_gap(checker *c, const journal_entry *entry)
+{
+    char begin[TIME_TEXT_MAX];
+    char end[TIME_TEXT_MAX];
+    text_print_seconds(begin, c->tick);
+    text_print_seconds(end, entry->at);
+    fprintf(c->errors,
+            "%s:%zu:1: nothing was written from %s s to %s s (%s), %" PRIu64
+            " lines are missing\n",
+            c->file, journal_line(c->reader), begin, end, entry->why, entry->missing);
+    c->gaps++;
+}
+
+/* Whether to look at what is behind it. */
+static bool note_damage(checker *c)
+{
+    c->damages++;
+    if (c->damages < DAMAGES_MAX)
+        return journal_go_on(c->reader);
+    fprintf(c->errors, "%s: this is much damage; the rest is not looked at\n", c->file);
+    return false;
+}
+
+static void note_end(checker *c)
+{
+    c->ended = true;
+    if (journal_is_at_end(c->reader))
+        return;
+    complain(c, "damaged: there is something behind the end");
+    c->damages++;
+}
+
+/* Whether there may be more. */
+static bool check_entry(checker *c, const journal_entry *entry)
+{
+    switch (entry->kind) {
+    case JOURNAL_BAD:
+        return note_damage(c);
+    case JOURNAL_CUT:
+        complain(c, "cut off: canwired has not written its end, or still writes");
+        return false;
+    case JOURNAL_GAP:
+        note_gap(c, entry);
+        break;
+    case JOURNAL_END:
+        note_end(c);
+        break;
+    case JOURNAL_BROKEN:
+        complain(c, "broken: nothing was written from here on");
+        c->gaps++;
+        break;
+    case JOURNAL_INPUT:
+        c->inputs++;
+        break;
+    case JOURNAL_CONFIG:
+    case JOURNAL_MARK:
+        break;
+    }
+    if (entry->at < c->tick) {
+        complain(c, "damaged: it is before the line above");
+        c->damages++;
+    }
+    c->tick = entry->at;
+    c->lines++;
+    return entry->kind != JOURNAL_END && entry->kind != JOURNAL_BROKEN;
+}
+
+static void print_summary(const checker *c, bool good, FILE *out)
+{
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, c->tick);
+    fprintf(out,
+            "%s: %s (bus %s, canwire %s, begun %s: %" PRIu64 " lines, %" PRIu64
+            " inputs, 0 s to %s s, %s",
+            c->file, good ? "ok" : "not whole", journal_bus(c->reader), journal_writer(c->reader),
+            journal_started(c->reader), c->lines, c->inputs, time,
+            c->ended ? "ended" : "without its end");
+    if (c->gaps > 0)
+        fprintf(out, ", %" PRIu64 " gap%s", c->gaps, c->gaps == 1 ? "" : "s");
+    if (c->damages > 0)
+        fprintf(out, ", damaged at %" PRIu64 " place%s", c->damages, c->damages == 1 ? "" : "s");
+    if (journal_version(c->reader) < 2)
+        fputs("; it has no checksums, so not all damage is found", out);
+    fputs(")\n", out);
+}
+
+bool journal_check(const char *file, FILE *out, FILE *errors)
+{
+    journal_entry entry;
+    checker c = {.file = file, .errors = errors, .reader = journal_open(file, errors)};
+    if (!c.reader)
+        return false;
+    c.lines = 1;
+    do
+        journal_next(c.reader, &entry);
+    while (check_entry(&c, &entry));
+    bool good = c.ended && c.gaps == 0 && c.damages == 0;
+    print_summary(&c, good, out);
+    journal_close(c.reader);
+    return good;
+}

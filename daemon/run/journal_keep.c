@@ -1,0 +1,266 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * journal_keep.c - the journals of before: which are kept when another one begins.
+ */
+#include "run/journal_keep.h"
+
+#include "base/filelock.h"
+#include "base/folder.h"
+#include "base/log.h"
+#include "base/text.h"
+#include "run/journal_seal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <limits.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define HEAD_BYTES 4096u
+#define TAIL_BYTES (16u << 20) /* in which the last line is looked for */
+#define WORD_BYTES 64u
+
+/* A journal of before. */
+typedef struct found {
+    unsigned number; /* 0: FILE itself */
+    bool empty;
+    bool ended;
+    bool timed; /* there is a line with a time */
+    uint64_t tick;
+    char bus[WORD_BYTES];
+    char started[WORD_BYTES];
+} found;
+
+typedef struct row {
+    folder folder;
+    const char *file;
+    size_t count; /* from the newest to the oldest */
+    found all[JOURNAL_FILES_MAX + 1];
+} row;
+
+static void print_name(char name[PATH_MAX], const char *file, unsigned number)
+{
+    if (number == 0)
+        (void)snprintf(name, PATH_MAX, "%s", file);
+    else
+        (void)snprintf(name, PATH_MAX, "%s.%u", file, number);
+}
+
+/* ---- What is in one -------------------------------------------------------------------------- */
+
+/* NULL when it is none, or damaged. */
+static json_t *parse_line(const char *line, size_t length)
+{
+    if (journal_seal_check(line, length) == JOURNAL_SEAL_WRONG)
+        return NULL;
+    json_t *object = json_loadb(line, length, JSON_ALLOW_NUL, NULL);
+    if (json_is_object(object))
+        return object;
+    json_decref(object);
+    return NULL;
+}
+
+static void copy_word(char word[WORD_BYTES], const json_t *text)
+{
+    const char *from = json_string_value(text);
+    (void)snprintf(word, WORD_BYTES, "%s", from ? from : "?");
+}
+
+static void read_head(found *f, int fd)
+{
+    char head[HEAD_BYTES];
+    ssize_t count = pread(fd, head, sizeof head, 0);
+    const char *end = count > 0 ? memchr(head, '\n', (size_t)count) : NULL;
+    json_t *line = end ? parse_line(head, (size_t)(end - head)) : NULL;
+    copy_word(f->bus, json_object_get(line, "bus"));
+    copy_word(f->started, json_object_get(line, "started"));
+    json_decref(line);
+}
+
+/* The last line that can be read. last: it is that of the file, with its end. */
+static bool take_line(found *f, const char *line, size_t length, bool last)
+{
+    json_t *object = parse_line(line, length);
+    const json_t *at = json_object_get(object, "at");
+    f->timed = json_is_integer(at) && json_integer_value(at) >= 0;
+    f->tick = f->timed ? (uint64_t)json_integer_value(at) : 0;
+    f->ended = last && f->timed && json_object_get(object, "end");
+    json_decref(object);
+    return f->timed;
+}
+
+/* From behind, until there is a line that can be read; what has no end of a line is none. */
+static void search_tail(found *f, const char *tail, size_t size)
+{
+    const char *end = memrchr(tail, '\n', size);
+    bool last = end == tail + size - 1;
+    while (end) {
+        const char *before = memrchr(tail, '\n', (size_t)(end - tail));
+        const char *line = before ? before + 1 : tail;
+        if (take_line(f, line, (size_t)(end - line), last))
+            return;
+        last = false;
+        end = before;
+    }
+}
+
+static void read_tail(found *f, int fd, off_t size)
+{
+    size_t want = size < (off_t)TAIL_BYTES ? (size_t)size : TAIL_BYTES;
+    char *tail = malloc(want + 1);
+    ssize_t count = tail ? pread(fd, tail, want, size - (off_t)want) : -1;
+    if (count > 0)
+        search_tail(f, tail, (size_t)count);
+    free(tail);
+}
+
+/* 0 or EBUSY; what cannot be read is without end. */
+static int read_one(found *f, int directory, const char *name)
+{
+    struct stat info;
+    int fd = openat(directory, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+    copy_word(f->bus, NULL);
+    copy_word(f->started, NULL);
+    if (fd < 0)
+        return 0;
+    int error = filelock_take(fd);
+    if (error == 0 && fstat(fd, &info) == 0 && S_ISREG(info.st_mode)) {
+        f->empty = info.st_size == 0;
+        read_head(f, fd);
+        read_tail(f, fd, info.st_size);
+    }
+    (void)close(fd);
+    return error;
+}
+
+/* ---- The row --------------------------------------------------------------------------------- */
+
+/* Returns 0 or an errno: EINVAL: something is no regular file. */
+static int read_row(row *r)
+{
+    char name[PATH_MAX];
+    struct stat info;
+    for (unsigned i = 0; i <= JOURNAL_FILES_MAX; i++) {
+        print_name(name, r->folder.name, i);
+        if (fstatat(r->folder.fd, name, &info, AT_SYMLINK_NOFOLLOW) != 0)
+            continue;
+        if (!S_ISREG(info.st_mode))
+            return EINVAL;
+        found *f = &r->all[r->count++];
+        *f = (found){.number = i};
+        int error = read_one(f, r->folder.fd, name);
+        if (error != 0)
+            return error;
+    }
+    return 0;
+}
+
+static void describe(char text[PATH_MAX], const row *r, const found *f)
+{
+    char name[PATH_MAX];
+    char time[TIME_TEXT_MAX];
+    print_name(name, r->file, f->number);
+    text_print_seconds(time, f->tick);
+    (void)snprintf(text, PATH_MAX, "journal %.3000s (bus %s, begun %s, %s%s%s)", name, f->bus,
+                   f->started, f->empty ? "empty" : f->timed ? "up to " : "not readable",
+                   f->timed ? time : "", f->timed ? " s" : "");
+}
+
+static void tell_without_end(const row *r)
+{
+    char text[PATH_MAX];
+    for (size_t i = 0; i < r->count; i++) {
+        if (r->all[i].ended || r->all[i].empty)
+            continue;
+        describe(text, r, &r->all[i]);
+        log_warning("%s has no end: that canwired did not stop by itself%s", text,
+                    r->all[i].number == 0 ? ", or its disk was full" : "");
+    }
+}
+
+/* Which is to go; 0: none may. The newest stays. */
+static size_t choose(const row *r)
+{
+    size_t first = 0; /* the oldest without end */
+    size_t second = 0;
+    for (size_t i = r->count; i-- > 1;) {
+        if (r->all[i].ended || r->all[i].empty)
+            return i;
+        if (first == 0)
+            first = i;
+        else if (second == 0)
+            second = i;
+    }
+    return second;
+}
+
+/* Returns 0 or an errno. */
+static int remove_one(row *r, size_t which)
+{
+    char name[PATH_MAX];
+    char text[PATH_MAX];
+    const found f = r->all[which];
+    print_name(name, r->folder.name, f.number);
+    if (unlinkat(r->folder.fd, name, 0) != 0 && errno != ENOENT)
+        return errno;
+    describe(text, r, &f);
+    log_warning("%s is removed%s", text, f.empty ? "" : ": there are too many");
+    r->count--;
+    memmove(&r->all[which], &r->all[which + 1], (r->count - which) * sizeof r->all[0]);
+    return 0;
+}
+
+static int remove_some(row *r, unsigned files)
+{
+    int error = 0;
+    size_t which;
+    if (r->count > 0 && r->all[0].number == 0 && r->all[0].empty)
+        error = remove_one(r, 0);
+    while (error == 0 && r->count >= files && (which = choose(r)) > 0)
+        error = remove_one(r, which);
+    return error;
+}
+
+/* FILE becomes FILE.1 and so on, up to the first number that is free. Returns 0 or an errno. */
+static int shift(const row *r)
+{
+    size_t used = 0;
+    int error = 0;
+    while (used < r->count && r->all[used].number == used)
+        used++;
+    for (size_t i = used; i-- > 0 && error == 0;) {
+        char from[PATH_MAX];
+        char to[PATH_MAX];
+        print_name(from, r->folder.name, (unsigned)i);
+        print_name(to, r->folder.name, (unsigned)i + 1);
+        if (renameat(r->folder.fd, from, r->folder.fd, to) != 0)
+            error = errno;
+    }
+    return error;
+}
+
+int journal_make_room(const char *file, unsigned files)
+{
+    row *r = calloc(1, sizeof *r);
+    if (!r)
+        return ENOMEM;
+    r->file = file;
+    int error = folder_open(&r->folder, file);
+    if (error == 0)
+        error = read_row(r);
+    if (error == 0) {
+        tell_without_end(r);
+        error = remove_some(r, files);
+    }
+    if (error == 0)
+        error = shift(r);
+    folder_close(&r->folder);
+    free(r);
+    return error;
+}

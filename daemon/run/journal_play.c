@@ -1,0 +1,354 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * journal_play.c - runs again what a journal has written down: the same inputs, the same events.
+ *
+ * Frames of traffic are in the journal like all others, so the releases of the configuration are
+ * left alone here.
+ */
+#include "run/journal_play.h"
+
+#include "base/text.h"
+#include "run/bus_make.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct journal_player {
+    const char *file; /* the caller's */
+    journal_reader *reader;
+    live *live;
+    void *memory; /* of the bus */
+    inputs inputs;
+    journal_calls calls;
+    void *user;
+    FILE *errors;
+    bool differs; /* from the run that was written down */
+    journal_entry entry;
+};
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+static bool fail(journal_player *p, const char *key, const char *problem)
+{
+    journal_complain(p->reader, key, "%s", problem);
+    return false;
+}
+
+static bool read_config(journal_player *p)
+{
+    journal_next(p->reader, &p->entry);
+    if (p->entry.kind == JOURNAL_BAD)
+        return false;
+    if (p->entry.kind != JOURNAL_CONFIG)
+        return fail(p, NULL, "a journal begins with a configuration: {\"at\":0,\"config\":[...]}");
+    cfg *config = cfg_load_given(p->entry.files, p->entry.file_count, p->errors);
+    if (!config)
+        return fail(p, "config", "the configuration has errors");
+    p->live = live_new(config);
+    if (!p->live)
+        cfg_free(config);
+    cw_bus *bus = p->live ? bus_make(&p->memory, config) : NULL;
+    if (!bus)
+        return fail(p, NULL, "out of memory");
+    inputs_init(&p->inputs, p->live, bus, p->calls.drain, p->user);
+    return true;
+}
+
+journal_player *journal_player_open(const char *file, const journal_calls *calls, void *user,
+                                    FILE *errors)
+{
+    journal_player *p = calloc(1, sizeof *p);
+    if (!p) {
+        fprintf(errors, "%s: out of memory\n", file);
+        return NULL;
+    }
+    *p = (journal_player){.file = file, .calls = *calls, .user = user, .errors = errors};
+    p->reader = journal_open(file, errors);
+    if (p->reader && read_config(p))
+        return p;
+    journal_player_close(p);
+    return NULL;
+}
+
+void journal_player_close(journal_player *p)
+{
+    if (!p)
+        return;
+    journal_close(p->reader);
+    live_free(p->live);
+    free(p->memory);
+    free(p);
+}
+
+const cfg *journal_player_config(const journal_player *p)
+{
+    return live_config(p->live);
+}
+
+cw_bus *journal_player_bus(const journal_player *p)
+{
+    return p->inputs.bus;
+}
+
+const char *journal_player_writer(const journal_player *p)
+{
+    return journal_writer(p->reader);
+}
+
+/* ---- Inputs ---------------------------------------------------------------------------------- */
+
+/* The bus does not answer as it did. Told once. */
+static void differ(journal_player *p, const char *key, const char *how)
+{
+    if (!p->differs)
+        journal_complain(p->reader, key,
+                         "this run is another one than that of the journal: %s; it was written by "
+                         "canwire %s",
+                         how, journal_writer(p->reader));
+    p->differs = true;
+}
+
+static void expect_ok(journal_player *p, const char *key, cw_status status)
+{
+    if (status != CW_OK)
+        differ(p, key, "the bus refuses what it did then");
+}
+
+static bool find_node(journal_player *p, unsigned *node)
+{
+    static const char *const keys[INPUT_COUNT] = {
+        [INPUT_SEND] = "send", [INPUT_RESTART] = "restart", [INPUT_SET] = "set"};
+    *node = cfg_find_node(live_config(p->live), p->entry.node);
+    if (*node != CW_NO_NODE)
+        return true;
+    const char *key = keys[p->entry.what.kind];
+    if (!key)
+        key = p->entry.what.on ? "attach" : "detach";
+    journal_complain(p->reader, key, "there is no node '%.80s'", p->entry.node);
+    return false;
+}
+
+static bool find_rule(journal_player *p, unsigned *rule)
+{
+    const input *what = &p->entry.what;
+    if (live_find(p->live, rule, what->rule))
+        return true;
+    journal_complain(p->reader, what->kind == INPUT_CLEAR ? "clear" : "fire",
+                     "there is no rule '%.80s'", what->rule);
+    return false;
+}
+
+/* Its own messages are about the text; they are kept back as long as it was refused then, too. */
+static bool inject(journal_player *p)
+{
+    const input *what = &p->entry.what;
+    char *errors = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&errors, &size);
+    if (!stream)
+        return fail(p, NULL, "out of memory");
+    cfg_rules *rules = inputs_inject(&p->inputs, what->text, what->size, what->name, stream);
+    (void)fclose(stream);
+    if (!rules != what->refused)
+        differ(p, "inject",
+               rules ? "the bus takes these rules" : "the bus does not take these rules");
+    if (!rules && !what->refused)
+        fputs(errors ? errors : "", p->errors);
+    cfg_free_rules(rules);
+    free(errors);
+    return true;
+}
+
+static bool act_on_rule(journal_player *p)
+{
+    unsigned rule;
+    if (!find_rule(p, &rule))
+        return false;
+    if (p->entry.what.kind == INPUT_CLEAR)
+        inputs_clear(&p->inputs, rule);
+    else
+        expect_ok(p, "fire", inputs_fire(&p->inputs, rule));
+    return true;
+}
+
+static bool act_on_node(journal_player *p)
+{
+    const input *what = &p->entry.what;
+    unsigned node;
+    if (!find_node(p, &node))
+        return false;
+    if (what->kind == INPUT_SEND)
+        expect_ok(p, "send", inputs_send(&p->inputs, node, what->frame, what->at_tick));
+    else if (what->kind == INPUT_RESTART)
+        expect_ok(p, "restart", inputs_restart(&p->inputs, node));
+    else if (what->kind == INPUT_SET)
+        expect_ok(p, "set", inputs_set(&p->inputs, node, what->settings));
+    else
+        inputs_attach(&p->inputs, node, what->on);
+    return true;
+}
+
+static bool skip(journal_player *p)
+{
+    const input *what = &p->entry.what;
+    const cw_event event = inputs_skip(&p->inputs, what->skipped, what->earlier);
+    p->calls.event(p->user, &event);
+    return true;
+}
+
+static bool go_over(journal_player *p, cfg *config)
+{
+    uint8_t from[CW_NODES_MAX];
+    void *memory;
+    cw_bus *bus = bus_make(&memory, config);
+    cfg_match_nodes(from, config, live_config(p->live));
+    if (!bus || inputs_take_over(&p->inputs, bus, config, from) != CW_OK) {
+        free(memory);
+        cfg_free(config);
+        return fail(p, "reload", bus ? "the bus cannot go over to it" : "out of memory");
+    }
+    p->calls.leaving(p->user, config, from);
+    free(p->memory);
+    p->memory = memory;
+    live_replace(p->live, config);
+    p->calls.changed(p->user);
+    return true;
+}
+
+static bool reload(journal_player *p)
+{
+    cfg *config = cfg_load_given(p->entry.files, p->entry.file_count, p->errors);
+    return config ? go_over(p, config) : fail(p, "reload", "the configuration has errors");
+}
+
+static bool act(journal_player *p)
+{
+    switch (p->entry.what.kind) {
+    case INPUT_SEND:
+    case INPUT_RESTART:
+    case INPUT_SET:
+    case INPUT_ATTACH:
+        return act_on_node(p);
+    case INPUT_INJECT:
+        return inject(p);
+    case INPUT_CLEAR:
+    case INPUT_FIRE:
+        return act_on_rule(p);
+    case INPUT_SKIP:
+        return skip(p);
+    case INPUT_RELOAD:
+        return reload(p);
+    case INPUT_COUNT:
+        break;
+    }
+    return false;
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+static bool check_time(journal_player *p)
+{
+    const uint64_t now = cw_bus_now(p->inputs.bus);
+    const uint32_t bit_ticks = live_config(p->live)->bit_ticks;
+    if (p->entry.at < now)
+        return fail(p, "at", "at: before the line above");
+    if (p->entry.at % bit_ticks == 0)
+        return true;
+    journal_complain(p->reader, "at", "at: not the end of a bit, which has %" PRIu32 " ticks",
+                     bit_ticks);
+    return false;
+}
+
+static void check_counters(journal_player *p)
+{
+    cw_bus_stats stats;
+    char how[80];
+    cw_bus_get_stats(p->inputs.bus, &stats);
+    for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
+        uint64_t now = journal_counters[i].read(&stats);
+        if (now == p->entry.counters[i])
+            continue;
+        (void)snprintf(how, sizeof how, "%s is %" PRIu64 " and was %" PRIu64,
+                       journal_counters[i].name, now, p->entry.counters[i]);
+        differ(p, p->entry.kind == JOURNAL_MARK ? "mark" : "end", how);
+        return;
+    }
+}
+
+static void tell_incomplete(journal_player *p, const char *why)
+{
+    char time[TIME_TEXT_MAX];
+    text_print_seconds(time, cw_bus_now(p->inputs.bus));
+    fprintf(p->errors, "%s: %s at %s s (line %zu, byte %" PRIu64 "); what followed is not known\n",
+            p->file, why, time, journal_line(p->reader), journal_byte(p->reader));
+}
+
+/* The bus at its end is not that of before: what is behind it can be read, but not run again. */
+static void tell_gap(journal_player *p)
+{
+    char begin[TIME_TEXT_MAX];
+    char end[TIME_TEXT_MAX];
+    text_print_seconds(begin, cw_bus_now(p->inputs.bus));
+    text_print_seconds(end, p->entry.at);
+    fprintf(p->errors,
+            "%s:%zu:1: nothing was written from %s s to %s s (%s), %" PRIu64
+            " lines are missing; what followed cannot be run again\n",
+            p->file, journal_line(p->reader), begin, end, p->entry.why, p->entry.missing);
+}
+
+static journal_outcome conclude(journal_player *p)
+{
+    journal_outcome outcome = JOURNAL_PLAYED;
+    if (p->entry.kind == JOURNAL_GAP) {
+        tell_gap(p);
+        outcome = JOURNAL_INCOMPLETE;
+    }
+    if (p->entry.kind == JOURNAL_BROKEN || p->entry.kind == JOURNAL_CUT) {
+        tell_incomplete(p, p->entry.kind == JOURNAL_CUT ? "the journal is cut off"
+                                                        : "the journal is broken");
+        outcome = JOURNAL_INCOMPLETE;
+    }
+    return p->differs ? JOURNAL_FAILED : outcome;
+}
+
+/* What is at its time. False: it cannot be done. */
+static bool play_entry(journal_player *p)
+{
+    switch (p->entry.kind) {
+    case JOURNAL_INPUT:
+        return act(p);
+    case JOURNAL_MARK:
+    case JOURNAL_END:
+        check_counters(p);
+        return true;
+    case JOURNAL_CONFIG:
+        return fail(p, "config", "there is a second configuration");
+    case JOURNAL_GAP:
+    case JOURNAL_BROKEN:
+    case JOURNAL_CUT:
+    case JOURNAL_BAD:
+        break;
+    }
+    return true;
+}
+
+journal_outcome journal_play(journal_player *p)
+{
+    const journal_entry *e = &p->entry;
+    do {
+        journal_next(p->reader, &p->entry);
+        if (e->kind == JOURNAL_BAD)
+            return JOURNAL_FAILED;
+        if (e->kind == JOURNAL_CUT || e->kind == JOURNAL_GAP)
+            return conclude(p);
+        if (!check_time(p))
+            return JOURNAL_FAILED;
+        bool advance = e->at > cw_bus_now(p->inputs.bus) || e->what.advanced;
+        if (advance && !p->calls.advance(p->user, e->at))
+            return p->differs ? JOURNAL_FAILED : JOURNAL_STOPPED;
+        if (!play_entry(p))
+            return JOURNAL_FAILED;
+    } while (e->kind != JOURNAL_END && e->kind != JOURNAL_BROKEN);
+    return conclude(p);
+}

@@ -1,0 +1,711 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * journal_read.c - reads a journal line by line.
+ *
+ * Each line is an object with one key that says what it is, and the others that the table at the
+ * end names for it.
+ */
+#include "run/journal_read.h"
+
+#include "base/arena.h"
+#include "base/buffer.h"
+#include "base/nearest.h"
+#include "base/text.h"
+#include "run/journal_seal.h"
+#include "run/settings.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define LINE_BYTES_MAX (512u << 20)
+#define READ_BYTES 65536u
+#define KEYS_MAX 8
+#define FILES_MAX 200u
+#define FLAGS_MAX 31u
+
+struct journal_reader {
+    const char *file; /* the caller's */
+    FILE *errors;
+    int fd;
+    buffer bytes;  /* read and not yet used */
+    bool at_end;   /* of the file */
+    bool over;     /* nothing more is to come */
+    bool failed;   /* to read the file */
+    size_t number; /* of the present line, from 1 */
+    uint64_t byte; /* the first of it */
+    unsigned version;
+    uint64_t last; /* what the line before has as its number */
+    uint64_t missing; /* lines before that one, which the line of a gap is still to tell of */
+    uint64_t tick; /* what it has as `at` */
+    bool damaged;  /* a line before this one is: numbers need not go on */
+    const char *line;
+    size_t length;
+    json_t *object; /* of the line */
+    arena arena;    /* of the entry */
+    char *writer;
+    char *bus;
+    char *started;
+};
+
+typedef struct key_spec {
+    const char *name;
+    json_type type; /* JSON_STRING also stands for {"hex": ...} where bytes are read */
+    bool required;
+} key_spec;
+
+typedef struct line_spec {
+    const char *name;
+    journal_kind kind;
+    input_kind input;
+    bool (*read)(journal_reader *r, journal_entry *entry);
+    json_type type;             /* of the key's own value */
+    key_spec keys[KEYS_MAX + 1]; /* besides `at` and `again` */
+} line_spec;
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+/* Behind the text that begins at i with a quote. */
+static size_t skip_text(const journal_reader *r, size_t i)
+{
+    for (i++; i < r->length && r->line[i] != '"'; i++)
+        i += r->line[i] == '\\';
+    return i + 1;
+}
+
+static bool is_key(const journal_reader *r, size_t begin, size_t end, const char *key)
+{
+    size_t length = strlen(key);
+    return end - begin == length + 2 && end < r->length && r->line[end] == ':' &&
+           memcmp(r->line + begin + 1, key, length) == 0;
+}
+
+/* Column of the value of a key of the object itself, from 1; 1 when it is not found. */
+static size_t column_of(const journal_reader *r, const char *key)
+{
+    unsigned depth = 0;
+    for (size_t i = 0; key && i < r->length;) {
+        char c = r->line[i];
+        if (c != '"') {
+            depth += c == '{' || c == '[';
+            depth -= (c == '}' || c == ']') && depth > 0;
+            i++;
+            continue;
+        }
+        size_t end = skip_text(r, i);
+        bool found = depth == 1 && is_key(r, i, end, key);
+        for (i = end; found && i + 1 < r->length && r->line[i + 1] == ' '; i++)
+            ;
+        if (found)
+            return i + 2;
+    }
+    return 1;
+}
+
+static void complain_at(journal_reader *r, size_t column, const char *format, va_list args)
+{
+    fprintf(r->errors, "%s:%zu:%zu: ", r->file, r->number, column);
+    vfprintf(r->errors, format, args);
+    fputc('\n', r->errors);
+}
+
+void journal_complain(journal_reader *r, const char *key, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    complain_at(r, column_of(r, key), format, args);
+    va_end(args);
+}
+
+/* Always false, for the caller to return. */
+static bool __attribute__((format(printf, 3, 4)))
+wrong(journal_reader *r, const char *key, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    complain_at(r, column_of(r, key), format, args);
+    va_end(args);
+    return false;
+}
+
+static bool no_memory(journal_reader *r)
+{
+    return wrong(r, NULL, "out of memory");
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+static const json_t *value_of(const journal_reader *r, const char *key)
+{
+    return json_object_get(r->object, key);
+}
+
+static const char *text_of(const journal_reader *r, const char *key)
+{
+    return json_string_value(value_of(r, key));
+}
+
+static bool read_number(journal_reader *r, uint64_t *out, const char *key, uint64_t max)
+{
+    const json_t *value = value_of(r, key);
+    if (!json_is_integer(value) || json_integer_value(value) < 0 ||
+        (uint64_t)json_integer_value(value) > max)
+        return wrong(r, key, "%s: expected a whole number from 0 to %" PRIu64, key, max);
+    *out = (uint64_t)json_integer_value(value);
+    return true;
+}
+
+static int hex_digit(char c)
+{
+    const char *digits = "0123456789abcdef";
+    const char *place = c ? strchr(digits, c >= 'A' && c <= 'F' ? c - 'A' + 'a' : c) : NULL;
+    return place ? (int)(place - digits) : -1;
+}
+
+/* Bytes of hexadecimal digits; false when they are none. */
+static bool read_hex(char *bytes, const char *hex, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        int high = hex_digit(hex[2 * i]);
+        int low = high < 0 ? -1 : hex_digit(hex[2 * i + 1]);
+        if (low < 0)
+            return false;
+        bytes[i] = (char)(high << 4 | low);
+    }
+    return hex[2 * count] == '\0';
+}
+
+/* A text, or {"hex": ...}; with a final 0 behind it. NULL after a complaint about the key. */
+static const char *read_bytes(journal_reader *r, size_t *size, const json_t *value, const char *key)
+{
+    const char *hex = json_string_value(json_object_get(value, "hex"));
+    const char *text = json_is_string(value) ? json_string_value(value) : hex;
+    if (!text) {
+        (void)wrong(r, key, "%s: expected a text or {\"hex\": ...}", key);
+        return NULL;
+    }
+    *size = hex ? strlen(hex) / 2 : json_string_length(value);
+    char *bytes = arena_alloc(&r->arena, *size + 1);
+    if (!bytes) {
+        (void)no_memory(r);
+        return NULL;
+    }
+    if (!hex)
+        memcpy(bytes, text, *size);
+    else if (!read_hex(bytes, hex, *size)) {
+        (void)wrong(r, key, "%s: hex: expected pairs of hexadecimal digits", key);
+        return NULL;
+    }
+    return bytes;
+}
+
+/* The same where a 0 in the middle would cut it. */
+static const char *read_word(journal_reader *r, const json_t *value, const char *key)
+{
+    size_t size;
+    const char *bytes = read_bytes(r, &size, value, key);
+    if (bytes && strlen(bytes) == size && size > 0)
+        return bytes;
+    if (bytes)
+        (void)wrong(r, key, "%s: expected a text that is not empty, without NUL", key);
+    return NULL;
+}
+
+/* ---- Entries --------------------------------------------------------------------------------- */
+
+static bool read_raw_frame(journal_reader *r, cw_frame *frame)
+{
+    uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are read */
+    char bytes[sizeof frame->data];
+    const char *data = text_of(r, "data");
+    if (!value_of(r, "id") || !value_of(r, "flags") || !value_of(r, "dlc") || !data)
+        return wrong(r, NULL, "send: expected either frame, or id, flags, dlc and data");
+    if (!read_number(r, &id, "id", UINT32_MAX) || !read_number(r, &flags, "flags", FLAGS_MAX) ||
+        !read_number(r, &dlc, "dlc", UINT8_MAX))
+        return false;
+    if (strlen(data) != 2 * sizeof bytes || !read_hex(bytes, data, sizeof bytes))
+        return wrong(r, "data", "data: expected %zu bytes in hexadecimal digits", sizeof bytes);
+    *frame = (cw_frame){.id = (uint32_t)id, .flags = (uint8_t)flags, .dlc = (uint8_t)dlc};
+    memcpy(frame->data, bytes, sizeof bytes);
+    return true;
+}
+
+static bool read_send(journal_reader *r, journal_entry *entry)
+{
+    const char *frame = text_of(r, "frame");
+    entry->node = text_of(r, "send");
+    entry->what.frame = &entry->frame;
+    if (!read_number(r, &entry->what.at_tick, "tick", INT64_MAX))
+        return false;
+    if (!frame)
+        return read_raw_frame(r, &entry->frame);
+    if (value_of(r, "id") || value_of(r, "flags") || value_of(r, "dlc") || value_of(r, "data"))
+        return wrong(r, "frame", "send: expected either frame, or id, flags, dlc and data");
+    const char *problem = text_parse_frame(&entry->frame, frame);
+    return !problem || wrong(r, "frame", "frame: %s", problem);
+}
+
+static bool read_inject(journal_reader *r, journal_entry *entry)
+{
+    entry->what.text = read_bytes(r, &entry->what.size, value_of(r, "inject"), "inject");
+    entry->what.name = entry->what.text ? read_word(r, value_of(r, "name"), "name") : NULL;
+    entry->what.refused = json_is_true(value_of(r, "refused"));
+    return entry->what.name != NULL;
+}
+
+static bool read_rule(journal_reader *r, journal_entry *entry)
+{
+    const char *key = entry->what.kind == INPUT_CLEAR ? "clear" : "fire";
+    entry->what.rule = text_of(r, key);
+    return true;
+}
+
+static bool read_restart(journal_reader *r, journal_entry *entry)
+{
+    entry->node = text_of(r, "restart");
+    return true;
+}
+
+static bool read_attach(journal_reader *r, journal_entry *entry)
+{
+    entry->what.on = value_of(r, "attach") != NULL;
+    entry->node = text_of(r, entry->what.on ? "attach" : "detach");
+    return true;
+}
+
+static bool read_set(journal_reader *r, journal_entry *entry)
+{
+    char error[SETTINGS_ERROR_MAX];
+    entry->node = text_of(r, "set");
+    entry->what.settings = &entry->settings;
+    return settings_from_json(&entry->settings, error, value_of(r, "settings")) ||
+           wrong(r, "settings", "settings: %s", error);
+}
+
+static bool read_skip(journal_reader *r, journal_entry *entry)
+{
+    return read_number(r, &entry->what.skipped, "skip", INT64_MAX) &&
+           (!value_of(r, "earlier") ||
+            read_number(r, &entry->what.earlier, "earlier", INT64_MAX));
+}
+
+static bool read_file(journal_reader *r, cfg_file *file, const json_t *value, const char *key)
+{
+    if (!json_is_object(value) || json_object_size(value) != 2 || !json_object_get(value, "name") ||
+        !json_object_get(value, "text"))
+        return wrong(r, key, "%s: expected a list of files, {\"name\": ..., \"text\": ...}", key);
+    file->name = read_word(r, json_object_get(value, "name"), key);
+    if (!file->name)
+        return false;
+    file->text = read_bytes(r, &file->size, json_object_get(value, "text"), key);
+    return file->text != NULL;
+}
+
+static bool read_files(journal_reader *r, journal_entry *entry)
+{
+    const char *key = entry->kind == JOURNAL_CONFIG ? "config" : "reload";
+    const json_t *list = value_of(r, key);
+    size_t count = json_array_size(list);
+    if (count == 0 || count > FILES_MAX)
+        return wrong(r, key, "%s: expected 1 to %u files", key, FILES_MAX);
+    cfg_file *files = arena_alloc(&r->arena, count * sizeof *files);
+    if (!files)
+        return no_memory(r);
+    for (size_t i = 0; i < count; i++)
+        if (!read_file(r, &files[i], json_array_get(list, i), key))
+            return false;
+    entry->files = files;
+    entry->file_count = count;
+    return true;
+}
+
+static bool read_counters(journal_reader *r, journal_entry *entry)
+{
+    const char *key = entry->kind == JOURNAL_MARK ? "mark" : "end";
+    const json_t *counters = value_of(r, key);
+    for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
+        const json_t *value = json_object_get(counters, journal_counters[i].name);
+        if (!json_is_integer(value) || json_integer_value(value) < 0)
+            return wrong(r, key, "%s: expected a whole number at '%s'", key,
+                         journal_counters[i].name);
+        entry->counters[i] = (uint64_t)json_integer_value(value);
+    }
+    return json_object_size(counters) == JOURNAL_COUNTERS ||
+           wrong(r, key, "%s: there are more counters than are known", key);
+}
+
+static bool read_gap(journal_reader *r, journal_entry *entry)
+{
+    entry->why = json_string_value(json_object_get(value_of(r, "gap"), "why"));
+    return entry->why || wrong(r, "gap", "gap: the key 'why' is missing");
+}
+
+static bool read_nothing(journal_reader *r, journal_entry *entry)
+{
+    (void)r;
+    (void)entry;
+    return true;
+}
+
+static const line_spec specs[] = {
+    {"config", JOURNAL_CONFIG, INPUT_COUNT, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
+    {"send", JOURNAL_INPUT, INPUT_SEND, read_send, JSON_STRING,
+     {{"tick", JSON_INTEGER, true},
+      {"frame", JSON_STRING, false},
+      {"id", JSON_INTEGER, false},
+      {"flags", JSON_INTEGER, false},
+      {"dlc", JSON_INTEGER, false},
+      {"data", JSON_STRING, false}}},
+    {"inject", JOURNAL_INPUT, INPUT_INJECT, read_inject, JSON_NULL,
+     {{"name", JSON_NULL, true}, {"refused", JSON_TRUE, false}}},
+    {"clear", JOURNAL_INPUT, INPUT_CLEAR, read_rule, JSON_STRING, {{NULL, JSON_NULL, false}}},
+    {"fire", JOURNAL_INPUT, INPUT_FIRE, read_rule, JSON_STRING, {{NULL, JSON_NULL, false}}},
+    {"restart", JOURNAL_INPUT, INPUT_RESTART, read_restart, JSON_STRING,
+     {{NULL, JSON_NULL, false}}},
+    {"set", JOURNAL_INPUT, INPUT_SET, read_set, JSON_STRING, {{"settings", JSON_OBJECT, true}}},
+    {"attach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
+    {"detach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
+    {"skip", JOURNAL_INPUT, INPUT_SKIP, read_skip, JSON_INTEGER,
+     {{"earlier", JSON_INTEGER, false}}},
+    {"reload", JOURNAL_INPUT, INPUT_RELOAD, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
+    {"mark", JOURNAL_MARK, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
+    {"end", JOURNAL_END, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
+    {"gap", JOURNAL_GAP, INPUT_COUNT, read_gap, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
+    {"broken", JOURNAL_BROKEN, INPUT_COUNT, read_nothing, JSON_TRUE, {{NULL, JSON_NULL, false}}},
+};
+
+#define SPECS (sizeof specs / sizeof specs[0])
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+/* Whether a key is the reader's own, and no line has to name it. */
+static bool is_common(const journal_reader *r, const char *key)
+{
+    return strcmp(key, "at") == 0 ||
+           (r->version > 1 && (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0));
+}
+
+/* JSON_NULL stands for anything. */
+static bool check_type(journal_reader *r, const char *key, json_type type)
+{
+    static const char *const names[] = {[JSON_OBJECT] = "an object",
+                                        [JSON_ARRAY] = "a list",
+                                        [JSON_STRING] = "a text",
+                                        [JSON_INTEGER] = "a whole number",
+                                        [JSON_TRUE] = "true"};
+    const json_t *value = value_of(r, key);
+    if (type == JSON_NULL || json_typeof(value) == type)
+        return true;
+    return wrong(r, key, "%s: expected %s", key, names[type]);
+}
+
+static const key_spec *find_key(const line_spec *spec, const char *name)
+{
+    for (const key_spec *key = spec->keys; key->name; key++)
+        if (strcmp(key->name, name) == 0)
+            return key;
+    return NULL;
+}
+
+static const line_spec *find_spec(journal_reader *r)
+{
+    for (size_t i = 0; i < SPECS; i++)
+        if (value_of(r, specs[i].name))
+            return &specs[i];
+    nearest guess = {.word = ""};
+    for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
+        const char *key = json_object_iter_key(i);
+        if (is_common(r, key))
+            continue;
+        guess = (nearest){.word = key};
+        for (size_t k = 0; k < SPECS; k++)
+            nearest_consider(&guess, specs[k].name);
+        break;
+    }
+    (void)wrong(r, *guess.word ? guess.word : NULL, "this is no line of a journal%s%s%s",
+                guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                guess.best ? "'?)" : "");
+    return NULL;
+}
+
+static bool check_keys(journal_reader *r, const line_spec *spec)
+{
+    for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
+        const char *name = json_object_iter_key(i);
+        const key_spec *key = find_key(spec, name);
+        if (is_common(r, name) || strcmp(name, spec->name) == 0 ||
+            (strcmp(name, "again") == 0 && spec->kind != JOURNAL_CONFIG))
+            continue;
+        if (!key)
+            return wrong(r, name, "%s: there is no key '%.40s'", spec->name, name);
+        if (!check_type(r, name, key->type))
+            return false;
+    }
+    for (const key_spec *key = spec->keys; key->name; key++)
+        if (key->required && !value_of(r, key->name))
+            return wrong(r, NULL, "%s: the key '%s' is missing", spec->name, key->name);
+    return check_type(r, spec->name, spec->type);
+}
+
+/* Numbers go on one by one; at a gap those of the lines in it are left out. Where header or
+ * configuration had to be written once more they stand before the line of the gap, with what is
+ * missing before them. */
+static bool check_number(journal_reader *r, journal_entry *entry)
+{
+    uint64_t number = 0;
+    if (r->version < 2)
+        return true;
+    if (!read_number(r, &number, "n", INT64_MAX))
+        return false;
+    const uint64_t missing = r->missing + (number > r->last ? number - r->last - 1 : 0);
+    const bool again = number <= r->last;
+    const bool known = r->damaged || value_of(r, "gap");
+    const bool told_later = !known && value_of(r, "config");
+    r->last = number;
+    r->damaged = false;
+    r->missing = told_later ? missing : 0;
+    entry->missing = missing;
+    if (again)
+        return wrong(r, "n", "damaged: line number %" PRIu64 " has been there before", number);
+    return missing == 0 || known || told_later ||
+           wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
+}
+
+static bool understand(journal_reader *r, journal_entry *entry)
+{
+    if (!check_number(r, entry))
+        return false;
+    if (!value_of(r, "at"))
+        return wrong(r, NULL, "the key 'at' is missing");
+    if (!read_number(r, &entry->at, "at", INT64_MAX))
+        return false;
+    const line_spec *spec = find_spec(r);
+    if (!spec || !check_keys(r, spec))
+        return false;
+    if (value_of(r, "again") && !check_type(r, "again", JSON_TRUE))
+        return false;
+    entry->kind = spec->kind;
+    entry->what.kind = spec->input;
+    entry->what.now = entry->at;
+    entry->what.advanced = value_of(r, "again") != NULL;
+    r->tick = entry->at;
+    return spec->read(r, entry);
+}
+
+/* ---- The file -------------------------------------------------------------------------------- */
+
+/* Reads on. False at the end of the file, and after a complaint, with which everything is over. */
+static bool read_more(journal_reader *r)
+{
+    if (r->at_end)
+        return false;
+    r->over = true;
+    r->failed = true;
+    if (buffer_length(&r->bytes) > LINE_BYTES_MAX)
+        return wrong(r, NULL, "the line is too long");
+    if (!buffer_reserve(&r->bytes, READ_BYTES))
+        return no_memory(r);
+    ssize_t count;
+    do
+        count = read(r->fd, r->bytes.data + r->bytes.end, READ_BYTES);
+    while (count < 0 && errno == EINTR);
+    if (count < 0)
+        return wrong(r, NULL, "cannot read: %s", strerror(errno));
+    r->over = false;
+    r->failed = false;
+    r->bytes.end += (size_t)count;
+    r->at_end = count == 0;
+    return count > 0;
+}
+
+/* The next line without its end. False when there is none; one without end is none. */
+static bool next_line(journal_reader *r)
+{
+    size_t searched = 0;
+    if (r->line) {
+        buffer_take(&r->bytes, r->length + 1);
+        r->byte += r->length + 1;
+    }
+    r->line = NULL;
+    r->length = 0;
+    r->number++;
+    for (;;) {
+        size_t length = buffer_length(&r->bytes);
+        const char *first = length > 0 ? buffer_first(&r->bytes) : NULL;
+        const char *end = first ? memchr(first + searched, '\n', length - searched) : NULL;
+        if (end) {
+            r->line = first;
+            r->length = (size_t)(end - first);
+            return true;
+        }
+        searched = length;
+        if (!read_more(r))
+            return false;
+    }
+}
+
+/* The header says whether there are seals, but it is looked at first. */
+static bool check_seal(journal_reader *r)
+{
+    char time[TIME_TEXT_MAX];
+    journal_seal seal = journal_seal_check(r->line, r->length);
+    if (seal == JOURNAL_SEAL_GOOD || (seal == JOURNAL_SEAL_NONE && r->version < 2))
+        return true;
+    text_print_seconds(time, r->tick);
+    r->damaged = true;
+    return wrong(r, NULL, "damaged: %s, bytes %" PRIu64 " to %" PRIu64 " of the file, behind %s s",
+                 seal == JOURNAL_SEAL_NONE ? "no checksum" : "wrong checksum", r->byte,
+                 r->byte + r->length, time);
+}
+
+/* The line as an object; false after a complaint. */
+static bool parse_line(journal_reader *r)
+{
+    json_error_t error;
+    json_decref(r->object);
+    r->object = NULL;
+    if (!check_seal(r))
+        return false;
+    r->object = json_loadb(r->line, r->length, JSON_REJECT_DUPLICATES | JSON_ALLOW_NUL, &error);
+    if (json_is_object(r->object))
+        return true;
+    if (r->object)
+        return wrong(r, NULL, "expected an object");
+    fprintf(r->errors, "%s:%zu:%d: %s\n", r->file, r->number, error.column > 0 ? error.column : 1,
+            error.text);
+    return false;
+}
+
+static bool read_header(journal_reader *r)
+{
+    static const char none[] = "this is no journal: expected {\"canwire-journal\": ...}";
+    uint64_t version = 0;
+    if (!next_line(r))
+        return !r->over && wrong(r, NULL, "%s", none);
+    if (!parse_line(r))
+        return false;
+    const char *writer = text_of(r, "canwire");
+    if (!value_of(r, "canwire-journal") || !writer)
+        return wrong(r, NULL, "%s", none);
+    if (!read_number(r, &version, "canwire-journal", INT64_MAX))
+        return false;
+    if (version < 1 || version > JOURNAL_VERSION)
+        return wrong(r, "canwire-journal",
+                     "version %" PRIu64 " of journals is not known, only 1 to %d", version,
+                     JOURNAL_VERSION);
+    r->version = (unsigned)version;
+    const char *bus = text_of(r, "bus");
+    const char *started = text_of(r, "started");
+    r->writer = strdup(writer);
+    r->bus = strdup(bus ? bus : "");
+    r->started = strdup(started ? started : "");
+    if (!r->writer || !r->bus || !r->started)
+        return no_memory(r);
+    if (r->version < 2)
+        return true;
+    if (!check_seal(r) || !read_number(r, &r->last, "n", INT64_MAX))
+        return false;
+    r->missing = r->last > 0 ? r->last - 1 : 0;
+    return true;
+}
+
+journal_reader *journal_open(const char *file, FILE *errors)
+{
+    int fd = open(file, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+        fprintf(errors, "%s: %s\n", file, strerror(errno));
+        return NULL;
+    }
+    journal_reader *r = calloc(1, sizeof *r);
+    if (!r) {
+        fprintf(errors, "%s: out of memory\n", file);
+        (void)close(fd);
+        return NULL;
+    }
+    *r = (journal_reader){.file = file, .errors = errors, .fd = fd};
+    if (read_header(r))
+        return r;
+    journal_close(r);
+    return NULL;
+}
+
+void journal_close(journal_reader *r)
+{
+    if (!r)
+        return;
+    (void)close(r->fd);
+    json_decref(r->object);
+    arena_free(&r->arena);
+    buffer_free(&r->bytes);
+    free(r->writer);
+    free(r->bus);
+    free(r->started);
+    free(r);
+}
+
+const char *journal_writer(const journal_reader *r)
+{
+    return r->writer;
+}
+
+void journal_next(journal_reader *r, journal_entry *entry)
+{
+    *entry = (journal_entry){.kind = JOURNAL_BAD};
+    arena_free(&r->arena);
+    if (r->over)
+        return;
+    if (next_line(r)) {
+        if (!parse_line(r) || !understand(r, entry))
+            entry->kind = JOURNAL_BAD;
+    } else if (!r->over) {
+        entry->kind = JOURNAL_CUT;
+    }
+    r->over = entry->kind != JOURNAL_CONFIG && entry->kind != JOURNAL_INPUT &&
+              entry->kind != JOURNAL_MARK && entry->kind != JOURNAL_GAP;
+}
+
+bool journal_go_on(journal_reader *r)
+{
+    r->over = r->failed;
+    return !r->over;
+}
+
+bool journal_is_at_end(journal_reader *r)
+{
+    return buffer_length(&r->bytes) <= r->length + (r->line != NULL) && !read_more(r);
+}
+
+size_t journal_line(const journal_reader *r)
+{
+    return r->number;
+}
+
+uint64_t journal_byte(const journal_reader *r)
+{
+    return r->byte;
+}
+
+uint64_t journal_tick(const journal_reader *r)
+{
+    return r->tick;
+}
+
+unsigned journal_version(const journal_reader *r)
+{
+    return r->version;
+}
+
+const char *journal_bus(const journal_reader *r)
+{
+    return r->bus;
+}
+
+const char *journal_started(const journal_reader *r)
+{
+    return r->started;
+}

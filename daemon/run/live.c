@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * live.c - the configuration that is in effect: that of the file, with the rules of now.
+ */
+#include "run/live.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct live {
+    cfg now;  /* as the file, but its rules are those below */
+    cfg *file;
+    cw_rule rules[CW_RULES_MAX];
+    const char *names[CW_RULES_MAX]; /* of the rules */
+    char *injected[CW_RULES_MAX]; /* names of our own; NULL for rules of the file */
+};
+
+static void take(live *l, cfg *config)
+{
+    assert(config->rule_count <= CW_RULES_MAX);
+    for (size_t i = 0; i < config->rule_count; i++) {
+        l->rules[i] = config->rules[i];
+        l->names[i] = config->rules[i].name;
+    }
+    l->file = config;
+    l->now = *config;
+    l->now.rules = l->rules;
+}
+
+live *live_new(cfg *config)
+{
+    live *l = calloc(1, sizeof *l);
+    if (l)
+        take(l, config);
+    return l;
+}
+
+void live_replace(live *l, cfg *config)
+{
+    while (l->now.rule_count > 0)
+        live_remove(l, (unsigned)l->now.rule_count - 1);
+    cfg_free(l->file);
+    take(l, config);
+}
+
+void live_free(live *l)
+{
+    if (!l)
+        return;
+    for (unsigned i = 0; i < CW_RULES_MAX; i++)
+        free(l->injected[i]);
+    cfg_free(l->file);
+    free(l);
+}
+
+const cfg *live_config(const live *l)
+{
+    return &l->now;
+}
+
+cfg_running live_running(const live *l)
+{
+    return (cfg_running){.count = l->now.rule_count, .names = l->names};
+}
+
+bool live_find(const live *l, unsigned *index, const char *name)
+{
+    for (unsigned i = 0; i < l->now.rule_count; i++) {
+        if (l->names[i] && strcmp(l->names[i], name) == 0) {
+            *index = i;
+            return true;
+        }
+    }
+    return false;
+}
+
+bool live_is_injected(const live *l, unsigned index)
+{
+    return index < CW_RULES_MAX && l->injected[index];
+}
+
+void live_put(live *l, unsigned index, const cw_rule *rule, char *name)
+{
+    assert(index < CW_RULES_MAX && !l->names[index]);
+    l->injected[index] = name;
+    l->rules[index] = *rule;
+    l->rules[index].name = name;
+    l->names[index] = name;
+    if (index >= l->now.rule_count)
+        l->now.rule_count = index + 1u;
+}
+
+void live_remove(live *l, unsigned index)
+{
+    assert(index < l->now.rule_count);
+    free(l->injected[index]);
+    l->injected[index] = NULL;
+    l->names[index] = NULL;
+    l->rules[index] = (cw_rule){.name = NULL};
+    while (l->now.rule_count > 0 && !l->names[l->now.rule_count - 1])
+        l->now.rule_count--;
+}

@@ -1,0 +1,555 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * release.c - the traffic of nodes without port: when which frame is handed in.
+ *
+ * A binary heap over the sources of frames, ordered by time and then by their place in the file.
+ * Replays with `speed: max` are not in it while they wait for their node.
+ */
+#include "run/release.h"
+
+#include "run/replay.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LATE_TICKS (CW_CLOCK_HZ / 1000u) /* until a file that is read ahead is asked again */
+#define LATE_TOLD_TICKS CW_CLOCK_HZ
+#define LOOK_BITS 100u /* too few for a node to go bus-off and come back */
+
+typedef struct source {
+    const cfg_traffic *traffic;
+    unsigned node;
+    unsigned place;        /* in the file */
+    uint64_t done;         /* send: releases so far */
+    uint64_t tick;         /* of the next one */
+    uint64_t jitter_seed;  /* of the stream of this entry */
+    uint64_t jitter_ticks; /* at most */
+    replay *replay;        /* NULL of a send, and of a replay that is over or has moved on */
+    bool has_frame;        /* of a replay: `frame` is the next one */
+    bool late;             /* of a replay: its file has not been read so far */
+    uint64_t late_ticks;   /* ... for so long */
+    bool waits;            /* speed: max, and not in the heap */
+    bool moved;            /* another plan goes on with it */
+    bool told;             /* what was left out of its file */
+    cw_frame frame;
+} source;
+
+struct release_plan {
+    const cfg *config;
+    release_teller *tell;
+    void *user;
+    uint32_t bit_ticks;
+    unsigned fast; /* replays with `speed: max` that are not over */
+    bool failed;
+    size_t source_count;
+    source *sources;
+    size_t count; /* of the heap */
+    source *heap[];
+};
+
+/* ---- Heap ------------------------------------------------------------------------------------ */
+
+static bool comes_before(const source *a, const source *b)
+{
+    return a->tick < b->tick || (a->tick == b->tick && a->place < b->place);
+}
+
+static void swap(source **a, source **b)
+{
+    source *t = *a;
+    *a = *b;
+    *b = t;
+}
+
+static void sift_down(release_plan *plan, size_t i)
+{
+    for (;;) {
+        size_t child = 2 * i + 1;
+        if (child >= plan->count)
+            return;
+        if (child + 1 < plan->count && comes_before(plan->heap[child + 1], plan->heap[child]))
+            child++;
+        if (!comes_before(plan->heap[child], plan->heap[i]))
+            return;
+        swap(&plan->heap[child], &plan->heap[i]);
+        i = child;
+    }
+}
+
+static void push(release_plan *plan, source *s)
+{
+    size_t i = plan->count++;
+    plan->heap[i] = s;
+    for (; i > 0 && comes_before(s, plan->heap[(i - 1) / 2]); i = (i - 1) / 2)
+        swap(&plan->heap[i], &plan->heap[(i - 1) / 2]);
+}
+
+static void pop(release_plan *plan)
+{
+    plan->heap[0] = plan->heap[--plan->count];
+    sift_down(plan, 0);
+}
+
+/* ---- send ------------------------------------------------------------------------------------ */
+
+/* Which of the node's entries with the same frame it is. */
+static uint64_t ordinal(const cfg_node *node, const cfg_traffic *traffic)
+{
+    uint64_t before = 0;
+    for (const cfg_traffic *t = node->traffic; t < traffic; t++)
+        before += t->kind == CFG_TRAFFIC_SEND && cw_frame_equal(&t->frame, &traffic->frame);
+    return before;
+}
+
+/* The stream depends on seed, node and frame, so that other entries change nothing in it. */
+static void start_send(release_plan *plan, source *s)
+{
+    char frame[FRAME_TEXT_MAX];
+    const cfg_node *node = &plan->config->nodes[s->node];
+    s->jitter_ticks = text_time_ticks(s->traffic->jitter, plan->bit_ticks);
+    if (s->jitter_ticks == 0)
+        return;
+    text_print_frame(frame, &s->traffic->frame);
+    uint64_t seed = cw_random(plan->config->seed, node->name, ordinal(node, s->traffic));
+    s->jitter_seed = cw_random(seed, frame, 0);
+}
+
+/* Release k. Jitter delays it, but never beyond the place of the next one without jitter. */
+static uint64_t send_tick(const release_plan *plan, const source *s, uint64_t k)
+{
+    const cfg_traffic *t = s->traffic;
+    uint64_t tick = text_time_ticks_sum(t->offset, k, t->every, plan->bit_ticks);
+    if (s->jitter_ticks == 0)
+        return tick;
+    uint64_t draw = cw_random(s->jitter_seed, "jitter", k);
+    uint64_t delay = s->jitter_ticks == UINT64_MAX ? draw : draw % (s->jitter_ticks + 1);
+    uint64_t late = delay < CW_NEVER - tick ? tick + delay : CW_NEVER;
+    uint64_t next = t->has_every && k + 1 < t->count
+                        ? text_time_ticks_sum(t->offset, k + 1, t->every, plan->bit_ticks)
+                        : CW_NEVER;
+    return late < next ? late : next;
+}
+
+/* The first release at or after a tick; s->traffic->count when there is none. */
+static uint64_t first_from(const release_plan *plan, const source *s, uint64_t tick)
+{
+    uint64_t low = 0;
+    uint64_t high = s->traffic->count;
+    while (low < high) {
+        uint64_t middle = low + (high - low) / 2;
+        if (send_tick(plan, s, middle) < tick)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* ---- replay ---------------------------------------------------------------------------------- */
+
+static bool same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* Whether another source has said the same already: nodes may share a file. */
+static bool is_known(const release_plan *plan, const source *s)
+{
+    for (size_t i = 0; i < plan->source_count; i++) {
+        const source *other = &plan->sources[i];
+        if (other->told && other->traffic->kind == CFG_TRAFFIC_REPLAY &&
+            same_text(other->traffic->file, s->traffic->file) &&
+            same_text(other->traffic->channel, s->traffic->channel))
+            return true;
+    }
+    return false;
+}
+
+static void tell_note(const release_plan *plan, source *s)
+{
+    char note[REPLAY_NOTE_MAX];
+    if (!s->told && replay_note(s->replay, is_known(plan, s), note))
+        plan->tell(plan->user, false, note);
+    s->told = true;
+}
+
+static void end_replay(release_plan *plan, source *s, const char *problem)
+{
+    if (s->replay)
+        tell_note(plan, s);
+    if (problem) {
+        plan->tell(plan->user, true, problem);
+        plan->failed = true;
+    }
+    if (s->replay && s->traffic->fast)
+        plan->fast--;
+    replay_close(s->replay);
+    s->replay = NULL;
+}
+
+/* Asks again later, and says so when that goes on. */
+static void note_late(const release_plan *plan, source *s)
+{
+    char text[TRACE_PROBLEM_MAX];
+    s->tick = s->tick < CW_NEVER - LATE_TICKS ? s->tick + LATE_TICKS : CW_NEVER;
+    s->late_ticks += LATE_TICKS;
+    if (s->late_ticks != LATE_TOLD_TICKS)
+        return;
+    (void)snprintf(text, sizeof text, "%s: reading it takes long, its frames come late",
+                   s->traffic->file);
+    plan->tell(plan->user, false, text);
+}
+
+/* Looks for the next frame of a file. Returns false when it is over. When one comes late, all
+ * behind it come as much later: at once they would be too many for the node's queue. */
+static bool fetch(release_plan *plan, source *s)
+{
+    const uint64_t asked = s->tick;
+    replay_step step = replay_next(s->replay, &s->frame, &s->tick);
+    s->has_frame = step == REPLAY_FRAME;
+    s->late = step == REPLAY_LATER;
+    if (s->tick < asked && !s->traffic->fast)
+        replay_delay(s->replay, asked - s->tick);
+    if (s->tick < asked || s->traffic->fast) /* whose times mean nothing */
+        s->tick = asked;
+    if (s->late)
+        note_late(plan, s);
+    else
+        s->late_ticks = 0;
+    if (step == REPLAY_FAILED || step == REPLAY_OVER)
+        end_replay(plan, s, step == REPLAY_FAILED ? replay_problem(s->replay) : NULL);
+    return s->replay != NULL;
+}
+
+static void start_replay(release_plan *plan, source *s)
+{
+    char problem[TRACE_PROBLEM_MAX];
+    s->replay = replay_open(s->traffic, plan->bit_ticks, 0, problem);
+    if (!s->replay) {
+        end_replay(plan, s, problem);
+        return;
+    }
+    plan->fast += s->traffic->fast;
+    (void)fetch(plan, s);
+}
+
+static bool same_replay(const cfg_traffic *a, const cfg_traffic *b)
+{
+    return a->kind == CFG_TRAFFIC_REPLAY && b->kind == CFG_TRAFFIC_REPLAY &&
+           same_text(a->file, b->file) && same_text(a->channel, b->channel) &&
+           a->format == b->format && a->fast == b->fast && a->count == b->count &&
+           a->offset.ns == b->offset.ns && a->offset.bits == b->offset.bits &&
+           a->gap.ns == b->gap.ns && a->gap.bits == b->gap.bits &&
+           a->filter_count == b->filter_count &&
+           memcmp(a->filters, b->filters, a->filter_count * sizeof a->filters[0]) == 0;
+}
+
+/* ---- Plans ----------------------------------------------------------------------------------- */
+
+static void start(release_plan *plan, source *s)
+{
+    if (s->traffic->kind == CFG_TRAFFIC_REPLAY) {
+        start_replay(plan, s);
+        return;
+    }
+    start_send(plan, s);
+    s->tick = send_tick(plan, s, 0);
+}
+
+/* Where a source belongs that has not begun, or goes on elsewhere. */
+static void place(release_plan *plan, source *s)
+{
+    bool is_replay = s->traffic->kind == CFG_TRAFFIC_REPLAY;
+    s->waits = is_replay && s->replay && s->traffic->fast;
+    if (!s->waits && (is_replay ? s->replay != NULL : s->done < s->traffic->count))
+        push(plan, s);
+}
+
+static void add_node(release_plan *plan, const cfg_node *node, unsigned index)
+{
+    for (size_t t = 0; t < node->traffic_count; t++) {
+        if (node->traffic[t].kind == CFG_TRAFFIC_REPLY)
+            continue;
+        unsigned number = (unsigned)plan->source_count++;
+        source *s = &plan->sources[number];
+        *s = (source){.traffic = &node->traffic[t], .node = index, .place = number};
+        start(plan, s);
+        place(plan, s);
+    }
+}
+
+release_plan *release_plan_new(const cfg *config, release_teller *tell, void *user)
+{
+    size_t sources = 0;
+    for (size_t i = 0; i < config->node_count; i++)
+        sources += config->nodes[i].traffic_count;
+    release_plan *plan = calloc(1, sizeof *plan + sources * sizeof plan->heap[0]);
+    source *all = calloc(sources + 1, sizeof *all);
+    if (!plan || !all) {
+        free(plan);
+        free(all);
+        return NULL;
+    }
+    plan->config = config;
+    plan->tell = tell;
+    plan->user = user;
+    plan->bit_ticks = config->bit_ticks;
+    plan->sources = all;
+    for (size_t i = 0; i < config->node_count; i++)
+        add_node(plan, &config->nodes[i], (unsigned)i);
+    return plan;
+}
+
+bool release_read_ahead(release_plan *plan)
+{
+    for (size_t i = 0; i < plan->source_count; i++)
+        if (plan->sources[i].replay && !replay_read_ahead(plan->sources[i].replay))
+            return false;
+    return true;
+}
+
+void release_plan_free(release_plan *plan)
+{
+    if (!plan)
+        return;
+    for (size_t i = 0; i < plan->source_count; i++)
+        if (plan->sources[i].replay)
+            end_replay(plan, &plan->sources[i], NULL);
+    free(plan->sources);
+    free(plan);
+}
+
+/* ---- Taking over ----------------------------------------------------------------------------- */
+
+/* The source of the old plan that a replay goes on from, or NULL. */
+static source *find_old(release_plan *old, const source *s, uint8_t node)
+{
+    for (size_t i = 0; node != CW_NO_NODE && i < old->source_count; i++) {
+        source *o = &old->sources[i];
+        if (o->node == node && !o->moved && same_replay(o->traffic, s->traffic))
+            return o;
+    }
+    return NULL;
+}
+
+static void go_on_from(source *s, source *old)
+{
+    replay_close(s->replay); /* only opened to see whether it can be */
+    s->replay = old->replay;
+    s->tick = old->tick;
+    s->has_frame = old->has_frame;
+    s->frame = old->frame;
+    s->told = old->told;
+    old->replay = NULL;
+    old->moved = true;
+    if (s->replay)
+        replay_set_traffic(s->replay, s->traffic);
+}
+
+void release_take_over(release_plan *plan, release_plan *old, const uint8_t from[CW_NODES_MAX],
+                       uint64_t tick)
+{
+    plan->count = 0;
+    plan->fast = 0;
+    for (size_t i = 0; i < plan->source_count; i++) {
+        source *s = &plan->sources[i];
+        source *o = find_old(old, s, from[s->node]);
+        if (o) {
+            go_on_from(s, o);
+        } else if (s->replay) {
+            replay_move(s->replay, tick);
+            s->tick = s->tick < CW_NEVER - tick ? s->tick + tick : CW_NEVER;
+        } else if (s->traffic->kind == CFG_TRAFFIC_SEND) {
+            s->done = first_from(plan, s, tick);
+            if (s->done < s->traffic->count)
+                s->tick = send_tick(plan, s, s->done);
+        }
+        plan->fast += s->replay && s->traffic->fast;
+        place(plan, s);
+    }
+}
+
+/* ---- Releases -------------------------------------------------------------------------------- */
+
+uint64_t release_next_tick(const release_plan *plan)
+{
+    return plan->count ? plan->heap[0]->tick : CW_NEVER;
+}
+
+const cw_frame *release_first(const release_plan *plan, unsigned *node)
+{
+    assert(plan->count > 0);
+    const source *s = plan->heap[0];
+    *node = s->node;
+    if (s->traffic->kind == CFG_TRAFFIC_SEND)
+        return &s->traffic->frame;
+    return s->has_frame ? &s->frame : NULL;
+}
+
+/* In a heap what comes second is one of two. */
+bool release_is_alone(const release_plan *plan, uint64_t before)
+{
+    assert(plan->count > 0);
+    for (size_t i = 1; i < 3 && i < plan->count; i++)
+        if (plan->heap[i]->tick < before)
+            return false;
+    return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
+}
+
+/* The first source goes on to its next release, or away. */
+static void go_on(release_plan *plan)
+{
+    source *s = plan->heap[0];
+    bool goes_on;
+    if (s->traffic->kind == CFG_TRAFFIC_SEND) {
+        goes_on = ++s->done < s->traffic->count;
+        if (goes_on)
+            s->tick = send_tick(plan, s, s->done);
+    } else {
+        s->waits = fetch(plan, s) && s->traffic->fast && !s->late;
+        goes_on = s->replay && !s->waits;
+    }
+    if (goes_on)
+        sift_down(plan, 0);
+    else
+        pop(plan);
+}
+
+cw_status release_hand_in(release_plan *plan, cw_bus *bus)
+{
+    unsigned node;
+    const cw_frame *frame = release_first(plan, &node);
+    cw_status status = frame ? cw_node_send(bus, node, frame, plan->heap[0]->tick) : CW_OK;
+    if (status == CW_OK)
+        go_on(plan);
+    return status;
+}
+
+/* ---- Files that wait for their node ---------------------------------------------------------- */
+
+bool release_is_fast(const release_plan *plan)
+{
+    return plan->fast > 0;
+}
+
+static bool node_is_free(const cw_bus *bus, unsigned node)
+{
+    cw_node_stats stats;
+    cw_settings settings;
+    return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue == 0 && stats.inbox == 0 &&
+           stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
+           !(settings.modes & CW_MODE_LISTEN_ONLY);
+}
+
+/* A node that has a frame to send is done with it at an end of a frame, if it is not one-shot. */
+static bool is_busy_till_end_of_frame(const cw_bus *bus, unsigned node)
+{
+    cw_node_stats stats;
+    cw_settings settings;
+    return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue > 0 &&
+           stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
+           !(settings.modes & CW_MODE_ONE_SHOT);
+}
+
+uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)
+{
+    uint64_t now = cw_bus_now(bus);
+    uint64_t next = cw_bus_next(bus);
+    uint64_t last = now + (uint64_t)LOOK_BITS * plan->bit_ticks;
+    for (size_t i = 0; i < plan->source_count; i++) {
+        const source *s = &plan->sources[i];
+        if (s->waits && !(s->has_frame && is_busy_till_end_of_frame(bus, s->node)))
+            return now + plan->bit_ticks;
+    }
+    next = next < last ? next : last;
+    next -= (next - now) % plan->bit_ticks;
+    return next > now ? next : now + plan->bit_ticks;
+}
+
+static void look(release_plan *plan, source *s, const cw_bus *bus)
+{
+    if (!s->has_frame)
+        s->tick = cw_bus_now(bus);
+    bool over = !s->has_frame && !fetch(plan, s);
+    if (!over && !s->late && (!s->has_frame || !node_is_free(bus, s->node)))
+        return;
+    s->waits = false;
+    if (over)
+        return;
+    if (!s->late)
+        s->tick = cw_bus_now(bus) + 1; /* the events of this tick have been taken */
+    push(plan, s);
+}
+
+void release_look(release_plan *plan, const cw_bus *bus)
+{
+    for (size_t i = 0; plan->fast > 0 && i < plan->source_count; i++)
+        if (plan->sources[i].waits)
+            look(plan, &plan->sources[i], bus);
+}
+
+/* ---- The rest -------------------------------------------------------------------------------- */
+
+bool release_failed(const release_plan *plan)
+{
+    return plan->failed;
+}
+
+static uint64_t guess_source_end(const release_plan *plan, const source *s, uint64_t now)
+{
+    const cfg_traffic *t = s->traffic;
+    if (t->kind == CFG_TRAFFIC_SEND && t->count == UINT64_MAX)
+        return CW_NEVER;
+    if (t->kind == CFG_TRAFFIC_SEND)
+        return text_time_ticks_sum(t->offset, t->count - 1, t->every, plan->bit_ticks);
+    if (!s->replay)
+        return 0;
+    unsigned permille = replay_permille(s->replay);
+    return permille ? now / permille * 1000 : CW_NEVER;
+}
+
+uint64_t release_guess_end(const release_plan *plan, uint64_t now)
+{
+    uint64_t end = 0;
+    for (size_t i = 0; i < plan->source_count; i++) {
+        uint64_t one = guess_source_end(plan, &plan->sources[i], now);
+        end = one > end ? one : end;
+    }
+    return end;
+}
+
+static cw_rule reply_rule(const cfg *config, unsigned node, const cfg_traffic *t)
+{
+    cw_rule rule = {.name = config->nodes[node].name,
+                    .trigger = CW_TRIGGER_FRAME,
+                    .filter_count = t->filter_count,
+                    .time_end = CW_NEVER,
+                    .every = 1,
+                    .count = t->count == UINT64_MAX ? 0 : (uint32_t)t->count,
+                    .probability = UINT64_MAX,
+                    .quiet = true,
+                    .action = CW_ACTION_REPLY,
+                    .bits = 1,
+                    .node = (uint8_t)node,
+                    .for_ticks = text_time_ticks(t->delay, config->bit_ticks),
+                    .frame = t->frame};
+    memcpy(rule.filters, t->filters, sizeof rule.filters);
+    return rule;
+}
+
+void release_add_replies(cw_bus *bus, const cfg *config)
+{
+    for (unsigned i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        for (size_t t = 0; t < node->traffic_count; t++) {
+            unsigned index;
+            if (node->traffic[t].kind != CFG_TRAFFIC_REPLY)
+                continue;
+            const cw_rule rule = reply_rule(config, i, &node->traffic[t]);
+            cw_status status = cw_bus_add_rule(bus, &index, &rule);
+            assert(status == CW_OK);
+            (void)status;
+        }
+    }
+}

@@ -1,0 +1,338 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * replay.c - the frames of a recorded file, one after the other, with the times they get on the
+ * bus.
+ */
+#include "run/replay.h"
+
+#include "trace/ahead.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define ENTRIES_AT_ONCE 1000u /* that are passed over before others get their turn */
+#define PLACE_MAX TRACE_CHANNEL_MAX
+#define OTHERS_MAX 8u /* interfaces of the file that are told when the one asked for is none */
+
+/* Entries of one kind that were not replayed. */
+typedef struct tally {
+    uint64_t count;
+    uint64_t first; /* place of the first one */
+} tally;
+
+struct replay {
+    const cfg_traffic *traffic;
+    uint32_t bit_ticks;
+    uint64_t origin;
+    cfg_time begin;  /* of the present pass, from the origin on */
+    uint64_t passes; /* that are done */
+    bool begun;      /* base_ns is that of the first entry with a time */
+    uint64_t base_ns;
+    uint64_t last_ns;                 /* the latest time of this pass, from base_ns on */
+    uint64_t last_tick;               /* of a frame */
+    uint64_t matched;                 /* frames of this pass */
+    tally left_out[TRACE_KIND_COUNT]; /* of the first pass */
+    tally stepped_back;
+    bool heard; /* there is something of the interface that is asked for */
+    bool more;  /* there are more others than are kept */
+    unsigned other_count;
+    char others[OTHERS_MAX][TRACE_CHANNEL_MAX]; /* names of the other interfaces of the file */
+    trace_reader *reader; /* with `ahead` a thread's: ask only for what does not change */
+    trace_ahead *ahead;   /* or NULL */
+    uint64_t position;    /* in the file, up to which entries have been taken */
+    char problem[TRACE_PROBLEM_MAX]; /* of an entry, not of the reader; or empty */
+};
+
+static const char *const kind_names[TRACE_KIND_COUNT][2] = {
+    [TRACE_FRAME] = {"frame", "frames"},
+    [TRACE_ERROR_FRAME] = {"error frame", "error frames"},
+    [TRACE_FD_FRAME] = {"CAN FD frame", "CAN FD frames"},
+    [TRACE_XL_FRAME] = {"CAN XL frame", "CAN XL frames"},
+    [TRACE_OTHER] = {"entry of another kind", "entries of other kinds"},
+    [TRACE_MARK] = {"beginning", "beginnings"},
+};
+
+replay *replay_open(const cfg_traffic *traffic, uint32_t bit_ticks, uint64_t origin,
+                    char problem[TRACE_PROBLEM_MAX])
+{
+    replay *r = calloc(1, sizeof *r);
+    if (!r) {
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: out of memory", traffic->file);
+        return NULL;
+    }
+    *r = (replay){.traffic = traffic,
+                  .bit_ticks = bit_ticks,
+                  .origin = origin,
+                  .last_tick = origin,
+                  .begin = traffic->offset,
+                  .reader = trace_open(traffic->file, traffic->format, problem)};
+    if (r->reader)
+        return r;
+    free(r);
+    return NULL;
+}
+
+void replay_close(replay *r)
+{
+    if (!r)
+        return;
+    if (r->ahead)
+        trace_ahead_close(r->ahead);
+    else
+        trace_close(r->reader);
+    free(r);
+}
+
+bool replay_read_ahead(replay *r)
+{
+    if (!r->ahead)
+        r->ahead = trace_ahead_start(r->reader, r->passes + 1 < r->traffic->count);
+    if (r->ahead)
+        trace_ahead_fill(r->ahead);
+    return r->ahead != NULL;
+}
+
+/* ---- Entries --------------------------------------------------------------------------------- */
+
+static void count(const replay *r, tally *t, const trace_record *record)
+{
+    if (r->passes > 0)
+        return;
+    if (t->count++ == 0)
+        t->first = record->place;
+}
+
+/* Time since the first entry of the file. */
+static uint64_t elapsed_ns(replay *r, const trace_record *record)
+{
+    if (!r->begun) {
+        r->begun = true;
+        r->base_ns = record->time_ns;
+    }
+    uint64_t ns = record->time_ns > r->base_ns ? record->time_ns - r->base_ns : 0;
+    if (record->time_ns < r->base_ns || ns < r->last_ns)
+        count(r, &r->stepped_back, record);
+    else
+        r->last_ns = ns;
+    return r->last_ns;
+}
+
+/* The begin of the pass and the time of the file are rounded to ticks together. */
+static uint64_t tick_of(replay *r, uint64_t ns)
+{
+    const cfg_time elapsed = {.ns = ns};
+    uint64_t tick = text_time_ticks_sum(r->begin, 1, elapsed, r->bit_ticks);
+    tick = tick < CW_NEVER - r->origin ? r->origin + tick : CW_NEVER;
+    if (tick > r->last_tick)
+        r->last_tick = tick;
+    return r->last_tick;
+}
+
+static bool is_wanted(const replay *r, const trace_record *record)
+{
+    const cfg_traffic *t = r->traffic;
+    return cw_frame_matches(&record->frame, t->filters, t->filter_count);
+}
+
+static void keep_other(replay *r, const char *channel)
+{
+    for (unsigned i = 0; i < r->other_count; i++)
+        if (strcmp(r->others[i], channel) == 0)
+            return;
+    r->more = r->other_count == OTHERS_MAX;
+    if (!r->more)
+        memcpy(r->others[r->other_count++], channel, TRACE_CHANNEL_MAX);
+}
+
+static bool is_on_channel(replay *r, const trace_record *record)
+{
+    const char *wanted = r->traffic->channel;
+    if (!wanted || record->channel[0] == '\0')
+        return true;
+    bool same = strcmp(wanted, record->channel) == 0;
+    r->heard = r->heard || same;
+    if (!r->heard)
+        keep_other(r, record->channel);
+    return same;
+}
+
+/* ---- Passes ---------------------------------------------------------------------------------- */
+
+static uint64_t sum(uint64_t a, uint64_t b)
+{
+    return b < UINT64_MAX - a ? a + b : UINT64_MAX;
+}
+
+/* The file is at its end: again from the beginning, or over. A pass without a frame is the last. */
+static replay_step end_pass(replay *r)
+{
+    const cfg_time *gap = &r->traffic->gap;
+    bool again = r->matched > 0 && r->passes + 1 < r->traffic->count;
+    r->passes++;
+    if (!again)
+        return REPLAY_OVER;
+    if (!r->ahead && !trace_rewind(r->reader))
+        return REPLAY_FAILED;
+    r->begin.ns = sum(sum(r->begin.ns, r->last_ns), gap->ns);
+    r->begin.bits = sum(r->begin.bits, gap->bits);
+    r->begun = false;
+    r->last_ns = 0;
+    r->matched = 0;
+    return REPLAY_PAUSE;
+}
+
+static trace_result next_entry(replay *r, trace_record *record)
+{
+    if (r->ahead)
+        return trace_ahead_next(r->ahead, record, &r->position);
+    trace_result result = trace_next(r->reader, record);
+    r->position = trace_position(r->reader);
+    return result;
+}
+
+/* One entry. REPLAY_PAUSE: it is not one to be sent. */
+static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
+{
+    trace_record record;
+    trace_result result = next_entry(r, &record);
+    if (result == TRACE_LATER)
+        return REPLAY_LATER;
+    if (result != TRACE_RECORD)
+        return result == TRACE_END ? end_pass(r) : REPLAY_FAILED;
+    if (record.timed)
+        *tick = tick_of(r, elapsed_ns(r, &record));
+    bool here = is_on_channel(r, &record);
+    if (record.kind != TRACE_FRAME && record.kind != TRACE_MARK && here)
+        count(r, &r->left_out[record.kind], &record);
+    if (record.kind != TRACE_FRAME || !here || !is_wanted(r, &record))
+        return REPLAY_PAUSE;
+    if (!record.timed && !r->traffic->fast) {
+        trace_complain(r->problem, r->reader, &record, TRACE_NO_TIME);
+        return REPLAY_FAILED;
+    }
+    r->matched++;
+    *frame = record.frame;
+    return REPLAY_FRAME;
+}
+
+replay_step replay_next(replay *r, cw_frame *frame, uint64_t *tick)
+{
+    *tick = r->last_tick;
+    for (unsigned i = 0; i < ENTRIES_AT_ONCE; i++) {
+        replay_step result = step(r, frame, tick);
+        if (result != REPLAY_PAUSE)
+            return result;
+    }
+    return REPLAY_PAUSE;
+}
+
+void replay_move(replay *r, uint64_t origin)
+{
+    r->last_tick += origin - r->origin;
+    r->origin = origin;
+}
+
+void replay_delay(replay *r, uint64_t ticks)
+{
+    replay_move(r, ticks < CW_NEVER - r->origin ? r->origin + ticks : CW_NEVER);
+}
+
+void replay_set_traffic(replay *r, const cfg_traffic *traffic)
+{
+    r->traffic = traffic;
+}
+
+/* ---- What there is to say -------------------------------------------------------------------- */
+
+const char *replay_problem(const replay *r)
+{
+    return r->problem[0] ? r->problem : trace_problem(r->reader);
+}
+
+/* Adds "12 error frames (the first in line 7)". */
+static void add_tally(const replay *r, FILE *out, const char *begin, const char *const names[2],
+                      const tally *t)
+{
+    char place[PLACE_MAX];
+    trace_print_place(place, r->reader, t->first);
+    fprintf(out, "%s%" PRIu64 " %s (%s%s)", begin, t->count, names[t->count > 1],
+            t->count > 1 ? "the first at " : "", place);
+}
+
+/* The interface that is asked for is none of the file. */
+static void add_interfaces(const replay *r, FILE *out)
+{
+    fprintf(out, "no interface '%s'; there is", r->traffic->channel);
+    for (unsigned i = 0; i < r->other_count; i++)
+        fprintf(out, "%s %s", i > 0 ? "," : "", r->others[i]);
+    fputs(r->more ? " and more" : "", out);
+}
+
+bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
+{
+    static const char *const steps[2] = {"entry that steps back in time",
+                                         "entries that step back in time"};
+    bool any = false;
+    FILE *out = fmemopen(note, REPLAY_NOTE_MAX, "w");
+    note[0] = '\0';
+    if (!out)
+        return false;
+    fprintf(out, "%s: ", r->traffic->file);
+    for (unsigned kind = TRACE_ERROR_FRAME; !known && kind < TRACE_KIND_COUNT; kind++) {
+        if (r->left_out[kind].count == 0)
+            continue;
+        add_tally(r, out, any ? ", " : "left out: ", kind_names[kind], &r->left_out[kind]);
+        any = true;
+    }
+    if (!known && r->stepped_back.count > 0 && !r->traffic->fast) {
+        add_tally(r, out, any ? "; " : "", steps, &r->stepped_back);
+        fputs(", sent at once (if candump -t d made it, say 'format: candump-delta')", out);
+        any = true;
+    }
+    if (r->passes > 0 && r->traffic->channel && !r->heard && r->other_count > 0) {
+        fputs(any ? "; " : "", out);
+        add_interfaces(r, out);
+        any = true;
+    } else if (r->passes > 0 && r->matched == 0) {
+        fprintf(out, "%sno frame%s", any ? "; " : "",
+                r->traffic->filter_count || r->traffic->channel ? " that is asked for" : "");
+        any = true;
+    }
+    (void)fclose(out);
+    return any;
+}
+
+unsigned replay_permille(const replay *r)
+{
+    uint64_t size = trace_size(r->reader);
+    uint64_t position = r->position;
+    if (r->traffic->count == UINT64_MAX || size == 0)
+        return 0;
+    if (position > size)
+        position = size;
+    double done = ((double)r->passes + (double)position / (double)size) / (double)r->traffic->count;
+    return done < 1 ? (unsigned)(done * 1000) : 1000;
+}
+
+bool replay_check(const cfg_traffic *traffic, uint64_t *frames, char note[REPLAY_NOTE_MAX])
+{
+    cfg_traffic once = *traffic;
+    cw_frame frame;
+    uint64_t tick;
+    char problem[TRACE_PROBLEM_MAX];
+    replay_step result = REPLAY_FAILED;
+    once.count = 1;
+    *frames = 0;
+    note[0] = '\0';
+    replay *r = replay_open(&once, 1, 0, problem);
+    if (r)
+        while ((result = replay_next(r, &frame, &tick)) <= REPLAY_LATER)
+            *frames += result == REPLAY_FRAME;
+    if (result == REPLAY_FAILED)
+        (void)snprintf(note, REPLAY_NOTE_MAX, "%s", r ? replay_problem(r) : problem);
+    else if (!replay_note(r, false, note))
+        note[0] = '\0';
+    replay_close(r);
+    return result != REPLAY_FAILED;
+}

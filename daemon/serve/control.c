@@ -1,0 +1,266 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * control.c - the control socket of a bus: requests and live events as lines of JSON.
+ */
+#include "serve/control.h"
+
+#include "base/jsonput.h"
+#include "base/log.h"
+#include "engine/reload.h"
+#include "record/output.h"
+#include "serve/requests.h"
+#include "serve/server.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LOST_LINE_MAX 64
+
+/* A client that gets events. */
+typedef struct watcher {
+    uint32_t kinds; /* 1u << cw_event_kind, REQUEST_WATCH_RECORD */
+    uint64_t lost;  /* lines that it has not got and has not been told of */
+} watcher;
+
+/* A client that waits for a reload; the bus does not. */
+typedef struct waiter {
+    json_t *reply; /* NULL: it does not */
+    uint64_t round;
+} waiter;
+
+struct control {
+    request_world world;
+    status_errors errors;
+    server *server;
+    watcher watchers[SERVER_CLIENTS_MAX];
+    waiter waiters[SERVER_CLIENTS_MAX];
+    uint32_t kinds; /* that any of them wants */
+    FILE *stream;   /* writes into text */
+    char *text;
+    size_t text_length;
+};
+
+/* ---- Requests -------------------------------------------------------------------------------- */
+
+static void set_watch(control *c, unsigned client, uint32_t kinds)
+{
+    c->watchers[client] = (watcher){.kinds = kinds};
+    c->kinds = 0;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        c->kinds |= c->watchers[i].kinds;
+}
+
+static void write_json(server_client *client, const json_t *value)
+{
+    char *text = json_dumps(value, JSON_COMPACT | JSON_PRESERVE_ORDER);
+    if (!text) {
+        log_error("control: out of memory, a reply is left out");
+        return;
+    }
+    size_t length = strlen(text);
+    text[length] = '\n'; /* the final 0 is not needed any more */
+    server_write(client, text, length + 1);
+    free(text);
+}
+
+static bool is_blank(const char *line, size_t length)
+{
+    return strspn(line, " \t\r") == length;
+}
+
+static void on_line(void *user, server_client *client, char *line, size_t length)
+{
+    control *c = user;
+    request_result result = {.watch_changed = false};
+    if (is_blank(line, length))
+        return;
+    json_t *reply = request_answer(&c->world, &result, line, length);
+    if (result.round > 0) {
+        c->waiters[server_client_number(client)] = (waiter){.reply = reply, .round = result.round};
+        server_hold(client);
+        return;
+    }
+    write_json(client, reply);
+    json_decref(reply);
+    if (result.watch_changed) {
+        set_watch(c, server_client_number(client), result.watch);
+        server_keep(client, result.watch != 0);
+    }
+}
+
+void control_reloaded(control *c, uint64_t round, const char *errors)
+{
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        waiter *w = &c->waiters[i];
+        server_client *client = server_client_at(c->server, i);
+        if (!w->reply || w->round != round || !client)
+            continue;
+        request_reloaded(w->reply, errors);
+        write_json(client, w->reply);
+        json_decref(w->reply);
+        *w = (waiter){.reply = NULL};
+        server_go_on(client);
+    }
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+/* Tells a watcher what it has lost, in its place among the events. */
+static void write_lost(watcher *w, server_client *client)
+{
+    char line[LOST_LINE_MAX];
+    int length = snprintf(line, sizeof line, "{\"lost\":%" PRIu64 "}\n", w->lost);
+    w->lost = 0;
+    server_write(client, line, (size_t)length);
+}
+
+/* Once events are lost there is to be some room before they are written again, so that a slow
+ * reader gets stretches of events rather than one here and there. */
+static size_t room_needed(const watcher *w, size_t length)
+{
+    return w->lost > 0 ? SERVER_STREAM_MAX / 2 + length : length;
+}
+
+static void write_event(control *c, unsigned number, unsigned lines)
+{
+    watcher *w = &c->watchers[number];
+    server_client *client = server_client_at(c->server, number);
+    if (server_room(client) < room_needed(w, c->text_length)) {
+        w->lost += lines;
+        return;
+    }
+    if (w->lost > 0)
+        write_lost(w, client);
+    server_write(client, c->text, c->text_length);
+}
+
+/* Formats an event once for all; returns the number of its lines. */
+static unsigned format_event(control *c, const cw_event *event)
+{
+    rewind(c->stream);
+    output_event(c->stream, live_config(c->world.config), event);
+    if (fflush(c->stream) != 0)
+        return 0;
+    return event->nodes ? (unsigned)__builtin_popcountll(event->nodes) : 1;
+}
+
+void control_event(void *self, const cw_event *event)
+{
+    control *c = self;
+    status_count(&c->errors, event);
+    if (!(c->kinds >> event->kind & 1u))
+        return;
+    unsigned lines = format_event(c, event);
+    for (unsigned i = 0; lines > 0 && i < SERVER_CLIENTS_MAX; i++)
+        if (c->watchers[i].kinds >> event->kind & 1u)
+            write_event(c, i, lines);
+}
+
+/* "t", "event", "file", "state" and perhaps "why" as a line in c->text; false without memory. */
+static bool format_recording(control *c, const char *file, const char *why)
+{
+    char time[TIME_TEXT_MAX];
+    json_t *object = json_object();
+    put_text(object, "event", "record");
+    put(object, "file", text_to_json(file, strlen(file)));
+    put_text(object, "state", why ? "stopped" : "recording");
+    if (why)
+        put(object, "why", text_to_json(why, strlen(why)));
+    char *rest = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
+    text_print_seconds(time, cw_bus_now(engine_bus(c->world.engine)));
+    rewind(c->stream);
+    if (rest)
+        fprintf(c->stream, "{\"t\":%s,%s\n", time, rest + 1);
+    bool good = rest && fflush(c->stream) == 0;
+    free(rest);
+    json_decref(object);
+    return good;
+}
+
+void control_tell_recording(control *c, const char *file, const char *why)
+{
+    if (!(c->kinds & REQUEST_WATCH_RECORD) || !format_recording(c, file, why))
+        return;
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
+        if (c->watchers[i].kinds & REQUEST_WATCH_RECORD)
+            write_event(c, i, 1);
+}
+
+static void on_drained(void *user, server_client *client)
+{
+    control *c = user;
+    watcher *w = &c->watchers[server_client_number(client)];
+    if (w->lost > 0)
+        write_lost(w, client);
+}
+
+static void on_closed(void *user, unsigned client)
+{
+    control *c = user;
+    set_watch(c, client, 0);
+    json_decref(c->waiters[client].reply);
+    c->waiters[client] = (waiter){.reply = NULL};
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+static const server_calls calls = {
+    .line = on_line,
+    .drained = on_drained,
+    .closed = on_closed,
+    .too_many = "{\"ok\":false,\"error\":\"too many connections\"}\n",
+    .too_quiet = "{\"ok\":false,\"error\":\"too many connections: this one was quiet for longest, "
+                 "and another one has its place\"}\n",
+    .too_long = "{\"ok\":false,\"error\":\"the line is too long\"}\n",
+};
+
+void control_remap(control *c, const uint8_t from[CW_NODES_MAX])
+{
+    reload_remap(c->errors.rx, sizeof c->errors.rx[0], from);
+    reload_remap(c->errors.tx, sizeof c->errors.tx[0], from);
+}
+
+void control_on_reload(control *c, control_reload *call, void *user)
+{
+    c->world.reload = call;
+    c->world.reload_user = user;
+}
+
+void control_show_files(control *c, control_files *recordings, control_files *journal, void *user)
+{
+    c->world.recordings = recordings;
+    c->world.journal = journal;
+    c->world.files_user = user;
+}
+
+control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)
+{
+    control *c = calloc(1, sizeof *c);
+    if (!c) {
+        log_error("out of memory");
+        return NULL;
+    }
+    c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
+    c->stream = open_memstream(&c->text, &c->text_length);
+    if (!c->stream)
+        log_error("out of memory");
+    else
+        c->server = server_start(loop, live_config(config)->control, inherited, &calls, c);
+    if (c->server)
+        return c;
+    control_stop(c);
+    return NULL;
+}
+
+void control_stop(control *c)
+{
+    if (!c)
+        return;
+    server_stop(c->server);
+    if (c->stream)
+        (void)fclose(c->stream);
+    free(c->text);
+    free(c);
+}

@@ -1,0 +1,500 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * publish.c - statistics and events over LCM, without ever holding up the bus.
+ */
+#include "serve/publish.h"
+
+#include "base/log.h"
+#include "base/thread.h"
+#include "engine/reload.h"
+#include "record/output.h"
+
+#include <canwire_bus_stats_t.h>
+#include <canwire_event_t.h>
+#include <canwire_file_t.h>
+#include <canwire_node_stats_t.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <lcm/lcm.h>
+#include <netdb.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#define REMEDY "ip link set lo up && ip route add 224.0.0.0/4 dev lo"
+#define QUEUE_MESSAGES 4096
+#define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
+#define RETRY_S 2
+#define LINGER_S 1  /* at the end, for what is queued */
+#define GIVE_UP_S 2 /* then the thread hangs in liblcm and is left behind */
+#define WARNING_S 10 /* between two warnings that messages get lost */
+#define CHANNEL_MAX 64
+
+/* Messages that could not be sent, one after the other. */
+typedef struct outage {
+    uint64_t lost;
+    bool warned;
+    struct timespec next_warning; /* not before this; CLOCK_MONOTONIC */
+} outage;
+
+typedef struct message {
+    const char *channel; /* lives in the publisher */
+    void *data;
+    unsigned size;
+} message;
+
+struct publisher {
+    const cfg *config;
+    char *url; /* the thread's: the configuration may change */
+    char channel_bus[CHANNEL_MAX];
+    char channel_node[CHANNEL_MAX];
+    char channel_event[CHANNEL_MAX];
+    char channel_file[CHANNEL_MAX];
+    cw_bus_stats last_bus;
+    uint64_t last_tx_bits[CW_NODES_MAX];
+    char *event_text; /* of open_memstream, reused */
+    size_t event_size;
+    FILE *event_stream;
+    pthread_t thread;
+    pthread_mutex_t lock; /* of all below */
+    pthread_cond_t changed;
+    message queue[QUEUE_MESSAGES];
+    unsigned first;
+    unsigned count;
+    bool stopping;
+    struct timespec deadline; /* when stopping; CLOCK_MONOTONIC */
+    atomic_uint_fast64_t dropped;
+};
+
+/* ---- The thread ------------------------------------------------------------------------------ */
+
+static void free_message(message *m)
+{
+    free(m->data);
+    m->data = NULL;
+}
+
+/* Host and port of "udpm://HOST:PORT?..." */
+static bool split_url(const char *url, char host[64], char service[16])
+{
+    return sscanf(url, "udpm://%63[^:]:%15[0-9]", host, service) == 2;
+}
+
+/* liblcm prints a page of help when there is no multicast route; so look before. */
+static bool has_route(const char *url)
+{
+    char host[64];
+    char service[16];
+    if (!split_url(url, host, service))
+        return true;
+    const struct addrinfo hints = {.ai_family = AF_INET, .ai_socktype = SOCK_DGRAM,
+                                   .ai_flags = AI_NUMERICHOST | AI_NUMERICSERV};
+    struct addrinfo *address;
+    if (getaddrinfo(host, service, &hints, &address) != 0)
+        return true;
+    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    bool good = fd >= 0 && connect(fd, address->ai_addr, address->ai_addrlen) == 0;
+    if (fd >= 0)
+        (void)close(fd);
+    freeaddrinfo(address);
+    return good;
+}
+
+static lcm_t *try_connect(const publisher *p, bool *warned)
+{
+    const char *url = p->url;
+    lcm_t *lcm = has_route(url) ? lcm_create(url) : NULL;
+    if (lcm && *warned)
+        log_info("LCM at %s works now", url);
+    if (!lcm && !*warned)
+        log_warning("LCM at %s cannot start, trying again every %d s; without multicast route: %s",
+                    url, RETRY_S, REMEDY);
+    *warned = !lcm;
+    return lcm;
+}
+
+/* Takes the next message, waiting for one. False: stop. With the lock held. */
+static bool next_message(publisher *p, message *out)
+{
+    while (p->count == 0 && !p->stopping)
+        (void)pthread_cond_wait(&p->changed, &p->lock);
+    if (p->count == 0 || (p->stopping && thread_is_past(&p->deadline)))
+        return false;
+    *out = p->queue[p->first];
+    p->first = (p->first + 1) % QUEUE_MESSAGES;
+    p->count--;
+    return true;
+}
+
+/* Says when messages begin to get lost, and when they come through again. */
+static void note_sent(const publisher *p, outage *o, bool good)
+{
+    o->lost += !good;
+    if (!good && !o->warned && thread_is_past(&o->next_warning)) {
+        log_warning("LCM at %s: messages cannot be sent and are lost: %s%s", p->url,
+                    strerror(errno), errno == ENETUNREACH ? "; " REMEDY : "");
+        o->next_warning = thread_in_seconds(WARNING_S);
+        o->warned = true;
+    }
+    if (!good || o->lost == 0)
+        return;
+    if (o->warned)
+        log_info("LCM at %s works again, %" PRIu64 " messages were lost", p->url, o->lost);
+    o->lost = 0;
+    o->warned = false;
+}
+
+/* Waits a while, dropping what comes, and adds how much that was. False: stop. */
+static bool wait_without_lcm(publisher *p, uint64_t *lost)
+{
+    struct timespec until = thread_in_seconds(RETRY_S);
+    (void)pthread_mutex_lock(&p->lock);
+    while (!p->stopping && !thread_is_past(&until)) {
+        for (; p->count > 0; p->count--) {
+            free_message(&p->queue[p->first]);
+            p->first = (p->first + 1) % QUEUE_MESSAGES;
+            p->dropped++;
+            (*lost)++;
+        }
+        (void)pthread_cond_timedwait(&p->changed, &p->lock, &until);
+    }
+    bool stop = p->stopping;
+    (void)pthread_mutex_unlock(&p->lock);
+    return !stop;
+}
+
+/* liblcm writes lines of its own when it fails, so not message after message. */
+static void send_all(publisher *p, lcm_t *lcm)
+{
+    message m;
+    outage now = {.lost = 0};
+    bool go_on = true;
+    (void)pthread_mutex_lock(&p->lock);
+    while (go_on && next_message(p, &m)) {
+        (void)pthread_mutex_unlock(&p->lock);
+        bool good = lcm_publish(lcm, m.channel, m.data, m.size) == 0;
+        note_sent(p, &now, good);
+        free_message(&m);
+        if (!good) {
+            p->dropped++;
+            go_on = wait_without_lcm(p, &now.lost);
+        }
+        (void)pthread_mutex_lock(&p->lock);
+    }
+    (void)pthread_mutex_unlock(&p->lock);
+}
+
+static void *run(void *argument)
+{
+    publisher *p = argument;
+    bool warned = false;
+    uint64_t lost = 0; /* the warning has said so */
+    lcm_t *lcm = try_connect(p, &warned);
+    while (!lcm && wait_without_lcm(p, &lost))
+        lcm = try_connect(p, &warned);
+    if (!lcm)
+        return NULL;
+    send_all(p, lcm);
+    lcm_destroy(lcm);
+    return NULL;
+}
+
+/* ---- Start and stop -------------------------------------------------------------------------- */
+
+static void name_channels(publisher *p)
+{
+    const char *bus = p->config->bus_name;
+    (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
+    (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
+    (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
+    (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
+}
+
+static void free_publisher(publisher *p)
+{
+    for (; p->count > 0; p->count--) {
+        free_message(&p->queue[p->first]);
+        p->first = (p->first + 1) % QUEUE_MESSAGES;
+    }
+    if (p->event_stream)
+        (void)fclose(p->event_stream);
+    free(p->url);
+    free(p->event_text);
+    free(p);
+}
+
+publisher *publisher_start(const cfg *config)
+{
+    publisher *p = calloc(1, sizeof *p);
+    if (!p)
+        return NULL;
+    p->config = config;
+    p->url = strdup(config->lcm.url);
+    name_channels(p);
+    (void)pthread_mutex_init(&p->lock, NULL);
+    thread_init_condition(&p->changed);
+    p->event_stream = open_memstream(&p->event_text, &p->event_size);
+    if (!p->url || !p->event_stream || thread_start(&p->thread, run, p) != 0) {
+        free_publisher(p);
+        return NULL;
+    }
+    return p;
+}
+
+/* Whether the thread has ended: a server that stalls holds it for ever. */
+static bool wait_for_thread(const publisher *p)
+{
+    struct timespec until = thread_in_seconds(GIVE_UP_S);
+    return pthread_clockjoin_np(p->thread, NULL, CLOCK_MONOTONIC, &until) == 0;
+}
+
+void publisher_stop(publisher *p)
+{
+    if (!p)
+        return;
+    (void)pthread_mutex_lock(&p->lock);
+    p->stopping = true;
+    p->deadline = thread_in_seconds(LINGER_S);
+    (void)pthread_cond_signal(&p->changed);
+    (void)pthread_mutex_unlock(&p->lock);
+    bool ended = wait_for_thread(p);
+    (void)pthread_mutex_lock(&p->lock);
+    unsigned left = p->count;
+    (void)pthread_mutex_unlock(&p->lock);
+    if (!ended)
+        log_warning("LCM at %s does not answer: the last %u messages are lost", p->url, left);
+    else if (left > 0)
+        log_info("LCM at %s: the last %u messages are lost", p->url, left);
+    if (ended)
+        free_publisher(p);
+}
+
+void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])
+{
+    reload_remap(p->last_tx_bits, sizeof p->last_tx_bits[0], from);
+}
+
+/* Takes over data, which may be NULL when there was no memory. */
+static void enqueue(publisher *p, const char *channel, void *data, int size)
+{
+    unsigned limit = channel == p->channel_event ? QUEUE_EVENTS : QUEUE_MESSAGES;
+    (void)pthread_mutex_lock(&p->lock);
+    bool room = data && size >= 0 && p->count < limit;
+    if (room) {
+        p->queue[(p->first + p->count) % QUEUE_MESSAGES] =
+            (message){.channel = channel, .data = data, .size = (unsigned)size};
+        p->count++;
+        (void)pthread_cond_signal(&p->changed);
+    }
+    (void)pthread_mutex_unlock(&p->lock);
+    if (!room) {
+        free(data);
+        p->dropped++;
+    }
+}
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+/* Encodes a value of a generated type and queues it. */
+#define PUBLISH(p, channel, type, value)                                                           \
+    do {                                                                                           \
+        int size_ = type##_encoded_size(value);                                                    \
+        void *data_ = malloc((size_t)size_);                                                       \
+        if (data_ && type##_encode(data_, 0, size_, value) != size_)                               \
+            size_ = -1;                                                                            \
+        enqueue(p, channel, data_, size_);                                                         \
+    } while (0)
+
+static int64_t realtime_us(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_REALTIME, &t);
+    return t.tv_sec * INT64_C(1000000) + t.tv_nsec / 1000;
+}
+
+static int64_t ticks_to_ns(uint64_t ticks)
+{
+    return (int64_t)text_ticks_ns(ticks);
+}
+
+static void publish_bus(publisher *p, const cw_bus_stats *s)
+{
+    const canwire_bus_stats_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(s->ticks),
+        .bus = p->config->bus_name,
+        .bitrate_bps = (int32_t)p->config->bitrate_bps,
+        .bits = (int64_t)s->bits,
+        .busy_bits = (int64_t)s->busy_bits,
+        .load_second_permille = s->load_permille,
+        .load_period_permille = (int32_t)cw_load_permille(&p->last_bus, s),
+        .frames = (int64_t)s->frames,
+        .frame_bits = (int64_t)s->frame_bits,
+        .error_frames = (int64_t)s->error_frames,
+        .overload_frames = (int64_t)s->overload_frames,
+        .arbitration_lost = (int64_t)s->arbitration_lost,
+        .undetected_errors = (int64_t)s->undetected_errors,
+        .faults = (int64_t)s->faults,
+        .pending = (int32_t)s->pending,
+        .events_dropped = (int64_t)p->dropped,
+    };
+    PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
+}
+
+static void set_delay(canwire_node_stats_t *m, const cw_delay *d)
+{
+    m->delay_count = (int64_t)d->count;
+    m->delay_min_ns = ticks_to_ns(d->min_ticks);
+    m->delay_mean_ns = d->count ? ticks_to_ns(d->sum_ticks / d->count) : 0;
+    m->delay_max_ns = ticks_to_ns(d->max_ticks);
+    m->delay_p50_ns = ticks_to_ns(cw_delay_quantile_ticks(d, 500));
+    m->delay_p99_ns = ticks_to_ns(cw_delay_quantile_ticks(d, 990));
+}
+
+static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
+{
+    m->tec = s->tec;
+    m->rec = s->rec;
+    m->handed_in = (int64_t)(s->handed_in + s->made_by_rules);
+    m->tx_frames = (int64_t)s->tx_frames;
+    m->tx_bytes = (int64_t)s->tx_bytes;
+    m->tx_bits = (int64_t)s->tx_bits;
+    m->rx_frames = (int64_t)s->rx_frames;
+    m->rx_bytes = (int64_t)s->rx_bytes;
+    m->dropped_queue_full = (int64_t)s->dropped[CW_DROP_QUEUE_FULL];
+    m->dropped_one_shot = (int64_t)s->dropped[CW_DROP_ONE_SHOT];
+    m->dropped_bus_off = (int64_t)(s->dropped[CW_DROP_BUS_OFF] + s->dropped[CW_DROP_LINK_DOWN]);
+    m->dropped_listen_only = (int64_t)s->dropped[CW_DROP_LISTEN_ONLY];
+    m->dropped_bad_frame = (int64_t)s->dropped[CW_DROP_BAD_FRAME];
+    m->dropped_fault = (int64_t)s->dropped[CW_DROP_FAULT];
+    for (unsigned why = 0; why < CW_DROP_COUNT; why++)
+        m->dropped_rx += (int64_t)s->rx_dropped[why];
+    m->arbitration_lost = (int64_t)s->arbitration_lost;
+    m->retransmissions = (int64_t)s->retransmissions;
+    m->bit_errors = (int64_t)s->errors[CW_ERROR_BIT];
+    m->stuff_errors = (int64_t)s->errors[CW_ERROR_STUFF];
+    m->form_errors = (int64_t)s->errors[CW_ERROR_FORM];
+    m->crc_errors = (int64_t)s->errors[CW_ERROR_CRC];
+    m->ack_errors = (int64_t)s->errors[CW_ERROR_ACK];
+    m->overloads = (int64_t)s->overloads;
+    m->error_warning = (int64_t)s->error_warning;
+    m->error_passive = (int64_t)s->error_passive;
+    m->bus_off = (int64_t)s->bus_off;
+    m->restarts = (int64_t)s->restarts;
+    m->undetected_errors = (int64_t)s->undetected_errors;
+    m->queue = (int32_t)s->queue;
+    m->queue_peak = (int32_t)s->queue_peak;
+}
+
+static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_stats *s, unsigned i,
+                         const port_stats *interface)
+{
+    const cfg_node *node = &p->config->nodes[i];
+    uint64_t bits = bus->bits - p->last_bus.bits;
+    char none[] = "";
+    canwire_node_stats_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(bus->ticks),
+        .bus = p->config->bus_name,
+        .node = node->name,
+        .port = node->port ? node->port : none,
+        .state = (char *)(uintptr_t)cw_state_name(s->state), /* only read when encoded */
+        .load_period_permille =
+            bits ? (int32_t)((s->tx_bits - p->last_tx_bits[i]) * 1000 / bits) : 0,
+    };
+    p->last_tx_bits[i] = s->tx_bits;
+    set_counters(&m, s);
+    set_delay(&m, &s->delay);
+    m.dropped_rx += (int64_t)interface->write_failed;
+    m.dropped_kernel = (int64_t)interface->kernel_dropped;
+    m.dropped_loopless = (int64_t)interface->loopless;
+    m.pushed_back = (int64_t)interface->pushed_back;
+    m.error_frames_left_out = (int64_t)interface->errors_left_out;
+    m.error_frames_ignored = (int64_t)interface->errors_ignored;
+    PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
+}
+
+void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
+{
+    cw_bus_stats stats;
+    cw_bus_get_stats(bus, &stats);
+    publish_bus(p, &stats);
+    for (unsigned i = 0; i < p->config->node_count; i++) {
+        cw_node_stats node;
+        if (cw_node_get_stats(bus, i, &node) == CW_OK)
+            publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
+    }
+    p->last_bus = stats;
+}
+
+/* Only read when encoded; "" when it is not there. */
+static char *text_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+    return (char *)(uintptr_t)(text ? text : "");
+}
+
+static int64_t count_of(const json_t *object, const char *key)
+{
+    return json_integer_value(json_object_get(object, key));
+}
+
+static void publish_file(publisher *p, const char *kind, const json_t *file)
+{
+    const canwire_file_t m = {
+        .utime_us = realtime_us(),
+        .bus = p->config->bus_name,
+        .kind = (char *)(uintptr_t)kind, /* only read when encoded */
+        .file = text_of(file, "file"),
+        .state = text_of(file, "state"),
+        .why = text_of(file, "why"),
+        .entries = count_of(file, "entries") + count_of(file, "lines"),
+        .lost = count_of(file, "lost"),
+        .gaps = (int32_t)count_of(file, "gaps"),
+    };
+    PUBLISH(p, p->channel_file, canwire_file_t, &m);
+}
+
+void publisher_files(publisher *p, const char *kind, const json_t *files)
+{
+    if (!json_is_array(files))
+        publish_file(p, kind, files);
+    for (size_t i = 0; i < json_array_size(files); i++)
+        publish_file(p, kind, json_array_get(files, i));
+}
+
+/* Splits the lines that output_event() wrote: one a node, in the order of the nodes. */
+static void publish_lines(publisher *p, const cw_event *event, char *text)
+{
+    char none[] = "";
+    uint64_t left = event->nodes;
+    for (char *line = strtok_r(text, "\n", &text); line; line = strtok_r(NULL, "\n", &text)) {
+        unsigned i = 0;
+        while (left && !(left >> i & 1u))
+            i++;
+        const canwire_event_t m = {
+            .bus_time_ns = ticks_to_ns(event->tick),
+            .bus = p->config->bus_name,
+            .node = left ? p->config->nodes[i].name : none,
+            .event = (char *)(uintptr_t)cw_event_name(event->kind), /* only read when encoded */
+            .json = line,
+        };
+        left &= left - 1;
+        PUBLISH(p, p->channel_event, canwire_event_t, &m);
+    }
+}
+
+void publisher_event(publisher *p, const cw_event *event)
+{
+    if (!(p->config->lcm.events >> event->kind & 1u))
+        return;
+    rewind(p->event_stream);
+    output_event(p->event_stream, p->config, event);
+    (void)fputc('\0', p->event_stream); /* behind it is what longer events have left */
+    if (fflush(p->event_stream) == 0 && p->event_size > 0)
+        publish_lines(p, event, p->event_text);
+}

@@ -1,0 +1,360 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * recordings.c - the recordings of a running bus, as `record` in its configuration says.
+ *
+ * An entry that is taken away still has to be written to its end, which nobody waits for. Until
+ * then its file is not free: a new entry for it waits.
+ */
+#include "serve/recordings.h"
+
+#include "base/jsonput.h"
+#include "base/log.h"
+#include "base/thread.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* At the end, for a disk that is slow: all recordings together. With CLOSE_S of journal.c and
+ * GIVE_UP_S of publish.c it is less than TimeoutStopSec of canwired@.service. */
+#define PATIENCE_S 4
+
+typedef struct entry {
+    struct entry *next; /* of those that are ending */
+    cfg_record what;    /* the file is a copy */
+    recorder *recorder; /* NULL: it has not begun, or has ended */
+    int error;          /* the errno that has ended it */
+    bool waits;         /* for its file */
+    recorder_stats stats; /* of the recorder that has ended */
+    uint64_t lost_told;
+} entry;
+
+struct recordings {
+    struct ev_loop *loop;
+    const cfg *config;
+    recordings_told *told;
+    void *user;
+    ev_async news;
+    size_t count;
+    entry *entries[CFG_RECORDS_MAX];
+    entry *ending;
+};
+
+/* ---- Entries --------------------------------------------------------------------------------- */
+
+static entry *make_entry(const cfg_record *what)
+{
+    entry *e = calloc(1, sizeof *e);
+    char *file = strdup(what->file);
+    if (!e || !file) {
+        free(e);
+        free(file);
+        return NULL;
+    }
+    e->what = *what;
+    e->what.file = file;
+    return e;
+}
+
+static void free_entry(entry *e)
+{
+    if (e)
+        free(e->what.file);
+    free(e);
+}
+
+/* In the thread of a recording that has ended. */
+static void on_end(void *user)
+{
+    recordings *all = user;
+    ev_async_send(all->loop, &all->news);
+}
+
+static bool is_free(const recordings *all, const char *file)
+{
+    for (const entry *e = all->ending; e; e = e->next)
+        if (strcmp(e->what.file, file) == 0)
+            return false;
+    return true;
+}
+
+static void begin(recordings *all, entry *e, const cw_bus *bus)
+{
+    e->waits = !is_free(all, e->what.file);
+    e->error = 0;
+    if (e->waits)
+        return;
+    e->recorder = recorder_start(&e->what, all->config, bus, on_end, all, &e->error);
+    e->lost_told = 0;
+    if (e->recorder)
+        log_info("record %s: begun", e->what.file);
+    else
+        log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
+                  e->what.place.column, e->what.file, spool_explain(e->error));
+}
+
+static void tell(const recordings *all, const entry *e)
+{
+    if (all->told && !e->waits)
+        all->told(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
+}
+
+static void get_stats(const entry *e, recorder_stats *stats)
+{
+    *stats = e->stats;
+    if (e->recorder)
+        recorder_get_stats(e->recorder, stats);
+}
+
+static void log_lost(entry *e)
+{
+    recorder_stats stats;
+    get_stats(e, &stats);
+    if (stats.lost > e->lost_told)
+        log_warning("record %s: %" PRIu64 " entries left out, the disk is too slow", e->what.file,
+                    stats.lost - e->lost_told);
+    e->lost_told = stats.lost;
+}
+
+/* The recorder of an entry that has ended by itself. */
+static void note_error(entry *e)
+{
+    e->error = recorder_error(e->recorder);
+    recorder_get_stats(e->recorder, &e->stats);
+    log_lost(e);
+    log_error("record %s: stopped: %s", e->what.file, spool_explain(e->error));
+    (void)recorder_close(e->recorder, PATIENCE_S);
+    e->recorder = NULL;
+}
+
+/* ---- What the threads tell ------------------------------------------------------------------- */
+
+static void reap_ending(recordings *all)
+{
+    for (entry **link = &all->ending; *link;) {
+        entry *e = *link;
+        if (!recorder_has_ended(e->recorder)) {
+            link = &e->next;
+            continue;
+        }
+        if (recorder_error(e->recorder) != 0)
+            note_error(e);
+        (void)recorder_close(e->recorder, PATIENCE_S);
+        *link = e->next;
+        free_entry(e);
+    }
+}
+
+static void on_news(struct ev_loop *loop, ev_async *news, int events)
+{
+    (void)loop;
+    (void)events;
+    recordings *all = news->data;
+    reap_ending(all);
+    for (size_t i = 0; i < all->count; i++) {
+        entry *e = all->entries[i];
+        if (e->recorder && recorder_has_ended(e->recorder)) {
+            note_error(e);
+            tell(all, e);
+        }
+    }
+}
+
+/* Entries whose file has become free. */
+static void begin_waiting(recordings *all, const cw_bus *bus)
+{
+    for (size_t i = 0; i < all->count; i++)
+        if (all->entries[i]->waits && is_free(all, all->entries[i]->what.file)) {
+            begin(all, all->entries[i], bus);
+            tell(all, all->entries[i]);
+        }
+}
+
+/* ---- Start, reload, stop --------------------------------------------------------------------- */
+
+static bool is_start_error(int error)
+{
+    return error != 0 && error != ENOSPC && error != EDQUOT;
+}
+
+recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
+                             recordings_told *told, void *user)
+{
+    recordings *all = calloc(1, sizeof *all);
+    bool good = all != NULL;
+    if (!all) {
+        log_error("out of memory");
+        return NULL;
+    }
+    *all = (recordings){.loop = loop, .config = config, .told = told, .user = user};
+    ev_async_init(&all->news, on_news);
+    all->news.data = all;
+    ev_async_start(loop, &all->news);
+    for (size_t i = 0; i < config->record_count && good; i++) {
+        entry *e = make_entry(&config->records[i]);
+        if (!e) {
+            log_error("out of memory");
+            good = false;
+            break;
+        }
+        all->entries[all->count++] = e;
+        begin(all, e, bus);
+        good = !is_start_error(e->error);
+    }
+    if (good)
+        return all;
+    recordings_stop(all);
+    return NULL;
+}
+
+static void end(recordings *all, entry *e)
+{
+    if (!e->recorder) {
+        free_entry(e);
+        return;
+    }
+    log_lost(e);
+    log_info("record %s: ended", e->what.file);
+    recorder_end(e->recorder);
+    e->next = all->ending;
+    all->ending = e;
+}
+
+/* Takes the entry of before that records the same into the same file, or returns NULL. */
+static entry *take_old(entry **old, size_t count, const cfg_record *what)
+{
+    for (size_t i = 0; i < count; i++) {
+        entry *e = old[i];
+        if (!e || strcmp(e->what.file, what->file) != 0 || e->what.format != what->format)
+            continue;
+        old[i] = NULL;
+        e->what.place = what->place;
+        e->what.size = what->size;
+        e->what.files = what->files;
+        return e;
+    }
+    return NULL;
+}
+
+void recordings_reload(recordings *all, const cw_bus *bus)
+{
+    entry *old[CFG_RECORDS_MAX];
+    size_t old_count = all->count;
+    memcpy(old, all->entries, sizeof old);
+    all->count = 0;
+    for (size_t i = 0; i < all->config->record_count; i++) {
+        const cfg_record *what = &all->config->records[i];
+        entry *e = take_old(old, old_count, what);
+        if (!e)
+            e = make_entry(what);
+        if (e)
+            all->entries[all->count++] = e;
+        else
+            log_error("record %s: out of memory", what->file);
+    }
+    for (size_t i = 0; i < old_count; i++)
+        if (old[i])
+            end(all, old[i]);
+    for (size_t i = 0; i < all->count; i++) {
+        entry *e = all->entries[i];
+        if (e->recorder) {
+            recorder_set_limits(e->recorder, e->what.size, e->what.files);
+            recorder_nodes_changed(e->recorder, bus);
+        } else {
+            begin(all, e, bus);
+            tell(all, e);
+        }
+    }
+}
+
+static void stop(entry *e, const struct timespec *until)
+{
+    if (!e->recorder)
+        return;
+    bool written = recorder_wait(e->recorder, until);
+    int error = recorder_error(e->recorder);
+    log_lost(e);
+    if (!recorder_close(e->recorder, 0) && !written)
+        log_error("record %s: not all of it could be written in %d s", e->what.file, PATIENCE_S);
+    else if (error != 0)
+        log_error("record %s: stopped: %s", e->what.file, spool_explain(error));
+}
+
+void recordings_stop(recordings *all)
+{
+    if (!all)
+        return;
+    for (size_t i = 0; i < all->count; i++) /* first all, so that none waits for another */
+        if (all->entries[i]->recorder)
+            recorder_end(all->entries[i]->recorder);
+    const struct timespec until = thread_in_seconds(PATIENCE_S);
+    for (size_t i = 0; i < all->count; i++) {
+        stop(all->entries[i], &until);
+        free_entry(all->entries[i]);
+    }
+    while (all->ending) {
+        entry *e = all->ending;
+        all->ending = e->next;
+        stop(e, &until);
+        free_entry(e);
+    }
+    ev_async_stop(all->loop, &all->news);
+    free(all);
+}
+
+/* ---- While the bus runs ---------------------------------------------------------------------- */
+
+void recordings_event(recordings *all, const cw_event *event, uint64_t time_ns)
+{
+    for (size_t i = 0; i < all->count; i++)
+        if (all->entries[i]->recorder)
+            recorder_event(all->entries[i]->recorder, event, time_ns);
+}
+
+void recordings_bit(recordings *all, const cw_bus *bus)
+{
+    for (size_t i = 0; i < all->count; i++)
+        if (all->entries[i]->recorder)
+            recorder_bit(all->entries[i]->recorder, bus);
+}
+
+bool recordings_want_bits(const recordings *all)
+{
+    for (size_t i = 0; i < all->count; i++)
+        if (all->entries[i]->recorder && recorder_wants_bits(all->entries[i]->recorder))
+            return true;
+    return false;
+}
+
+void recordings_update(recordings *all, const cw_bus *bus)
+{
+    begin_waiting(all, bus);
+    for (size_t i = 0; i < all->count; i++)
+        log_lost(all->entries[i]);
+}
+
+static json_t *entry_json(const entry *e)
+{
+    json_t *object = json_object();
+    recorder_stats stats;
+    get_stats(e, &stats);
+    put(object, "file", text_to_json(e->what.file, strlen(e->what.file)));
+    put_text(object, "format", cfg_record_format_name(e->what.format));
+    put_text(object, "state", e->recorder ? "recording" : e->waits ? "waiting" : "stopped");
+    put_text(object, "why", e->error != 0 ? spool_explain(e->error) : NULL);
+    put_count(object, "entries", stats.entries);
+    put_count(object, "lost", stats.lost);
+    put_count(object, "bytes", stats.bytes);
+    put_count(object, "files_begun", stats.begun);
+    put_count(object, "files", e->what.files);
+    return object;
+}
+
+json_t *recordings_json(const recordings *all)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < all->count; i++)
+        put_last(array, entry_json(all->entries[i]));
+    return array;
+}

@@ -1,0 +1,500 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * requests.c - what can be asked for at the control socket.
+ *
+ * A request is an object with `request`, perhaps `id`, and the keys that the table at the end names
+ * for it. Each has a function that fills in the reply or refuses.
+ */
+#include "serve/requests.h"
+
+#include "base/jsonput.h"
+#include "base/nearest.h"
+#include "run/settings.h"
+
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define KEYS_MAX 2
+#define ERROR_TEXT_MAX 400
+#define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
+#define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
+#define RECORD_NAME "record"
+
+typedef struct request {
+    const request_world *world;
+    request_result *result;
+    inputs *inputs; /* of the bus, up to now */
+    const json_t *asked;
+    json_t *reply;
+} request;
+
+typedef struct request_key {
+    const char *name;
+    json_type type;
+    bool required;
+} request_key;
+
+typedef struct request_kind {
+    const char *name;
+    bool (*run)(request *r); /* false: refused */
+    bool whole_line;         /* may be as long as a line */
+    request_key keys[KEYS_MAX + 1];
+} request_kind;
+
+/* ---- Replies --------------------------------------------------------------------------------- */
+
+/* Always false, for the caller to return. */
+static bool __attribute__((format(printf, 2, 3))) refuse(request *r, const char *format, ...)
+{
+    char text[ERROR_TEXT_MAX];
+    va_list args;
+    va_start(args, format);
+    (void)vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    put_text(r->reply, "error", text);
+    return false;
+}
+
+static bool refuse_at(request *r, const char *error, int line, int column)
+{
+    (void)refuse(r, "%s", error);
+    put(r->reply, "line", json_integer(line));
+    put(r->reply, "column", json_integer(column));
+    return false;
+}
+
+/* The numbers of NAME:LINE:COLUMN: message. NAME may have colons of its own. */
+static void put_position(json_t *reply, const char *message)
+{
+    for (const char *colon = strchr(message, ':'); colon; colon = strchr(colon + 1, ':')) {
+        int line, column, length = 0;
+        if (sscanf(colon, ":%9d:%9d: %n", &line, &column, &length) == 2 && length > 0) {
+            put(reply, "line", json_integer(line));
+            put(reply, "column", json_integer(column));
+            return;
+        }
+    }
+}
+
+static json_t *lines_of(const char *text)
+{
+    json_t *lines = json_array();
+    for (size_t length; *text; text += length + (text[length] == '\n')) {
+        length = strcspn(text, "\n");
+        put_last(lines, text_to_json(text, length));
+    }
+    return lines;
+}
+
+/* With what a loader wrote, a line per error. */
+static bool refuse_lines(request *r, const char *text)
+{
+    json_t *errors = lines_of(text);
+    const char *first = json_string_value(json_array_get(errors, 0));
+    (void)refuse(r, "%s", first ? first : "refused without a reason");
+    put_position(r->reply, first ? first : "");
+    put(r->reply, "errors", errors);
+    return false;
+}
+
+/* ---- Arguments ------------------------------------------------------------------------------- */
+
+/* NULL when it is not given. */
+static const char *text_of(const request *r, const char *key)
+{
+    return json_string_value(json_object_get(r->asked, key));
+}
+
+/* The node that `node` names. */
+static bool find_node(request *r, unsigned *node)
+{
+    const cfg *config = live_config(r->world->config);
+    const char *name = text_of(r, "node");
+    nearest guess = {.word = name};
+    *node = cfg_find_node(config, name);
+    if (*node != CW_NO_NODE)
+        return true;
+    for (unsigned i = 0; i < config->node_count; i++)
+        nearest_consider(&guess, config->nodes[i].name);
+    return refuse(r, "there is no node '%.80s'%s%s%s", name, guess.best ? " (did you mean '" : "",
+                  guess.best ? guess.best : "", guess.best ? "'?)" : "");
+}
+
+/* The rule that `rule` names. */
+static bool find_rule(request *r, unsigned *rule)
+{
+    const char *name = text_of(r, "rule");
+    return live_find(r->world->config, rule, name) || refuse(r, "there is no rule '%.80s'", name);
+}
+
+/* ---- Looking --------------------------------------------------------------------------------- */
+
+static bool run_status(request *r)
+{
+    report beyond;
+    engine_report(r->world->engine, &beyond);
+    json_t *status =
+        status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors);
+    if (r->world->recordings)
+        put(status, "recordings", r->world->recordings(r->world->files_user));
+    json_t *journal = r->world->journal ? r->world->journal(r->world->files_user) : NULL;
+    if (journal)
+        put(status, "journal", journal);
+    put(r->reply, "status", status);
+    return true;
+}
+
+static bool run_faults(request *r)
+{
+    put(r->reply, "faults", status_faults(r->world->config, r->inputs->bus));
+    return true;
+}
+
+/* The kind of events that a word names, or 0. */
+static uint32_t kind_of(const char *word)
+{
+    for (unsigned kind = 0; word && kind < CW_EVENT_COUNT; kind++)
+        if ((EVERY_KIND >> kind & 1u) && strcmp(cw_event_name((cw_event_kind)kind), word) == 0)
+            return 1u << kind;
+    return word && strcmp(word, RECORD_NAME) == 0 ? REQUEST_WATCH_RECORD : 0;
+}
+
+static json_t *kinds_to_json(uint32_t kinds)
+{
+    json_t *array = json_array();
+    for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++)
+        if (kinds >> kind & 1u)
+            put_last(array, json_string(cw_event_name((cw_event_kind)kind)));
+    if (kinds & REQUEST_WATCH_RECORD)
+        put_text_last(array, RECORD_NAME);
+    return array;
+}
+
+static bool refuse_kind(request *r, const char *word)
+{
+    json_t *all = kinds_to_json(EVERY_KIND);
+    char *list = json_dumps(all, 0);
+    (void)refuse(r, "there is no kind of event '%.40s'; there are %s", word ? word : "?",
+                 list ? list : "");
+    free(list);
+    json_decref(all);
+    return false;
+}
+
+static bool run_watch(request *r)
+{
+    const json_t *events = json_object_get(r->asked, "events");
+    uint32_t kinds = events ? 0 : EVERY_KIND;
+    for (size_t i = 0; i < json_array_size(events); i++) {
+        const char *word = json_string_value(json_array_get(events, i));
+        uint32_t kind = kind_of(word);
+        if (kind == 0)
+            return refuse_kind(r, word);
+        kinds |= kind;
+    }
+    report beyond;
+    engine_report(r->world->engine, &beyond);
+    *r->result = (request_result){.watch_changed = true, .watch = kinds};
+    put(r->reply, "events", kinds_to_json(kinds));
+    put_count(r->reply, "epoch_ns", beyond.epoch_ns);
+    return true;
+}
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+static json_t *names_of(const cfg_rules *rules)
+{
+    json_t *names = json_array();
+    for (size_t i = 0; i < rules->count; i++)
+        put_text_last(names, rules->rules[i].name);
+    return names;
+}
+
+static bool run_inject(request *r)
+{
+    const char *name = text_of(r, "name");
+    const json_t *text = json_object_get(r->asked, "text");
+    char *errors = NULL;
+    size_t length = 0;
+    FILE *stream = open_memstream(&errors, &length);
+    if (!stream)
+        return refuse(r, "out of memory");
+    cfg_rules *rules = inputs_inject(r->inputs, json_string_value(text), json_string_length(text),
+                                     name ? name : "inject", stream);
+    (void)fclose(stream);
+    if (rules)
+        put(r->reply, "rules", names_of(rules));
+    else
+        (void)refuse_lines(r, errors ? errors : "");
+    if (rules && *rules->warnings)
+        put(r->reply, "warnings", lines_of(rules->warnings));
+    cfg_free_rules(rules);
+    free(errors);
+    return rules != NULL;
+}
+
+static void clear_rule(request *r, json_t *cleared, unsigned index)
+{
+    put_text_last(cleared, live_config(r->world->config)->rules[index].name);
+    inputs_clear(r->inputs, index);
+}
+
+/* One rule, or all, or all that were injected. */
+static bool run_clear(request *r)
+{
+    live *config = r->world->config;
+    unsigned only = 0;
+    bool one = text_of(r, "rule") != NULL;
+    bool injected = json_is_true(json_object_get(r->asked, "injected"));
+    if (one && injected)
+        return refuse(r, "either rule or injected");
+    if (one && !find_rule(r, &only))
+        return false;
+    json_t *cleared = json_array();
+    for (unsigned i = 0; i < live_config(config)->rule_count; i++)
+        if (live_config(config)->rules[i].name && (!one || i == only) &&
+            (!injected || live_is_injected(config, i)))
+            clear_rule(r, cleared, i);
+    put(r->reply, "rules", cleared);
+    return true;
+}
+
+static bool run_fire(request *r)
+{
+    unsigned index = 0;
+    if (!find_rule(r, &index))
+        return false;
+    bool manual = live_config(r->world->config)->rules[index].manual;
+    return inputs_fire(r->inputs, index) == CW_OK ||
+           refuse(r, "rule %s: %s", text_of(r, "rule"),
+                  manual ? "its count is used up" : "it is not manual");
+}
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+static bool refuse_restart(request *r, unsigned node)
+{
+    const char *name = text_of(r, "node");
+    cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
+    cw_settings settings = {.which = 0};
+    (void)cw_node_get_stats(r->inputs->bus, node, &stats);
+    (void)cw_node_get_settings(r->inputs->bus, node, &settings);
+    if (stats.state != CW_STATE_BUS_OFF)
+        return refuse(r, "node %s: it is not bus-off but %s", name, cw_state_name(stats.state));
+    if (settings.restart_ticks != 0)
+        return refuse(r, "node %s: it restarts by itself, see restart-ms", name);
+    return refuse(r, "node %s: it is restarting already", name);
+}
+
+static bool run_restart(request *r)
+{
+    unsigned node = 0;
+    return find_node(r, &node) &&
+           (inputs_restart(r->inputs, node) == CW_OK || refuse_restart(r, node));
+}
+
+static bool run_set(request *r)
+{
+    unsigned node = 0;
+    cw_settings settings = {.which = 0};
+    char error[SETTINGS_ERROR_MAX];
+    if (!find_node(r, &node))
+        return false;
+    if (!settings_from_json(&settings, error, json_object_get(r->asked, "settings")))
+        return refuse(r, "%s", error);
+    if (inputs_set(r->inputs, node, &settings) != CW_OK)
+        return refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
+    (void)cw_node_get_settings(r->inputs->bus, node, &settings);
+    put(r->reply, "settings", settings_to_json(&settings));
+    return true;
+}
+
+/* ---- Configuration --------------------------------------------------------------------------- */
+
+/* False for the time being: see request_reloaded(). */
+static bool run_reload(request *r)
+{
+    char *errors = NULL;
+    size_t length = 0;
+    FILE *stream = r->world->reload ? open_memstream(&errors, &length) : NULL;
+    if (!stream)
+        return refuse(r, r->world->reload ? "out of memory" : "there is no reload");
+    r->result->round = r->world->reload(r->world->reload_user, stream);
+    (void)fclose(stream);
+    if (r->result->round == 0)
+        (void)refuse_lines(r, errors);
+    free(errors);
+    return false;
+}
+
+void request_reloaded(json_t *reply, const char *errors)
+{
+    request r = {.reply = reply};
+    char *text = errors ? strdup(errors) : NULL;
+    if (!errors)
+        put_bool(reply, "ok", true);
+    else if (text)
+        (void)refuse_lines(&r, text);
+    else
+        (void)refuse(&r, "out of memory");
+    free(text);
+}
+
+/* ---- Understanding --------------------------------------------------------------------------- */
+
+static const request_kind kinds[] = {
+    {"status", run_status, false, {{NULL, JSON_NULL, false}}},
+    {"faults", run_faults, false, {{NULL, JSON_NULL, false}}},
+    {"inject", run_inject, true, {{"text", JSON_STRING, true}, {"name", JSON_STRING, false}}},
+    {"clear", run_clear, false, {{"rule", JSON_STRING, false}, {"injected", JSON_TRUE, false}}},
+    {"fire", run_fire, false, {{"rule", JSON_STRING, true}}},
+    {"restart", run_restart, false, {{"node", JSON_STRING, true}}},
+    {"set", run_set, false, {{"node", JSON_STRING, true}, {"settings", JSON_OBJECT, true}}},
+    {"watch", run_watch, false, {{"events", JSON_ARRAY, false}}},
+    {"reload", run_reload, false, {{NULL, JSON_NULL, false}}},
+};
+
+#define KINDS (sizeof kinds / sizeof kinds[0])
+
+/* Looks at a line without parsing it: whether it is too deep or has too many values. Returns what
+ * is wrong, with *at, or NULL. */
+static const char *check_shape(const char *line, size_t length, size_t *at)
+{
+    unsigned depth = 0, values = 0;
+    bool in_text = false;
+    for (size_t i = 0; i < length; i++) {
+        char c = line[i];
+        *at = i;
+        if (in_text && c == '\\') {
+            i++;
+        } else if (c == '"') {
+            in_text = !in_text;
+        } else if (!in_text) {
+            bool opens = c == '[' || c == '{';
+            depth += opens;
+            depth -= (c == ']' || c == '}') && depth > 0;
+            values += opens || c == ',' || c == ':';
+        }
+        if (depth > REQUEST_DEPTH_MAX)
+            return "nested too deep";
+        if (values > REQUEST_VALUES_MAX)
+            return "too many values";
+    }
+    return NULL;
+}
+
+/* The request as an object, or NULL after refusing. */
+static json_t *parse(request *r, const char *line, size_t length)
+{
+    json_error_t error;
+    size_t at = 0;
+    const char *wrong = check_shape(line, length, &at);
+    if (wrong) {
+        (void)refuse_at(r, wrong, 1, (int)at + 1);
+        return NULL;
+    }
+    json_t *asked = json_loadb(line, length, JSON_REJECT_DUPLICATES, &error);
+    if (!asked)
+        (void)refuse_at(r, error.text, error.line, error.column);
+    else if (!json_is_object(asked))
+        (void)refuse(r, "a request is an object");
+    if (json_is_object(asked))
+        return asked;
+    json_decref(asked);
+    return NULL;
+}
+
+/* The id goes back as it came. */
+static bool take_id(request *r)
+{
+    json_t *id = json_object_get(r->asked, "id");
+    if (id && !json_is_string(id) && !json_is_integer(id))
+        return refuse(r, "id: expected a text or a whole number");
+    if (id)
+        put(r->reply, "id", json_incref(id));
+    return true;
+}
+
+static const request_kind *find_kind(request *r)
+{
+    const char *name = text_of(r, "request");
+    nearest guess = {.word = name};
+    for (size_t i = 0; name && i < KINDS; i++) {
+        if (strcmp(kinds[i].name, name) == 0)
+            return &kinds[i];
+        nearest_consider(&guess, kinds[i].name);
+    }
+    if (!name)
+        (void)refuse(r, "request: expected a text, the name of the request");
+    else
+        (void)refuse(r, "there is no request '%.40s'%s%s%s", name,
+                     guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                     guess.best ? "'?)" : "");
+    return NULL;
+}
+
+static const request_key *find_key(const request_kind *kind, const char *name)
+{
+    for (const request_key *key = kind->keys; key->name; key++)
+        if (strcmp(key->name, name) == 0)
+            return key;
+    return NULL;
+}
+
+/* JSON_TRUE stands for both. */
+static bool has_type(const json_t *value, json_type type)
+{
+    return json_typeof(value) == type || (type == JSON_TRUE && json_is_false(value));
+}
+
+static bool check_keys(request *r, const request_kind *kind)
+{
+    static const char *const types[] = {[JSON_OBJECT] = "an object",
+                                        [JSON_ARRAY] = "a list",
+                                        [JSON_STRING] = "a text",
+                                        [JSON_TRUE] = "true or false"};
+    json_t *members = (json_t *)(uintptr_t)r->asked; /* the iterator takes no const */
+    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
+        const char *name = json_object_iter_key(i);
+        const request_key *key = find_key(kind, name);
+        if (strcmp(name, "id") == 0 || strcmp(name, "request") == 0)
+            continue;
+        if (!key)
+            return refuse(r, "%s: there is no key '%.40s'", kind->name, name);
+        if (!has_type(json_object_iter_value(i), key->type))
+            return refuse(r, "%s: expected %s", name, types[key->type]);
+    }
+    for (const request_key *key = kind->keys; key->name; key++)
+        if (key->required && !json_object_get(r->asked, key->name))
+            return refuse(r, "%s: the key '%s' is missing", kind->name, key->name);
+    return true;
+}
+
+static bool run(request *r, size_t length)
+{
+    const request_kind *kind = take_id(r) ? find_kind(r) : NULL;
+    if (!kind)
+        return false;
+    if (length > REQUEST_BYTES_MAX && !kind->whole_line)
+        return refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
+    if (!check_keys(r, kind))
+        return false;
+    r->inputs = engine_change(r->world->engine);
+    bool good = kind->run(r);
+    engine_update(r->world->engine);
+    return good;
+}
+
+json_t *request_answer(const request_world *world, request_result *result, const char *line,
+                       size_t length)
+{
+    request r = {.world = world, .result = result, .reply = json_object()};
+    put_bool(r.reply, "ok", false); /* its place in the reply is at the beginning */
+    json_t *asked = parse(&r, line, length);
+    r.asked = asked;
+    if (asked)
+        put_bool(r.reply, "ok", run(&r, length));
+    json_decref(asked);
+    return r.reply;
+}

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * requests.h - what can be asked for at the control socket.
+ */
+#ifndef CANWIRE_SERVE_REQUESTS_H
+#define CANWIRE_SERVE_REQUESTS_H
+
+#include "engine/engine.h"
+#include "run/live.h"
+#include "serve/status.h"
+
+#include <jansson.h>
+
+#define REQUEST_BYTES_MAX (1u << 16) /* of all but inject, which has the whole line */
+#define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
+#define REQUEST_WATCH_RECORD (1u << 31) /* a kind of event beside those of the bus: record */
+#define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing costs next to nothing */
+
+/* Begins a reload, of which request_reloaded() is to tell later. Returns its round, or 0 after
+ * writing why there is none. */
+typedef uint64_t request_reload(void *user, FILE *errors);
+
+/* What requests work on. */
+typedef struct request_world {
+    live *config;
+    engine *engine;
+    const status_errors *errors;
+    request_reload *reload; /* or NULL */
+    void *reload_user;
+    json_t *(*recordings)(void *user); /* for the status; or NULL */
+    json_t *(*journal)(void *user);    /* the same; it may return NULL */
+    void *files_user;
+} request_world;
+
+/* What a request did beyond its reply. */
+typedef struct request_result {
+    bool watch_changed;
+    /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants to see from now
+     * on */
+    uint32_t watch;
+    uint64_t round; /* of a reload; not 0: the reply is not complete before it is over */
+} request_result;
+
+/* Carries out a request, a line of JSON; returns the reply, to be released by the caller. *result
+ * starts all zero. */
+json_t *request_answer(const request_world *world, request_result *result, const char *line,
+                       size_t length);
+
+/* Completes the reply to a reload. errors: NULL, or a line per error. */
+void request_reloaded(json_t *reply, const char *errors);
+
+#endif

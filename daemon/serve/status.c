@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status.c - a running bus as JSON.
+ */
+#include "serve/status.h"
+
+#include "base/jsonput.h"
+#include "record/output.h"
+#include "run/settings.h"
+
+#include <string.h>
+#include <unistd.h>
+
+static const char *const action_names[CW_ACTION_COUNT] = {
+    [CW_ACTION_FLIP] = "flip",
+    [CW_ACTION_FORCE] = "force",
+    [CW_ACTION_GLITCH] = "glitch",
+    [CW_ACTION_STUCK] = "stuck",
+    [CW_ACTION_NOISE] = "noise",
+    [CW_ACTION_NO_ACK] = "no-ack",
+    [CW_ACTION_DISCONNECT] = "disconnect",
+    [CW_ACTION_PARTITION] = "partition",
+    [CW_ACTION_WRONG_CRC] = "wrong-crc",
+    [CW_ACTION_BUS_OFF] = "bus-off",
+    [CW_ACTION_ERROR_FLAG] = "error-flag",
+    [CW_ACTION_RESTART] = "restart",
+    [CW_ACTION_COUNTERS] = "counters",
+    [CW_ACTION_OVERLOAD] = "overload",
+    [CW_ACTION_SET] = "set",
+    [CW_ACTION_DROP] = "drop",
+    [CW_ACTION_DELAY] = "delay",
+    [CW_ACTION_DUPLICATE] = "duplicate",
+    [CW_ACTION_REORDER] = "reorder",
+    [CW_ACTION_CHANGE] = "change",
+    [CW_ACTION_SEND] = "send",
+    [CW_ACTION_BABBLE] = "babble",
+    [CW_ACTION_LOAD] = "load",
+    [CW_ACTION_REPLY] = "reply",
+};
+
+void status_count(status_errors *errors, const cw_event *event)
+{
+    if (event->kind != CW_EVENT_ERROR)
+        return;
+    uint64_t *counters = event->error.role == CW_ROLE_TRANSMITTER ? errors->tx : errors->rx;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        counters[i] += event->nodes >> i & 1u;
+}
+
+/* NULL: null. */
+static const char *const link_names[] = {
+    [REPORT_NO_LINK] = NULL,
+    [REPORT_LINK_UP] = "up",
+    [REPORT_LINK_DOWN] = "down",
+    [REPORT_LINK_MISSING] = "missing",
+};
+
+static const char *const when_full_names[] = {
+    [CFG_WHEN_FULL_DROP] = "drop",
+    [CFG_WHEN_FULL_WAIT] = "wait",
+};
+
+/* What went on between the node and its ECU. */
+static json_t *interface_json(const port_stats *stats)
+{
+    json_t *object = json_object();
+    put_count(object, "read", stats->read);
+    put_count(object, "written", stats->written);
+    put_count(object, "write_failed", stats->write_failed);
+    put_count(object, "unheard", stats->unheard);
+    put_count(object, "kernel_dropped", stats->kernel_dropped);
+    put_count(object, "errors_written", stats->errors_written);
+    put_count(object, "errors_failed", stats->errors_failed);
+    put_count(object, "errors_left_out", stats->errors_left_out);
+    put_count(object, "errors_unheard", stats->errors_unheard);
+    put_count(object, "errors_ignored", stats->errors_ignored);
+    put_count(object, "malformed", stats->malformed);
+    put_count(object, "connected", stats->connected);
+    put_count(object, "refused", stats->refused);
+    put_count(object, "pushed_back", stats->pushed_back);
+    put_count(object, "loopless", stats->loopless);
+    return object;
+}
+
+static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
+                         const report_node *own, const status_errors *errors)
+{
+    cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
+    cw_settings settings = {.which = 0};
+    (void)cw_node_get_stats(bus, node, &stats);
+    (void)cw_node_get_settings(bus, node, &settings);
+    json_t *object = output_node_stats(&config->nodes[node], &stats);
+    put_count(object, "rx_errors", errors->rx[node]);
+    put_count(object, "tx_errors", errors->tx[node]);
+    put(object, "settings", settings_to_json(&settings));
+    put_text(object, "link", link_names[own->link]);
+    put_text(object, "when_full",
+             config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);
+    put_bool(object, "pushed_back", own->pushed_back);
+    put(object, "interface",
+        config->nodes[node].port ? interface_json(&own->interface) : json_null());
+    put_bool(object, "conserved", own->conserved);
+    return object;
+}
+
+static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyond)
+{
+    json_t *object = output_bus_stats(config, bus);
+    put_count(object, "lag_ns", beyond->lag_ns);
+    put_count(object, "skips", beyond->skips);
+    put_count(object, "skipped_ns", beyond->skipped_ns);
+    return object;
+}
+
+/* What it reads besides its file. */
+static json_t *reads_json(const cfg *config)
+{
+    json_t *array = json_array();
+    for (size_t i = 1; i < config->file_count; i++)
+        put_last(array, text_to_json(config->files[i].name, strlen(config->files[i].name)));
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++) {
+            const cfg_traffic *traffic = &config->nodes[i].traffic[t];
+            if (traffic->kind == CFG_TRAFFIC_REPLAY)
+                put_last(array, text_to_json(traffic->file, strlen(traffic->file)));
+        }
+    return array;
+}
+
+json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
+                    const status_errors *errors)
+{
+    json_t *object = json_object();
+    json_t *nodes = json_array();
+    put_text(object, "version", CANWIRE_VERSION);
+    put_count(object, "pid", (uint64_t)getpid());
+    put_text(object, "file", config->file);
+    put(object, "reads", reads_json(config));
+    put_text(object, "control", config->control);
+    put(object, "bus", bus_json(config, bus, beyond));
+    for (unsigned i = 0; i < config->node_count; i++)
+        put_last(nodes, node_json(config, bus, i, &beyond->nodes[i], errors));
+    put(object, "nodes", nodes);
+    return object;
+}
+
+static json_t *fault_json(const live *rules, const cw_bus *bus, unsigned index)
+{
+    const cw_rule *rule = &live_config(rules)->rules[index];
+    cw_rule_stats stats = {.matches = 0};
+    (void)cw_rule_get_stats(bus, index, &stats);
+    json_t *object = output_rule_stats(live_config(rules), bus, index);
+    put_count(object, "misses", stats.misses);
+    put_bool(object, "active", stats.active);
+    put_bool(object, "over", stats.over);
+    put_text(object, "action", action_names[rule->action]);
+    put_bool(object, "manual", rule->manual);
+    put_bool(object, "injected", live_is_injected(rules, index));
+    return object;
+}
+
+json_t *status_faults(const live *rules, const cw_bus *bus)
+{
+    const cfg *config = live_config(rules);
+    json_t *array = json_array();
+    for (unsigned i = 0; i < config->rule_count; i++)
+        if (config->rules[i].name)
+            put_last(array, fault_json(rules, bus, i));
+    return array;
+}

@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * watchdog.c - feeds the service manager's watchdog as long as the bus advances.
+ */
+#include "serve/watchdog.h"
+
+#include <systemd/sd-daemon.h>
+
+#define FEEDS 3.0 /* in the time that the manager waits, so that it can do without one */
+
+bool watchdog_advanced(watchdog *w, uint64_t tick)
+{
+    bool advanced = tick > w->fed_tick;
+    if (advanced)
+        w->fed_tick = tick;
+    return advanced;
+}
+
+static void on_timer(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    watchdog *w = timer->data;
+    engine_update(w->engine);
+    if (watchdog_advanced(w, cw_bus_now(engine_bus(w->engine))))
+        notify_alive(w->notifier);
+}
+
+void watchdog_start(watchdog *w, struct ev_loop *loop, engine *bus, notifier *manager)
+{
+    uint64_t usec = 0;
+    if (sd_watchdog_enabled(0, &usec) <= 0)
+        return;
+    *w = (watchdog){.engine = bus, .notifier = manager};
+    double period = (double)usec / 1e6 / FEEDS;
+    ev_timer_init(&w->timer, on_timer, period, period);
+    w->timer.data = w;
+    ev_timer_start(loop, &w->timer);
+}

@@ -1,0 +1,214 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * asc.c - reads Vector's ASC: a header, then a line for each event.
+ *
+ *     date Sat Sep 30 10:06:13.191 am 2017
+ *     base hex  timestamps absolute
+ *        0.015991 1  54C5638x        Rx   d 8 00 11 22 33 44 55 66 77
+ *        0.020000 2  123             Tx   r 4
+ *        0.030000 1  ErrorFrame
+ */
+#include "trace/format.h"
+
+#include <string.h>
+#include <strings.h>
+
+#define BASE_ID_MAX 0x7FFu
+#define EXTENDED_ID_MAX 0x1FFFFFFFu
+#define DLC_MAX 15u
+#define DIGITS_MAX 9u
+#define WORD_MAX 24 /* characters of a word that are shown */
+
+static const char line_problem[] =
+    "expected an event such as '0.015991 1  123  Rx  d 2 00 11', a comment (//), or one of date, "
+    "base, internal events logged, Begin Triggerblock, End TriggerBlock";
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+static const char *next_word(const char *text)
+{
+    return trace_blanks(text + trace_word(text));
+}
+
+static bool begins(const char *text, const char *words)
+{
+    return strncasecmp(text, words, strlen(words)) == 0;
+}
+
+/* A word of `length` characters in the base of the file. */
+static bool read_number(uint32_t *value, const asc_state *s, const char *word, size_t length)
+{
+    uint32_t sum = 0;
+    if (!s->decimal)
+        return trace_hex(value, word, length);
+    if (length == 0 || length > DIGITS_MAX || strspn(word, "0123456789") < length)
+        return false;
+    for (size_t i = 0; i < length; i++)
+        sum = sum * 10 + (uint32_t)(word[i] - '0');
+    *value = sum;
+    return true;
+}
+
+/* ---- Header ---------------------------------------------------------------------------------- */
+
+/* "base hex|dec  timestamps absolute|relative" */
+static trace_result read_base(trace_input *in, asc_state *s, const char *text)
+{
+    const char *base = next_word(text);
+    const char *stamps = next_word(base);
+    const char *kind = next_word(stamps);
+    bool relative = trace_is_word(kind, "relative");
+    if (!trace_is_word(base, "hex") && !trace_is_word(base, "dec"))
+        return trace_bad_text(in, base, "expected 'hex' or 'dec'");
+    if (!trace_is_word(stamps, "timestamps") || (!relative && !trace_is_word(kind, "absolute")))
+        return trace_bad_text(in, stamps,
+                              "expected 'timestamps absolute' or 'timestamps relative'");
+    s->decimal = trace_is_word(base, "dec");
+    s->relative = relative;
+    s->has_base = true;
+    return TRACE_RECORD;
+}
+
+/* A line without time. TRACE_RECORD when it is one that may be there. */
+static trace_result read_header(trace_input *in, asc_state *s, const char *text)
+{
+    static const char *const others[] = {"//",
+                                         "date ",
+                                         "internal events logged",
+                                         "no internal events logged",
+                                         "previous log file",
+                                         "begin triggerblock",
+                                         "end triggerblock"};
+    if (begins(text, "base "))
+        return read_base(in, s, text);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++)
+        if (begins(text, others[i]))
+            return TRACE_RECORD;
+    return trace_bad_text(in, text, "%s", line_problem);
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+/* "123" or "54C5638x" */
+static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r, const char *word)
+{
+    size_t length = trace_word(word);
+    bool extended = length > 1 && (word[length - 1] == 'x' || word[length - 1] == 'X');
+    uint32_t id = 0;
+    if (!read_number(&id, s, word, extended ? length - 1 : length))
+        return trace_bad_text(in, word,
+                              "'%.*s': expected an identifier in base %s, with x behind an "
+                              "extended one (names in place of identifiers are not understood)",
+                              (int)(length < WORD_MAX ? length : WORD_MAX), word,
+                              s->decimal ? "dec" : "hex");
+    if (id > (extended ? EXTENDED_ID_MAX : BASE_ID_MAX))
+        return trace_bad_text(in, word, "an identifier is at most 7FF, and 1FFFFFFFx (hex)");
+    r->frame.id = id;
+    r->frame.flags = extended ? CW_FRAME_EXTENDED : 0;
+    return TRACE_RECORD;
+}
+
+/* "8 00 11 ..."; behind it there may be words such as "Length = 228000 BitCount = 118 ID = 54x". */
+static trace_result read_data(trace_input *in, const asc_state *s, trace_record *r,
+                              const char *word)
+{
+    uint32_t value = 0;
+    if (!read_number(&value, s, word, trace_word(word)) || value > DLC_MAX)
+        return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
+    r->frame.dlc = (uint8_t)value;
+    unsigned count = cw_frame_length(&r->frame);
+    for (unsigned i = 0; i < count; i++) {
+        word = next_word(word);
+        if (!read_number(&value, s, word, trace_word(word)) || value > UINT8_MAX)
+            return trace_bad_text(in, word, "expected %u data bytes in the file's base", count);
+        r->frame.data[i] = (uint8_t)value;
+    }
+    word = next_word(word);
+    if (read_number(&value, s, word, trace_word(word)))
+        return trace_bad_text(in, word, "more data bytes than the data length code says, %u",
+                              r->frame.dlc);
+    return TRACE_RECORD;
+}
+
+/* "r" or "r 4" */
+static trace_result read_remote(trace_input *in, const asc_state *s, trace_record *r,
+                                const char *word)
+{
+    uint32_t dlc = 0;
+    if (read_number(&dlc, s, word, trace_word(word)) && dlc > DLC_MAX)
+        return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
+    r->frame.flags |= CW_FRAME_REMOTE;
+    r->frame.dlc = (uint8_t)dlc;
+    return TRACE_RECORD;
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+/* What happened on a channel; `word` comes behind its number. A request to transmit (TxRq) is not
+ * yet the frame, which has an event of its own. */
+static trace_result read_channel_event(trace_input *in, const asc_state *s, trace_record *r,
+                                       const char *word)
+{
+    const char *direction = next_word(word);
+    const char *type = next_word(direction);
+    bool moved = trace_is_word(direction, "Rx") || trace_is_word(direction, "Tx");
+    bool data = trace_is_word(type, "d");
+    if (begins(word, "ErrorFrame")) {
+        r->kind = TRACE_ERROR_FRAME;
+        return TRACE_RECORD;
+    }
+    if (!moved || (!data && !trace_is_word(type, "r"))) {
+        r->kind = TRACE_OTHER;
+        return TRACE_RECORD;
+    }
+    if (read_id(in, s, r, word) != TRACE_RECORD)
+        return TRACE_BAD;
+    return data ? read_data(in, s, r, next_word(type)) : read_remote(in, s, r, next_word(type));
+}
+
+static trace_result read_event(trace_input *in, asc_state *s, trace_record *r, const char *text)
+{
+    uint64_t ns;
+    const char *word = trace_seconds(&ns, text);
+    if (!word || (*word != ' ' && *word != '\t' && *word != '\0'))
+        return trace_bad_text(in, text, "expected a time in seconds such as 0.015991");
+    s->time_ns = s->relative ? s->time_ns + ns : ns;
+    r->place = in->line;
+    r->timed = true;
+    r->time_ns = s->time_ns;
+    word = trace_blanks(word);
+    bool fd = trace_is_word(word, "CANFD");
+    bool xl = trace_is_word(word, "CANXL");
+    if (fd || xl)
+        word = next_word(word);
+    size_t length = trace_word(word);
+    bool channel = length > 0 && strspn(word, "0123456789") == length;
+    if (channel)
+        trace_set_channel(r, word, length);
+    r->kind = fd ? TRACE_FD_FRAME : xl ? TRACE_XL_FRAME : TRACE_OTHER;
+    if (begins(word, "Start of measurement"))
+        r->kind = TRACE_MARK;
+    if (fd || xl || !channel)
+        return TRACE_RECORD;
+    r->kind = TRACE_FRAME;
+    return read_channel_event(in, s, r, next_word(word));
+}
+
+trace_result asc_next(trace_input *in, asc_state *state, trace_record *record)
+{
+    for (;;) {
+        trace_result result = trace_line(in);
+        if (result != TRACE_RECORD)
+            return result;
+        const char *text = trace_blanks(in->text);
+        bool event = *text >= '0' && *text <= '9';
+        if (event && !state->has_base)
+            return trace_bad_text(in, text,
+                                  "'base hex|dec timestamps absolute|relative' must come "
+                                  "before the first event");
+        if (event)
+            return read_event(in, state, record, text);
+        if (*text != '\0' && read_header(in, state, text) != TRACE_RECORD)
+            return TRACE_BAD;
+    }
+}

@@ -1,0 +1,393 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pcapng_read.c - reads captures: pcapng and the older pcap, with LINKTYPE_CAN_SOCKETCAN (227).
+ *
+ * A pcapng file is a sequence of blocks: type, length, body, length again. Each section (SHB) has
+ * its own byte order and its own interfaces (IDB); packets are in EPB, SPB or the obsolete PB.
+ */
+#include "base/wide.h"
+#include "trace/format.h"
+#include "trace/pcapng_format.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#define BLOCK_MAX (16u * 1024u * 1024u)
+#define IDB_READ_MAX 8192u /* bytes of it that are looked at */
+
+#define RESOLUTION_DEFAULT 6u /* 10^-6 s */
+#define RESOLUTION_BINARY 0x80u
+#define RESOLUTION_DECIMAL_MAX 19u
+#define RESOLUTION_BINARY_MAX 63u
+#define NS_PER_S UINT64_C(1000000000)
+#define SECONDS_MAX (UINT64_MAX / 2 / NS_PER_S)
+
+#define PCAP_HEAD 24u
+#define PCAP_PACKET_HEAD 16u
+#define PCAP_US 0xA1B2C3D4u
+#define PCAP_NS 0xA1B23C4Du
+
+/* ---- Numbers --------------------------------------------------------------------------------- */
+
+static uint32_t big32(const unsigned char *b)
+{
+    return (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
+}
+
+static uint32_t get32(const pcap_state *s, const unsigned char *b)
+{
+    uint32_t big = big32(b);
+    return s->big_endian ? big : __builtin_bswap32(big);
+}
+
+static uint16_t get16(const pcap_state *s, const unsigned char *b)
+{
+    return (uint16_t)(s->big_endian ? b[0] << 8 | b[1] : b[1] << 8 | b[0]);
+}
+
+static uint64_t get64(const pcap_state *s, const unsigned char *b)
+{
+    uint64_t first = get32(s, b);
+    uint64_t second = get32(s, b + 4);
+    return s->big_endian ? first << 32 | second : second << 32 | first;
+}
+
+/* The next bytes, which must be there. */
+static trace_result need(trace_input *in, const unsigned char **bytes, size_t count)
+{
+    trace_result result = trace_bytes(in, bytes, count);
+    if (result == TRACE_END)
+        return trace_bad_byte(in, in->offset, "the file ends here, too early");
+    return result;
+}
+
+/* ---- Time ------------------------------------------------------------------------------------ */
+
+/* Nanoseconds of a count in units of the interface; false when there are too many of them. */
+static bool time_of(uint64_t *ns, const pcap_interface *i, uint64_t count)
+{
+    unsigned power = i->resolution & ~RESOLUTION_BINARY;
+    uint64_t units = 1; /* in a second */
+    uint64_t rest;
+    if (i->resolution & RESOLUTION_BINARY)
+        units <<= power;
+    else
+        for (unsigned k = 0; k < power; k++)
+            units *= 10;
+    uint64_t seconds = count / units;
+    if (seconds > SECONDS_MAX)
+        return false;
+    int64_t whole = (int64_t)seconds + i->offset_s;
+    if (whole < 0 || (uint64_t)whole > SECONDS_MAX)
+        return false;
+    *ns = (uint64_t)whole * NS_PER_S +
+          wide_divide(&rest, wide_product(count % units, NS_PER_S), units).low;
+    return true;
+}
+
+/* ---- Packets --------------------------------------------------------------------------------- */
+
+/* A packet as it is announced: what follows in the file are `captured` bytes of it. */
+typedef struct packet {
+    uint64_t place; /* of its block */
+    uint32_t captured;
+    uint16_t link_type;
+} packet;
+
+static trace_result read_frame(trace_input *in, trace_record *r, const packet *p,
+                               const unsigned char *b)
+{
+    uint32_t id = big32(b);
+    uint8_t length = b[4];
+    if (length > 8)
+        return trace_bad_byte(in, p->place, "a classical CAN frame with %u data bytes", length);
+    r->frame.flags = (uint8_t)(id & CAN_EXTENDED ? CW_FRAME_EXTENDED : 0);
+    r->frame.id = id & (CAN_REMOTE - 1);
+    if (r->frame.id > (r->frame.flags ? 0x1FFFFFFFu : 0x7FFu))
+        return trace_bad_byte(
+            in, p->place, "the identifier %" PRIX32 " of a base frame is over 7FF", r->frame.id);
+    r->frame.dlc = length == 8 && b[7] > 8 && b[7] <= 15 ? b[7] : length;
+    if (id & CAN_REMOTE) {
+        r->frame.flags |= CW_FRAME_REMOTE;
+        return TRACE_RECORD;
+    }
+    if (p->captured < CAN_HEAD + length)
+        return trace_bad_byte(
+            in, p->place, "%" PRIu32 " bytes of a CAN frame of %u: cut off when it was captured",
+            p->captured, CAN_HEAD + length);
+    memcpy(r->frame.data, b + CAN_HEAD, length);
+    return TRACE_RECORD;
+}
+
+/* Takes the bytes of a packet, and those that fill it up to `space`. */
+static trace_result read_packet(trace_input *in, trace_record *r, const packet *p, uint32_t space)
+{
+    const unsigned char *b;
+    uint32_t count = p->captured < CAN_BYTES_MAX ? p->captured : CAN_BYTES_MAX;
+    r->place = p->place;
+    if (p->link_type != LINKTYPE_CAN_SOCKETCAN) {
+        r->kind = TRACE_OTHER;
+        return trace_skip(in, space);
+    }
+    if (count < CAN_HEAD)
+        return trace_bad_byte(in, p->place,
+                              "%" PRIu32 " bytes of a CAN frame: cut off when it was captured",
+                              p->captured);
+    trace_result result = need(in, &b, count);
+    if (result != TRACE_RECORD)
+        return TRACE_BAD;
+    if (b[4] & CAN_XLF)
+        r->kind = TRACE_XL_FRAME;
+    else if ((b[5] & CAN_FDF) || p->captured > CAN_BYTES_MAX)
+        r->kind = TRACE_FD_FRAME;
+    else if (big32(b) & CAN_ERROR)
+        r->kind = TRACE_ERROR_FRAME;
+    else
+        result = read_frame(in, r, p, b);
+    return result == TRACE_RECORD ? trace_skip(in, space - count) : result;
+}
+
+static trace_result stamp(trace_input *in, trace_record *r, const packet *p,
+                          const pcap_interface *i, uint64_t count)
+{
+    r->timed = true;
+    if (!time_of(&r->time_ns, i, count))
+        return trace_bad_byte(in, p->place, "the time of this packet is out of range");
+    return TRACE_RECORD;
+}
+
+/* ---- Interfaces ------------------------------------------------------------------------------ */
+
+static void read_option(const pcap_state *s, pcap_interface *i, unsigned code,
+                        const unsigned char *value, unsigned length)
+{
+    if (code == OPTION_IF_NAME) {
+        unsigned kept = length < TRACE_CHANNEL_MAX - 1 ? length : TRACE_CHANNEL_MAX - 1;
+        memcpy(i->name, value, kept);
+        i->name[kept] = '\0';
+    } else if (code == OPTION_IF_TSRESOL && length >= 1) {
+        i->resolution = value[0];
+    } else if (code == OPTION_IF_TSOFFSET && length >= 8) {
+        i->offset_s = (int64_t)get64(s, value);
+    }
+}
+
+static void read_options(const pcap_state *s, pcap_interface *i, const unsigned char *b,
+                         size_t left)
+{
+    while (left >= 4) {
+        unsigned code = get16(s, b);
+        unsigned length = get16(s, b + 2);
+        size_t whole = 4 + ((length + 3u) & ~3u);
+        if (code == OPTION_END || whole > left)
+            return;
+        read_option(s, i, code, b + 4, length);
+        b += whole;
+        left -= whole;
+    }
+}
+
+static bool interface_valid(const pcap_interface *i)
+{
+    unsigned power = i->resolution & ~RESOLUTION_BINARY;
+    bool offset = i->offset_s <= (int64_t)SECONDS_MAX && i->offset_s >= -(int64_t)SECONDS_MAX;
+    return offset && power <= (i->resolution & RESOLUTION_BINARY ? RESOLUTION_BINARY_MAX
+                                                                 : RESOLUTION_DECIMAL_MAX);
+}
+
+static trace_result read_interface(trace_input *in, pcap_state *s, uint64_t place, uint32_t body)
+{
+    const unsigned char *b;
+    uint32_t count = body < IDB_READ_MAX ? body : IDB_READ_MAX;
+    if (body < 8)
+        return trace_bad_byte(in, place, "an interface block that is too short");
+    if (s->interface_count == TRACE_INTERFACES_MAX)
+        return trace_bad_byte(in, place, "more than %u interfaces", TRACE_INTERFACES_MAX);
+    if (need(in, &b, count) != TRACE_RECORD)
+        return TRACE_BAD;
+    pcap_interface *i = &s->interfaces[s->interface_count];
+    *i = (pcap_interface){
+        .link_type = get16(s, b), .snap_length = get32(s, b + 4), .resolution = RESOLUTION_DEFAULT};
+    (void)snprintf(i->name, sizeof i->name, "%u", s->interface_count++);
+    read_options(s, i, b + 8, count - 8);
+    if (!interface_valid(i))
+        return trace_bad_byte(in, place,
+                              "time stamps of this interface have an unknown resolution");
+    return trace_skip(in, body - count);
+}
+
+/* ---- Blocks ---------------------------------------------------------------------------------- */
+
+static trace_result read_section(trace_input *in, pcap_state *s, uint64_t place,
+                                 const unsigned char *magic)
+{
+    s->big_endian = big32(magic) == BYTE_ORDER_MAGIC;
+    s->interface_count = 0;
+    if (get32(s, magic) != BYTE_ORDER_MAGIC)
+        return trace_bad_byte(in, place, "a section without the byte order mark 1A2B3C4D");
+    return TRACE_RECORD;
+}
+
+/* EPB and PB, which differ in where the interface is; the rest of the block are options. */
+static trace_result read_enhanced(trace_input *in, pcap_state *s, trace_record *r, uint64_t place,
+                                  uint32_t type, uint32_t body)
+{
+    const unsigned char *b;
+    if (body < 20)
+        return trace_bad_byte(in, place, "a packet block that is too short");
+    if (need(in, &b, 20) != TRACE_RECORD)
+        return TRACE_BAD;
+    uint32_t number = type == BLOCK_PB ? get16(s, b) : get32(s, b);
+    packet p = {.place = place, .captured = get32(s, b + 12)};
+    uint64_t count = (uint64_t)get32(s, b + 4) << 32 | get32(s, b + 8);
+    if (number >= s->interface_count)
+        return trace_bad_byte(in, place,
+                              "a packet of interface %" PRIu32 ", which is not described", number);
+    if (p.captured > body - 20)
+        return trace_bad_byte(in, place, "a packet that is longer than its block");
+    const pcap_interface *i = &s->interfaces[number];
+    p.link_type = i->link_type;
+    trace_set_channel(r, i->name, strlen(i->name));
+    if (stamp(in, r, &p, i, count) != TRACE_RECORD)
+        return TRACE_BAD;
+    return read_packet(in, r, &p, body - 20);
+}
+
+/* SPB: of the first interface, without time. */
+static trace_result read_simple(trace_input *in, pcap_state *s, trace_record *r, uint64_t place,
+                                uint32_t body)
+{
+    const unsigned char *b;
+    if (body < 4 || s->interface_count == 0)
+        return trace_bad_byte(in, place,
+                              body < 4 ? "a packet block that is too short"
+                                       : "a packet before any interface is described");
+    if (need(in, &b, 4) != TRACE_RECORD)
+        return TRACE_BAD;
+    const pcap_interface *i = &s->interfaces[0];
+    packet p = {.place = place, .captured = get32(s, b), .link_type = i->link_type};
+    if (i->snap_length > 0 && p.captured > i->snap_length)
+        p.captured = i->snap_length;
+    if (p.captured > body - 4)
+        return trace_bad_byte(in, place, "a packet that is longer than its block");
+    trace_set_channel(r, i->name, strlen(i->name));
+    return read_packet(in, r, &p, body - 4);
+}
+
+/* The body of a block. *told: it is an entry of the file. */
+static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, bool *told,
+                              uint64_t place, uint32_t type, uint32_t body)
+{
+    *told = type == BLOCK_EPB || type == BLOCK_PB || type == BLOCK_SPB;
+    if (type == BLOCK_EPB || type == BLOCK_PB)
+        return read_enhanced(in, s, r, place, type, body);
+    if (type == BLOCK_SPB)
+        return read_simple(in, s, r, place, body);
+    if (type == BLOCK_IDB)
+        return read_interface(in, s, place, body);
+    *told = type != BLOCK_SHB && type != BLOCK_NRB && type != BLOCK_ISB && type != BLOCK_DSB;
+    r->kind = TRACE_OTHER;
+    r->place = place;
+    return trace_skip(in, body);
+}
+
+static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, bool *told)
+{
+    const unsigned char *b;
+    uint64_t place = in->offset;
+    trace_result result = trace_bytes(in, &b, BLOCK_HEAD);
+    if (result != TRACE_RECORD)
+        return result;
+    unsigned char head[BLOCK_HEAD];
+    memcpy(head, b, sizeof head);
+    if (big32(head) == BLOCK_SHB && trace_peek(in, &b, 4) == 4 &&
+        read_section(in, s, place, b) != TRACE_RECORD)
+        return TRACE_BAD;
+    uint32_t type = get32(s, head);
+    uint32_t length = get32(s, head + 4);
+    if (length < BLOCK_HEAD + BLOCK_FOOT || length % 4 != 0 || length > BLOCK_MAX)
+        return trace_bad_byte(in, place,
+                              "a block of %" PRIu32 " bytes: multiples of 4 from 12 to "
+                              "%u are allowed",
+                              length, BLOCK_MAX);
+    result = read_body(in, s, r, told, place, type, length - BLOCK_HEAD - BLOCK_FOOT);
+    if (result != TRACE_RECORD)
+        return TRACE_BAD;
+    if (need(in, &b, BLOCK_FOOT) != TRACE_RECORD)
+        return TRACE_BAD;
+    if (get32(s, b) != length)
+        return trace_bad_byte(in, place,
+                              "the two lengths of this block differ: %" PRIu32 " and %" PRIu32,
+                              length, get32(s, b));
+    return TRACE_RECORD;
+}
+
+/* ---- pcap ------------------------------------------------------------------------------------ */
+
+static trace_result read_classic_head(trace_input *in, pcap_state *s)
+{
+    const unsigned char *b;
+    if (need(in, &b, PCAP_HEAD) != TRACE_RECORD)
+        return TRACE_BAD;
+    bool ns = big32(b) == PCAP_NS || big32(b) == __builtin_bswap32(PCAP_NS);
+    s->big_endian = big32(b) == PCAP_NS || big32(b) == PCAP_US;
+    s->interfaces[0] = (pcap_interface){.link_type = (uint16_t)(get32(s, b + 20) & 0xFFFFu),
+                                        .resolution = ns ? 9 : RESOLUTION_DEFAULT,
+                                        .name = "0"};
+    return TRACE_RECORD;
+}
+
+static trace_result read_classic(trace_input *in, pcap_state *s, trace_record *r)
+{
+    const unsigned char *b;
+    packet p = {.place = in->offset, .link_type = s->interfaces[0].link_type};
+    trace_result result = trace_bytes(in, &b, PCAP_PACKET_HEAD);
+    if (result != TRACE_RECORD)
+        return result;
+    uint64_t scale = s->interfaces[0].resolution == 9 ? NS_PER_S : 1000000u;
+    uint64_t count = get32(s, b) * scale + get32(s, b + 4);
+    p.captured = get32(s, b + 8);
+    if (p.captured > BLOCK_MAX)
+        return trace_bad_byte(in, p.place, "a packet of %" PRIu32 " bytes: at most %u are allowed",
+                              p.captured, BLOCK_MAX);
+    trace_set_channel(r, "0", 1);
+    if (stamp(in, r, &p, &s->interfaces[0], count) != TRACE_RECORD)
+        return TRACE_BAD;
+    return read_packet(in, r, &p, p.captured);
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+static trace_result begin(trace_input *in, pcap_state *s)
+{
+    const unsigned char *b;
+    size_t count = trace_peek(in, &b, BLOCK_HEAD + 4);
+    uint32_t magic = count >= 4 ? big32(b) : 0;
+    s->begun = true;
+    if (in->problem[0] != '\0')
+        return TRACE_BAD;
+    if (magic == PCAP_US || magic == PCAP_NS || magic == __builtin_bswap32(PCAP_US) ||
+        magic == __builtin_bswap32(PCAP_NS)) {
+        s->classic = true;
+        return read_classic_head(in, s);
+    }
+    if (magic != BLOCK_SHB || count < BLOCK_HEAD + 4)
+        return trace_bad_byte(in, 0, "this is neither pcapng nor pcap");
+    return TRACE_RECORD;
+}
+
+trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *record)
+{
+    if (!state->begun && begin(in, state) != TRACE_RECORD)
+        return TRACE_BAD;
+    if (state->classic)
+        return read_classic(in, state, record);
+    for (;;) {
+        bool told = false;
+        *record = (trace_record){.kind = TRACE_FRAME};
+        trace_result result = read_block(in, state, record, &told);
+        if (result != TRACE_RECORD || told)
+            return result;
+    }
+}

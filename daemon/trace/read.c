@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * read.c - reads recordings of CAN traffic: opens them and finds out what they are.
+ */
+#include "trace/format.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define DETECT_BYTES 1024u
+
+struct trace_reader {
+    trace_format format;
+    uint64_t size;
+    char *file;
+    union {
+        candump_state candump;
+        asc_state asc;
+        pcap_state pcap;
+    } state;
+    trace_input input;
+};
+
+static trace_format detect(trace_input *in);
+static void start(trace_reader *reader);
+
+/* ---- Opening --------------------------------------------------------------------------------- */
+
+/* Not a pipe or a device, on which reading could wait. */
+static bool open_file(trace_reader *reader, const char *file, char problem[TRACE_PROBLEM_MAX])
+{
+    struct stat info;
+    reader->input.fd = open(file, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (reader->input.fd < 0 || fstat(reader->input.fd, &info) != 0) {
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: %s", file, strerror(errno));
+        return false;
+    }
+    if (!S_ISREG(info.st_mode)) {
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: not a regular file", file);
+        return false;
+    }
+    reader->size = (uint64_t)info.st_size;
+    return true;
+}
+
+trace_reader *trace_open(const char *file, trace_format format, char problem[TRACE_PROBLEM_MAX])
+{
+    trace_reader *reader = calloc(1, sizeof *reader);
+    char *name = strdup(file);
+    if (!reader || !name) {
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: out of memory", file);
+        free(reader);
+        free(name);
+        return NULL;
+    }
+    reader->file = name;
+    reader->input.file = name;
+    if (!open_file(reader, file, problem)) {
+        trace_close(reader);
+        return NULL;
+    }
+    reader->format = format == TRACE_DETECT ? detect(&reader->input) : format;
+    if (reader->format == TRACE_DETECT) {
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s", reader->input.problem);
+        trace_close(reader);
+        return NULL;
+    }
+    start(reader);
+    return reader;
+}
+
+void trace_close(trace_reader *reader)
+{
+    if (!reader)
+        return;
+    if (reader->input.fd >= 0)
+        (void)close(reader->input.fd);
+    free(reader->file);
+    free(reader);
+}
+
+static void start(trace_reader *reader)
+{
+    memset(&reader->state, 0, sizeof reader->state);
+    if (reader->format == TRACE_CANDUMP_DELTA)
+        reader->state.candump.delta = true;
+}
+
+bool trace_rewind(trace_reader *reader)
+{
+    trace_input *in = &reader->input;
+    if (lseek(in->fd, 0, SEEK_SET) != 0) {
+        (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
+        return false;
+    }
+    in->at_end = false;
+    in->first = 0;
+    in->filled = 0;
+    in->offset = 0;
+    in->line = 0;
+    start(reader);
+    return true;
+}
+
+/* ---- What a file is -------------------------------------------------------------------------- */
+
+static bool is_capture(const unsigned char *bytes, size_t count)
+{
+    static const unsigned char magics[][4] = {
+        {0x0A, 0x0D, 0x0D, 0x0A}, {0xA1, 0xB2, 0xC3, 0xD4}, {0xD4, 0xC3, 0xB2, 0xA1},
+        {0xA1, 0xB2, 0x3C, 0x4D}, {0x4D, 0x3C, 0xB2, 0xA1},
+    };
+    for (size_t i = 0; count >= 4 && i < sizeof magics / sizeof magics[0]; i++)
+        if (memcmp(bytes, magics[i], 4) == 0)
+            return true;
+    return false;
+}
+
+/* Whether a line is as candump writes it: "(1.5) can0 123#" or "can0  123   [0]". */
+static bool is_candump(const char *line)
+{
+    line = trace_blanks(line);
+    if (*line == '(' || strncmp(line, "DROPCOUNT:", strlen("DROPCOUNT:")) == 0)
+        return true;
+    const char *second = trace_blanks(line + trace_word(line));
+    size_t digits = strspn(second, "0123456789ABCDEFabcdef");
+    if (trace_is_word(second, "RX") || trace_is_word(second, "TX"))
+        return true;
+    return (digits == 3 || digits == 8) &&
+           (second[digits] == '#' || strchr("[{", *trace_blanks(second + digits)));
+}
+
+static bool is_asc(const char *line)
+{
+    line = trace_blanks(line);
+    return trace_is_word(line, "date") || trace_is_word(line, "base") ||
+           strncmp(line, "//", 2) == 0;
+}
+
+/* The first line that says something; NULL when there is none. A text, as far as it was seen. */
+static char *first_line(char *text)
+{
+    char *rest = text;
+    for (char *line = strtok_r(text, "\r\n", &rest); line; line = strtok_r(NULL, "\r\n", &rest))
+        if (*trace_blanks(line) != '\0')
+            return line;
+    return NULL;
+}
+
+/* A recording of a silent bus may be empty. */
+static trace_format detect(trace_input *in)
+{
+    const unsigned char *bytes;
+    char text[DETECT_BYTES + 1];
+    size_t count = trace_peek(in, &bytes, DETECT_BYTES);
+    if (in->problem[0] != '\0')
+        return TRACE_DETECT;
+    if (is_capture(bytes, count))
+        return TRACE_PCAPNG;
+    if (trace_has_bom(bytes, count)) {
+        bytes += TRACE_BOM_BYTES;
+        count -= TRACE_BOM_BYTES;
+    }
+    if (count > 0)
+        memcpy(text, bytes, count);
+    text[count] = '\0';
+    const char *line = strlen(text) == count ? first_line(text) : "";
+    if (!line || is_candump(line))
+        return TRACE_CANDUMP;
+    if (is_asc(line))
+        return TRACE_ASC;
+    in->line = 1;
+    in->text = "";
+    (void)trace_bad_text(in, in->text,
+                         "this is neither a candump log, nor Vector ASC, nor pcapng (name it with "
+                         "'format' if it is)");
+    return TRACE_DETECT;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+static trace_result next_entry(trace_reader *reader, trace_record *record)
+{
+    switch (reader->format) {
+    case TRACE_CANDUMP:
+    case TRACE_CANDUMP_DELTA:
+        return candump_next(&reader->input, &reader->state.candump, record);
+    case TRACE_ASC:
+        return asc_next(&reader->input, &reader->state.asc, record);
+    case TRACE_PCAPNG:
+        return pcapng_next(&reader->input, &reader->state.pcap, record);
+    case TRACE_DETECT:
+        break;
+    }
+    return TRACE_END;
+}
+
+trace_result trace_next(trace_reader *reader, trace_record *record)
+{
+    const trace_input *in = &reader->input;
+    *record = (trace_record){.kind = TRACE_FRAME};
+    trace_result result = next_entry(reader, record);
+    if (result == TRACE_RECORD && reader->format != TRACE_PCAPNG)
+        record->column = (unsigned)(trace_blanks(in->text) - in->text) + 1;
+    return result;
+}
+
+const char *trace_problem(const trace_reader *reader)
+{
+    return reader->input.problem;
+}
+
+/* Of the reader, only what does not change while it reads. */
+void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
+                    const trace_record *record, const char *what)
+{
+    if (reader->format == TRACE_PCAPNG)
+        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s: byte %" PRIu64 ": %s", reader->file,
+                       record->place, what);
+    else
+        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s:%" PRIu64 ":%u: %s", reader->file, record->place,
+                       record->column, what);
+}
+
+void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place)
+{
+    (void)snprintf(out, TRACE_CHANNEL_MAX, "%s %" PRIu64,
+                   reader->format == TRACE_PCAPNG ? "byte" : "line", place);
+}
+
+uint64_t trace_position(const trace_reader *reader)
+{
+    return reader->input.offset;
+}
+
+uint64_t trace_size(const trace_reader *reader)
+{
+    return reader->size;
+}

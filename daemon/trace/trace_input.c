@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * trace_input.c - bytes, lines and words of a recording, and where in it something is wrong.
+ */
+#include "trace/format.h"
+
+#include "base/plain.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#define FRACTION_DIGITS 9u
+#define SECONDS_MAX (UINT64_MAX / 2 / 1000000000u) /* so that differences and sums have room */
+
+/* ---- Bytes ----------------------------------------------------------------------------------- */
+
+/* Fills the buffer until it holds so many bytes, if the file has them. A file that cannot be read
+ * is at its end, with a problem. */
+static void fill(trace_input *in, size_t count)
+{
+    if (in->filled - in->first >= count || in->at_end)
+        return;
+    memmove(in->buffer, in->buffer + in->first, in->filled - in->first);
+    in->filled -= in->first;
+    in->first = 0;
+    while (in->filled < count && !in->at_end) {
+        ssize_t got = read(in->fd, in->buffer + in->filled, TRACE_BUFFER - in->filled);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
+        in->at_end = got <= 0;
+        in->filled += got > 0 ? (size_t)got : 0;
+    }
+}
+
+static void take(trace_input *in, size_t count)
+{
+    in->first += count;
+    in->offset += count;
+}
+
+size_t trace_peek(trace_input *in, const unsigned char **bytes, size_t count)
+{
+    fill(in, count);
+    size_t there = in->filled - in->first;
+    *bytes = in->buffer + in->first;
+    return there < count ? there : count;
+}
+
+trace_result trace_bytes(trace_input *in, const unsigned char **bytes, size_t count)
+{
+    size_t there = trace_peek(in, bytes, count);
+    if (in->problem[0] != '\0')
+        return TRACE_BAD;
+    if (there == count) {
+        take(in, count);
+        return TRACE_RECORD;
+    }
+    if (there == 0)
+        return TRACE_END;
+    return trace_bad_byte(in, in->offset + there, "the file ends here, too early");
+}
+
+trace_result trace_skip(trace_input *in, uint64_t count)
+{
+    while (count > 0) {
+        const unsigned char *bytes;
+        size_t piece = count < TRACE_BUFFER ? (size_t)count : TRACE_BUFFER;
+        size_t there = trace_peek(in, &bytes, piece);
+        if (in->problem[0] != '\0')
+            return TRACE_BAD;
+        if (there == 0)
+            return trace_bad_byte(in, in->offset, "the file ends here, too early");
+        take(in, there);
+        count -= there;
+    }
+    return TRACE_RECORD;
+}
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+bool trace_has_bom(const unsigned char *bytes, size_t count)
+{
+    return count >= TRACE_BOM_BYTES && memcmp(bytes, "\xEF\xBB\xBF", TRACE_BOM_BYTES) == 0;
+}
+
+trace_result trace_line(trace_input *in)
+{
+    fill(in, TRACE_LINE_MAX + 1);
+    size_t there = in->filled - in->first;
+    if (in->problem[0] != '\0')
+        return TRACE_BAD;
+    if (there == 0)
+        return TRACE_END;
+    if (in->line++ == 0 && trace_has_bom(in->buffer + in->first, there)) {
+        take(in, TRACE_BOM_BYTES);
+        there -= TRACE_BOM_BYTES;
+    }
+    in->text = (char *)in->buffer + in->first;
+    const char *newline = memchr(in->text, '\n', there);
+    size_t length = newline ? (size_t)(newline - in->text) : there;
+    size_t kept = length < TRACE_LINE_MAX ? length : TRACE_LINE_MAX;
+    take(in, newline ? length + 1 : length);
+    in->text[kept] =
+        '\0'; /* in place of the newline; the buffer has a byte more than it is filled */
+    if (kept < length)
+        return trace_bad_text(in, in->text, "this line has more than %u bytes", TRACE_LINE_MAX);
+    if (strlen(in->text) < length)
+        return trace_bad_text(in, in->text + strlen(in->text), "a byte 0: this is no text");
+    if (length > 0 && in->text[length - 1] == '\r')
+        in->text[length - 1] = '\0';
+    return TRACE_RECORD;
+}
+
+/* ---- Complaints ------------------------------------------------------------------------------ */
+
+/* In characters, from 1. */
+static size_t column(const trace_input *in, const char *at)
+{
+    size_t characters = 1;
+    for (const char *c = in->text; c < at; c++)
+        characters += ((unsigned char)*c & 0xC0u) != 0x80u;
+    return characters;
+}
+
+static void add_message(trace_input *in, int used, const char *format, va_list args)
+{
+    size_t start = used < 0 ? 0 : (size_t)used;
+    if (start < sizeof in->problem)
+        (void)vsnprintf(in->problem + start, sizeof in->problem - start, format, args);
+    plain_make(in->problem, '?'); /* what stands in the file may be anything */
+}
+
+trace_result trace_bad_text(trace_input *in, const char *at, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    int used = snprintf(in->problem, sizeof in->problem, "%s:%" PRIu64 ":%zu: ", in->file, in->line,
+                        column(in, at));
+    add_message(in, used, format, args);
+    va_end(args);
+    return TRACE_BAD;
+}
+
+trace_result trace_bad_byte(trace_input *in, uint64_t offset, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    int used =
+        snprintf(in->problem, sizeof in->problem, "%s: byte %" PRIu64 ": ", in->file, offset);
+    add_message(in, used, format, args);
+    va_end(args);
+    return TRACE_BAD;
+}
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+const char *trace_blanks(const char *text)
+{
+    return text + strspn(text, " \t");
+}
+
+size_t trace_word(const char *text)
+{
+    return strcspn(text, " \t");
+}
+
+bool trace_is_word(const char *text, const char *word)
+{
+    size_t length = trace_word(text);
+    return length == strlen(word) && strncasecmp(text, word, length) == 0;
+}
+
+void trace_set_channel(trace_record *record, const char *word, size_t length)
+{
+    size_t kept = length < TRACE_CHANNEL_MAX - 1 ? length : TRACE_CHANNEL_MAX - 1;
+    memcpy(record->channel, word, kept);
+    record->channel[kept] = '\0';
+}
+
+const char *trace_seconds(uint64_t *ns, const char *text)
+{
+    uint64_t seconds = 0;
+    uint64_t fraction = 0;
+    size_t digits = strspn(text, "0123456789");
+    size_t decimals = text[digits] == '.' ? strspn(text + digits + 1, "0123456789") : 0;
+    if (digits == 0 || decimals == 0 || decimals > FRACTION_DIGITS)
+        return NULL;
+    for (size_t i = 0; i < digits; i++) {
+        seconds = seconds * 10 + (uint64_t)(text[i] - '0');
+        if (seconds > SECONDS_MAX)
+            return NULL;
+    }
+    for (size_t i = 0; i < FRACTION_DIGITS; i++)
+        fraction = fraction * 10 + (i < decimals ? (uint64_t)(text[digits + 1 + i] - '0') : 0);
+    *ns = seconds * 1000000000u + fraction;
+    return text + digits + 1 + decimals;
+}
+
+bool trace_hex(uint32_t *value, const char *text, size_t length)
+{
+    static const char all[] = "0123456789abcdef";
+    uint32_t sum = 0;
+    if (length == 0 || length > 8)
+        return false;
+    for (size_t i = 0; i < length; i++) {
+        char c = text[i];
+        const char *digit =
+            c == '\0' ? NULL : strchr(all, c >= 'A' && c <= 'F' ? c - 'A' + 'a' : c);
+        if (!digit)
+            return false;
+        sum = sum << 4 | (uint32_t)(digit - all);
+    }
+    *value = sum;
+    return true;
+}
