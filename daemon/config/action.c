@@ -2,7 +2,8 @@
  *
  * action.c - what fault rules do: the key `do`, one table of keys for each action.
  */
-#include "config/read.h"
+#include "config/parts.h"
+#include "config/values.h"
 
 #include <string.h>
 

@@ -4,7 +4,8 @@
  *
  * Each expectation has one key that says what is looked at, the subject, and perhaps conditions.
  */
-#include "config/read.h"
+#include "config/parts.h"
+#include "config/values.h"
 
 #include <assert.h>
 #include <string.h>

@@ -6,7 +6,9 @@
  * in which $NAME or ${NAME} in any text stands for a parameter, and $$ for a dollar.
  */
 #include "base/yamlfile.h"
-#include "config/read.h"
+#include "config/parts.h"
+#include "config/source.h"
+#include "config/values.h"
 
 #include <stdlib.h>
 #include <string.h>

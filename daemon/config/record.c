@@ -2,7 +2,8 @@
  *
  * record.c - the keys of `record`: what is written down while the bus runs.
  */
-#include "config/read.h"
+#include "config/parts.h"
+#include "config/source.h"
 
 #include "base/spool.h"
 

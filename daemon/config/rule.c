@@ -3,16 +3,13 @@
  * rule.c - the keys of fault rules but for `do`: name and when, and what the rule waits
  * for by what is written and what it does.
  */
-#include "config/read.h"
-
+#include "config/parts.h"
+#include "config/values.h"
 #include <string.h>
-
-#define STATES_MAX ((size_t)CW_STATE_COUNT)
 
 static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
-
 static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range positive_range = {1, UINT32_MAX, sizeof(uint32_t)};
 
@@ -191,149 +188,11 @@ static void read_when(schema *self, const schema_key *key, yaml_node_t *value, v
     schema_map(self, key->name, value, when_keys, object);
 }
 
-static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, cw_rule *rule)
-{
-    unsigned room = CW_RULE_FILTERS_MAX - rule->filter_count;
-    unsigned count = 0;
-    uint32_t mask = 0;
-    const char *text = schema_text(self, key, value, "a frame filter such as 123 or 100:700");
-
-    if (!text)
-        return;
-    if (*text == '#')
-        schema_problem(self, key, value, text_parse_error_mask(&mask, text));
-    else
-        schema_problem(self, key, value,
-                       text_parse_filters(rule->filters + rule->filter_count, &count, room, text));
-    rule->filter_count = (uint8_t)(rule->filter_count + count);
-    rule->error_mask |= mask;
-}
-
-/* One text or a list of them. */
-void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
-
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *item = schema_item(self, value, i);
-
-        if (!schema_is_open(self, item))
-            read_filter(self, key, item, object);
-    }
-}
-
-void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_rule *rule = object;
-    text_bytes bytes = {0};
-    const char *text = schema_text(self, key, value, "data bytes such as DEAD..EF");
-
-    if (text)
-        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
-    rule->data_length = bytes.length;
-    memcpy(rule->data_mask, bytes.mask, sizeof bytes.mask);
-    memcpy(rule->data_value, bytes.value, sizeof bytes.value);
-}
-
-static void complain_no_node(schema *self, const schema_key *key, const yaml_node_t *value,
-                             const char *name)
-{
-    const cfg *config = cfg_of(self);
-    nearest guess = {.word = name};
-    const char *list = "";
-
-    for (size_t i = 0; i < config->node_count; i++) {
-        nearest_consider(&guess, config->nodes[i].name);
-        list = schema_join(self, list, config->nodes[i].name);
-    }
-    /* Without any node the missing list is the only complaint worth making. */
-    if (config->node_count > 0)
-        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
-                        schema_suggestion(self, &guess), list);
-}
-
-/* A further node of that name, for a profile that is checked without a bus; or -1. */
-static int make_node(schema *self, const schema_key *key, const yaml_node_t *value,
-                     const char *name)
-{
-    cfg *config = cfg_of(self);
-
-    if (!cfg_name_valid(name, NODE_NAME_MAX)) {
-        schema_expected(self, key, value, "the name of a node");
-        return -1;
-    }
-    if (config->node_count == CW_NODES_MAX) {
-        schema_complain(self, value, "%s: these are more than %d nodes", key->name, CW_NODES_MAX);
-        return -1;
-    }
-    char *copy = schema_copy(self, name);
-    if (!copy)
-        return -1;
-    config->nodes[config->node_count].name = copy;
-    return (int)config->node_count++;
-}
-
-int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name)
-{
-    const cfg_walk *walk = self->user;
-    uint8_t node = cfg_find_node(walk->config, name);
-
-    if (node != CW_NO_NODE)
-        return node;
-    if (walk->any_node)
-        return make_node(self, key, value, name);
-    if (!walk->unnamed) /* it may be meant, and has been told */
-        complain_no_node(self, key, value, name);
-    return -1;
-}
-
-/* The node that a value names as a mask, 0 after a complaint or when it is not known yet. */
-static uint64_t read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value)
-{
-    if (schema_is_open(self, value))
-        return 0;
-    const char *name = schema_text(self, key, value, "the name of a node");
-    int node = name ? cfg_read_node(self, key, value, name) : -1;
-
-    return node < 0 ? 0 : UINT64_C(1) << node;
-}
-
-void cfg_read_node_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    uint64_t *set = schema_member(key, object);
-    size_t count = schema_count_one(self, key, value, 1, CW_NODES_MAX);
-
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *item = schema_item(self, value, i);
-        uint64_t node = read_node_mask(self, key, item);
-        if (*set & node)
-            schema_complain(self, item, "%s: this node is in the list twice", key->name);
-        *set |= node;
-    }
-}
-
-uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
-{
-    schema_choice choices[STATES_MAX + 1] = {{.name = NULL}};
-    size_t count = schema_count_one(self, key, value, 1, STATES_MAX);
-    unsigned mask = 0;
-    unsigned state;
-
-    for (unsigned i = 0; i < STATES_MAX; i++)
-        choices[i] = (schema_choice){.name = cw_state_name((cw_state)i), .value = i};
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *item = schema_item(self, value, i);
-        if (!schema_is_open(self, item) && schema_choose(self, &state, key, item, choices))
-            mask |= 1u << state;
-    }
-    return (uint8_t)mask;
-}
-
 /* One entry, NODE: STATE or NODE: [STATES]. */
 static void read_state(schema *self, const schema_key *key, const yaml_node_t *node,
                        yaml_node_t *value, cw_rule *rule)
 {
-    uint64_t bit = read_node_mask(self, key, node);
+    uint64_t bit = cfg_read_node_mask(self, key, node);
     uint8_t mask = cfg_read_states(self, key, value);
 
     if (rule->state_nodes & bit)
@@ -361,43 +220,6 @@ static void read_states(schema *self, const schema_key *key, yaml_node_t *value,
         read_state(self, key, node, states, object);
         node = schema_pair(self, &states, value, i);
     }
-}
-
-/* One end of a window in ticks; false after a complaint. */
-static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const yaml_node_t *value,
-                     const char *text)
-{
-    cfg_time time = {0};
-    const char *problem = text_parse_time(&time, text);
-
-    schema_problem(self, key, value, problem);
-    *tick = text_time_ticks(time, cfg_of(self)->bit_ticks);
-    return !problem;
-}
-
-/* BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
-void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    static const char expected[] = "a time or a window such as 2s, 2s.., 2s..5s or ..5s";
-    cw_rule *rule = object;
-    const char *text = schema_text(self, key, value, expected);
-
-    if (!text)
-        return;
-    const char *dots = strstr(text, "..");
-    size_t length = dots ? (size_t)(dots - text) : strlen(text);
-    const char *end = dots ? dots + 2 : "";
-    if (length == 0 && *end == '\0') {
-        schema_expected(self, key, value, expected);
-        return;
-    }
-    const char *begin = schema_print(self, "%.*s", (int)length, text);
-    if (!begin || (length > 0 && !read_end(self, &rule->time_begin, key, value, begin)))
-        return;
-    if (*end == '\0' || !read_end(self, &rule->time_end, key, value, end))
-        return;
-    if (rule->time_end <= rule->time_begin)
-        schema_problem(self, key, value, "the window must end after it begins");
 }
 
 static void read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -453,14 +275,6 @@ static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *va
         rule->after = (uint16_t)other;
     else
         complain_no_rule(self, key, value, text);
-}
-
-void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    const char *text = schema_text(self, key, value, "a decimal fraction from 0 to 1");
-
-    if (text)
-        schema_problem(self, key, value, text_parse_probability(schema_member(key, object), text));
 }
 
 /* The value of a key of `when`, or NULL. */

@@ -2,7 +2,9 @@
  *
  * traffic.c - the traffic of nodes without port: the keys of `send`, `replay` and `reply`.
  */
-#include "config/read.h"
+#include "config/parts.h"
+#include "config/source.h"
+#include "config/values.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,0 +1,73 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bus.c - the keys of `bus`: its name and bit rate.
+ */
+#include "config/parts.h"
+
+#include "config/values.h"
+
+#include <inttypes.h>
+
+#define BITRATE_MIN 5000u
+#define BITRATE_MAX 1000000u
+#define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
+
+static schema_reader read_bus_name, read_bitrate;
+static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
+
+static const schema_key bus_keys[] = {
+    {.name = "name", .read = read_bus_name},
+    {.name = "bitrate",
+     .read = read_bitrate,
+     .offset = offsetof(cfg, bitrate_bps),
+     .arg = &bitrate_range,
+     .required = true},
+    {.name = NULL},
+};
+
+void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, bus_keys, object);
+}
+
+static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    config->bus_name_place = cfg_place_of(value);
+    config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+}
+
+/* Whether ticks / CW_CLOCK_HZ is a bit near enough to the rate. */
+static bool is_near(uint32_t bitrate, uint32_t ticks)
+{
+    uint64_t product = (uint64_t)bitrate * ticks;
+    uint64_t error = product > CW_CLOCK_HZ ? product - CW_CLOCK_HZ : CW_CLOCK_HZ - product;
+
+    return error * BITRATE_ERROR_INVERSE <= product;
+}
+
+static uint32_t rounded_rate(uint32_t ticks)
+{
+    return (CW_CLOCK_HZ + ticks / 2) / ticks;
+}
+
+static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    config->bitrate_place = cfg_place_of(value);
+    schema_read_uint(self, key, value, object);
+    if (config->bitrate_bps == 0)
+        return;
+    uint32_t fast = CW_CLOCK_HZ / config->bitrate_bps;
+    uint32_t ticks = rounded_rate(config->bitrate_bps);
+    if (is_near(config->bitrate_bps, ticks))
+        config->bit_ticks = ticks;
+    else
+        schema_complain(self, value,
+                        "%s: %" PRIu32 " is not within 0.1 %% of a rate that %u MHz can make; the "
+                        "nearest are %" PRIu32 " and %" PRIu32,
+                        key->name, config->bitrate_bps, CW_CLOCK_HZ / 1000000u,
+                        rounded_rate(fast + 1), rounded_rate(fast));
+}

@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * config.c - what a configuration says to those who use it.
+ */
+#include "config/config.h"
+
+#include <string.h>
+
+#define BUS_INBOX 4096u  /* frames handed in for later than now */
+#define BUS_EVENTS 1024u /* the library raises it to what it needs */
+
+uint8_t cfg_find_node(const cfg *config, const char *name)
+{
+    for (size_t i = 0; *name && i < config->node_count; i++)
+        if (strcmp(config->nodes[i].name, name) == 0)
+            return (uint8_t)i;
+    return CW_NO_NODE;
+}
+
+void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old)
+{
+    for (size_t i = 0; i < CW_NODES_MAX; i++)
+        from[i] = i < config->node_count ? cfg_find_node(old, config->nodes[i].name) : CW_NO_NODE;
+}
+
+void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        nodes[i] = (cw_node_config){
+            .modes = node->modes,
+            .order = node->order,
+            .queue = node->queue,
+            .warning_limit = node->warning_limit,
+            .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
+        };
+    }
+    *out = (cw_bus_config){
+        .bit_ticks = config->bit_ticks,
+        .seed = config->seed,
+        .node_count = (uint8_t)config->node_count,
+        .inbox = BUS_INBOX,
+        .events = BUS_EVENTS,
+        .rule_count = (uint16_t)config->rule_count,
+        .rule_room = (uint16_t)config->reply_count,
+        .nodes = nodes,
+        .rules = config->rules,
+    };
+}

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * lcm.c - the keys of `lcm`: what is published, and where.
+ */
+#include "config/parts.h"
+
+#include "config/values.h"
+
+#include <string.h>
+
+#define LCM_EVENTS_MAX 64u   /* words in one list */
+#define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
+#define LCM_PERIOD_DEFAULT_NS 1000000000u
+#define LCM_EVENTS_DEFAULT                                                                         \
+    (1u << CW_EVENT_ERROR | 1u << CW_EVENT_STATE | 1u << CW_EVENT_RESTART |                        \
+     1u << CW_EVENT_OVERLOAD | 1u << CW_EVENT_DROP | 1u << CW_EVENT_FAULT)
+
+static schema_reader read_lcm_url, read_lcm_events;
+
+static const schema_key lcm_keys[] = {
+    {.name = "url", .read = read_lcm_url},
+    {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period)},
+    {.name = "events", .read = read_lcm_events},
+    {.name = NULL},
+};
+
+void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    config->lcm = (cfg_lcm){
+        .enabled = true,
+        .place = cfg_place_of(value),
+        .url_place = cfg_place_of(value),
+        .url = schema_copy(self, LCM_URL_DEFAULT),
+        .period.ns = LCM_PERIOD_DEFAULT_NS,
+        .events = LCM_EVENTS_DEFAULT,
+    };
+    schema_map(self, key->name, value, lcm_keys, &config->lcm);
+}
+
+static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "an LCM URL such as " LCM_URL_DEFAULT;
+    cfg_lcm *lcm = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    lcm->url_place = cfg_place_of(value);
+    if (text && !strstr(text, "://"))
+        schema_expected(self, key, value, expected);
+    if (text)
+        lcm->url = schema_copy(self, text);
+}
+
+/* Bits of the kinds of events that one word stands for, 0 after a complaint. */
+static uint32_t read_event_kind(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    schema_choice choices[CW_EVENT_COUNT + 1] = {{.name = NULL}};
+    size_t count = 0;
+    unsigned kind;
+
+    for (unsigned i = 0; i < CW_EVENT_COUNT; i++)
+        if (i != CW_EVENT_TOLERATED) /* not in event streams */
+            choices[count++] = (schema_choice){.name = cw_event_name((cw_event_kind)i), .value = i};
+    return schema_choose(self, &kind, key, value, choices) ? 1u << kind : 0;
+}
+
+static void read_lcm_events(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_lcm *lcm = object;
+    size_t count = schema_count_one(self, key, value, 0, LCM_EVENTS_MAX);
+
+    lcm->events = 0;
+    for (size_t i = 0; i < count; i++)
+        lcm->events |= read_event_kind(self, key, schema_item(self, value, i));
+}

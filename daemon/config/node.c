@@ -1,0 +1,326 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * node.c - the keys of nodes, and of `defaults` for them.
+ */
+#include "config/parts.h"
+
+#include "config/portname.h"
+#include "config/source.h"
+#include "config/values.h"
+
+#include <string.h>
+
+#define NETNS_NAME_MAX 64u
+#define QUEUE_DEFAULT 16u
+/* Of a node on an interface. Nothing holds a program back there: kernel ISO-TP writes all 586
+ * frames of 4095 bytes at once, J1939's transport protocol 255. */
+#define QUEUE_DEFAULT_INTERFACE 1024u
+#define WARNING_LIMIT_DEFAULT 96u
+
+static schema_reader read_node_name, read_port, read_peer, read_peer_name, read_netns, read_mode,
+    read_when_full;
+static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
+static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
+static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
+
+static const schema_choice when_full_choices[] = {
+    {.name = "drop", .value = CFG_WHEN_FULL_DROP},
+    {.name = "wait", .value = CFG_WHEN_FULL_WAIT},
+    {.name = NULL},
+};
+
+/* Keys of nodes that `defaults` has, too. */
+#define RESTART_AND_MODES                                                                          \
+    {.name = "restart-ms",                                                                         \
+     .read = schema_read_uint,                                                                     \
+     .offset = offsetof(cfg_node, restart_ms),                                                     \
+     .arg = &restart_range},                                                                       \
+        {.name = "berr-reporting", .read = read_mode}, {.name = "one-shot", .read = read_mode},    \
+        {.name = "listen-only", .read = read_mode}, {.name = "loopback", .read = read_mode},       \
+        {.name = "presume-ack", .read = read_mode}, {                                              \
+        .name = "lost-arbitration-reporting", .read = read_mode                                    \
+    }
+#define QUEUE                                                                                      \
+    {                                                                                              \
+        .name = "queue", .read = schema_read_uint, .offset = offsetof(cfg_node, queue),            \
+        .arg = &queue_range                                                                        \
+    }
+#define ORDER                                                                                      \
+    {                                                                                              \
+        .name = "order", .read = schema_read_choice, .offset = offsetof(cfg_node, order),          \
+        .arg = cfg_orders                                                                          \
+    }
+#define WARNING_LIMIT                                                                              \
+    {                                                                                              \
+        .name = "warning-limit", .read = schema_read_uint,                                         \
+        .offset = offsetof(cfg_node, warning_limit), .arg = &warning_range                         \
+    }
+
+/* Of a cfg_node. The others are of one node alone. */
+static const schema_key default_keys[] = {
+    RESTART_AND_MODES,
+    QUEUE,
+    {.name = "when-full",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg_node, when_full),
+     .arg = when_full_choices},
+    ORDER,
+    WARNING_LIMIT,
+    {.name = NULL},
+};
+
+/* `traffic` after `port`, which it excludes; `peer` and `when-full` after `port`, which they need;
+ * `queue` and `when-full` after `port`, on which their defaults depend. */
+static const schema_key node_keys[] = {
+    {.name = "name", .read = read_node_name, .required = true},
+    {.name = "port", .read = read_port},
+    {.name = "peer", .read = read_peer},
+    RESTART_AND_MODES,
+    QUEUE,
+    {.name = "when-full",
+     .read = read_when_full,
+     .offset = offsetof(cfg_node, when_full),
+     .arg = when_full_choices},
+    ORDER,
+    WARNING_LIMIT,
+    {.name = "traffic", .read = cfg_read_traffic},
+    {.name = NULL},
+};
+
+static const schema_key peer_keys[] = {
+    {.name = "name", .read = read_peer_name, .required = true},
+    {.name = "netns", .read = read_netns},
+    {.name = NULL},
+};
+
+static char no_name[] = "";
+
+void cfg_node_defaults(cfg_node *node)
+{
+    *node = (cfg_node){
+        .name = no_name,
+        .queue = QUEUE_DEFAULT,
+        .warning_limit = WARNING_LIMIT_DEFAULT,
+    };
+}
+
+static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
+                       const cfg_node *node);
+
+/* With `vxcan` the ECU's interface is called as its node, where nothing else is said. */
+static void name_peer(schema *self, const yaml_node_t *value, cfg_node *node)
+{
+    static const schema_key key = {.name = "peer"};
+
+    if (portname_is_interface(node->name)) {
+        node->peer = schema_copy(self, node->name);
+        check_peer(self, &key, value, node);
+    } else {
+        schema_complain(self, value,
+                        "peer: with vxcan an ECU's interface is called as its node, but '%s' is "
+                        "too long for one (15 bytes); peer: NAME gives it another name",
+                        node->name);
+    }
+}
+
+static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
+{
+    cfg_walk *walk = self->user;
+
+    *node = walk->defaults;
+    node->when_full = CFG_WHEN_FULL_DROP; /* without port */
+    node->line = (int)value->start_mark.line + 1;
+    schema_map(self, "node", value, node_keys, node);
+    walk->unnamed = walk->unnamed || *node->name == '\0';
+    if (walk->config->vxcan && portname_is_interface(node->port) && *node->name && !node->peer)
+        name_peer(self, value, node);
+}
+
+/* What those have that do not say otherwise. */
+void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_walk *walk = self->user;
+
+    (void)object;
+    schema_map(self, key->name, value, default_keys, &walk->defaults);
+    if (value->type != YAML_MAPPING_NODE)
+        return;
+    walk->default_queue = schema_find(self, value, "queue");
+    walk->default_when_full = schema_find(self, value, "when-full");
+}
+
+void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    size_t count = schema_count(self, key, value, 1, CW_NODES_MAX);
+
+    config->nodes = schema_alloc(self, count + 1, sizeof *config->nodes);
+    if (!config->nodes)
+        return;
+    for (; config->node_count < count; config->node_count++)
+        read_node(self, schema_item(self, value, config->node_count),
+                  &config->nodes[config->node_count]);
+}
+
+static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg *config = cfg_of(self);
+    cfg_node *node = object;
+    char *name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+
+    if (!name)
+        return;
+    uint8_t other = cfg_find_node(config, name);
+    if (other != CW_NO_NODE)
+        schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)", key->name,
+                        name, config->nodes[other].line);
+    node->name = name;
+}
+
+/* A copy of the name of an interface, or NULL where there is no text. */
+static char *read_interface(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    const char *text = schema_text(self, key, value, PORTNAME_INTERFACE_EXPECTED);
+
+    if (!text)
+        return NULL;
+    if (!portname_is_interface(text))
+        schema_expected(self, key, value, PORTNAME_INTERFACE_EXPECTED);
+    return schema_copy(self, text);
+}
+
+/* The path of unix:PATH is relative to the file. */
+static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const portname *name)
+{
+    char *path = cfg_resolve_path(self, cfg_of(self)->file, name->path);
+    char *port = path ? schema_alloc(self, strlen("unix:") + strlen(path) + 1, 1) : NULL;
+
+    if (!port)
+        return NULL;
+    strcpy(stpcpy(port, "unix:"), path);
+    if (strlen(path) > PORTNAME_PATH_MAX)
+        schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
+                        key->name, PORTNAME_PATH_MAX, strlen(path), path);
+    return port;
+}
+
+static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    const char *text = schema_text(self, key, value, PORTNAME_EXPECTED);
+
+    if (!text)
+        return NULL;
+    const portname name = portname_parse(text);
+    if (name.kind == PORTNAME_INVALID)
+        schema_expected(self, key, value, PORTNAME_EXPECTED);
+    return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
+                                      : schema_copy(self, text);
+}
+
+static bool same_text(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* Whether a node has an interface of this name in this namespace, NULL: that of the ports. */
+static bool has_interface(const cfg_node *node, const char *name, const char *netns)
+{
+    return (!netns && node->port && strcmp(node->port, name) == 0) ||
+           (node->peer && strcmp(node->peer, name) == 0 && same_text(node->netns, netns));
+}
+
+/* Complains when a node read before has this interface already. */
+static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
+                            const char *name, const char *netns)
+{
+    const cfg *config = cfg_of(self);
+
+    for (size_t i = 0; name && i < config->node_count; i++)
+        if (has_interface(&config->nodes[i], name, netns)) {
+            schema_complain(self, value, "duplicate %s '%s' (also of the node in line %d)",
+                            key->name, name, config->nodes[i].line);
+            return;
+        }
+}
+
+static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    cfg_node *node = object;
+
+    node->port_place = cfg_place_of(value);
+    node->port = read_port_name(self, key, value);
+    bool interface = portname_is_interface(node->port);
+    if (interface && !walk->default_queue)
+        node->queue = QUEUE_DEFAULT_INTERFACE;
+    if (walk->default_when_full)
+        node->when_full = walk->defaults.when_full;
+    else if (!interface)
+        node->when_full = CFG_WHEN_FULL_WAIT;
+    check_interface(self, key, value, node->port, NULL);
+}
+
+static void read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_node *node = object;
+
+    if (!node->port)
+        schema_complain(self, value, "%s: only a node with port can be held back", key->name);
+    schema_read_choice(self, key, value, object);
+}
+
+static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
+                       const cfg_node *node)
+{
+    check_interface(self, key, value, node->peer, node->netns);
+    if (!node->netns && node->peer && same_text(node->peer, node->port))
+        schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
+}
+
+static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    if (!node->port)
+        schema_complain(self, value, "%s: only a node with port has a peer", key->name);
+    else if (!portname_is_interface(node->port))
+        schema_complain(self, value, "%s: only a port that is an interface has a peer", key->name);
+    if (value->type == YAML_SCALAR_NODE) /* short for { name: … } */
+        read_peer_name(self, key, value, object);
+    else
+        schema_map(self, key->name, value, peer_keys, node);
+    check_peer(self, key, value, node);
+}
+
+static void read_peer_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    node->peer = read_interface(self, key, value);
+}
+
+static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "the name of a network namespace as in `ip netns`";
+    cfg_node *node = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text)
+        return;
+    if (strlen(text) > NETNS_NAME_MAX || strpbrk(text, "/ \t\r\n") || text[0] == '.')
+        schema_expected(self, key, value, expected);
+    node->netns = schema_copy(self, text);
+}
+
+static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    uint8_t mode = cfg_mode(key->name);
+    bool on;
+
+    if (!schema_choose_bool(self, &on, key, value))
+        return;
+    node->modes = (uint8_t)(on ? node->modes | mode : node->modes & ~mode);
+    node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
+}

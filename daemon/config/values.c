@@ -1,0 +1,332 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * values.c - reads single values: names, times, fractions, frames, nodes, states.
+ */
+#include "config/values.h"
+
+#include "base/nearest.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#define STATES_MAX ((size_t)CW_STATE_COUNT)
+
+static const schema_choice modes[] = {
+    {.name = "one-shot", .value = CW_MODE_ONE_SHOT},
+    {.name = "listen-only", .value = CW_MODE_LISTEN_ONLY},
+    {.name = "loopback", .value = CW_MODE_LOOPBACK},
+    {.name = "presume-ack", .value = CW_MODE_PRESUME_ACK},
+    {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
+    {.name = "lost-arbitration-reporting", .value = CW_MODE_LOST_ARBITRATION_REPORTING},
+    {.name = NULL},
+};
+
+const schema_choice cfg_orders[] = {
+    {.name = "priority", .value = CW_ORDER_PRIORITY},
+    {.name = "fifo", .value = CW_ORDER_FIFO},
+    {.name = NULL},
+};
+
+uint8_t cfg_mode(const char *name)
+{
+    const schema_choice *mode = modes;
+
+    while (strcmp(mode->name, name) != 0)
+        mode++;
+    return (uint8_t)mode->value;
+}
+
+/* ---- Names and times ------------------------------------------------------------------------- */
+
+bool cfg_name_valid(const char *name, size_t length_max)
+{
+    static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
+                                  "0123456789_.-";
+    size_t length = strlen(name);
+
+    return length > 0 && length <= length_max && strspn(name, allowed) == length;
+}
+
+char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
+                    size_t length_max)
+{
+    char expected[80];
+
+    snprintf(expected, sizeof expected, "a name of 1 to %zu letters, digits, '_', '.' or '-'",
+             length_max);
+    const char *text = schema_text(self, key, value, expected);
+    if (!text)
+        return NULL;
+    if (!cfg_name_valid(text, length_max))
+        schema_expected(self, key, value, expected);
+    return schema_copy(self, text);
+}
+
+void cfg_read_time(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a time such as 10ms");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_time(schema_member(key, object), text));
+}
+
+void cfg_read_span(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_time *time = schema_member(key, object);
+    size_t errors = self->errors->errors;
+
+    cfg_read_time(self, key, value, object);
+    if (self->errors->errors == errors && time->ns == 0 && time->bits == 0)
+        schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
+void cfg_read_ticks(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *ticks = schema_member(key, object);
+    cfg_time time = {0};
+    const char *text = schema_text(self, key, value, "a time such as 10ms");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_time(&time, text));
+    *ticks = text_time_ticks(time, cfg_of(self)->bit_ticks);
+}
+
+void cfg_read_ticks_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+    size_t errors = self->errors->errors;
+
+    cfg_read_ticks(self, key, value, object);
+    if (self->errors->errors == errors && *ticks == 0)
+        schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
+void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
+                      uint64_t ticks)
+{
+    const cfg_walk *walk = self->user;
+    const uint32_t bit_ticks = walk->config->bit_ticks;
+    uint64_t bits = ticks / bit_ticks + (ticks % bit_ticks != 0);
+    char bit[TIME_TEXT_MAX];
+    char whole[TIME_TEXT_MAX];
+
+    /* A profile alone has no bit rate. */
+    if (ticks % bit_ticks == 0 || ticks == CW_NEVER || walk->any_node)
+        return;
+    text_print_span(bit, bit_ticks);
+    text_print_span(whole, bits * bit_ticks);
+    schema_warn(self, value,
+                "%s: no whole number of bits of %s, at which it acts: it is rounded up to %" PRIu64
+                " bit%s, %s",
+                key->name, bit, bits, bits == 1 ? "" : "s", whole);
+}
+
+void cfg_read_bits(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks(self, key, value, object);
+    cfg_warn_rounded(self, key, value, *ticks);
+}
+
+void cfg_read_bits_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks_min(self, key, value, object);
+    cfg_warn_rounded(self, key, value, *ticks);
+}
+
+void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a decimal fraction from 0 to 1");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_probability(schema_member(key, object), text));
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_frame(schema_member(key, object), text));
+}
+
+static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, cw_rule *rule)
+{
+    unsigned room = CW_RULE_FILTERS_MAX - rule->filter_count;
+    unsigned count = 0;
+    uint32_t mask = 0;
+    const char *text = schema_text(self, key, value, "a frame filter such as 123 or 100:700");
+
+    if (!text)
+        return;
+    if (*text == '#')
+        schema_problem(self, key, value, text_parse_error_mask(&mask, text));
+    else
+        schema_problem(self, key, value,
+                       text_parse_filters(rule->filters + rule->filter_count, &count, room, text));
+    rule->filter_count = (uint8_t)(rule->filter_count + count);
+    rule->error_mask |= mask;
+}
+
+/* One text or a list of them. */
+void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+
+        if (!schema_is_open(self, item))
+            read_filter(self, key, item, object);
+    }
+}
+
+void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    text_bytes bytes = {0};
+    const char *text = schema_text(self, key, value, "data bytes such as DEAD..EF");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
+    rule->data_length = bytes.length;
+    memcpy(rule->data_mask, bytes.mask, sizeof bytes.mask);
+    memcpy(rule->data_value, bytes.value, sizeof bytes.value);
+}
+
+/* One end of a window in ticks; false after a complaint. */
+static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const yaml_node_t *value,
+                     const char *text)
+{
+    cfg_time time = {0};
+    const char *problem = text_parse_time(&time, text);
+
+    schema_problem(self, key, value, problem);
+    *tick = text_time_ticks(time, cfg_of(self)->bit_ticks);
+    return !problem;
+}
+
+/* BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
+void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a time or a window such as 2s, 2s.., 2s..5s or ..5s";
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text)
+        return;
+    const char *dots = strstr(text, "..");
+    size_t length = dots ? (size_t)(dots - text) : strlen(text);
+    const char *end = dots ? dots + 2 : "";
+    if (length == 0 && *end == '\0') {
+        schema_expected(self, key, value, expected);
+        return;
+    }
+    const char *begin = schema_print(self, "%.*s", (int)length, text);
+    if (!begin || (length > 0 && !read_end(self, &rule->time_begin, key, value, begin)))
+        return;
+    if (*end == '\0' || !read_end(self, &rule->time_end, key, value, end))
+        return;
+    if (rule->time_end <= rule->time_begin)
+        schema_problem(self, key, value, "the window must end after it begins");
+}
+
+/* ---- Nodes and their states ------------------------------------------------------------------ */
+
+static void complain_no_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                             const char *name)
+{
+    const cfg *config = cfg_of(self);
+    nearest guess = {.word = name};
+    const char *list = "";
+
+    for (size_t i = 0; i < config->node_count; i++) {
+        nearest_consider(&guess, config->nodes[i].name);
+        list = schema_join(self, list, config->nodes[i].name);
+    }
+    /* Without any node the missing list is the only complaint worth making. */
+    if (config->node_count > 0)
+        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
+                        schema_suggestion(self, &guess), list);
+}
+
+/* A further node of that name, for a profile that is checked without a bus; or -1. */
+static int make_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                     const char *name)
+{
+    cfg *config = cfg_of(self);
+
+    if (!cfg_name_valid(name, NODE_NAME_MAX)) {
+        schema_expected(self, key, value, "the name of a node");
+        return -1;
+    }
+    if (config->node_count == CW_NODES_MAX) {
+        schema_complain(self, value, "%s: these are more than %d nodes", key->name, CW_NODES_MAX);
+        return -1;
+    }
+    char *copy = schema_copy(self, name);
+    if (!copy)
+        return -1;
+    config->nodes[config->node_count].name = copy;
+    return (int)config->node_count++;
+}
+
+int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name)
+{
+    const cfg_walk *walk = self->user;
+    uint8_t node = cfg_find_node(walk->config, name);
+
+    if (node != CW_NO_NODE)
+        return node;
+    if (walk->any_node)
+        return make_node(self, key, value, name);
+    if (!walk->unnamed) /* it may be meant, and has been told */
+        complain_no_node(self, key, value, name);
+    return -1;
+}
+
+uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    if (schema_is_open(self, value))
+        return 0;
+    const char *name = schema_text(self, key, value, "the name of a node");
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+
+    return node < 0 ? 0 : UINT64_C(1) << node;
+}
+
+void cfg_read_node_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *set = schema_member(key, object);
+    size_t count = schema_count_one(self, key, value, 1, CW_NODES_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        uint64_t node = cfg_read_node_mask(self, key, item);
+        if (*set & node)
+            schema_complain(self, item, "%s: this node is in the list twice", key->name);
+        *set |= node;
+    }
+}
+
+uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
+{
+    schema_choice choices[STATES_MAX + 1] = {{.name = NULL}};
+    size_t count = schema_count_one(self, key, value, 1, STATES_MAX);
+    unsigned mask = 0;
+    unsigned state;
+
+    for (unsigned i = 0; i < STATES_MAX; i++)
+        choices[i] = (schema_choice){.name = cw_state_name((cw_state)i), .value = i};
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        if (!schema_is_open(self, item) && schema_choose(self, &state, key, item, choices))
+            mask |= 1u << state;
+    }
+    return (uint8_t)mask;
+}
