@@ -95,6 +95,8 @@ static void on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
 static void on_event(void *user, const cw_event *event)
 {
     service *s = user;
+    if (s->publisher)
+        publisher_event(s->publisher, event);
     if (s->recordings)
         recordings_event(s->recordings, event, engine_realtime_ns(s->engine, event->tick));
     if (s->control)
@@ -454,7 +456,7 @@ static bool start(service *s, struct ev_loop *loop, const options *o)
             return false;
         }
     }
-    s->engine = engine_start(loop, s->live, s->publisher);
+    s->engine = engine_start(loop, s->live);
     if (!s->engine)
         return false;
     s->loop = loop;

@@ -10,15 +10,14 @@
 #include "port/port.h"
 #include "run/inputs.h"
 #include "run/live.h"
-#include "serve/publish.h"
 
 #include <ev.h>
 
 typedef struct engine engine;
 
-/* Opens all ports and starts the bus at bus time 0. The configuration and the publisher (or NULL)
- * must live longer. NULL after logging why. */
-engine *engine_start(struct ev_loop *loop, live *config, publisher *sink);
+/* Opens all ports and starts the bus at bus time 0. The configuration must live longer. NULL after
+ * logging why. */
+engine *engine_start(struct ev_loop *loop, live *config);
 
 /* Takes no more frames, lets the frame on the wire end, or 1000 bit times pass, then breaks the
  * loop. */

@@ -2,7 +2,7 @@
  *
  * go_over.c - the running bus goes over to another configuration.
  */
-#include "engine/engine_private.h"
+#include "engine/core.h"
 
 #include "base/log.h"
 
@@ -98,7 +98,7 @@ bool engine_reload(engine *e, reload *r, FILE *errors)
         reload_free(r);
         return false;
     }
-    engine_update(e);
+    e->wake(e);
     if (!reload_match(r, e->config, e->next, errors)) {
         reload_free(r);
         return false;
@@ -107,6 +107,6 @@ bool engine_reload(engine *e, reload *r, FILE *errors)
                           : cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
     reload_free(e->next);
     e->next = r;
-    engine_update(e);
+    e->wake(e);
     return true;
 }

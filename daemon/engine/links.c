@@ -6,11 +6,12 @@
  * gets its name takes its place, as it would at the next start. An interface that is made anew is
  * another one and needs another socket. Ports that are no interfaces stay as they are.
  */
-#include "engine/engine_private.h"
+#include "engine/core.h"
 
 #include "base/log.h"
 #include "config/portname.h"
 #include "port/loopless.h"
+#include "port/open.h"
 
 #include <errno.h>
 #include <net/if.h>
@@ -161,12 +162,12 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
     }
     if (!news || e->stopping)
         return;
-    engine_update(e); /* nodes may have got other places by that */
+    e->wake(e); /* nodes may have got other places by that */
     lose_other_names(e, index, name);
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (has_name(e, i, name))
             take_interface(e, i, index, state);
-    engine_update(e);
+    e->wake(e);
 }
 
 static void on_gone(void *user, unsigned index)
@@ -174,14 +175,14 @@ static void on_gone(void *user, unsigned index)
     engine *e = user;
     if (e->stopping)
         return;
-    engine_update(e);
+    e->wake(e);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         if (!has_index(e, i, index))
             continue;
         e->links.mentioned &= ~bit_of(i);
         lose_port(e, i);
     }
-    engine_update(e);
+    e->wake(e);
 }
 
 static void on_listing(void *user)
@@ -198,13 +199,13 @@ static void on_listed(void *user)
     e->links.awaited = false;
     if (e->stopping)
         return;
-    engine_update(e);
+    e->wake(e);
     if (e->links.awaited) /* the update was a reload: nodes have other places, another list comes */
         return;
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (portname_is_interface(e->config->nodes[i].port) && !(e->links.mentioned & bit_of(i)))
             lose_port(e, i);
-    engine_update(e);
+    e->wake(e);
 }
 
 /* Until there is another list, nodes are where they were. */

@@ -5,6 +5,7 @@
 #include "engine/reload.h"
 
 #include "base/log.h"
+#include "port/open.h"
 #include "run/bus_make.h"
 
 #include <assert.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * kind.h - what the kinds of ports share: port.c chooses one, port/socketcan.c … are one each.
+ * kind.h - what the kinds of ports share; socketcan.c and unix.c are one each.
  *
  * All of them carry frames as Linux has them in linux/can.h, one in a message of a socket.
  */
@@ -77,15 +77,5 @@ unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
 
 /* The kernel has dropped so many frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);
-
-/* ---- Kinds: see port_open() ------------------------------------------------------------------ */
-
-port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
-
-/* A socket at a path, where one ECU at a time connects. */
-port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX]);
-
-/* A connected socket that was inherited; it is the port's from now on. */
-port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
 
 #endif

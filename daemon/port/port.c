@@ -4,8 +4,6 @@
  */
 #include "port/kind.h"
 
-#include "config/portname.h"
-
 #include <errno.h>
 #include <linux/can/error.h>
 #include <net/if.h>
@@ -16,29 +14,7 @@
 
 #define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about lost frames */
 
-/* ---- Opening and closing --------------------------------------------------------------------- */
-
-bool port_exists(const char *name)
-{
-    return !portname_is_interface(name) || if_nametoindex(name) != 0 || errno != ENODEV;
-}
-
-port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MAX])
-{
-    const portname name = portname_parse(text);
-    switch (name.kind) {
-    case PORTNAME_INTERFACE:
-        return port_socketcan_open(text, bus, error);
-    case PORTNAME_UNIX:
-        return port_unix_open(name.path, error);
-    case PORTNAME_FD:
-        return port_unix_adopt(name.fd, error);
-    case PORTNAME_INVALID:
-        break;
-    }
-    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: expected %s", text, PORTNAME_EXPECTED);
-    return NULL;
-}
+/* ---- Making and closing --------------------------------------------------------------------- */
 
 static void prepare_messages(port_messages *m)
 {

@@ -6,7 +6,7 @@
 #define CANWIRE_PORT_PORT_H
 
 #include "canwire.h"
-#include "port/errframe.h"
+#include "trace/errframe.h"
 
 #define PORT_BATCH 64          /* frames of one read */
 #define PORT_ERROR_TEXT_MAX 300 /* a path and why, as pathsocket.h has it */
@@ -38,15 +38,6 @@ typedef struct port_stats {
     uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
     uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
 } port_stats;
-
-/* Whether a port of that name can be opened but for its own fault: of an interface, whether
- * there is one, of whatever kind; also when that cannot be told. */
-bool port_exists(const char *name);
-
-/* Opens a port by its name (portname.h): a vcan or vxcan interface for a bus, which has it alone
- * among all canwired, or a Unix socket in place of one, whose messages are struct can_frame.
- * NULL after writing why, with the remedy, to error. */
-port *port_open(const char *name, const char *bus, char error[PORT_ERROR_TEXT_MAX]);
 
 void port_close(port *p);
 

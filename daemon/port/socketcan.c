@@ -5,10 +5,11 @@
  * What the socket reads is what the ECU's programs wrote: its own frames the kernel does not loop
  * back to it, and port.c passes over those flagged as confirmed all the same.
  */
-#include "port/kind.h"
+#include "port/kinds.h"
 
 #include "base/log.h"
 #include "port/claim.h"
+#include "port/kind.h"
 
 #include <errno.h>
 #include <linux/can/error.h>

@@ -8,9 +8,10 @@
  * nobody has opened. The file descriptor of the port is an epoll set, which stays the same when
  * ECUs come and go.
  */
-#include "port/kind.h"
+#include "port/kinds.h"
 
 #include "base/pathsocket.h"
+#include "port/kind.h"
 
 #include <errno.h>
 #include <fcntl.h>

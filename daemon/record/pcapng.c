@@ -4,7 +4,7 @@
  */
 #include "record/pcapng.h"
 
-#include "port/errframe.h"
+#include "trace/errframe.h"
 #include "trace/pcapng_format.h"
 
 #include <assert.h>

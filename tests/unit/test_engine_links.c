@@ -4,7 +4,7 @@
  * kernel, ports and a bus that are only as much as that needs.
  */
 #include "config/portname.h"
-#include "engine/engine_private.h"
+#include "engine/core.h"
 
 #include <errno.h>
 #include <linux/rtnetlink.h>

@@ -98,7 +98,7 @@ static void start_rig(rig *r, const char *traffic, const char *action)
     assert_non_null(config);
     free(text);
     *r = (rig){.loop = ev_loop_new(EVFLAG_AUTO), .live = live_new(config)};
-    r->engine = engine_start(r->loop, r->live, NULL);
+    r->engine = engine_start(r->loop, r->live);
     assert_non_null(r->engine);
     engine_observe(r->engine, count_drops, r);
     watched = r->engine;

@@ -4,7 +4,7 @@
  *
  * The expected numbers are written out, so that they can be read beside the kernel's header.
  */
-#include "port/errframe.h"
+#include "trace/errframe.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

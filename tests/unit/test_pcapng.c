@@ -5,7 +5,7 @@
 #include "record/pcapng.h"
 
 #include "base/text.h"
-#include "port/errframe.h"
+#include "trace/errframe.h"
 #include "trace/read.h"
 
 #include <setjmp.h>

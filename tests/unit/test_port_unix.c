@@ -654,7 +654,7 @@ static void start_exchange(exchange *x, const char *folder, const char *pacing)
     fclose(out);
     x->live = live_new(cfg_load(file, stderr));
     assert_non_null(x->live);
-    x->engine = engine_start(x->loop, x->live, NULL);
+    x->engine = engine_start(x->loop, x->live);
     assert_non_null(x->engine);
     engine_observe(x->engine, count_event, x);
     assert_int_equal(unlink(file), 0);

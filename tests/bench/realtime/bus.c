@@ -110,7 +110,7 @@ static void run(rt_result *result, cfg *config)
     bus_process p = {.result = result, .loop = ev_loop_new(EVFLAG_AUTO)};
     live *rules = live_new(config);
     ev_signal term;
-    p.engine = engine_start(p.loop, rules, NULL);
+    p.engine = engine_start(p.loop, rules);
     if (!p.engine)
         return;
     engine_observe(p.engine, on_event, &p);

@@ -2,7 +2,7 @@
  *
  * errframe.c - the error frames that a CAN driver would give its users, from events of the bus.
  */
-#include "port/errframe.h"
+#include "trace/errframe.h"
 
 #include <linux/can.h>
 #include <linux/can/error.h>

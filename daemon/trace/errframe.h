@@ -4,8 +4,8 @@
  *
  * As linux/can/error.h has them and as the SJA1000 driver uses them.
  */
-#ifndef CANWIRE_PORT_ERRFRAME_H
-#define CANWIRE_PORT_ERRFRAME_H
+#ifndef CANWIRE_TRACE_ERRFRAME_H
+#define CANWIRE_TRACE_ERRFRAME_H
 
 #include "canwire.h"
 

@@ -1,16 +1,22 @@
 /* SPDX-License-Identifier: MIT
  *
- * engine_private.h - what the parts of the engine share.
+ * core.h - the engine's struct, and what the parts of the engine share. Each stands on those above
+ *          it:
  *
- *   engine.c         start and stop; time: when it wakes up and what it does then
- *   engine/links.c   nodes leave the bus and come back with their interfaces
- *   engine/go_over.c  over to another configuration
+ *   clock.c    bus time and the clocks of the machine
+ *   advance.c  the bus up to a tick, and its events to whom they concern
+ *   intake.c   what ECUs write, from their ports into the inbox of the bus
+ *   core.c     the bus and what is put into it, up to a tick
+ *   links.c    nodes leave the bus and come back with their interfaces
+ *   go_over.c  over to another configuration
+ *   engine.c   start and stop; when it wakes up, and what it does then
  */
-#ifndef CANWIRE_ENGINE_ENGINE_PRIVATE_H
-#define CANWIRE_ENGINE_ENGINE_PRIVATE_H
+#ifndef CANWIRE_ENGINE_CORE_H
+#define CANWIRE_ENGINE_CORE_H
 
 #include "base/alarm.h"
 #include "engine/catchup.h"
+#include "engine/clock.h"
 #include "engine/conserve.h"
 #include "engine/engine.h"
 #include "engine/pacing.h"
@@ -37,9 +43,11 @@ typedef struct engine_links {
 
 struct engine {
     struct ev_loop *loop;
+    void (*wake)(engine *e); /* brings the bus up to now and arms the timer: engine_update() */
+    /* ... as the callback of a port that can be read */
+    void (*on_port)(struct ev_loop *loop, ev_io *io, int events);
     live *live;
     const cfg *config; /* what is in effect */
-    publisher *publisher;
     engine_observer *observer;
     void *observer_user;
     engine_bit_observer *bit_observer;
@@ -66,8 +74,7 @@ struct engine {
     int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
     pacing_duty duty;
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
-    int64_t epoch_ns; /* CLOCK_MONOTONIC at bus time 0 */
-    int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
+    engine_clock clock;
     bool failed; /* it can no longer wake up in time */
     bool stopping;
     uint64_t stop_tick; /* no later than this ... */
@@ -78,23 +85,52 @@ struct engine {
 
 #define BOUNDARY_BITS 1000u /* to wait for the end of a frame */
 
-/* ---- engine.c -------------------------------------------------------------------------------- */
+/* ---- advance.c ------------------------------------------------------------------------------- */
 
-/* Releases and bus up to a tick. Returns the tick that was reached; it is an earlier one when there
- * is so much to be done that the time of this wake-up is over. */
-uint64_t engine_run_to(engine *e, uint64_t tick);
+/* An event to whom it concerns beside the ECUs. */
+void engine_tell(engine *e, const cw_event *event);
+
+/* All events of the bus so far to whom they concern; user: the engine. */
+void engine_handle_events(void *user);
+
+/* From now on the wake-up may last for as long as one may. */
+void engine_start_turn(engine *e);
+
+/* Whether this wake-up has lasted for long enough. */
+bool engine_turn_is_over(const engine *e);
+
+/* The bus up to a tick, with its events; false when the time of this wake-up is over before. */
+bool engine_advance(engine *e, uint64_t tick);
+
+/* ---- intake.c -------------------------------------------------------------------------------- */
+
+/* Reads what waits at the ports of all nodes that have room. */
+void engine_read_ports(engine *e, const clock_pair *now);
+
+/* What has waited for room comes in as soon as there is some. */
+void engine_read_pushed_back(engine *e);
 
 /* Hands in what still waits at a port, whether there is room for it or not. */
 void engine_read_rest(engine *e, unsigned node);
 
-/* Takes what it needs at each wake-up from the configuration. */
-void engine_read_limits(engine *e);
+/* The first frame of the inbox comes up at the latest in the bit that holds its tick. False when
+ * the time of this wake-up is over before. */
+bool engine_make_room(engine *e);
 
 /* Do nothing where there is no port, or it is so already. */
 void engine_watch_port(engine *e, unsigned node);
 void engine_unwatch_port(engine *e, unsigned node);
 
-/* ---- engine/links.c -------------------------------------------------------------------------- */
+/* ---- core.c ---------------------------------------------------------------------------------- */
+
+/* Releases and bus up to a tick. Returns the tick that was reached; it is an earlier one when there
+ * is so much to be done that the time of this wake-up is over. */
+uint64_t engine_run_to(engine *e, uint64_t tick);
+
+/* Takes what it needs at each wake-up from the configuration. */
+void engine_read_limits(engine *e);
+
+/* ---- links.c --------------------------------------------------------------------------------- */
 
 /* Opens the ports of all nodes. False after logging what is wrong. */
 bool engine_open_ports(engine *e);
@@ -107,7 +143,7 @@ void engine_unwatch_links(engine *e);
 /* After a change of the configuration: links by old node become links by new node. */
 void engine_carry_links_over(engine *e, const reload *r);
 
-/* ---- engine/go_over.c ------------------------------------------------------------------------- */
+/* ---- go_over.c ------------------------------------------------------------------------------- */
 
 /* Bit by bit up to now, until a frame ends or the time of this wake-up is over; then over to the
  * next configuration, if there is one. */

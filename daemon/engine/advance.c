@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * advance.c - the bus up to a tick, and its events to whom they concern.
+ */
+#include "engine/core.h"
+
+#include "trace/errframe.h"
+
+#define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
+#define WORK_AT_ONCE 256u /* of the bus, before a look at the clock */
+#define CALM_SHOWN_BITS 24 /* behind an event: all that a recording shows of it is over */
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+/* They say which error frames the ECU gets, and may change while the bus runs. */
+static unsigned modes_of(const engine *e, unsigned node)
+{
+    cw_settings settings;
+    return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK ? settings.modes : 0;
+}
+
+static void deliver(engine *e, unsigned node, const cw_event *event)
+{
+    errframe error;
+    bool received = event->kind == CW_EVENT_RX;
+    if (!e->now.ports[node] && received)
+        conserve_missed(&e->books, node, e->config->nodes[node].port != NULL);
+    else if (!e->now.ports[node])
+        return;
+    else if (received)
+        (void)port_write(e->now.ports[node], &event->frame); /* a failure is counted there */
+    else if (errframe_from_event(&error, event, modes_of(e, node)))
+        (void)port_write_error(e->now.ports[node], &error, event->tick);
+}
+
+/* Whose frame it was is what its program can be found by. */
+static void note_overflow(engine *e, const cw_event *event)
+{
+    if (event->kind != CW_EVENT_DROP || event->why != CW_DROP_QUEUE_FULL)
+        return;
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (event->nodes >> i & 1u)
+            e->overflowed[i] = event->frame;
+}
+
+void engine_tell(engine *e, const cw_event *event)
+{
+    note_overflow(e, event);
+    if (e->observer)
+        e->observer(e->observer_user, event);
+}
+
+void engine_handle_events(void *user)
+{
+    engine *e = user;
+    cw_event event;
+    while (cw_bus_poll(e->now.bus, &event)) {
+        e->calm_bits = 0;
+        for (unsigned i = 0; i < e->config->node_count; i++)
+            if (event.nodes >> i & 1u)
+                deliver(e, i, &event);
+        engine_tell(e, &event);
+    }
+}
+
+/* ---- Bus ------------------------------------------------------------------------------------- */
+
+void engine_start_turn(engine *e)
+{
+    e->deadline_ns = clock_ns(CLOCK_MONOTONIC) + WAKE_MAX_NS;
+    e->looked_at = cw_bus_work(e->now.bus);
+}
+
+/* Whether this wake-up has lasted for long enough. */
+bool engine_turn_is_over(const engine *e)
+{
+    return clock_ns(CLOCK_MONOTONIC) >= e->deadline_ns;
+}
+
+static uint64_t work_since_look(const engine *e)
+{
+    return cw_bus_work(e->now.bus) - e->looked_at;
+}
+
+/* Whether this wake-up may go on. The clock is looked at when some work has been done meanwhile:
+ * what lies in a millisecond of the bus, or in one frame, may be any amount of it. */
+static bool has_time(engine *e)
+{
+    if (work_since_look(e) < WORK_AT_ONCE)
+        return true;
+    e->looked_at = cw_bus_work(e->now.bus);
+    return !engine_turn_is_over(e);
+}
+
+/* Up to a tick; false when the time of this wake-up is over before. */
+static bool go_to(engine *e, uint64_t tick)
+{
+    while (has_time(e))
+        if (inputs_advance_some(&e->inputs, tick, WORK_AT_ONCE - work_since_look(e)))
+            return true;
+    return false;
+}
+
+/* Bit by bit, with a look at each; those of an idle bus, in which nothing is to be seen, go in one
+ * leap. */
+static bool show_bits(engine *e, uint64_t tick)
+{
+    const uint32_t bit_ticks = e->config->bit_ticks;
+    while (cw_bus_now(e->now.bus) + bit_ticks <= tick) {
+        bool calm = e->calm_bits >= CALM_SHOWN_BITS;
+        uint64_t now = cw_bus_now(e->now.bus);
+        uint64_t quiet = calm ? cw_bus_quiet_until(e->now.bus, tick) : now;
+        cw_bus_set_watching(e->now.bus, quiet == now);
+        if (!go_to(e, quiet > now ? quiet : now + bit_ticks))
+            return false;
+        if (quiet == now) {
+            e->bit_observer(e->bit_user, e->now.bus);
+            e->calm_bits++;
+        }
+    }
+    return true;
+}
+
+/* Up to a tick; false when the time of this wake-up is over before. */
+bool engine_advance(engine *e, uint64_t tick)
+{
+    return (!e->bit_observer || show_bits(e, tick)) && go_to(e, tick);
+}

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * clock.c - bus time and the clocks of the machine.
+ */
+#include "engine/clock.h"
+
+#include "base/text.h"
+
+#include <stdlib.h>
+
+#define NS_PER_S INT64_C(1000000000)
+#define CLOCK_STEP_NS 1000000 /* what the wall clock may be away from bus time in recordings */
+
+int64_t clock_ns(clockid_t id)
+{
+    struct timespec t;
+    (void)clock_gettime(id, &t);
+    return t.tv_sec * NS_PER_S + t.tv_nsec;
+}
+
+clock_pair clock_read(void)
+{
+    return (clock_pair){.monotonic_ns = clock_ns(CLOCK_MONOTONIC),
+                        .realtime_ns = clock_ns(CLOCK_REALTIME)};
+}
+
+void clock_begin(engine_clock *c)
+{
+    c->epoch_ns = clock_ns(CLOCK_MONOTONIC);
+    c->realtime_offset_ns = clock_ns(CLOCK_REALTIME) - c->epoch_ns;
+}
+
+void clock_follow(engine_clock *c, const clock_pair *now)
+{
+    int64_t offset_ns = now->realtime_ns - now->monotonic_ns;
+    if (llabs(offset_ns - c->realtime_offset_ns) > CLOCK_STEP_NS)
+        c->realtime_offset_ns = offset_ns;
+}
+
+uint64_t clock_tick(const engine_clock *c, int64_t monotonic_ns)
+{
+    int64_t ns = monotonic_ns - c->epoch_ns;
+    return ns > 0 ? (uint64_t)ns * 2 / 25 : 0;
+}
+
+int64_t clock_monotonic_ns(const engine_clock *c, uint64_t tick)
+{
+    return c->epoch_ns + (int64_t)((tick * 25 + 1) / 2);
+}
+
+uint64_t clock_realtime_ns(const engine_clock *c, uint64_t tick)
+{
+    int64_t ns = c->epoch_ns + c->realtime_offset_ns + (int64_t)text_ticks_ns(tick);
+    return ns > 0 ? (uint64_t)ns : 0;
+}

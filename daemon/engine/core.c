@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * core.c - the bus and what is put into it, up to a tick.
+ */
+#include "engine/core.h"
+
+#define RELEASES_AT_ONCE 16u /* before a look at the clock */
+#define RELEASES_OF_A_TICK 1024u /* the same within one tick */
+
+/* Hands in what is to be released up to a tick. Returns up to which tick that has been done: there
+ * may be more of it than any machine can do. A tick is done as a whole where it can be. */
+static uint64_t run_releases(engine *e, uint64_t now)
+{
+    uint64_t last = CW_NEVER;
+    unsigned count = 0; /* since the clock was looked at */
+    uint64_t tick;
+    while ((tick = release_next_tick(e->now.plan)) <= now) {
+        bool look = count >= (tick == last ? RELEASES_OF_A_TICK : RELEASES_AT_ONCE);
+        if (look && engine_turn_is_over(e)) {
+            now = tick > 0 ? tick - 1 : 0;
+            break;
+        }
+        count = look ? 1 : count + 1;
+        last = tick;
+        unsigned node;
+        bool frame = release_first(e->now.plan, &node) != NULL;
+        if (inputs_release(&e->inputs, e->now.plan) == CW_OK) {
+            e->books.nodes[node].released += frame;
+        } else if (!engine_make_room(e)) {
+            now = tick > 0 ? tick - 1 : 0;
+            break;
+        }
+    }
+    if (now > e->released)
+        e->released = now;
+    return now;
+}
+
+/* How far the bus may go at once. A file that is replayed as fast as possible looks after each bit
+ * whether it is its turn; ports with frames that wait for room look when a frame has ended. */
+static uint64_t next_look(const engine *e)
+{
+    uint64_t bit = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+    if (release_is_fast(e->now.plan))
+        return bit;
+    if (!e->pushed_back)
+        return CW_NEVER;
+    uint64_t next = cw_bus_next(e->now.bus);
+    return next > bit ? next : bit;
+}
+
+uint64_t engine_run_to(engine *e, uint64_t tick)
+{
+    uint64_t end;
+    uint64_t reached;
+    release_look(e->now.plan, e->now.bus);
+    do {
+        end = next_look(e);
+        if (end > tick)
+            end = tick;
+        reached = run_releases(e, end);
+        if (!engine_advance(e, reached))
+            return cw_bus_now(e->now.bus);
+        if (e->pushed_back)
+            engine_read_pushed_back(e);
+        release_look(e->now.plan, e->now.bus);
+    } while (reached == end && end < tick);
+    return reached;
+}
+
+void engine_read_limits(engine *e)
+{
+    e->catch_up_ticks = text_time_ticks(e->config->catch_up, e->config->bit_ticks);
+}

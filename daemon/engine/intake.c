@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * intake.c - what ECUs write, from their ports into the inbox of the bus.
+ */
+#include "engine/core.h"
+
+#include "base/log.h"
+
+#define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
+
+/* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the
+ * future is now, one from before the last wake-up the bus itself takes for now, and the frames
+ * of a port come in the order in which they are read. */
+static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
+                             const clock_pair *now)
+{
+    int64_t age_ns = now->realtime_ns - frame->realtime_ns;
+    if (frame->realtime_ns == 0 || age_ns < 0)
+        age_ns = 0;
+    uint64_t tick = clock_tick(&e->clock, now->monotonic_ns - age_ns);
+    if (tick > e->arrived[node])
+        e->arrived[node] = tick;
+    return e->arrived[node];
+}
+
+/* The first frame of the inbox comes up at the latest in the bit that holds its tick. False when
+ * the time of this wake-up is over before. */
+bool engine_make_room(engine *e)
+{
+    return engine_advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
+}
+
+static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
+{
+    e->frames_read += count;
+    for (unsigned i = 0; i < count; i++) {
+        uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
+        (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for it */
+    }
+}
+
+/* For how many frames there is room in the inbox, up to a batch, once the bus has made some. */
+static unsigned inbox_room(engine *e)
+{
+    while (cw_bus_inbox_room(e->now.bus) < PORT_BATCH && engine_make_room(e))
+        continue;
+    unsigned room = cw_bus_inbox_room(e->now.bus);
+    return room < PORT_BATCH ? room : PORT_BATCH;
+}
+
+/* How many frames a port's node takes at once; 0: its queue is full, and they wait. */
+static unsigned node_room(const engine *e, unsigned node, bool waits)
+{
+    unsigned room = waits ? cw_node_room(e->now.bus, node) : PORT_BATCH;
+    return room < PORT_BATCH ? room : PORT_BATCH;
+}
+
+/* Returns whether its node has room for more. When the bus is so far behind that the inbox is full,
+ * what waits there waits on; all ports are looked at again soon. */
+static bool read_port(engine *e, unsigned node, const clock_pair *now, bool waits)
+{
+    bool more = true;
+    unsigned max = 1;
+    for (unsigned reads = 0; more && reads < READS_MAX; reads++) {
+        max = node_room(e, node, waits);
+        unsigned room = max > 0 ? inbox_room(e) : 0;
+        if (room == 0)
+            break;
+        unsigned count = port_read(e->now.ports[node], e->batch, max < room ? max : room, &more);
+        hand_in_batch(e, node, count, now);
+    }
+    port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
+    return max > 0;
+}
+
+void engine_read_rest(engine *e, unsigned node)
+{
+    clock_pair now = clock_read();
+    (void)read_port(e, node, &now, false);
+    if (cw_bus_inbox_room(e->now.bus) == 0)
+        log_node_warning(e->config->nodes[node].name,
+                         "what its ECU has written last is lost: the bus is too far behind");
+}
+
+/* A port that waits for room in its node's queue is not watched, or it would wake the loop for
+ * ever; the bus makes room, and is looked after until then. */
+static void read_or_push_back(engine *e, unsigned node, const clock_pair *now)
+{
+    const uint64_t bit = UINT64_C(1) << node;
+    bool waits = e->config->nodes[node].when_full == CFG_WHEN_FULL_WAIT;
+    if (read_port(e, node, now, waits)) {
+        e->pushed_back &= ~bit;
+        if (!e->ticking)
+            engine_watch_port(e, node);
+        return;
+    }
+    if (!(e->pushed_back & bit))
+        port_pushed_back(e->now.ports[node]);
+    e->pushed_back |= bit;
+    engine_unwatch_port(e, node);
+}
+
+void engine_read_ports(engine *e, const clock_pair *now)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (e->now.ports[i])
+            read_or_push_back(e, i, now);
+}
+
+/* What has waited for room comes in as soon as there is some. */
+void engine_read_pushed_back(engine *e)
+{
+    clock_pair now = clock_read();
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if ((e->pushed_back >> i & 1u) && e->now.ports[i] && cw_node_room(e->now.bus, i) > 0)
+            read_or_push_back(e, i, &now);
+}
+
+/* ---- Watching -------------------------------------------------------------------------------- */
+
+void engine_watch_port(engine *e, unsigned node)
+{
+    if (!e->now.ports[node] || ev_is_active(&e->watches[node].io))
+        return;
+    e->watches[node].engine = e;
+    ev_io_init(&e->watches[node].io, e->on_port, port_fd(e->now.ports[node]), EV_READ);
+    ev_io_start(e->loop, &e->watches[node].io);
+}
+
+void engine_unwatch_port(engine *e, unsigned node)
+{
+    if (e->now.ports[node])
+        ev_io_stop(e->loop, &e->watches[node].io);
+}
