@@ -14,6 +14,7 @@
 #include "fuzz.h"
 
 #include "port/kind.h"
+#include "port/open.h"
 
 #include <errno.h>
 #include <fcntl.h>

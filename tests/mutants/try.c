@@ -6,7 +6,7 @@
 
 #include "config/config.h"
 #include "engine/reload.h"
-#include "port/port.h"
+#include "port/open.h"
 #include "record/output.h"
 #include "run/inputs.h"
 #include "run/live.h"

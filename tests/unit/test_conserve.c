@@ -6,7 +6,7 @@
 
 #include "engine/conserve.h"
 #include "engine/reload.h"
-#include "port/port.h"
+#include "port/open.h"
 
 struct port {
     port_stats stats;

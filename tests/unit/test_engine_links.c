@@ -5,6 +5,7 @@
  */
 #include "config/portname.h"
 #include "engine/core.h"
+#include "port/open.h"
 
 #include <errno.h>
 #include <linux/rtnetlink.h>
@@ -228,7 +229,7 @@ void engine_unwatch_port(engine *e, unsigned node)
 }
 
 /* A reload exchanges the places of a node that has an interface and of one that has none. */
-void engine_update(engine *e)
+static void wake(engine *e)
 {
     static const reload exchange = {.port_from = {2, 1, 0, 3}};
     port *first = e->now.ports[0];
@@ -253,6 +254,7 @@ static engine *start(void)
     engine *e = calloc(1, sizeof *e);
     assert_non_null(e);
     e->loop = ev_loop_new(EVFLAG_AUTO);
+    e->wake = wake;
     e->config = &configs[0];
     memset(bus.attached, true, sizeof bus.attached);
     assert_true(engine_open_ports(e));

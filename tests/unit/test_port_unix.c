@@ -6,6 +6,7 @@
 
 #include "config/portname.h"
 #include "engine/engine.h"
+#include "port/open.h"
 
 #include <errno.h>
 #include <fcntl.h>
