@@ -51,10 +51,9 @@ ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS)
 DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
 
 LIB_SOURCES := $(wildcard lib/*.c)
-# all of daemon/ but the main of canwired and the tool; an archive, so that each program takes what
-# it needs
-TOOL_SOURCES := $(wildcard daemon/cli/*.c daemon/cli/*/*.c)
-PARTS_SOURCES := $(filter-out $(TOOL_SOURCES),$(wildcard daemon/*/*.c))
+# all of daemon/ but the main functions; an archive, so that each program takes what it needs
+PARTS_SOURCES := $(filter-out daemon/cli/main.c,$(wildcard daemon/*/*.c daemon/*/*/*.c))
+DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
@@ -253,7 +252,7 @@ $(PARTS): $(call objects,$(PARTS_SOURCES))
 $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
 
-$(TOOL): $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
+$(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
@@ -281,7 +280,8 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 # its own work is counted. What else it calls must be known to be of no concern (check-calls).
 WORLD := $(BUILD)/world
 LIBEV_ARCHIVE := $(shell $(CC) -print-file-name=libev.a)
-WORLD_PROGRAMS := $(call objects,daemon/main.c $(PARTS_SOURCES) $(TOOL_SOURCES) $(LIB_SOURCES))
+WORLD_PROGRAMS := $(call objects,$(DAEMON_SOURCES) daemon/cli/main.c $(PARTS_SOURCES) \
+  $(LIB_SOURCES))
 ifeq ($(VARIANT),world)
 $(WORLD_PROGRAMS): ALL_CFLAGS += -fsanitize-coverage=trace-pc
 endif
@@ -290,13 +290,13 @@ $(BUILD)/world-syms: tests/world/calls
 	@mkdir -p $(@D)
 	@sed -n 's/^[a-z].*/& seam_&/p' $< >$@
 
-$(BUILD)/canwired.o: $(call objects,daemon/main.c $(PARTS_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) \
-  $(LIBEV_ARCHIVE) $(BUILD)/world-syms
+$(BUILD)/canwired.o: $(call objects,$(DAEMON_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) $(LIBEV_ARCHIVE) \
+  $(BUILD)/world-syms
 	@ld -r -o $@ $(filter %.o,$^) --whole-archive $(LIBEV_ARCHIVE)
 	@objcopy --redefine-sym main=canwired_main --redefine-syms=$(BUILD)/world-syms \
 	  --keep-global-symbol=canwired_main $@
 
-$(BUILD)/canwire.o: $(call objects,$(TOOL_SOURCES)) $(PARTS) $(LIB)
+$(BUILD)/canwire.o: $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 	@ld -r -o $@ $^
 	@objcopy --redefine-sym main=canwire_main --keep-global-symbol=canwire_main $@
 
