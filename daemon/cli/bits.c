@@ -2,9 +2,9 @@
  *
  * bits.c - `canwire bits`: the wire bits of a frame, annotated by field.
  */
-#include "base/text.h"
 #include "canwire.h"
 #include "cli/cli.h"
+#include "trace/frametext.h"
 
 #include <getopt.h>
 #include <inttypes.h>

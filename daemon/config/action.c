@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 #include "config/values.h"
+#include "trace/frametext.h"
 
 #include <string.h>
 

@@ -8,7 +8,7 @@
 #ifndef CANWIRE_CONFIG_CONFIG_H
 #define CANWIRE_CONFIG_CONFIG_H
 
-#include "base/text.h"
+#include "base/number.h"
 #include "canwire.h"
 #include "trace/read.h"
 

@@ -5,6 +5,7 @@
 #include "config/parts.h"
 #include "config/source.h"
 #include "config/values.h"
+#include "trace/frametext.h"
 
 #include <stdlib.h>
 #include <string.h>

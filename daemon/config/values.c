@@ -5,6 +5,7 @@
 #include "config/values.h"
 
 #include "base/nearest.h"
+#include "trace/frametext.h"
 
 #include <inttypes.h>
 #include <string.h>

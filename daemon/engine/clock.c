@@ -4,7 +4,7 @@
  */
 #include "engine/clock.h"
 
-#include "base/text.h"
+#include "base/number.h"
 
 #include <stdlib.h>
 

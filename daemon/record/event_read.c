@@ -4,7 +4,7 @@
  */
 #include "record/event_read.h"
 
-#include "base/text.h"
+#include "trace/frametext.h"
 
 #include <string.h>
 

@@ -6,8 +6,9 @@
 
 #include "base/chars.h"
 #include "base/jsonput.h"
-#include "base/text.h"
+#include "base/number.h"
 #include "config/portname.h"
+#include "trace/frametext.h"
 
 #include <assert.h>
 #include <string.h>

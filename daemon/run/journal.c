@@ -6,12 +6,13 @@
 
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/number.h"
 #include "base/spool.h"
-#include "base/text.h"
 #include "base/thread.h"
 #include "run/journal_keep.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
+#include "trace/frametext.h"
 
 #include <errno.h>
 #include <inttypes.h>

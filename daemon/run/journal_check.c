@@ -4,7 +4,7 @@
  */
 #include "run/journal_check.h"
 
-#include "base/text.h"
+#include "base/number.h"
 #include "run/journal_read.h"
 
 #include <inttypes.h>

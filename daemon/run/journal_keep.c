@@ -7,7 +7,7 @@
 #include "base/filelock.h"
 #include "base/folder.h"
 #include "base/log.h"
-#include "base/text.h"
+#include "base/number.h"
 #include "run/journal_seal.h"
 
 #include <errno.h>

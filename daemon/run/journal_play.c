@@ -7,7 +7,7 @@
  */
 #include "run/journal_play.h"
 
-#include "base/text.h"
+#include "base/number.h"
 #include "run/bus_make.h"
 
 #include <inttypes.h>

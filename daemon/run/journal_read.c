@@ -10,9 +10,10 @@
 #include "base/arena.h"
 #include "base/buffer.h"
 #include "base/nearest.h"
-#include "base/text.h"
+#include "base/number.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
+#include "trace/frametext.h"
 
 #include <errno.h>
 #include <fcntl.h>

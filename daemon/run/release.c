@@ -8,6 +8,7 @@
 #include "run/release.h"
 
 #include "run/replay.h"
+#include "trace/frametext.h"
 
 #include <assert.h>
 #include <stdlib.h>

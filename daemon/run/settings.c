@@ -6,7 +6,7 @@
 
 #include "base/jsonput.h"
 #include "base/nearest.h"
-#include "base/text.h"
+#include "base/number.h"
 
 #include <inttypes.h>
 #include <string.h>

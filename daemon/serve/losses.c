@@ -6,9 +6,9 @@
 #include "serve/losses.h"
 
 #include "base/log.h"
-#include "base/text.h"
 #include "config/portname.h"
 #include "engine/reload.h"
+#include "trace/frametext.h"
 
 #include <inttypes.h>
 #include <stdio.h>

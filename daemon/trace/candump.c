@@ -7,7 +7,7 @@
  */
 #include "trace/format.h"
 
-#include "base/text.h"
+#include "trace/frametext.h"
 
 #include <assert.h>
 #include <stdio.h>

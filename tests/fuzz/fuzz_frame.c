@@ -5,7 +5,8 @@
  */
 #include "fuzz.h"
 
-#include "base/text.h"
+#include "base/number.h"
+#include "trace/frametext.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

@@ -4,8 +4,8 @@
  *
  * usage: test_bits_file [FILE]. Each frame of the file is a test of its own.
  */
-#include "base/text.h"
 #include "canwire.h"
+#include "trace/frametext.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

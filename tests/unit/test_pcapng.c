@@ -4,7 +4,7 @@
  */
 #include "record/pcapng.h"
 
-#include "base/text.h"
+#include "base/number.h"
 #include "trace/errframe.h"
 #include "trace/read.h"
 

@@ -6,7 +6,7 @@
  * A limit of file size stands for a full disk: a write then gets some of the bytes into the file,
  * and the next one fails.
  */
-#include "base/text.h"
+#include "base/number.h"
 #include "record/recorder.h"
 
 #include <errno.h>

@@ -2,7 +2,8 @@
  *
  * test_text.c - frames, filters, numbers, times and positions as text.
  */
-#include "base/text.h"
+#include "base/number.h"
+#include "trace/frametext.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

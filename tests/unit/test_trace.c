@@ -5,9 +5,9 @@
  *
  * Runs at the top of the source tree. tests/traces/candump was written by candump itself.
  */
-#include "base/text.h"
 #include "run/replay.h"
 #include "trace/format.h"
+#include "trace/frametext.h"
 #include "trace/read.h"
 
 #include <inttypes.h>

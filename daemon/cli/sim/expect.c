@@ -4,7 +4,8 @@
  */
 #include "cli/sim/expect.h"
 
-#include "base/text.h"
+#include "base/number.h"
+#include "trace/frametext.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

@@ -4,6 +4,8 @@
  */
 #include "cli/sim/sim_until.h"
 
+#include "trace/frametext.h"
+
 #include <string.h>
 
 #define WARN_S 10u /* of bus time */

@@ -4,8 +4,8 @@
  */
 #include "cli/svg/svg_notes.h"
 
-#include "base/text.h"
 #include "record/bitpart.h"
+#include "trace/frametext.h"
 
 #include <assert.h>
 #include <stdlib.h>

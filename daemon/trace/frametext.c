@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * text.c - frames, filters, numbers, times and positions as people write them.
+ * frametext.c - frames, filters and positions in frames as people write them.
  */
-#include "base/text.h"
+#include "trace/frametext.h"
 
 #include "base/chars.h"
-#include "base/wide.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -21,28 +20,10 @@
 #define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define FILTER_ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG of the kernel's can_id */
 #define ERROR_MASK_ALL 0x1FFFFFFFu    /* CAN_ERR_MASK */
-#define EXPONENT_DIGITS_MAX 3u
-#define FRACTION_DIGITS_MAX 19u /* 10^19 is the largest power of ten in 64 bits */
 #define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own */
-
-#define NS_PER_S UINT64_C(1000000000)
-#define LOG_SECONDS_DIGITS 10u
-#define LOG_SECONDS_END UINT64_C(10000000000)
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 #define DECIMAL_DIGITS "0123456789"
-
-/* A decimal number kept exactly: (whole * 10^digits + fraction) / 10^digits. */
-typedef struct decimal {
-    uint64_t whole;
-    uint64_t fraction;
-    unsigned digits; /* of the fraction, without trailing zeros */
-} decimal;
-
-typedef struct time_unit {
-    const char *name;
-    uint64_t ns; /* 0: bit times */
-} time_unit;
 
 /* How many index values a position has; 0: it is written without index. */
 static const uint16_t index_counts[CW_FIELD_COUNT] = {
@@ -63,33 +44,28 @@ static const uint16_t index_counts[CW_FIELD_COUNT] = {
 
 static const char identifier_problem[] =
     "identifiers have 3 hexadecimal digits (base, up to 7FF) or 8 (extended, up to 1FFFFFFF)";
+
 static const char frame_problem[] =
     "expected a frame such as 123#DEADBEEF, 12345678#, 123#R4 or 123#1122334455667788_F";
+
 static const char filter_problem[] =
     "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, separated by ','";
+
 static const char position_problem[] =
     "expected a position: sof id[0..28] srr ide rtr r0 r1 dlc[0..3] data[BYTE.BIT] crc[0..14] "
     "crc-delimiter ack-slot ack-delimiter eof[0..6] intermission[0..2] suspend[0..7] stuff[N] "
     "bit[N] error-flag[N] error-delimiter[N] overload-flag[N] overload-delimiter[N]";
-#define SIZE_DIGITS_MAX 9u /* so that nothing overflows */
-static const char size_problem[] = "expected a size such as 64kB, 100MB, 2GB or 512MiB";
-static const char time_problem[] =
-    "expected a time with unit such as 10ms (units: ns us ms s min h bit)";
-static const char uint_problem[] =
-    "digits only: no sign, unit, prefix, separator, fraction or leading 0";
-static const char probability_problem[] =
-    "expected a decimal fraction from 0 to 1 such as 0.05 or 1e-5, at most 19 decimals";
+
 static const char error_mask_problem[] =
     "expected an error filter #MASK, 1 to 8 hexadecimal digits with a class of linux/can/error.h";
+
 static const char bytes_problem[] =
     "expected 1 to 8 bytes of two hexadecimal digits such as DEAD..EF or DE AD x1, '.' or 'x' for "
     "any digit, blanks only between bytes";
+
 static const char levels_problem[] =
     "expected 1 to 64 levels such as 10x1: 1 recessive, 0 dominant, x as it is, not all x";
-static const char percent_problem[] = "expected a part such as 60%, from 0.1% to 100%";
-
 static char *print_fd_flags(char *at, uint8_t flags);
-static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us);
 static unsigned hex_digit(char c);
 static uint32_t hex_value(const char *text, size_t digits);
 static bool identifier_valid(uint32_t id, size_t digits);
@@ -98,13 +74,6 @@ static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 static const char *parse_byte(text_bytes *bytes, const char *text);
-static bool add_digit(uint64_t *value, char c);
-static bool parse_decimal(decimal *out, const char **text);
-static bool parse_exponent(int *exponent, const char **text);
-static bool scale_fraction(decimal *number, int exponent);
-static uint64_t power_of_ten(unsigned exponent);
-static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
-static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks);
 static cw_field find_field(const char *name, size_t length);
 static bool parse_index(uint16_t *index, cw_field field, const char *text);
 
@@ -224,109 +193,6 @@ const char *text_parse_levels(text_levels *out, const char *text)
     return NULL;
 }
 
-const char *text_parse_percent(uint16_t *permille, const char *text)
-{
-    decimal number;
-
-    if (!parse_decimal(&number, &text) || strcmp(text, "%") != 0 || number.digits > 1 ||
-        number.whole > 100)
-        return percent_problem;
-    uint64_t value = number.whole * 10 + number.fraction;
-    if (value == 0 || value > 1000)
-        return percent_problem;
-    *permille = (uint16_t)value;
-    return NULL;
-}
-
-const char *text_parse_uint(uint64_t *out, const char *text)
-{
-    size_t digits = strspn(text, DECIMAL_DIGITS);
-    uint64_t value = 0;
-
-    if (digits == 0 || text[digits] != '\0' || (digits > 1 && *text == '0'))
-        return uint_problem;
-    for (; *text; text++)
-        if (!add_digit(&value, *text))
-            return "the number is too large";
-    *out = value;
-    return NULL;
-}
-
-const char *text_parse_probability(uint64_t *out, const char *text)
-{
-    decimal number;
-    int exponent;
-
-    if (!parse_decimal(&number, &text) || !parse_exponent(&exponent, &text) || *text != '\0' ||
-        !scale_fraction(&number, exponent))
-        return probability_problem;
-    if (number.whole > 1 || (number.whole == 1 && number.digits > 0))
-        return probability_problem;
-    /* Below 1 with 19 digits the quotient is at most 2^64 - 2, so "always" stays distinct. */
-    uint64_t rest;
-    *out = number.whole == 1 ? UINT64_MAX
-                             : wide_divide(&rest, (wide){.high = number.fraction},
-                                           power_of_ten(number.digits))
-                                   .low;
-    return NULL;
-}
-
-const char *text_parse_time(cfg_time *out, const char *text)
-{
-    static const time_unit units[] = {
-        {"ns", 1},       {"us", 1000},           {"ms", 1000000},
-        {"s", NS_PER_S}, {"min", 60 * NS_PER_S}, {"h", 3600 * NS_PER_S},
-        {"bit", 0},
-    };
-    decimal number;
-
-    if (!parse_decimal(&number, &text))
-        return time_problem;
-    if (*text == '\0' && number.whole == 0 && number.digits == 0) {
-        *out = (cfg_time){0};
-        return NULL;
-    }
-    for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
-        if (strcmp(text, units[i].name) == 0)
-            return apply_unit(out, number, &units[i]);
-    return time_problem;
-}
-
-const char *text_parse_size(uint64_t *bytes, const char *text)
-{
-    static const struct {
-        const char *name;
-        uint64_t bytes;
-    } units[] = {
-        {"", 1},          {"kB", 1000},     {"MB", 1000000},   {"GB", 1000000000},
-        {"KiB", 1 << 10}, {"MiB", 1 << 20}, {"GiB", 1 << 30},
-    };
-    size_t digits = strspn(text, "0123456789");
-    uint64_t number = 0;
-
-    if (digits == 0 || digits > SIZE_DIGITS_MAX || (text[0] == '0' && digits > 1))
-        return size_problem;
-    for (size_t i = 0; i < digits; i++)
-        number = number * 10 + (uint64_t)(text[i] - '0');
-    for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
-        if (strcmp(text + digits, units[i].name) == 0) {
-            *bytes = number * units[i].bytes;
-            return NULL;
-        }
-    return size_problem;
-}
-
-uint64_t text_time_ticks(cfg_time time, uint32_t bit_ticks)
-{
-    return saturated_ticks(wide_of(time.ns), wide_of(time.bits), bit_ticks);
-}
-
-uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, uint32_t bit_ticks)
-{
-    return saturated_ticks(wide_sum(wide_product(k, step.ns), wide_of(start.ns)),
-                           wide_sum(wide_product(k, step.bits), wide_of(start.bits)), bit_ticks);
-}
-
 const char *text_parse_position(cw_field *field, uint16_t *index, const char *text)
 {
     size_t length = strcspn(text, "[");
@@ -343,72 +209,12 @@ const char *text_parse_position(cw_field *field, uint16_t *index, const char *te
     return NULL;
 }
 
-char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
-{
-    uint64_t ns = tick % CW_CLOCK_HZ * NS_PER_S / CW_CLOCK_HZ;
-    char *end = chars_decimal(out, tick / CW_CLOCK_HZ);
-
-    *end++ = '.';
-    end = chars_digits(end, ns, 9);
-    *end = '\0';
-    return end;
-}
-
-void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
-{
-    static const char *const names[] = {"ns", "us", "ms", "s"};
-    uint64_t seconds = ticks / CW_CLOCK_HZ;
-    uint64_t ns = ticks % CW_CLOCK_HZ * NS_PER_S / CW_CLOCK_HZ;
-    uint64_t unit = 1;
-    unsigned digits = 0;
-
-    while (digits < 9 && (seconds > 0 || ns / unit >= 1000)) {
-        unit *= 1000;
-        digits += 3;
-    }
-    uint64_t part = ns % unit;
-    int used = snprintf(out, TIME_TEXT_MAX, "%" PRIu64, digits == 9 ? seconds : ns / unit);
-    if (part > 0) {
-        used +=
-            snprintf(out + used, TIME_TEXT_MAX - (size_t)used, ".%0*" PRIu64, (int)digits, part);
-        while (out[used - 1] == '0')
-            used--;
-    }
-    strcpy(out + used, names[digits / 3]);
-}
-
-char *text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)
-{
-    uint64_t us = tick % CW_CLOCK_HZ / (CW_CLOCK_HZ / 1000000u);
-
-    return print_log(out, tick / CW_CLOCK_HZ, us);
-}
-
-char *text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns)
-{
-    return print_log(out, ns / NS_PER_S, ns % NS_PER_S / 1000);
-}
-
 /* ESI and BRS as can-utils write them. */
 static char *print_fd_flags(char *at, uint8_t flags)
 {
     *at++ = '#';
     *at++ = (char)('0' + ((flags & CW_FRAME_BRS ? 1 : 0) | (flags & CW_FRAME_ESI ? 2 : 0)));
     return at;
-}
-
-/* Ten digits of seconds, more where it takes more. */
-static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us)
-{
-    char *end = out;
-
-    *end++ = '(';
-    end = s < LOG_SECONDS_END ? chars_digits(end, s, LOG_SECONDS_DIGITS) : chars_decimal(end, s);
-    *end++ = '.';
-    end = chars_digits(end, us, 6);
-    *end++ = ')';
-    *end = '\0';
-    return end;
 }
 
 /* Value of one hexadecimal digit, or 16. */
@@ -585,142 +391,6 @@ static const char *parse_byte(text_bytes *bytes, const char *text)
         return NULL;
     bytes->length++;
     return text + 2;
-}
-
-/* Adds one decimal digit; false when the number leaves 64 bits. */
-static bool add_digit(uint64_t *value, char c)
-{
-    uint64_t digit = (uint64_t)(c - '0');
-
-    if (*value > (UINT64_MAX - digit) / 10)
-        return false;
-    *value = *value * 10 + digit;
-    return true;
-}
-
-/* The digits after the point: at least one, at most 19 that count. */
-static bool parse_fraction(decimal *number, const char **text)
-{
-    size_t written = strspn(*text, DECIMAL_DIGITS);
-    size_t digits = written;
-
-    while (digits > 0 && (*text)[digits - 1] == '0')
-        digits--;
-    if (written == 0 || digits > FRACTION_DIGITS_MAX)
-        return false;
-    number->digits = (unsigned)digits;
-    for (size_t i = 0; i < digits; i++)
-        add_digit(&number->fraction, (*text)[i]);
-    *text += written;
-    return true;
-}
-
-/* Reads DIGITS or DIGITS.DIGITS without sign, leading zeros or exponent. */
-static bool parse_decimal(decimal *out, const char **text)
-{
-    size_t digits = strspn(*text, DECIMAL_DIGITS);
-
-    *out = (decimal){0};
-    if (digits == 0 || (digits > 1 && **text == '0'))
-        return false;
-    for (size_t i = 0; i < digits; i++)
-        if (!add_digit(&out->whole, *(*text)++))
-            return false;
-    if (**text != '.')
-        return true;
-    ++*text;
-    return parse_fraction(out, text);
-}
-
-/* Of at most FRACTION_DIGITS_MAX. */
-static uint64_t power_of_ten(unsigned exponent)
-{
-    uint64_t power = 1;
-
-    assert(exponent <= FRACTION_DIGITS_MAX);
-    while (exponent-- > 0)
-        power *= 10;
-    return power;
-}
-
-/* Nothing, or "e-5"; without leading zeros. */
-static bool parse_exponent(int *exponent, const char **text)
-{
-    *exponent = 0;
-    if (**text != 'e' && **text != 'E')
-        return true;
-    ++*text;
-    bool negative = **text == '-';
-    if (**text == '-' || **text == '+')
-        ++*text;
-    size_t digits = strspn(*text, DECIMAL_DIGITS);
-    if (digits == 0 || digits > EXPONENT_DIGITS_MAX)
-        return false;
-    for (; digits > 0; digits--)
-        *exponent = *exponent * 10 + (*(*text)++ - '0');
-    if (negative)
-        *exponent = -*exponent;
-    return true;
-}
-
-/* Shifts the point of a number, as long as it stays within 0..1 and 19 decimals. */
-static bool scale_fraction(decimal *number, int exponent)
-{
-    wide digits = wide_sum(wide_product(number->whole, power_of_ten(number->digits)),
-                           wide_of(number->fraction));
-    int decimals = (int)number->digits - exponent;
-    uint64_t rest;
-
-    for (; decimals > 0; decimals--) {
-        wide tenth = wide_divide(&rest, digits, 10);
-        if (rest != 0)
-            break;
-        digits = tenth;
-    }
-    if (digits.high == 0 && digits.low == 0)
-        decimals = 0;
-    if (decimals < 0 || decimals > (int)FRACTION_DIGITS_MAX)
-        return false;
-    uint64_t scale = power_of_ten((unsigned)decimals);
-    if (digits.high > 0 || digits.low > scale)
-        return false;
-    *number = (decimal){
-        .whole = digits.low / scale,
-        .fraction = digits.low % scale,
-        .digits = (unsigned)decimals,
-    };
-    return true;
-}
-
-static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit)
-{
-    uint64_t rest;
-    wide fraction = wide_divide(&rest, wide_product(number.fraction, unit->ns),
-                                power_of_ten(number.digits));
-    wide ns = wide_sum(wide_product(number.whole, unit->ns), fraction);
-
-    if (unit->ns == 0 && number.digits > 0)
-        return "bit times are whole numbers";
-    if (rest != 0)
-        return "times are whole nanoseconds";
-    if (ns.high > 0)
-        return "the time is too large";
-    *out = (cfg_time){.ns = ns.low, .bits = unit->ns == 0 ? number.whole : 0};
-    return NULL;
-}
-
-/* Rounds up once; CW_NEVER when the sum leaves 64 bits. 25 ns are 2 ticks. */
-static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks)
-{
-    static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");
-    uint64_t rest;
-    wide pairs = wide_divide(&rest, ns, 25);
-
-    if (pairs.high > 0 || bits.high > 0)
-        return CW_NEVER;
-    wide ticks = wide_sum(wide_product(pairs.low, 2), wide_of((rest * 2 + 24) / 25));
-    ticks = wide_sum(ticks, wide_product(bits.low, bit_ticks));
-    return ticks.high > 0 ? CW_NEVER : ticks.low;
 }
 
 static cw_field find_field(const char *name, size_t length)
