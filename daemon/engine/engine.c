@@ -117,7 +117,8 @@ static void skip_missed_time(engine *e)
 {
     int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* goes on while the machine is suspended */
     int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
-    uint64_t excess = catchup_excess(next_tick(e), clock_tick(&e->clock, now_ns), e->catch_up_ticks);
+    uint64_t now = clock_tick(&e->clock, now_ns);
+    uint64_t excess = catchup_excess(next_tick(e), now, e->catch_up_ticks);
     uint64_t skipped_ns = excess / 2 * 25;
     e->clock.epoch_ns += (int64_t)skipped_ns;
     for (unsigned i = 0; i < e->config->node_count; i++)
