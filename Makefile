@@ -60,6 +60,11 @@ FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
 UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
 
 objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
+
+# What is done goes by in a short line each; V=1 shows the commands, make -s nothing.
+tell = $(if $(filter 1,$(V)),,@$(if $(findstring s,$(filter-out --%,$(firstword -$(MAKEFLAGS)))),,\
+  printf '%-4s %s\n' $(1) $(2);))
+link = $(call tell,LD,$@) $(CC) $(ALL_CFLAGS) $(1) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
 LIB := $(BUILD)/libcanwire.a
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
@@ -174,7 +179,8 @@ clean: ## remove everything that was built, the guest's image included
 help: ## this list
 	@echo "canwire $(VERSION). Targets:"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
-	@echo "Variables: VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR, SYSCONFDIR, UNITDIR"
+	@echo "Variables: V=1 (show commands), VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR," \
+	  "SYSCONFDIR, UNITDIR"
 
 # What scripts/test runs: unit tests of one variant and compiler.
 # Bits of the differential test: fewer where each costs more.
@@ -243,17 +249,17 @@ mutant-short-cuts-run:
 
 $(LIB): $(call objects,$(LIB_SOURCES))
 	@rm -f $@
-	$(AR) qcs $@ $^
+	$(call tell,AR,$@) $(AR) qcs $@ $^
 
 $(PARTS): $(call objects,$(PARTS_SOURCES))
 	@rm -f $@
-	$(AR) qcs $@ $^
+	$(call tell,AR,$@) $(AR) qcs $@ $^
 
 $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(TOOL_LIBS)
+	$(call link,$(LINK_LTO)) $(TOOL_LIBS)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
   $(wildcard config/*.md config/*.yaml config/schema/*.json)
@@ -261,20 +267,20 @@ $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.c
 	@scripts/man --build $(BUILD) $< >$@
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
+	$(call link,$(LINK_PLAIN))
 
 $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
+	$(call link,$(LINK_PLAIN))
 
 $(MUTANTS): $(call objects,$(wildcard tests/mutants/*.c)) $(PARTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 # All that runs the scenarios of the differential test, but for what compares.
 DIGEST_PARTS := $(filter-out \
   $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
   $(wildcard tests/differential/*.c))
 $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
+	$(call link,$(LINK_PLAIN))
 
 # canwired in a simulated world: its code and libev's call seam_NAME for each NAME in `calls`, and
 # its own work is counted. What else it calls must be known to be of no concern (check-calls).
@@ -290,8 +296,8 @@ $(BUILD)/world-syms: tests/world/calls
 	@mkdir -p $(@D)
 	@sed -n 's/^[a-z].*/& seam_&/p' $< >$@
 
-$(BUILD)/canwired.o: $(call objects,$(DAEMON_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) $(LIBEV_ARCHIVE) \
-  $(BUILD)/world-syms
+$(BUILD)/canwired.o: $(call objects,$(DAEMON_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) \
+  $(LIBEV_ARCHIVE) $(BUILD)/world-syms
 	@ld -r -o $@ $(filter %.o,$^) --whole-archive $(LIBEV_ARCHIVE)
 	@objcopy --redefine-sym main=canwired_main --redefine-syms=$(BUILD)/world-syms \
 	  --keep-global-symbol=canwired_main $@
@@ -302,28 +308,28 @@ $(BUILD)/canwire.o: $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 
 $(WORLD): $(call objects,$(wildcard tests/world/*.c)) $(BUILD)/canwired.o $(BUILD)/canwire.o
 	@scripts/world-calls $(BUILD)/canwired.o
-	$(CC) $(ALL_CFLAGS) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ -llcm -lsystemd -lm $(TOOL_LIBS)
+	$(call link,) -llcm -lsystemd -lm $(TOOL_LIBS)
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
+	$(call link,$(LINK_LTO))
 
 REALTIME_OBJECTS := $(call objects,$(wildcard tests/bench/realtime/*.c))
 $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_LTO) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) \
+	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) \
 	  $(TOOL_LIBS) -lcmocka
 
 FUZZ_SHARED := $(filter-out tests/fuzz/fuzz_%.c tests/fuzz/replay.c,$(wildcard tests/fuzz/*.c))
 FUZZ_OBJECTS = $(BUILD)/tests/fuzz/fuzz_%.o $(call objects,$(FUZZ_SHARED)) $(PARTS) $(LIB)
 
 $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) -fsanitize=fuzzer $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ \
+	$(call link,$(LINK_PLAIN) -fsanitize=fuzzer) \
 	  $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
-	$(CC) $(ALL_CFLAGS) $(LINK_PLAIN) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^ $(DAEMON_LIBS) $(TOOL_LIBS)
+	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 # The engine is optimised for speed; and as one, where gcc links a program, since it is small
 # functions in many files.
@@ -340,25 +346,26 @@ endif
 
 $(BUILD)/lib/%.o: lib/%.c
 	@mkdir -p $(@D)
-	$(CC) $(ALL_CFLAGS) $(LIB_FLAGS) $(LIB_EXEMPT) -c -o $@ $<
+	$(call tell,CC,$<) $(CC) $(ALL_CFLAGS) $(LIB_FLAGS) $(LIB_EXEMPT) -c -o $@ $<
 
 $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 	@mkdir -p $(@D)
-	$(CC) $(DAEMON_CFLAGS) -c -o $@ $<
+	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -c -o $@ $<
 
 # Newer versions of cmocka have other names for what older ones know, too.
 $(BUILD)/tests/%.o: tests/%.c
 	@mkdir -p $(@D)
-	$(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
+	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations \
+	  -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
 
 # Generated code is not held to our warnings.
 $(BUILD)/gen/%.o: $(GEN)/%.c
 	@mkdir -p $(@D)
-	$(CC) $(filter-out $(WARNINGS),$(ALL_CFLAGS)) -I$(GEN) -c -o $@ $<
+	$(call tell,CC,$<) $(CC) $(filter-out $(WARNINGS),$(ALL_CFLAGS)) -I$(GEN) -c -o $@ $<
 
 $(GEN)/canwire_%.c: config/lcm/%.lcm
 	@mkdir -p $(GEN)
-	lcm-gen --lazy -c --c-cpath $(GEN) --c-hpath $(GEN) --cinclude '' $<
+	$(call tell,GEN,$@) lcm-gen --lazy -c --c-cpath $(GEN) --c-hpath $(GEN) --cinclude '' $<
 	@touch $@
 
 .SECONDARY:
