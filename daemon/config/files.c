@@ -4,7 +4,7 @@
  */
 #include "config/files.h"
 
-#include "portname.h"
+#include "config/portname.h"
 
 static fileuse at_place(const cfg *config, cfg_place place)
 {
