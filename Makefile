@@ -75,7 +75,7 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test \
+.PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test \
   test-unit demo bench check cover man install uninstall deb clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof
 .DELETE_ON_ERROR:
@@ -85,6 +85,12 @@ all: ## install what the build needs, then build canwired and canwire
 	@$(MAKE) --no-print-directory build
 
 build: $(DAEMON) $(TOOL) ## canwired and canwire alone, with what is installed
+
+# The compiler is asked only where ccache has no answer; the first time sets up what is missing.
+dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
+	@test -d build/debug || scripts/install-deps build test
+	@$(MAKE) --no-print-directory -j"$$(nproc)" VARIANT=debug BUILD=build/debug \
+	  CC="$$(command -v ccache || true) $(CC)" dev-run
 
 test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan)
 	@scripts/install-deps all
@@ -201,6 +207,15 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
 	  $(BUILD)/bench --check || status=1; \
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
+
+# Of the unit tests all but those that take seconds each.
+DEV_SLOW := test_codec test_fault test_journal test_recorder test_steady
+DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
+dev-run: $(DAEMON) $(TOOL) $(DEV_TESTS:%=$(BUILD)/%.passed)
+
+$(BUILD)/%.passed: $(BUILD)/% $(TOOL)
+	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }
+	@touch $@
 
 # Inputs to begin with: those of the target, with what was found once, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
