@@ -8,6 +8,7 @@ needs no CAN in the kernel. CANWIRE and CANWIRED are the programs.
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import struct
@@ -277,6 +278,64 @@ def test_a_reload_that_takes_too_long_is_given_up(bus):
     running.canwire("reload", "./day.sock")  # what the first one brings is not wanted any more
     wait_until(lambda: "configuration reloaded" in running.log.read_text(), "the reload")
     assert running.stop().count("configuration reloaded") == 1
+
+
+# ---- A recording ---------------------------------------------------------------------------------
+
+RECORD = "record: [ { file: data/a.log } ]\n"
+
+
+def recording_is(running, wanted):
+    return lambda: [each["state"] for each in running.status()["recordings"]] == [wanted]
+
+
+def test_the_bus_goes_on_while_a_recording_waits_for_its_file(bus):
+    running = bus()
+    running.write(RECORD)
+    (running.folder / "disk/data").mkdir()
+    with running.hanging("disk/data/"):
+        running.canwire("reload", "./day.sock")
+        running.wait_hanging()
+        running.carries_frames()
+        assert recording_is(running, "waiting")()
+        assert "record disk/data/a.log: begun" not in running.log.read_text()
+        running.write("")  # it is taken away, and wanted again, before it has begun
+        running.canwire("reload", "./day.sock")
+        running.write(RECORD)
+        running.canwire("reload", "./day.sock")
+        wait_until(recording_is(running, "waiting"), "the third configuration")
+        running.carries_frames()
+    wait_until(recording_is(running, "recording"), "the recording")
+    running.carries_frames()
+    log = running.stop()
+    assert log.count("record disk/data/a.log: begun") == 1
+    first, second = running.folder / "disk/data/a.log.1", running.folder / "disk/data/a.log"
+    assert len(first.read_text().splitlines()) == FRAMES  # what came meanwhile
+    assert len(second.read_text().splitlines()) >= FRAMES
+
+
+def test_it_ends_while_a_recording_waits_for_its_file(bus):
+    running = bus("--journal", "day.journal")
+    running.write(RECORD)
+    (running.folder / "disk/data").mkdir()
+    with running.hanging("disk/data/"):
+        running.canwire("reload", "./day.sock")
+        running.wait_hanging()
+        running.carries_frames()
+        assert "record disk/data/a.log: not all of it could be written" in running.stop()
+    assert '"end":' in (running.folder / "day.journal").read_text()
+
+
+def test_a_recording_that_cannot_be_begun_says_where_and_counts_what_it_lacks(bus):
+    running = bus()
+    running.write(RECORD)
+    running.canwire("reload", "./day.sock")
+    wait_until(recording_is(running, "stopped"), "the end of it")
+    running.carries_frames()
+    recording, = running.status()["recordings"]
+    assert recording["why"] == "No such file or directory" and recording["entries"] == 0
+    told = r"disk/bus.yaml:6:\d+: record disk/data/a.log: No such file or directory"
+    assert len(re.findall(told, running.stop())) == 1
 
 
 # ---- A file that is replayed ---------------------------------------------------------------------

@@ -43,6 +43,7 @@ struct spool {
     unsigned files;
     size_t first; /* of the queue */
     size_t used;
+    bool open; /* the file has been opened */
     bool ending;
     bool ended;
     bool lasting; /* no error ends it */
@@ -365,11 +366,25 @@ static int open_files(spool *s, unsigned files)
     return error == 0 ? begin_file(s, files) : error;
 }
 
+/* What spool_open_later() has left to the thread. Returns 0 or an errno. With the lock held, but
+ * not while it opens. */
+static int open_now(spool *s)
+{
+    const unsigned files = s->files;
+    (void)pthread_mutex_unlock(&s->lock);
+    int error = open_files(s, files);
+    (void)pthread_mutex_lock(&s->lock);
+    s->open = error == 0;
+    if (s->open && s->news)
+        s->news(s->user);
+    return error;
+}
+
 static void *run(void *argument)
 {
     spool *s = argument;
-    int error = 0;
     (void)pthread_mutex_lock(&s->lock);
+    int error = s->open ? 0 : open_now(s);
     while (error == 0 && (s->used > 0 || !s->ending)) {
         if (s->used < SPOOL_QUEUE_BYTES / 4)
             wait_for_work(s);
@@ -409,7 +424,8 @@ static void free_spool(spool *s)
     free(s);
 }
 
-spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+static spool *make_spool(const char *file, unsigned files, spool_news *news, void *user,
+                         int *error)
 {
     spool *s = calloc(1, sizeof *s);
     if (!s) {
@@ -422,13 +438,43 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
     thread_init_condition(&s->changed);
     *error = s->file && s->batch && s->queue ? 0 : ENOMEM;
     if (*error == 0)
-        *error = open_files(s, files);
+        return s;
+    free_spool(s);
+    return NULL;
+}
+
+static spool *start(spool *s, int *error)
+{
     if (*error == 0)
         *error = thread_start(&s->thread, run, s);
     if (*error == 0)
         return s;
     free_spool(s);
     return NULL;
+}
+
+spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    spool *s = make_spool(file, files, news, user, error);
+    if (!s)
+        return NULL;
+    *error = open_files(s, files);
+    s->open = *error == 0;
+    return start(s, error);
+}
+
+spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error)
+{
+    spool *s = make_spool(file, files, news, user, error);
+    return s ? start(s, error) : NULL;
+}
+
+bool spool_is_open(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    bool open = s->open;
+    (void)pthread_mutex_unlock(&s->lock);
+    return open;
 }
 
 void spool_last(spool *s)

@@ -21,7 +21,8 @@
 
 typedef struct spool spool;
 
-/* Is told, in the spool's thread, when it has ended, by spool_end() or by an error. */
+/* Is told, in the spool's thread, when it has ended, by spool_end() or by an error. It must not
+ * call the spool. */
 typedef void spool_news(void *user);
 
 /* Makes the file, with mode 0640 less the umask, rotating what is there; at most `files` files are
@@ -29,6 +30,14 @@ typedef void spool_news(void *user);
  * there is something that is no regular file; EBUSY: another program is writing it, or a file that
  * it would rotate. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
+
+/* The same at once, without waiting for a disk that hangs: the thread opens the file, and what is
+ * written meanwhile waits in the queue. news is also told when it is open; what keeps it from that
+ * is an error that ends it. */
+spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error);
+
+/* Whether the file has been opened. */
+bool spool_is_open(spool *s);
 
 /* From now on an error does not end it: what is queued then is lost, and nothing is taken before
  * spool_resume(). */

@@ -266,24 +266,57 @@ static void free_recorder(recorder *r)
     free(r);
 }
 
-recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
-                         spool_news *news, void *user, int *error)
+/* A recorder without a spool yet; NULL: no memory. */
+static recorder *make_recorder(const cfg_record *what, const cfg *config)
 {
     recorder *r = calloc(1, sizeof *r);
-    *error = ENOMEM;
     if (!r)
         return NULL;
     *r = (recorder){.format = &formats[what->format], .config = config, .size = what->size};
     r->stream = open_memstream(&r->text, &r->length);
     if (r->stream)
-        r->spool = spool_open(what->file, what->files, news, user, error);
+        return r;
+    free_recorder(r);
+    return NULL;
+}
+
+/* Begins the first file of a recorder whose spool may be NULL. patience_s is for that. */
+static recorder *begin(recorder *r, const cw_bus *bus, unsigned patience_s, int *error)
+{
     if (r->spool && begin_file(r, bus))
         return r;
     if (r->spool)
         *error = ENOMEM;
-    (void)spool_close(r->spool, UINT32_MAX);
+    (void)spool_close(r->spool, patience_s);
     free_recorder(r);
     return NULL;
+}
+
+recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
+                         spool_news *news, void *user, int *error)
+{
+    recorder *r = make_recorder(what, config);
+    *error = ENOMEM;
+    if (!r)
+        return NULL;
+    r->spool = spool_open(what->file, what->files, news, user, error);
+    return begin(r, bus, UINT32_MAX, error);
+}
+
+recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
+                               spool_news *news, void *user, int *error)
+{
+    recorder *r = make_recorder(what, config);
+    *error = ENOMEM;
+    if (!r)
+        return NULL;
+    r->spool = spool_open_later(what->file, what->files, news, user, error);
+    return begin(r, bus, 0, error);
+}
+
+bool recorder_is_open(const recorder *r)
+{
+    return spool_is_open(r->spool);
 }
 
 void recorder_set_limits(recorder *r, uint64_t size, unsigned files)

@@ -22,6 +22,13 @@ typedef struct recorder recorder;
 recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
                          spool_news *news, void *user, int *error);
 
+/* The same without waiting for the disk: see spool_open_later(). */
+recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
+                               spool_news *news, void *user, int *error);
+
+/* Whether its file has been opened. */
+bool recorder_is_open(const recorder *r);
+
 /* Whether it is to be told of each bit, too. */
 bool recorder_wants_bits(const recorder *r);
 

@@ -24,6 +24,7 @@ typedef struct entry {
     struct entry *next; /* of those that are ending */
     cfg_record what;    /* the file is a copy */
     recorder *recorder; /* NULL: it has not begun, or has ended */
+    bool open;          /* its file has been opened; told */
     int error;          /* the errno that has ended it */
     bool waits;         /* for its file */
     recorder_stats stats; /* of the recorder that has ended */
@@ -64,8 +65,8 @@ static void free_entry(entry *e)
     free(e);
 }
 
-/* In the thread of a recording that has ended. */
-static void on_end(void *user)
+/* In the thread of a recording whose file has been opened, or that has ended. */
+static void on_news_of_thread(void *user)
 {
     recordings *all = user;
     ev_async_send(all->loop, &all->news);
@@ -79,25 +80,49 @@ static bool is_free(const recordings *all, const char *file)
     return true;
 }
 
-static void begin(recordings *all, entry *e, const cw_bus *bus)
+static void log_begun(entry *e)
 {
-    e->waits = !is_free(all, e->what.file);
-    e->error = 0;
-    if (e->waits)
-        return;
-    e->recorder = recorder_start(&e->what, all->config, bus, on_end, all, &e->error);
-    e->lost_told = 0;
+    e->open = true;
+    log_info("record %s: begun", e->what.file);
+}
+
+static void log_not_begun(const recordings *all, const entry *e)
+{
+    log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
+              e->what.place.column, e->what.file, spool_explain(e->error));
+}
+
+/* At the start of the bus, which waits for the disk. */
+static void begin_first(recordings *all, entry *e, const cw_bus *bus)
+{
+    e->recorder = recorder_start(&e->what, all->config, bus, on_news_of_thread, all, &e->error);
     if (e->recorder)
-        log_info("record %s: begun", e->what.file);
+        log_begun(e);
     else
-        log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
-                  e->what.place.column, e->what.file, spool_explain(e->error));
+        log_not_begun(all, e);
 }
 
 static void tell(const recordings *all, const entry *e)
 {
-    if (all->told && !e->waits)
+    if (all->told)
         all->told(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
+}
+
+/* While the bus runs: it is told when the file is open, or why it cannot be. */
+static void begin_later(recordings *all, entry *e, const cw_bus *bus)
+{
+    e->waits = !is_free(all, e->what.file);
+    e->error = 0;
+    e->open = false;
+    e->lost_told = 0;
+    if (e->waits)
+        return;
+    e->recorder =
+        recorder_start_later(&e->what, all->config, bus, on_news_of_thread, all, &e->error);
+    if (e->recorder)
+        return;
+    log_not_begun(all, e);
+    tell(all, e);
 }
 
 static void get_stats(const entry *e, recorder_stats *stats)
@@ -117,13 +142,19 @@ static void log_lost(entry *e)
     e->lost_told = stats.lost;
 }
 
-/* The recorder of an entry that has ended by itself. */
-static void note_error(entry *e)
+/* The recorder of an entry that has ended by itself. Without a file all is lost that was to be in
+ * it. */
+static void note_error(const recordings *all, entry *e)
 {
     e->error = recorder_error(e->recorder);
     recorder_get_stats(e->recorder, &e->stats);
-    log_lost(e);
-    log_error("record %s: stopped: %s", e->what.file, spool_explain(e->error));
+    if (recorder_is_open(e->recorder)) {
+        log_lost(e);
+        log_error("record %s: stopped: %s", e->what.file, spool_explain(e->error));
+    } else {
+        e->stats = (recorder_stats){.lost = e->stats.entries + e->stats.lost};
+        log_not_begun(all, e);
+    }
     (void)recorder_close(e->recorder, PATIENCE_S);
     e->recorder = NULL;
 }
@@ -139,7 +170,7 @@ static void reap_ending(recordings *all)
             continue;
         }
         if (recorder_error(e->recorder) != 0)
-            note_error(e);
+            note_error(all, e);
         (void)recorder_close(e->recorder, PATIENCE_S);
         *link = e->next;
         free_entry(e);
@@ -154,8 +185,12 @@ static void on_news(struct ev_loop *loop, ev_async *news, int events)
     reap_ending(all);
     for (size_t i = 0; i < all->count; i++) {
         entry *e = all->entries[i];
+        if (e->recorder && !e->open && recorder_is_open(e->recorder)) {
+            log_begun(e);
+            tell(all, e);
+        }
         if (e->recorder && recorder_has_ended(e->recorder)) {
-            note_error(e);
+            note_error(all, e);
             tell(all, e);
         }
     }
@@ -165,10 +200,8 @@ static void on_news(struct ev_loop *loop, ev_async *news, int events)
 static void begin_waiting(recordings *all, const cw_bus *bus)
 {
     for (size_t i = 0; i < all->count; i++)
-        if (all->entries[i]->waits && is_free(all, all->entries[i]->what.file)) {
-            begin(all, all->entries[i], bus);
-            tell(all, all->entries[i]);
-        }
+        if (all->entries[i]->waits && is_free(all, all->entries[i]->what.file))
+            begin_later(all, all->entries[i], bus);
 }
 
 /* ---- Start, reload, stop --------------------------------------------------------------------- */
@@ -199,7 +232,7 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
             break;
         }
         all->entries[all->count++] = e;
-        begin(all, e, bus);
+        begin_first(all, e, bus);
         good = !is_start_error(e->error);
     }
     if (good)
@@ -262,8 +295,7 @@ void recordings_reload(recordings *all, const cw_bus *bus)
             recorder_set_limits(e->recorder, e->what.size, e->what.files);
             recorder_nodes_changed(e->recorder, bus);
         } else {
-            begin(all, e, bus);
-            tell(all, e);
+            begin_later(all, e, bus);
         }
     }
 }
@@ -334,6 +366,13 @@ void recordings_update(recordings *all, const cw_bus *bus)
         log_lost(all->entries[i]);
 }
 
+static const char *state_name(const entry *e)
+{
+    if (e->waits || (e->recorder && !e->open))
+        return "waiting";
+    return e->recorder ? "recording" : "stopped";
+}
+
 static json_t *entry_json(const entry *e)
 {
     json_t *object = json_object();
@@ -341,7 +380,7 @@ static json_t *entry_json(const entry *e)
     get_stats(e, &stats);
     put(object, "file", text_to_json(e->what.file, strlen(e->what.file)));
     put_text(object, "format", cfg_record_format_name(e->what.format));
-    put_text(object, "state", e->recorder ? "recording" : e->waits ? "waiting" : "stopped");
+    put_text(object, "state", state_name(e));
     put_text(object, "why", e->error != 0 ? spool_explain(e->error) : NULL);
     put_count(object, "entries", stats.entries);
     put_count(object, "lost", stats.lost);
