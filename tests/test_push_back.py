@@ -249,6 +249,25 @@ def test_it_comes_back_when_the_node_does(rig):
     r.stop()
 
 
+def test_only_a_reload_drops_what_a_shorter_queue_cannot_hold(rig):
+    """On a slow bus, which carries little while it is looked at."""
+    r = rig(bitrate=5000, engine=", queue: 256")
+    r.engine.fill()
+    wait_until(lambda: r.nodes()["engine"]["pushed_back"], "the push-back")
+    r.run("set", "./push.sock", "engine", "queue=4")
+    node = r.nodes()["engine"]
+    assert node["settings"]["queue"] == 4 and node["queue"] > 4  # they stay
+    taken, dropped = node["interface"]["read"], node["dropped"]["queue-full"]
+    text = r.text.replace("queue: 256", "queue: 8")
+    (r.folder / "bus.yaml").write_text(text)
+    r.run("reload", "./push.sock")
+    wait_until(lambda: r.nodes()["engine"]["settings"]["queue"] == 8, "the reload")
+    node = r.nodes()["engine"]
+    assert node["queue"] <= 8 and node["dropped"]["queue-full"] > dropped
+    assert node["interface"]["read"] - taken <= node["tx_frames"] + 8  # it still has to wait
+    r.stop()
+
+
 def test_a_reload_changes_it_while_a_program_waits(rig):
     frames = [(0x123, number) for number in range(1500)]
     r = rig(bitrate=50000)
