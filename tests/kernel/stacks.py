@@ -109,6 +109,21 @@ def exchange(client, server, size=4095):
     return tries(transfer, (client, server))
 
 
+def break_off(client, server, has_come, size=4095):
+    """A message that does not arrive, as something breaks on its way; again, where the protocol has
+    given up before that."""
+    for _ in range(TRIES):
+        with contextlib.suppress(Failed):
+            client.send(payload(size))
+        with pytest.raises(Failed):
+            server.receive()
+        if has_come():
+            return
+        for end in client, server:
+            end.drain()
+    pytest.fail(f"{TRIES} transfers, and nothing has broken any of them")
+
+
 def assert_same(got, wanted):
     """The first message of a try that failed may come late; no other one may."""
     if got != wanted:
