@@ -175,24 +175,40 @@ bool life_log_has(int life, const char *text)
     return strstr(read_whole(name, &size), text) != NULL;
 }
 
-uint64_t file_identity(const char *name)
+uint64_t file_identity_at(int folder, const char *name, int flags)
 {
     struct statx s;
-    if (statx(AT_FDCWD, name, AT_SYMLINK_NOFOLLOW, STATX_INO | STATX_BTIME, &s) != 0)
+    if (statx(folder, name, flags, STATX_INO | STATX_BTIME, &s) != 0)
         return 0;
     return s.stx_ino ^ (uint64_t)s.stx_btime.tv_sec << 40 ^ (uint64_t)s.stx_btime.tv_nsec << 20;
+}
+
+uint64_t file_identity(const char *name)
+{
+    return file_identity_at(AT_FDCWD, name, AT_SYMLINK_NOFOLLOW);
+}
+
+unsigned file_number(uint64_t identity)
+{
+    unsigned i = 0;
+    while (i < world->file_count && world->files[i].identity != identity)
+        i++;
+    if (i == FILES_MAX) {
+        fprintf(stderr, "world: too many files\n");
+        abort();
+    }
+    if (i == world->file_count)
+        world->files[world->file_count++] = (world_file){.identity = identity};
+    return i;
 }
 
 /* What was not synced may be on the disk or not. */
 static void cut_file(const char *name)
 {
     struct stat s;
-    int64_t keep = 0;
     if (stat(name, &s) != 0 || !S_ISREG(s.st_mode) || world_chance(300))
         return;
-    for (unsigned i = 0; i < world->file_count; i++)
-        if (world->files[i].inode == s.st_ino)
-            keep = world->files[i].synced;
+    int64_t keep = world->files[file_number(file_identity(name))].synced;
     int64_t lost = (int64_t)world_draw((uint64_t)(s.st_size - keep) + 1);
     world_trace("loses %lld of %lld bytes of %s", (long long)lost, (long long)s.st_size, name);
     (void)!truncate(name, s.st_size - lost);

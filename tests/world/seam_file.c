@@ -133,16 +133,8 @@ static void use_room(int64_t bytes)
 static void note_synced(int fd)
 {
     struct stat s;
-    if (fstat(fd, &s) != 0)
-        return;
-    for (unsigned i = 0; i <= world->file_count && i < FILES_MAX; i++) {
-        if (i == world->file_count)
-            world->files[world->file_count++] = (world_file){.inode = s.st_ino};
-        if (world->files[i].inode != s.st_ino)
-            continue;
-        world->files[i].synced = s.st_size;
-        return;
-    }
+    if (fstat(fd, &s) == 0)
+        world->files[file_number(file_identity_at(fd, "", AT_EMPTY_PATH))].synced = s.st_size;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -307,11 +299,11 @@ SEAM(int, close, int fd)
 /* ---- The rest -------------------------------------------------------------------------------- */
 
 /* A call for the path or the descriptor of a file that only passes the disk. */
-#define ON_PATH(name, path, ...)                                                                   \
+#define ON_PATH(name, path, call)                                                                  \
     do {                                                                                           \
         if (world_inside && is_ours(path) && !seam_disk_takes(seam_path(path), #name))             \
             return -1;                                                                             \
-        int result = name(__VA_ARGS__);                                                            \
+        int result = call;                                                                         \
         int number = errno;                                                                        \
         if (world_inside && is_ours(path))                                                         \
             world_trace(#name "(%s) = %d", seam_path(path), result);                               \
@@ -319,19 +311,34 @@ SEAM(int, close, int fd)
         return result;                                                                             \
     } while (0)
 
+/* Inodes in the order in which they were seen: those of the kernel differ from run to run, and the
+ * work of who sorts by them with them. */
+static void number_inode(int result, int folder, const char *path, struct stat *s, int flags)
+{
+    if (world_inside && result == 0)
+        s->st_ino = 1 + file_number(file_identity_at(folder, path, flags));
+}
+
+static int stat_at(int folder, const char *path, struct stat *s, int flags)
+{
+    int result = fstatat(folder, path, s, flags);
+    number_inode(result, folder, path, s, flags);
+    return result;
+}
+
 SEAM(int, stat, const char *path, struct stat *s)
 {
-    ON_PATH(stat, path, seam_path(path), s);
+    ON_PATH(stat, path, stat_at(AT_FDCWD, seam_path(path), s, 0));
 }
 
 SEAM(int, lstat, const char *path, struct stat *s)
 {
-    ON_PATH(lstat, path, seam_path(path), s);
+    ON_PATH(lstat, path, stat_at(AT_FDCWD, seam_path(path), s, AT_SYMLINK_NOFOLLOW));
 }
 
 SEAM(int, fstatat, int folder, const char *path, struct stat *s, int flags)
 {
-    ON_PATH(fstatat, path, folder, seam_path(path), s, flags);
+    ON_PATH(fstatat, path, stat_at(folder, seam_path(path), s, flags));
 }
 
 SEAM(ssize_t, readlink, const char *path, char *out, size_t size)
@@ -341,7 +348,7 @@ SEAM(ssize_t, readlink, const char *path, char *out, size_t size)
 
 SEAM(int, access, const char *path, int mode)
 {
-    ON_PATH(access, path, seam_path(path), mode);
+    ON_PATH(access, path, access(seam_path(path), mode));
 }
 
 /* There are no two sockets of the same name. */
@@ -371,62 +378,63 @@ static void check_owner(const char *path)
 SEAM(int, unlink, const char *path)
 {
     check_owner(path);
-    ON_PATH(unlink, path, seam_path(path));
+    ON_PATH(unlink, path, unlink(seam_path(path)));
 }
 
 SEAM(int, unlinkat, int folder, const char *path, int flags)
 {
     check_owner(path);
-    ON_PATH(unlinkat, path, folder, seam_path(path), flags);
+    ON_PATH(unlinkat, path, unlinkat(folder, seam_path(path), flags));
 }
 
 SEAM(int, rename, const char *from, const char *to)
 {
-    ON_PATH(rename, from, seam_path(from), seam_path(to));
+    ON_PATH(rename, from, rename(seam_path(from), seam_path(to)));
 }
 
 SEAM(int, renameat, int from_folder, const char *from, int to_folder, const char *to)
 {
-    ON_PATH(renameat, from, from_folder, seam_path(from), to_folder, seam_path(to));
+    ON_PATH(renameat, from, renameat(from_folder, seam_path(from), to_folder, seam_path(to)));
 }
 
 SEAM(int, renameat2, int from_folder, const char *from, int to_folder, const char *to,
      unsigned flags)
 {
-    ON_PATH(renameat2, from, from_folder, seam_path(from), to_folder, seam_path(to), flags);
+    ON_PATH(renameat2, from,
+            renameat2(from_folder, seam_path(from), to_folder, seam_path(to), flags));
 }
 
 SEAM(int, link, const char *from, const char *to)
 {
-    ON_PATH(link, to, seam_path(from), seam_path(to));
+    ON_PATH(link, to, link(seam_path(from), seam_path(to)));
 }
 
 SEAM(int, linkat, int from_folder, const char *from, int to_folder, const char *to, int flags)
 {
-    ON_PATH(linkat, to, from_folder, seam_path(from), to_folder, seam_path(to), flags);
+    ON_PATH(linkat, to, linkat(from_folder, seam_path(from), to_folder, seam_path(to), flags));
 }
 
 SEAM(int, chown, const char *path, uid_t owner, gid_t group)
 {
-    ON_PATH(chown, path, seam_path(path), owner, group);
+    ON_PATH(chown, path, chown(seam_path(path), owner, group));
 }
 
 SEAM(int, lchown, const char *path, uid_t owner, gid_t group)
 {
-    ON_PATH(lchown, path, seam_path(path), owner, group);
+    ON_PATH(lchown, path, lchown(seam_path(path), owner, group));
 }
 
 SEAM(int, fchownat, int folder, const char *path, uid_t owner, gid_t group, int flags)
 {
-    ON_PATH(fchownat, path, folder, seam_path(path), owner, group, flags);
+    ON_PATH(fchownat, path, fchownat(folder, seam_path(path), owner, group, flags));
 }
 
-#define ON_FD(name, ...)                                                                           \
+#define ON_FD(name, call)                                                                          \
     do {                                                                                           \
         const seam_fd *f = seam_fd_of(fd);                                                         \
         if (world_inside && f->kind == FD_FILE && !seam_disk_takes(f->path, #name))                \
             return -1;                                                                             \
-        int result = name(__VA_ARGS__);                                                            \
+        int result = call;                                                                         \
         int number = errno;                                                                        \
         if (world_inside && f->kind == FD_FILE)                                                    \
             world_trace(#name "(%s) = %d", f->path, result);                                       \
@@ -436,27 +444,27 @@ SEAM(int, fchownat, int folder, const char *path, uid_t owner, gid_t group, int 
 
 SEAM(int, fstat, int fd, struct stat *s)
 {
-    ON_FD(fstat, fd, s);
+    ON_FD(fstat, stat_at(fd, "", s, AT_EMPTY_PATH));
 }
 
 SEAM(int, fchown, int fd, uid_t owner, gid_t group)
 {
-    ON_FD(fchown, fd, owner, group);
+    ON_FD(fchown, fchown(fd, owner, group));
 }
 
 SEAM(int, fchmod, int fd, mode_t mode)
 {
-    ON_FD(fchmod, fd, mode);
+    ON_FD(fchmod, fchmod(fd, mode));
 }
 
 SEAM(int, ftruncate, int fd, off_t size)
 {
-    ON_FD(ftruncate, fd, size);
+    ON_FD(ftruncate, ftruncate(fd, size));
 }
 
 SEAM(int, flock, int fd, int operation)
 {
-    ON_FD(flock, fd, operation);
+    ON_FD(flock, flock(fd, operation));
 }
 
 SEAM(off_t, lseek, int fd, off_t offset, int whence)

@@ -34,7 +34,7 @@
 #define LIVES_MAX 24u
 #define CONNECTIONS_MAX 1024u
 #define STAMPS_MAX 2048u
-#define FILES_MAX 256u
+#define FILES_MAX 4096u
 #define PLACES_MAX 16u
 #define NEVER INT64_MAX
 #define US INT64_C(1000)
@@ -106,7 +106,7 @@ typedef struct world_place {
 } world_place;
 
 typedef struct world_file {
-    uint64_t inode;
+    uint64_t identity;
     int64_t synced; /* bytes that a loss of power leaves */
 } world_file;
 
@@ -212,6 +212,8 @@ bool life_log_has(int life, const char *text);
 int life_now(void); /* the newest one that is alive, or -1 */
 void life_power_loss(void);
 uint64_t file_identity(const char *name); /* not given again as inodes are; 0: it is not there */
+uint64_t file_identity_at(int folder, const char *name, int flags); /* as for statx() */
+unsigned file_number(uint64_t identity); /* of world->files: those seen earlier come first */
 
 /* ---- story.c --------------------------------------------------------------------------------- */
 
