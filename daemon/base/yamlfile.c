@@ -23,16 +23,18 @@ typedef struct scan {
     diag *errors;
     size_t documents;
     size_t nodes;
+    size_t nodes_max;
     size_t anchors;
     size_t depth;
 } scan;
 
 static void skip_mark(text_buffer *text);
 static bool has_no_nul(const text_buffer *text, diag *errors);
-static bool scan_events(text_buffer *text, diag *errors, yaml_mend *mend);
+static bool scan_events(text_buffer *text, size_t nodes_max, diag *errors, yaml_mend *mend);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
 
-bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, diag *errors)
+bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, size_t nodes_max,
+                    diag *errors)
 {
     text_buffer buffer = {.bytes = (const unsigned char *)text, .length = size};
 
@@ -44,7 +46,7 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, di
     const char *own = (const char *)buffer.bytes;
     yaml_mend mend = {.count = 0};
     /* The events are scanned first: only so can limits hold before the document is built. */
-    bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, errors, &mend) &&
+    bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, nodes_max, errors, &mend) &&
                 load_document(document, &buffer, errors);
     if (good)
         yaml_mend_restore(&mend, own, document);
@@ -204,7 +206,7 @@ static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *a
     }
     if (anchor && !within(self, &self->anchors, YAML_ANCHORS_MAX, mark, "anchors"))
         return false;
-    return within(self, &self->nodes, YAML_NODES_MAX, mark, "values");
+    return within(self, &self->nodes, self->nodes_max, mark, "values");
 }
 
 static bool check_event(scan *self, const yaml_event_t *event)
@@ -238,9 +240,9 @@ static bool check_event(scan *self, const yaml_event_t *event)
 }
 
 /* False when something has been told, or when there is an error of syntax, *wrong. */
-static bool scan_parser(yaml_parser_t *parser, bool *wrong, diag *errors)
+static bool scan_parser(yaml_parser_t *parser, size_t nodes_max, bool *wrong, diag *errors)
 {
-    scan counts = {.errors = errors};
+    scan counts = {.errors = errors, .nodes_max = nodes_max};
     bool good = true;
     bool more = true;
 
@@ -258,8 +260,8 @@ static bool scan_parser(yaml_parser_t *parser, bool *wrong, diag *errors)
 }
 
 /* One look at all events; *again: something was mended, there is to be another one. */
-static bool scan_once(const text_buffer *text, bool *again, diag *errors, yaml_mend *mend,
-                      const char *own)
+static bool scan_once(const text_buffer *text, size_t nodes_max, bool *again, diag *errors,
+                      yaml_mend *mend, const char *own)
 {
     yaml_parser_t parser;
     bool wrong = false;
@@ -267,7 +269,7 @@ static bool scan_once(const text_buffer *text, bool *again, diag *errors, yaml_m
     *again = false;
     if (!start_parser(&parser, text, errors))
         return false;
-    bool good = scan_parser(&parser, &wrong, errors);
+    bool good = scan_parser(&parser, nodes_max, &wrong, errors);
     if (wrong && parser.error == YAML_PARSER_ERROR)
         *again = yaml_mend_try(mend, own, text->length, &parser.problem_mark, errors);
     if (wrong && !*again)
@@ -277,14 +279,14 @@ static bool scan_once(const text_buffer *text, bool *again, diag *errors, yaml_m
 }
 
 /* Finds all errors of syntax and more than one document. The text may be a mended one then. */
-static bool scan_events(text_buffer *text, diag *errors, yaml_mend *mend)
+static bool scan_events(text_buffer *text, size_t nodes_max, diag *errors, yaml_mend *mend)
 {
     const char *own = (const char *)text->bytes;
     bool again = true;
     bool good = false;
 
     while (again) {
-        good = scan_once(text, &again, errors, mend, own);
+        good = scan_once(text, nodes_max, &again, errors, mend, own);
         text->bytes = (const unsigned char *)yaml_mend_text(mend, own);
     }
     return good;

@@ -92,7 +92,8 @@ bool yaml_mend_try(yaml_mend *self, const char *text, size_t size, const yaml_ma
 {
     const char *now = yaml_mend_text(self, text);
     size_t bracket = offset_of(now, size, mark->index);
-    if (self->count == YAML_MENDED_MAX || bracket == size || !is_one_of(opening, now[bracket]))
+    bool enough = self->count == YAML_MENDED_MAX || self->count * size > YAML_MENDED_BYTES;
+    if (enough || bracket == size || !is_one_of(opening, now[bracket]))
         return false;
     yaml_mended found = {.offset = find_begin(now, bracket)};
     size_t before = count_characters(now + found.offset, bracket - found.offset);

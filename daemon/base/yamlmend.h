@@ -13,7 +13,8 @@
 
 #include <yaml.h>
 
-#define YAML_MENDED_MAX 20u /* of one file: each time it is read again */
+#define YAML_MENDED_MAX 20u          /* of one file: each time it is read again */
+#define YAML_MENDED_BYTES (1u << 17) /* so many again, in all; once more than that is fine */
 
 /* A text that is mended; places are counted in characters as libyaml does, and in bytes. */
 typedef struct yaml_mended {

@@ -536,7 +536,7 @@ static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const ch
         .user = walk,
     };
 
-    if (!yaml_text_load(&document, text, size, errors))
+    if (!yaml_text_load(&document, text, size, YAML_TEXT_NODES_MAX, errors))
         return false;
     yaml_node_t *root = yaml_document_get_root_node(&document);
     if (root)

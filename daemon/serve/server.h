@@ -21,7 +21,7 @@
 #define SERVER_USER_MAX 48           /* of these of one user */
 #define SERVER_IDLE_S 60.0           /* without a line, or with something unread of which nothing is
                                         taken; then a client's place may go to another */
-#define SERVER_LINE_MAX (1u << 20)   /* bytes of a line, without its end */
+#define SERVER_LINE_MAX (1u << 18)   /* bytes of a line, without its end */
 #define SERVER_OUTPUT_MAX (1u << 20) /* bytes that wait for a client; then it is disconnected */
 #define SERVER_STREAM_MAX (1u << 18) /* bytes that wait, beyond which no news are added */
 

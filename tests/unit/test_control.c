@@ -5,12 +5,14 @@
  * Server and clients are in this process, on a real socket in a folder of its own. The engine is
  * the fake of fake_engine.h.
  */
+#include "base/yamlfile.h"
 #include "fake_engine.h"
 #include "serve/control.h"
 #include "serve/requests.h"
 #include "serve/server.h"
 #include "serve/status.h"
 
+#include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
@@ -28,12 +30,62 @@
 #include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
+#include <yaml.h>
 
 #include <cmocka.h>
 
 #define PATIENCE_TURNS 200000 /* of the loop, until something that must come counts as missing */
 #define UPDATE_BITS 2000
 #define TEXT_MAX (1u << 16)
+
+/* ---- What is done between two looks at the bus ----------------------------------------------- */
+
+/* Where it counts, the clock goes on by a step at each look at it, so that the number of looks is
+ * the time: nothing here depends on the machine. */
+#define STEP_S 0.001
+
+static struct {
+    bool counts;
+    ev_tstamp now;
+    unsigned reads;
+    size_t bytes;
+    unsigned lines;
+    size_t yaml_characters;
+    size_t yaml_events;
+} work;
+
+/* In place of that of libev, and recv() of that of the C library, for all of this program. */
+ev_tstamp ev_time(void)
+{
+    struct timespec t;
+    if (work.counts)
+        return work.now += STEP_S;
+    (void)clock_gettime(CLOCK_REALTIME, &t);
+    return (ev_tstamp)t.tv_sec + (ev_tstamp)t.tv_nsec * 1e-9;
+}
+
+/* What libyaml reads of the texts of rules. */
+int yaml_parser_parse(yaml_parser_t *parser, yaml_event_t *event)
+{
+    static int (*real)(yaml_parser_t *, yaml_event_t *);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "yaml_parser_parse");
+    size_t before = parser->mark.index;
+    int good = real(parser, event);
+    work.yaml_characters += parser->mark.index - before;
+    work.yaml_events++;
+    return good;
+}
+
+ssize_t recv(int fd, void *out, size_t size, int flags)
+{
+    ssize_t count = recvfrom(fd, out, size, flags, NULL, NULL);
+    if (flags & MSG_DONTWAIT) { /* the server's */
+        work.reads++;
+        work.bytes += count > 0 ? (size_t)count : 0;
+    }
+    return count;
+}
 
 /* ---- A bus with a control socket ------------------------------------------------------------- */
 
@@ -798,6 +850,33 @@ static void deep_and_wide_requests_are_refused(void **state)
     close(fd);
 }
 
+/* A text of rules is read while the bus waits: not again and again, and not more than rules need.
+ */
+static void a_text_of_rules_makes_little_work(void **state)
+{
+    const rig *r = *state;
+    static const char *const heads[] = {"- [", "- '"};
+    static const char *const tails[] = {"]", "'"};
+    int fd = connect_client(r);
+    for (unsigned i = 0; i < 2; i++) {
+        char head[100], tail[1000];
+        snprintf(head, sizeof head, "{\"request\":\"inject\",\"text\":\"%s", heads[i]);
+        int at = snprintf(tail, sizeof tail, "%s\\n- [", tails[i]);
+        for (unsigned k = 0; k <= 20; k++) /* each is mended, and the text read again */
+            at += snprintf(tail + at, sizeof tail - (size_t)at, "{flip: crc[3]},");
+        snprintf(tail + at, sizeof tail - (size_t)at, "]\"}");
+        char *line = make_request(head, ',', tail, SERVER_LINE_MAX);
+        for (size_t k = strlen(head); i == 0 && k < 2 * (YAML_TEXT_NODES_MAX - 100); k += 2)
+            line[k] = '1';
+        work.yaml_characters = work.yaml_events = 0;
+        expect_refusal(r, fd, line, "inject:");
+        assert_in_range(work.yaml_characters, SERVER_LINE_MAX / 8, 3 * SERVER_LINE_MAX);
+        assert_in_range(work.yaml_events, 1, 3 * YAML_TEXT_NODES_MAX);
+        free(line);
+    }
+    close(fd);
+}
+
 static void noise_is_refused(void **state)
 {
     const rig *r = *state;
@@ -966,13 +1045,14 @@ static ev_tstamp read_hall_clock(struct ev_loop *loop)
 static void keep_or_echo(void *user, server_client *client, char *line, size_t length)
 {
     (void)user;
+    work.lines++;
     if (strcmp(line, "keep") == 0)
         server_keep(client, true);
     line[length] = '\n';
     server_write(client, line, length + 1);
 }
 
-static const server_calls hall_calls = {keep_or_echo,     nothing_drained, nothing_closed,
+static const server_calls hall_calls = {keep_or_echo, nothing_drained, nothing_closed,
                                         "too many\n", "too quiet\n",   "too long\n"};
 
 static void open_hall(hall *h, const rig *r)
@@ -1048,6 +1128,67 @@ static bool needs_root(void)
     if (geteuid() != 0)
         skip();
     return geteuid() == 0;
+}
+
+#define CROWD 32u
+#define HEAP_BYTES (1u << 17) /* more than is read at once, and than a socket takes at once */
+#define READ_BYTES 65536u     /* at one wake-up, of one client: as in control_server.c */
+
+/* As much as its socket takes. */
+static void stuff(int fd, const char *text, size_t *at)
+{
+    for (ssize_t count; (count = send(fd, text + *at, HEAP_BYTES - *at, MSG_NOSIGNAL)) > 0;)
+        *at += (size_t)count;
+}
+
+/* A crowd that sends this, again and again; returns when so many lines were handled, or bytes
+ * read. No turn of the loop may do much. */
+static void hold_up(hall *h, const char *text, unsigned lines, size_t bytes)
+{
+    int fds[CROWD];
+    size_t at[CROWD] = {0};
+    unsigned all_lines = 0, turns_left = PATIENCE_TURNS;
+    size_t all_bytes = 0;
+    for (unsigned i = 0; i < CROWD; i++) {
+        fds[i] = connect_client(&h->place);
+        turn(h->rig);
+    }
+    while ((all_lines < lines || all_bytes < bytes) && turns_left-- > 0) {
+        char echo[READ_BYTES];
+        for (unsigned i = 0; i < CROWD; i++) {
+            stuff(fds[i], text, &at[i]);
+            while (recvfrom(fds[i], echo, sizeof echo, 0, NULL, NULL) > 0)
+                continue;
+        }
+        work.counts = true;
+        work.reads = work.lines = 0;
+        work.bytes = 0;
+        turn(h->rig);
+        work.counts = false;
+        all_lines += work.lines;
+        all_bytes += work.bytes;
+        assert_in_range(work.lines, 0, 3); /* the time of a turn, here two looks at the clock */
+        assert_in_range(work.reads, 0, CROWD);
+        assert_in_range(work.bytes, 0, CROWD * READ_BYTES);
+    }
+    assert_true(all_lines >= lines && all_bytes >= bytes);
+    for (unsigned i = 0; i < CROWD; i++)
+        close(fds[i]);
+    turns(h->rig, 100);
+}
+
+/* Neither many clients nor much that one of them sends. */
+static void a_crowd_makes_little_work_at_a_time(void **state)
+{
+    hall h;
+    static char heap[HEAP_BYTES];
+    open_hall(&h, *state);
+    memset(heap, 'x', sizeof heap); /* a line without end */
+    hold_up(&h, heap, 0, CROWD * sizeof heap);
+    for (size_t i = 3; i < sizeof heap; i += 4)
+        heap[i] = '\n';
+    hold_up(&h, heap, 5000, 0);
+    close_hall(&h);
 }
 
 static void one_user_has_a_part_of_the_places(void **state)
@@ -1316,9 +1457,11 @@ int main(void)
         CASE(long_lines_end_the_connection),
         CASE(only_inject_may_be_long),
         CASE(deep_and_wide_requests_are_refused),
+        CASE(a_text_of_rules_makes_little_work),
         CASE(noise_is_refused),
         CASE(readers_who_do_not_read_are_disconnected),
         CASE(one_too_many_is_told),
+        CASE(a_crowd_makes_little_work_at_a_time),
         CASE(one_user_has_a_part_of_the_places),
         CASE(one_place_is_for_root_and_one_for_its_own_user),
         CASE(who_says_nothing_makes_room),
