@@ -223,8 +223,10 @@ def test_a_reader_of_events_that_is_gone_ends_the_tool_quietly(canwired):
 
 # ---- A server of LCM's that does not do its part -------------------------------------------------
 
+# Of this process alone: nobody else takes a port that is to be used again.
+HOST = "127.{}.{}.{}".format(*os.getpid().to_bytes(3, "big"))
 LCM = BUS.replace("5ms", "200us").replace("500000", "1000000") + (
-    "lcm: { url: 'tcpq://127.0.0.1:PORT', period: 50ms, events: [rx, tx] }\n")
+    "lcm: { url: 'tcpq://HOST:PORT', period: 50ms, events: [rx, tx] }\n".replace("HOST", HOST))
 HELLO = struct.Struct(">II")
 SERVER_HELLO = HELLO.pack(0x287617FA, 0x0100)
 
@@ -237,7 +239,7 @@ class LcmServer:
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         self.listener.settimeout(PATIENCE_S)
-        self.listener.bind(("127.0.0.1", port))
+        self.listener.bind((HOST, port))
         self.listener.listen(1)
         self.port = self.listener.getsockname()[1]
         self.client = None
@@ -291,8 +293,8 @@ def wait_frames(bus, count):
 def unsent_bytes(port):
     """What the kernel has of a connection to a port here that the other side has not taken."""
     lines = [line.split() for line in open("/proc/net/tcp", encoding="ascii")]
-    return sum(int(words[4].split(":")[0], 16) for words in lines
-               if words[2].endswith(f":{port:04X}"))
+    server = f"{socket.inet_aton(HOST)[::-1].hex().upper()}:{port:04X}"
+    return sum(int(words[4].split(":")[0], 16) for words in lines if words[2] == server)
 
 
 def wait_stuck(bus, port):

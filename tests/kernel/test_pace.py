@@ -35,6 +35,7 @@ nodes:
   - { name: engine, port: vcan0, queue: 4096 }
   - { name: gearbox, port: vcan1 }
 """
+WARNING_S = 10  # between two warnings
 TOO_MUCH = BUSY.format(catch_up="100ms").replace("every: 1ms", "every: 25ns")
 
 
@@ -149,11 +150,13 @@ def test_a_bus_at_rest_misses_nothing(bus, can_socket):
 
 def test_a_machine_that_is_too_slow(bus):
     """40 million frames a second are too much for any; the bus serves its clients all the same."""
+    begin = time.monotonic()
     b = bus(TOO_MUCH)
     wait_until(lambda: b.status()["bus"]["skips"] > 5, "skips")
     b.shell.run("set", "pace", "clock", "listen-only=on")
     wait_until(lambda: b.clock()["dropped"]["listen-only"] > 0, "drops")
-    assert b.daemon.stop().count("fell behind") < 5
+    told = b.daemon.stop().count("fell behind")
+    assert told <= 2 + (time.monotonic() - begin) / WARNING_S
 
 
 SHIM = """
