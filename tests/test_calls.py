@@ -24,6 +24,7 @@ import pytest
 
 from failing import WORKERS, Calls, build_library, plan, run_all
 from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all
+from test_journal import lines as journal_lines
 from test_record import wait_until
 
 TRACE = "(0.000000) can0 7FF#01\n(0.000500) can0 100#01\n(0.001000) can0 700#R\n"
@@ -163,6 +164,23 @@ def test_sim_to_standard_output(programs, output):
     words = [f"--{output}", "-"] if output else []
     good, _ = fail_each(programs([CANWIRE, "sim", "bus.yaml", *words]))
     assert good.status == 0
+
+
+JOURNAL = "".join(json.dumps(entry) + "\n" for entry in journal_lines())
+OF_A_JOURNAL = tuple(name for name in OUTPUTS if name != "junit")
+
+
+def test_sim_of_a_journal(programs):
+    words = [word for name in OF_A_JOURNAL for word in (f"--{name}", name)]
+    good, sites = fail_each(programs([CANWIRE, "sim", "--journal", "day.journal", *words,
+                                      "--to", "1ms"], OF_A_JOURNAL, **{"day.journal": JOURNAL}))
+    assert good.status == 0 and len(good.files) == len(OF_A_JOURNAL) and len(sites) > 300
+
+
+def test_check_of_a_journal(programs):
+    good, _ = fail_each(programs([CANWIRE, "check", "--journal", "day.journal"],
+                                 **{"day.journal": JOURNAL}))
+    assert good.status == 0 and good.stdout + "\n".join(good.messages).encode()
 
 
 @pytest.mark.parametrize("words", [["bits", "123#DEADBEEF"], ["help"], ["--version"]])

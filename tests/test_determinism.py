@@ -28,7 +28,8 @@ def build(name, compiler, optimisation, *programs):
     folder = f"build/determinism/{name}"
     (ROOT / folder).mkdir(parents=True, exist_ok=True)
     result = subprocess.run(  # one at a time: other tests may want the same
-        ["flock", ROOT / folder, "make", "--no-print-directory", "-s", f"-j{os.cpu_count()}", f"CC={compiler}",
+        ["flock", ROOT / folder, "make", "--no-print-directory", "-s", f"-j{os.cpu_count()}",
+         f"CC={compiler}",
          f"CFLAGS={optimisation}", f"BUILD={folder}", *(f"{folder}/{p}" for p in programs)],
         cwd=ROOT, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert result.returncode == 0, result.stdout + result.stderr

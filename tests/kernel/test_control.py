@@ -270,7 +270,8 @@ def deep_nesting(control):
 
 
 def long_injections(control):
-    text = json.dumps({"request": "inject", "text": "[" + "{name: x}, " * 4900 + "{flip: crc[3]}, " * 25 + "]"})
+    rules = "{name: x}, " * 4900 + "{flip: crc[3]}, " * 25
+    text = json.dumps({"request": "inject", "text": f"[{rules}]"})
     with control.connect() as s:
         s.sendall(text.encode() + b"\n")
         s.recv(4096)  # whole: or not, it is not looked at

@@ -61,8 +61,8 @@ def test_kernel_isotp(rig, kernel_isotp, block_size):
     r.stop()
 
 
-# A node that nobody asks holds the bus for so long, twice in the hundredth frame of a message, one a
-# direction: what is written meanwhile is more than a short queue holds, however fast the machine is.
+# A node that nobody asks holds the bus for so long, once in a message of each direction: what is
+# written meanwhile is more than a short queue holds on any machine.
 HELD = """  - {{ name: idiot }}
 faults:
   - {{ name: there, when: {{ frame: "7E0", skip: 100, count: 1 }}, do: {babble} }}

@@ -1135,7 +1135,7 @@ static bool needs_root(void)
 #define READ_BYTES 65536u     /* at one wake-up, of one client: as in control_server.c */
 
 /* As much as its socket takes. */
-static void stuff(int fd, const char *text, size_t *at)
+static void send_what_fits(int fd, const char *text, size_t *at)
 {
     for (ssize_t count; (count = send(fd, text + *at, HEAP_BYTES - *at, MSG_NOSIGNAL)) > 0;)
         *at += (size_t)count;
@@ -1156,7 +1156,7 @@ static void hold_up(hall *h, const char *text, unsigned lines, size_t bytes)
     while ((all_lines < lines || all_bytes < bytes) && turns_left-- > 0) {
         char echo[READ_BYTES];
         for (unsigned i = 0; i < CROWD; i++) {
-            stuff(fds[i], text, &at[i]);
+            send_what_fits(fds[i], text, &at[i]);
             while (recvfrom(fds[i], echo, sizeof echo, 0, NULL, NULL) > 0)
                 continue;
         }
