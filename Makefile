@@ -20,8 +20,9 @@ OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefi
   -fno-omit-frame-pointer
 OPTIMISE_cover := -O0 -g --coverage
 # Work is counted in basic blocks (tests/world): those of the source, without all the inlining.
-OPTIMISE_world := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
-  -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
+OPTIMISE_world := -O1 -g -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
+OPTIMISE_worldsan := $(OPTIMISE_world) -fsanitize=address,undefined \
+  -fno-sanitize-recover=undefined
 OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
   -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
@@ -145,14 +146,15 @@ calls: ## every call of the C library fails, at all places, with every error; ha
 # Seeds of the simulated world: FIRST..LAST, or one; `world 7 --trace` shows each call. The nightly
 # run is SEEDS=1..10000; 200 of them are in `make test`.
 SEEDS ?= 1..200
-WORLD_BUILD = VARIANT=world BUILD=build/world
+WORLD_VARIANT ?= world
+WORLD_BUILD = VARIANT=$(WORLD_VARIANT) BUILD=build/$(WORLD_VARIANT)
 world: ## canwired in simulated worlds (clocks, disk, sockets, signals), SEEDS=1..200
 	@scripts/install-deps build test
-	@$(MAKE) --no-print-directory -s -j2 $(WORLD_BUILD) build/world/world
-	@scripts/world build/world/world '$(SEEDS)'
+	@$(MAKE) --no-print-directory -s -j2 $(WORLD_BUILD) build/$(WORLD_VARIANT)/world
+	@scripts/world build/$(WORLD_VARIANT)/world '$(SEEDS)'
 
-world-night: ## the same for 10000 seeds, those that fail are listed
-	@$(MAKE) --no-print-directory world SEEDS=1..10000
+world-night: ## the same under ASan and UBSan, 10000 seeds, those that fail are listed
+	@$(MAKE) --no-print-directory world SEEDS=1..10000 WORLD_VARIANT=worldsan
 
 world-proof: ## that the simulated world finds what was repaired: with each repair taken out again
 	@scripts/install-deps build test
@@ -303,7 +305,7 @@ WORLD := $(BUILD)/world
 LIBEV_ARCHIVE := $(shell $(CC) -print-file-name=libev.a)
 WORLD_PROGRAMS := $(call objects,$(DAEMON_SOURCES) daemon/cli/main.c $(PARTS_SOURCES) \
   $(LIB_SOURCES))
-ifeq ($(VARIANT),world)
+ifneq ($(filter world worldsan,$(VARIANT)),)
 $(WORLD_PROGRAMS): ALL_CFLAGS += -fsanitize-coverage=trace-pc
 endif
 
