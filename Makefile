@@ -279,7 +279,7 @@ $(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(TOOL_LIBS)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
-  $(wildcard config/*.md config/*.yaml config/schema/*.json)
+  $(wildcard config/*.md config/*.yaml config/lcm/*.lcm config/schema/*.json)
 	@mkdir -p $(@D)
 	@scripts/man --build $(BUILD) $< >$@
 

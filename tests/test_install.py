@@ -17,10 +17,12 @@ MUST = [  # of each kind
     "/lib/tmpfiles.d/canwire.conf", "/lib/sysctl.d/10-canwire.conf",
     "/share/bash-completion/completions/canwire",
     "/share/man/man1/canwire.1", "/share/man/man5/canwire.yaml.5",
-    "/share/man/man7/canwire-faults.7", "/share/man/man8/canwired.8",
+    "/share/man/man7/canwire-faults.7", "/share/man/man7/canwire-operation.7",
+    "/share/man/man7/canwire-lcm.7", "/share/man/man8/canwired.8",
     "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",
     "/share/canwire/lcm/event_t.lcm", "/share/canwire/example.yaml",
     "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",
+    "/share/doc/canwire/DESIGN.md",
     "/share/doc/canwire/examples/realtime.conf",
 ]
 

@@ -192,7 +192,7 @@ static const schema_key change_part_keys[] = {
     END,
 };
 
-/* As design.md lists them. */
+/* Messages list them in this order. */
 static const action actions[] = {
     {"flip", CW_ACTION_FLIP, true, flip_keys, NULL},
     {"force", CW_ACTION_FORCE, true, force_keys, settle_force},

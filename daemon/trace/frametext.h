@@ -53,7 +53,7 @@ typedef struct text_levels {
 
 const char *text_parse_levels(text_levels *out, const char *text);
 
-/* Fault positions: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]" (design.md §4). */
+/* Fault positions: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]". */
 const char *text_parse_position(cw_field *field, uint16_t *index, const char *text);
 
 #endif

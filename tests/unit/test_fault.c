@@ -1505,7 +1505,7 @@ static void the_trace_does_not_depend_on_the_pace(void **state)
         assert_in_range(used[i], 5, 60); /* each action did something in several storms */
 }
 
-/* As design.md says: time, then faults in the order of the rules, then nodes, then kinds. */
+/* In this order: time, then faults in the order of the rules, then nodes, then kinds. */
 static bool in_order(const cw_event *a, const cw_event *b)
 {
     if (a->tick != b->tick)

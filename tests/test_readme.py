@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""What README.md and the pages beside it show is true: their YAML, output, links and length."""
+
+import os
+import pathlib
+import re
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = ["README.md", "CONTRIBUTING.md", "lib/DESIGN.md", "tests/README.md",
+         "daemon/man/canwire-lcm.7.md", "daemon/man/canwire-operation.7.md",
+         "daemon/man/canwired.8.md"]
+LINES_MAX = 150
+COLUMNS_MAX = 100
+
+
+def text_of(page):
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def snippets():
+    """(page, YAML) of each configuration that a page shows."""
+    for page in PAGES:
+        for yaml in re.findall(r"^```yaml\n(.*?)^```", text_of(page), re.MULTILINE | re.DOTALL):
+            yield page, yaml
+
+
+def run(*command, **more):
+    return subprocess.run(command, capture_output=True, text=True, check=False, **more)
+
+
+def example(key):
+    """The configuration of README.md that has a key."""
+    return next(yaml for page, yaml in snippets() if page == "README.md" and f"{key}:" in yaml)
+
+
+def test_the_configurations_are_good(write):
+    assert len(list(snippets())) >= 4
+    for page, yaml in snippets():
+        done = run(CANWIRE, "check", write(yaml))
+        assert done.returncode == 0, (page, done.stderr)
+
+
+def test_the_simulation_says_what_is_shown(write):
+    shown = re.search(r"^    \$ (canwire sim bit\.yaml .*)\n((?:    \{.*\n)+)", README, re.MULTILINE)
+    path = write(example("faults"), "bit.yaml")
+    done = run(CANWIRE, *shown[1].split()[1:], cwd=path.parent)
+    assert done.stdout == re.sub("^    ", "", shown[2], flags=re.MULTILINE)
+
+
+def test_the_simulation_draws_as_is_shown(write):
+    command = re.search(r"`canwire (sim bit\.yaml --svg [^`]*)`", README)[1]
+    path = write(example("faults"), "bit.yaml")
+    done = run(CANWIRE, *command.split(), cwd=path.parent)
+    assert (done.returncode, done.stderr) == (0, "")
+    drawn = (path.parent / "bit.svg").read_text(encoding="utf-8")
+    assert drawn == text_of("config/picture/one-bad-bit.svg")
+
+
+def test_the_table_has_all_commands():
+    told = re.findall(r"^  ([a-z]+) ", run(CANWIRE, "--help").stdout, re.MULTILINE)
+    table = re.search(r"^\| command .*?\n\n", README, re.MULTILINE | re.DOTALL)[0]
+    assert [name for name in told if not re.search(rf"`(canwire )?{name}[` ]", table)] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page):
+    folder = (ROOT / page).parent
+    links = re.findall(r"\]\(([^):]+)\)", text_of(page))
+    assert [link for link in links if not (folder / link).exists()] == []
+
+
+def test_all_files_of_the_library_are_in_its_design():
+    design = text_of("lib/DESIGN.md")
+    names = {path.stem for path in (ROOT / "lib").glob("*.c")}
+    assert [name for name in sorted(names) if not re.search(rf"[`| ]{name}[` ]", design)] == []
+
+
+def test_all_folders_and_functions_of_the_design_are_there():
+    design = text_of("lib/DESIGN.md")
+    folders = {f"daemon/{path.name}" for path in (ROOT / "daemon").iterdir() if path.is_dir()}
+    assert [name for name in sorted(folders) if f"`{name}`" not in design] == []
+    source = "\n".join(path.read_text(encoding="utf-8") for folder in ("lib", "daemon")
+                       for path in (ROOT / folder).rglob("*.[ch]"))
+    functions = set(re.findall(r"`([a-z_]+)\(\)`", design))
+    assert len(functions) > 40
+    external = {"recvmmsg"}
+    assert [f for f in sorted(functions - external) if not re.search(rf"\b{f}\(", source)] == []
+
+
+def test_it_is_short():
+    assert len(README.splitlines()) <= LINES_MAX
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_lines_of_prose_are_short(page):
+    prose = re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+    wide = [line for line in prose.splitlines() if len(line) > COLUMNS_MAX
+            and not line.startswith(("|", "    ", "!["))]
+    assert wide == []
