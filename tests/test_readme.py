@@ -61,6 +61,13 @@ def test_the_simulation_draws_as_is_shown(write):
     assert drawn == text_of("config/picture/one-bad-bit.svg")
 
 
+def test_the_bits_are_those_that_are_shown():
+    shown = re.search(r"^    \$ canwire (bits .*)\n((?:    .+\n)+)    \.\.\.\n",
+                      text_of("daemon/man/canwire.1.md"), re.MULTILINE)
+    lines = run(CANWIRE, *shown[1].split()).stdout.splitlines()
+    assert [line for line in shown[2].splitlines() if line[4:] not in lines] == []
+
+
 def test_the_table_has_all_commands():
     told = re.findall(r"^  ([a-z]+) ", run(CANWIRE, "--help").stdout, re.MULTILINE)
     table = re.search(r"^\| command .*?\n\n", README, re.MULTILINE | re.DOTALL)[0]
