@@ -358,7 +358,10 @@ static void check_broken_journal(int life)
 {
     json_t *answer = status_of(life);
     const json_t *status = json_object_get(answer, "status");
-    if (status && life_log_has(life, "broken from") && !json_object_get(status, "journal"))
+    const json_t *journal = json_object_get(status, "journal");
+    const char *state = json_string_value(json_object_get(journal, "state"));
+    bool told = state && (strcmp(state, "broken") == 0 || number_in(journal, "gaps") > 0);
+    if (status && life_log_has(life, "broken from") && !told)
         verdict("the journal of life %d has broken, and the status does not tell", life);
     json_decref(answer);
 }
