@@ -211,7 +211,8 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
 
 # Of the unit tests all but those that take seconds each.
-DEV_SLOW := test_codec test_fault test_journal test_recorder test_steady
+DEV_SLOW := test_codec test_fault_leap test_journal test_journal_check test_journal_keep \
+  test_journal_play test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
@@ -254,7 +255,8 @@ fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	  $(FUZZ_SEEDS_$(target)) &&) true
 
 # What scripts/mutate builds and runs for each changed controller.
-MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_codec) $(CONFORMANCE)
+MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
+  test_fault_match test_fault_level test_prng test_codec) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done

@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_config_node.c - the nodes of a configuration: their keys, defaults and ports, and which of
+ * them a later configuration means.
+ */
+#include "configs.h"
+
+static void ports_are_read(void **state)
+{
+    (void)state;
+    static const char *const ports[] = {"vcan0", "unix:/run/rig/absolute.sock",
+                                        "unix:" GOOD "run/a relative.sock", "fd:3", "fd:10"};
+    cfg *config = load_good(GOOD "ports.yaml");
+    assert_int_equal(config->node_count, 5);
+    for (unsigned i = 0; i < 5; i++)
+        assert_string_equal(config->nodes[i].port, ports[i]);
+    assert_int_equal(config->pacing, CFG_PACING_SPIN);
+    for (unsigned i = 0; i < 5; i++) { /* the first is an interface, the others are sockets */
+        assert_int_equal(config->nodes[i].queue, i == 0 ? 1024 : 16);
+        assert_int_equal(config->nodes[i].when_full,
+                         i == 0 ? CFG_WHEN_FULL_DROP : CFG_WHEN_FULL_WAIT);
+    }
+    cfg_free(config);
+}
+
+static void ports_have_peers_by_one_key(void **state)
+{
+    static const char *const peers[] = {"engine", "can0", "can0", NULL, NULL};
+    (void)state;
+    cfg *config = load_good(GOOD "vxcan.yaml");
+    assert_true(config->vxcan);
+    for (unsigned i = 0; i < 5; i++) {
+        if (peers[i])
+            assert_string_equal(config->nodes[i].peer, peers[i]);
+        else
+            assert_null(config->nodes[i].peer);
+    }
+    assert_null(config->nodes[1].netns);
+    assert_string_equal(config->nodes[2].netns, "dash");
+    cfg_free(config);
+}
+
+static void node_keys_are_read(void **state)
+{
+    cfg *config = load_good(GOOD "full.yaml");
+    const cfg_node *engine = &config->nodes[0];
+    const cfg_node *gearbox = &config->nodes[1];
+
+    (void)state;
+    assert_int_equal(config->node_count, 3);
+    assert_string_equal(engine->name, "engine");
+    assert_string_equal(engine->port, "vcan0");
+    assert_null(engine->peer);
+    assert_int_equal(engine->restart_ms, 100);
+    assert_true(engine->berr_reporting);
+    assert_int_equal(engine->modes, CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK |
+                                        CW_MODE_PRESUME_ACK | CW_MODE_BERR_REPORTING |
+                                        CW_MODE_LOST_ARBITRATION_REPORTING);
+    assert_int_equal(engine->queue, 4096);
+    assert_int_equal(engine->when_full, CFG_WHEN_FULL_WAIT);
+    assert_int_equal(gearbox->when_full, CFG_WHEN_FULL_DROP);
+    assert_int_equal(gearbox->queue, 1024);
+    assert_int_equal(engine->order, CW_ORDER_FIFO);
+    assert_int_equal(engine->warning_limit, 255);
+    assert_string_equal(gearbox->port, "vxcan1");
+    assert_string_equal(gearbox->peer, "can0");
+    assert_string_equal(gearbox->netns, "gearbox");
+    assert_int_equal(gearbox->modes, 0);
+    assert_false(gearbox->berr_reporting);
+    assert_int_equal(gearbox->warning_limit, 1);
+    cfg_free(config);
+}
+
+static void nodes_have_defaults_and_may_say_otherwise(void **state)
+{
+    static const unsigned modes = CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
+                                  CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING;
+    cfg *config = load_good(GOOD "defaults.yaml");
+    const cfg_node *all = &config->nodes[0];
+    const cfg_node *own = &config->nodes[1];
+    const cfg_node *interface = &config->nodes[2];
+    const cfg_node *socket = &config->nodes[3];
+
+    (void)state;
+    assert_int_equal(all->restart_ms, 100);
+    assert_int_equal(all->modes, modes);
+    assert_true(all->berr_reporting);
+    assert_int_equal(all->queue, 64);
+    assert_int_equal(all->when_full, CFG_WHEN_FULL_DROP); /* it has no port */
+    assert_int_equal(all->order, CW_ORDER_FIFO);
+    assert_int_equal(all->warning_limit, 90);
+    assert_int_equal(own->restart_ms, 0);
+    assert_int_equal(own->modes, modes & ~(unsigned)CW_MODE_ONE_SHOT);
+    assert_int_equal(own->queue, 3);
+    assert_int_equal(own->order, CW_ORDER_PRIORITY);
+    assert_int_equal(own->warning_limit, 96);
+    assert_int_equal(interface->queue, 64); /* not what an interface has by itself */
+    assert_int_equal(interface->when_full, CFG_WHEN_FULL_WAIT);
+    assert_int_equal(socket->when_full, CFG_WHEN_FULL_DROP);
+    assert_false(socket->berr_reporting);
+    assert_int_equal(config->nodes[4].queue, 7);
+    cfg_free(config);
+}
+
+static void nodes_are_matched_by_name(void **state)
+{
+    cfg *full = load_good(GOOD "full.yaml");
+    cfg *small = load_good(GOOD "expect.yaml");
+    uint8_t from[CW_NODES_MAX];
+
+    (void)state;
+    cfg_match_nodes(from, small, full); /* engine, gearbox, dash of engine, gearbox, load */
+    assert_int_equal(from[0], 0);
+    assert_int_equal(from[1], 1);
+    for (size_t i = 2; i < CW_NODES_MAX; i++)
+        assert_int_equal(from[i], CW_NO_NODE);
+    cfg_free(full);
+    cfg_free(small);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(ports_are_read),
+        cmocka_unit_test(ports_have_peers_by_one_key),
+        cmocka_unit_test(node_keys_are_read),
+        cmocka_unit_test(nodes_have_defaults_and_may_say_otherwise),
+        cmocka_unit_test(nodes_are_matched_by_name),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_contest.c - arbitration: who wins the bus, and what the others see of it.
+ */
+#include "model.h"
+#include "times.h"
+
+#define REMOTE CW_FRAME_REMOTE
+
+/* First bit in which two texts differ; both go on that far. */
+static unsigned first_difference(const char *a, const char *b)
+{
+    unsigned n = 0;
+    while (a[n] == b[n])
+        n++;
+    return n;
+}
+
+/* Two frames that start together: by their bits alone it is known who loses, where and when. */
+static void check_pair(const cw_frame *a, const cw_frame *b)
+{
+    const model models[2] = {model_encode(a), model_encode(b)};
+    const cw_frame *frames[2] = {a, b};
+    unsigned bit = first_difference(models[0].plain, models[1].plain);
+    unsigned loser = models[0].plain[bit] == '1' ? 0 : 1;
+    unsigned winner = 1 - loser;
+    rig *r = rig_new(3);
+    rig_start(r);
+    rig_send(r, 0, a, 0);
+    rig_send(r, 1, b, 0);
+    rig_run_bits(r, 600);
+    const cw_event *lost = rig_nth(r, CW_EVENT_ARBITRATION_LOST, 0);
+    assert_int_equal(lost->nodes, NODE(loser));
+    assert_int_equal(lost->lost_bit, bit - 1);
+    assert_int_equal(lost->tick, end_of(JOIN, models[loser].at[bit]));
+    assert_true(cw_frame_equal(&lost->frame, frames[loser]));
+    const cw_event *rx = rig_nth(r, CW_EVENT_RX, 0);
+    assert_int_equal(rx->nodes, NODE(loser) | NODE(2));
+    assert_true(cw_frame_equal(&rx->frame, frames[winner]));
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->nodes, NODE(winner));
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->nodes, NODE(loser));
+    uint64_t sof = JOIN + models[winner].length + INTERMISSION_BITS;
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->tick, end_of(sof, models[loser].length - 1));
+    assert_int_equal(r->count, 5);
+    rig_free(r);
+}
+
+#define PAIR_PREFIXES 8u
+#define PAIR_EXTENSIONS 5u
+#define PAIR_FRAMES (2u * PAIR_PREFIXES * (1u + PAIR_EXTENSIONS))
+
+static unsigned make_contenders(cw_frame *frames)
+{
+    static const uint32_t prefixes[PAIR_PREFIXES] = {0,     1,     0x7FF, 0x7FE,
+                                                     0x123, 0x555, 0x0F8, 0x400};
+    static const uint32_t extensions[PAIR_EXTENSIONS] = {0, 1, 0x3FFFF, 0x15555, 0x20000};
+    unsigned n = 0;
+    for (unsigned p = 0; p < PAIR_PREFIXES; p++)
+        for (unsigned remote = 0; remote <= REMOTE; remote += REMOTE) {
+            frames[n++] = rig_frame(prefixes[p], remote, 1);
+            for (unsigned e = 0; e < PAIR_EXTENSIONS; e++)
+                frames[n++] = rig_frame(prefixes[p] << 18 | extensions[e], EXTENDED | remote, 1);
+        }
+    return n;
+}
+
+/* M2, M3: base, extended, data, remote with equal and with other prefixes, both ways round. */
+static void every_pairing_is_won_by_the_dominant_bit(void **state)
+{
+    (void)state;
+    cw_frame frames[PAIR_FRAMES];
+    unsigned n = make_contenders(frames);
+    assert_int_equal(n, PAIR_FRAMES);
+    for (unsigned a = 0; a < n; a++)
+        for (unsigned b = 0; b < n; b++)
+            if (a != b)
+                check_pair(&frames[a], &frames[b]);
+}
+
+/* M4: both win arbitration; the node that sends `r` at the first bit that differs has an error. */
+static void same_identifier_with_other_data_is_a_bit_error(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame a = rig_frame(0x123, 0, 2);
+    cw_frame b = a;
+    b.data[1] ^= 0x10;
+    model ma = model_encode(&a);
+    model mb = model_encode(&b);
+    unsigned bit = first_difference(ma.plain, mb.plain);
+    unsigned loser = ma.plain[bit] == '1' ? 0 : 1;
+    rig_start(r);
+    rig_send(r, 0, &a, 0);
+    rig_send(r, 1, &b, 0);
+    rig_run_bits(r, 100);
+    const cw_event *e = rig_nth(r, CW_EVENT_ERROR, 0);
+    assert_int_equal(e->nodes, NODE(loser));
+    assert_int_equal(e->error.type, CW_ERROR_BIT);
+    assert_int_equal(e->error.role, CW_ROLE_TRANSMITTER);
+    assert_int_equal(e->error.place.field, CW_FIELD_DATA);
+    assert_int_equal(e->error.place.index, bit - 19);
+    assert_int_equal(e->tick, end_of(JOIN, loser ? mb.at[bit] : ma.at[bit]));
+    assert_int_equal(e->tec, 8);
+    assert_int_equal(rig_count(r, CW_EVENT_ARBITRATION_LOST, -1), 0);
+    rig_free(r);
+}
+
+/* The very same frame from two nodes goes through as one. */
+static void equal_frames_go_as_one(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame f = rig_frame(0x123, 0, 8);
+    rig_start(r);
+    rig_send(r, 0, &f, 0);
+    rig_send(r, 1, &f, 0);
+    rig_run_bits(r, 500);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick, rig_nth(r, CW_EVENT_TX, 1)->tick);
+    assert_int_equal(rig_count(r, CW_EVENT_RX, 2), 1);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    rig_free(r);
+}
+
+/* Frames tell whose they are and since when, for those who sent and those who received them. */
+static void frames_tell_where_they_are_from(void **state)
+{
+    (void)state;
+    rig *r = rig_new(4);
+    cw_frame f = rig_frame(0x123, 0, 2);
+    cw_frame own = rig_frame(0x200, 0, 0);
+    r->nodes[3].modes = CW_MODE_LOOPBACK;
+    rig_start(r);
+    rig_send(r, 1, &f, 100);
+    rig_send(r, 0, &f, 300);
+    rig_send(r, 3, &own, 50);
+    rig_run_bits(r, 300);
+    for (size_t i = 0; i < r->count; i++) {
+        const cw_event *e = &r->events[i];
+        if (e->nodes == NODE(3)) {
+            assert_int_equal(e->from, NODE(3));
+            assert_int_equal(e->handed_in, 50);
+        } else if (e->kind == CW_EVENT_RX) { /* the same frame of both */
+            assert_int_equal(e->from, NODE(0) | NODE(1));
+            assert_int_equal(e->handed_in, 100);
+        } else {
+            assert_int_equal(e->from, e->nodes);
+            assert_int_equal(e->handed_in, e->nodes == NODE(0) ? 300 : 100);
+        }
+    }
+    assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 2);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
+    rig_free(r);
+}
+
+static int compare_wire(const void *a, const void *b)
+{
+    const cw_frame *fa = a;
+    const cw_frame *fb = b;
+    return strcmp(model_encode(fa).wire, model_encode(fb).wire);
+}
+
+static void sixty_four_nodes_drain_in_identifier_order(void **state)
+{
+    (void)state;
+    cw_frame frames[CW_NODES_MAX];
+    rig_random random = {4711};
+    rig *r = rig_new(CW_NODES_MAX);
+    rig_start(r);
+    for (unsigned i = 0; i < CW_NODES_MAX; i++) {
+        uint32_t id = i * 29u % 64u * 31u; /* distinct base identifiers, shuffled */
+        frames[i] = rig_frame(id, 0, rig_below(&random, 9));
+        if (i % 3 == 1) {
+            frames[i].flags = EXTENDED;
+            frames[i].id = (id / 62 * 62) << 18 | i; /* some share their prefix with a base one */
+        }
+        rig_send(r, i, &frames[i], 0);
+    }
+    rig_run_bits(r, 64 * 170);
+    qsort(frames, CW_NODES_MAX, sizeof frames[0], compare_wire);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), CW_NODES_MAX);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    uint64_t end = JOIN;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++) {
+        const cw_event *tx = rig_nth(r, CW_EVENT_TX, i);
+        assert_true(cw_frame_equal(&tx->frame, &frames[i]));
+        end += model_encode(&frames[i]).length;
+        assert_int_equal(tx->tick, end * BIT);
+        end += INTERMISSION_BITS;
+        assert_int_equal(rig_nth(r, CW_EVENT_RX, i)->tick, tx->tick - BIT);
+    }
+    assert_int_equal(rig_bus_stats(r).arbitration_lost, 64 * 63 / 2);
+    rig_free(r);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_pairing_is_won_by_the_dominant_bit),
+        cmocka_unit_test(same_identifier_with_other_data_is_a_bit_error),
+        cmocka_unit_test(equal_frames_go_as_one),
+        cmocka_unit_test(frames_tell_where_they_are_from),
+        cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
+    };
+    return cmocka_run_group_tests_name("contest", tests, NULL, NULL);
+}

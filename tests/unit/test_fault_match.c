@@ -1,0 +1,484 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_fault_match.c - which frames a fault rule matches, which matches it takes, and what it is
+ * bound to.
+ */
+#include "model.h"
+#include "rules.h"
+#include "times.h"
+
+/* ---- Chosen matches -------------------------------------------------------------------------- */
+
+/* Frames with a listener that a rule acts at: hits and nothing else happens. */
+static rig *new_observed_bus(unsigned rules)
+{
+    static const char *const names[] = {"a", "b", "c"};
+    rig *r = rig_new(3);
+    r->nodes[0].queue = 256;
+    r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
+    for (unsigned i = 0; i < rules; i++)
+        rig_flip(r, names[i], CW_FIELD_BIT, 20)->at = NODE(2);
+    return r;
+}
+
+#define OBSERVED_FRAMES 200u
+#define OBSERVED_PAUSE 200u
+
+/* One character a frame: '1' where the rule hit. */
+static void hit_pattern(char *pattern, rig *r, unsigned rule)
+{
+    memset(pattern, '0', OBSERVED_FRAMES);
+    pattern[OBSERVED_FRAMES] = '\0';
+    for (size_t i = 0; i < r->count; i++)
+        if (r->events[i].kind == CW_EVENT_FAULT && r->events[i].rule == rule)
+            pattern[r->events[i].tick / (OBSERVED_PAUSE * BIT)] = '1';
+}
+
+static void run_observed(rig *r)
+{
+    rig_start(r);
+    for (unsigned i = 0; i < OBSERVED_FRAMES; i++) {
+        cw_frame f = rig_frame(0x100 + i % 4, 0, 1);
+        rig_send(r, 0, &f, (uint64_t)i * OBSERVED_PAUSE * BIT);
+    }
+    rig_run_bits(r, OBSERVED_FRAMES * OBSERVED_PAUSE);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), OBSERVED_FRAMES);
+}
+
+typedef struct choice {
+    uint32_t skip;
+    uint32_t every;
+    uint32_t count;
+    const char *pattern; /* of the first frames; behind them '0' when count is not 0 */
+} choice;
+
+static void matches_are_chosen_by_skip_every_and_count(void **state)
+{
+    (void)state;
+    static const choice cases[] = {
+        {0, 1, 0, "11111111111111"}, {3, 1, 0, "00011111111111"}, {0, 4, 0, "10001000100010"},
+        {2, 3, 0, "00100100100100"}, {0, 1, 3, "11100000000000"}, {3, 4, 2, "00010001000000"},
+        {0, 0, 1, "10000000000000"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char pattern[OBSERVED_FRAMES + 1];
+        cw_rule_stats stats;
+        rig *r = new_observed_bus(1);
+        r->rules[0].skip = cases[i].skip;
+        r->rules[0].every = cases[i].every;
+        r->rules[0].count = cases[i].count;
+        run_observed(r);
+        hit_pattern(pattern, r, 0);
+        assert_memory_equal(pattern, cases[i].pattern, strlen(cases[i].pattern));
+        assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats), CW_OK);
+        assert_int_equal(stats.hits, rig_count(r, CW_EVENT_FAULT, -1));
+        assert_int_equal(rig_nth(r, CW_EVENT_FAULT, stats.hits - 1)->hit, stats.hits);
+        if (cases[i].count)
+            assert_int_equal(stats.hits, cases[i].count);
+        else
+            assert_int_equal(stats.matches, OBSERVED_FRAMES);
+        rig_free(r);
+    }
+}
+
+/* Filter, sender, time: half open, at the start of the bit. */
+static void matches_need_frame_sender_and_time(void **state)
+{
+    (void)state;
+    char pattern[OBSERVED_FRAMES + 1];
+    rig *r = new_observed_bus(3);
+    r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF};
+    r->rules[0].filter_count = 1;
+    r->rules[1].from = NODE(1);
+    /* the 20th bit of the third frame starts at 400 + 20, that of the fifth at 800 + 20 */
+    r->rules[2].time_begin = 420 * BIT;
+    r->rules[2].time_end = 820 * BIT;
+    run_observed(r);
+    hit_pattern(pattern, r, 0);
+    assert_memory_equal(pattern, "0100010001000100", 16);
+    hit_pattern(pattern, r, 1);
+    assert_null(strchr(pattern, '1'));
+    hit_pattern(pattern, r, 2);
+    assert_memory_equal(pattern, "0011000000", 10);
+    assert_null(strchr(pattern + 10, '1'));
+    rig_free(r);
+}
+
+static void an_inverted_filter_and_a_second_one(void **state)
+{
+    (void)state;
+    char pattern[OBSERVED_FRAMES + 1];
+    rig *r = new_observed_bus(2);
+    r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF, .inverted = true};
+    r->rules[0].filter_count = 1;
+    r->rules[1].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF};
+    r->rules[1].filters[1] = (cw_filter){.value = 0x103, .mask = 0x7FF};
+    r->rules[1].filter_count = 2;
+    run_observed(r);
+    hit_pattern(pattern, r, 0);
+    assert_memory_equal(pattern, "10111011", 8);
+    hit_pattern(pattern, r, 1);
+    assert_memory_equal(pattern, "01010101", 8);
+    rig_free(r);
+}
+
+/* Each rule draws from its own stream: another rule, before or behind it, changes nothing. */
+static void random_streams_of_rules_are_independent(void **state)
+{
+    (void)state;
+    char alone[OBSERVED_FRAMES + 1];
+    char beside[OBSERVED_FRAMES + 1];
+    char other[OBSERVED_FRAMES + 1];
+    rig *r = new_observed_bus(1);
+    r->rules[0].name = "b";
+    r->rules[0].probability = UINT64_C(1) << 63;
+    run_observed(r);
+    hit_pattern(alone, r, 0);
+    assert_in_range(rig_count(r, CW_EVENT_FAULT, -1), 70, 130); /* about half */
+    rig_free(r);
+    r = new_observed_bus(3);
+    for (unsigned i = 0; i < 3; i++)
+        r->rules[i].probability = UINT64_C(1) << 63;
+    run_observed(r);
+    hit_pattern(beside, r, 1);
+    hit_pattern(other, r, 0);
+    assert_string_equal(alone, beside);
+    assert_string_not_equal(alone, other);
+    rig_free(r);
+    r = new_observed_bus(2);
+    r->rules[1].probability = UINT64_C(1) << 63;
+    r->config.seed = 2;
+    run_observed(r);
+    hit_pattern(other, r, 1);
+    assert_string_not_equal(alone, other);
+    rig_free(r);
+}
+
+/* Drawn only for matches that skip and every let through. */
+static void probability_is_drawn_last(void **state)
+{
+    (void)state;
+    char all[OBSERVED_FRAMES + 1];
+    char some[OBSERVED_FRAMES + 1];
+    rig *r = new_observed_bus(1);
+    r->rules[0].probability = UINT64_C(1) << 63;
+    run_observed(r);
+    hit_pattern(all, r, 0);
+    rig_free(r);
+    r = new_observed_bus(1);
+    r->rules[0].probability = UINT64_C(1) << 63;
+    r->rules[0].skip = 2;
+    r->rules[0].every = 3;
+    run_observed(r);
+    hit_pattern(some, r, 0);
+    for (unsigned i = 2, k = 0; i < OBSERVED_FRAMES; i += 3, k++)
+        assert_int_equal(some[i], all[k]);
+    rig_free(r);
+}
+
+/* A node that lost arbitration transmits no more: a rule for its later bits does not match. */
+static void a_rule_ends_with_lost_arbitration(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    cw_frame high = rig_frame(0x100, 0, 1);
+    cw_frame low = rig_frame(0x101, 0, 1);
+    r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
+    rig_flip(r, "low", CW_FIELD_DATA, 0)->from = NODE(1);
+    r->rules[0].at = NODE(2);
+    rig_start(r);
+    rig_send(r, 0, &high, 0);
+    rig_send(r, 1, &low, 0);
+    rig_run_bits(r, 300);
+    uint64_t sof = JOIN + model_encode(&high).length + INTERMISSION_BITS;
+    assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), 1);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end_of(sof, model_encode(&low).at[19]));
+    rig_free(r);
+}
+
+/* ---- Random streams -------------------------------------------------------------------------- */
+
+#define DRAWS 100u
+
+/* A bit for each of DRAWS frames: whether the rule of that name took it. Rules with draws of their
+ * own stand before and behind it. */
+static void drawn_by(const char *name, uint64_t seed, unsigned before, unsigned behind, char *out)
+{
+    static const char *const others[] = {"p", "q", "r", "s"};
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    r->config.seed = seed;
+    for (unsigned i = 0; i <= before + behind; i++) {
+        cw_rule rule = probe(i == before ? name : others[i % 4], CW_TRIGGER_FRAME);
+        rule.probability = UINT64_MAX / 2;
+        *rig_rule(r, rule) = rule;
+    }
+    rig_start(r);
+    send_every(r, &frame, 100, DRAWS);
+    for (unsigned i = 0; i < DRAWS; i++) {
+        uint64_t past = hits(r, before);
+        rig_run_bits(r, JOIN + 100 * (i + 1));
+        out[i] = hits(r, before) > past ? '1' : '0';
+    }
+    out[DRAWS] = '\0';
+    rig_free(r);
+}
+
+static void other_rules_do_not_change_the_draws(void **state)
+{
+    (void)state;
+    char alone[DRAWS + 1];
+    char among[DRAWS + 1];
+    drawn_by("x", 7, 0, 0, alone);
+    for (unsigned before = 0; before < 4; before++) {
+        for (unsigned behind = 0; behind < 4; behind++) {
+            drawn_by("x", 7, before, behind, among);
+            assert_string_equal(alone, among);
+        }
+    }
+}
+
+static void seed_and_name_decide_the_draws(void **state)
+{
+    (void)state;
+    char one[DRAWS + 1];
+    char other[DRAWS + 1];
+    drawn_by("x", 7, 0, 0, one);
+    drawn_by("x", 8, 0, 0, other);
+    assert_string_not_equal(one, other);
+    drawn_by("y", 7, 0, 0, other);
+    assert_string_not_equal(one, other);
+}
+
+/* ---- Many rules ------------------------------------------------------------------------------ */
+
+#define MANY 1000u
+
+/* Identifiers in a mixed order, all different; every third one extended. */
+static cw_frame frame_of_rule(unsigned i)
+{
+    bool extended = i % 3 == 0;
+    cw_frame frame = {.id = i * 7919u % 2048u, .flags = extended ? CW_FRAME_EXTENDED : 0};
+    if (extended)
+        frame.id |= i << 11;
+    return frame;
+}
+
+static cw_rule *many_rules(void)
+{
+    static char names[MANY][8];
+    cw_rule *rules = calloc(MANY, sizeof *rules);
+    assert_non_null(rules);
+    for (unsigned i = 0; i < MANY; i++) {
+        const cw_frame frame = frame_of_rule(i);
+        snprintf(names[i], sizeof names[i], "r%u", i);
+        rules[i] = probe(names[i], CW_TRIGGER_FRAME);
+        exactly(&rules[i], frame.id | (frame.flags ? CW_FILTER_EXTENDED : 0));
+    }
+    return rules;
+}
+
+static void many_exact_identifiers_meet_their_own_frames(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_rule *rules = many_rules();
+    r->config.rules = rules;
+    r->config.rule_count = MANY;
+    rig_start(r);
+    for (unsigned i = 0; i < MANY; i += 3) /* a third is taken out again */
+        assert_int_equal(cw_bus_clear_rule(r->bus, (i + 1) % MANY), CW_OK);
+    for (unsigned i = 0; i < MANY; i++) {
+        const cw_frame frame = frame_of_rule(i);
+        size_t before = r->count;
+        bool cleared = i == 0 || i % 3 == 1;
+        rig_send(r, i % 2, &frame, cw_bus_now(r->bus));
+        rig_run_bits(r, JOIN + 100 * (i + 1));
+        assert_int_equal(rig_count(r, CW_EVENT_TX, -1), i + 1);
+        bool told = r->events[before].kind == CW_EVENT_FAULT;
+        assert_int_equal(told, !cleared);
+        if (told)
+            assert_int_equal(r->events[before].rule, i);
+    }
+    rig_free(r);
+    free(rules);
+}
+
+/* Rules on one identifier, and others between them, act in their order. */
+static void rules_on_one_frame_act_in_their_order(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 1);
+    for (unsigned i = 0; i < 6; i++) {
+        cw_rule rule = new_rule("change", CW_TRIGGER_FRAME, CW_ACTION_CHANGE);
+        memset(rule.change.and_mask, 0xFF, sizeof rule.change.and_mask);
+        if (i % 2)
+            exactly(&rule, 0x123);
+        if (i % 3 == 0)
+            rule.change.set_mask[0] = 0xFF;
+        rule.change.set[0] = (uint8_t)i;
+        rule.change.xor_mask[0] = (uint8_t)(i << 4);
+        rig_rule(r, rule);
+    }
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 200);
+    /* 0: set 00; 1, 2: xor 10, 20; 3: set 03 xor 30; 4, 5: xor 40, 50 */
+    assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->frame.data[0], 0x33 ^ 0x40 ^ 0x50);
+    for (unsigned i = 0; i < 6; i++)
+        assert_int_equal(rig_nth(r, CW_EVENT_FAULT, i)->rule, i);
+    rig_free(r);
+}
+
+/* ---- What a rule is bound to ----------------------------------------------------------------- */
+
+/* An error in the intermission, when the queue holds another frame in the same place already. */
+static void a_rule_knows_its_frame_to_the_end(void **state)
+{
+    (void)state;
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        const cw_frame other = rig_frame(0x456, 0, 0);
+        cw_rule *flip = rig_flip(r, "flip", CW_FIELD_ERROR_FLAG, 2);
+        exactly(flip, 0x123);
+        cw_rule *error = rig_rule(r, new_rule("error", CW_TRIGGER_ARMED, CW_ACTION_ERROR_FLAG));
+        error->nodes = NODE(1);
+        error->manual = true;
+        r->nodes[0].queue = 1;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        rig_send(r, 0, &frame, 0);
+        while (rig_count(r, CW_EVENT_TX, 0) == 0)
+            rig_run(r, cw_bus_now(r->bus) + BIT);
+        rig_send(r, 0, &other, cw_bus_now(r->bus));
+        rig_run(r, cw_bus_now(r->bus) + BIT);
+        assert_int_equal(cw_bus_fire_rule(r->bus, 1), CW_OK);
+        rig_run_bits(r, 500);
+        assert_int_equal(hits(r, 0), 1);
+        rig_free(r);
+    }
+}
+
+/* On a partitioned bus a frame is from those on the receiver's own wire. */
+static void the_sender_is_on_the_same_wire(void **state)
+{
+    (void)state;
+    rig *r = rig_new(4);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+    cut->group[2] = cut->group[3] = 1;
+    cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
+    drop->side = CW_SIDE_RX;
+    drop->from = NODE(0);
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_send(r, 2, &frame, 0);
+    rig_run_bits(r, 200);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 0);
+    assert_int_equal(rig_count(r, CW_EVENT_RX, 3), 1);
+    rig_free(r);
+}
+
+/* The transmitter has an error in the bit in which the others take its frame. */
+static void the_sender_may_have_an_error_in_the_last_bit(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    cw_rule *flip = rig_flip(r, "flip", CW_FIELD_EOF, 5);
+    flip->at = NODE(0);
+    flip->count = 1;
+    cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
+    drop->side = CW_SIDE_RX;
+    drop->from = NODE(0);
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, 300);
+    assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 0);
+    assert_int_equal(hits(r, 1), 2); /* one a frame, whoever receives it */
+    rig_free(r);
+}
+
+/* A rule is bound to one transmission: not to the next one, even right behind it. */
+static void a_rule_is_bound_to_its_own_frame(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
+    mark->level = CW_RECESSIVE;
+    mark->field = CW_FIELD_EOF;
+    exactly(mark, 0x101);
+    rig_start(r);
+    for (unsigned i = 0; i < 4; i++) {
+        const cw_frame frame = rig_frame(0x100 + i, 0, 0);
+        rig_send(r, 0, &frame, 0);
+    }
+    rig_run_bits(r, 400);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 4);
+    assert_int_equal(hits(r, 0), 1);
+    rig_free(r);
+}
+
+/* Nor to any when it has been stopped. */
+static void a_stopped_rule_lets_go_of_the_frame(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    (void)rig_flip(r, "end", CW_FIELD_EOF, 6);
+    rig_start(r);
+    rig_send(r, 0, &frame, 0);
+    rig_run_bits(r, JOIN + 20);
+    assert_int_equal(cw_bus_stop_rule(r->bus, 0), CW_OK);
+    rig_run_bits(r, 100);
+    assert_int_equal(hits(r, 0), 0);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    rig_free(r);
+}
+
+/* ---- Filters alone --------------------------------------------------------------------------- */
+
+static void frames_match_filters(void **state)
+{
+    static const cw_filter base = {.value = 0x123, .mask = CW_FILTER_EXTENDED | 0x7FF};
+    static const cw_filter remote = {.value = CW_FILTER_REMOTE, .mask = CW_FILTER_REMOTE};
+    static const cw_filter others = {.value = 0x100, .mask = 0x700, .inverted = true};
+    const cw_filter both[] = {base, remote};
+    const cw_frame data = rig_frame(0x123, 0, 1);
+    const cw_frame extended = rig_frame(0x123, CW_FRAME_EXTENDED, 1);
+    const cw_frame request = rig_frame(0x456, CW_FRAME_REMOTE, 1);
+    (void)state;
+    assert_true(cw_frame_matches(&data, NULL, 0));
+    assert_true(cw_frame_matches(&data, &base, 1));
+    assert_false(cw_frame_matches(&extended, &base, 1));
+    assert_false(cw_frame_matches(&request, &base, 1));
+    assert_true(cw_frame_matches(&request, both, 2));
+    assert_false(cw_frame_matches(&data, &others, 1));
+    assert_true(cw_frame_matches(&request, &others, 1));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(matches_are_chosen_by_skip_every_and_count),
+        cmocka_unit_test(matches_need_frame_sender_and_time),
+        cmocka_unit_test(an_inverted_filter_and_a_second_one),
+        cmocka_unit_test(random_streams_of_rules_are_independent),
+        cmocka_unit_test(probability_is_drawn_last),
+        cmocka_unit_test(a_rule_ends_with_lost_arbitration),
+        cmocka_unit_test(other_rules_do_not_change_the_draws),
+        cmocka_unit_test(seed_and_name_decide_the_draws),
+        cmocka_unit_test(many_exact_identifiers_meet_their_own_frames),
+        cmocka_unit_test(rules_on_one_frame_act_in_their_order),
+        cmocka_unit_test(a_rule_knows_its_frame_to_the_end),
+        cmocka_unit_test(the_sender_is_on_the_same_wire),
+        cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
+        cmocka_unit_test(a_rule_is_bound_to_its_own_frame),
+        cmocka_unit_test(a_stopped_rule_lets_go_of_the_frame),
+        cmocka_unit_test(frames_match_filters),
+    };
+    return cmocka_run_group_tests_name("fault_match", tests, NULL, NULL);
+}

@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_fault_noise.c - noise: bits flipped at random.
+ */
+#include "rules.h"
+
+/* A match that is passed over counts once, also when noise flips the very bit. */
+static void noise_and_a_position_in_one_bit(void **state)
+{
+    (void)state;
+    cw_rule_stats stats[2];
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        rig_flip(r, "flip", CW_FIELD_R0, 0)->skip = 1000;
+        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+        noise->error_rate = UINT64_MAX / 80;
+        noise->at = NODE(1);
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping == 1);
+        for (unsigned i = 0; i < 200; i++)
+            rig_send(r, 0, &frame, i * 100 * BIT);
+        rig_run_bits(r, 200 * 100);
+        assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats[stepping]), CW_OK);
+        rig_free(r);
+    }
+    assert_in_range(stats[1].matches, 50, 300);
+    assert_int_equal(stats[0].matches, stats[1].matches);
+}
+
+/* A follower of noise comes its delay after the end of the inverted bit. */
+static void noise_is_followed_from_the_end_of_its_bit(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+    noise->time_begin = 100 * BIT;
+    noise->error_rate = UINT64_MAX;
+    noise->at = NODE(1);
+    noise->count = 1;
+    cw_rule *after = rig_rule(r, probe("after", CW_TRIGGER_ARMED));
+    after->has_after = true;
+    after->after_delay = 10 * BIT;
+    rig_start(r);
+    rig_run_bits(r, 200);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, 101 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, 111 * BIT);
+    rig_free(r);
+}
+
+/* Noise counts its flips; it ends with its count, and takes frames as other rules do. */
+static void noise_with_count_and_skip(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    r->nodes[2].modes = CW_MODE_LISTEN_ONLY; /* whom it does not disturb */
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_FRAME, CW_ACTION_NOISE));
+    noise->error_rate = UINT64_MAX;
+    noise->at = NODE(2);
+    noise->skip = 1;
+    noise->every = 2;
+    noise->count = 60;
+    rig_start(r);
+    send_every(r, &frame, 100, 5); /* it takes the second and the fourth */
+    rig_run_bits(r, JOIN + 99);
+    assert_int_equal(hits(r, 0), 0);
+    rig_run_bits(r, JOIN + 199);
+    uint64_t length = hits(r, 0);
+    assert_in_range(length, 44, 50);
+    rig_run_bits(r, JOIN + 299);
+    assert_int_equal(hits(r, 0), length);
+    rig_run_bits(r, JOIN + 600);
+    assert_int_equal(hits(r, 0), 60);
+    assert_true(rule_stats(r, 0).over);
+    assert_false(rule_stats(r, 0).active);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 5);
+    rig_free(r);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(noise_and_a_position_in_one_bit),
+        cmocka_unit_test(noise_is_followed_from_the_end_of_its_bit),
+        cmocka_unit_test(noise_with_count_and_skip),
+    };
+    return cmocka_run_group_tests_name("fault_noise", tests, NULL, NULL);
+}

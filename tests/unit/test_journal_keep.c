@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_journal_keep.c - which journals of before are kept.
+ */
+#include "journal_rig.h"
+#include "run/journal_keep.h"
+
+/* Letters: a journal of that name, small ones with their end; '-': none. */
+typedef struct keeping {
+    unsigned files;
+    const char *before; /* from FILE on */
+    const char *after;  /* from FILE.1 on */
+} keeping;
+
+static const keeping keepings[] = {
+    {5, "A---", "A---"},  {5, "AB--", "AB--"}, {2, "a---", "a---"}, {2, "ab--", "a---"},
+    {3, "abc-", "ab--"},  {3, "AbC-", "AC--"}, {3, "aBC-", "aC--"}, {3, "ABC-", "AC--"},
+    {3, "ABCD", "A-D-"},  {2, "A---", "A---"}, {2, "AB--", "AB--"}, {2, "ABC-", "AC--"},
+    {4, "aBc-", "aBc-"},  {4, "A-BC", "ABC-"}, {4, "-BC-", "BC--"}, {4, "abCD", "aCD-"},
+    {3, "----", "----"},
+};
+
+static void the_first_without_end_and_the_newest_are_kept(void **state)
+{
+    (void)state;
+    for (size_t k = 0; k < COUNT(keepings); k++) {
+        const keeping *now = &keepings[k];
+        char after[5] = "----";
+        for (unsigned i = 0; i < 4; i++) {
+            char text[200];
+            snprintf(text, sizeof text,
+                     "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%c\"}\n%s",
+                     now->before[i],
+                     now->before[i] >= 'a' ? END : "{\"at\":0,\"fire\":\"r\"}\n");
+            write_numbered(i, now->before[i] == '-' ? NULL : text);
+        }
+        assert_int_equal(journal_make_room(path_of("journal"), now->files), 0);
+        assert_int_equal(access(path_of("journal"), F_OK), -1);
+        for (unsigned i = 0; i < 4; i++) {
+            char name[32];
+            snprintf(name, sizeof name, "journal.%u", i + 1);
+            if (access(path_of(name), F_OK) != 0)
+                continue;
+            char *text = read_file(name);
+            after[i] = strstr(text, "\"bus\":\"")[7];
+            free(text);
+        }
+        if (strcmp(after, now->after) != 0)
+            fail_msg("%u files, %s: %s and not %s", now->files, now->before, after, now->after);
+        for (unsigned i = 0; i < 5; i++)
+            write_numbered(i, NULL);
+    }
+}
+
+static void in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < 1000; i++) {
+        char text[200];
+        assert_int_equal(journal_make_room(path_of("journal"), 3), 0);
+        snprintf(text, sizeof text,
+                 "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%u\"}\n", i);
+        write_file("journal", text);
+        assert_int_equal(access(path_of("journal.3"), F_OK), -1);
+    }
+    char *first = read_file("journal.2");
+    char *last = read_file("journal.1");
+    assert_non_null(strstr(first, "\"bus\":\"0\""));
+    assert_non_null(strstr(last, "\"bus\":\"998\""));
+    free(first);
+    free(last);
+    for (unsigned i = 0; i < 3; i++)
+        write_numbered(i, NULL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_first_without_end_and_the_newest_are_kept),
+        cmocka_unit_test(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded),
+    };
+    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+}
