@@ -3,6 +3,7 @@
  * test_journal.c - a journal is written: into its file, beside old ones, with no room and with room
  * again.
  */
+#include "disk.h"
 #include "journal_rig.h"
 
 #include <jansson.h>
@@ -52,11 +53,12 @@ static int journal_without_room(void)
     unlink(path_of("journal"));
     journal *full = journal_start(path_of("journal"), 2, live_config(h.live), error);
     inputs_observe(&h.inputs, journal_input, full);
+    int watch = disk_watch(path_of("journal"));
     for (unsigned i = 0; i < 100000 && journal_lost(full) == 0; i++) {
         (void)inputs_send(&h.inputs, 0, &frame, 0);
         inputs_advance(&h.inputs, cw_bus_now(h.inputs.bus) + 100 * BIT);
         if (i % 100 == 99)
-            usleep(1000);
+            disk_wait(watch);
         journal_mark(full, &h.inputs);
     }
     uint64_t lost = journal_lost(full);
@@ -87,17 +89,20 @@ static void a_full_disk_breaks_a_journal(void **state)
 /* Until a broken journal is seen to be written again. */
 static bool wait_for_state(journal *j, host *h, const char *wanted)
 {
-    for (unsigned i = 0; i < 60000; i++) {
+    int watch = disk_watch(path_of("journal"));
+    bool is = false;
+    for (unsigned i = 0; i < 10000 && !is; i++) {
         json_t *status = journal_to_json(j);
-        bool is = strcmp(json_string_value(json_object_get(status, "state")), wanted) == 0;
+        is = strcmp(json_string_value(json_object_get(status, "state")), wanted) == 0;
         json_decref(status);
         if (is)
-            return true;
+            break;
         inputs_advance(&h->inputs, cw_bus_now(h->inputs.bus) + 100 * BIT);
         journal_mark(j, &h->inputs);
-        usleep(1000);
+        disk_wait(watch);
     }
-    return false;
+    close(watch);
+    return is;
 }
 
 /* Whether what is broken says so from the last line on that is in the file. */

@@ -7,10 +7,12 @@
  * and the next one fails.
  */
 #include "base/number.h"
+#include "disk.h"
 #include "record/recorder.h"
 
 #include <errno.h>
 #include <inttypes.h>
+#include <semaphore.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -153,15 +155,17 @@ static void all_of_much_more_than_the_queue_arrives_in_order(void **state)
     char line[32];
     uint64_t expected = 0, sent = 0;
     spool *s = open_spool(1);
+    int watch = disk_watch(path);
     for (size_t bytes = 0; bytes < total;) {
         size_t length = (size_t)snprintf(line, sizeof line, "%" PRIu64 "\n", sent);
         if (!spool_write(s, line, length)) {
-            usleep(1000); /* for the disk */
+            disk_wait(watch);
             continue;
         }
         bytes += length;
         sent++;
     }
+    close(watch);
     assert_true(spool_close(s, PATIENCE_S));
     FILE *in = fopen(path, "re");
     assert_non_null(in);
@@ -181,28 +185,36 @@ static void limit_files(rlim_t bytes)
 
 static void told(void *user)
 {
-    __atomic_store_n((bool *)user, true, __ATOMIC_RELEASE);
+    (void)sem_post(user);
+}
+
+/* Until the thread has told. */
+static void wait_for_news(sem_t *news)
+{
+    while (sem_wait(news) != 0)
+        continue;
+    (void)sem_destroy(news);
 }
 
 static void a_full_disk_ends_it_behind_the_last_whole_record(void **state)
 {
     (void)state;
-    bool news = false;
+    sem_t news;
     int error = 0;
+    (void)sem_init(&news, 0, 0);
     limit_files(100);
     spool *s = spool_open(path, 5, told, &news, &error);
     assert_non_null(s);
     for (unsigned i = 0; i < 20; i++)
         (void)spool_write(s, "0123456789abcd\n", 15);
-    while (!spool_has_ended(s))
-        usleep(1000);
+    wait_for_news(&news);
+    assert_true(spool_has_ended(s));
     limit_files(RLIM_INFINITY);
     assert_int_equal(spool_error(s), EFBIG);
     assert_int_equal(spool_room(s), 0);
     assert_false(spool_write(s, "x", 1));
     assert_false(spool_cut(s));
     assert_true(spool_close(s, PATIENCE_S));
-    assert_true(__atomic_load_n(&news, __ATOMIC_ACQUIRE));
     char *text = content(0);
     assert_int_equal(strlen(text), 90); /* 6 of 15 bytes, not 100 */
     free(text);
@@ -214,15 +226,21 @@ static cfg_node nodes[] = {{.name = node_name}, {.name = other_name}};
 static const cw_event sent = {
     .kind = CW_EVENT_TX, .nodes = 1, .frame = {.id = 0x123, .dlc = 2, .data = {0xCA, 0xFE}}};
 
-static recorder *start(cfg *config, cfg_record_format format, uint64_t size, unsigned files)
+static recorder *start_with_news(cfg *config, cfg_record_format format, uint64_t size,
+                                 unsigned files, sem_t *news)
 {
     const cfg_record what = {.file = path, .format = format, .size = size, .files = files};
     int error = 0;
     *config = (cfg){.bitrate_bps = 500000, .node_count = 2, .nodes = nodes};
-    recorder *r = recorder_start(&what, config, NULL, NULL, NULL, &error);
+    recorder *r = recorder_start(&what, config, NULL, news ? told : NULL, news, &error);
     assert_int_equal(error, 0);
     assert_non_null(r);
     return r;
+}
+
+static recorder *start(cfg *config, cfg_record_format format, uint64_t size, unsigned files)
+{
+    return start_with_news(config, format, size, files, NULL);
 }
 
 static void a_log_has_the_given_times(void **state)
@@ -335,12 +353,14 @@ static void after_an_error_nothing_more_is_counted(void **state)
     (void)state;
     cfg config;
     recorder_stats before, after;
+    sem_t news;
+    (void)sem_init(&news, 0, 0);
     limit_files(100);
-    recorder *r = start(&config, CFG_RECORD_CANDUMP, 100000, 5);
+    recorder *r = start_with_news(&config, CFG_RECORD_CANDUMP, 100000, 5, &news);
     for (uint64_t i = 0; i < 10; i++)
         recorder_event(r, &sent, i);
-    while (!recorder_has_ended(r))
-        usleep(1000);
+    wait_for_news(&news);
+    assert_true(recorder_has_ended(r));
     limit_files(RLIM_INFINITY);
     assert_int_equal(recorder_error(r), EFBIG);
     recorder_get_stats(r, &before);
