@@ -10,14 +10,15 @@
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <grp.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/inotify.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 static void *next(const char *name)
@@ -53,19 +54,30 @@ int bind(int fd, const struct sockaddr *address, socklen_t size)
     return result;
 }
 
+static void wait_until_gone(const char *file)
+{
+    char seen[4096];
+    int watch = inotify_init1(IN_CLOEXEC);
+    if (watch < 0)
+        abort();
+    (void)inotify_add_watch(watch, file, IN_ATTRIB | IN_DELETE_SELF | IN_MOVE_SELF);
+    while (access(file, F_OK) == 0)
+        if (read(watch, seen, sizeof seen) < 0 && errno != EINTR)
+            abort();
+    (void)close(watch);
+}
+
 int listen(int fd, int backlog)
 {
     char held[4096];
     const char *file = getenv("HOLD_LISTEN");
-    const struct timespec nap = {.tv_nsec = 5000000};
     int (*real)(int, int);
     *(void **)&real = next("listen");
     if (file) {
         (void)snprintf(held, sizeof held, "%s.held", file);
         (void)close(open(held, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+        wait_until_gone(file);
     }
-    while (file && access(file, F_OK) == 0)
-        (void)nanosleep(&nap, NULL);
     return real(fd, backlog);
 }
 

@@ -10,9 +10,11 @@
 #include <limits.h>
 #include <stdarg.h>
 #include <stdbool.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/inotify.h>
 #include <unistd.h>
 
 typedef int open_function(const char *, int, ...);
@@ -39,6 +41,22 @@ static bool hangs(const char *flag, const char *path)
     return length > 0 && strstr(path, text);
 }
 
+/* Waits while $HANG says so. Each time it has changed, there may be another file of that name. */
+static void wait_while_it_hangs(const char *flag, const char *path)
+{
+    static const uint32_t changes = IN_ATTRIB | IN_CLOSE_WRITE | IN_DELETE_SELF | IN_MOVE_SELF;
+    for (bool goes_on = true; goes_on;) {
+        char seen[4096];
+        int watch = inotify_init1(IN_CLOEXEC);
+        if (watch < 0)
+            abort();
+        goes_on = inotify_add_watch(watch, flag, changes) >= 0 && hangs(flag, path);
+        if (goes_on)
+            (void)!real_read(watch, seen, sizeof seen);
+        (void)close(watch);
+    }
+}
+
 static void wait_for(const char *path)
 {
     char note[PATH_MAX];
@@ -47,8 +65,7 @@ static void wait_for(const char *path)
         return;
     (void)snprintf(note, sizeof note, "%s.waits", flag);
     (void)close(real_open(note, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
-    while (hangs(flag, path))
-        (void)usleep(10000);
+    wait_while_it_hangs(flag, path);
 }
 
 int open(const char *path, int flags, ...)

@@ -118,7 +118,7 @@ static void run(rt_result *result, cfg *config)
     term.data = &p;
     ev_signal_start(p.loop, &term);
     int64_t start_ns = rt_now_ns();
-    result->ready = true;
+    (void)sem_post(&result->ready);
     ev_run(p.loop, 0);
     result->wall_ns = rt_now_ns() - start_ns;
     note_end(&p);
@@ -133,7 +133,7 @@ pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int p
         cfg *config = make_config(options, ports);
         if (config)
             run(result, config);
-        result->ready = true;
+        (void)sem_post(&result->ready);
         _exit(result->good ? 0 : 1);
     }
     for (unsigned i = 0; i < RT_NODES && !options->folder; i++)

@@ -70,10 +70,13 @@ void rt_add_sample(rt_result *r, int64_t late_ns)
 
 rt_result *rt_share_results(unsigned count)
 {
-    void *memory = mmap(NULL, count * sizeof(rt_result), PROT_READ | PROT_WRITE,
+    rt_result *memory = mmap(NULL, count * sizeof(rt_result), PROT_READ | PROT_WRITE,
                         MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (memory == MAP_FAILED)
         rt_fail("out of memory");
+    for (unsigned i = 0; i < count; i++)
+        if (sem_init(&memory[i].ready, 1, 0) != 0)
+            rt_fail("out of semaphores");
     return memory;
 }
 

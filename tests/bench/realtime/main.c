@@ -10,6 +10,7 @@
  */
 #include "realtime.h"
 
+#include <errno.h>
 #include <inttypes.h>
 #include <signal.h>
 #include <stdio.h>
@@ -18,10 +19,11 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #define TURNS 5u
-#define START_NS (30 * RT_NS_PER_S) /* for a process to be ready */
+#define START_S 30 /* for a process to be ready */
 
 /* What is measured in turns. */
 typedef struct kind {
@@ -60,15 +62,15 @@ typedef struct lateness {
 
 /* ---- Processes ------------------------------------------------------------------------------- */
 
-static void wait_until_ready(const rt_result *results, unsigned count)
+static void wait_until_ready(rt_result *results, unsigned count)
 {
-    int64_t end_ns = rt_now_ns() + START_NS;
+    struct timespec end;
+    (void)clock_gettime(CLOCK_MONOTONIC, &end);
+    end.tv_sec += START_S;
     for (unsigned i = 0; i < count; i++)
-        while (!results[i].ready) {
-            if (rt_now_ns() > end_ns)
+        while (sem_clockwait(&results[i].ready, CLOCK_MONOTONIC, &end) != 0)
+            if (errno != EINTR)
                 rt_fail("a process does not start");
-            (void)usleep(1000);
-        }
 }
 
 static void end_process(pid_t pid)

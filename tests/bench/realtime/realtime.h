@@ -6,6 +6,7 @@
 #ifndef CANWIRE_BENCH_REALTIME_H
 #define CANWIRE_BENCH_REALTIME_H
 
+#include <semaphore.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <sys/types.h>
@@ -20,7 +21,7 @@
 
 /* What a process measures, in memory that it shares with its parent. */
 typedef struct rt_result {
-    volatile bool ready;
+    sem_t ready;
     bool good;             /* false: it could not be started, or frames are unaccounted for */
     uint32_t sample_count;
     int32_t late_ns[RT_SAMPLES_MAX]; /* each delivery, or each wake-up */
