@@ -27,7 +27,7 @@ static void *watch(void *unused)
             snprintf(text, sizeof text, "%20zu\n", __sanitizer_get_current_allocated_bytes());
         if (pwrite(file, text, (size_t)length, 0) != length)
             abort();
-        nanosleep(&(struct timespec){.tv_nsec = PERIOD_NS}, NULL);
+        nanosleep(&(struct timespec){.tv_nsec = PERIOD_NS}, NULL); /* no polling: a sampler */
     }
     return NULL;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * fake_engine.h - an engine for tests of the control socket: a real bus whose time goes on with
- * each engine_update(). It takes the place of engine/engine.c in the program that includes it, once.
+ * each engine_update(). It takes the place of engine/engine.c in the program that includes it,
+ * once.
  */
 #ifndef CANWIRE_TEST_FAKE_ENGINE_H
 #define CANWIRE_TEST_FAKE_ENGINE_H

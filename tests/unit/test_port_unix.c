@@ -717,7 +717,7 @@ static void pacing_does_not_shift_the_bus(void **state)
         const struct timespec pause = {.tv_nsec = 3000000};
         for (unsigned k = 0; k < 2; k++) {
             write_raw(x.ecus[0], 0x100 + k);
-            nanosleep(&pause, NULL);
+            nanosleep(&pause, NULL); /* no polling: the ECU's time goes by */
         }
         run_until(&x, CW_EVENT_TX, 2); /* it had no chance to see them before */
         int64_t apart_ns = (int64_t)(x.ticks[1] - x.ticks[0]) * 25 / 2;
