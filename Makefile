@@ -140,8 +140,8 @@ calls: ## every call of the C library fails, at all places, with every error; ha
 	@scripts/install-deps build test
 	@scripts/venv
 	@$(MAKE) --no-print-directory build
-	@CALLS=all build/venv/bin/python -m pytest -q -s -p no:cacheprovider tests/test_calls.py \
-	  tests/test_calls_daemon.py
+	@CALLS=all build/venv/bin/python -m pytest -q -s -p no:cacheprovider tests/calls/test_calls.py \
+	  tests/calls/test_calls_daemon.py
 
 # Seeds of the simulated world: FIRST..LAST, or one; `world 7 --trace` shows each call. The nightly
 # run is SEEDS=1..10000; 200 of them are in `make test`.

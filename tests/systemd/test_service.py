@@ -37,7 +37,7 @@ def links():
 
 
 def test_units_are_well_formed():
-    """That their man pages are there, tests/test_install.py looks after."""
+    """That their man pages are there, tests/project/test_install.py looks after."""
     done = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", "canwired@x.service", "canwire-vcan@x.service",
          "canwired@x.socket"],

@@ -134,7 +134,8 @@ class Calls:
 def build_library(folder):
     library = folder / "failing_calls.so"  # -O2: no frame of it is where memory is from
     subprocess.run(["cc", "-std=c17", "-O2", "-g", "-Wall", "-Wextra", "-Werror", "-shared",
-                    "-fPIC", "-o", library, ROOT / "tests/failing_calls.c", "-lgcc_s"], check=True)
+                    "-fPIC", "-o", library, ROOT / "tests/calls/failing_calls.c", "-lgcc_s"],
+                   check=True)
     return library
 
 

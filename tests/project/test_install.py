@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 MUST = [  # of each kind
     "/bin/canwire", "/sbin/canwired", "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",

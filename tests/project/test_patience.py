@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-TESTS = Path(__file__).resolve().parent
+TESTS = Path(__file__).resolve().parents[1]
 FILES = [file for file in sorted(TESTS.rglob("*.py")) if "bench" not in file.parts]
 LEAST_S = 30
 POLL_S = 0.5  # a pause within a loop that looks for something

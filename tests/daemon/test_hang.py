@@ -41,7 +41,7 @@ NOISE = "faults: [ { name: noise, do: { noise: 1e-9 } } ]\n"
 def fixture_library(tmp_path_factory):
     library = tmp_path_factory.mktemp("disk") / "hanging_disk.so"
     subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o",
-                    library, ROOT / "tests/hanging_disk.c"], check=True)
+                    library, ROOT / "tests/support/hanging_disk.c"], check=True)
     return library
 
 

@@ -10,7 +10,7 @@ import signal
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
 CANWIRED = str(Path(CANWIRE).with_name("canwired"))
 TIMEOUT_S = 120

@@ -2,7 +2,7 @@
  *
  * failing_calls.c - to be preloaded: calls of the C library that fail when they are told to.
  *
- * The file $FAIL, which both sides map, begins with an order (struct order; tests/failing.py writes
+ * The file $FAIL, which both sides map, begins with an order (struct order; tests/calls/failing.py writes
  * it): which call is the first to fail, with which errno, and whether all of its kind do from then
  * on. A call is known by its site, which is the function, and who calls it from where, and by its
  * number at this site: a number among all calls would change with threads and time. The sites that
@@ -44,7 +44,7 @@
 #include <unistd.h>
 #include <unwind.h>
 
-/* ---- Shared with tests/failing.py --------------------------------------------------------------
+/* ---- Shared with tests/calls/failing.py --------------------------------------------------------------
  */
 
 #define MAGIC 0x4641494Cu

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Sockets at paths, of the control socket and of ports: one canwired each, whatever others do.
 
-What others do comes at exactly the moment that is meant (tests/between_calls.c), and at random.
+What others do comes at exactly the moment that is meant (between_calls.c), and at random.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ GROUP_ID = 54321
 def fixture_library(tmp_path_factory):
     library = tmp_path_factory.mktemp("between") / "between_calls.so"
     subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o",
-                    library, ROOT / "tests/between_calls.c", "-ldl"], check=True)
+                    library, ROOT / "tests/support/between_calls.c", "-ldl"], check=True)
     return library
 
 

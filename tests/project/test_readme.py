@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = ["README.md", "CONTRIBUTING.md", "lib/DESIGN.md", "tests/README.md",

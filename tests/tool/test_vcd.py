@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from simtool import TIMEOUT_S, canwire, raw, sim
+from simtool import ROOT, TIMEOUT_S, canwire, raw, sim
 
 UNITS = 20  # of the dump in a bit at 500 kbit/s: 100 ns
 JOIN = 11  # the first SOF
@@ -108,7 +108,7 @@ def stuff_bits(frame):
     return int(re.search(r"(\d+) of them stuff", canwire("bits", frame).stdout).group(1))
 
 
-SCENARIOS = sorted((Path(__file__).parent / "scenarios").glob("*.yaml"))
+SCENARIOS = sorted((ROOT / "tests/scenarios").glob("*.yaml"))
 
 NOISE_AT_REST = """
 bus: { name: noisy, bitrate: 500000 }
