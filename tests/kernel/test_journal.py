@@ -158,11 +158,12 @@ def test_a_night_runs_again_to_the_byte(launch, ecus, tmp_path, seed):
 def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
     night = Night(launch, tmp_path, bus(NODES[:3]), kinds=["tx,fault"])  # all would be too much
     night.daemon.process.send_signal(signal.SIGSTOP)
-    for n in range(4000):  # 8192 fit into the inbox
+    # 4096 frames fit into the inbox; and what is told of these waits for a client however slow
+    for n in range(1500):
         for ecu, number in zip(ecus, (0x100, 0x200, 0x300)):
             ecu.send(Frame.parse(f"{number:03X}#{n:04X}"))
     night.daemon.process.send_signal(signal.SIGCONT)
-    wait_until(lambda: night.shell.nodes()["dash"]["handed_in"] == 4000, "all frames")
+    wait_until(lambda: night.shell.nodes()["dash"]["handed_in"] == 1500, "all frames")
     before = night.shell.nodes()
     _, live = night.morning()
     events = again(night.journal)[0].splitlines(keepends=True)
