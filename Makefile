@@ -76,7 +76,8 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts mutant-short-cuts-run test \
+.PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
+  mutant-short-cuts-run test \
   test-unit demo bench check cover man install uninstall deb clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof
 .DELETE_ON_ERROR:

@@ -3,8 +3,8 @@
  * engine.c - the bus in real time.
  *
  * At each wake-up, by a port or by the timer: read all ports, hand in what arrived at its arrival
- * time, engine_advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift the
- * bus.
+ * time, advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift
+ * the bus.
  */
 #include "engine/core.h"
 

@@ -2,11 +2,11 @@
  *
  * failing_calls.c - to be preloaded: calls of the C library that fail when they are told to.
  *
- * The file $FAIL, which both sides map, begins with an order (struct order; tests/calls/failing.py writes
- * it): which call is the first to fail, with which errno, and whether all of its kind do from then
- * on. A call is known by its site, which is the function, and who calls it from where, and by its
- * number at this site: a number among all calls would change with threads and time. The sites that
- * were passed are listed behind the order.
+ * The file $FAIL, which both sides map, begins with an order (struct order; tests/calls/failing.py
+ * writes it): which call is the first to fail, with which errno, and whether all of its kind do
+ * from then on. A call is known by its site, which is the function, and who calls it from where,
+ * and by its number at this site: a number among all calls would change with threads and time. The
+ * sites that were passed are listed behind the order.
  *
  * Counted is what the program itself calls, and in its name libc, libyaml, libev, jansson and
  * liblcm; no memory of glib, which ends a program that is out of it. What libc calls inside of
@@ -44,8 +44,7 @@
 #include <unistd.h>
 #include <unwind.h>
 
-/* ---- Shared with tests/calls/failing.py --------------------------------------------------------------
- */
+/* ---- Shared with tests/calls/failing.py ------------------------------------------------------ */
 
 #define MAGIC 0x4641494Cu
 #define FILE_BYTES (1u << 20)

@@ -46,7 +46,8 @@ def test_the_configurations_are_good(write):
 
 
 def test_the_simulation_says_what_is_shown(write):
-    shown = re.search(r"^    \$ (canwire sim bit\.yaml .*)\n((?:    \{.*\n)+)", README, re.MULTILINE)
+    shown = re.search(r"^    \$ (canwire sim bit\.yaml .*)\n((?:    \{.*\n)+)", README,
+                      re.MULTILINE)
     path = write(example("faults"), "bit.yaml")
     done = run(CANWIRE, *shown[1].split()[1:], cwd=path.parent)
     assert done.stdout == re.sub("^    ", "", shown[2], flags=re.MULTILINE)
