@@ -5,6 +5,7 @@
 VERSION := 0.1.0
 VARIANT ?= release
 CC ?= cc
+HOSTCC ?= cc
 BUILD ?= build/$(VARIANT)
 PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
@@ -47,11 +48,11 @@ DAEMON_LIBS := -lev -llcm -lsystemd -lm
 TOOL_LIBS := -lyaml -ljansson
 
 CFLAGS ?=
-ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS) -Ilib -MMD -MP \
-  $(CFLAGS)
+ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS) -Ilib \
+  -I$(GEN)/lib -MMD -MP $(CFLAGS)
 DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
 
-LIB_SOURCES := $(wildcard lib/*.c)
+LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
 PARTS_SOURCES := $(filter-out daemon/cli/main.c,$(wildcard daemon/*/*.c daemon/*/*/*.c))
 DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/%,$(PARTS_SOURCES))
@@ -67,6 +68,8 @@ tell = $(if $(filter 1,$(V)),,@$(if $(findstring s,$(filter-out --%,$(firstword 
   printf '%-4s %s\n' $(1) $(2);))
 link = $(call tell,LD,$@) $(CC) $(ALL_CFLAGS) $(1) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
 LIB := $(BUILD)/libcanwire.a
+LIB_OBJECTS = $(call objects,$(LIB_SOURCES)) $(BUILD)/lib/format/tables.o
+LAYOUT := $(GEN)/lib/format/layout.h
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 CONFORMANCE := $(BUILD)/conformance
@@ -212,7 +215,7 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
 
 # Of the unit tests all but those that take seconds each.
-DEV_SLOW := test_codec test_fault_leap test_journal test_journal_check test_journal_keep \
+DEV_SLOW := test_format test_fault_leap test_journal test_journal_check test_journal_keep \
   test_journal_play test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(DEV_TESTS:%=$(BUILD)/%.passed)
@@ -257,7 +260,7 @@ fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 
 # What scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
-  test_fault_match test_fault_level test_prng test_codec) $(CONFORMANCE)
+  test_fault_match test_fault_level test_prng test_format) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
@@ -267,7 +270,7 @@ mutant-short-cuts: $(DIFFERENTIAL)
 mutant-short-cuts-run:
 	@$(DIFFERENTIAL) --no-shrink --bits 5000000
 
-$(LIB): $(call objects,$(LIB_SOURCES))
+$(LIB): $(LIB_OBJECTS)
 	@rm -f $@
 	$(call tell,AR,$@) $(AR) qcs $@ $^
 
@@ -306,8 +309,8 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 # its own work is counted. What else it calls must be known to be of no concern (check-calls).
 WORLD := $(BUILD)/world
 LIBEV_ARCHIVE := $(shell $(CC) -print-file-name=libev.a)
-WORLD_PROGRAMS := $(call objects,$(DAEMON_SOURCES) daemon/cli/main.c $(PARTS_SOURCES) \
-  $(LIB_SOURCES))
+WORLD_PROGRAMS := $(call objects,$(DAEMON_SOURCES) daemon/cli/main.c $(PARTS_SOURCES)) \
+  $(LIB_OBJECTS)
 ifneq ($(filter world worldsan,$(VARIANT)),)
 $(WORLD_PROGRAMS): ALL_CFLAGS += -fsanitize-coverage=trace-pc
 endif
@@ -316,7 +319,7 @@ $(BUILD)/world-syms: tests/world/calls
 	@mkdir -p $(@D)
 	@sed -n 's/^[a-z].*/& seam_&/p' $< >$@
 
-$(BUILD)/canwired.o: $(call objects,$(DAEMON_SOURCES) $(LIB_SOURCES)) $(LCM_OBJECTS) \
+$(BUILD)/canwired.o: $(call objects,$(DAEMON_SOURCES)) $(LIB_OBJECTS) $(LCM_OBJECTS) \
   $(LIBEV_ARCHIVE) $(BUILD)/world-syms
 	@ld -r -o $@ $(filter %.o,$^) --whole-archive $(LIBEV_ARCHIVE)
 	@objcopy --redefine-sym main=canwired_main --redefine-syms=$(BUILD)/world-syms \
@@ -364,16 +367,34 @@ LINK_LTO := -flto=auto $(INLINING)
 LINK_PLAIN := -fno-use-linker-plugin # tests take the engine's other code: they link faster
 endif
 
-$(BUILD)/lib/%.o: lib/%.c
+LIB_COMPILE = $(CC) $(ALL_CFLAGS) $(LIB_FLAGS) $(LIB_EXEMPT) -c -o $@ $<
+
+$(BUILD)/lib/%.o: lib/%.c | $(LAYOUT)
 	@mkdir -p $(@D)
-	$(call tell,CC,$<) $(CC) $(ALL_CFLAGS) $(LIB_FLAGS) $(LIB_EXEMPT) -c -o $@ $<
+	$(call tell,CC,$<) $(LIB_COMPILE)
+
+$(BUILD)/lib/format/tables.o: $(GEN)/lib/format/tables.c | $(LAYOUT)
+	@mkdir -p $(@D)
+	$(call tell,CC,$<) $(LIB_COMPILE)
+
+# What follows from the table of frame parts; a program of this machine works it out.
+FORMAT_SOURCES := lib/format/generate/main.c lib/format/parts.c lib/format/frame.c
+$(GEN)/lib/format/generate: $(FORMAT_SOURCES) $(wildcard lib/format/*.h) lib/canwire.h
+	@mkdir -p $(@D)
+	$(call tell,CC,$@) $(HOSTCC) -std=c17 $(WARNINGS) -Ilib -o $@ $(FORMAT_SOURCES)
+
+$(LAYOUT): $(GEN)/lib/format/generate
+	@$< layout >$@
+
+$(GEN)/lib/format/tables.c: $(GEN)/lib/format/generate
+	@$< tables >$@
 
 $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -c -o $@ $<
 
 # Newer versions of cmocka have other names for what older ones know, too.
-$(BUILD)/tests/%.o: tests/%.c
+$(BUILD)/tests/%.o: tests/%.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations \
 	  -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<

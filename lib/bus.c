@@ -9,7 +9,7 @@
  */
 #include "bus_private.h"
 
-#include "codec.h"
+#include "format/layout.h"
 
 #include <assert.h>
 #include <string.h>

@@ -103,6 +103,10 @@ typedef enum cw_field {
 /* The name used in events and fault rules ("ack-delimiter"), a constant string. */
 const char *cw_field_name(cw_field field);
 
+/* Bits of the field where it is longest; 0 where the field has no end of its own: flags and
+ * delimiters, and what counts stuff bits or all bits. */
+unsigned cw_field_bits(cw_field field);
+
 /* Where a bit stands. A stuff bit has the field and index of the bit before it (F7). */
 typedef struct cw_place {
     cw_field field;
@@ -247,9 +251,9 @@ typedef struct cw_mac {
     uint8_t role;             /* cw_role */
     uint8_t modes;            /* CW_MODE_* */
     uint8_t told_state;       /* cw_state of the last report */
-    uint8_t step;             /* in CW_MAC_FRAME: part of the frame that the next bit belongs to */
+    uint8_t part;             /* in CW_MAC_FRAME: part of the frame that the next bit belongs to */
     uint8_t index;            /* ... bit of that part; a stuff bit comes first when run is 5 */
-    uint8_t before_step;      /* step and index of the last bit that was not a stuff bit (F7) */
+    uint8_t before_part;      /* part and index of the last bit that was not a stuff bit (F7) */
     uint8_t before_index;
     uint8_t count;            /* bits seen in the present flag, delimiter, intermission ... */
     uint8_t run;              /* equal bits in a row in the stuffed part, stuff bits counted */

@@ -9,8 +9,8 @@
  */
 #include "bus_private.h"
 
-#include "bits.h"
-#include "codec.h"
+#include "format/bitset.h"
+#include "format/head.h"
 
 /* ---- The tournament -------------------------------------------------------------------------- */
 
@@ -19,14 +19,6 @@
 #define KEY_SHIFT 8
 #define TIE 0x80u
 #define NODE_MASK 0x3Fu
-
-uint32_t cw_arbitration_key(const cw_frame *frame)
-{
-    uint32_t remote = frame->flags & CW_FRAME_REMOTE ? 1 : 0;
-    if (!(frame->flags & CW_FRAME_EXTENDED))
-        return frame->id << 21 | remote << 20;
-    return (frame->id >> 18) << 21 | 3u << 19 | (frame->id & 0x3FFFFu) << 1 | remote;
-}
 
 static uint64_t entry_of(const cw_bus *bus, unsigned i)
 {

@@ -21,10 +21,6 @@ typedef struct cw_contest {
 
 void cw_contest_init(cw_contest *contest, unsigned nodes);
 
-/* The arbitration field as a number; the lower one wins. Bit 31 - n is the bit that the SJA1000
- * counts as n. */
-uint32_t cw_arbitration_key(const cw_frame *frame);
-
 /* The frame that goes first at a node may be another one now. */
 void cw_contest_update(cw_bus *bus, unsigned node);
 

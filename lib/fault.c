@@ -4,8 +4,8 @@
  */
 #include "bus_private.h"
 
-#include "codec.h"
 #include "confinement.h"
+#include "format/bits.h"
 
 #include <string.h>
 

@@ -10,7 +10,7 @@
  */
 #include "bus_private.h"
 
-#include "codec.h"
+#include "format/bits.h"
 
 /* ---- Rules and the frames that wait ---------------------------------------------------------- */
 

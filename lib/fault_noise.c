@@ -8,7 +8,7 @@
  */
 #include "bus_private.h"
 
-#include "bits.h"
+#include "format/bitset.h"
 
 #define LOOK_AHEAD_BITS 4096u
 #define LOOK_AHEAD_DRAWS 65536u /* of all rules: CW_RULES_MAX with a draw for each node */

@@ -18,7 +18,6 @@
  */
 #include "leap.h"
 
-#include "codec.h"
 #include "confinement.h"
 
 /* ---- Moments --------------------------------------------------------------------------------- */
@@ -101,9 +100,9 @@ static void run_moment(cw_bus *bus)
     cw_leap *leap = &bus->leap;
     if (leap->undecided)
         tell_losses(bus);
-    if (leap->at == leap->length - CW_ACK_BEFORE_END)
+    if (leap->at == leap->length - CW_AFTER_ACK_BITS)
         lower_counters(bus);
-    else if (leap->at == leap->length - CW_RX_BEFORE_END)
+    else if (leap->at == leap->length - CW_AFTER_ACCEPT_BITS)
         receive(bus);
     else if (leap->at == leap->length)
         finish_transmission(bus);
@@ -116,10 +115,10 @@ static unsigned next_moment(const cw_bus *bus)
     unsigned next = leap->length + CW_INTERMISSION_BITS;
     if (leap->at < leap->length)
         next = leap->length;
-    if (leap->at < leap->length - CW_RX_BEFORE_END)
-        next = leap->length - CW_RX_BEFORE_END;
-    if (leap->at < leap->length - CW_ACK_BEFORE_END && bus->crowd.counting)
-        next = leap->length - CW_ACK_BEFORE_END;
+    if (leap->at < leap->length - CW_AFTER_ACCEPT_BITS)
+        next = leap->length - CW_AFTER_ACCEPT_BITS;
+    if (leap->at < leap->length - CW_AFTER_ACK_BITS && bus->crowd.counting)
+        next = leap->length - CW_AFTER_ACK_BITS;
     return loss < next ? loss : next;
 }
 
@@ -181,7 +180,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 static void end_slot(cw_bus *bus)
 {
     bus->leap.active = false;
-    bus->recessive_bits = CW_ACK_BEFORE_END + CW_INTERMISSION_BITS;
+    bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
     if (bus->faults.awake_count)
         cw_fault_unbind(bus);
 }
@@ -194,7 +193,7 @@ static uint64_t find_drivers(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     uint64_t drivers = cw_node_bit(leap->node);
-    if (leap->at == leap->length - CW_ACK_BEFORE_END - 1)
+    if (leap->at == leap->length - CW_AFTER_ACK_BITS - 1)
         return bus->crowd.answerers & ~drivers;
     if (leap->at >= leap->length || cw_bits_level(leap->bits, leap->at))
         return 0;
@@ -259,9 +258,9 @@ static void leap_over(cw_bus *bus)
         cw_fault_pass_noise(bus, bits);
     while (leap->undecided && move_to(bus, next_loss(leap)))
         tell_losses(bus);
-    if (bus->crowd.counting && move_to(bus, length - CW_ACK_BEFORE_END))
+    if (bus->crowd.counting && move_to(bus, length - CW_AFTER_ACK_BITS))
         lower_counters(bus);
-    if (move_to(bus, length - CW_RX_BEFORE_END))
+    if (move_to(bus, length - CW_AFTER_ACCEPT_BITS))
         receive(bus);
     if (move_to(bus, length))
         finish_transmission(bus);
@@ -413,9 +412,9 @@ uint64_t cw_leap_recessive_bits(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     unsigned n = leap->at;
-    if (n > leap->length - CW_ACK_BEFORE_END)
-        return n - (leap->length - CW_ACK_BEFORE_END);
-    if (n == leap->length - CW_ACK_BEFORE_END)
+    if (n > leap->length - CW_AFTER_ACK_BITS)
+        return n - (leap->length - CW_AFTER_ACK_BITS);
+    if (n == leap->length - CW_AFTER_ACK_BITS)
         return 0;
     cw_bits room;
     const cw_bits *bits = cw_leap_bits(bus, &room);
@@ -430,8 +429,8 @@ static uint64_t clean_horizon(const cw_bus *bus)
     const cw_leap *leap = &bus->leap;
     if (leap->broken)
         return 1; /* what comes then is another frame's */
-    if (leap->at < leap->length - CW_RX_BEFORE_END)
-        return leap->length - CW_RX_BEFORE_END - leap->at;
+    if (leap->at < leap->length - CW_AFTER_ACCEPT_BITS)
+        return leap->length - CW_AFTER_ACCEPT_BITS - leap->at;
     if (leap->at < leap->length)
         return leap->length - leap->at;
     return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;

@@ -8,9 +8,8 @@
 
 #include "bus_private.h"
 
-/* Bits before the end of EOF after which things happen. */
-#define CW_ACK_BEFORE_END 8u /* the ACK slot has been sampled */
-#define CW_RX_BEFORE_END 1u  /* M7 */
+#include "format/layout.h"
+#include "format/parts.h"
 
 /* A node's frame with its intermission in one go, without its bits; nobody sees more of it than its
  * end. False, with nothing done: it cannot be. */
@@ -26,14 +25,11 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
  * (contest.c). */
 void cw_leap_count_losses(cw_bus *bus);
 
-/* Every arbitration is over after so many wire bits: the field with its SOF, IDE and stuff bits. */
-#define CW_ARBITRATION_BITS_BASE 17u
-#define CW_ARBITRATION_BITS_EXTENDED 41u
-
+/* Every arbitration is over after so many wire bits: the field with its SOF and stuff bits. */
 static inline unsigned cw_leap_arbitration_bits(const cw_bus *bus)
 {
     bool extended = bus->leap.frame.flags & CW_FRAME_EXTENDED;
-    return extended ? CW_ARBITRATION_BITS_EXTENDED : CW_ARBITRATION_BITS_BASE;
+    return CW_STUFFED_BITS_MAX(extended ? CW_EXTENDED_ARBITRATION_END : CW_BASE_ARBITRATION_END);
 }
 
 /* The frame on the wire in bits. Mostly nobody asks for them: then it is encoded into *room. */

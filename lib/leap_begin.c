@@ -4,9 +4,8 @@
  */
 #include "leap.h"
 
-#include "bits.h"
-#include "codec.h"
 #include "confinement.h"
+#include "format/bits.h"
 
 /* ---- Who is there ---------------------------------------------------------------------------- */
 
@@ -88,7 +87,7 @@ static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
  * after the intermission (M8). */
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
-    const unsigned from_ack_slot = CW_ACK_BEFORE_END + 1 + CW_INTERMISSION_BITS;
+    const unsigned from_ack_slot = CW_AFTER_ACK_BITS + 1 + CW_INTERMISSION_BITS;
     if ((bus->crowd.answerers & ~cw_node_bit(winner)) == 0)
         return from_ack_slot;
     bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);

@@ -29,7 +29,7 @@ static bool is_in_its_middle(const bus_node *n)
 {
     const cw_mac *m = &n->mac;
     return !(m->modes & CW_MODE_LOOPBACK) && !n->wrong_crc && m->tx_next >= 2 &&
-           m->tx_next + CW_ACK_BEFORE_END + 1u < m->tx.length;
+           m->tx_next + CW_AFTER_ACK_BITS + 1u < m->tx.length;
 }
 
 /* A node in loopback neither sees anything of the frame nor does it wait for its end. */

@@ -10,8 +10,8 @@
  */
 #include "bus_private.h"
 
-#include "bits.h"
 #include "confinement.h"
+#include "format/bitset.h"
 
 /* The shared controller's own counters mean nothing: its REC begins each bit here, and how it moves
  * is how those of its followers do. Neither limit is in reach. */

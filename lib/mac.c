@@ -4,15 +4,17 @@
  *
  * A bit has two phases. cw_mac_drive() says what the controller puts on the wire; cw_mac_sample()
  * takes what the wire carried and goes on to the next bit. Each phase of the controller has one
- * sample function; inside a frame, checks that hold for every bit come first, then a handler runs
- * when a step of the frame (see cw_steps) is complete. A transmitter parses its own frame as the
- * receivers do, so that it can become one of them in any bit (M2).
+ * sample function. Inside a frame the controller walks the table of parts (format/parts.h) by what
+ * it samples: checks that hold for every bit come first, and at the end of a part its effect. A
+ * transmitter parses its own frame as the receivers do, so that it can become one of them in any
+ * bit (M2).
  */
 #include "mac_private.h"
 
-#include "bits.h"
-#include "codec.h"
 #include "confinement.h"
+#include "format/crc.h"
+#include "format/parts.h"
+#include "format/tables.h"
 
 #include <assert.h>
 #include <string.h>
@@ -196,8 +198,8 @@ static cw_place frame_place(const cw_mac *m)
     bool received = m->rx.flags & CW_FRAME_EXTENDED;
     bool extended = cw_mac_is_transmitter(m) ? m->tx.extended : received;
     if (!cw_mac_stuff_bit_due(m))
-        return cw_step_place((cw_step)m->step, m->index, extended);
-    cw_place place = cw_step_place((cw_step)m->before_step, m->before_index, extended);
+        return cw_part_place((cw_part)m->part, m->index, extended);
+    cw_place place = cw_part_place((cw_part)m->before_part, m->before_index, extended);
     place.stuff = true;
     return place;
 }
@@ -243,9 +245,10 @@ void cw_mac_begin_frame(cw_mac *m, cw_role role)
 {
     cw_mac_enter(m, CW_MAC_FRAME);
     m->role = (uint8_t)role;
-    m->step = CW_STEP_SOF;
+    m->part = CW_PART_SOF;
     m->index = 0;
     m->run = 0;
+    m->last = CW_RECESSIVE; /* before SOF, which is dominant */
     m->crc = 0;
     m->overloads_in_row = 0;
     memset(&m->rx, 0, sizeof m->rx);
@@ -267,7 +270,7 @@ static bool drive_frame(const cw_mac *m)
 {
     if (cw_mac_is_transmitter(m))
         return cw_bits_level(&m->tx, m->tx_next);
-    bool acknowledges = m->step == CW_STEP_ACK_SLOT && !m->crc_error && !m->no_ack; /* M5, E3 */
+    bool acknowledges = cw_mac_part_is(m, CW_PART_ACK) && !m->crc_error && !m->no_ack; /* M5, E3 */
     return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
 }
 
@@ -282,16 +285,19 @@ static bool is_hidden(const cw_mac *m)
     return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
 }
 
+static bool drive_phase(const cw_mac *m)
+{
+    if (m->phase == CW_MAC_FRAME)
+        return drive_frame(m);
+    return cw_mac_in_dominant_flag(m) ? CW_DOMINANT : CW_RECESSIVE;
+}
+
 bool cw_mac_drive(cw_mac *m)
 {
     if (m->offered && cw_mac_can_start(m))
         begin_transmission(m);
     m->may_join = false;
-    m->driven = CW_RECESSIVE;
-    if (m->phase == CW_MAC_FRAME)
-        m->driven = drive_frame(m);
-    else if (cw_mac_in_dominant_flag(m))
-        m->driven = CW_DOMINANT;
+    m->driven = drive_phase(m);
     return is_hidden(m) ? CW_RECESSIVE : m->driven;
 }
 
@@ -383,174 +389,118 @@ static void expect_intermission(cw_mac *m, cw_mac_report *r)
 
 /* ---- Sample: inside a frame ------------------------------------------------------------------ */
 
-typedef void step_handler(cw_mac *m, bool level, cw_mac_report *r);
-
-static void go_to(cw_mac *m, cw_step step)
+/* An SRR is taken for an RTR, until the real one comes. */
+static void take_rtr(cw_mac *m)
 {
-    m->step = (uint8_t)step;
-    m->index = 0;
-    m->shift = 0;
-}
-
-static void end_sof(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    go_to(m, CW_STEP_BASE_ID);
-}
-
-static void end_base_id(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    m->rx.id = m->shift;
-    go_to(m, CW_STEP_SRR_RTR);
-}
-
-static void end_rtr(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)r;
-    bool first = m->step == CW_STEP_SRR_RTR;
     m->rx.flags &= (uint8_t)~CW_FRAME_REMOTE;
-    if (level)
-        m->rx.flags |= CW_FRAME_REMOTE; /* an SRR is corrected by the real RTR later */
-    go_to(m, first ? CW_STEP_IDE : CW_STEP_R1);
+    if (cw_mac_last_level(m))
+        m->rx.flags |= CW_FRAME_REMOTE;
 }
 
-static void end_ide(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)r;
-    if (level)
-        m->rx.flags |= CW_FRAME_EXTENDED;
-    go_to(m, level ? CW_STEP_EXTENDED_ID : CW_STEP_R0);
-}
-
-static void end_extended_id(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    m->rx.id = m->rx.id << 18 | m->shift;
-    go_to(m, CW_STEP_RTR);
-}
-
-/* F5: either level is accepted. */
-static void end_reserved(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    go_to(m, m->step == CW_STEP_R1 ? CW_STEP_R0 : CW_STEP_DLC);
-}
-
-static void end_dlc(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    m->rx.dlc = (uint8_t)m->shift;
-    go_to(m, cw_frame_length(&m->rx) ? CW_STEP_DATA : CW_STEP_CRC);
-}
-
-static void end_data(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    go_to(m, CW_STEP_CRC);
-}
-
-static void end_crc(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    m->crc_error = !cw_mac_is_transmitter(m) && m->shift != m->crc;
-    go_to(m, CW_STEP_CRC_DELIMITER);
-}
-
-static void end_crc_delimiter(cw_mac *m, bool level, cw_mac_report *r)
-{
-    (void)level;
-    (void)r;
-    go_to(m, CW_STEP_ACK_SLOT);
-}
-
-static void end_ack_slot(cw_mac *m, bool level, cw_mac_report *r)
+/* M5. Returns whether the frame goes on, as those do that follow. */
+static bool judge_own_ack(cw_mac *m, cw_mac_report *r)
 {
     bool no_ack_needed = m->modes & (CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK); /* M14, M15 */
-    if (cw_mac_is_transmitter(m)) {
-        if (level && !no_ack_needed) {
-            detect_missing_ack(m, r);
-            return;
-        }
-    } else if (!m->crc_error && !m->no_ack) {
-        if (level) {
-            detect(m, CW_ERROR_BIT, r); /* E1 c */
-            return;
-        }
-        cw_confinement_rx_success(&m->confinement); /* R8: here, not at the end of EOF */
+    if (!cw_mac_last_level(m) || no_ack_needed)
+        return true;
+    detect_missing_ack(m, r);
+    return false;
+}
+
+static bool judge_ack(cw_mac *m, cw_mac_report *r)
+{
+    if (cw_mac_is_transmitter(m))
+        return judge_own_ack(m, r);
+    if (m->crc_error || m->no_ack)
+        return true;
+    if (cw_mac_last_level(m)) {
+        detect(m, CW_ERROR_BIT, r); /* E1 c */
+        return false;
     }
-    go_to(m, CW_STEP_ACK_DELIMITER);
+    cw_confinement_rx_success(&m->confinement); /* R8: here, not at the end of EOF */
+    return true;
 }
 
-static void end_ack_delimiter(cw_mac *m, bool level, cw_mac_report *r)
+/* E3. */
+static bool signal_crc(cw_mac *m, cw_mac_report *r)
 {
-    (void)level;
     if (m->crc_error)
-        detect(m, CW_ERROR_CRC, r); /* E3 */
-    else
-        go_to(m, CW_STEP_EOF);
+        detect(m, CW_ERROR_CRC, r);
+    return !m->crc_error;
 }
 
-static void end_eof(cw_mac *m, bool level, cw_mac_report *r)
+/* M7: the frame is a receiver's, or that of a transmitter in loopback. */
+static bool accept_frame(const cw_mac *m, cw_mac_report *r)
 {
-    (void)level;
+    if (!cw_mac_is_transmitter(m) || (m->modes & CW_MODE_LOOPBACK))
+        r->what |= CW_REPORT_RX;
+    return true;
+}
+
+static bool finish_frame(cw_mac *m, cw_mac_report *r)
+{
     if (cw_mac_is_transmitter(m)) {
         m->offered = false;
         r->what |= CW_REPORT_TX;
         cw_confinement_tx_success(&m->confinement);
     }
     expect_intermission(m, r);
+    return false;
 }
 
-static step_handler *const end_step[CW_STEP_COUNT] = {
-    [CW_STEP_SOF] = end_sof,
-    [CW_STEP_BASE_ID] = end_base_id,
-    [CW_STEP_SRR_RTR] = end_rtr,
-    [CW_STEP_IDE] = end_ide,
-    [CW_STEP_EXTENDED_ID] = end_extended_id,
-    [CW_STEP_RTR] = end_rtr,
-    [CW_STEP_R1] = end_reserved,
-    [CW_STEP_R0] = end_reserved,
-    [CW_STEP_DLC] = end_dlc,
-    [CW_STEP_DATA] = end_data,
-    [CW_STEP_CRC] = end_crc,
-    [CW_STEP_CRC_DELIMITER] = end_crc_delimiter,
-    [CW_STEP_ACK_SLOT] = end_ack_slot,
-    [CW_STEP_ACK_DELIMITER] = end_ack_delimiter,
-    [CW_STEP_EOF] = end_eof,
-};
-
-/* Whether the present step belongs to the arbitration field of the own frame (M2): the IDE only
- * does in an extended frame. */
-static bool arbitrates(const cw_mac *m)
+/* What the end of the present part does. Returns whether the frame goes on. */
+static bool take_effect(cw_mac *m, cw_mac_report *r)
 {
-    return (cw_steps[m->step].flags & CW_STEP_ARBITRATION) ||
-           (m->step == CW_STEP_IDE && m->tx.extended);
+    const cw_part_info *part = &cw_parts[m->part];
+    switch ((cw_effect)part->effect) {
+    case CW_EFFECT_TAKE_ID:
+        m->rx.id = m->rx.id << part->bits | m->shift;
+        break;
+    case CW_EFFECT_TAKE_RTR:
+        take_rtr(m);
+        break;
+    case CW_EFFECT_TAKE_IDE:
+        m->rx.flags |= cw_mac_last_level(m) ? CW_FRAME_EXTENDED : 0;
+        break;
+    case CW_EFFECT_TAKE_DLC:
+        m->rx.dlc = (uint8_t)m->shift;
+        break;
+    case CW_EFFECT_JUDGE_CRC:
+        m->crc_error = !cw_mac_is_transmitter(m) && m->shift != m->crc;
+        break;
+    case CW_EFFECT_JUDGE_ACK:
+        return judge_ack(m, r);
+    case CW_EFFECT_SIGNAL_CRC:
+        return signal_crc(m, r);
+    case CW_EFFECT_ACCEPT:
+        return accept_frame(m, r);
+    case CW_EFFECT_FINISH:
+        return finish_frame(m, r);
+    case CW_EFFECT_NONE:
+    case CW_EFFECT_COUNT:
+        break;
+    }
+    return true;
 }
 
-/* As the SJA1000 counts: the 11 bits, RTR/SRR, IDE, the 18 bits, RTR. */
-static uint8_t arbitration_bit(const cw_mac *m)
+/* Not inlined, so that the bits inside a part, which are most, need not save registers for it. */
+__attribute__((noinline)) void cw_mac_end_part(cw_mac *m, cw_mac_report *r)
 {
-    if (m->step == CW_STEP_SRR_RTR)
-        return 11;
-    if (m->step == CW_STEP_IDE)
-        return 12;
-    if (m->step == CW_STEP_EXTENDED_ID)
-        return (uint8_t)(13 + m->index);
-    return m->step == CW_STEP_RTR ? 31 : m->index;
+    const bool level = cw_mac_last_level(m);
+    if (!take_effect(m, r))
+        return;
+    do
+        m->part = cw_parts[m->part].next[level];
+    while (cw_mac_part_bits(m) == 0); /* a frame without data */
+    m->index = 0;
+    m->shift = 0;
 }
 
 static void lose_arbitration(cw_mac *m, cw_mac_report *r)
 {
     r->what |= CW_REPORT_ARBITRATION_LOST;
-    r->lost_bit = arbitration_bit(m);
+    /* the SJA1000 counts from the bit after SOF on, without stuff bits */
+    r->lost_bit = (uint8_t)(cw_part_at[m->tx.extended][m->part] + m->index - 1u);
     give_up_one_shot(m, r);
     m->role = CW_ROLE_RECEIVER;
 }
@@ -560,7 +510,7 @@ static void lose_arbitration(cw_mac *m, cw_mac_report *r)
  * extended frame are recessive: no recessive stuff bit follows them. */
 static bool stuffs_before_rtr(const cw_mac *m)
 {
-    return m->before_step == CW_STEP_BASE_ID || m->before_step == CW_STEP_EXTENDED_ID;
+    return cw_parts[m->before_part].field == CW_FIELD_ID;
 }
 
 /* R3 ii: a recessive stuff bit before the RTR that was overwritten. */
@@ -591,7 +541,7 @@ static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
  * bit goes on, as a receiver's. */
 static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
 {
-    if (m->driven && arbitrates(m)) {
+    if (m->driven && cw_mac_part_is(m, CW_PART_ARBITRATION)) {
         lose_arbitration(m, r);
         return true;
     }
@@ -602,8 +552,7 @@ static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
 /* E4, and O1 c: to a receiver the last bit of EOF is no error any more. */
 static void dominant_in_fixed_form(cw_mac *m, cw_mac_report *r)
 {
-    bool last = m->step == CW_STEP_EOF && m->index == CW_EOF_BITS - 1;
-    if (last && !cw_mac_is_transmitter(m))
+    if (m->part == CW_PART_LAST_EOF && !cw_mac_is_transmitter(m))
         signal_overload(m, r);
     else
         detect(m, CW_ERROR_FORM, r);
@@ -611,53 +560,37 @@ static void dominant_in_fixed_form(cw_mac *m, cw_mac_report *r)
 
 void cw_mac_take_bit(cw_mac *m, bool level)
 {
-    unsigned flags = cw_steps[m->step].flags;
-    if (flags & CW_STEP_IN_CRC)
-        m->crc = cw_crc_next(m->crc, level);
-    if (flags & CW_STEP_STUFFED) {
-        m->run = (uint8_t)(level == m->last && m->run ? m->run + 1 : 1);
+    unsigned flags = cw_parts[m->part].flags;
+    if (flags & CW_PART_IN_CRC)
+        m->crc = cw_crc15_next(m->crc, level);
+    if (flags & CW_PART_STUFFED) {
+        m->run = (uint8_t)(level == m->last ? m->run + 1 : 1);
         m->last = level;
     }
     m->shift = m->shift << 1 | level;
-    if (m->step == CW_STEP_DATA && m->index % 8 == 7)
+    if (m->part == CW_PART_DATA && m->index % 8 == 7)
         m->rx.data[m->index / 8] = (uint8_t)m->shift;
-    m->before_step = m->step;
+    m->before_part = m->part;
     m->before_index = m->index;
-}
-
-unsigned cw_mac_step_length(const cw_mac *m)
-{
-    if (m->step == CW_STEP_DATA)
-        return 8 * cw_frame_length(&m->rx);
-    return cw_steps[m->step].length;
-}
-
-/* M7: a frame is a receiver's, or that of a transmitter in loopback, after the last but one bit. */
-static void report_reception(const cw_mac *m, cw_mac_report *r)
-{
-    bool last_but_one = m->step == CW_STEP_EOF && m->index == CW_EOF_BITS - 2;
-    if (last_but_one && (!cw_mac_is_transmitter(m) || (m->modes & CW_MODE_LOOPBACK)))
-        r->what |= CW_REPORT_RX;
 }
 
 /* A frame bit that is no stuff bit. */
 static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
-    unsigned flags = cw_steps[m->step].flags;
-    if (cw_mac_is_transmitter(m) && (flags & CW_STEP_STUFFED) && level != m->driven &&
+    unsigned flags = cw_parts[m->part].flags;
+    if (cw_mac_is_transmitter(m) && (flags & CW_PART_MONITORED) && level != m->driven &&
         !survives_mismatch(m, r))
         return;
-    if ((flags & CW_STEP_FIXED_FORM) && !level) {
+    if ((flags & CW_PART_RECESSIVE) && !level) {
         dominant_in_fixed_form(m, r);
         return;
     }
     cw_mac_take_bit(m, level);
-    report_reception(m, r);
     m->tx_next++;
-    if (m->index + 1u < cw_mac_step_length(m))
+    if (m->index + 1u < cw_mac_part_bits(m))
         m->index++;
     else
-        end_step[m->step](m, level, r);
+        cw_mac_end_part(m, r);
 }
 
 static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
@@ -853,7 +786,9 @@ static void sample_recovering(cw_mac *m, bool level, cw_mac_report *r)
 
 /* ---- Sample ---------------------------------------------------------------------------------- */
 
-static step_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
+typedef void phase_handler(cw_mac *m, bool level, cw_mac_report *r);
+
+static phase_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
     [CW_MAC_OFF] = sample_nothing,
     [CW_MAC_INTEGRATING] = sample_integrating,
     [CW_MAC_IDLE] = sample_idle,

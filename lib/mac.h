@@ -11,7 +11,6 @@
 #define CW_RECOVERY_GROUPS 128u
 #define CW_FLAG_BITS 6u
 #define CW_DELIMITER_BITS 8u
-#define CW_SUSPEND_BITS 8u
 #define CW_QUIET_FOREVER UINT64_MAX
 
 /* Neither taken off the bus nor bus-off. */

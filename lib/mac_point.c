@@ -7,8 +7,11 @@
  */
 #include "mac_private.h"
 
-#include "bits.h"
-#include "codec.h"
+#include "format/bits.h"
+#include "format/bitset.h"
+#include "format/crc.h"
+#include "format/layout.h"
+#include "format/walk.h"
 
 #include <assert.h>
 #include <string.h>
@@ -23,8 +26,8 @@ static bool same_received(const cw_frame *a, const cw_frame *b)
 /* Where in a frame they are, and what they have read of it. */
 static bool same_place(const cw_mac *a, const cw_mac *b)
 {
-    return a->step == b->step && a->index == b->index && a->run == b->run && a->last == b->last &&
-           a->before_step == b->before_step && a->before_index == b->before_index &&
+    return a->part == b->part && a->index == b->index && a->run == b->run && a->last == b->last &&
+           a->before_part == b->before_part && a->before_index == b->before_index &&
            a->may_join == b->may_join && a->crc == b->crc && a->crc_error == b->crc_error &&
            a->shift == b->shift && same_received(&a->rx, &b->rx);
 }
@@ -56,9 +59,9 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     assert(!cw_mac_is_transmitter(there));
     m->phase = there->phase;
     m->role = there->role;
-    m->step = there->step;
+    m->part = there->part;
     m->index = there->index;
-    m->before_step = there->before_step;
+    m->before_part = there->before_part;
     m->before_index = there->before_index;
     m->count = there->count;
     m->run = there->run;
@@ -74,41 +77,50 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     m->rx = there->rx;
 }
 
-/* What has been decoded when a step begins. */
-static void decode_up_to(cw_mac *m, const cw_frame *frame)
+/* Walks to the u-th bit that is no stuff bit, a part at a time. What the parts in between mean to a
+ * controller they mean here, too. */
+static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned u)
 {
-    bool extended = frame->flags & CW_FRAME_EXTENDED;
-    if (m->step > CW_STEP_BASE_ID)
-        m->rx.id = extended ? frame->id >> 18 : frame->id;
-    if (m->step > CW_STEP_SRR_RTR)
-        m->rx.flags = extended ? CW_FRAME_REMOTE : frame->flags; /* as if the SRR was an RTR */
-    if (m->step > CW_STEP_IDE && extended)
-        m->rx.flags |= CW_FRAME_EXTENDED;
-    if (m->step > CW_STEP_EXTENDED_ID)
-        m->rx.id = frame->id;
-    if (m->step > CW_STEP_RTR)
-        m->rx.flags = frame->flags;
-    if (m->step > CW_STEP_DLC)
-        m->rx.dlc = frame->dlc;
-    unsigned bytes = m->step > CW_STEP_DATA ? cw_frame_length(frame) : m->index / 8u;
-    if (m->step >= CW_STEP_DATA)
-        memcpy(m->rx.data, frame->data, bytes);
+    const cw_confinement counters = m->confinement;
+    cw_mac_report unseen = {.what = 0};
+    unsigned length;
+    for (; u >= (length = cw_mac_part_bits(m)); u -= length) {
+        const cw_part part = (cw_part)m->part;
+        if (part == CW_PART_CRC)
+            m->shift = m->crc = bits->crc;
+        else if (part == CW_PART_DATA)
+            memcpy(m->rx.data, frame->data, length / 8);
+        else
+            m->shift = cw_part_is(part, CW_PART_ACK) ? 0 : cw_part_number(part, frame);
+        m->before_part = m->part;
+        m->before_index = (uint8_t)(length - 1);
+        cw_mac_end_part(m, &unseen);
+    }
+    m->confinement = counters;
+    m->index = (uint8_t)u;
+    if (u == 0)
+        return;
+    m->before_part = m->part;
+    m->before_index = (uint8_t)(u - 1);
+    if (m->part == CW_PART_DATA)
+        memcpy(m->rx.data, frame->data, u / 8);
 }
 
-/* CRC and present field from the first n wire bits. */
+/* The bits of the present part, and before the CRC's end those that it covers. */
 static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
 {
-    if (m->step >= CW_STEP_CRC)
+    const bool in_crc = cw_mac_part_is(m, CW_PART_IN_CRC);
+    const unsigned first = u - m->index; /* bit of the part */
+    unsigned k = in_crc ? 0 : first;
+    if (!in_crc)
         m->crc = bits->crc;
-    unsigned field = u - m->index; /* where it begins */
-    unsigned wire = m->step >= CW_STEP_CRC ? cw_bits_wire_index(bits, field) : 0;
-    for (unsigned k = m->step >= CW_STEP_CRC ? field : 0; wire < n; wire++) {
+    for (unsigned wire = in_crc ? 0 : cw_bits_wire_index(bits, first); wire < n; wire++) {
         bool level = cw_bits_level(bits, wire);
         if (cw_bitset_get(bits->stuff, wire))
             continue;
-        if (m->step < CW_STEP_CRC)
-            m->crc = cw_crc_next(m->crc, level);
-        if (k++ >= field)
+        if (in_crc)
+            m->crc = cw_crc15_next(m->crc, level);
+        if (k++ >= first)
             m->shift = m->shift << 1 | level;
     }
 }
@@ -116,8 +128,7 @@ static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
 /* Equal levels in a row at the end of the first n wire bits, as far as those are stuffed. */
 static void count_run(cw_mac *m, const cw_bits *bits, unsigned n)
 {
-    const unsigned tail = 3 + CW_EOF_BITS; /* from the CRC delimiter on */
-    n = n < bits->length - tail ? n : bits->length - tail;
+    n = n < bits->length - CW_TAIL_BITS ? n : bits->length - CW_TAIL_BITS;
     m->last = cw_bits_level(bits, n - 1);
     for (m->run = 1; m->run < n && cw_bits_level(bits, n - 1u - m->run) == m->last;)
         m->run++;
@@ -133,15 +144,13 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
         m->count = (uint8_t)(n - bits->length);
         return;
     }
-    unsigned u = n - cw_bitset_count_upto(bits->stuff, n - 1);
-    m->step = (uint8_t)cw_bits_step(bits, u, &m->index);
-    m->before_step = (uint8_t)cw_bits_step(bits, u - 1, &m->before_index);
+    const unsigned u = n - cw_bitset_count_upto(bits->stuff, n - 1);
     m->may_join = n == 1;
     m->crc_error = false;
     m->shift = 0;
+    walk_to(m, frame, bits, u);
     shift_in(m, bits, n, u);
     count_run(m, bits, n);
-    decode_up_to(m, frame);
 }
 
 void cw_mac_become_transmitter(cw_mac *m, unsigned bits)

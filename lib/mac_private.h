@@ -6,6 +6,7 @@
 #ifndef CANWIRE_MAC_PRIVATE_H
 #define CANWIRE_MAC_PRIVATE_H
 
+#include "format/parts.h"
 #include "mac.h"
 
 static inline bool cw_mac_is_transmitter(const cw_mac *mac)
@@ -25,8 +26,27 @@ void cw_mac_begin_frame(cw_mac *mac, cw_role role);
 /* Takes a bit of a frame that is no stuff bit; the caller counts the index on. */
 void cw_mac_take_bit(cw_mac *mac, bool level);
 
-/* Bits of the present step of the frame. */
-unsigned cw_mac_step_length(const cw_mac *mac);
+/* Bits of the present part of the frame. */
+static inline unsigned cw_mac_part_bits(const cw_mac *mac)
+{
+    if (mac->part == CW_PART_DATA)
+        return 8 * cw_frame_length(&mac->rx);
+    return cw_parts[mac->part].bits;
+}
+
+static inline bool cw_mac_part_is(const cw_mac *mac, unsigned flag)
+{
+    return cw_part_is((cw_part)mac->part, flag);
+}
+
+/* The level of the bit of the present part that was taken last. */
+static inline bool cw_mac_last_level(const cw_mac *mac)
+{
+    return mac->shift & 1u;
+}
+
+/* What follows the last bit of a part. */
+void cw_mac_end_part(cw_mac *mac, cw_mac_report *report);
 
 /* Whether the bit that comes next is a stuff bit (F7). */
 bool cw_mac_stuff_bit_due(const cw_mac *mac);

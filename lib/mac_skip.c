@@ -7,7 +7,7 @@
  */
 #include "mac_private.h"
 
-#include "codec.h"
+#include "format/tables.h"
 
 #include <assert.h>
 
@@ -33,13 +33,13 @@ static unsigned delimiter_bits(const cw_mac *m)
     return waits ? 0 : m->count;
 }
 
-/* Of a receiver: up to the last bit but one of the present step, or a stuff bit. */
+/* Of a receiver: up to the last bit but one of the present part, or a stuff bit. */
 static uint64_t steady_frame_bits(const cw_mac *m, bool level)
 {
-    bool stuffed = cw_steps[m->step].flags & CW_STEP_STUFFED;
-    if (cw_mac_is_transmitter(m) || m->may_join || !stuffed || cw_mac_stuff_bit_due(m))
+    if (cw_mac_is_transmitter(m) || m->may_join || !cw_mac_part_is(m, CW_PART_STUFFED) ||
+        cw_mac_stuff_bit_due(m))
         return 0;
-    unsigned left = cw_mac_step_length(m) - m->index - 1u;
+    unsigned left = cw_mac_part_bits(m) - m->index - 1u;
     unsigned run = CW_STUFF_RUN - (level == m->last ? m->run : 0u);
     return left < run ? left : run;
 }
@@ -254,9 +254,10 @@ static uint64_t bits_to_frame_end(const cw_mac *m)
 /* Of a receiver behind the CRC. In the last bit of EOF there is nothing more to come. */
 static uint64_t bits_to_reception(const cw_mac *m)
 {
-    if (m->step == CW_STEP_EOF)
-        return m->index < CW_EOF_BITS - 1 ? CW_EOF_BITS - 1u - m->index : CW_QUIET_FOREVER;
-    return CW_STEP_EOF - m->step + CW_EOF_BITS - 1u;
+    const uint8_t *at = cw_part_at[0]; /* behind the CRC both formats are alike */
+    if (m->part == CW_PART_LAST_EOF)
+        return CW_QUIET_FOREVER;
+    return (unsigned)at[CW_PART_LAST_EOF] - at[m->part] - m->index;
 }
 
 uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
@@ -266,7 +267,7 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
     case CW_MAC_FRAME:
         if (cw_mac_is_transmitter(m))
             return bits_to_frame_end(m);
-        if (m->step >= CW_STEP_CRC_DELIMITER)
+        if (!cw_mac_part_is(m, CW_PART_STUFFED))
             return bits_to_reception(m);
         if (m->may_join && waiting)
             return CW_FRAME_BITS_MIN - 2;

@@ -4,6 +4,8 @@
  */
 #include "queue.h"
 
+#include "format/head.h"
+
 #include <string.h>
 
 void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
@@ -18,9 +20,7 @@ void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uin
  * so that a remote and a data frame of one identifier stay in order. */
 static uint32_t priority_key(const cw_frame *frame)
 {
-    if (!(frame->flags & CW_FRAME_EXTENDED))
-        return frame->id << 19;
-    return (frame->id >> 18) << 19 | 1u << 18 | (frame->id & 0x3FFFFu);
+    return cw_key_with_rtr(frame, CW_DOMINANT);
 }
 
 /* Where a new frame goes: behind all that are at least as urgent. A binary search in which only the

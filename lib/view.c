@@ -4,7 +4,7 @@
  */
 #include "bus_private.h"
 
-#include "codec.h"
+#include "format/parts.h"
 
 /* M1, M6: the bit in which a node that waits takes a dominant level for a SOF. */
 static bool takes_sof(const cw_mac *m, bool level)

@@ -1,21 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * bitwise.h - frames to wire bits, one bit after the other: the reference for the library's
- * encoder.
+ * bitwise.h - frames to wire bits, one bit after the other along the table of parts: the reference
+ *             for the library's encoder, which goes byte by byte.
  */
 #ifndef CANWIRE_TEST_BITWISE_H
 #define CANWIRE_TEST_BITWISE_H
 
-#include "codec.h"
+#include "format/bitset.h"
+#include "format/walk.h"
 
-#include "bits.h"
-
-/* Writes bits one after the other, stuffing and CRC on the way. */
 typedef struct bitwise_writer {
     cw_bits *bits;
     unsigned run;
     bool last;
-    uint16_t crc;
 } bitwise_writer;
 
 static inline void add_to_set(uint64_t set[CW_BIT_WORDS], unsigned n)
@@ -43,55 +40,21 @@ static inline void bitwise_put_stuffed(bitwise_writer *w, bool level)
     w->run = 1;
 }
 
-/* A field of the part that the CRC covers, most significant bit first. */
-static inline void bitwise_put_field(bitwise_writer *w, uint32_t value, unsigned bits)
-{
-    while (bits-- > 0) {
-        bool level = (value >> bits) & 1u;
-        w->crc = cw_crc_next(w->crc, level);
-        bitwise_put_stuffed(w, level);
-    }
-}
-
-static inline void bitwise_put_arbitration(bitwise_writer *w, const cw_frame *frame)
-{
-    bool remote = frame->flags & CW_FRAME_REMOTE;
-    bitwise_put_field(w, CW_DOMINANT, 1); /* SOF */
-    if (!(frame->flags & CW_FRAME_EXTENDED)) {
-        bitwise_put_field(w, frame->id, CW_BASE_ID_BITS);
-        bitwise_put_field(w, remote, 1);
-        bitwise_put_field(w, CW_DOMINANT, 2); /* IDE, r0 */
-        return;
-    }
-    bitwise_put_field(w, frame->id >> 18, CW_BASE_ID_BITS);
-    bitwise_put_field(w, 3, 2); /* SRR, IDE */
-    bitwise_put_field(w, frame->id & 0x3FFFFu, CW_EXTENDED_ID_BITS - CW_BASE_ID_BITS);
-    bitwise_put_field(w, remote, 1);
-    bitwise_put_field(w, CW_DOMINANT, 2); /* r1, r0 */
-}
-
-/* CRC to EOF. The CRC sequence is stuffed, also behind its last bit (F7). */
-static inline void bitwise_put_tail(bitwise_writer *w, uint16_t inverted)
-{
-    w->bits->crc = w->crc ^ inverted;
-    for (unsigned n = CW_CRC_BITS; n-- > 0;)
-        bitwise_put_stuffed(w, ((unsigned)w->bits->crc >> n) & 1u);
-    for (unsigned n = 0; n < 3 + CW_EOF_BITS; n++) /* delimiter, ACK slot, delimiter, EOF */
-        bitwise_put_raw(w, CW_RECESSIVE);
-}
-
 /* As cw_bits_encode_crc() does it, of a valid frame. */
 static inline cw_bits bitwise_encode(const cw_frame *frame, uint16_t inverted)
 {
     cw_bits bits = {.length = 0};
-    bitwise_writer w = {.bits = &bits, .run = 0, .last = CW_RECESSIVE, .crc = 0};
-    bits.extended = frame->flags & CW_FRAME_EXTENDED;
+    bitwise_writer writer = {.bits = &bits, .run = 0, .last = CW_RECESSIVE};
+    bits.extended = cw_frame_is_extended(frame);
     bits.data_bits = (uint8_t)(8 * cw_frame_length(frame));
-    bitwise_put_arbitration(&w, frame);
-    bitwise_put_field(&w, frame->dlc, 4);
-    for (unsigned byte = 0; byte < cw_frame_length(frame); byte++)
-        bitwise_put_field(&w, frame->data[byte], 8);
-    bitwise_put_tail(&w, inverted);
+    for (cw_walk w = {.frame = frame}; w.part != CW_PART_END; cw_walk_on(&w)) {
+        if (w.part == CW_PART_CRC && w.index == 0)
+            bits.crc = w.crc ^= inverted;
+        if (cw_part_is(w.part, CW_PART_STUFFED))
+            bitwise_put_stuffed(&writer, cw_walk_level(&w));
+        else
+            bitwise_put_raw(&writer, cw_walk_level(&w));
+    }
     return bits;
 }
 

@@ -2,7 +2,7 @@
  *
  * test_midway.c - rules that come and go while a frame is on the wire: the same as bit by bit.
  */
-#include "codec.h"
+#include "format/bits.h"
 #include "rig.h"
 
 static cw_rule rule_of(const char *name, cw_trigger trigger, cw_action action)

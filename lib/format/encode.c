@@ -7,33 +7,32 @@
  * word before they go to their place. Where stuff bits are is seen afterwards: behind five equal
  * bits.
  */
-#include "codec.h"
-#include "codec_tables.h"
+#include "format/bits.h"
+#include "format/frame.h"
+#include "format/head.h"
+#include "format/tables.h"
 
 #include <assert.h>
 
-#define BASE_HEAD_BITS 19u /* SOF to the DLC */
-#define EXTENDED_HEAD_BITS 39u
 #define PART_BYTES 5u
 #define PLAIN_BYTES 16u /* one more than there are */
 #define LENGTHS_MASK 0xFFFu /* of all bytes of a frame, in the sum of their entries */
-#define TAIL_BITS (3u + CW_EOF_BITS) /* delimiter, ACK slot, delimiter, EOF: all recessive */
 
 /* Before SOF come so many bits that all that is stuffed, SOF to CRC, is whole bytes. They alternate
  * and end recessive, so they get no stuff bit; they are no part of the CRC. */
-#define BASE_PAD_BITS 6u
-#define BASE_PAD 0x54u
-#define EXTENDED_PAD_BITS 2u
-#define EXTENDED_PAD 0x40u
+#define PAD_BITS(head_bits) (8 - ((head_bits) + CW_CRC_BITS) % 8)
 
-/* What is to be sent, not stuffed, but for the CRC. The first bit is the highest one. */
+_Static_assert(CW_CRC_TABLE_BYTES == PLAIN_BYTES - 1, "crc_of() names each byte");
+_Static_assert(PAD_BITS(CW_BASE_HEAD_BITS) < 8 && PAD_BITS(CW_EXTENDED_HEAD_BITS) < 8,
+               "encoding begins with a pad");
+_Static_assert(CW_FRAME_BITS_MAX <= CW_BITS_MAX, "cw_bits has room for the longest frame");
+
+/* What is to be sent, not stuffed, but for the CRC. */
 typedef struct content {
-    uint64_t head; /* SOF to the DLC, the DLC in the lowest bits */
-    uint64_t data; /* the last byte in the lowest bits */
-    unsigned head_bits;
-    unsigned pad_bits;
-    unsigned pad;    /* in the highest bits of a byte */
+    cw_head head;
+    uint64_t data;   /* the last byte in the lowest bits */
     unsigned length; /* bytes of the data field */
+    unsigned pad_bits;
 } content;
 
 /* They stand at the end: pad, SOF to data, CRC. Before them are zeros. */
@@ -72,25 +71,18 @@ static inline void store_be(uint8_t b[8], uint64_t word)
     b[7] = (uint8_t)word;
 }
 
-/* SOF, the IDE of a base frame, r1 and r0 are dominant: 0. */
 static inline content content_of(const cw_frame *frame)
 {
-    unsigned remote = (frame->flags & CW_FRAME_REMOTE) != 0;
+    const bool remote = cw_frame_is_remote(frame);
     content c = {.length = cw_dlc_length(frame->dlc, remote)};
     if (c.length > 0)
         c.data = load_be(frame->data) >> (64 - 8 * c.length);
-    c.head = remote << 6 | frame->dlc;
-    if (frame->flags & CW_FRAME_EXTENDED) {
-        c.head |= (uint64_t)(frame->id >> 18) << 27 | UINT64_C(3) << 25 /* SRR, IDE */ |
-                  (uint64_t)(frame->id & 0x3FFFFu) << 7;
-        c.head_bits = EXTENDED_HEAD_BITS;
-        c.pad_bits = EXTENDED_PAD_BITS;
-        c.pad = EXTENDED_PAD;
+    if (cw_frame_is_extended(frame)) {
+        c.head = cw_extended_head(frame, remote, frame->dlc);
+        c.pad_bits = PAD_BITS(CW_EXTENDED_HEAD_BITS);
     } else {
-        c.head |= (uint64_t)frame->id << 7;
-        c.head_bits = BASE_HEAD_BITS;
-        c.pad_bits = BASE_PAD_BITS;
-        c.pad = BASE_PAD;
+        c.head = cw_base_head(frame, remote, frame->dlc);
+        c.pad_bits = PAD_BITS(CW_BASE_HEAD_BITS);
     }
     return c;
 }
@@ -116,15 +108,16 @@ static inline unsigned lay_out(plain_bytes *plain, const content *c, unsigned in
     const unsigned behind = 8 * c->length + CW_CRC_BITS; /* bits behind the head */
     uint64_t low = c->data << CW_CRC_BITS;
     uint64_t high = c->data >> (64 - CW_CRC_BITS);
-    low |= behind < 64 ? c->head << behind : 0;
-    high |= behind < 64 ? c->head >> (64 - behind) : c->head << (behind - 64);
+    low |= behind < 64 ? c->head.number << behind : 0;
+    high |= behind < 64 ? c->head.number >> (64 - behind)
+                         : c->head.number << (behind - 64);
     store_be(plain->bytes, high);
     store_be(plain->bytes + 8, low);
     unsigned crc = crc_of(plain->bytes) ^ inverted;
-    plain->count = (c->pad_bits + c->head_bits + behind) / 8;
     plain->pad_bits = c->pad_bits;
+    plain->count = (c->pad_bits + c->head.bits + behind) / 8;
     plain->first = plain->bytes + (PLAIN_BYTES - plain->count);
-    plain->bytes[PLAIN_BYTES - plain->count] |= (uint8_t)c->pad;
+    plain->bytes[PLAIN_BYTES - plain->count] |= (uint8_t)(0x55u << (8 - c->pad_bits));
     plain->bytes[PLAIN_BYTES - 2] |= (uint8_t)(crc >> 8);
     plain->bytes[PLAIN_BYTES - 1] = (uint8_t)crc;
     return crc;
@@ -183,7 +176,7 @@ static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
     if (p.lengths > 0)
         append_part(level, &at, &p, 0);
     unsigned stuffed = at;
-    append(level, &at, (UINT64_C(1) << TAIL_BITS) - 1, TAIL_BITS);
+    append(level, &at, (UINT64_C(1) << CW_TAIL_BITS) - 1, CW_TAIL_BITS);
     return stuffed;
 }
 
@@ -223,12 +216,12 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inve
     const content c = content_of(frame);
     uint16_t crc = (uint16_t)lay_out(&plain, &c, inverted);
     unsigned stuffed = put_levels(level, &plain);
-    assert(stuffed + TAIL_BITS <= CW_BITS_MAX);
+    assert(stuffed + CW_TAIL_BITS <= CW_BITS_MAX);
     *bits = (cw_bits){.level = {level[0], level[1], level[2]},
                       .crc = crc,
-                      .length = (uint8_t)(stuffed + TAIL_BITS),
+                      .length = (uint8_t)(stuffed + CW_TAIL_BITS),
                       .data_bits = (uint8_t)(8 * c.length),
-                      .extended = frame->flags & CW_FRAME_EXTENDED};
+                      .extended = cw_frame_is_extended(frame)};
     find_stuff(bits->stuff, level, stuffed);
     return CW_OK;
 }
@@ -267,5 +260,5 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
         measure_five(&all, plain.first + n);
     for (; n < plain.count; n++)
         measure_byte(&all, plain.first[n]);
-    return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + TAIL_BITS;
+    return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + CW_TAIL_BITS;
 }

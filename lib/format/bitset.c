@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * bits.c - small bit sets of up to 192 bits, for the wire bits of a frame.
+ * bitset.c - small bit sets of up to 192 bits, for the wire bits of a frame.
  */
-#include "bits.h"
+#include "format/bitset.h"
 
 /* Own population count: the compiler's builtin may call into libgcc, and lib needs nobody. */
 unsigned cw_count_bits(uint64_t w)

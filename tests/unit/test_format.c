@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_codec.c - frames to wire bits and back (F1..F8), against a model of its own.
+ * test_format.c - frames to wire bits and back (F1..F8), against a model of its own.
  */
 #include "bitwise.h"
-#include "codec.h"
+#include "format/bits.h"
+#include "format/head.h"
 #include "model.h"
 #include "rig.h"
 
@@ -100,6 +101,19 @@ static void every_base_identifier_encodes_as_bit_by_bit(void **state)
     }
 }
 
+static void every_dlc_of_every_format_encodes_as_bit_by_bit(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 8};
+    for (unsigned i = 0; i < 4 * 16 * 1000; i++) {
+        cw_frame f = {.flags = (uint8_t)(i % 4), .dlc = (uint8_t)(i / 4 % 16)};
+        f.id = rig_runs(&random) & (f.flags & CW_FRAME_EXTENDED ? 0x1FFFFFFFu : 0x7FFu);
+        for (unsigned byte = 0; byte < CW_FRAME_DATA_MAX; byte++)
+            f.data[byte] = (uint8_t)rig_runs(&random);
+        check_bitwise(&f, 0);
+    }
+}
+
 /* Among them CRCs that end in five equal bits, with a stuff bit before the delimiter (F7). */
 static void every_crc_encodes_as_bit_by_bit(void **state)
 {
@@ -113,6 +127,89 @@ static void every_crc_encodes_as_bit_by_bit(void **state)
         stuffed_ends += cw_bits_place(&bits, bits.length - MODEL_TAIL_BITS - 1u).stuff;
     }
     assert_in_range(stuffed_ends, 1000, 4000);
+}
+
+/* ---- The table of parts ---------------------------------------------------------------------- */
+
+static void parts_follow_in_the_order_of_the_wire(void **state)
+{
+    (void)state;
+    for (unsigned part = 0; part < CW_PART_COUNT; part++)
+        for (unsigned level = 0; level < 2; level++)
+            assert_in_range(cw_parts[part].next[level], part + 1, CW_PART_END);
+}
+
+/* From the highest bit of the key on, without SOF; what follows RTR or IDE is 0. */
+static void the_arbitration_key_is_the_arbitration_field(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 9};
+    for (unsigned i = 0; i < FRAMES; i++) {
+        const cw_frame f = rig_random_frame(&random);
+        uint32_t key = 0;
+        unsigned bits = 0;
+        for (cw_walk w = {.frame = &f}; w.part != CW_PART_DLC; cw_walk_on(&w))
+            if (cw_part_is(w.part, CW_PART_ARBITRATION))
+                key |= (uint32_t)cw_walk_level(&w) << (31 - bits++);
+        assert_int_equal(bits, f.flags & CW_FRAME_EXTENDED ? 32 : 13);
+        assert_int_equal(cw_arbitration_key(&f), key);
+    }
+}
+
+/* The number that a controller reports which loses at this bit of its frame to a dominant level. */
+static unsigned lost_bit_at(const cw_frame *frame, unsigned n)
+{
+    cw_mac mac;
+    cw_mac_report report = {.what = 0};
+    cw_mac_init(&mac, 0, 96);
+    for (unsigned i = 0; i < 11; i++) {
+        (void)cw_mac_drive(&mac);
+        cw_mac_sample(&mac, CW_RECESSIVE, &report);
+    }
+    assert_int_equal(cw_mac_offer(&mac, frame), CW_OK);
+    for (unsigned i = 0; i <= n; i++) {
+        bool own = cw_mac_drive(&mac);
+        cw_mac_sample(&mac, i < n ? own : CW_DOMINANT, &report);
+    }
+    assert_true(report.what & CW_REPORT_ARBITRATION_LOST);
+    return report.lost_bit;
+}
+
+/* At recessive bits of the arbitration field, wherever stuff bits are. */
+static void lost_bits_are_numbered_as_the_sja1000_does(void **state)
+{
+    (void)state;
+    rig_random random = {SEED + 10};
+    for (unsigned i = 0; i < 500; i++) {
+        const cw_frame f = rig_random_frame(&random);
+        const bool extended = f.flags & CW_FRAME_EXTENDED;
+        cw_bits bits;
+        assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+        for (unsigned n = 1, number = 0; number < (extended ? 32u : 12u); n++) {
+            if (cw_bits_place(&bits, n).stuff)
+                continue;
+            if (cw_bits_level(&bits, n) == CW_RECESSIVE)
+                assert_int_equal(lost_bit_at(&f, n), number);
+            number++;
+        }
+    }
+}
+
+static void fields_are_as_long_as_positions_say(void **state)
+{
+    (void)state;
+    static const uint8_t bits[CW_FIELD_COUNT] = {
+        [CW_FIELD_SOF] = 1,           [CW_FIELD_ID] = 29,
+        [CW_FIELD_SRR] = 1,           [CW_FIELD_IDE] = 1,
+        [CW_FIELD_RTR] = 1,           [CW_FIELD_R1] = 1,
+        [CW_FIELD_R0] = 1,            [CW_FIELD_DLC] = 4,
+        [CW_FIELD_DATA] = 64,         [CW_FIELD_CRC] = 15,
+        [CW_FIELD_CRC_DELIMITER] = 1, [CW_FIELD_ACK_SLOT] = 1,
+        [CW_FIELD_ACK_DELIMITER] = 1, [CW_FIELD_EOF] = MODEL_EOF_BITS,
+        [CW_FIELD_INTERMISSION] = 3,  [CW_FIELD_SUSPEND] = 8,
+    };
+    for (unsigned field = 0; field < CW_FIELD_COUNT; field++)
+        assert_int_equal(cw_field_bits((cw_field)field), bits[field]);
 }
 
 /* F7, counting stuff bits as equal bits. */
@@ -470,7 +567,12 @@ int main(void)
         cmocka_unit_test(random_frames_encode_as_bit_by_bit),
         cmocka_unit_test(rows_of_equal_bits_encode_as_bit_by_bit),
         cmocka_unit_test(every_base_identifier_encodes_as_bit_by_bit),
+        cmocka_unit_test(every_dlc_of_every_format_encodes_as_bit_by_bit),
         cmocka_unit_test(every_crc_encodes_as_bit_by_bit),
+        cmocka_unit_test(parts_follow_in_the_order_of_the_wire),
+        cmocka_unit_test(the_arbitration_key_is_the_arbitration_field),
+        cmocka_unit_test(lost_bits_are_numbered_as_the_sja1000_does),
+        cmocka_unit_test(fields_are_as_long_as_positions_say),
         cmocka_unit_test(never_more_than_five_equal_bits_up_to_the_crc),
         cmocka_unit_test(length_is_the_closed_formula),
         cmocka_unit_test(every_bit_has_its_place),
@@ -482,5 +584,5 @@ int main(void)
         cmocka_unit_test(one_wrong_bit_is_always_found),
         cmocka_unit_test(fields_are_named_as_in_fault_rules),
     };
-    return cmocka_run_group_tests_name("codec", tests, NULL, NULL);
+    return cmocka_run_group_tests_name("format", tests, NULL, NULL);
 }

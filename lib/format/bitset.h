@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * bits.h - small bit sets of up to 192 bits, for the wire bits of a frame.
+ * bitset.h - small bit sets of up to 192 bits, for the wire bits of a frame.
  */
-#ifndef CANWIRE_BITS_H
-#define CANWIRE_BITS_H
+#ifndef CANWIRE_FORMAT_BITSET_H
+#define CANWIRE_FORMAT_BITSET_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bits.h - the wire bits of a frame by their positions; see cw_bits in canwire.h.
+ */
+#ifndef CANWIRE_FORMAT_BITS_H
+#define CANWIRE_FORMAT_BITS_H
+
+#include "canwire.h"
+
+/* The wire bit that is the u-th one, from 0, of those that are no stuff bits. */
+unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
+
+/* Finds the wire bit that cw_bits_is_at() a position; false when the frame has none. */
+bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);
+
+/* The same without the frame's bits, for fields that do not depend on stuff bits: *n is where it
+ * would be without them, so not behind where it is. */
+bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index);
+
+/* As cw_bits_encode(), with some bits of the CRC sequence inverted. */
+cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
+
+#endif

@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * main.c - writes layout.h and tables.c: what follows from the table of parts for every frame.
+ *
+ * usage: generate layout|tables
+ *
+ * It runs when canwire is built. Positions are read off a walk through a frame without data; CRC
+ * and stuffing of whole bytes come from doing it bit by bit.
+ */
+#include "format/crc.h"
+#include "format/parts.h"
+#include "format/walk.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define DATA_BITS_MAX (8 * CW_FRAME_DATA_MAX)
+
+enum { BASE, EXTENDED, FORMATS };
+
+static const char *const format_names[FORMATS] = {"BASE", "EXTENDED"};
+
+static const char *const head_names[CW_PART_DATA] = {
+    [CW_PART_SOF] = "SOF",
+    [CW_PART_BASE_ID] = "BASE_ID",
+    [CW_PART_SRR_RTR] = "SRR_RTR",
+    [CW_PART_IDE] = "IDE",
+    [CW_PART_EXTENDED_ID] = "EXTENDED_ID",
+    [CW_PART_RTR] = "RTR",
+    [CW_PART_R1] = "R1",
+    [CW_PART_R0] = "R0",
+    [CW_PART_DLC] = "DLC",
+};
+
+/* A frame without data. */
+typedef struct layout {
+    bool has[CW_PART_COUNT];
+    unsigned at[CW_PART_COUNT];
+    unsigned bits; /* all of them */
+} layout;
+
+static layout find_layout(unsigned format)
+{
+    const cw_frame frame = {.flags = format == EXTENDED ? CW_FRAME_EXTENDED : 0};
+    layout l = {.bits = 0};
+    for (cw_walk w = {.frame = &frame}; w.part != CW_PART_END; cw_walk_on(&w), l.bits++)
+        if (w.index == 0) {
+            l.has[w.part] = true;
+            l.at[w.part] = l.bits;
+        }
+    l.has[CW_PART_DATA] = true;
+    l.at[CW_PART_DATA] = l.at[CW_PART_CRC];
+    return l;
+}
+
+static unsigned end_of(const layout *l, cw_part part)
+{
+    return l->at[part] + cw_part_bits(part, 0);
+}
+
+/* Bits behind the part with an effect. */
+static unsigned bits_after(const layout *l, cw_effect effect)
+{
+    unsigned end = 0;
+    for (unsigned part = 0; part < CW_PART_COUNT; part++)
+        if (cw_parts[part].effect == effect)
+            end = end_of(l, (cw_part)part);
+    return l->bits - end;
+}
+
+/* The end of the last part with a flag. */
+static unsigned flag_end(const layout *l, unsigned flag)
+{
+    unsigned end = 0;
+    for (unsigned part = 0; part < CW_PART_COUNT; part++)
+        if (l->has[part] && cw_part_is((cw_part)part, flag))
+            end = end_of(l, (cw_part)part);
+    return end;
+}
+
+/* ---- layout.h -------------------------------------------------------------------------------- */
+
+static void define(const char *name, const char *what, unsigned value)
+{
+    printf("#define CW_%s%s %uu\n", name, what, value);
+}
+
+static void define_head(unsigned format)
+{
+    const layout l = find_layout(format);
+    char shift[64];
+    printf("\n");
+    define(format_names[format], "_HEAD_BITS", l.at[CW_PART_DATA]);
+    define(format_names[format], "_ARBITRATION_END", flag_end(&l, CW_PART_ARBITRATION));
+    for (unsigned part = 0; part < CW_PART_DATA; part++) {
+        snprintf(shift, sizeof shift, "_SHIFT_%s", head_names[part]);
+        if (l.has[part])
+            define(format_names[format], shift, l.at[CW_PART_DATA] - end_of(&l, (cw_part)part));
+    }
+}
+
+static void define_lengths(void)
+{
+    const layout base = find_layout(BASE), extended = find_layout(EXTENDED);
+    const unsigned tail = base.bits - flag_end(&base, CW_PART_STUFFED);
+    const unsigned stuffed = extended.bits - tail + DATA_BITS_MAX;
+    define("BASE_ID", "_BITS", cw_parts[CW_PART_BASE_ID].bits);
+    define("EXTENDED_ID", "_BITS", cw_parts[CW_PART_EXTENDED_ID].bits);
+    define("DLC", "_BITS", cw_parts[CW_PART_DLC].bits);
+    define("CRC", "_BITS", cw_parts[CW_PART_CRC].bits);
+    define("TAIL", "_BITS", tail);
+    define("AFTER_ACK", "_BITS", bits_after(&base, CW_EFFECT_JUDGE_ACK));
+    define("AFTER_ACCEPT", "_BITS", bits_after(&base, CW_EFFECT_ACCEPT));
+    define("FRAME", "_BITS_MIN", base.bits);
+    define("FRAME", "_BITS_MAX", CW_STUFFED_BITS_MAX(stuffed) + tail);
+    define("CRC", "_TABLE_BYTES", (stuffed + 7) / 8);
+}
+
+static const char layout_begin[] =
+    "/* Written by lib/format/generate, from the table of parts (parts.c). */\n"
+    "#ifndef CANWIRE_FORMAT_LAYOUT_H\n"
+    "#define CANWIRE_FORMAT_LAYOUT_H\n"
+    "\n"
+    "/* Bits of parts; of the tail, which is not stuffed; behind the ACK slot and behind the bit\n"
+    " * after which receivers accept the frame (M7); of a whole frame on the wire. */\n";
+
+static const char head_begin[] =
+    "\n"
+    "/* SOF to the DLC as a number: its bits, how many of them have passed when nobody can lose\n"
+    " * arbitration any more, and how far each part is shifted to the left. */";
+
+static void write_layout(void)
+{
+    printf("%s", layout_begin);
+    define_lengths();
+    printf("%s", head_begin);
+    define_head(BASE);
+    define_head(EXTENDED);
+    printf("\n#endif\n");
+}
+
+/* ---- tables.c: positions --------------------------------------------------------------------- */
+
+typedef struct span {
+    unsigned first, bits, split, gap, behind_data;
+} span;
+
+/* A part that goes on with a field lies behind other parts, or not. */
+static void add_part(span *s, const layout *l, cw_part part)
+{
+    const unsigned at = l->at[part];
+    if (s->bits == 0) {
+        s->first = at;
+        s->behind_data = part > CW_PART_DATA;
+    } else if (at > s->first + s->bits) {
+        s->split = s->bits;
+        s->gap = at - s->first - s->bits;
+    }
+    s->bits += cw_part_bits(part, 0);
+}
+
+static void write_spans(unsigned format)
+{
+    const layout l = find_layout(format);
+    span spans[CW_FIELD_COUNT] = {{.bits = 0}};
+    for (unsigned part = 0; part < CW_PART_COUNT; part++)
+        if (l.has[part])
+            add_part(&spans[cw_part_place((cw_part)part, 0, format == EXTENDED).field], &l,
+                     (cw_part)part);
+    printf("    {\n");
+    for (unsigned f = 0; f < CW_FIELD_COUNT; f++)
+        printf("        {%u, %u, %u, %u, %u},\n", spans[f].first, spans[f].bits, spans[f].split,
+               spans[f].gap, spans[f].behind_data);
+    printf("    },\n");
+}
+
+static void write_places(unsigned format)
+{
+    const layout l = find_layout(format);
+    printf("    {");
+    for (unsigned part = 0; part < CW_PART_COUNT; part++)
+        printf("%u, ", l.at[part]);
+    printf("},\n");
+}
+
+static void write_positions(void)
+{
+    printf("\nconst uint8_t cw_part_at[2][CW_PART_COUNT] = {\n");
+    write_places(BASE);
+    write_places(EXTENDED);
+    printf("};\n\nconst cw_field_span cw_field_spans[2][CW_FIELD_COUNT] = {\n");
+    write_spans(BASE);
+    write_spans(EXTENDED);
+    printf("};\n");
+}
+
+/* ---- tables.c: whole bytes ------------------------------------------------------------------- */
+
+/* What a byte brings to the CRC, with so many bytes behind it. */
+static unsigned crc_of(unsigned byte, unsigned bytes_behind)
+{
+    uint16_t crc = 0;
+    for (unsigned n = 0; n + CW_CRC15_BITS < 8 * (bytes_behind + 1); n++)
+        crc = cw_crc15_next(crc, n < 8 ? (byte >> (7 - n)) & 1u : 0);
+    return crc;
+}
+
+static void write_crcs(void)
+{
+    const layout l = find_layout(EXTENDED);
+    const unsigned bytes = (end_of(&l, CW_PART_CRC) + DATA_BITS_MAX + 7) / 8;
+    printf("\nconst uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256] = {\n");
+    for (unsigned behind = 0; behind < bytes; behind++) {
+        printf("    {");
+        for (unsigned byte = 0; byte < 256; byte++)
+            printf("%s0x%04X,", byte % 8 ? " " : "\n        ", crc_of(byte, behind));
+        printf("\n    },\n");
+    }
+    printf("};\n");
+}
+
+/* The wire bits of a byte and the state behind it. */
+typedef struct stuffed_byte {
+    unsigned long long wire; /* the last one in bit 63 */
+    unsigned bits;
+    unsigned state;
+} stuffed_byte;
+
+static void put(stuffed_byte *s, unsigned level)
+{
+    s->wire = s->wire >> 1 | (unsigned long long)level << 63;
+    s->bits++;
+}
+
+static stuffed_byte stuff(unsigned state, unsigned byte)
+{
+    stuffed_byte s = {.bits = 0};
+    unsigned last = state / 4, run = state % 4 + 1;
+    for (unsigned n = 0; n < 8; n++) {
+        const unsigned level = (byte >> (7 - n)) & 1u;
+        put(&s, level);
+        run = level == last ? run + 1 : 1;
+        last = level;
+        if (run == CW_STUFF_RUN) {
+            last = !level;
+            run = 1;
+            put(&s, last);
+        }
+    }
+    s.state = 4 * last + run - 1;
+    return s;
+}
+
+static void write_stuffing(void)
+{
+    printf("\nconst uint64_t cw_stuff_table[CW_STUFF_STATES * 256] = {");
+    for (unsigned i = 0; i < 8 * 256; i++) {
+        const stuffed_byte s = stuff(i / 256, i % 256);
+        printf("%s0x%016llX,", i % 4 ? " " : "\n    ", s.wire | s.bits);
+    }
+    printf("\n};\n\nconst uint16_t cw_stuff_next[CW_STUFF_STATES * 256] = {");
+    for (unsigned i = 0; i < 8 * 256; i++)
+        printf("%s0x%03X,", i % 8 ? " " : "\n    ", 256 * stuff(i / 256, i % 256).state);
+    printf("\n};\n");
+}
+
+static void write_tables(void)
+{
+    printf("/* Written by lib/format/generate, from the table of parts (parts.c). */\n"
+           "#include \"format/tables.h\"\n");
+    write_positions();
+    write_crcs();
+    write_stuffing();
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 2 && strcmp(argv[1], "layout") == 0)
+        write_layout();
+    else if (argc == 2 && strcmp(argv[1], "tables") == 0)
+        write_tables();
+    else
+        return 2;
+    return fflush(stdout) == 0 ? 0 : 1;
+}

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * head.h - SOF to the DLC as one number: whole fields at once, where the walk has single bits.
+ */
+#ifndef CANWIRE_FORMAT_HEAD_H
+#define CANWIRE_FORMAT_HEAD_H
+
+#include "format/frame.h"
+#include "format/layout.h"
+
+/* What is dominant is 0: SOF, the IDE of a base frame, r1 and r0. The DLC is in the lowest bits. */
+typedef struct cw_head {
+    uint64_t number;
+    unsigned bits;
+} cw_head;
+
+static inline cw_head cw_base_head(const cw_frame *frame, bool remote, unsigned dlc)
+{
+    return (cw_head){.number = (uint64_t)frame->id << CW_BASE_SHIFT_BASE_ID |
+                               (uint64_t)remote << CW_BASE_SHIFT_SRR_RTR | dlc,
+                     .bits = CW_BASE_HEAD_BITS};
+}
+
+static inline cw_head cw_extended_head(const cw_frame *frame, bool remote, unsigned dlc)
+{
+    const uint64_t high = frame->id >> CW_EXTENDED_ID_BITS;
+    const uint64_t low = frame->id & ((1u << CW_EXTENDED_ID_BITS) - 1);
+    return (cw_head){.number = high << CW_EXTENDED_SHIFT_BASE_ID |
+                               UINT64_C(1) << CW_EXTENDED_SHIFT_SRR_RTR |
+                               UINT64_C(1) << CW_EXTENDED_SHIFT_IDE |
+                               low << CW_EXTENDED_SHIFT_EXTENDED_ID |
+                               (uint64_t)remote << CW_EXTENDED_SHIFT_RTR | dlc,
+                     .bits = CW_EXTENDED_HEAD_BITS};
+}
+
+/* The arbitration field with RTR at this level, as a number; the lower one wins. Bit 31 - n is the
+ * bit that the SJA1000 counts as n. */
+static inline uint32_t cw_key_with_rtr(const cw_frame *frame, bool rtr)
+{
+    if (cw_frame_is_extended(frame))
+        return (uint32_t)(cw_extended_head(frame, rtr, 0).number >>
+                          (CW_EXTENDED_HEAD_BITS - CW_EXTENDED_ARBITRATION_END));
+    return (uint32_t)(cw_base_head(frame, rtr, 0).number
+                      << (CW_EXTENDED_ARBITRATION_END - CW_BASE_HEAD_BITS));
+}
+
+static inline uint32_t cw_arbitration_key(const cw_frame *frame)
+{
+    return cw_key_with_rtr(frame, cw_frame_is_remote(frame));
+}
+
+#endif
