@@ -25,23 +25,6 @@
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 #define DECIMAL_DIGITS "0123456789"
 
-/* How many index values a position has; 0: it is written without index. */
-static const uint16_t index_counts[CW_FIELD_COUNT] = {
-    [CW_FIELD_ID] = 29,
-    [CW_FIELD_DLC] = 4,
-    [CW_FIELD_DATA] = 64,
-    [CW_FIELD_CRC] = 15,
-    [CW_FIELD_EOF] = 7,
-    [CW_FIELD_INTERMISSION] = 3,
-    [CW_FIELD_SUSPEND] = 8,
-    [CW_FIELD_ERROR_FLAG] = OPEN_INDEX_COUNT,
-    [CW_FIELD_ERROR_DELIMITER] = OPEN_INDEX_COUNT,
-    [CW_FIELD_OVERLOAD_FLAG] = OPEN_INDEX_COUNT,
-    [CW_FIELD_OVERLOAD_DELIMITER] = OPEN_INDEX_COUNT,
-    [CW_FIELD_STUFF] = OPEN_INDEX_COUNT,
-    [CW_FIELD_BIT] = OPEN_INDEX_COUNT,
-};
-
 static const char identifier_problem[] =
     "identifiers have 3 hexadecimal digits (base, up to 7FF) or 8 (extended, up to 1FFFFFFF)";
 
@@ -201,7 +184,7 @@ const char *text_parse_position(cw_field *field, uint16_t *index, const char *te
 
     if (found == CW_FIELD_NONE)
         return position_problem;
-    if (index_counts[found] == 0 ? text[length] != '\0'
+    if (cw_field_bits(found) == 1 ? text[length] != '\0'
                                  : !parse_index(&number, found, text + length))
         return position_problem;
     *field = found;
@@ -416,6 +399,12 @@ static bool parse_small(unsigned *out, const char **text)
     return true;
 }
 
+static unsigned index_count(cw_field field)
+{
+    unsigned bits = cw_field_bits(field);
+    return bits > 0 ? bits : OPEN_INDEX_COUNT;
+}
+
 /* "[N]", or "[BYTE.BIT]" for data. */
 static bool parse_index(uint16_t *index, cw_field field, const char *text)
 {
@@ -429,7 +418,7 @@ static bool parse_index(uint16_t *index, cw_field field, const char *text)
             return false;
         number = number * 8 + bit;
     }
-    if (strcmp(text, "]") != 0 || number >= index_counts[field])
+    if (strcmp(text, "]") != 0 || number >= index_count(field))
         return false;
     *index = (uint16_t)number;
     return true;
