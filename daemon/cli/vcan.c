@@ -243,6 +243,7 @@ static bool make(plan *p, size_t i)
     print_peer(peer, node);
     if (number != 0) {
         char name[IF_NAMESIZE + PEER_BYTES];
+        p->made[i] = links_unanswered(p->links); /* it may be there, and without its alias */
         (void)snprintf(name, sizeof name, "%s%s", node->port, peer);
         return complain_link(p, "make", name, number);
     }
@@ -271,11 +272,19 @@ static bool carry_out(plan *p, size_t i)
     return number == 0 || complain_link(p, "set up", port, number);
 }
 
+/* What stays would be taken for somebody else's if it has no alias yet. */
 static void take_back(plan *p)
 {
-    for (size_t i = 0; i < p->config->node_count; i++)
-        if (p->made[i] && links_remove(p->links, p->config->nodes[i].port) == 0)
-            printf("removed %s again\n", p->config->nodes[i].port);
+    for (size_t i = 0; i < p->config->node_count; i++) {
+        const char *port = p->config->nodes[i].port;
+        int number = p->made[i] ? links_remove(p->links, port) : ENODEV;
+        if (number == 0)
+            printf("removed %s again\n", port);
+        else if (number != ENODEV)
+            fprintf(stderr,
+                    "canwire vcan: cannot remove %s again: %s (if it is there: ip link del %s)\n",
+                    port, links_error(p->links), port);
+    }
 }
 
 static bool bring_up(plan *p)

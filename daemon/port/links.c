@@ -22,6 +22,7 @@
 struct links {
     int fd;
     uint32_t sequence;
+    bool unanswered;
     char error[ERROR_BYTES];
     union {
         struct nlmsghdr header; /* for the alignment */
@@ -206,10 +207,9 @@ static int receive(links *l, listener *to)
         ssize_t size = recv(l->fd, l->reply.bytes, sizeof l->reply.bytes, MSG_TRUNC);
         if (size < 0 && errno == EINTR)
             continue;
-        if (size < 0)
-            return fail(l, errno);
-        if ((size_t)size > sizeof l->reply.bytes)
-            return fail(l, EMSGSIZE);
+        l->unanswered = size < 0 || (size_t)size > sizeof l->reply.bytes;
+        if (l->unanswered)
+            return fail(l, size < 0 ? errno : EMSGSIZE);
         unsigned rest = (unsigned)size;
         for (struct nlmsghdr *m = &l->reply.header; NLMSG_OK(m, rest); m = NLMSG_NEXT(m, rest)) {
             int result = take(l, to, m);
@@ -224,6 +224,7 @@ static int ask(links *l, request *r, links_visitor *visit, void *user)
 {
     listener to = {.visit = visit, .user = user};
     r->header.nlmsg_seq = ++l->sequence;
+    l->unanswered = false;
     if (send(l->fd, r, r->header.nlmsg_len, 0) < 0)
         return fail(l, errno);
     return receive(l, &to);
@@ -342,4 +343,9 @@ int links_remove(links *l, const char *name)
 const char *links_error(const links *l)
 {
     return l->error;
+}
+
+bool links_unanswered(const links *l)
+{
+    return l->unanswered;
 }

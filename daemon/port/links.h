@@ -59,4 +59,7 @@ int links_remove(links *l, const char *name);
 /* Why the last call failed, for people. */
 const char *links_error(const links *l);
 
+/* Whether the kernel was asked then and its answer could not be read: it may have been done. */
+bool links_unanswered(const links *l);
+
 #endif

@@ -6,6 +6,7 @@
 
 #include "port/netdev.h"
 
+#include <errno.h>
 #include <net/if.h>
 #include <string.h>
 
@@ -34,8 +35,10 @@ static bool read_counts(counts *c, const cfg *config)
         return false;
     while (netdev_next(&n, in))
         note(c, config, &n);
+    int error = ferror(in) ? errno : 0; /* what was read up to there is not all */
     (void)fclose(in);
-    return true;
+    errno = error;
+    return error == 0;
 }
 
 /* What has the name may be another interface than that of the port by now. */
