@@ -48,8 +48,8 @@ OUTPUTS = ("log", "events", "pcapng", "stats", "junit", "vcd", "svg")
 
 
 @pytest.fixture(name="library", scope="module")
-def fixture_library(tmp_path_factory):
-    return build_library(tmp_path_factory.mktemp("calls"))
+def fixture_library():
+    return build_library()
 
 
 class Outcome:

@@ -359,8 +359,8 @@ class Place:
 
 
 @pytest.fixture(name="library", scope="module")
-def fixture_library(tmp_path_factory):
-    return build_library(tmp_path_factory.mktemp("calls"))
+def fixture_library():
+    return build_library()
 
 
 @pytest.mark.parametrize("lcm", LCM if FULL else ["file"])

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: MIT
+"""Whatever call for an interface fails, nothing breaks, and nothing is lost in silence.
+
+As tests/calls/test_calls.py and test_calls_daemon.py there, for what only a kernel with CAN has:
+raw sockets, claims of interfaces, netlink. Each site of these calls fails once and, in another run,
+with all of its kind from then on; the latter for one site of each call in each source file.
+"""
+
+import fcntl
+import json
+import re
+import select
+import socket
+import struct
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from canbits import CLASSIC, Frame
+from conftest import CANWIRED, PATIENCE_S, CanSocket, assert_balance, wait_until
+from failing import Calls, Try, build_library
+from test_vcan import CANWIRE, PEERS, enter, netns, rig  # pylint: disable=unused-import
+
+FILES = ("socketcan.c", "port.c", "claim.c", "linkwatch.c", "netdev.c", "links.c", "loopless.c",
+         "vcan.c")
+GROUPS = {"descriptor", "socket", "traffic", "close", "read"}
+# What the kernel may say; a link that is down or gone would be told in another way, too.
+ERRORS = {"socket": "EMFILE", "fopen": "EMFILE", "open": "EACCES", "openat": "EACCES",
+          "bind": "ENOMEM", "setsockopt": "ENOMEM", "getsockopt": "ENOBUFS", "ioctl": "ENODEV",
+          "send": "ENOBUFS", "recv": "ENOBUFS", "recvmsg": "ENOBUFS", "recvmmsg": "ENOMEM",
+          "fgets": "EIO", "close": "EIO"}
+MUST_TELL = {"fopen", "fgets"}  # frames go through without what they are for
+FRAMES = 10
+SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCGIFMTU = 0x8913, 0x8914, 0x8921
+IFF_UP = 1
+INTERFACE_REQUEST = struct.Struct("16si20x")
+
+
+@pytest.fixture(name="calls", scope="module")
+def fixture_calls(tmp_path_factory):
+    return Calls(tmp_path_factory.mktemp("calls"), build_library())
+
+
+def files_of(program, sites):
+    """The source files of those who called, by address."""
+    addresses = sorted({f - 1 for site in sites for f in site.frames})
+    found = subprocess.run(["addr2line", "-se", program, *map(hex, addresses)],
+                           capture_output=True, text=True, check=True).stdout.split("\n")
+    return {a + 1: line.split(":")[0] for a, line in zip(addresses, found)}
+
+
+def tries_of(program, sites):
+    """Each call in one of FILES once, and one of each call and file from then on. Of sites with the
+    same two callers the one that was called most often stands for all."""
+    files, callers, lasting, tries = files_of(program, sites), set(), set(), []
+    for site in sorted(sites, key=lambda s: -s.count):
+        ours = [files[f] for f in site.frames[:3] if files[f] in FILES]
+        key = site.call, site.frames[:2]
+        if site.group not in GROUPS or site.call not in ERRORS or not ours or key in callers:
+            continue
+        callers.add(key)
+        tries.append(Try(site, ERRORS[site.call]))
+        # a close() that fails has closed all the same: once is enough
+        if site.call != "close" and (site.call, ours[0]) not in lasting:
+            tries.append(Try(site, ERRORS[site.call], lasting=True))
+        lasting.add((site.call, ours[0]))
+    return tries
+
+
+def go_through(program, tries, attempt):
+    """attempt(try) returns what is wrong, or None, and whether the call was reached: when frames
+    come together, and who reads them, depends on the machine."""
+    begin, found, reached = time.monotonic(), [], set()
+    for each in tries:
+        wrong, was_reached = attempt(each)
+        assert was_reached or each.site.group == "traffic", each.text(program)
+        if was_reached:
+            reached.add(each.site.call)
+        if wrong:
+            found.append(f"{wrong}: {each.text(program)}")
+    print(f"{len(tries)} runs in {time.monotonic() - begin:.0f} s")
+    assert not found, "\n".join(found)
+    assert reached == {each.site.call for each in tries}
+
+
+# ---- Interfaces ----------------------------------------------------------------------------------
+
+
+def ask_interface(name, request, value=0):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        packed = fcntl.ioctl(s, request, INTERFACE_REQUEST.pack(name.encode(), value))
+        return INTERFACE_REQUEST.unpack(packed)[1]
+
+
+def set_up(name, up):
+    flags = ask_interface(name, SIOCGIFFLAGS) & 0xFFFF
+    ask_interface(name, SIOCSIFFLAGS, flags | IFF_UP if up else flags & ~IFF_UP)
+
+
+# ---- canwired ------------------------------------------------------------------------------------
+
+BUS = """
+bus: { name: calls, bitrate: 500000 }
+control: calls.sock
+nodes:
+  - { name: engine, port: vcan0 }
+  - { name: gearbox, port: vcan1 }
+"""
+
+
+class Ended(Exception):
+    """It has ended by itself."""
+
+
+class Run:
+    """A canwired at two interfaces, from its start to its end; one of them is down for a while."""
+
+    def __init__(self, launch, calls, known=frozenset()):
+        self.calls, self.known = calls, known
+        self.sent, self.received, self.failed = 0, 0, 0
+        self.nodes, self.status = {}, None
+        self.daemon = launch(BUS, **calls.environment())
+        self.control = self.daemon.config.parent / "calls.sock"
+        self.ecus = [CanSocket("vcan0"), CanSocket("vcan1")]
+        try:
+            self.go()
+        except Ended:
+            pass
+        finally:
+            if not self.has_ended():
+                self.daemon.process.terminate()
+            self.returned = self.daemon.wait()
+            self.receive()
+            for each in self.ecus:
+                each.close()
+        self.failed += calls.failed()
+        self.text = self.daemon.stderr()
+
+    # ---- Steps
+
+    def has_ended(self):
+        return self.daemon.process.poll() is not None
+
+    def lift(self):
+        """Calls are good again."""
+        self.failed += self.calls.failed()
+        self.calls.order(False)
+
+    def news(self):
+        """Messages that a run without failures does not have."""
+        return {re.sub(r"\d+", "#", line) for line in self.daemon.stderr().splitlines()
+                } - self.known
+
+    def go(self):
+        wait_until(lambda: self.daemon.notified("READY=1") or self.has_ended()
+                   or (self.calls.failed() and self.listens()), "READY=1")
+        self.ask()
+        self.exchange()
+        set_up("vcan1", False)
+        self.wait(lambda: self.nodes["gearbox"]["link"] != "up")
+        set_up("vcan1", True)
+        self.wait(lambda: self.nodes["gearbox"]["link"] == "up")
+        self.exchange()
+        self.status = self.nodes
+
+    def exchange(self):
+        """Frames from one to the other, all of them, or a message says that they are not."""
+        for number in range(FRAMES):
+            self.ecus[0].send(Frame(0x100, 1, bytes([number])))
+            self.sent += 1
+        self.wait(lambda: self.receive() == self.sent)
+
+    def receive(self):
+        """How many have come up to now."""
+        try:
+            while self.ecus[1].socket.recv(CLASSIC.size):
+                self.received += 1
+        except BlockingIOError:
+            return self.received
+        except OSError:  # the interface was down, as is told once
+            return self.receive()
+
+    def wait(self, condition):
+        """Until it is so, or something is told, and no frame is under way."""
+        def settled():
+            self.nodes = self.ask()
+            under_way = sum(n["queue"] for n in self.nodes.values() if n["link"] == "up")
+            return condition() or (self.news() and not under_way)
+
+        wait_until(settled, "what is to come, or a message")
+
+    def ask(self):
+        """The nodes' status. Where its own calls for that fail, too, they are good from then on."""
+        for _ in range(5):
+            if self.has_ended():
+                raise Ended
+            try:
+                reply = self.request()
+            except OSError:
+                reply = b""
+            if b'"status"' in reply and reply.endswith(b"\n"):
+                return {n["name"]: n for n in json.loads(reply)["status"]["nodes"]}
+            self.lift()
+        raise AssertionError("it does not answer")
+
+    def listens(self):
+        """Where it cannot notify anybody any more, for these calls fail, too."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+            return client.connect_ex(str(self.control)) == 0
+
+    def request(self):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+            client.settimeout(PATIENCE_S)
+            client.connect(str(self.control))
+            client.sendall(b'{"request":"status"}\n')
+            poll = select.poll()
+            poll.register(client, select.POLLIN)
+            while not poll.poll(50):
+                if "a client has to wait" in self.daemon.stderr():
+                    self.lift()
+            return client.makefile("rb").readline()
+
+    # ---- What there is in the end
+
+    def wrong(self):
+        """What must not be, or None."""
+        if self.returned < 0:
+            return f"it crashes: {self.returned}"
+        if self.status is None:
+            return None if self.returned == 1 and self.news() else "no message of its end"
+        for node in self.status.values():
+            assert_balance(node)
+        if self.returned != 0:
+            return f"status {self.returned}"
+        interface = self.status["gearbox"]["interface"]
+        if interface and self.received < interface["written"]:
+            return f"{self.received} frames came, of {interface['written']}"
+        all_well = self.received == self.sent and interface["written"] == self.sent
+        return None if all_well or self.news() else "in silence: frames are missing"
+
+
+def test_canwired(vcan, launch, calls):
+    vcan(2)
+    calls.list_sites()
+    good = Run(launch, calls)
+    assert good.wrong() is None and good.received == good.sent == 2 * FRAMES, good.text
+    known = {re.sub(r"\d+", "#", line) for line in good.text.splitlines()}
+    tries = tries_of(CANWIRED, calls.sites())
+    assert {t.site.call for t in tries} >= {"socket", "bind", "setsockopt", "ioctl", "send",
+                                            "recvmmsg", "recvmsg", "fopen"}
+
+    def attempt(each):
+        set_up("vcan1", True)
+        calls.fail(each)
+        run = Run(launch, calls, known)
+        wrong = run.wrong()
+        if not wrong and each.site.call in MUST_TELL and not run.news():
+            wrong = "in silence: what was to be read is not known"
+        return wrong, run.failed > 0
+
+    go_through(CANWIRED, tries, attempt)
+
+
+# ---- canwire vcan --------------------------------------------------------------------------------
+
+
+def run_vcan(verb, file, environment=None):
+    return subprocess.run([CANWIRE, "vcan", verb, file], capture_output=True, text=True,
+                          env=environment, timeout=PATIENCE_S, check=False)
+
+
+def seen_here():
+    """Interfaces of the namespace that this thread is in, with MTU, and whether they are up."""
+    return {name: (bool(ask_interface(name, SIOCGIFFLAGS) & IFF_UP),
+                   ask_interface(name, SIOCGIFMTU)) for _, name in socket.if_nameindex()}
+
+
+def interfaces():
+    """All of them with their state, also in the namespaces; here also with their alias."""
+    found = {None: seen_here()}
+    found["alias"] = {name: Path(f"/sys/class/net/{name}/ifalias").read_text(encoding="utf-8")
+                      for name in found[None]}
+    with open("/proc/thread-self/ns/net", encoding="ascii") as here:
+        try:
+            for namespace in "ecu1", "ecu2":
+                enter(f"/run/netns/{namespace}")
+                found[namespace] = seen_here()
+        finally:
+            enter(f"/proc/self/fd/{here.fileno()}")
+    return found
+
+
+@pytest.mark.parametrize("verb", ["up", "down"])
+def test_canwire_vcan(verb, rig, netns, calls):  # pylint: disable=redefined-outer-name
+    """What has failed is told, and doing it again without failures does it."""
+    netns("ecu1", "ecu2")
+    rig.file.write_text(PEERS + "  - { name: d, port: v4 }\n")
+    none = interfaces()
+    other = "down" if verb == "up" else "up"
+    assert run_vcan(other, rig.file).returncode == 0
+    before = interfaces()
+    calls.list_sites()
+    good = run_vcan(verb, rig.file, calls.environment())
+    assert good.returncode == 0
+    sites, done = calls.sites(), interfaces()
+    tries = tries_of(CANWIRE, sites)
+    assert {t.site.call for t in tries} >= {"socket", "send", "recv"}
+
+    def attempt(each):
+        calls.order(False)
+        if interfaces() != before:
+            turned = run_vcan(other, rig.file)
+            assert turned.returncode == 0 and interfaces() == before, turned
+        calls.fail(each)
+        run = run_vcan(verb, rig.file, calls.environment())
+        return wrong_with(run), calls.failed() > 0
+
+    def wrong_with(run):
+        if run.returncode < 0 or "Sanitizer" in run.stderr:
+            return f"it crashes: {run.returncode}, {run.stderr}"
+        now = interfaces()
+        if run.returncode == 0:
+            return None if now == done else f"status 0, but {now}"
+        if not set(run.stderr.splitlines()) - set(good.stderr.splitlines()):
+            return "no message"
+        if now == before:
+            return None
+        for name in re.findall("ip link del (.*)\\)", run.stderr):  # it could not itself
+            subprocess.run(["ip", "link", "del", name], check=False)
+        again = run_vcan(verb, rig.file)
+        if again.returncode != 0 or interfaces() != done:
+            return f"after {run.stderr!r} again: {again.returncode}, {again.stderr!r}"
+        return None
+
+    go_through(CANWIRE, tries, attempt)
+    assert run_vcan("down", rig.file).returncode == 0
+    assert interfaces() == none
