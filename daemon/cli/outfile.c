@@ -15,6 +15,7 @@
 
 #define MODE 0666 /* less the umask */
 #define BUFFER_BYTES (256u << 10)
+#define REASON_BYTES 200u
 
 static bool complain(const outfile *self, const char *why, const char *program)
 {
@@ -84,6 +85,16 @@ FILE *outfile_begin(outfile *self)
     return self->stream;
 }
 
+/* There has been nothing to write: what was not there before goes again. */
+static bool remove_again(const outfile *self, const char *program)
+{
+    char why[REASON_BYTES];
+    if (unlink(self->name) == 0 || errno == ENOENT)
+        return true;
+    (void)snprintf(why, sizeof why, "it is empty and cannot be removed: %s", strerror(errno));
+    return complain(self, why, program);
+}
+
 bool outfile_close(outfile *self, const char *program)
 {
     FILE *stream = self->stream;
@@ -94,9 +105,8 @@ bool outfile_close(outfile *self, const char *program)
     self->stream = NULL;
     free(self->buffer);
     self->buffer = NULL;
-    if (!self->begun && self->made)
-        (void)unlink(self->name);
-    if (closed && !failed)
-        return true;
-    return complain(self, closed ? "not all could be written" : strerror(errno), program);
+    if (!closed || failed)
+        (void)complain(self, closed ? "not all could be written" : strerror(errno), program);
+    bool left = self->begun || !self->made || remove_again(self, program);
+    return closed && !failed && left;
 }

@@ -22,7 +22,7 @@ import threading
 
 import pytest
 
-from failing import WORKERS, Calls, build_library, plan, run_all
+from failing import WORKERS, Calls, Try, build_library, plan, run_all
 from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all
 from test_journal import lines as journal_lines
 from test_record import wait_until
@@ -164,6 +164,23 @@ def test_sim_to_standard_output(programs, output):
     words = [f"--{output}", "-"] if output else []
     good, _ = fail_each(programs([CANWIRE, "sim", "bus.yaml", *words]))
     assert good.status == 0
+
+
+def test_an_output_that_stays_without_a_run_is_told(programs):
+    """The picture would be too long: there is to be no output, and the log was not there before."""
+    program = programs([CANWIRE, "sim", "bus.yaml", "--svg", "svg", "--log", "log",
+                        "--until", "10s", "--to", "10s"], OUTPUTS)[0]
+    good, sites = program.list_sites()
+    assert good.status == 1 and not good.files
+    sites = [site for site in sites if site.call == "unlink"]
+    assert sites
+    for each in [Try(site, "EACCES", lasting=lasting) for site in sites for lasting in (0, 1)]:
+        program.calls.fail(each)
+        outcome = program.run()
+        assert outcome.status == 1 and outcome.files
+        for name in outcome.files:
+            assert any(f"{name}: it is empty and cannot be removed: Permission denied" in message
+                       for message in outcome.messages), outcome.messages
 
 
 JOURNAL = "".join(json.dumps(entry) + "\n" for entry in journal_lines())
