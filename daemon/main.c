@@ -4,6 +4,7 @@
  */
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/plain.h"
 #include "config/files.h"
 #include "engine/engine.h"
 #include "engine/reloader.h"
@@ -517,7 +518,7 @@ static bool read_journal_files(options *o, const char *text)
         o->journal_files = (unsigned)number;
         return true;
     }
-    fprintf(stderr, "canwired: --journal-files %s: expected a number from %u to %u\n", text,
+    plain_print(stderr, "canwired: --journal-files %s: expected a number from %u to %u\n", text,
             JOURNAL_FILES_MIN, JOURNAL_FILES_MAX);
     return false;
 }
@@ -642,9 +643,9 @@ int main(int argc, char **argv)
     /* A log that nobody reads any more, or an LCM server that is gone, is no reason to end. */
     (void)signal(SIGPIPE, SIG_IGN);
     service s = {.live = NULL};
-    if (o.journal) /* one more than there are is kept where none may go */
+    if (o.journal) /* the keeper looks at all of these, however many it keeps */
         fileuses_add(&s.files, &(fileuse){.what = "--journal", .path = o.journal, .written = true,
-                                          .older = o.journal_files});
+                                          .older = JOURNAL_FILES_MAX});
     s.live = load(o.config, &s.files);
     if (!s.live) {
         fileuses_free(&s.files);

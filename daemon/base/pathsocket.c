@@ -81,7 +81,7 @@ static int take_made(pathsocket *s, const char *what)
     struct stat found;
     int made = openat(s->folder.fd, s->folder.name, O_PATH | O_NOFOLLOW | O_CLOEXEC);
     if (made < 0)
-        return ESTALE;
+        return errno == ENOENT || errno == ELOOP ? ESTALE : errno;
     bool own = fstat(made, &found) == 0 && S_ISSOCK(found.st_mode) &&
                found.st_uid == geteuid() && found.st_nlink == 1;
     if (own) {

@@ -4,7 +4,10 @@
  */
 #include "base/plain.h"
 
+#include <stdarg.h>
 #include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
 
 /* Bytes that a character of this first byte has; 0: none begins so. */
 static size_t size_of(unsigned char first)
@@ -38,4 +41,42 @@ void plain_make(char *text, char instead)
             *text = instead;
         text += size == 0 ? 1 : size;
     }
+}
+
+bool plain_is_not(const char *text)
+{
+    while (*text) {
+        size_t size = shown_size((const unsigned char *)text);
+        if (size == 0 && !strchr("\t\n\r", *text))
+            return true;
+        text += size == 0 ? 1 : size;
+    }
+    return false;
+}
+
+static void print_lines(FILE *out, char *text)
+{
+    char *line = text;
+    for (char *end; (end = strchr(line, '\n')) != NULL; line = end + 1) {
+        *end = '\0';
+        plain_make(line, '?');
+        fprintf(out, "%s\n", line);
+    }
+    plain_make(line, '?');
+    fputs(line, out);
+}
+
+void plain_print(FILE *out, const char *format, ...)
+{
+    char *text;
+    va_list args;
+    va_start(args, format);
+    int length = vasprintf(&text, format, args);
+    va_end(args);
+    if (length < 0) {
+        fputs("out of memory\n", out);
+        return;
+    }
+    print_lines(out, text);
+    free(text);
 }

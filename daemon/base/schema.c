@@ -102,9 +102,12 @@ const char *schema_text(schema *self, const schema_key *key, const yaml_node_t *
 {
     const char *text = scalar_text(value);
 
-    if (text && *text)
+    if (text && *text && (schema_is_open(self, value) || !plain_is_not(text)))
         return text;
-    schema_expected(self, key, value, expected);
+    if (text && *text)
+        schema_complain(self, value, "%s: a text has no control characters and is UTF-8", key->name);
+    else
+        schema_expected(self, key, value, expected);
     return NULL;
 }
 

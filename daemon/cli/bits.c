@@ -2,6 +2,7 @@
  *
  * bits.c - `canwire bits`: the wire bits of a frame, annotated by field.
  */
+#include "base/plain.h"
 #include "canwire.h"
 #include "cli/cli.h"
 #include "trace/frametext.h"
@@ -88,7 +89,7 @@ int cli_bits(int argc, char **argv)
         problem = "not a classical CAN frame";
     }
     if (problem != NULL) {
-        fprintf(stderr, "canwire bits: FRAME %s: %s\n", chosen.frame, problem);
+        plain_print(stderr, "canwire bits: FRAME %s: %s\n", chosen.frame, problem);
         return CLI_BAD_INPUT;
     }
     if (chosen.raw) {
@@ -129,7 +130,7 @@ static void print_help(void)
 
 static int refuse_usage(const char *message, const char *argument)
 {
-    fprintf(stderr, "canwire bits: %s%s\n", message, argument);
+    plain_print(stderr, "canwire bits: %s%s\n", message, argument);
     print_usage(stderr);
     return CLI_USAGE;
 }

@@ -4,6 +4,7 @@
  */
 #include "cli/cli.h"
 
+#include "base/plain.h"
 #include "config/files.h"
 #include "config/portname.h"
 #include "run/journal_check.h"
@@ -91,7 +92,7 @@ static bool check_replay(const cfg_node *node, const cfg_traffic *traffic)
     uint64_t frames;
     bool good = replay_check(traffic, &frames, note);
     if (!good) {
-        fprintf(stderr, "%s\n", note);
+        plain_print(stderr, "%s\n", note);
         return false;
     }
     printf("%s: %s: %" PRIu64 " frame%s to replay\n", node->name, traffic->file, frames,

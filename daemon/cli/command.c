@@ -4,6 +4,8 @@
  */
 #include "cli/command.h"
 
+#include "base/plain.h"
+
 #include <getopt.h>
 #include <stdio.h>
 
@@ -22,7 +24,7 @@ static void print_help(const command *c)
 
 static int refuse(const command *c)
 {
-    fprintf(stderr, "usage: %s\n", c->usage);
+    plain_print(stderr, "usage: %s\n", c->usage);
     return CLI_USAGE;
 }
 

@@ -29,11 +29,13 @@ int cli_faults(int argc, char **argv)
     json_t *reply = client_ask_once(argv[first], client_request("faults"));
     if (!reply)
         return CLI_BAD_INPUT;
-    const json_t *faults = json_object_get(reply, "faults");
-    if (json)
+    json_t *faults = json_object_get(reply, "faults");
+    if (json) {
         put_out(stdout, faults);
-    else
+    } else {
+        put_plain(faults);
         status_print_faults(stdout, faults);
+    }
     json_decref(reply);
     return CLI_OK;
 }

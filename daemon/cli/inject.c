@@ -4,6 +4,7 @@
  */
 #include "base/buffer.h"
 #include "base/jsonput.h"
+#include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 
@@ -49,7 +50,7 @@ static bool add_parameter(void *user, const char *argument)
     injection *in = user;
     const char *equals = strchr(argument, '=');
     if (!equals || equals == argument) {
-        fprintf(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
+        plain_print(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
         return false;
     }
     bool good = buffer_length(&in->with) > 0 || append(&in->with, "\nwith:\n", 7);
@@ -82,7 +83,7 @@ static bool read_file(injection *in, const char *file)
     FILE *stream = standard ? stdin : fopen(file, "re");
     bool good = stream && read_all(&in->text, stream);
     if (!good)
-        fprintf(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
+        plain_print(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
     if (stream && !standard)
         (void)fclose(stream);
     return good;
@@ -120,7 +121,7 @@ static int send_text(const char *bus, const injection *in)
         puts(json_string_value(json_array_get(rules, i)));
     const json_t *warnings = json_object_get(reply, "warnings");
     for (size_t i = 0; i < json_array_size(warnings); i++)
-        fprintf(stderr, "%s\n", json_string_value(json_array_get(warnings, i)));
+        plain_print(stderr, "%s\n", json_string_value(json_array_get(warnings, i)));
     int status = reply ? CLI_OK : CLI_BAD_INPUT;
     json_decref(reply);
     return status;

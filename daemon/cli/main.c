@@ -4,6 +4,7 @@
  */
 #include "base/jsonput.h"
 #include "base/nearest.h"
+#include "base/plain.h"
 #include "cli/cli.h"
 
 #include <stdio.h>
@@ -92,9 +93,9 @@ static int refuse_command(const char *name)
     for (size_t i = 0; i < COMMAND_COUNT; i++) {
         nearest_consider(&guess, commands[i].name);
     }
-    fprintf(stderr, "canwire: unknown command '%s'", name);
+    plain_print(stderr, "canwire: unknown command '%s'", name);
     if (guess.best != NULL) {
-        fprintf(stderr, ", did you mean '%s'?\n", guess.best);
+        plain_print(stderr, ", did you mean '%s'?\n", guess.best);
     } else {
         fputs(", see canwire --help\n", stderr);
     }

@@ -5,6 +5,7 @@
 #include "cli/outfile.h"
 
 #include "base/filelock.h"
+#include "base/plain.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -19,7 +20,7 @@
 
 static bool complain(const outfile *self, const char *why, const char *program)
 {
-    fprintf(stderr, "%s: %s: %s\n", program, self->name, why);
+    plain_print(stderr, "%s: %s: %s\n", program, self->name, why);
     return false;
 }
 

@@ -6,6 +6,7 @@
  * is written here.
  */
 #include "base/jsonput.h"
+#include "base/plain.h"
 #include "base/thread.h"
 #include "cli/client.h"
 #include "cli/command.h"
@@ -49,7 +50,7 @@ static bool take_format(void *user, const char *text)
     recording *r = user;
     r->has_format = cfg_record_format_of_name(&r->what.format, text);
     if (!r->has_format)
-        fprintf(stderr, "canwire record: --format %s: expected candump or pcapng\n", text);
+        plain_print(stderr, "canwire record: --format %s: expected candump or pcapng\n", text);
     return r->has_format;
 }
 
@@ -58,7 +59,7 @@ static bool take_size(void *user, const char *text)
     recording *r = user;
     const char *wrong = cfg_record_parse_size(&r->what.size, text);
     if (wrong)
-        fprintf(stderr, "canwire record: --size %s: %s\n", text, wrong);
+        plain_print(stderr, "canwire record: --size %s: %s\n", text, wrong);
     return !wrong;
 }
 
@@ -68,7 +69,7 @@ static bool take_files(void *user, const char *text)
     uint64_t number = 0;
     bool good = !text_parse_uint(&number, text) && number >= 1 && number <= SPOOL_FILES_MAX;
     if (!good)
-        fprintf(stderr, "canwire record: --files %s: expected a number from 1 to %u\n", text,
+        plain_print(stderr, "canwire record: --files %s: expected a number from 1 to %u\n", text,
                 SPOOL_FILES_MAX);
     r->what.files = (uint32_t)number;
     return good;
@@ -78,12 +79,12 @@ static bool take_files(void *user, const char *text)
 static int settle_format(recording *r)
 {
     if (strcmp(r->what.file, "-") == 0) {
-        fprintf(stderr, "canwire record: -: a file is needed, which can be rotated; canwire watch "
+        plain_print(stderr, "canwire record: -: a file is needed, which can be rotated; canwire watch "
                         "writes events to standard output\n");
         return CLI_USAGE;
     }
     if (!r->has_format && !cfg_record_format_of_file(&r->what.format, r->what.file)) {
-        fprintf(stderr,
+        plain_print(stderr,
                 "canwire record: %s: the name ends in none of .log, .candump and .pcapng: --format "
                 "is needed\n",
                 r->what.file);
@@ -91,7 +92,7 @@ static int settle_format(recording *r)
     }
     if (r->what.format != CFG_RECORD_VCD)
         return -1;
-    fprintf(stderr, "canwire record: VCD needs every bit, which the control socket does not carry: "
+    plain_print(stderr, "canwire record: VCD needs every bit, which the control socket does not carry: "
                     "use 'record' in the configuration, or canwire sim --vcd\n");
     return CLI_BAD_INPUT;
 }
@@ -132,7 +133,7 @@ static bool take_nodes(recording *r, const json_t *status)
         good = r->config.nodes[i].name != NULL;
     }
     if (!good)
-        fprintf(stderr, "canwire record: the status of bus %s cannot be taken\n", r->bus.bus);
+        plain_print(stderr, "canwire record: the status of bus %s cannot be taken\n", r->bus.bus);
     return good;
 }
 
@@ -168,7 +169,7 @@ static bool begin_watch(recording *r)
 static void take_lost(recording *r, json_int_t count)
 {
     r->lost += count > 0 ? (uint64_t)count : 0;
-    fprintf(stderr, "canwire record: %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n",
+    plain_print(stderr, "canwire record: %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n",
             count);
 }
 
@@ -235,13 +236,13 @@ static int finish(recording *r)
     int error = recorder_error(r->recorder);
     recorder_get_stats(r->recorder, &stats);
     (void)recorder_close(r->recorder, PATIENCE_S);
-    fprintf(stderr, "canwire record: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->what.file,
+    plain_print(stderr, "canwire record: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->what.file,
             stats.entries, stats.bytes);
     if (r->lost + stats.lost > 0)
-        fprintf(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
+        plain_print(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
     fputc('\n', stderr);
     if (error != 0)
-        fprintf(stderr, "canwire record: %s: stopped: %s\n", r->what.file, spool_explain(error));
+        plain_print(stderr, "canwire record: %s: stopped: %s\n", r->what.file, spool_explain(error));
     return error != 0 ? CLI_BAD_INPUT : CLI_OK;
 }
 
@@ -253,11 +254,11 @@ static int run(recording *r)
         return CLI_BAD_INPUT;
     r->recorder = recorder_start(&r->what, &r->config, NULL, NULL, NULL, &error);
     if (!r->recorder) {
-        fprintf(stderr, "canwire record: %s: %s\n", r->what.file, spool_explain(error));
+        plain_print(stderr, "canwire record: %s: %s\n", r->what.file, spool_explain(error));
         return CLI_BAD_INPUT;
     }
     catch_signals(r);
-    fprintf(stderr, "canwire record: writing %s\n", r->what.file);
+    plain_print(stderr, "canwire record: writing %s\n", r->what.file);
     while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus)))
         take_line(r, line);
     bool good = interrupted || recorder_error(r->recorder) != 0 || client_tell_end(&r->bus);

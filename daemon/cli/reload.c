@@ -5,6 +5,7 @@
  * A service manager knows the file and the process of a bus, and wants to hear of a refusal: that
  * is what --config and --pid are for.
  */
+#include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "config/config.h"
@@ -50,7 +51,7 @@ static bool take_pid(void *user, const char *text)
     errno = 0;
     long pid = strtol(text, &end, 10);
     if (errno != 0 || *end != '\0' || end == text || pid < 1 || pid > INT_MAX) {
-        fprintf(stderr, "canwire reload: --pid %s: expected the number of a process\n", text);
+        plain_print(stderr, "canwire reload: --pid %s: expected the number of a process\n", text);
         return false;
     }
     t->pid = (pid_t)pid;
@@ -68,7 +69,7 @@ static bool is_process(const client *c, pid_t pid)
         return true;
     if (getsockopt(c->fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 && peer.pid == pid)
         return true;
-    fprintf(stderr, "canwire: bus %s: that is process %ld, not %ld\n", c->bus, (long)peer.pid,
+    plain_print(stderr, "canwire: bus %s: that is process %ld, not %ld\n", c->bus, (long)peer.pid,
             (long)pid);
     return false;
 }
@@ -111,13 +112,13 @@ static void tell_service_manager(void)
 static int hang_up(const target *t)
 {
     if (t->pid == 0) {
-        fprintf(stderr, "canwire reload: %s has no control socket: --pid is needed\n", t->file);
+        plain_print(stderr, "canwire reload: %s has no control socket: --pid is needed\n", t->file);
         return CLI_BAD_INPUT;
     }
     tell_service_manager();
     if (kill(t->pid, SIGHUP) == 0)
         return CLI_OK;
-    fprintf(stderr, "canwire reload: process %ld: %s\n", (long)t->pid, strerror(errno));
+    plain_print(stderr, "canwire reload: process %ld: %s\n", (long)t->pid, strerror(errno));
     return CLI_BAD_INPUT;
 }
 
@@ -149,7 +150,7 @@ int cli_reload(int argc, char **argv)
         return status;
     bool named = first < argc;
     if (named == (t.file != NULL) || (named && t.pid != 0)) {
-        fprintf(stderr, "usage: %s\n", usage);
+        plain_print(stderr, "usage: %s\n", usage);
         return CLI_USAGE;
     }
     return named ? ask(argv[first], 0) : reload_by_file(&t);

@@ -3,6 +3,7 @@
  * set.c - canwire set: changes settings of a node while the bus runs.
  */
 #include "base/jsonput.h"
+#include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 
@@ -28,7 +29,7 @@ static bool put_setting(json_t *settings, char *word)
 {
     char *equals = strchr(word, '=');
     if (!equals || equals == word) {
-        fprintf(stderr, "canwire set: %s: expected KEY=VALUE\n", word);
+        plain_print(stderr, "canwire set: %s: expected KEY=VALUE\n", word);
         return false;
     }
     *equals = '\0';

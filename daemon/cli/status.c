@@ -3,6 +3,7 @@
  * status.c - canwire status: a bus and its nodes, or all buses.
  */
 #include "base/jsonput.h"
+#include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "serve/status.h"
@@ -29,6 +30,12 @@ static json_t *ask(const char *bus)
     return status;
 }
 
+static void show(json_t *status)
+{
+    put_plain(status);
+    status_print(stdout, status);
+}
+
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
@@ -37,7 +44,7 @@ static int show_one(const char *bus, bool json)
     if (json)
         put_out(stdout, status);
     else
-        status_print(stdout, status);
+        show(status);
     json_decref(status);
     return CLI_OK;
 }
@@ -60,10 +67,10 @@ static void print_all(const json_t *list)
     for (size_t i = 0; i < json_array_size(list); i++) {
         if (i > 0)
             putchar('\n');
-        status_print(stdout, json_array_get(list, i));
+        show(json_array_get(list, i));
     }
     if (json_array_size(list) == 0)
-        fprintf(stderr, "canwire: no bus in %s\n", client_folder());
+        plain_print(stderr, "canwire: no bus in %s\n", client_folder());
 }
 
 static int show_all(bool json)

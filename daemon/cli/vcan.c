@@ -7,6 +7,7 @@
  */
 #include "cli/cli.h"
 
+#include "base/plain.h"
 #include "config/config.h"
 #include "config/portname.h"
 #include "port/links.h"
@@ -90,7 +91,7 @@ int cli_vcan(int argc, char **argv)
 /* Begins a message, and ends it with what the kernel or the system says. */
 static bool complain(const char *what, const char *why)
 {
-    fprintf(stderr, "canwire vcan: %s: %s\n", what, why);
+    plain_print(stderr, "canwire vcan: %s: %s\n", what, why);
     return false;
 }
 
@@ -108,7 +109,7 @@ static const char *remedy(int number)
 
 static bool complain_link(const plan *p, const char *verb, const char *name, int number)
 {
-    fprintf(stderr, "canwire vcan: cannot %s %s: %s%s\n", verb, name, links_error(p->links),
+    plain_print(stderr, "canwire vcan: cannot %s %s: %s%s\n", verb, name, links_error(p->links),
             remedy(number));
     return false;
 }
@@ -180,7 +181,7 @@ static void warn_of_fd(const cfg_node *node, const link_info *info)
 {
     if (info->mtu <= LINKS_MTU)
         return;
-    fprintf(stderr,
+    plain_print(stderr,
             "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
             "and get lost, since the bus is classical CAN (ip link set %s down; "
             "ip link set %s mtu %d up)\n",
@@ -213,7 +214,7 @@ static bool plan_port(plan *p, size_t i)
         return true;
     int fd = open_netns(node);
     if (fd < 0) {
-        fprintf(stderr, "canwire vcan: network namespace %s: %s%s\n", node->netns, strerror(errno),
+        plain_print(stderr, "canwire vcan: network namespace %s: %s%s\n", node->netns, strerror(errno),
                 errno == ENOENT ? " (make it: ip netns add NAME)" : "");
         return false;
     }

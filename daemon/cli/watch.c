@@ -3,6 +3,7 @@
  * watch.c - canwire watch: what happens on a bus, while it happens.
  */
 #include "base/jsonput.h"
+#include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 
@@ -70,7 +71,7 @@ static void print_line(const char *line)
     else if (json_is_object(event))
         print_event(event);
     else
-        fprintf(stderr, "canwire watch: an event is left out: %s\n",
+        plain_print(stderr, "canwire watch: an event is left out: %s\n",
                 event ? "no object" : error.text);
     json_decref(event);
 }

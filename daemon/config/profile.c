@@ -420,13 +420,11 @@ static const char *take_parameter(schema *self, const yaml_node_t *at, const par
     guess.word = schema_print(self, "%.*s", (int)length, name);
     if (!guess.word)
         return NULL;
-    for (size_t i = 0; i < known->count; i++) {
-        const parameter *candidate = &known->list[i];
-
-        nearest_consider(&guess, candidate->name);
-        if (strcmp(candidate->name, guess.word) == 0)
-            return candidate->value ? candidate->value : open_text;
-    }
+    for (size_t i = 0; i < known->count; i++)
+        if (strcmp(known->list[i].name, guess.word) == 0)
+            return known->list[i].value ? known->list[i].value : open_text;
+    for (size_t i = 0; i < known->count; i++)
+        nearest_consider(&guess, known->list[i].name);
     schema_complain(self, at, "there is no parameter '%.40s'%s", guess.word,
                     schema_suggestion(self, &guess));
     return NULL;
@@ -438,6 +436,7 @@ static char *expand(schema *self, bool *open, const yaml_node_t *at, const param
 {
     char *out = schema_alloc(self, 1, EXPANDED_MAX + 1);
     size_t length = 0;
+    unsigned pieces = 0; /* those that are empty make no text longer, but work */
 
     while (out && *text) {
         size_t plain = strcspn(text, "$");
@@ -455,7 +454,7 @@ static char *expand(schema *self, bool *open, const yaml_node_t *at, const param
             plain = strlen(piece);
             *open = *open || *piece == SCHEMA_OPEN;
         }
-        if (plain > EXPANDED_MAX - length) {
+        if (plain > EXPANDED_MAX - length || ++pieces > EXPANDED_MAX) {
             schema_complain(self, at, "a text with parameters has at most %u bytes", EXPANDED_MAX);
             return NULL;
         }

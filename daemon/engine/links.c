@@ -239,16 +239,24 @@ static bool open_port(engine *e, unsigned node)
     return e->now.ports[node] != NULL;
 }
 
+/* Of several canwired that are started at once, one gets the first port and so all others: who has
+ * been refused takes no more, and names what is missing. */
+static bool open_or_name_port(engine *e, unsigned node, bool good)
+{
+    const cfg_node *config = &e->config->nodes[node];
+    e->links.state[node] = REPORT_LINK_UP;
+    if (good || !port_exists(config->port))
+        return open_port(e, node) && good;
+    return false;
+}
+
 /* All are taken for up until the first list of interfaces says what is. */
 bool engine_open_ports(engine *e)
 {
     bool good = true;
-    for (unsigned i = 0; i < e->config->node_count; i++) {
-        if (!e->config->nodes[i].port)
-            continue;
-        e->links.state[i] = REPORT_LINK_UP;
-        good = open_port(e, i) && good; /* go on, to name all that are missing */
-    }
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        if (e->config->nodes[i].port)
+            good = open_or_name_port(e, i, good);
     engine_count_loopless(e);
     return good;
 }

@@ -30,6 +30,7 @@
 typedef struct found {
     unsigned number; /* 0: FILE itself */
     bool empty;
+    bool begun; /* it begins as a journal does */
     bool ended;
     bool timed; /* there is a line with a time */
     uint64_t tick;
@@ -78,6 +79,7 @@ static void read_head(found *f, int fd)
     ssize_t count = pread(fd, head, sizeof head, 0);
     const char *end = count > 0 ? memchr(head, '\n', (size_t)count) : NULL;
     json_t *line = end ? parse_line(head, (size_t)(end - head)) : NULL;
+    f->begun = json_object_get(line, "canwire-journal");
     copy_word(f->bus, json_object_get(line, "bus"));
     copy_word(f->started, json_object_get(line, "started"));
     json_decref(line);
@@ -139,6 +141,12 @@ static int read_one(found *f, int directory, const char *name)
     return error;
 }
 
+/* What has neither a beginning nor a line of one is somebody else's: it never goes. */
+static bool is_journal(const found *f)
+{
+    return f->empty || f->begun || f->timed;
+}
+
 /* ---- The row --------------------------------------------------------------------------------- */
 
 /* Returns 0 or an errno: EINVAL: something is no regular file. */
@@ -178,6 +186,11 @@ static void tell_without_end(const row *r)
     for (size_t i = 0; i < r->count; i++) {
         if (r->all[i].ended || r->all[i].empty)
             continue;
+        if (!is_journal(&r->all[i])) {
+            print_name(text, r->file, r->all[i].number);
+            log_warning("%s is no journal: it is kept", text);
+            continue;
+        }
         describe(text, r, &r->all[i]);
         log_warning("%s has no end: that canwired did not stop by itself%s", text,
                     r->all[i].number == 0 ? ", or its disk was full" : "");
@@ -190,6 +203,8 @@ static size_t choose(const row *r)
     size_t first = 0; /* the oldest without end */
     size_t second = 0;
     for (size_t i = r->count; i-- > 1;) {
+        if (!is_journal(&r->all[i]))
+            continue;
         if (r->all[i].ended || r->all[i].empty)
             return i;
         if (first == 0)
@@ -216,13 +231,21 @@ static int remove_one(row *r, size_t which)
     return 0;
 }
 
+static size_t count_journals(const row *r)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < r->count; i++)
+        count += is_journal(&r->all[i]);
+    return count;
+}
+
 static int remove_some(row *r, unsigned files)
 {
     int error = 0;
     size_t which;
     if (r->count > 0 && r->all[0].number == 0 && r->all[0].empty)
         error = remove_one(r, 0);
-    while (error == 0 && r->count >= files && (which = choose(r)) > 0)
+    while (error == 0 && count_journals(r) >= files && (which = choose(r)) > 0)
         error = remove_one(r, which);
     return error;
 }

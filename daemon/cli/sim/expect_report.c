@@ -4,6 +4,7 @@
  */
 #include "cli/sim/expect_report.h"
 
+#include "base/plain.h"
 #include "canwire.h"
 
 #include <inttypes.h>
@@ -50,7 +51,7 @@ void expect_report_text(FILE *out, const expect_report *report)
     for (size_t i = 0; i < report->count; i++) {
         const expect_outcome *o = &report->outcomes[i];
         bool named = strcmp(o->name, o->wanted) != 0;
-        fprintf(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
+        plain_print(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
                 named ? o->name : "", named ? ": " : "", o->wanted, o->got);
     }
     fprintf(out, "%zu expectation%s, %zu met, %zu failed\n", report->count,

@@ -4,6 +4,7 @@
  */
 #include "cli/cli.h"
 
+#include "base/plain.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"
 #include "cli/sim/sim_run.h"
@@ -116,7 +117,7 @@ static bool set_until(sim *s, const time_option *o)
         const cfg_time beyond = {.ns = 1};
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
     } else if (endless && !s->awaited.text) {
-        fprintf(stderr,
+        plain_print(stderr,
                 "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
                 "--until-event EVENT\n",
                 s->config->file, endless->place.line, endless->place.column);
@@ -148,7 +149,7 @@ static bool make_bus(sim *s, const sim_options *o)
         s->config->seed = o->seed;
     if (sim_open(&s->run, s->config, false))
         return true;
-    fprintf(stderr, "canwire sim: out of memory\n");
+    plain_print(stderr, "canwire sim: out of memory\n");
     return false;
 }
 
@@ -333,7 +334,7 @@ static const char *shared_output(const sim_options *o)
 /* Says what is wrong; returns the exit status. */
 static int refuse(const char *what, const char *why)
 {
-    fprintf(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
+    plain_print(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
     return CLI_USAGE;
 }
 
@@ -342,7 +343,7 @@ static bool take_time(time_option *out, const char *option, const char *text)
     const char *wrong = text_parse_time(&out->time, text);
     out->text = text;
     if (wrong)
-        fprintf(stderr, "canwire sim: %s %s: %s\n", option, text, wrong);
+        plain_print(stderr, "canwire sim: %s %s: %s\n", option, text, wrong);
     return !wrong;
 }
 
@@ -351,7 +352,7 @@ static bool take_seed(sim_options *o, const char *text)
     o->has_seed = true;
     if (!text_parse_uint(&o->seed, text))
         return true;
-    fprintf(stderr, "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n",
+    plain_print(stderr, "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n",
             text, UINT64_MAX);
     return false;
 }

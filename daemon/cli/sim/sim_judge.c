@@ -4,9 +4,11 @@
  */
 #include "cli/sim/sim_judge.h"
 
+#include "base/plain.h"
+
 static bool fail(void)
 {
-    fprintf(stderr, "canwire sim: out of memory\n");
+    plain_print(stderr, "canwire sim: out of memory\n");
     return false;
 }
 

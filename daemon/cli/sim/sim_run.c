@@ -4,6 +4,8 @@
  */
 #include "cli/sim/sim_run.h"
 
+#include "base/plain.h"
+
 #include <assert.h>
 #include <stdlib.h>
 
@@ -23,7 +25,7 @@ static void tell(void *user, bool failed, const char *text)
     if (s->quiet)
         return;
     sim_progress_wipe(&s->progress);
-    fprintf(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
+    plain_print(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
 }
 
 bool sim_open(sim_run *s, const cfg *config, bool quiet)
@@ -359,7 +361,7 @@ bool sim_go(sim_run *s)
         run_out(s);
     sim_end(s);
     if (!goes_on && !s->quiet)
-        fprintf(stderr,
+        plain_print(stderr,
                 "canwire sim: ended before the last release, after %u s of bus time without a "
                 "frame (--until TIME waits longer)\n", QUIET_LIMIT_S);
     return !release_failed(s->plan);

@@ -4,6 +4,7 @@
  */
 #include "cli/sim/sim_trace.h"
 
+#include "base/plain.h"
 #include "record/bitpart.h"
 
 #include <assert.h>
@@ -19,10 +20,10 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
     if (self->from < self->to)
         return true;
     if (to->text)
-        fprintf(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program,
+        plain_print(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program,
                 to->text, from->text ? from->text : "0");
     else
-        fprintf(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
+        plain_print(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
     return false;
 }
 
@@ -85,7 +86,7 @@ static void take_bit(void *user, const cw_bus *bus)
 static bool fits_picture(uint64_t bits, const char *program)
 {
     if (bits > SVG_BITS_MAX)
-        fprintf(stderr,
+        plain_print(stderr,
                 "%s: --svg: a picture has at most %d bits, these are %" PRIu64
                 ": choose others by --from and --to\n",
                 program, SVG_BITS_MAX, bits);
@@ -107,7 +108,7 @@ static bool is_possible(const sim_trace *self, uint64_t end, uint32_t bit_ticks,
                         const char *program)
 {
     if (end != CW_NEVER && self->from > end && self->from - end >= bit_ticks) {
-        fprintf(stderr, "%s: --from: the run ends before\n", program);
+        plain_print(stderr, "%s: --from: the run ends before\n", program);
         return false;
     }
     return !self->svg_out->stream || fits_picture(known_bits(self, end, bit_ticks), program);
@@ -145,7 +146,7 @@ static bool draw(const sim_trace *self, const char *program)
         return false;
     bool good = svg_write(outfile_begin(self->svg_out), self->svg, self->to);
     if (!good)
-        fprintf(stderr, "%s: out of memory\n", program);
+        plain_print(stderr, "%s: out of memory\n", program);
     return good;
 }
 
@@ -157,9 +158,9 @@ bool sim_trace_finish(sim_trace *self, const char *program)
     self->vcd = NULL;
     bool empty = !self->begun || (self->svg && svg_count(self->svg) == 0);
     if (self->no_memory)
-        fprintf(stderr, "%s: out of memory\n", program);
+        plain_print(stderr, "%s: out of memory\n", program);
     else if (empty)
-        fprintf(stderr, "%s: --from: the run ends before\n", program);
+        plain_print(stderr, "%s: --from: the run ends before\n", program);
     return !self->no_memory && !empty && (!self->svg || draw(self, program));
 }
 
@@ -170,7 +171,7 @@ void sim_trace_leave(sim_trace *self, const char *program)
         return;
     text_print_seconds(time, cw_bus_now(self->run->bus));
     if (cw_bus_now(self->run->bus) < self->to)
-        fprintf(stderr,
+        plain_print(stderr,
                 "%s: the bus goes over to other nodes at %s s: --vcd and --svg end there\n",
                 program, time);
     self->good = sim_trace_finish(self, program);

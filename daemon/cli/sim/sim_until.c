@@ -4,6 +4,7 @@
  */
 #include "cli/sim/sim_until.h"
 
+#include "base/plain.h"
 #include "trace/frametext.h"
 
 #include <string.h>
@@ -25,7 +26,7 @@ static const char expected[] =
 static bool fail(const sim_until *u, const char *problem)
 {
     if (!u->run->quiet)
-        fprintf(stderr, "canwire sim: --until-event %s: %s\n", u->text, problem);
+        plain_print(stderr, "canwire sim: --until-event %s: %s\n", u->text, problem);
     return false;
 }
 
@@ -72,12 +73,12 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     const char *before = ": there is ";
     if (u->run->quiet)
         return false;
-    fprintf(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
+    plain_print(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
             (int)length, word);
     for (size_t i = 0; i < count; i++) {
         const char *name = nodes ? config->nodes[i].name : config->rules[i].name;
         if (name)
-            fprintf(stderr, "%s%s", before, name);
+            plain_print(stderr, "%s%s", before, name);
         if (name)
             before = ", ";
     }
@@ -90,7 +91,7 @@ static bool fail_word(const sim_until *u, const char *word, size_t length)
     if (same(word, length, "record"))
         return fail(u, "recordings are canwired's, canwire sim has no such events");
     if (!u->run->quiet)
-        fprintf(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
+        plain_print(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
                 (int)length, word, expected);
     return false;
 }
@@ -107,7 +108,7 @@ static bool find_rule(sim_until *u, const char *name)
 static bool fail_behind(const sim_until *u, const char *which)
 {
     if (!u->run->quiet)
-        fprintf(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
+        plain_print(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
                 expected);
     return false;
 }
@@ -176,7 +177,7 @@ static void warn(sim_until *u)
 {
     u->warns = false;
     sim_progress_wipe(&u->run->progress);
-    fprintf(stderr,
+    plain_print(stderr,
             "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
             "without `count`, so that without the event only --until TIME ends the run\n",
             u->text, WARN_S);
@@ -225,5 +226,5 @@ void sim_until_warn(sim_until *u)
 void sim_until_finish(const sim_until *u)
 {
     if (u->text && !u->happened)
-        fprintf(stderr, "canwire sim: --until-event %s: it did not happen\n", u->text);
+        plain_print(stderr, "canwire sim: --until-event %s: it did not happen\n", u->text);
 }
