@@ -637,6 +637,7 @@ int main(int argc, char **argv)
 {
     options o;
     json_must_have_memory();
+    plain_options(argc, argv);
     int status = parse_options(&o, argc, argv);
     if (status >= 0)
         return status;

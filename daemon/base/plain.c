@@ -80,3 +80,17 @@ void plain_print(FILE *out, const char *format, ...)
     print_lines(out, text);
     free(text);
 }
+
+void plain_options(int argc, char **argv)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++) {
+        char *value = strchr(argv[i], '=');
+        if (strncmp(argv[i], "--", 2) != 0)
+            continue;
+        if (value)
+            *value = '\0';
+        plain_make(argv[i], '?');
+        if (value)
+            *value = '=';
+    }
+}

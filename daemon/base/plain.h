@@ -15,6 +15,10 @@ void plain_make(char *text, char instead);
 /* Whether a text has one of these, other than tabs and ends of lines. */
 bool plain_is_not(const char *text);
 
+/* The names of options among the words of a command line: getopt() prints unknown ones as they are.
+ * What follows a '=' stays. */
+void plain_options(int argc, char **argv);
+
 /* As fprintf(), with '?' for each of these but for ends of lines. */
 void plain_print(FILE *out, const char *format, ...) __attribute__((format(printf, 2, 3)));
 

@@ -46,6 +46,7 @@ static int finish(int status);
 int main(int argc, char **argv)
 {
     json_must_have_memory();
+    plain_options(argc, argv);
     return finish(run_tool(argc, argv));
 }
 

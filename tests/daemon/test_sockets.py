@@ -150,6 +150,16 @@ def test_what_a_killed_one_leaves_is_no_hindrance(kind, start, tmp_path):
     assert sockets_and_locks(tmp_path) == []
 
 
+def test_of_four_that_start_at_once_one_gets_all_ports(start, tmp_path):
+    text = PORT.format(path="a.sock").replace("name: dash", 'name: dash, port: "unix:b.sock"')
+    for _ in range(ROUNDS):
+        all_four = [start(text) for _ in range(4)]
+        up = [(process, log) for process, log in all_four if settle(process, log)]
+        assert len(up) == 1
+        stop_canwired(*up[0])
+        assert sockets_and_locks(tmp_path) == []
+
+
 def test_the_same_path_by_another_name_is_in_use(start, tmp_path):
     (tmp_path / "other").symlink_to(".")
     process, log = start(CONTROL.format(path="a.sock"))

@@ -314,3 +314,27 @@ def test_no_bus_at_all(tmp_path):
     result = subprocess.run([CANWIRE, "status"], env=os.environ | {"CANWIRE_RUN": str(tmp_path)},
                             capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     assert (result.returncode, result.stderr) == (0, f"canwire: no bus in {tmp_path}\n")
+
+
+CONTROLS = "\x1b[31m\x9b\x7f"  # what a terminal obeys
+
+
+@pytest.mark.parametrize("words", [
+    ["sim", "FILE", "--log", "/nowhere/" + CONTROLS], ["sim", "FILE", "--" + CONTROLS],
+    ["bits", "1" + CONTROLS], [CONTROLS], ["check", CONTROLS], ["status", "./" + CONTROLS]],
+    ids=["output", "option", "frame", "command", "file", "bus"])
+def test_no_message_has_control_characters(words, write):
+    path = str(write("bus: { bitrate: 500000 }\nnodes: [ { name: a } ]\n"))
+    result = subprocess.run([CANWIRE, *[path if w == "FILE" else w for w in words]],
+                            capture_output=True, timeout=TIMEOUT_S, check=False)
+    assert result.returncode != 0
+    text = result.stderr.decode()
+    assert text and not any(c in text for c in CONTROLS if not c.isprintable()), repr(text)
+
+
+@pytest.mark.parametrize("text", [
+    'expect: [ { name: "a\\x9Bb", frame: 123 } ]', 'record: [ { file: "r\\x9B.log" } ]',
+    'control: "c\\eb.sock"'])
+def test_no_text_of_a_configuration_has_control_characters(text, write):
+    path = write("bus: { bitrate: 500000 }\nnodes: [ { name: a } ]\n" + text + "\n")
+    assert "control characters" in canwire("check", path, status=1).stderr

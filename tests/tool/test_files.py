@@ -344,6 +344,8 @@ JOURNALS = {
     "a recording": ("a.log", ["file: a.log"], "record a.log"),
     "what a recording is rotated to": ("a.log.2", ["file: a.log"], "record a.log"),
     "rotated to a recording": ("day", ["file: day.1, format: candump"], "record day.1"),
+    "a number that it does not keep": ("day", ["file: day.700, format: candump"],
+                                       "record day.700"),
 }
 
 

@@ -5,7 +5,7 @@
 #include "journal_rig.h"
 #include "run/journal_keep.h"
 
-/* Letters: a journal of that name, small ones with their end; '-': none. */
+/* Letters: a journal of that name, small ones with their end; 'x': no journal; '-': none. */
 typedef struct keeping {
     unsigned files;
     const char *before; /* from FILE on */
@@ -17,7 +17,7 @@ static const keeping keepings[] = {
     {3, "abc-", "ab--"},  {3, "AbC-", "AC--"}, {3, "aBC-", "aC--"}, {3, "ABC-", "AC--"},
     {3, "ABCD", "A-D-"},  {2, "A---", "A---"}, {2, "AB--", "AB--"}, {2, "ABC-", "AC--"},
     {4, "aBc-", "aBc-"},  {4, "A-BC", "ABC-"}, {4, "-BC-", "BC--"}, {4, "abCD", "aCD-"},
-    {3, "----", "----"},
+    {3, "----", "----"},  {2, "xabA", "x-A-"}, {2, "A-x-", "Ax--"}, {2, "xxxx", "xxxx"},
 };
 
 static void the_first_without_end_and_the_newest_are_kept(void **state)
@@ -32,7 +32,9 @@ static void the_first_without_end_and_the_newest_are_kept(void **state)
                      "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%c\"}\n%s",
                      now->before[i],
                      now->before[i] >= 'a' ? END : "{\"at\":0,\"fire\":\"r\"}\n");
-            write_numbered(i, now->before[i] == '-' ? NULL : text);
+            write_numbered(i, now->before[i] == '-'   ? NULL
+                              : now->before[i] == 'x' ? "somebody else's\n"
+                                                      : text);
         }
         assert_int_equal(journal_make_room(path_of("journal"), now->files), 0);
         assert_int_equal(access(path_of("journal"), F_OK), -1);
@@ -42,7 +44,8 @@ static void the_first_without_end_and_the_newest_are_kept(void **state)
             if (access(path_of(name), F_OK) != 0)
                 continue;
             char *text = read_file(name);
-            after[i] = strstr(text, "\"bus\":\"")[7];
+            const char *bus = strstr(text, "\"bus\":\"");
+            after[i] = bus ? bus[7] : 'x';
             free(text);
         }
         if (strcmp(after, now->after) != 0)
