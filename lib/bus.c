@@ -469,7 +469,7 @@ static uint64_t bits_up_to_inbox(const cw_bus *bus)
 /* Bits that can be skipped now: no controller does anything new, nothing comes in. */
 static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
 {
-    if (bus->faults.awake_count && !cw_fault_is_steady(bus))
+    if (bus->faults.awake_count && !cw_fault_is_steady(bus, level))
         return 0;
     uint64_t bits = steady_bits(bus, level);
     if (bits == 0)
@@ -685,7 +685,8 @@ uint64_t cw_bus_next(const cw_bus *bus)
     bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
     if (unknown || (!bus->leap.active && is_orphaned(bus)))
         bits = cw_least(bits, LOOK_AGAIN_BITS);
-    if (bus->faults.awake_count)
+    const bool calm = bits == CW_QUIET_FOREVER && cw_fault_rests(bus);
+    if (bus->faults.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER
                                             : cw_after(bus->now, bits * bus->bit_ticks);

@@ -271,8 +271,11 @@ uint64_t cw_fault_stuck_lines(const cw_bus *bus);
 void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
 
 /* Whether rules that are looked at in every bit are no more than noise and traffic that go on and
- * on. */
-bool cw_fault_is_steady(const cw_bus *bus);
+ * on, and lines that are stuck at a level that the wire keeps. */
+bool cw_fault_is_steady(const cw_bus *bus, bool level);
+
+/* Whether they do nothing at all on a bus at rest, however long. */
+bool cw_fault_rests(const cw_bus *bus);
 
 /* Bits to come, no more than that many, that such noise leaves alone. */
 uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits);

@@ -62,15 +62,33 @@ static bool is_steady_noise(const cw_fault *f)
            f->bits_left == 0 && f->bound == 0;
 }
 
-bool cw_fault_is_steady(const cw_bus *bus)
+/* A line that is stuck recessive changes nothing while nobody drives the wire dominant. */
+static bool is_stuck_recessive(const cw_fault *f)
+{
+    return f->rule.action == CW_ACTION_STUCK && f->rule.level == CW_RECESSIVE && f->active &&
+           !f->for_attempt && !f->hit_now && f->bits_left == 0 && f->bound == 0;
+}
+
+bool cw_fault_is_steady(const cw_bus *bus, bool level)
 {
     const cw_fault_set *set = &bus->faults;
     for (unsigned i = 0; i < set->awake_count; i++) {
         const cw_fault *f = &set->faults[set->awake[i]];
         bool traffic = f->active && cw_is_steady_traffic(f->rule.action);
-        if (!traffic && !is_steady_noise(f)) /* one that is over falls asleep with a single bit */
+        bool stuck = level == CW_RECESSIVE && is_stuck_recessive(f);
+        /* one that is over falls asleep with a single bit */
+        if (!traffic && !stuck && !is_steady_noise(f))
             return false;
     }
+    return true;
+}
+
+bool cw_fault_rests(const cw_bus *bus)
+{
+    const cw_fault_set *set = &bus->faults;
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (!is_stuck_recessive(&set->faults[set->awake[i]]))
+            return false;
     return true;
 }
 
