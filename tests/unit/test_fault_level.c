@@ -375,9 +375,32 @@ static void a_stuck_rx_is_not_on_the_wire(void **state)
     rig_free(r);
 }
 
+/* On each line, for good: nothing is to come, and a long time costs no more than a short one. */
+static void what_is_stuck_recessive_costs_nothing_at_rest(void **state)
+{
+    static const cw_line lines[] = {CW_LINE_TX, CW_LINE_RX, CW_LINE_WIRE};
+    (void)state;
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        rig *r = rig_new(3);
+        cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
+        stuck->line = lines[i];
+        stuck->node = 1;
+        stuck->level = CW_RECESSIVE;
+        rig_start(r);
+        rig_run_bits(r, 100);
+        assert_int_equal(hits(r, 0), 1);
+        assert_true(cw_bus_next(r->bus) == CW_NEVER);
+        const uint64_t before = cw_bus_work(r->bus);
+        rig_run_bits(r, 1000000000);
+        assert_in_range(cw_bus_work(r->bus) - before, 0, 100);
+        rig_free(r);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(what_is_stuck_recessive_costs_nothing_at_rest),
         cmocka_unit_test(positions_of_a_base_frame),
         cmocka_unit_test(positions_of_an_extended_frame),
         cmocka_unit_test(positions_behind_the_crc),
