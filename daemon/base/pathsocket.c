@@ -59,6 +59,8 @@ static const char *explain(const pathsocket *s, int number)
         return "the path is too long for a socket";
     if (number == ELOOP || number == EINVAL)
         return "its lock, the path with .lock behind it, is no regular file";
+    if (number == ENXIO || number == EOPNOTSUPP)
+        return "this file system takes no sockets; /run does";
     if (number == ESTALE)
         return "somebody else has changed the directory meanwhile";
     return number == ENOENT ? "the directory does not exist" : strerror(number);

@@ -207,8 +207,8 @@ def test_dropping_can_be_asked_for_and_names_what_helps(rig):
     assert node["dropped"]["queue-full"] > 0 and node["interface"]["pushed_back"] == 0
     wait_until(lambda: "queue full" in r.log.read_text(), "the warning")
     line = next(l for l in r.stop().splitlines() if "queue full" in l)
-    assert re.search(r"node engine: \d+ dropped, queue full \(the last one 7E0\): give it room "
-                     r"\(queue: 4 in the configuration\), or its program writes in smaller bursts "
+    assert re.search(r"node engine: \d+ dropped, queue full \(the last one 7E0\): give it more "
+                     r"room than queue: 4, or its program writes in smaller bursts "
                      r"\(ISO-TP: STmin or a block size\), or waits \(when-full: wait\)(;|$)",
                      line), line
 
