@@ -18,6 +18,10 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#ifndef SO_PASSRIGHTS /* of Linux 6.16 */
+#define SO_PASSRIGHTS 83
+#endif
+
 #define GROUP "canwire"
 
 static bool is_socket(const folder *in)
@@ -126,12 +130,19 @@ static int open_path(pathsocket *s, int type, int backlog, const char *what)
     s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (s->fd < 0)
         return errno;
+    pathsocket_refuse_descriptors(s->fd);
     number = bind_path(s, type, what);
     if (number == 0)
         number = take_made(s, what);
     if (number != 0)
         return number;
     return listen(s->fd, backlog) == 0 ? 0 : errno;
+}
+
+void pathsocket_refuse_descriptors(int fd)
+{
+    const int off = 0;
+    (void)setsockopt(fd, SOL_SOCKET, SO_PASSRIGHTS, &off, sizeof off);
 }
 
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
@@ -193,6 +204,7 @@ bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
 {
     *s = (pathsocket)PATHSOCKET_NONE;
     s->fd = fd;
+    pathsocket_refuse_descriptors(fd);
     s->path = path_of(fd);
     if (!s->path)
         return refuse(error, strerror(errno));

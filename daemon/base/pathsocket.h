@@ -43,4 +43,9 @@ bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
 /* Closes it, and removes the path unless it is another's by now. */
 void pathsocket_close(pathsocket *s);
 
+/* Nobody can send descriptors along to this socket, or to one that comes of it. A descriptor whose
+ * last owner is this process is closed here, and that may take as long as its sender has chosen
+ * (SO_LINGER). Kernels before 6.16 cannot refuse them. */
+void pathsocket_refuse_descriptors(int fd);
+
 #endif

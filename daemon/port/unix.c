@@ -243,6 +243,7 @@ static const char *explain_unfit(int fd)
 port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX])
 {
     const char *unfit = explain_unfit(fd);
+    pathsocket_refuse_descriptors(fd);
     port *p = unfit ? NULL : make_port();
     if (p && fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && connect_ecu(p, fd))
         return p;

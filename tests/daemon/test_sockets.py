@@ -29,6 +29,7 @@ nodes: [ {{ name: engine, port: "unix:{path}" }}, {{ name: dash }} ]
 KINDS = {"control": CONTROL, "port": PORT}
 IN_USE = "in use; is another canwired running for this bus?"
 ROUNDS = 12
+SO_PASSRIGHTS = 83
 GROUP_ID = 54321
 
 
@@ -158,6 +159,23 @@ def test_of_four_that_start_at_once_one_gets_all_ports(start, tmp_path):
         assert len(up) == 1
         stop_canwired(*up[0])
         assert sockets_and_locks(tmp_path) == []
+
+
+@pytest.mark.parametrize("kind, socket_type", [("control", socket.SOCK_STREAM),
+                                               ("port", socket.SOCK_SEQPACKET)])
+def test_descriptors_that_are_sent_along_are_refused(kind, socket_type, start, tmp_path):
+    process, log = start(KINDS[kind].format(path="a.sock"))
+    assert settle(process, log)
+    with socket.socket(socket.AF_UNIX, socket_type) as client:
+        try:
+            client.setsockopt(socket.SOL_SOCKET, SO_PASSRIGHTS, 1)
+        except OSError:
+            stop_canwired(process, log)
+            pytest.skip("this kernel cannot refuse descriptors (Linux 6.16 can)")
+        client.connect(str(tmp_path / "a.sock"))
+        with pytest.raises(PermissionError):
+            socket.send_fds(client, [b"x"], [0])
+    stop_canwired(process, log)
 
 
 def test_the_same_path_by_another_name_is_in_use(start, tmp_path):
