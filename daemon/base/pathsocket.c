@@ -80,22 +80,31 @@ static void give_to_group(const pathsocket *s, int made, gid_t now, const char *
                     strerror(errno));
 }
 
+/* Remembered, so that it is removed at the end. False: it is not what bind() has made. */
+static bool remember_made(pathsocket *s, const struct stat *found)
+{
+    if (!S_ISSOCK(found->st_mode) || found->st_uid != geteuid() || found->st_nlink != 1)
+        return false;
+    s->made = true;
+    s->device = found->st_dev;
+    s->inode = found->st_ino;
+    return true;
+}
+
 /* What bind() has made is looked at, and given away, through a descriptor: where others may write
  * to the directory, the path can be anything a moment later. Returns 0 or an errno. */
 static int take_made(pathsocket *s, const char *what)
 {
     struct stat found;
     int made = openat(s->folder.fd, s->folder.name, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    int error = errno;
+    if (made < 0 && fstatat(s->folder.fd, s->folder.name, &found, AT_SYMLINK_NOFOLLOW) == 0)
+        return remember_made(s, &found) ? error : ESTALE;
     if (made < 0)
-        return errno == ENOENT || errno == ELOOP ? ESTALE : errno;
-    bool own = fstat(made, &found) == 0 && S_ISSOCK(found.st_mode) &&
-               found.st_uid == geteuid() && found.st_nlink == 1;
-    if (own) {
-        s->made = true;
-        s->device = found.st_dev;
-        s->inode = found.st_ino;
+        return ESTALE;
+    bool own = fstat(made, &found) == 0 && remember_made(s, &found);
+    if (own)
         give_to_group(s, made, found.st_gid, what);
-    }
     (void)close(made);
     return own ? 0 : ESTALE;
 }
