@@ -519,7 +519,7 @@ static bool read_journal_files(options *o, const char *text)
         return true;
     }
     plain_print(stderr, "canwired: --journal-files %s: expected a number from %u to %u\n", text,
-            JOURNAL_FILES_MIN, JOURNAL_FILES_MAX);
+                JOURNAL_FILES_MIN, JOURNAL_FILES_MAX);
     return false;
 }
 

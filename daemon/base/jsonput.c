@@ -4,8 +4,6 @@
  */
 #include "base/jsonput.h"
 
-#include "base/plain.h"
-
 #include <stdlib.h>
 #include <string.h>
 
@@ -88,27 +86,4 @@ json_t *text_to_json(const char *text, size_t length)
     value = json_stringn(ascii, length);
     free(ascii);
     return value;
-}
-
-static void make_string_plain(json_t *string)
-{
-    char *text = strdup(json_string_value(string));
-    if (!text)
-        return;
-    plain_make(text, '?');
-    (void)json_string_set(string, text);
-    free(text);
-}
-
-void put_plain(json_t *value)
-{
-    const char *key;
-    json_t *inner;
-    size_t i;
-    if (json_is_string(value))
-        make_string_plain(value);
-    json_object_foreach(value, key, inner)
-        put_plain(inner);
-    json_array_foreach(value, i, inner)
-        put_plain(inner);
 }

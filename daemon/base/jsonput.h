@@ -41,9 +41,6 @@ void put_text(json_t *object, const char *key, const char *text);
 /* As put_last(), with a text. */
 void put_text_last(json_t *array, const char *text);
 
-/* Makes all strings in it fit for a terminal (plain.h); keys stay as they are. */
-void put_plain(json_t *value);
-
 /* A string from any bytes; where they are no UTF-8, '?' stands for those that are not ASCII. */
 json_t *text_to_json(const char *text, size_t length);
 

@@ -54,16 +54,19 @@ bool plain_is_not(const char *text)
     return false;
 }
 
-static void print_lines(FILE *out, char *text)
+void plain_write(FILE *out, char *text)
 {
-    char *line = text;
-    for (char *end; (end = strchr(line, '\n')) != NULL; line = end + 1) {
-        *end = '\0';
-        plain_make(line, '?');
-        fprintf(out, "%s\n", line);
+    for (char *piece = text; *piece;) {
+        size_t length = strcspn(piece, "\t\n");
+        const char end = piece[length];
+        piece[length] = '\0';
+        plain_make(piece, '?');
+        fputs(piece, out);
+        if (!end)
+            return;
+        fputc(end, out);
+        piece += length + 1;
     }
-    plain_make(line, '?');
-    fputs(line, out);
 }
 
 void plain_print(FILE *out, const char *format, ...)
@@ -77,7 +80,7 @@ void plain_print(FILE *out, const char *format, ...)
         fputs("out of memory\n", out);
         return;
     }
-    print_lines(out, text);
+    plain_write(out, text);
     free(text);
 }
 

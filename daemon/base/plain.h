@@ -19,7 +19,10 @@ bool plain_is_not(const char *text);
  * What follows a '=' stays. */
 void plain_options(int argc, char **argv);
 
-/* As fprintf(), with '?' for each of these but for ends of lines. */
+/* Writes a text with '?' for each of these but for tabs and ends of lines; changes it. */
+void plain_write(FILE *out, char *text);
+
+/* As fprintf(), with the same. */
 void plain_print(FILE *out, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 #endif

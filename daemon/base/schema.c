@@ -105,7 +105,8 @@ const char *schema_text(schema *self, const schema_key *key, const yaml_node_t *
     if (text && *text && (schema_is_open(self, value) || !plain_is_not(text)))
         return text;
     if (text && *text)
-        schema_complain(self, value, "%s: a text has no control characters and is UTF-8", key->name);
+        schema_complain(self, value, "%s: a text has no control characters and is UTF-8",
+                        key->name);
     else
         schema_expected(self, key, value, expected);
     return NULL;

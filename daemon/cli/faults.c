@@ -29,13 +29,11 @@ int cli_faults(int argc, char **argv)
     json_t *reply = client_ask_once(argv[first], client_request("faults"));
     if (!reply)
         return CLI_BAD_INPUT;
-    json_t *faults = json_object_get(reply, "faults");
-    if (json) {
+    const json_t *faults = json_object_get(reply, "faults");
+    if (json)
         put_out(stdout, faults);
-    } else {
-        put_plain(faults);
+    else
         status_print_faults(stdout, faults);
-    }
     json_decref(reply);
     return CLI_OK;
 }

@@ -70,7 +70,7 @@ static bool take_files(void *user, const char *text)
     bool good = !text_parse_uint(&number, text) && number >= 1 && number <= SPOOL_FILES_MAX;
     if (!good)
         plain_print(stderr, "canwire record: --files %s: expected a number from 1 to %u\n", text,
-                SPOOL_FILES_MAX);
+                    SPOOL_FILES_MAX);
     r->what.files = (uint32_t)number;
     return good;
 }
@@ -79,21 +79,24 @@ static bool take_files(void *user, const char *text)
 static int settle_format(recording *r)
 {
     if (strcmp(r->what.file, "-") == 0) {
-        plain_print(stderr, "canwire record: -: a file is needed, which can be rotated; canwire watch "
-                        "writes events to standard output\n");
+        plain_print(stderr,
+                    "canwire record: -: a file is needed, which can be rotated; canwire watch "
+                    "writes events to standard output\n");
         return CLI_USAGE;
     }
     if (!r->has_format && !cfg_record_format_of_file(&r->what.format, r->what.file)) {
-        plain_print(stderr,
-                "canwire record: %s: the name ends in none of .log, .candump and .pcapng: --format "
-                "is needed\n",
-                r->what.file);
+        plain_print(
+            stderr,
+            "canwire record: %s: the name ends in none of .log, .candump and .pcapng: --format "
+            "is needed\n",
+            r->what.file);
         return CLI_USAGE;
     }
     if (r->what.format != CFG_RECORD_VCD)
         return -1;
-    plain_print(stderr, "canwire record: VCD needs every bit, which the control socket does not carry: "
-                    "use 'record' in the configuration, or canwire sim --vcd\n");
+    plain_print(stderr,
+                "canwire record: VCD needs every bit, which the control socket does not carry: "
+                "use 'record' in the configuration, or canwire sim --vcd\n");
     return CLI_BAD_INPUT;
 }
 
@@ -169,8 +172,9 @@ static bool begin_watch(recording *r)
 static void take_lost(recording *r, json_int_t count)
 {
     r->lost += count > 0 ? (uint64_t)count : 0;
-    plain_print(stderr, "canwire record: %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n",
-            count);
+    plain_print(stderr,
+                "canwire record: %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n",
+                count);
 }
 
 /* A reload may have changed the nodes. */
@@ -237,12 +241,13 @@ static int finish(recording *r)
     recorder_get_stats(r->recorder, &stats);
     (void)recorder_close(r->recorder, PATIENCE_S);
     plain_print(stderr, "canwire record: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->what.file,
-            stats.entries, stats.bytes);
+                stats.entries, stats.bytes);
     if (r->lost + stats.lost > 0)
         plain_print(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
     fputc('\n', stderr);
     if (error != 0)
-        plain_print(stderr, "canwire record: %s: stopped: %s\n", r->what.file, spool_explain(error));
+        plain_print(stderr, "canwire record: %s: stopped: %s\n", r->what.file,
+                    spool_explain(error));
     return error != 0 ? CLI_BAD_INPUT : CLI_OK;
 }
 

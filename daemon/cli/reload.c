@@ -70,7 +70,7 @@ static bool is_process(const client *c, pid_t pid)
     if (getsockopt(c->fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 && peer.pid == pid)
         return true;
     plain_print(stderr, "canwire: bus %s: that is process %ld, not %ld\n", c->bus, (long)peer.pid,
-            (long)pid);
+                (long)pid);
     return false;
 }
 

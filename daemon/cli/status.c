@@ -30,12 +30,6 @@ static json_t *ask(const char *bus)
     return status;
 }
 
-static void show(json_t *status)
-{
-    put_plain(status);
-    status_print(stdout, status);
-}
-
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
@@ -44,7 +38,7 @@ static int show_one(const char *bus, bool json)
     if (json)
         put_out(stdout, status);
     else
-        show(status);
+        status_print(stdout, status);
     json_decref(status);
     return CLI_OK;
 }
@@ -67,7 +61,7 @@ static void print_all(const json_t *list)
     for (size_t i = 0; i < json_array_size(list); i++) {
         if (i > 0)
             putchar('\n');
-        show(json_array_get(list, i));
+        status_print(stdout, json_array_get(list, i));
     }
     if (json_array_size(list) == 0)
         plain_print(stderr, "canwire: no bus in %s\n", client_folder());

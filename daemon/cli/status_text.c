@@ -4,6 +4,8 @@
  */
 #include "serve/status.h"
 
+#include "base/plain.h"
+
 #include <ctype.h>
 #include <inttypes.h>
 #include <string.h>
@@ -240,7 +242,22 @@ static void print_journal(FILE *out, const json_t *journal)
     fputc('\n', out);
 }
 
-void status_print(FILE *out, const json_t *status)
+/* What a bus says of itself may be anything. */
+static void print_plain(FILE *out, void (*print)(FILE *, const json_t *), const json_t *what)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *memory = open_memstream(&text, &size);
+    if (memory)
+        print(memory, what);
+    if (memory && fclose(memory) == 0)
+        plain_write(out, text);
+    else
+        fputs("out of memory\n", out);
+    free(text);
+}
+
+static void print_status(FILE *out, const json_t *status)
 {
     const json_t *journal = json_object_get(status, "journal");
     const json_t *recordings = json_object_get(status, "recordings");
@@ -264,7 +281,7 @@ static const char *fault_state(const json_t *fault)
     return json_is_true(json_object_get(fault, "manual")) ? "manual" : "waiting";
 }
 
-void status_print_faults(FILE *out, const json_t *faults)
+static void print_faults(FILE *out, const json_t *faults)
 {
     fprintf(out, "%-24s %-10s %-8s %8s %8s %8s %s\n", "RULE", "ACTION", "STATE", "MATCHES", "HITS",
             "MISSES", "FROM");
@@ -276,4 +293,14 @@ void status_print_faults(FILE *out, const json_t *faults)
                 number(fault, "hits"), number(fault, "misses"),
                 injected ? "injection" : "configuration");
     }
+}
+
+void status_print(FILE *out, const json_t *status)
+{
+    print_plain(out, print_status, status);
+}
+
+void status_print_faults(FILE *out, const json_t *faults)
+{
+    print_plain(out, print_faults, faults);
 }

@@ -110,7 +110,7 @@ static const char *remedy(int number)
 static bool complain_link(const plan *p, const char *verb, const char *name, int number)
 {
     plain_print(stderr, "canwire vcan: cannot %s %s: %s%s\n", verb, name, links_error(p->links),
-            remedy(number));
+                remedy(number));
     return false;
 }
 
@@ -181,11 +181,12 @@ static void warn_of_fd(const cfg_node *node, const link_info *info)
 {
     if (info->mtu <= LINKS_MTU)
         return;
-    plain_print(stderr,
-            "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
-            "and get lost, since the bus is classical CAN (ip link set %s down; "
-            "ip link set %s mtu %d up)\n",
-            node->port, (unsigned)info->mtu, node->port, node->port, (int)LINKS_MTU);
+    plain_print(
+        stderr,
+        "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
+        "and get lost, since the bus is classical CAN (ip link set %s down; "
+        "ip link set %s mtu %d up)\n",
+        node->port, (unsigned)info->mtu, node->port, node->port, (int)LINKS_MTU);
 }
 
 static int open_netns(const cfg_node *node)
@@ -214,8 +215,8 @@ static bool plan_port(plan *p, size_t i)
         return true;
     int fd = open_netns(node);
     if (fd < 0) {
-        plain_print(stderr, "canwire vcan: network namespace %s: %s%s\n", node->netns, strerror(errno),
-                errno == ENOENT ? " (make it: ip netns add NAME)" : "");
+        plain_print(stderr, "canwire vcan: network namespace %s: %s%s\n", node->netns,
+                    strerror(errno), errno == ENOENT ? " (make it: ip netns add NAME)" : "");
         return false;
     }
     (void)close(fd);

@@ -72,7 +72,7 @@ static void print_line(const char *line)
         print_event(event);
     else
         plain_print(stderr, "canwire watch: an event is left out: %s\n",
-                event ? "no object" : error.text);
+                    event ? "no object" : error.text);
     json_decref(event);
 }
 

@@ -314,7 +314,7 @@ static void the_text_has_a_line_for_each(void **state)
     expect_report report = make_report();
     char *text = written(expect_report_text, &report);
     assert_string_equal(text, "ok     a <b> & \"c\" \xC3\xA4: wanted x > 1, got 2\n"
-                              "FAILED wanted w<\xEF\xBF\xBF>, got g\x01&\n"
+                              "FAILED wanted w<\xEF\xBF\xBF>, got g?&\n"
                               "2 expectations, 1 met, 1 failed\n");
     free(text);
     expect_report_free(&report);

@@ -52,7 +52,7 @@ void expect_report_text(FILE *out, const expect_report *report)
         const expect_outcome *o = &report->outcomes[i];
         bool named = strcmp(o->name, o->wanted) != 0;
         plain_print(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
-                named ? o->name : "", named ? ": " : "", o->wanted, o->got);
+                    named ? o->name : "", named ? ": " : "", o->wanted, o->got);
     }
     fprintf(out, "%zu expectation%s, %zu met, %zu failed\n", report->count,
             report->count == 1 ? "" : "s", report->count - report->failed, report->failed);

@@ -118,9 +118,9 @@ static bool set_until(sim *s, const time_option *o)
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
     } else if (endless && !s->awaited.text) {
         plain_print(stderr,
-                "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
-                "--until-event EVENT\n",
-                s->config->file, endless->place.line, endless->place.column);
+                    "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
+                    "--until-event EVENT\n",
+                    s->config->file, endless->place.line, endless->place.column);
         return false;
     } else if (endless) {
         sim_until_warn(&s->awaited);
@@ -352,8 +352,9 @@ static bool take_seed(sim_options *o, const char *text)
     o->has_seed = true;
     if (!text_parse_uint(&o->seed, text))
         return true;
-    plain_print(stderr, "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n",
-            text, UINT64_MAX);
+    plain_print(stderr,
+                "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n", text,
+                UINT64_MAX);
     return false;
 }
 

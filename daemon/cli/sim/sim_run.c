@@ -362,7 +362,8 @@ bool sim_go(sim_run *s)
     sim_end(s);
     if (!goes_on && !s->quiet)
         plain_print(stderr,
-                "canwire sim: ended before the last release, after %u s of bus time without a "
-                "frame (--until TIME waits longer)\n", QUIET_LIMIT_S);
+                    "canwire sim: ended before the last release, after %u s of bus time without a "
+                    "frame (--until TIME waits longer)\n",
+                    QUIET_LIMIT_S);
     return !release_failed(s->plan);
 }

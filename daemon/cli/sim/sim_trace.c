@@ -21,7 +21,7 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
         return true;
     if (to->text)
         plain_print(stderr, "%s: --to %s: expected a time after that of --from, %s\n", program,
-                to->text, from->text ? from->text : "0");
+                    to->text, from->text ? from->text : "0");
     else
         plain_print(stderr, "%s: --from %s: that is too late for any run\n", program, from->text);
     return false;
@@ -87,9 +87,9 @@ static bool fits_picture(uint64_t bits, const char *program)
 {
     if (bits > SVG_BITS_MAX)
         plain_print(stderr,
-                "%s: --svg: a picture has at most %d bits, these are %" PRIu64
-                ": choose others by --from and --to\n",
-                program, SVG_BITS_MAX, bits);
+                    "%s: --svg: a picture has at most %d bits, these are %" PRIu64
+                    ": choose others by --from and --to\n",
+                    program, SVG_BITS_MAX, bits);
     return bits <= SVG_BITS_MAX;
 }
 
@@ -172,8 +172,8 @@ void sim_trace_leave(sim_trace *self, const char *program)
     text_print_seconds(time, cw_bus_now(self->run->bus));
     if (cw_bus_now(self->run->bus) < self->to)
         plain_print(stderr,
-                "%s: the bus goes over to other nodes at %s s: --vcd and --svg end there\n",
-                program, time);
+                    "%s: the bus goes over to other nodes at %s s: --vcd and --svg end there\n",
+                    program, time);
     self->good = sim_trace_finish(self, program);
     self->left = true;
 }

@@ -74,7 +74,7 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     if (u->run->quiet)
         return false;
     plain_print(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
-            (int)length, word);
+                (int)length, word);
     for (size_t i = 0; i < count; i++) {
         const char *name = nodes ? config->nodes[i].name : config->rules[i].name;
         if (name)
@@ -91,8 +91,8 @@ static bool fail_word(const sim_until *u, const char *word, size_t length)
     if (same(word, length, "record"))
         return fail(u, "recordings are canwired's, canwire sim has no such events");
     if (!u->run->quiet)
-        plain_print(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n", u->text,
-                (int)length, word, expected);
+        plain_print(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n",
+                    u->text, (int)length, word, expected);
     return false;
 }
 
@@ -108,8 +108,8 @@ static bool find_rule(sim_until *u, const char *name)
 static bool fail_behind(const sim_until *u, const char *which)
 {
     if (!u->run->quiet)
-        plain_print(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text, which,
-                expected);
+        plain_print(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text,
+                    which, expected);
     return false;
 }
 
@@ -178,9 +178,9 @@ static void warn(sim_until *u)
     u->warns = false;
     sim_progress_wipe(&u->run->progress);
     plain_print(stderr,
-            "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
-            "without `count`, so that without the event only --until TIME ends the run\n",
-            u->text, WARN_S);
+                "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
+                "without `count`, so that without the event only --until TIME ends the run\n",
+                u->text, WARN_S);
 }
 
 static void look_at_event(void *user, const cw_event *event)
