@@ -128,7 +128,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
         return NULL;
     arena a = {.base = memory};
     cw_bus *bus = lay_out(&a, config);
-    bus->bit_ticks = config->bit_ticks;
+    bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
     bus->node_count = config->node_count;
     bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
     bus->seed = config->seed;
@@ -136,7 +136,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
     bus->wanted = UINT32_MAX;
-    cw_load_init(&bus->load, config->bit_ticks);
+    cw_load_init(&bus->load, cw_wire_rate(&bus->time));
     cw_contest_init(&bus->contest, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(&bus->nodes[i], &config->nodes[i]);
@@ -161,13 +161,14 @@ static void tell_news(cw_bus *bus)
 
 static void run_due_nodes(cw_bus *bus)
 {
-    if (bus->next_restart > bus->now) {
-        cw_take_inbox_before(bus, bus->now + 1); /* sorted by node, too */
+    if (bus->next_restart > cw_now(bus)) {
+        cw_take_inbox_before(bus, cw_now(bus) + 1); /* sorted by node, too */
         return;
     }
     for (unsigned i = 0; i < bus->node_count; i++)
         cw_run_due_node(bus, i);
-    cw_take_inbox_before(bus, bus->now + 1); /* behind cw_bus_bring_forward() nodes have no order */
+    /* behind cw_bus_bring_forward() nodes have no order */
+    cw_take_inbox_before(bus, cw_now(bus) + 1);
     cw_find_next_restart(bus);
 }
 
@@ -177,19 +178,19 @@ static void run_due(cw_bus *bus)
 {
     do {
         bus->work += bus->faults.awake_count;
-        if (bus->news || bus->faults.next_due <= bus->now || bus->next_restart <= bus->now)
+        if (bus->news || bus->faults.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
             cw_leap_end(bus);
         cw_fault_run_due(bus);
         run_due_nodes(bus);
         if (bus->news)
             tell_news(bus);
-    } while (bus->news || bus->faults.next_due <= bus->now);
+    } while (bus->news || bus->faults.next_due <= cw_now(bus));
 }
 
 static void run_all_due(cw_bus *bus)
 {
     uint64_t due = cw_least(cw_least(bus->next_restart, bus->faults.next_due), cw_inbox_first(bus));
-    if (due <= bus->now || bus->news || bus->faults.awake_count)
+    if (due <= cw_now(bus) || bus->news || bus->faults.awake_count)
         run_due(bus);
 }
 
@@ -359,7 +360,7 @@ static void gather(cw_bus *bus, const bit_reports *reports)
 
 static void end_bit(cw_bus *bus)
 {
-    bus->now += bus->bit_ticks;
+    cw_wire_pass(&bus->time, 1);
     bus->stats.bits++;
     bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
 }
@@ -378,7 +379,7 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels)
 static void finish_bit(cw_bus *bus, const cw_levels *levels)
 {
     bit_reports reports;
-    cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
+    cw_take_inbox_before(bus, cw_bit_end(bus));
     sample_all(bus, levels->sampled, &reports);
     end_bit(bus);
     if (bus->faults.awake_count)
@@ -408,22 +409,6 @@ void cw_step_with(cw_bus *bus, const cw_levels *levels)
 }
 
 /* ---- Several bits of one level --------------------------------------------------------------- */
-
-/* Whole bits from now up to a tick. */
-static uint64_t bits_before(const cw_bus *bus, uint64_t tick)
-{
-    if (tick == CW_NEVER)
-        return CW_QUIET_FOREVER;
-    return tick > bus->now ? (tick - bus->now) / bus->bit_ticks : 0;
-}
-
-/* The same, with the bit that the tick is in. */
-static uint64_t bits_until(const cw_bus *bus, uint64_t tick)
-{
-    uint64_t bits = bits_before(bus, tick);
-    bool amid = bits != CW_QUIET_FOREVER && tick > bus->now + bits * bus->bit_ticks;
-    return bits + amid;
-}
 
 /* Whether some node has a frame that it may begin to send in the next bit. */
 static bool can_start(const cw_bus *bus)
@@ -463,7 +448,8 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
 static uint64_t bits_up_to_inbox(const cw_bus *bus)
 {
     uint64_t tick = cw_inbox_first(bus);
-    return cw_host_side_acts(bus) ? bits_before(bus, tick) : bits_until(bus, tick);
+    return cw_host_side_acts(bus) ? cw_wire_bits_before(&bus->time, tick)
+                                  : cw_wire_bits_until(&bus->time, tick);
 }
 
 /* Bits that can be skipped now: no controller does anything new, nothing comes in. */
@@ -474,10 +460,10 @@ static uint64_t bits_to_skip(cw_bus *bus, bool level, uint64_t tick)
     uint64_t bits = steady_bits(bus, level);
     if (bits == 0)
         return 0;
-    bits = cw_least(bits, (tick - bus->now) / bus->bit_ticks);
+    bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, bits_up_to_inbox(bus));
-    bits = cw_least(bits, bits_until(bus, bus->next_restart));
-    bits = cw_least(bits, bits_until(bus, bus->faults.next_due));
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->next_restart));
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->faults.next_due));
     if (bus->faults.awake_count == 0)
         return bits;
     return cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, false));
@@ -498,10 +484,10 @@ static void skip(cw_bus *bus, uint64_t bits, bool level)
         bus->crowd.valid = bus->crowd.valid && m->phase == phase;
         cw_join(bus, i);
     }
-    bus->now += bits * bus->bit_ticks;
+    cw_wire_pass(&bus->time, bits);
     bus->stats.bits += bits;
     bus->recessive_bits = level ? bus->recessive_bits + bits : 0;
-    cw_take_inbox_before(bus, bus->now); /* before what is due now, as in a single bit */
+    cw_take_inbox_before(bus, cw_now(bus)); /* before what is due now, as in a single bit */
 }
 
 /* Some bits, at least one. */
@@ -531,16 +517,15 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
     if (!cw_ring_has_room(bus))
         return CW_FULL;
     run_all_due(bus);
-    if (tick < bus->bit_ticks)
-        return CW_OK;
-    const uint64_t begin = bus->now;
-    for (const uint64_t last = tick - bus->bit_ticks; bus->now <= last;) {
+    const uint64_t begin = cw_now(bus);
+    for (bool more = cw_wire_fits_bit(&bus->time, tick); more;) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
         go_on(bus, tick);
         run_all_due(bus);
         bus->work++;
-        if (bus->work + bus->ring.count >= enough && bus->now > begin && bus->now <= last)
+        more = cw_wire_fits_bit(&bus->time, tick);
+        if (more && bus->work + bus->ring.count >= enough && cw_now(bus) > begin)
             return CW_AGAIN;
     }
     return CW_OK;
@@ -588,10 +573,10 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
 /* What happens at the end of a bit is seen in it: so the last one is not left out. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 {
-    if (tick <= bus->now || bus->news || !cw_view_is_quiet(bus))
-        return bus->now;
+    if (tick <= cw_now(bus) || bus->news || !cw_view_is_quiet(bus))
+        return cw_now(bus);
     uint64_t bits = bits_to_skip(bus, CW_RECESSIVE, tick);
-    return bits > 1 ? bus->now + (bits - 1) * bus->bit_ticks : bus->now;
+    return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);
 }
 
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
@@ -603,7 +588,7 @@ void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
 
 uint64_t cw_bus_now(const cw_bus *bus)
 {
-    return bus->now;
+    return cw_now(bus);
 }
 
 uint64_t cw_bus_recessive_bits(const cw_bus *bus)
@@ -680,7 +665,7 @@ static bool bus_comes_to_rest(const cw_bus *bus)
 uint64_t cw_bus_next(const cw_bus *bus)
 {
     if (bus->news)
-        return bus->now;
+        return cw_now(bus);
     uint64_t bits = horizon(bus);
     bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
     if (unknown || (!bus->leap.active && is_orphaned(bus)))
@@ -688,8 +673,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
     const bool calm = bits == CW_QUIET_FOREVER && cw_fault_rests(bus);
     if (bus->faults.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
-    uint64_t tick = bits == CW_QUIET_FOREVER ? CW_NEVER
-                                            : cw_after(bus->now, bits * bus->bit_ticks);
+    uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
     tick = cw_least(tick, cw_least(bus->next_restart, bus->faults.next_due));
     return cw_least(tick, cw_inbox_first(bus));
 }
@@ -697,7 +681,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
 {
     *stats = bus->stats;
-    stats->ticks = bus->now;
+    stats->ticks = cw_now(bus);
     stats->pending = (uint32_t)(bus->queued + bus->held_count);
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
 }

@@ -22,6 +22,7 @@
 #include "mac.h"
 #include "queue.h"
 #include "stats.h"
+#include "time/wire.h"
 
 #define CW_COPIES_MAX 16u   /* that a rule can make of one frame */
 #define CW_HELD_FRAMES 256u /* frames that rules can hold back at a time, all nodes together */
@@ -86,6 +87,7 @@ typedef struct flag_watch {
 
 /* What of cw_bit_view is known only while the bit is simulated. */
 typedef struct bit_note {
+    uint64_t start; /* tick */
     uint64_t end; /* tick; 0: there is none */
     cw_levels levels;
     uint64_t sampled; /* by the controllers, behind what their modes hide */
@@ -133,9 +135,8 @@ typedef struct cw_leap {
 } cw_leap;
 
 struct cw_bus {
-    uint32_t bit_ticks;
+    cw_wire_time time;
     unsigned node_count;
-    uint64_t now;
     uint64_t next_restart; /* the earliest restart_at */
     uint64_t recessive_bits;
     uint64_t work;         /* see cw_bus_work() */
@@ -184,10 +185,23 @@ static inline unsigned cw_lowest_node(uint64_t nodes)
     return (unsigned)__builtin_ctzll(nodes);
 }
 
-/* So many ticks after another; what would be beyond the end of time does not come. */
-static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
+/* The present tick. */
+static inline uint64_t cw_now(const cw_bus *bus)
 {
-    return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
+    return cw_wire_now(&bus->time);
+}
+
+/* The tick at which the bit ends that begins now. */
+static inline uint64_t cw_bit_end(const cw_bus *bus)
+{
+    return cw_wire_bit_end(&bus->time);
+}
+
+/* In a leap: the tick at which bit n of the frame on the wire begins, n not before leap.at. Bits of
+ * the intermission go on behind those of the frame. */
+static inline uint64_t cw_leap_tick(const cw_bus *bus, unsigned n)
+{
+    return cw_wire_tick(&bus->time, (uint64_t)n - bus->leap.at);
 }
 
 static inline uint64_t cw_least(uint64_t a, uint64_t b)

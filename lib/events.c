@@ -171,7 +171,7 @@ cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 {
-    cw_event *e = cw_push_event(bus, kind, bus->now, cw_node_bit(i));
+    cw_event *e = cw_push_event(bus, kind, cw_now(bus), cw_node_bit(i));
     e->tec = bus->nodes[i].mac.confinement.tec;
     e->rec = bus->nodes[i].mac.confinement.rec;
     return e;
@@ -206,7 +206,7 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
 {
     cw_node_stats *stats = &bus->nodes[i].stats;
     cw_event *e = bus->ring.count ? newest_event(&bus->ring) : NULL;
-    bool joins = e && e->kind == CW_EVENT_RX && e->tick == bus->now && e->from == origin->from &&
+    bool joins = e && e->kind == CW_EVENT_RX && e->tick == cw_now(bus) && e->from == origin->from &&
                  e->nodes < cw_node_bit(i) && cw_frame_equal(&e->frame, frame);
     if (joins)
         e->nodes |= cw_node_bit(i);

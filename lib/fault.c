@@ -327,10 +327,10 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
     return true;
 }
 
-bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start)
+bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
     cw_fault *f = fault_at(bus, rule);
-    if (!count_match(bus, f, start, start + bus->bit_ticks))
+    if (!count_match(bus, f, start, told))
         return true;
     const cw_prng before = f->prng;
     if (draw_match(bus, f)) {
@@ -379,7 +379,7 @@ void cw_fault_fall_asleep(cw_bus *bus)
 static uint64_t window_end(const cw_bus *bus, const cw_rule *rule)
 {
     if (rule->for_ticks)
-        return cw_after(bus->now, rule->for_ticks);
+        return cw_after(cw_now(bus), rule->for_ticks);
     return rule->trigger == CW_TRIGGER_TIME ? rule->time_end : CW_NEVER;
 }
 
@@ -391,8 +391,8 @@ static void begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
     f->scope = f->for_attempt ? f->scope | scope : 0;
     f->active = true;
     f->active_until = window_end(bus, &f->rule);
-    f->dominant_ticks = 0;
-    f->next_at = f->rule.action == CW_ACTION_SEND ? bus->now : CW_NEVER;
+    f->dominant_bits = 0;
+    f->next_at = f->rule.action == CW_ACTION_SEND ? cw_now(bus) : CW_NEVER;
     f->busy_base = bus->stats.busy_bits;
     f->bits_base = bus->stats.bits;
     cw_fault_due(bus, f->active_until);
@@ -456,9 +456,9 @@ static void act_later(cw_bus *bus, unsigned rule, uint64_t tick)
 static void match_transmission(cw_bus *bus, unsigned rule, unsigned node)
 {
     cw_fault *f = fault_at(bus, rule);
-    uint64_t told = bus->now + bus->bit_ticks;
+    uint64_t told = cw_bit_end(bus);
     bool again = f->hit_now;
-    if (!again && !begins(bus, rule, bus->now, told))
+    if (!again && !begins(bus, rule, cw_now(bus), told))
         return;
     f->hit_now = f->rule.action != CW_ACTION_NOISE;
     if (cw_is_window_action(f->rule.action))
@@ -490,7 +490,7 @@ void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame)
             match_transmission(bus, rule, node);
         } else if (cw_fault_names(r->nodes, self) &&
                    (f->hit_now ||
-                    cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))) {
+                    cw_fault_match(bus, rule, cw_now(bus), cw_bit_end(bus)))) {
             f->hit_now = true;
             wrong_crc = true;
             cw_fault_wake(bus, rule);
@@ -504,7 +504,7 @@ void cw_fault_emit(cw_bus *bus)
     for (unsigned i = 0; i < bus->faults.awake_count; i++) {
         cw_fault *f = fault_at(bus, bus->faults.awake[i]);
         if (f->hit_now)
-            cw_push_fault(bus, bus->faults.awake[i], bus->now);
+            cw_push_fault(bus, bus->faults.awake[i], cw_now(bus));
         f->hit_now = false;
     }
     cw_fault_fall_asleep(bus);
@@ -544,14 +544,14 @@ static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t clas
     cw_fault *f = fault_at(bus, rule);
     const cw_rule *r = &f->rule;
     if (!f->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
-        !cw_fault_names(r->from, cw_node_bit(node)) || f->error_at == bus->now)
+        !cw_fault_names(r->from, cw_node_bit(node)) || f->error_at == cw_now(bus))
         return;
-    f->error_at = bus->now;
-    if (!begins(bus, rule, bus->now, bus->now))
+    f->error_at = cw_now(bus);
+    if (!begins(bus, rule, cw_now(bus), cw_now(bus)))
         return;
     if (r->action != CW_ACTION_NOISE)
-        cw_push_fault(bus, rule, bus->now);
-    act_later(bus, rule, bus->now);
+        cw_push_fault(bus, rule, cw_now(bus));
+    act_later(bus, rule, cw_now(bus));
 }
 
 /* The event lies in the ring, which moves when a fault is told: look at it before. */
@@ -568,10 +568,10 @@ void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event)
 
 static void fire(cw_bus *bus, unsigned rule)
 {
-    if (!begins(bus, rule, bus->now, bus->now))
+    if (!begins(bus, rule, cw_now(bus), cw_now(bus)))
         return;
     if (fault_at(bus, rule)->rule.action != CW_ACTION_NOISE)
-        cw_push_fault(bus, rule, bus->now);
+        cw_push_fault(bus, rule, cw_now(bus));
     act(bus, rule);
 }
 
@@ -579,7 +579,7 @@ static void arm(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = fault_at(bus, rule);
     remove_first_arming(f);
-    f->armed_at = bus->now;
+    f->armed_at = cw_now(bus);
     f->armed++;
     if (f->rule.trigger == CW_TRIGGER_ARMED)
         fire(bus, rule);
@@ -589,10 +589,10 @@ static void arm(cw_bus *bus, unsigned rule)
 static bool run_rule(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = fault_at(bus, rule);
-    bool ends = f->active && f->active_until <= bus->now;
+    bool ends = f->active && f->active_until <= cw_now(bus);
     bool acts = f->to_act;
-    bool fires = f->fire_at <= bus->now;
-    bool arms = next_arming(f) <= bus->now;
+    bool fires = f->fire_at <= cw_now(bus);
+    bool arms = next_arming(f) <= cw_now(bus);
     if (ends)
         cw_fault_end_action(bus, rule);
     f->to_act = false;
@@ -659,9 +659,9 @@ static void run_traffic(cw_bus *bus)
 
 void cw_fault_run_due(cw_bus *bus)
 {
-    if (bus->faults.next_due > bus->now && bus->faults.awake_count == 0)
+    if (bus->faults.next_due > cw_now(bus) && bus->faults.awake_count == 0)
         return;
-    bool due = bus->faults.next_due <= bus->now;
+    bool due = bus->faults.next_due <= cw_now(bus);
     if (due) {
         run_rules(bus);
         cw_fault_release_held(bus);
@@ -788,7 +788,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
         f->rule.every = 1;
     cw_prng_init(&f->prng, bus->seed, rule->name);
     if (rule->trigger == CW_TRIGGER_TIME) {
-        f->fire_at = rule->time_begin > bus->now ? rule->time_begin : bus->now;
+        f->fire_at = rule->time_begin > cw_now(bus) ? rule->time_begin : cw_now(bus);
         cw_fault_due(bus, f->fire_at);
     }
     index_add(set, place);
@@ -852,14 +852,14 @@ cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
         return CW_INVALID;
     const cw_fault *f = fault_at(bus, index);
     bool ready = f->rule.manual && !cw_fault_is_over(f);
-    return ready && add_arming(bus, index, bus->now) ? CW_OK : CW_REFUSED;
+    return ready && add_arming(bus, index, cw_now(bus)) ? CW_OK : CW_REFUSED;
 }
 
 /* Its time window is over, or its one moment has come. */
 static bool has_passed(const cw_bus *bus, const cw_fault *f)
 {
     bool once = f->rule.trigger == CW_TRIGGER_TIME && f->fire_at == CW_NEVER && !f->active;
-    return bus->now >= f->rule.time_end || once;
+    return cw_now(bus) >= f->rule.time_end || once;
 }
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)

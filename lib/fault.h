@@ -46,7 +46,7 @@ typedef struct cw_fault {
     uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
     uint64_t active_until; /* tick; CW_NEVER: till cleared */
     uint64_t next_at;     /* SEND: tick of the next frame */
-    uint64_t dominant_ticks; /* STUCK on a TX: how long it has been dominant */
+    uint64_t dominant_bits; /* STUCK on a TX: how long it has been dominant */
     uint64_t busy_base;   /* LOAD: busy bits and bits when it began */
     uint64_t bits_base;
 } cw_fault;
@@ -213,8 +213,9 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule);
 bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
- * itself will. start: tick of the bit, or of any other for which all is the same. */
-bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start);
+ * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
+ * the same. */
+bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* Takes rules that have nothing to do any more out of the awake list. */
 void cw_fault_fall_asleep(cw_bus *bus);

@@ -13,7 +13,7 @@ static void force_error(cw_bus *bus, unsigned i)
         return;
     cw_frame frame = n->queue.slots[n->offered_slot].frame;
     cw_remove_slot(bus, i, n->offered_slot);
-    cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, bus->now);
+    cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }
 
 /* In bus-off the queue alone has the frame that was on offer, until the restart. */
@@ -43,7 +43,7 @@ static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
         break;
     case CW_ACTION_RESTART:
         if (mac->phase == CW_MAC_BUS_OFF)
-            cw_schedule_restart(bus, i, bus->now);
+            cw_schedule_restart(bus, i, cw_now(bus));
         break;
     case CW_ACTION_COUNTERS:
         set_counters(mac, rule);

@@ -32,7 +32,7 @@ static void release(cw_bus *bus, uint64_t tick)
     unsigned kept = 0;
     for (unsigned i = 0; i < bus->held_count; i++) {
         held_frame h = bus->held[i];
-        if (h.due <= bus->now)
+        if (h.due <= cw_now(bus))
             deliver_held(bus, &h, tick);
         else
             bus->held[kept++] = h;
@@ -42,7 +42,7 @@ static void release(cw_bus *bus, uint64_t tick)
 
 void cw_fault_release_held(cw_bus *bus)
 {
-    release(bus, bus->now);
+    release(bus, cw_now(bus));
 }
 
 uint64_t cw_fault_next_held(const cw_bus *bus)
@@ -69,8 +69,8 @@ void cw_fault_let_go(cw_bus *bus, unsigned rule)
     for (unsigned i = 0; i < bus->held_count; i++) {
         if (bus->held[i].rule != rule)
             continue;
-        bus->held[i].due = bus->now;
-        cw_fault_due(bus, bus->now);
+        bus->held[i].due = cw_now(bus);
+        cw_fault_due(bus, cw_now(bus));
     }
 }
 
@@ -81,7 +81,7 @@ void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
         held_frame *h = &bus->held[i];
         if (h->node != node || h->side != side || h->behind == 0 || --h->behind > 0)
             continue;
-        h->due = bus->now;
+        h->due = cw_now(bus);
         due = true;
     }
     if (due)
@@ -187,7 +187,7 @@ bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_
 {
     cw_fault_reply(bus, node, frame, origin->from);
     return bus->faults.host_rules == 0 ||
-           run_rules(bus, node, frame, CW_SIDE_RX, bus->now, origin);
+           run_rules(bus, node, frame, CW_SIDE_RX, cw_now(bus), origin);
 }
 
 /* ---- Replies --------------------------------------------------------------------------------- */
@@ -195,12 +195,12 @@ bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_
 static void reply(cw_bus *bus, unsigned rule, unsigned node)
 {
     const cw_rule *r = &bus->faults.faults[rule].rule;
-    const held_frame h = {.due = cw_after(bus->now, r->for_ticks), .rule = (uint16_t)rule,
+    const held_frame h = {.due = cw_after(cw_now(bus), r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
-    cw_push_fault(bus, rule, bus->now);
+    cw_push_fault(bus, rule, cw_now(bus));
     bus->nodes[node].stats.made_by_rules++;
     if (!hold(bus, &h))
-        cw_queue_frame(bus, node, &h.frame, bus->now, 0);
+        cw_queue_frame(bus, node, &h.frame, cw_now(bus), 0);
 }
 
 void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from)
@@ -214,7 +214,7 @@ void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
         const cw_rule *r = &bus->faults.faults[rule].rule;
         if (r->action == CW_ACTION_REPLY && r->node == node &&
             cw_fault_names(r->from, from) &&
-            cw_fault_match(bus, rule, bus->now, bus->now))
+            cw_fault_match(bus, rule, cw_now(bus), cw_now(bus)))
             reply(bus, rule, node);
     }
 }

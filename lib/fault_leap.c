@@ -138,8 +138,8 @@ uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
 /* Its time is not within the longest frame from now on. */
 static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
 {
-    uint64_t end = cw_after(bus->now, (uint64_t)CW_BITS_MAX * bus->bit_ticks);
-    return r->time_end <= bus->now || r->time_begin >= end;
+    uint64_t end = cw_wire_tick_or_never(&bus->time, CW_BITS_MAX);
+    return r->time_end <= cw_now(bus) || r->time_begin >= end;
 }
 
 static bool has_later_position(const cw_rule *r)
@@ -248,20 +248,20 @@ bool cw_fault_lets_pass(cw_bus *bus)
     const cw_leap *leap = &bus->leap;
     if (leap->stop >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
         return false;
-    uint64_t ahead = (uint64_t)leap->stop - leap->at;
-    return cw_fault_passes_over(bus, leap->stop_rule, bus->now + ahead * bus->bit_ticks);
+    return cw_fault_passes_over(bus, leap->stop_rule, cw_leap_tick(bus, leap->stop),
+                                cw_leap_tick(bus, leap->stop + 1u));
 }
 
 bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node, const cw_frame *frame)
 {
     unsigned rule = bus->faults.watcher[node];
     const cw_rule *r = &bus->faults.faults[rule].rule;
-    uint64_t end = bus->now + (uint64_t)bus->leap.length * bus->bit_ticks;
+    uint64_t end = cw_wire_tick(&bus->time, bus->leap.length);
     unsigned n;
-    if (r->time_begin > bus->now || r->time_end < end)
+    if (r->time_begin > cw_now(bus) || r->time_end < end)
         return false; /* it depends on the bit */
     return !cw_frame_find(frame, &n, r->field, r->index) ||
-           cw_fault_passes_over(bus, rule, bus->now);
+           cw_fault_passes_over(bus, rule, cw_now(bus), cw_bit_end(bus));
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */

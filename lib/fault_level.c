@@ -21,13 +21,14 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
 /* The transceiver lets go of the bus when its TXD has been dominant for too long. */
-static bool stuck_tx_level(cw_fault *f, uint32_t bit_ticks)
+static bool stuck_tx_level(cw_fault *f, cw_rate rate)
 {
     if (f->rule.level == CW_RECESSIVE)
         return CW_RECESSIVE;
-    bool timed_out = f->rule.dominant_timeout && f->dominant_ticks >= f->rule.dominant_timeout;
+    const uint64_t timeout = f->rule.dominant_timeout;
+    bool timed_out = timeout && cw_rate_ticks(rate, f->dominant_bits) >= timeout;
     if (!timed_out)
-        f->dominant_ticks += bit_ticks;
+        f->dominant_bits++;
     return timed_out ? CW_RECESSIVE : CW_DOMINANT;
 }
 
@@ -38,7 +39,7 @@ void cw_fault_driven(cw_bus *bus, cw_levels *levels)
         bool stuck = f->active && f->rule.action == CW_ACTION_STUCK && f->rule.line == CW_LINE_TX;
         if (stuck)
             set_level(&levels->driven, cw_node_bit(f->rule.node),
-                      stuck_tx_level(f, bus->bit_ticks));
+                      stuck_tx_level(f, cw_wire_rate(&bus->time)));
     }
     if (bus->faults.rewired)
         cw_fault_apply_topology(bus);
@@ -144,7 +145,7 @@ static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
 {
     if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
         return rule->bits;
-    return rule->for_ticks / bus->bit_ticks + (rule->for_ticks % bus->bit_ticks != 0);
+    return cw_rate_bits_begun(cw_wire_rate(&bus->time), rule->for_ticks);
 }
 
 /* A new hit while an action is under way begins it again. */
@@ -152,7 +153,7 @@ static void look_for_position(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = &bus->faults.faults[rule];
     uint64_t wires = f->bound ? wires_reached(bus, f) : 0;
-    if (wires == 0 || !cw_fault_match(bus, rule, bus->now, bus->now + bus->bit_ticks))
+    if (wires == 0 || !cw_fault_match(bus, rule, cw_now(bus), cw_bit_end(bus)))
         return;
     f->hit_now = true;
     f->wire = wires;

@@ -49,7 +49,7 @@ void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
     if (!flipped)
         return;
     f->hit_now = true;
-    cw_fault_count_hit(bus, rule, bus->now + bus->bit_ticks);
+    cw_fault_count_hit(bus, rule, cw_bit_end(bus));
     if (cw_fault_is_over(f))
         cw_fault_end_action(bus, rule);
 }

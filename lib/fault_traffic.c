@@ -13,7 +13,7 @@ static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
     unsigned node = bus->faults.faults[rule].rule.node;
     bus->work++;
     bus->nodes[node].stats.made_by_rules++;
-    cw_queue_frame(bus, node, frame, bus->now, rule + 1);
+    cw_queue_frame(bus, node, frame, cw_now(bus), rule + 1);
 }
 
 /* A node that cannot take anything is not asked in every bit. */
@@ -28,14 +28,14 @@ static bool can_take(const cw_bus *bus, const cw_fault *f)
 static void send_periodically(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = &bus->faults.faults[rule];
-    if (f->next_at > bus->now)
+    if (f->next_at > cw_now(bus))
         return;
     send(bus, rule, &f->rule.frame);
     if (f->rule.period_ticks == 0) {
         f->active = false;
         return;
     }
-    uint64_t passed = (bus->now - f->next_at) / f->rule.period_ticks;
+    uint64_t passed = (cw_now(bus) - f->next_at) / f->rule.period_ticks;
     f->next_at += passed * f->rule.period_ticks; /* below a bit time it is one frame a bit */
     f->next_at = cw_after(f->next_at, f->rule.period_ticks);
     cw_fault_due(bus, f->next_at);

@@ -81,7 +81,7 @@ static void flush_queue(cw_bus *bus, unsigned i, cw_drop why)
     bus_node *n = &bus->nodes[i];
     while (n->queue.count > 0) {
         uint16_t slot = cw_queue_first(&n->queue);
-        cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, bus->now);
+        cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, cw_now(bus));
         cw_remove_slot(bus, i, slot);
     }
 }
@@ -103,8 +103,8 @@ static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
  * at this tick. */
 static bool is_next(const cw_bus *bus)
 {
-    return bus->inbox.count == 0 && bus->faults.next_due > bus->now &&
-           bus->next_restart > bus->now && !bus->news && bus->faults.host_rules == 0 &&
+    return bus->inbox.count == 0 && bus->faults.next_due > cw_now(bus) &&
+           bus->next_restart > cw_now(bus) && !bus->news && bus->faults.host_rules == 0 &&
            bus->faults.traffic_rules == 0 && bus->held_count == 0;
 }
 
@@ -115,10 +115,10 @@ static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
     if (!is_next(bus) || refusal(bus, i, frame) != CW_DROP_COUNT)
         return false;
     if (bus->leap.active)
-        cw_leap_frame_came(bus, i, bus->now);
+        cw_leap_frame_came(bus, i, cw_now(bus));
     cw_share_lost(bus, i);
     bus->nodes[i].stats.handed_in++;
-    enqueue(bus, i, frame, bus->now, 0);
+    enqueue(bus, i, frame, cw_now(bus), 0);
     return true;
 }
 
@@ -127,9 +127,9 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     inbox *box = &bus->inbox;
     if (i >= bus->node_count)
         return CW_INVALID;
-    if (at_tick < bus->now)
-        at_tick = bus->now;
-    if (at_tick == bus->now && hand_in_now(bus, i, frame))
+    if (at_tick < cw_now(bus))
+        at_tick = cw_now(bus);
+    if (at_tick == cw_now(bus) && hand_in_now(bus, i, frame))
         return CW_OK;
     if (box->count == box->capacity)
         return CW_FULL;
@@ -160,9 +160,9 @@ void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
 {
     for (unsigned i = 0; i < bus->inbox.count; i++) {
         inbox_entry *e = inbox_at(&bus->inbox, i);
-        if (e->at_tick == CW_NEVER || e->at_tick <= bus->now)
+        if (e->at_tick == CW_NEVER || e->at_tick <= cw_now(bus))
             continue;
-        e->at_tick = e->at_tick - bus->now > ticks ? e->at_tick - ticks : bus->now;
+        e->at_tick = e->at_tick - cw_now(bus) > ticks ? e->at_tick - ticks : cw_now(bus);
     }
 }
 
@@ -208,7 +208,7 @@ static void flush_inbox(cw_bus *bus, unsigned i)
         }
         bus->nodes[i].stats.handed_in++;
         bus->nodes[i].inbox--;
-        cw_push_drop(bus, i, CW_SIDE_TX, &entry.frame, CW_DROP_REMOVED, bus->now);
+        cw_push_drop(bus, i, CW_SIDE_TX, &entry.frame, CW_DROP_REMOVED, cw_now(bus));
     }
     box->count = kept;
 }
@@ -221,7 +221,7 @@ static void flush_held(cw_bus *bus, unsigned i)
         if (held.node != i)
             bus->held[kept++] = held;
         else
-            cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, bus->now);
+            cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, cw_now(bus));
     }
     bus->held_count = kept;
 }
@@ -269,7 +269,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
         return CW_REFUSED;
     if (!cw_ring_has_room(bus))
         return CW_FULL;
-    cw_push_event(bus, CW_EVENT_LINK, bus->now, cw_node_bit(i))->up = on;
+    cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
     cw_fault_apply_topology(bus);
@@ -296,7 +296,7 @@ uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
     if (n->restart_ticks == 0)
         return CW_NEVER;
     uint64_t due = cw_after(n->off_at, n->restart_ticks);
-    return due > bus->now ? due : bus->now;
+    return due > cw_now(bus) ? due : cw_now(bus);
 }
 
 cw_status cw_node_restart(cw_bus *bus, unsigned i)
@@ -306,7 +306,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
     bus_node *n = &bus->nodes[i];
     if (n->mac.phase != CW_MAC_BUS_OFF || n->restart_ticks != 0 || n->restart_at != CW_NEVER)
         return CW_REFUSED;
-    cw_schedule_restart(bus, i, bus->now);
+    cw_schedule_restart(bus, i, cw_now(bus));
     return CW_OK;
 }
 
@@ -330,10 +330,10 @@ void cw_find_next_restart(cw_bus *bus)
 
 void cw_run_due_node(cw_bus *bus, unsigned i)
 {
-    while (bus->inbox.count && inbox_at(&bus->inbox, 0)->at_tick <= bus->now &&
+    while (bus->inbox.count && inbox_at(&bus->inbox, 0)->at_tick <= cw_now(bus) &&
            inbox_at(&bus->inbox, 0)->node == i)
         take_first(bus);
-    if (bus->nodes[i].restart_at <= bus->now)
+    if (bus->nodes[i].restart_at <= cw_now(bus))
         restart(bus, i);
 }
 

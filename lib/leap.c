@@ -134,7 +134,7 @@ static void count_bits(cw_bus *bus, unsigned bits)
 static void move(cw_bus *bus, unsigned bits)
 {
     bus->leap.at = (uint16_t)(bus->leap.at + bits);
-    bus->now += (uint64_t)bits * bus->bit_ticks;
+    cw_wire_pass(&bus->time, bits);
 }
 
 static void pass(cw_bus *bus, unsigned bits)
@@ -154,8 +154,8 @@ static unsigned end_of(const cw_leap *leap)
 /* Whole bits up to a tick, no more than that many. */
 static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
 {
-    uint64_t ticks = tick - bus->now;
-    return ticks >= (uint64_t)bits * bus->bit_ticks ? bits : (unsigned)(ticks / bus->bit_ticks);
+    const cw_wire_time *time = &bus->time;
+    return cw_wire_fits(time, bits, tick) ? bits : (unsigned)cw_wire_bits_to(time, tick);
 }
 
 /* Bits to go at once, 0 when noise flips the next one: up to the end of the one in which something
@@ -170,8 +170,8 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     bits = bits_up_to(bus, tick, bits);
     uint64_t due = cw_least(bus->next_restart, bus->faults.next_due);
     due = cw_least(due, cw_inbox_first(bus));
-    if (due - bus->now < (uint64_t)bits * bus->bit_ticks) /* due is later than now */
-        bits = bits_up_to(bus, due + bus->bit_ticks - 1, bits);
+    if (!cw_wire_fits(&bus->time, bits, due)) /* due is later than now */
+        bits = (unsigned)cw_wire_bits_until(&bus->time, due);
     if (bus->faults.awake_count == 0)
         return bits;
     return (unsigned)cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, true));
@@ -241,9 +241,9 @@ static inline bool move_to(cw_bus *bus, unsigned at)
     const unsigned from = bus->leap.at;
     if (from >= at)
         return false;
-    bus->now += (uint64_t)(at - from) * bus->bit_ticks;
+    cw_wire_pass(&bus->time, at - from);
     bus->leap.at = (uint16_t)at;
-    cw_take_inbox_before(bus, bus->now);
+    cw_take_inbox_before(bus, cw_now(bus));
     return true;
 }
 
@@ -272,8 +272,8 @@ static void leap_over(cw_bus *bus)
 static bool goes_straight_to_stop(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    uint64_t ticks = ((uint64_t)leap->stop + 1 - leap->at) * bus->bit_ticks;
-    return leap->stop < next_moment(bus) && cw_inbox_first(bus) >= bus->now + ticks;
+    return leap->stop < next_moment(bus) &&
+           cw_inbox_first(bus) >= cw_leap_tick(bus, leap->stop + 1u);
 }
 
 /* Rules are asked in advance, as far as nobody can see that before it is time; one with a rough
@@ -303,12 +303,12 @@ static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 static bool can_leap_over(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
-    unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
-    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
+    const unsigned end = leap->length + CW_INTERMISSION_BITS;
+    const unsigned bits = end - leap->at;
     bool traffic = bus->faults.awake_count && bus->faults.traffic_rules; /* follows a frame */
-    return tick - bus->now >= ticks && leap->tail == 0 && !leap->at_work && !traffic &&
+    return cw_wire_fits(&bus->time, bits, tick) && leap->tail == 0 && !leap->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
-           is_undisturbed_until(bus, bus->now + ticks) && cw_leap_is_noise_free(bus, bits) &&
+           is_undisturbed_until(bus, cw_leap_tick(bus, end)) && cw_leap_is_noise_free(bus, bits) &&
            rules_let_pass(bus);
 }
 
@@ -325,9 +325,9 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     const uint16_t slot = cw_queue_first(&n->queue);
     leap->riders = bus->crowd.riders;
     leap->length = n->queue.slots[slot].wire_bits;
-    uint64_t ticks = (uint64_t)(leap->length + CW_INTERMISSION_BITS) * bus->bit_ticks;
-    if (tick - bus->now < ticks || bus->faults.awake_count || cw_host_side_acts(bus) ||
-        !is_undisturbed_until(bus, bus->now + ticks) ||
+    const unsigned bits = leap->length + CW_INTERMISSION_BITS;
+    if (!cw_wire_fits(&bus->time, bits, tick) || bus->faults.awake_count ||
+        cw_host_side_acts(bus) || !is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
         (leap->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
         return false;
     n->offered_slot = slot;
@@ -371,7 +371,7 @@ static void look_at_stop(cw_bus *bus)
 void cw_leap_frame_came(cw_bus *bus, unsigned i, uint64_t tick)
 {
     bool loopback = bus->nodes[i].mac.modes & CW_MODE_LOOPBACK;
-    bool may_join = bus->leap.at == 1 && tick <= bus->now;
+    bool may_join = bus->leap.at == 1 && tick <= cw_now(bus);
     bus->leap.broken = bus->leap.broken || loopback || may_join;
 }
 
@@ -399,7 +399,7 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         pass(bus, bits - 1);
     else if (!pass_under_rules(bus, bits))
         return;
-    cw_take_inbox_before(bus, bus->now + bus->bit_ticks);
+    cw_take_inbox_before(bus, cw_bit_end(bus));
     pass(bus, 1);
     run_moment(bus);
     if (leap->at == leap->length + CW_INTERMISSION_BITS)

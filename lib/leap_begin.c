@@ -64,7 +64,7 @@ static bool can_begin(cw_bus *bus)
         (cw_fault_needs_controllers(bus) || cw_fault_noise_free(bus, 1) == 0))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
-    return bus->crowd.calm && cw_inbox_first(bus) > bus->now + bus->bit_ticks;
+    return bus->crowd.calm && cw_inbox_first(bus) > cw_bit_end(bus);
 }
 
 /* Rules on errors and states see nothing of a leap in which there are none. */
@@ -171,10 +171,9 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
-    uint64_t ticks = (uint64_t)bits * bus->bit_ticks;
-    return leap->stop >= bits && tick - bus->now >= ticks &&
+    return leap->stop >= bits && cw_wire_fits(&bus->time, bits, tick) &&
            !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
-           is_quiet_until(bus, bus->now + ticks) &&
+           is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
 

@@ -5,13 +5,13 @@
 #ifndef CANWIRE_MAC_H
 #define CANWIRE_MAC_H
 
-#include "canwire.h"
+#include "time/rate.h"
 
 #define CW_INTEGRATION_BITS 11u
 #define CW_RECOVERY_GROUPS 128u
 #define CW_FLAG_BITS 6u
 #define CW_DELIMITER_BITS 8u
-#define CW_QUIET_FOREVER UINT64_MAX
+#define CW_QUIET_FOREVER CW_BITS_FOREVER
 
 /* Neither taken off the bus nor bus-off. */
 bool cw_mac_is_on_bus(const cw_mac *mac);

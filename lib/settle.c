@@ -20,7 +20,7 @@ static void count_sent(cw_bus *bus, bus_node *n, unsigned wire_bits)
         bus->stats.frames++;
         bus->stats.frame_bits += wire_bits;
     }
-    cw_delay_add(&n->stats.delay, bus->now - slot->handed_in);
+    cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
 void cw_settle_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
@@ -39,7 +39,7 @@ static void settle_given_up(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_remove_slot(bus, i, n->offered_slot);
-    cw_push_drop(bus, i, CW_SIDE_TX, &offered_slot(n)->frame, CW_DROP_ONE_SHOT, bus->now);
+    cw_push_drop(bus, i, CW_SIDE_TX, &offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }
 
 void cw_tell_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
@@ -120,7 +120,7 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
     const frame_origin origin = find_origin(bus, i);
     if (cw_fault_hand_out(bus, i, &frame, &origin))
         cw_push_rx(bus, i, &frame, &origin);
-    cw_fault_passed(bus, i, CW_SIDE_RX, bus->now);
+    cw_fault_passed(bus, i, CW_SIDE_RX, cw_now(bus));
 }
 
 void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const cw_frame *frame)
@@ -162,7 +162,7 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
         n->stats.error_passive++;
     if (after == CW_STATE_BUS_OFF) {
         n->stats.bus_off++;
-        n->off_at = bus->now;
+        n->off_at = cw_now(bus);
         if (n->restart_ticks)
             cw_schedule_restart(bus, i, cw_automatic_restart(bus, i));
     }

@@ -57,9 +57,9 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille)
 
 /* ---- Load ------------------------------------------------------------------------------------ */
 
-void cw_load_init(cw_load *load, uint32_t bit_ticks)
+void cw_load_init(cw_load *load, cw_rate rate)
 {
-    *load = (cw_load){.slice_bits = CW_CLOCK_HZ / CW_LOAD_SLICES / bit_ticks};
+    *load = (cw_load){.slice_bits = cw_rate_bits(rate, CW_CLOCK_HZ / CW_LOAD_SLICES)};
     if (load->slice_bits == 0)
         load->slice_bits = 1;
     load->slice_left = load->slice_bits;

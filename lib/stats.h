@@ -5,7 +5,7 @@
 #ifndef CANWIRE_STATS_H
 #define CANWIRE_STATS_H
 
-#include "canwire.h"
+#include "time/rate.h"
 
 void cw_delay_add(cw_delay *delay, uint64_t ticks);
 
@@ -21,7 +21,7 @@ typedef struct cw_load {
     uint32_t busy[CW_LOAD_SLICES];
 } cw_load;
 
-void cw_load_init(cw_load *load, uint32_t bit_ticks);
+void cw_load_init(cw_load *load, cw_rate rate);
 
 /* Adds bits that are all busy or all not, more than the present slice takes, but for load->bits. */
 void cw_load_add_slices(cw_load *load, uint64_t bits, bool busy);

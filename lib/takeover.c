@@ -18,7 +18,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
     const cw_queue_slot *slot = &old->queue.slots[from];
     if (n->queue.count >= n->queue_limit ||
         !cw_queue_put(&n->queue, &slot->frame, slot->handed_in)) {
-        cw_push_drop(bus, i, CW_SIDE_TX, &slot->frame, CW_DROP_QUEUE_FULL, bus->now);
+        cw_push_drop(bus, i, CW_SIDE_TX, &slot->frame, CW_DROP_QUEUE_FULL, cw_now(bus));
         return;
     }
     n->queue.slots[n->queue.newest].tried = slot->tried;
@@ -99,11 +99,11 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
             continue;
         h.node = to[h.node];
         h.origin.from = renumber(h.origin.from, to);
-        h.due = bus->now;
+        h.due = cw_now(bus);
         bus->held[bus->held_count++] = h;
     }
     if (bus->held_count)
-        cw_fault_due(bus, bus->now);
+        cw_fault_due(bus, cw_now(bus));
 }
 
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
@@ -116,8 +116,8 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
             return false;
         taken |= cw_node_bit(from[i]);
     }
-    return bus->bit_ticks == old->bit_ticks && bus->now == 0 &&
-           bus->inbox.capacity >= old->inbox.count;
+    const bool one_rate = cw_rate_equal(cw_wire_rate(&bus->time), cw_wire_rate(&old->time));
+    return one_rate && cw_now(bus) == 0 && bus->inbox.capacity >= old->inbox.count;
 }
 
 /* Rules that were to act at the start of the new bus act now. */
@@ -125,8 +125,8 @@ static void start_rules(cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->faults.count; i++) {
         cw_fault *f = &bus->faults.faults[i];
-        if (f->used && f->fire_at < bus->now)
-            f->fire_at = bus->now;
+        if (f->used && f->fire_at < cw_now(bus))
+            f->fire_at = cw_now(bus);
     }
 }
 
@@ -141,7 +141,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     cw_set_listeners(old, 0);
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         to[i] = CW_NO_NODE;
-    bus->now = old->now;
+    bus->time = old->time;
     bus->stepping = old->stepping;
     bus->watching = old->watching;
     bus->wanted = old->wanted;

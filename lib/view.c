@@ -74,7 +74,8 @@ static void note_followers(cw_bus *bus, const cw_levels *levels)
 void cw_view_note(cw_bus *bus, const cw_levels *levels)
 {
     bit_note *note = &bus->note;
-    note->end = bus->now + bus->bit_ticks;
+    note->start = cw_now(bus);
+    note->end = cw_bit_end(bus);
     note->levels = *levels;
     note->sampled = levels->sampled | bus->all;
     note->wanted = UINT64_MAX;
@@ -105,7 +106,7 @@ bool cw_view_is_quiet(const cw_bus *bus)
     const bit_note *note = &bus->note;
     const cw_levels *l = &note->levels;
     uint64_t recessive = l->driven & l->wire & l->clean & l->sampled & note->sampled & note->wanted;
-    if (note->end == 0 || note->end != bus->now || (recessive & bus->all) != bus->all)
+    if (note->end == 0 || note->end != cw_now(bus) || (recessive & bus->all) != bus->all)
         return false;
     for (unsigned i = 0; i < bus->node_count; i++) {
         unsigned phase = noted(note, i)->phase;
@@ -128,11 +129,11 @@ static void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
 cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
 {
     const bit_note *note = &bus->note;
-    if (note->end == 0 || note->end != bus->now)
+    if (note->end == 0 || note->end != cw_now(bus))
         return CW_REFUSED;
     const cw_levels *levels = &note->levels;
     uint64_t nodes = UINT64_MAX >> (CW_NODES_MAX - bus->node_count);
-    view->start = note->end - bus->bit_ticks;
+    view->start = note->start;
     view->end = note->end;
     view->driven = levels->driven | ~nodes;
     view->wire = levels->wire | ~nodes;
