@@ -260,7 +260,7 @@ fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 
 # What scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
-  test_fault_match test_fault_level test_prng test_format) $(CONFORMANCE)
+  test_fault_match test_fault_level test_prng test_format test_time) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
