@@ -6,8 +6,9 @@
 
 #include <stdarg.h>
 #include <stddef.h>
-#include <stdlib.h>
 #include <string.h>
+
+#define TEXT_BYTES 16384 /* of a message; a longer one is cut */
 
 /* Bytes that a character of this first byte has; 0: none begins so. */
 static size_t size_of(unsigned char first)
@@ -54,7 +55,7 @@ bool plain_is_not(const char *text)
     return false;
 }
 
-void plain_write(FILE *out, char *text)
+static void plain_write(FILE *out, char *text)
 {
     for (char *piece = text; *piece;) {
         size_t length = strcspn(piece, "\t\n");
@@ -71,17 +72,12 @@ void plain_write(FILE *out, char *text)
 
 void plain_print(FILE *out, const char *format, ...)
 {
-    char *text;
+    char text[TEXT_BYTES];
     va_list args;
     va_start(args, format);
-    int length = vasprintf(&text, format, args);
+    (void)vsnprintf(text, sizeof text, format, args);
     va_end(args);
-    if (length < 0) {
-        fputs("out of memory\n", out);
-        return;
-    }
     plain_write(out, text);
-    free(text);
 }
 
 void plain_options(int argc, char **argv)

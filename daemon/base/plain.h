@@ -19,10 +19,7 @@ bool plain_is_not(const char *text);
  * What follows a '=' stays. */
 void plain_options(int argc, char **argv);
 
-/* Writes a text with '?' for each of these but for tabs and ends of lines; changes it. */
-void plain_write(FILE *out, char *text);
-
-/* As fprintf(), with the same. */
+/* As fprintf(), with '?' for each of these but for tabs and ends of lines; cut at 16 KB. */
 void plain_print(FILE *out, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 #endif
