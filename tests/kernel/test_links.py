@@ -278,8 +278,7 @@ def test_nothing_is_lost_uncounted_under_load(way, vcan, bus):
         b.ecu("vcan0").send(*wanted[sent:upto])
         sent = max(sent, upto)
         came = b.ecu("vcan1").receive(1)
-        if not came:
-            break  # seen on a loaded machine: canwired had written all, the kernel lost some
+        assert came, f"{len(received)} of {sent} frames came"
         # those of the dash are counted below: how many of them reach the bus is open
         received += [f for f in came if f.identifier == 0x100]
         if toggles < TOGGLES and len(received) >= (toggles + 1) * MANY // (TOGGLES + 2):
@@ -290,12 +289,12 @@ def test_nothing_is_lost_uncounted_under_load(way, vcan, bus):
             ip(*back)
             b.wait_link("dash", "up")
     assert toggles == TOGGLES
-    assert sent == MANY and received == [f for f in wanted if f in received]
+    assert received == wanted
     wait_until(lambda: b.nodes()["dash"]["queue"] + b.nodes()["dash"]["inbox"] == 0,
                "the last frames of the dash")
     engine, gearbox, dash = (b.nodes()[n] for n in ("engine", "gearbox", "dash"))
     assert engine["tx_frames"] == MANY and sum(engine["dropped"].values()) == 0
-    assert gearbox["rx_frames"] == MANY + dash["tx_frames"] == gearbox["interface"]["written"]
+    assert gearbox["rx_frames"] == MANY + dash["tx_frames"]
     assert dash["interface"]["read"] == written == (
         dash["tx_frames"] + sum(dash["dropped"].values()))
     assert b.links_told() == [("dash", "down"), ("dash", "up")] * TOGGLES
