@@ -126,12 +126,12 @@ def test_frames_that_the_kernel_lost_are_counted_and_told(vcan, canwired, can_so
 def test_an_interface_belongs_to_one_daemon(vcan, canwired, launch, can_socket):
     vcan(2)
     first = canwired(TWO)
-    second = launch(TWO.replace("name: limits", "name: other").replace("vcan0", "vcan9")
+    second = launch(TWO.replace("name: limits", "name: other").replace("vcan1", "vcan9")
                     .replace("limits.sock", "other.sock"))
     assert second.wait() == 1
     owner = f"in use by bus limits of canwired, pid {first.process.pid}"
-    assert f"node gearbox: port vcan1: {owner}" in second.stderr()
-    assert "node engine: port vcan9: No such device" in second.stderr()
+    assert f"node engine: port vcan0: {owner}" in second.stderr()
+    assert "node gearbox: port vcan9: No such device" in second.stderr()
     engine, gearbox = can_socket("vcan0"), can_socket("vcan1")
     written = frames(0x123, 5)
     engine.send(*written)
