@@ -2,9 +2,9 @@
  *
  * fault.c - when fault rules act: indexing, binding, matches, hits, what is due.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 #include "format/bits.h"
 
 #include <string.h>

@@ -2,9 +2,9 @@
  *
  * fault_control.c - what fault rules do to controllers, at once.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 
 static void force_error(cw_bus *bus, unsigned i)
 {

@@ -5,7 +5,7 @@
  * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on
  * its way and the hit is that of a rule that could not do more.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 /* ---- Frames held back ------------------------------------------------------------------------ */
 

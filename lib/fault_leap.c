@@ -8,7 +8,7 @@
  * that resumes one. Rules that hold a level for a time need the levels of all bits, but no
  * controllers.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include "format/bits.h"
 

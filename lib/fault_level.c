@@ -4,7 +4,7 @@
  *
  * First the lines from the nodes to the wire, then the wire, then what single nodes sample.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #define ALL_NODES UINT64_MAX
 

@@ -6,7 +6,7 @@
  * come are looked at beforehand: up to the first that flips, the bus may go as if there were no
  * noise. A draw that has been looked at stays the draw of its bit.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include "format/bitset.h"
 

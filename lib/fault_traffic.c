@@ -3,7 +3,7 @@
  * fault_traffic.c - frames that fault rules send: single and periodic ones, a babbling idiot, load
  * up to a target, replies.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #define LOAD_ID_FIRST 0x600u /* random identifiers stay out of the way of usual traffic */
 #define LOAD_ID_COUNT 0x1F0u

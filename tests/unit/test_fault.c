@@ -8,7 +8,7 @@
  */
 #include "rules.h"
 
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 /* ---- Rules that come and go ------------------------------------------------------------------ */
 

@@ -5,7 +5,7 @@
  */
 #include "rules.h"
 
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 /* ---- Frames of rules that are cleared -------------------------------------------------------- */
 

@@ -3,8 +3,8 @@
  * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors. What it
  * does on the wire is in tests/conformance.
  */
-#include "confinement.h"
-#include "mac.h"
+#include "mac/confinement.h"
+#include "mac/mac.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

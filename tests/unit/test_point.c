@@ -2,7 +2,7 @@
  *
  * test_point.c - a controller put into the middle of a frame is where a receiver comes by its bits.
  */
-#include "mac.h"
+#include "mac/mac.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -3,7 +3,7 @@
  * test_steady.c - a controller that takes several bits at once is where it comes by taking them one
  * by one, and did neither drive nor report anything new in them.
  */
-#include "mac.h"
+#include "mac/mac.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

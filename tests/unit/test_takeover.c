@@ -4,7 +4,7 @@
  */
 #include "rules.h"
 
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 /* A bus of the same kind at tick 0. */
 static rig *successor(unsigned nodes)

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap_end.c - a leap ends before its frame does: controllers are put where they would be by now.
+ * frame_end.c - a leap ends before its frame does: controllers are put where they would be by now.
  */
-#include "leap.h"
+#include "step/frame.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 
 /* Where a receiver is after that many bits. */
 static void find_point(cw_mac *m, const cw_bus *bus)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * events.c - the ring of events: bounded, nothing lost, in the order of time, then faults before
+ * ring.c - the ring of events: bounded, nothing lost, in the order of time, then faults before
  * nodes, nodes in their order, and kinds (see cw_event_kind).
  *
  * Before each bit the bus asks for room for the worst that can happen in it.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include <string.h>
 

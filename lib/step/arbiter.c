@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * contest.c - who wins the bus, and what taking part costs those who do not.
+ * arbiter.c - who wins the bus, and what taking part costs those who do not.
  *
  * The frames that go first of all nodes play a tournament by their arbitration fields: a node that
  * gets another frame plays its matches again, all others stay as they are. What every node that
  * waits, or every node that listens, counts for a clean frame is counted once for all of them and
  * shared out when somebody looks or when a node stops taking part.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include "format/bitset.h"
 #include "format/head.h"
@@ -34,18 +34,18 @@ static uint64_t play(uint64_t a, uint64_t b)
     return (a ^ b) >> KEY_SHIFT || winner == NO_ENTRY ? winner : winner | TIE;
 }
 
-void cw_contest_init(cw_contest *c, unsigned nodes)
+void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
 {
-    *c = (cw_contest){.leaves = 1};
+    *c = (cw_arbiter){.leaves = 1};
     while (c->leaves < nodes)
         c->leaves *= 2;
     for (unsigned i = 0; i < 2 * c->leaves; i++)
         c->entries[i] = NO_ENTRY;
 }
 
-void cw_contest_update(cw_bus *bus, unsigned i)
+void cw_arbiter_update(cw_bus *bus, unsigned i)
 {
-    cw_contest *c = &bus->contest;
+    cw_arbiter *c = &bus->arbiter;
     uint64_t entry = entry_of(bus, i);
     unsigned place = c->leaves + i;
     if (c->entries[place] == entry)
@@ -62,20 +62,20 @@ static uint64_t play_among(const cw_bus *bus, uint64_t nodes)
 {
     uint64_t winner = NO_ENTRY;
     for (; nodes; nodes &= nodes - 1)
-        winner = play(winner, bus->contest.entries[bus->contest.leaves + cw_lowest_node(nodes)]);
+        winner = play(winner, bus->arbiter.entries[bus->arbiter.leaves + cw_lowest_node(nodes)]);
     return winner;
 }
 
-bool cw_contest_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
+bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
 {
-    uint64_t entry = nodes == bus->waiting ? bus->contest.entries[1] : play_among(bus, nodes);
+    uint64_t entry = nodes == bus->waiting ? bus->arbiter.entries[1] : play_among(bus, nodes);
     *winner = entry & NODE_MASK;
     return !(entry & TIE);
 }
 
-uint32_t cw_contest_key(const cw_bus *bus, unsigned i)
+uint32_t cw_arbiter_key(const cw_bus *bus, unsigned i)
 {
-    return (uint32_t)(bus->contest.entries[bus->contest.leaves + i] >> KEY_SHIFT);
+    return (uint32_t)(bus->arbiter.entries[bus->arbiter.leaves + i] >> KEY_SHIFT);
 }
 
 /* ---- Shares ---------------------------------------------------------------------------------- */
@@ -83,8 +83,8 @@ uint32_t cw_contest_key(const cw_bus *bus, unsigned i)
 /* Attempts of a node that were lost since the last sharing out. */
 static uint64_t lost_share(const cw_bus *bus, unsigned i)
 {
-    bool takes_part = bus->contest.contenders >> i & 1u;
-    return takes_part ? bus->contest.lost - bus->nodes[i].lost_before : 0;
+    bool takes_part = bus->arbiter.contenders >> i & 1u;
+    return takes_part ? bus->arbiter.lost - bus->nodes[i].lost_before : 0;
 }
 
 /* The first attempt of a frame is none of its retransmissions. */
@@ -96,10 +96,10 @@ static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts
 
 static void add_received(const cw_bus *bus, const bus_node *n, cw_node_stats *stats)
 {
-    uint64_t frames = bus->contest.rx_frames - n->rx_frames_before;
+    uint64_t frames = bus->arbiter.rx_frames - n->rx_frames_before;
     stats->rx_accepted += frames;
     stats->rx_frames += frames;
-    stats->rx_bytes += bus->contest.rx_bytes - n->rx_bytes_before;
+    stats->rx_bytes += bus->arbiter.rx_bytes - n->rx_bytes_before;
 }
 
 void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
@@ -108,7 +108,7 @@ void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     uint64_t lost = lost_share(bus, i);
     stats->arbitration_lost += lost;
     stats->retransmissions += retransmissions(bus, i, lost);
-    if (!(bus->contest.listeners >> i & 1u))
+    if (!(bus->arbiter.listeners >> i & 1u))
         return;
     add_received(bus, n, stats);
 }
@@ -117,7 +117,7 @@ void cw_share_lost_now(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     uint64_t lost = lost_share(bus, i);
-    n->lost_before = bus->contest.lost;
+    n->lost_before = bus->arbiter.lost;
     if (lost == 0)
         return;
     n->stats.arbitration_lost += lost;
@@ -127,34 +127,34 @@ void cw_share_lost_now(cw_bus *bus, unsigned i)
 
 void cw_set_contenders(cw_bus *bus, uint64_t nodes)
 {
-    if (nodes == bus->contest.contenders)
+    if (nodes == bus->arbiter.contenders)
         return;
-    for (uint64_t rest = nodes ^ bus->contest.contenders; rest; rest &= rest - 1)
+    for (uint64_t rest = nodes ^ bus->arbiter.contenders; rest; rest &= rest - 1)
         cw_share_lost(bus, cw_lowest_node(rest));
-    bus->contest.contenders = nodes;
-    bus->contest.contender_count = cw_count_bits(nodes);
+    bus->arbiter.contenders = nodes;
+    bus->arbiter.contender_count = cw_count_bits(nodes);
 }
 
 static void share_received(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    if (bus->contest.listeners >> i & 1u)
+    if (bus->arbiter.listeners >> i & 1u)
         add_received(bus, n, &n->stats);
-    n->rx_frames_before = bus->contest.rx_frames;
-    n->rx_bytes_before = bus->contest.rx_bytes;
+    n->rx_frames_before = bus->arbiter.rx_frames;
+    n->rx_bytes_before = bus->arbiter.rx_bytes;
 }
 
 void cw_set_listeners(cw_bus *bus, uint64_t nodes)
 {
-    for (uint64_t rest = nodes ^ bus->contest.listeners; rest; rest &= rest - 1)
+    for (uint64_t rest = nodes ^ bus->arbiter.listeners; rest; rest &= rest - 1)
         share_received(bus, cw_lowest_node(rest));
-    bus->contest.listeners = nodes;
+    bus->arbiter.listeners = nodes;
 }
 
 void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes)
 {
-    bus->contest.rx_frames++;
-    bus->contest.rx_bytes += bytes;
+    bus->arbiter.rx_frames++;
+    bus->arbiter.rx_bytes += bytes;
     bus->nodes[sender].rx_frames_before++; /* it is no listener of its own frame */
     bus->nodes[sender].rx_bytes_before += bytes;
 }

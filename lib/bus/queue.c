@@ -2,7 +2,7 @@
  *
  * queue.c - the transmit queue of a node: bounded, by priority or first in first out.
  */
-#include "queue.h"
+#include "bus/queue.h"
 
 #include "format/head.h"
 

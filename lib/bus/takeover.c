@@ -2,9 +2,9 @@
  *
  * takeover.c - a bus goes on as another one with other nodes and rules, to reload a configuration.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 
 /* On the wire, or to be tried again after the error that is being signalled. */
 static bool has_begun(const cw_mac *m)

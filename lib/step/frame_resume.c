@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap_resume.c - a frame that has begun bit by bit goes on as a leap, as soon as it is clear who
+ * frame_resume.c - a frame that has begun bit by bit goes on as a leap, as soon as it is clear who
  * sends it and all others read it as it is.
  */
-#include "leap.h"
+#include "step/frame.h"
 
 /* ---- Whether it can go on -------------------------------------------------------------------- */
 

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * contest.h - who wins the bus, and what taking part costs those who do not.
+ * arbiter.h - who wins the bus, and what taking part costs those who do not.
  */
-#ifndef CANWIRE_CONTEST_H
-#define CANWIRE_CONTEST_H
+#ifndef CANWIRE_ARBITER_H
+#define CANWIRE_ARBITER_H
 
 #include "canwire.h"
 
-/* Zeroed by cw_contest_init(). */
-typedef struct cw_contest {
+/* Zeroed by cw_arbiter_init(). */
+typedef struct cw_arbiter {
     uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
     unsigned leaves;
     uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
@@ -17,19 +17,19 @@ typedef struct cw_contest {
     uint64_t listeners;  /* nodes that have received all of these since their rx_*_before */
     uint64_t rx_frames;
     uint64_t rx_bytes;
-} cw_contest;
+} cw_arbiter;
 
-void cw_contest_init(cw_contest *contest, unsigned nodes);
+void cw_arbiter_init(cw_arbiter *arbiter, unsigned nodes);
 
 /* The frame that goes first at a node may be another one now. */
-void cw_contest_update(cw_bus *bus, unsigned node);
+void cw_arbiter_update(cw_bus *bus, unsigned node);
 
 /* Whose frame wins among these nodes, all of which have one. False when two are equal up to the end
  * of the arbitration field. */
-bool cw_contest_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
+bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
 
 /* The key of the frame that goes first at a node. */
-uint32_t cw_contest_key(const cw_bus *bus, unsigned node);
+uint32_t cw_arbiter_key(const cw_bus *bus, unsigned node);
 
 /* Adds what is still to be shared out to a copy of a node's statistics. */
 void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);

@@ -2,9 +2,9 @@
  *
  * host.c - what the hosts of the nodes do: frames handed in, restart, settings.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 
 #include <assert.h>
 
@@ -17,7 +17,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
     else
         bus->waiting &= ~cw_node_bit(i);
     bus->faults.known &= ~cw_node_bit(i) | bus->faults.always_known;
-    cw_contest_update(bus, i);
+    cw_arbiter_update(bus, i);
 }
 
 /* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * settle.c - what the controllers report at the end of a bit, as events and statistics.
+ * commit.c - what the controllers report at the end of a bit, as events and statistics.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 /* The slot's contents stay readable until the next frame is put in. */
 static const cw_queue_slot *offered_slot(const bus_node *n)
@@ -23,7 +23,7 @@ static void count_sent(cw_bus *bus, bus_node *n, unsigned wire_bits)
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
-void cw_settle_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
+void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
     bus_node *n = &bus->nodes[i];
     count_sent(bus, n, wire_bits);
@@ -35,7 +35,7 @@ void cw_settle_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 }
 
 /* A frame that is given up, by a one-shot node. */
-static void settle_given_up(cw_bus *bus, unsigned i)
+static void commit_given_up(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_remove_slot(bus, i, n->offered_slot);
@@ -135,7 +135,7 @@ void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const
     e->frame = *frame;
 }
 
-bool cw_settle_reception(cw_bus *bus)
+bool cw_commit_reception(cw_bus *bus)
 {
     const cw_frame frame = bus->common.rx;
     if (cw_host_side_acts(bus) || bus->group_count > 1)
@@ -169,11 +169,11 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
     cw_fault_error(bus, i, e);
 }
 
-void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
+void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
     /* what bus-off takes back stays in the queue: it is dropped at the restart, with all others */
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
-        settle_given_up(bus, i);
+        commit_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_tell_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
@@ -187,6 +187,6 @@ void cw_settle_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if (r->what & CW_REPORT_RX)
         cw_receive(bus, i, cw_mac_received(cw_mac_of(bus, i)));
     if (r->what & CW_REPORT_TX)
-        cw_settle_sent(bus, i, bus->nodes[i].mac.tx.length);
+        cw_commit_sent(bus, i, bus->nodes[i].mac.tx.length);
     cw_tell_state(bus, i);
 }

@@ -2,14 +2,14 @@
  *
  * bus_private.h - what the parts of the bus share: its state, and who does what.
  *
- *   bus.c      set-up, time: one bit after the other, equal ones in one go
- *   leap*.c    clean frames without controllers; contest.c who wins them, and what the others pay
- *   lockstep.c one controller for all nodes that do the same
- *   events.c   the ring of events
+ *   bus.c      time: what is due, which step comes next; memory.c the caller's memory
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
- *   settle.c   reports of the controllers to events and statistics
- *   view.c     the last bit, for traces
+ *   ring.c     the ring of events; commit.c makes events and statistics of reports
+ *   status.c   what can be read; view.c the last bit, for traces
  *   takeover.c a bus goes on as another one
+ *   step/      how time moves: frame*.c clean frames without controllers, arbiter.c who wins them
+ *              and what the others pay, run.c equal bits, shared.c one controller for all nodes
+ *              that do the same, bit.c one bit of all nodes
  *   fault*.c   rules: fault.c when they act, fault_level.c, fault_noise.c, fault_control.c,
  *              fault_host.c, fault_traffic.c what they do, fault_leap.c what they want of a leap
  */
@@ -17,11 +17,11 @@
 #define CANWIRE_BUS_PRIVATE_H
 
 #include "canwire.h"
-#include "contest.h"
+#include "step/arbiter.h"
 #include "fault.h"
-#include "mac.h"
-#include "queue.h"
-#include "stats.h"
+#include "mac/mac.h"
+#include "bus/queue.h"
+#include "bus/stats.h"
 #include "time/wire.h"
 
 #define CW_COPIES_MAX 16u   /* that a rule can make of one frame */
@@ -38,7 +38,7 @@ typedef struct bus_node {
     uint32_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
-    uint64_t lost_before;  /* what had been shared out, see cw_contest */
+    uint64_t lost_before;  /* what had been shared out, see cw_arbiter */
     uint64_t rx_frames_before;
     uint64_t rx_bytes_before;
     cw_node_stats stats;
@@ -111,7 +111,7 @@ typedef struct cw_crowd {
     uint64_t one_shot;
 } cw_crowd;
 
-/* A clean frame on its way, see leap.c. */
+/* A clean frame on its way, see step/frame.c. */
 typedef struct cw_leap {
     bool active;
     bool broken;          /* it must end with the bit in progress */
@@ -152,14 +152,14 @@ struct cw_bus {
     held_frame *held;
     unsigned held_count;
     uint64_t all;       /* nodes */
-    uint64_t followers; /* nodes that are where `common` is, see lockstep.c */
+    uint64_t followers; /* nodes that are where `common` is, see step/shared.c */
     uint64_t waiting;   /* nodes with frames in their queues */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     uint64_t removed;   /* of these, those that have been flushed: for good */
     cw_mac common;
     cw_crowd crowd;
     cw_leap leap;
-    cw_contest contest;
+    cw_arbiter arbiter;
     uint32_t wanted;    /* kinds of events, as bits */
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
@@ -209,18 +209,18 @@ static inline uint64_t cw_least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* ---- contest.c ------------------------------------------------------------------------------- */
+/* ---- step/arbiter.c -------------------------------------------------------------------------- */
 
 void cw_share_lost_now(cw_bus *bus, unsigned node);
 
 /* Gives a node its share of lost attempts; before its first frame changes or is tried otherwise. */
 static inline void cw_share_lost(cw_bus *bus, unsigned node)
 {
-    if (bus->nodes[node].lost_before != bus->contest.lost)
+    if (bus->nodes[node].lost_before != bus->arbiter.lost)
         cw_share_lost_now(bus, node);
 }
 
-/* ---- events.c -------------------------------------------------------------------------------- */
+/* ---- ring.c ---------------------------------------------------------------------------------- */
 
 /* The most room that a bit can need; to be found anew when rules come or go. */
 void cw_ring_find_enough(cw_bus *bus);
@@ -305,10 +305,15 @@ void cw_find_next_restart(cw_bus *bus);
 
 bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
 
-/* ---- bus.c ----------------------------------------------------------------------------------- */
+/* ---- memory.c -------------------------------------------------------------------------------- */
 
 /* Room in the queue of a node: for what its configuration and rules from the start may set. */
 uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
+
+/* ---- step/bit.c ------------------------------------------------------------------------------ */
+
+/* Simulates the bit that comes next. */
+void cw_step_bit(cw_bus *bus);
 
 /* The frame of a node's queue that goes first, or the one in a slot, encoded and ready to be
  * sent. */
@@ -321,7 +326,22 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels);
 /* Simulates the bit in progress, whose levels have been found. */
 void cw_step_with(cw_bus *bus, const cw_levels *levels);
 
-/* ---- leap.c ---------------------------------------------------------------------------------- */
+/* Load and flags, by what the nodes are doing in the next bit and those that go with it. */
+void cw_watch_wire(cw_bus *bus, uint64_t bits);
+
+/* ---- step/run.c ------------------------------------------------------------------------------ */
+
+/* The level of the wire as long as nobody begins or ends to drive it. */
+bool cw_held_level(const cw_bus *bus);
+
+/* Bits up to tick in which the wire keeps that level, no controller does anything new, and nothing
+ * comes in; 0 when the next one is to be simulated. */
+uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick);
+
+/* Takes that many bits at once. */
+void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
+
+/* ---- step/frame*.c --------------------------------------------------------------------------- */
 
 /* Begins to leap over the frame that comes next and goes as far as the end of it, the next moment
  * at which something happens, or tick. False: nothing is done, bits are to be simulated singly. */
@@ -343,7 +363,7 @@ void cw_leap_frame_came(cw_bus *bus, unsigned node, uint64_t tick);
 uint64_t cw_leap_recessive_bits(const cw_bus *bus);
 uint64_t cw_leap_horizon(const cw_bus *bus);
 
-/* ---- lockstep.c ------------------------------------------------------------------------------ */
+/* ---- step/shared.c --------------------------------------------------------------------------- */
 
 /* The controller of a node, shared or its own. */
 const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
@@ -361,7 +381,7 @@ void cw_join(cw_bus *bus, unsigned node);
 void cw_split_followers(cw_bus *bus, uint64_t levels);
 
 /* Ends the bit for all followers, which see the same level. Returns whether there is anything to
- * settle. */
+ * commit. */
 bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 
 /* ---- view.c ---------------------------------------------------------------------------------- */
@@ -373,16 +393,16 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels);
  * all nodes are where they were in it. */
 bool cw_view_is_quiet(const cw_bus *bus);
 
-/* ---- settle.c -------------------------------------------------------------------------------- */
+/* ---- commit.c -------------------------------------------------------------------------------- */
 
 /* Events and statistics of one node at the end of a bit, in the order of cw_event_kind. */
-void cw_settle_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
+void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
 /* The node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
 /* The node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
-void cw_settle_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
+void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 
 /* The node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
@@ -398,8 +418,8 @@ static inline bool cw_host_side_acts(const cw_bus *bus)
 }
 
 /* Followers have received a frame in this bit, and nobody else has anything to tell. Returns
- * whether that could be settled for all of them at once. */
-bool cw_settle_reception(cw_bus *bus);
+ * whether that could be done for all of them at once. */
+bool cw_commit_reception(cw_bus *bus);
 
 /* A state that has changed since it was last told. */
 void cw_tell_new_state(cw_bus *bus, unsigned node);

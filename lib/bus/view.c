@@ -2,7 +2,7 @@
  *
  * view.c - the last bit as it was: levels, places as each node counted them, faults; for traces.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include "format/parts.h"
 

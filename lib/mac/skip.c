@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * mac_skip.c - several bits of one level at once, and how far a controller is from something new.
+ * skip.c - several bits of one level at once, and how far a controller is from something new.
  *
  * Flags, delimiters, intermission, idle time and rows of equal bits in a frame take many bits in
  * which a controller only counts. What it does is what mac.c would do in as many single bits.
  */
-#include "mac_private.h"
+#include "mac/mac_private.h"
 
 #include "format/tables.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * lockstep.c - one controller for all nodes that do the same.
+ * shared.c - one controller for all nodes that do the same.
  *
  * Receivers without errors of their own take every bit in the same way. They follow one shared
  * controller, so that a bit costs the same for 2 nodes and for 64. A follower keeps its counters,
@@ -8,9 +8,9 @@
  * own controller back as soon as it does something different: it begins to transmit, samples
  * another level than the others, becomes error passive, or somebody does something to it.
  */
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 #include "format/bitset.h"
 
 /* The shared controller's own counters mean nothing: its REC begins each bit here, and how it moves

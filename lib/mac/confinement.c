@@ -2,7 +2,7 @@
  *
  * confinement.c - the error counters of a controller and its state (rules R1..R13).
  */
-#include "confinement.h"
+#include "mac/confinement.h"
 
 #define REC_AFTER_PASSIVE 120u /* R8, ruling: of the 119..127 that are allowed */
 

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap.h - what the parts of a leap share: leap_begin.c, leap_resume.c, leap.c (on the
- *          way), leap_end.c.
+ * frame.h - what the parts of the frame step share: frame_begin.c, frame_resume.c, frame.c (on the
+ *           way), frame_end.c.
  */
 #ifndef CANWIRE_LEAP_H
 #define CANWIRE_LEAP_H
 
-#include "bus_private.h"
+#include "bus/bus_private.h"
 
 #include "format/layout.h"
 #include "format/parts.h"
@@ -21,8 +21,8 @@ void cw_leap_look_around(cw_bus *bus);
 /* A leap that begins with the frame of a node; which one and where in it is left to the caller. */
 void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
 
-/* All losses of the contest at once; what they add to single nodes is shared out later
- * (contest.c). */
+/* All lost arbitrations at once; what they add to single nodes is shared out later
+ * (arbiter.c). */
 void cw_leap_count_losses(cw_bus *bus);
 
 /* Every arbitration is over after so many wire bits: the field with its SOF and stuff bits. */

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap.c - clean frames without their single bits.
+ * frame.c - clean frames without their single bits.
  *
  * While all nodes are idle and somebody wants to send, what the frame will do follows from its
  * encoding: who loses arbitration and where, when receivers acknowledge and take it, when it ends.
  * So the bus goes from one of these moments to the next. Controllers stay idle meanwhile; when a
  * fault rule wants to look at a bit, or somebody does something to a node, they are put where they
- * would be by then (leap_end.c), and single bits go on from there.
+ * would be by then (frame_end.c), and single bits go on from there.
  *
  * When nobody can see more of a frame than its end, its length is all that is needed: it is leapt
  * over in one go, without its bits (cw_leap_whole()).
@@ -16,9 +16,9 @@
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */
-#include "leap.h"
+#include "step/frame.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 
 /* ---- Moments --------------------------------------------------------------------------------- */
 
@@ -90,7 +90,7 @@ static void finish_transmission(cw_bus *bus)
     m->offered = false;
     cw_confinement_tx_success(&m->confinement);
     m->told_state = m->confinement.state;
-    cw_settle_sent(bus, leap->node, leap->length);
+    cw_commit_sent(bus, leap->node, leap->length);
     cw_tell_state(bus, leap->node);
 }
 

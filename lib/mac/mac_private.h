@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * mac_private.h - what the parts of the controller share: mac.c (bit by bit), mac_skip.c (several
- *                 bits at once), mac_point.c (put to where others are).
+ * mac_private.h - what the parts of the controller share: mac.c (bit by bit), skip.c (several
+ *                 bits at once), point.c (put to where others are).
  */
 #ifndef CANWIRE_MAC_PRIVATE_H
 #define CANWIRE_MAC_PRIVATE_H
 
 #include "format/parts.h"
-#include "mac.h"
+#include "mac/mac.h"
 
 static inline bool cw_mac_is_transmitter(const cw_mac *mac)
 {

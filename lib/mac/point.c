@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * mac_point.c - controllers that are where others are: whether they are, and how they get there.
+ * point.c - controllers that are where others are: whether they are, and how they get there.
  *
  * What a controller remembers of the bits of a frame is its point. Receivers without errors are at
  * the same one; where that is follows from the frame and the number of its bits that have passed.
  */
-#include "mac_private.h"
+#include "mac/mac_private.h"
 
 #include "format/bits.h"
 #include "format/bitset.h"

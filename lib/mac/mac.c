@@ -9,9 +9,9 @@
  * transmitter parses its own frame as the receivers do, so that it can become one of them in any
  * bit (M2).
  */
-#include "mac_private.h"
+#include "mac/mac_private.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 #include "format/crc.h"
 #include "format/parts.h"
 #include "format/tables.h"

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * leap_begin.c - whether the frame that comes next can be leapt over, and its start.
+ * frame_begin.c - whether the frame that comes next can be leapt over, and its start.
  */
-#include "leap.h"
+#include "step/frame.h"
 
-#include "confinement.h"
+#include "mac/confinement.h"
 #include "format/bits.h"
 
 /* ---- Who is there ---------------------------------------------------------------------------- */
@@ -124,7 +124,7 @@ static void begin_attempt(cw_bus *bus, unsigned i)
 void cw_leap_find_loss(cw_bus *bus, unsigned i, const cw_bits *bits)
 {
     cw_leap *leap = &bus->leap;
-    uint32_t differing = cw_contest_key(bus, i) ^ cw_contest_key(bus, leap->node);
+    uint32_t differing = cw_arbiter_key(bus, i) ^ cw_arbiter_key(bus, leap->node);
     pin_frame(&bus->nodes[i]);
     leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
     leap->lost_at[i] = (uint8_t)cw_bits_wire_index(bits, 1u + leap->lost_bit[i]);
@@ -150,9 +150,9 @@ void cw_leap_count_losses(cw_bus *bus)
     bus_node *n = &bus->nodes[leap->node];
     cw_set_contenders(bus, leap->contenders);
     begin_attempt(bus, leap->node);
-    bus->contest.lost++;
-    n->lost_before = bus->contest.lost;
-    bus->stats.arbitration_lost += bus->contest.contender_count - 1;
+    bus->arbiter.lost++;
+    n->lost_before = bus->arbiter.lost;
+    bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
     leap->undecided = 0;
     leap->unseen = true;
 }
@@ -236,7 +236,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
         return false;
     uint64_t contenders = bus->waiting & bus->crowd.starters;
     bool others = bus->waiting & ~(bus->crowd.riders | bus->crowd.away);
-    if (contenders == 0 || others || !cw_contest_winner(bus, contenders, &winner) ||
+    if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
         !is_leapable(bus, contenders, winner))
         return false;
     uint64_t watched = cw_fault_watched(bus, contenders, winner);

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bus.c - time of the bus: what is due now, and which step goes on from here.
+ */
+#include "bus/bus_private.h"
+
+/* ---- What is due ----------------------------------------------------------------------------- */
+
+/* States that rules or settings have changed. */
+static void tell_news(cw_bus *bus)
+{
+    bus->news = false;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        cw_tell_state(bus, i);
+}
+
+static void run_due_nodes(cw_bus *bus)
+{
+    if (bus->next_restart > cw_now(bus)) {
+        cw_take_inbox_before(bus, cw_now(bus) + 1); /* sorted by node, too */
+        return;
+    }
+    for (unsigned i = 0; i < bus->node_count; i++)
+        cw_run_due_node(bus, i);
+    /* behind cw_bus_bring_forward() nodes have no order */
+    cw_take_inbox_before(bus, cw_now(bus) + 1);
+    cw_find_next_restart(bus);
+}
+
+/* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
+ * has, nothing is left to be told of this tick. A leap goes on when nothing but frames come. */
+static void run_due(cw_bus *bus)
+{
+    do {
+        bus->work += bus->faults.awake_count;
+        if (bus->news || bus->faults.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
+            cw_leap_end(bus);
+        cw_fault_run_due(bus);
+        run_due_nodes(bus);
+        if (bus->news)
+            tell_news(bus);
+    } while (bus->news || bus->faults.next_due <= cw_now(bus));
+}
+
+static void run_all_due(cw_bus *bus)
+{
+    uint64_t due = cw_least(cw_least(bus->next_restart, bus->faults.next_due), cw_inbox_first(bus));
+    if (due <= cw_now(bus) || bus->news || bus->faults.awake_count)
+        run_due(bus);
+}
+
+/* ---- Going on -------------------------------------------------------------------------------- */
+
+/* Some bits, at least one. */
+static void go_on(cw_bus *bus, uint64_t tick)
+{
+    if (bus->stepping || bus->watching) {
+        cw_step_bit(bus);
+        return;
+    }
+    if (bus->leap.active) {
+        cw_leap_on(bus, tick);
+        return;
+    }
+    if (cw_leap_begin(bus, tick) || cw_leap_resume(bus, tick))
+        return;
+    bool level = cw_held_level(bus);
+    uint64_t bits = cw_run_reach(bus, level, tick);
+    if (bits > 0)
+        cw_run_go(bus, bits, level);
+    else
+        cw_step_bit(bus);
+}
+
+/* Up to a tick, or until there is so much work, with the events that are there; at least a bit. */
+static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
+{
+    if (!cw_ring_has_room(bus))
+        return CW_FULL;
+    run_all_due(bus);
+    const uint64_t begin = cw_now(bus);
+    for (bool more = cw_wire_fits_bit(&bus->time, tick); more;) {
+        if (!cw_ring_has_room(bus))
+            return CW_FULL;
+        go_on(bus, tick);
+        run_all_due(bus);
+        bus->work++;
+        more = cw_wire_fits_bit(&bus->time, tick);
+        if (more && bus->work + bus->ring.count >= enough && cw_now(bus) > begin)
+            return CW_AGAIN;
+    }
+    return CW_OK;
+}
+
+static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
+{
+    const unsigned events = bus->ring.count;
+    cw_status status = go_to(bus, tick, cw_after(bus->work + events, work));
+    bus->work += bus->ring.count - events;
+    return status;
+}
+
+cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
+{
+    return advance(bus, tick, UINT64_MAX);
+}
+
+cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work)
+{
+    return advance(bus, tick, work);
+}
+
+uint64_t cw_bus_work(const cw_bus *bus)
+{
+    return bus->work;
+}
+
+void cw_bus_set_stepping(cw_bus *bus, bool stepping)
+{
+    bus->stepping = stepping;
+    if (!stepping)
+        return;
+    cw_leap_end(bus);
+    cw_leave(bus, bus->all);
+}
+
+void cw_bus_set_watching(cw_bus *bus, bool watching)
+{
+    bus->watching = watching;
+    if (watching)
+        cw_leap_end(bus);
+}
+
+/* What happens at the end of a bit is seen in it: so the last one is not left out. */
+uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
+{
+    if (tick <= cw_now(bus) || bus->news || !cw_view_is_quiet(bus))
+        return cw_now(bus);
+    uint64_t bits = cw_run_reach(bus, CW_RECESSIVE, tick);
+    return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);
+}
+
+void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
+{
+    bus->wanted = kinds;
+}

@@ -1,0 +1,144 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * memory.c - a bus in its caller's memory: what a configuration takes, and the bus at tick 0.
+ */
+#include "bus/bus_private.h"
+
+#include <assert.h>
+#include <string.h>
+
+/* ---- Whether the configuration is valid ------------------------------------------------------ */
+
+static bool node_config_valid(const cw_node_config *c)
+{
+    return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
+           c->warning_limit >= 1 && c->warning_limit <= 255;
+}
+
+static bool config_valid(const cw_bus_config *c)
+{
+    if (c->bit_ticks == 0 || c->node_count == 0 || c->node_count > CW_NODES_MAX || c->inbox == 0 ||
+        (unsigned)c->rule_count + c->rule_room > CW_RULES_MAX)
+        return false;
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (!node_config_valid(&c->nodes[i]))
+            return false;
+    return true;
+}
+
+/* Where things lie in the caller's memory. With base NULL only the size is counted. */
+typedef struct arena {
+    unsigned char *base;
+    size_t used;
+} arena;
+
+static void *carve(arena *a, size_t count, size_t size)
+{
+    size_t offset = a->used;
+    a->used += (count * size + 15) & ~(size_t)15;
+    return a->base ? a->base + offset : NULL;
+}
+
+uint16_t cw_queue_room(const cw_bus_config *c, unsigned node)
+{
+    const cw_node_config *n = &c->nodes[node];
+    uint16_t room = n->queue > n->queue_room ? n->queue : n->queue_room;
+    for (unsigned i = 0; i < c->rule_count; i++) {
+        const cw_rule *r = &c->rules[i];
+        bool sets = r->action == CW_ACTION_SET && (r->nodes & cw_node_bit(node)) &&
+                    (r->settings.which & CW_SET_QUEUE) && r->settings.queue <= CW_QUEUE_MAX;
+        if (sets && r->settings.queue > room)
+            room = r->settings.queue;
+    }
+    return room;
+}
+
+static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++) {
+        uint16_t capacity = cw_queue_room(c, i);
+        cw_queue_slot *slots = carve(a, capacity, sizeof *slots);
+        cw_queue_place *order = carve(a, capacity, sizeof *order);
+        if (nodes)
+            cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order);
+    }
+}
+
+static void carve_faults(arena *a, cw_fault_set *set, const cw_bus_config *c)
+{
+    size_t capacity = (size_t)c->rule_count + c->rule_room;
+    cw_fault *faults = carve(a, capacity, sizeof *faults);
+    cw_fault_key *exact = carve(a, capacity, sizeof *exact);
+    uint16_t *wild = carve(a, capacity, sizeof *wild);
+    uint16_t *awake = carve(a, capacity, sizeof *awake);
+    if (set)
+        *set = (cw_fault_set){.faults = faults, .exact = exact, .wild = wild, .awake = awake,
+                              .capacity = (unsigned)capacity, .stale = true,
+                              .next_due = CW_NEVER};
+}
+
+static cw_bus *lay_out(arena *a, const cw_bus_config *c)
+{
+    unsigned events = c->events > cw_ring_least(c) ? c->events : cw_ring_least(c);
+    cw_bus *bus = carve(a, 1, sizeof *bus);
+    bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    inbox_entry *entries = carve(a, c->inbox, sizeof *entries);
+    held_frame *held = carve(a, CW_HELD_FRAMES, sizeof *held);
+    cw_event *ring = carve(a, events, sizeof *ring);
+    if (bus) {
+        memset(bus, 0, sizeof *bus);
+        memset(nodes, 0, c->node_count * sizeof *nodes);
+        bus->nodes = nodes;
+        bus->held = held;
+        bus->inbox = (inbox){.entries = entries, .capacity = c->inbox};
+        bus->ring = (event_ring){.events = ring, .capacity = events};
+    }
+    carve_faults(a, bus ? &bus->faults : NULL, c);
+    carve_queues(a, nodes, c);
+    return bus;
+}
+
+size_t cw_bus_size(const cw_bus_config *config)
+{
+    arena a = {.base = NULL};
+    if (!config_valid(config))
+        return 0;
+    (void)lay_out(&a, config);
+    return a.used;
+}
+
+static void init_node(bus_node *n, const cw_node_config *c)
+{
+    cw_mac_init(&n->mac, c->modes, c->warning_limit);
+    n->restart_ticks = c->restart_ticks;
+    n->restart_at = CW_NEVER;
+    n->queue_limit = c->queue;
+}
+
+cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
+{
+    if (!config_valid(config))
+        return NULL;
+    assert(memory);
+    arena a = {.base = memory};
+    cw_bus *bus = lay_out(&a, config);
+    bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
+    bus->node_count = config->node_count;
+    bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
+    bus->seed = config->seed;
+    bus->next_restart = CW_NEVER;
+    bus->groups[0] = UINT64_MAX;
+    bus->group_count = 1;
+    bus->wanted = UINT32_MAX;
+    cw_load_init(&bus->load, cw_wire_rate(&bus->time));
+    cw_arbiter_init(&bus->arbiter, config->node_count);
+    for (unsigned i = 0; i < config->node_count; i++)
+        init_node(&bus->nodes[i], &config->nodes[i]);
+    cw_ring_find_enough(bus);
+    for (unsigned i = 0; i < config->rule_count; i++) {
+        unsigned index;
+        if (cw_bus_add_rule(bus, &index, &config->rules[i]) != CW_OK)
+            return NULL;
+    }
+    return bus;
+}

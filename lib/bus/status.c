@@ -1,0 +1,123 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status.c - what can be read of a bus: time, statistics, and when something will happen next.
+ */
+#include "bus/bus_private.h"
+
+#include "format/layout.h"
+
+uint64_t cw_bus_now(const cw_bus *bus)
+{
+    return cw_now(bus);
+}
+
+uint64_t cw_bus_recessive_bits(const cw_bus *bus)
+{
+    return bus->leap.active ? cw_leap_recessive_bits(bus) : bus->recessive_bits;
+}
+
+size_t cw_bus_pending(const cw_bus *bus)
+{
+    return (size_t)bus->queued + bus->inbox.count + bus->held_count;
+}
+
+bool cw_bus_idle(const cw_bus *bus)
+{
+    if (bus->leap.active)
+        return false;
+    bool busy = bus->followers && cw_mac_is_busy(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
+        busy = cw_mac_is_busy(&bus->nodes[cw_lowest_node(rest)].mac);
+    return !busy;
+}
+
+/* When nobody knows when a frame or a flag ends, look again after this many bits; when faults
+ * are at work on the wire, after more. */
+#define LOOK_AGAIN_BITS 6u
+#define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
+
+/* Whether a node may read on in a frame whose transmitters have left it, with a passive flag. Who
+ * sends on another wire, or in loopback, does not send that frame. */
+static bool is_orphaned(const cw_bus *bus)
+{
+    bool read = bus->followers && bus->common.phase == CW_MAC_FRAME;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
+        bool sends = cw_mac_is_sending(m);
+        if (sends && bus->group_count == 1 && !(m->modes & CW_MODE_LOOPBACK))
+            return false;
+        read = read || (m->phase == CW_MAC_FRAME && !sends);
+    }
+    return read;
+}
+
+/* Bits until a controller may have something to report. */
+static uint64_t horizon(const cw_bus *bus)
+{
+    uint64_t bits = CW_QUIET_FOREVER;
+    if (bus->leap.active)
+        return cw_leap_horizon(bus);
+    if (bus->followers)
+        bits = cw_mac_horizon(&bus->common, (bus->waiting & bus->followers) != 0);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bool waits = bus->waiting >> i & 1u;
+        bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, waits));
+    }
+    return bits;
+}
+
+/* Whether the controller does nothing by itself until it is idle, or gets a frame. */
+static bool comes_to_rest(const cw_mac *m)
+{
+    return !cw_mac_is_busy(m) || (m->phase == CW_MAC_INTERMISSION && m->overloads_wanted == 0);
+}
+
+/* Whether all of them do, after a frame. In a leap the ends of its frame are known. */
+static bool bus_comes_to_rest(const cw_bus *bus)
+{
+    bool rests = !bus->followers || comes_to_rest(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; rests && rest; rest &= rest - 1)
+        rests = comes_to_rest(&bus->nodes[cw_lowest_node(rest)].mac);
+    return rests || bus->leap.active;
+}
+
+uint64_t cw_bus_next(const cw_bus *bus)
+{
+    if (bus->news)
+        return cw_now(bus);
+    uint64_t bits = horizon(bus);
+    bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
+    if (unknown || (!bus->leap.active && is_orphaned(bus)))
+        bits = cw_least(bits, LOOK_AGAIN_BITS);
+    const bool calm = bits == CW_QUIET_FOREVER && cw_fault_rests(bus);
+    if (bus->faults.awake_count && !calm)
+        bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
+    uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
+    tick = cw_least(tick, cw_least(bus->next_restart, bus->faults.next_due));
+    return cw_least(tick, cw_inbox_first(bus));
+}
+
+void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
+{
+    *stats = bus->stats;
+    stats->ticks = cw_now(bus);
+    stats->pending = (uint32_t)(bus->queued + bus->held_count);
+    stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
+}
+
+cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    const bus_node *n = &bus->nodes[i];
+    *stats = n->stats;
+    cw_share_stats(bus, i, stats);
+    stats->inbox = n->inbox;
+    stats->queue = n->queue.count;
+    cw_fault_count_held(bus, i, &stats->held, &stats->rx_held);
+    stats->tec = n->mac.confinement.tec;
+    stats->rec = n->mac.confinement.rec;
+    stats->state = cw_mac_state(&n->mac);
+    return CW_OK;
+}

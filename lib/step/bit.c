@@ -1,0 +1,224 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bit.c - one bit of all nodes: they drive, the wire is the AND of the levels, then they sample.
+ *
+ * Frames handed in meanwhile go to their queues before the nodes sample. So the order of the nodes
+ * cannot matter but for the order of events. This is the reference: all other steps leave what
+ * single bits would leave.
+ */
+#include "bus/bus_private.h"
+
+#include <assert.h>
+
+/* ---- One bit: drive -------------------------------------------------------------------------- */
+
+/* The frame is chosen anew at each start (M1), but encoded only when it is another one. */
+void cw_offer_first(bus_node *n)
+{
+    uint16_t slot = cw_queue_first(&n->queue);
+    if (!n->mac.offered || n->offered_slot != slot)
+        cw_offer_slot(n, slot);
+}
+
+void cw_offer_slot(bus_node *n, uint16_t slot)
+{
+    n->offered_slot = slot;
+    n->wrong_crc = false;
+    cw_status status = cw_mac_offer(&n->mac, &n->queue.slots[slot].frame);
+    assert(status == CW_OK);
+    (void)status;
+}
+
+static void note_start(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_share_lost(bus, i);
+    n->stats.retransmissions += slot->tried;
+    slot->tried = true;
+    if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: nothing of it is on the wire */
+        return;
+    bus->error_flag = (flag_watch){.now = false};
+    bus->overload_flag = (flag_watch){.now = false};
+    cw_fault_transmission(bus, i, &slot->frame);
+}
+
+/* The levels that all nodes put onto their wires; recessive beyond the last node. */
+static uint64_t drive_all(cw_bus *bus)
+{
+    uint64_t levels = UINT64_MAX;
+    if (bus->followers && cw_mac_can_start(&bus->common))
+        cw_leave(bus, bus->waiting);
+    if (bus->followers && cw_mac_drive(&bus->common) == CW_DOMINANT)
+        levels &= ~bus->followers;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bus_node *n = &bus->nodes[i];
+        if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
+            cw_offer_first(n);
+        if (cw_mac_drive(&n->mac) == CW_DOMINANT)
+            levels &= ~cw_node_bit(i);
+        if (n->mac.started)
+            note_start(bus, i);
+    }
+    return levels;
+}
+
+/* The wired-AND of each wire, as its nodes see it. */
+static uint64_t wired_and(const cw_bus *bus, uint64_t driven)
+{
+    uint64_t levels = UINT64_MAX;
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if ((driven & bus->groups[g]) != bus->groups[g])
+            levels &= ~bus->groups[g];
+    return levels;
+}
+
+/* ---- One bit: what is on the wire ------------------------------------------------------------ */
+
+/* A flag that is there, or not, in so many bits; in none that are skipped it begins or ends. */
+static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
+{
+    if (now && !w->now)
+        (*frames)++;
+    if (w->now) {
+        w->length++;
+        w->over = w->over || !now;
+    }
+    w->now = now;
+    if (now)
+        w->length += bits - 1;
+}
+
+#define WIRE_BUSY 0x1u
+#define WIRE_ERROR 0x2u    /* an error flag */
+#define WIRE_OVERLOAD 0x4u /* an overload flag */
+
+/* What a node is doing to the wire. Nothing of one in loopback is there, nor are the flags of one
+ * that only listens (M11, M15). */
+static unsigned view_mac(const cw_mac *m)
+{
+    static const uint8_t views[CW_MAC_PHASE_COUNT] = {
+        [CW_MAC_FRAME] = WIRE_BUSY,
+        [CW_MAC_ERROR_ACTIVE] = WIRE_BUSY | WIRE_ERROR,
+        [CW_MAC_ERROR_PASSIVE] = WIRE_BUSY | WIRE_ERROR,
+        [CW_MAC_ERROR_WAIT] = WIRE_BUSY,
+        [CW_MAC_ERROR_DELIMITER] = WIRE_BUSY,
+        [CW_MAC_OVERLOAD_FLAG] = WIRE_BUSY | WIRE_OVERLOAD,
+        [CW_MAC_OVERLOAD_WAIT] = WIRE_BUSY,
+        [CW_MAC_OVERLOAD_DELIMITER] = WIRE_BUSY,
+        [CW_MAC_INTERMISSION] = WIRE_BUSY,
+    };
+    if (m->modes & CW_MODE_LOOPBACK)
+        return 0;
+    return m->modes & CW_MODE_LISTEN_ONLY ? views[m->phase] & WIRE_BUSY : views[m->phase];
+}
+
+void cw_watch_wire(cw_bus *bus, uint64_t bits)
+{
+    unsigned view = bus->followers ? view_mac(&bus->common) : 0;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
+        view |= view_mac(&bus->nodes[cw_lowest_node(rest)].mac);
+    watch_flag(&bus->error_flag, view & WIRE_ERROR, bits, &bus->stats.error_frames);
+    watch_flag(&bus->overload_flag, view & WIRE_OVERLOAD, bits, &bus->stats.overload_frames);
+    bus->stats.busy_bits += view & WIRE_BUSY ? bits : 0;
+    cw_load_add(&bus->load, bits, view & WIRE_BUSY);
+}
+
+/* ---- One bit --------------------------------------------------------------------------------- */
+
+typedef struct bit_reports {
+    uint64_t together; /* nodes for which `common` holds */
+    uint64_t news;     /* nodes for which there is something to commit */
+    cw_mac_report common;
+    cw_mac_report own[CW_NODES_MAX];
+} bit_reports;
+
+static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
+{
+    cw_split_followers(bus, levels);
+    reports->together = bus->followers;
+    reports->news = 0;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_mac_sample(&bus->nodes[i].mac, levels >> i & 1u, &reports->own[i]);
+        if (reports->own[i].what & ~CW_REPORT_STARTED)
+            reports->news |= cw_node_bit(i);
+    }
+    if (bus->followers && cw_sample_common(bus, levels, &reports->common))
+        reports->news |= reports->together;
+}
+
+static void commit(cw_bus *bus, const bit_reports *reports)
+{
+    bool reception = reports->news == reports->together && reports->common.what == CW_REPORT_RX;
+    if (reception && cw_commit_reception(bus))
+        return;
+    for (uint64_t rest = reports->news; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bool together = reports->together >> i & 1u;
+        cw_commit_node(bus, i, together ? &reports->common : &reports->own[i]);
+    }
+}
+
+/* Nodes that have come to where the others are: between frames, or as losers of an arbitration. */
+static void gather(cw_bus *bus, const bit_reports *reports)
+{
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        bool lost = !(reports->together >> i & 1u) &&
+                    (reports->own[i].what & CW_REPORT_ARBITRATION_LOST);
+        if (lost || bus->nodes[i].mac.phase == CW_MAC_IDLE)
+            cw_join(bus, i);
+    }
+}
+
+static void end_bit(cw_bus *bus)
+{
+    cw_wire_pass(&bus->time, 1);
+    bus->stats.bits++;
+    bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
+}
+
+void cw_find_levels(cw_bus *bus, cw_levels *levels)
+{
+    if (bus->faults.awake_count)
+        cw_fault_driven(bus, levels);
+    bus->driven = levels->driven;
+    levels->clean = levels->wire = levels->sampled = wired_and(bus, levels->driven);
+    bus->wire = levels->sampled == UINT64_MAX;
+    if (bus->faults.awake_count)
+        cw_fault_sampled(bus, levels);
+}
+
+static void finish_bit(cw_bus *bus, const cw_levels *levels)
+{
+    bit_reports reports;
+    cw_take_inbox_before(bus, cw_bit_end(bus));
+    sample_all(bus, levels->sampled, &reports);
+    end_bit(bus);
+    if (bus->faults.awake_count)
+        cw_fault_emit(bus);
+    if (reports.news)
+        commit(bus, &reports);
+    if (!bus->stepping)
+        gather(bus, &reports);
+}
+
+void cw_step_bit(cw_bus *bus)
+{
+    bus->crowd.valid = false;
+    cw_levels levels = {.driven = drive_all(bus)};
+    cw_watch_wire(bus, 1);
+    cw_find_levels(bus, &levels);
+    if (bus->stepping || bus->watching)
+        cw_view_note(bus, &levels);
+    finish_bit(bus, &levels);
+}
+
+void cw_step_with(cw_bus *bus, const cw_levels *levels)
+{
+    (void)drive_all(bus);
+    cw_watch_wire(bus, 1);
+    finish_bit(bus, levels);
+}

@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run.c - equal bits at once, in which no controller has anything to report: idle time, flags,
+ *         delimiters, rows of equal bits that all nodes read.
+ */
+#include "bus/bus_private.h"
+
+/* ---- How far it goes ------------------------------------------------------------------------- */
+
+/* Whether some node has a frame that it may begin to send in the next bit. */
+static bool can_start(const cw_bus *bus)
+{
+    uint64_t own = bus->waiting & ~bus->followers;
+    if (bus->waiting != own && cw_mac_can_start(&bus->common))
+        return true;
+    for (; own; own &= own - 1)
+        if (cw_mac_can_start(&bus->nodes[cw_lowest_node(own)].mac))
+            return true;
+    return false;
+}
+
+bool cw_held_level(const cw_bus *bus)
+{
+    bool held = bus->followers && cw_mac_holds_wire(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; !held && rest; rest &= rest - 1)
+        held = cw_mac_holds_wire(&bus->nodes[cw_lowest_node(rest)].mac);
+    return held ? CW_DOMINANT : CW_RECESSIVE;
+}
+
+/* Bits in which all controllers drive what they do now, and have nothing to report. */
+static uint64_t steady_bits(const cw_bus *bus, bool level)
+{
+    uint64_t bits = CW_QUIET_FOREVER;
+    if (bus->group_count > 1 && !level)
+        return 0;
+    if (bus->followers)
+        bits = cw_mac_steady_bits(&bus->common, level);
+    for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
+        bits = cw_least(bits, cw_mac_steady_bits(&bus->nodes[cw_lowest_node(rest)].mac, level));
+    return bits > 0 && can_start(bus) ? 0 : bits;
+}
+
+/* A frame that comes amid a bit changes nothing before the next one, unless rules look at it. */
+static uint64_t bits_up_to_inbox(const cw_bus *bus)
+{
+    uint64_t tick = cw_inbox_first(bus);
+    return cw_host_side_acts(bus) ? cw_wire_bits_before(&bus->time, tick)
+                                  : cw_wire_bits_until(&bus->time, tick);
+}
+
+uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
+{
+    if (bus->faults.awake_count && !cw_fault_is_steady(bus, level))
+        return 0;
+    uint64_t bits = steady_bits(bus, level);
+    if (bits == 0)
+        return 0;
+    bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
+    bits = cw_least(bits, bits_up_to_inbox(bus));
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->next_restart));
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->faults.next_due));
+    if (bus->faults.awake_count == 0)
+        return bits;
+    return cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, false));
+}
+
+/* ---- Going ----------------------------------------------------------------------------------- */
+
+void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
+{
+    cw_watch_wire(bus, bits);
+    if (bus->faults.awake_count)
+        cw_fault_pass_noise(bus, bits);
+    if (bus->followers)
+        cw_mac_skip(&bus->common, bits, level);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_mac *m = &bus->nodes[i].mac;
+        unsigned phase = m->phase;
+        cw_mac_skip(m, bits, level);
+        bus->crowd.valid = bus->crowd.valid && m->phase == phase;
+        cw_join(bus, i);
+    }
+    cw_wire_pass(&bus->time, bits);
+    bus->stats.bits += bits;
+    bus->recessive_bits = level ? bus->recessive_bits + bits : 0;
+    cw_take_inbox_before(bus, cw_now(bus)); /* before what is due now, as in a single bit */
+}
