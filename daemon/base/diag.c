@@ -30,7 +30,7 @@ static void keep(diag *self, diag_message message)
 static void add(diag *self, diag_message message)
 {
     self->errors++;
-    if (self->count < DIAG_MAX) {
+    if (self->count < DIAG_MAX && self->errors <= DIAG_TOLD_MAX) {
         keep(self, message);
         return;
     }
@@ -67,8 +67,8 @@ void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
 
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
 {
-    add(self, (diag_message){
-                  .line = line, .column = column, .elsewhere = true, .text = strdup(text)});
+    add(self,
+        (diag_message){.line = line, .column = column, .elsewhere = true, .text = strdup(text)});
 }
 
 diag_file diag_enter(diag *self, const char *name, size_t number)
@@ -81,14 +81,19 @@ diag_file diag_enter(diag *self, const char *name, size_t number)
 
 void diag_flush(diag *self, FILE *out)
 {
+    size_t shown = 0;
+
     qsort(self->messages, self->count, sizeof self->messages[0], compare);
     for (size_t i = 0; i < self->count; i++) {
-        if (self->errors == 0 || !self->messages[i].warning)
+        bool is_shown = self->errors == 0 || !self->messages[i].warning;
+
+        if (is_shown)
             print_message(&self->messages[i], out);
+        shown += is_shown;
         free(self->messages[i].text);
     }
     if (self->overflow)
-        print_line(out, "%s: there are more errors, only %d are shown", self->file.name, DIAG_MAX);
+        print_line(out, "%s: there are more errors, only %zu are shown", self->file.name, shown);
     self->errors = 0;
     self->warnings = 0;
     self->count = 0;

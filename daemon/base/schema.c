@@ -28,6 +28,7 @@ static const schema_choice booleans[] = {
 static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
                        const schema_key *keys);
 static const char *allowed_keys(schema *self, const schema_key *keys);
+static bool is_text(const yaml_node_t *node, const char *text);
 static const char *scalar_text(const yaml_node_t *node);
 static const char *shown(schema *self, const yaml_node_t *node);
 static const char *allowed_choices(schema *self, const schema_choice *choices);
@@ -43,7 +44,9 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
                         allowed_keys(self, keys), shown(self, map));
         return;
     }
-    bool complete = check_keys(self, what, map, keys);
+    bool complete = !self->errors->overflow && check_keys(self, what, map, keys);
+    if (self->errors->overflow)
+        return; /* no more is shown */
     for (const schema_key *key = keys; key->name; key++) {
         yaml_node_t *value = schema_find(self, map, key->name);
 
@@ -87,13 +90,14 @@ yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *m
 
 yaml_node_t *schema_find(schema *self, const yaml_node_t *map, const char *name)
 {
+    const yaml_node_pair_t *pair = map->data.mapping.pairs.start;
     const yaml_node_pair_t *end = map->data.mapping.pairs.top;
 
-    for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start; pair < end; pair++) {
-        const char *text = scalar_text(yaml_document_get_node(self->document, pair->key));
-        if (text && strcmp(text, name) == 0)
+    if (end - pair > SCHEMA_KEYS_MAX)
+        end = pair + SCHEMA_KEYS_MAX;
+    for (; pair < end; pair++)
+        if (is_text(yaml_document_get_node(self->document, pair->key), name))
             return yaml_document_get_node(self->document, pair->value);
-    }
     return NULL;
 }
 
@@ -318,14 +322,14 @@ static size_t find_key(const schema_key *keys, const char *name)
     return i;
 }
 
-/* Complains about unknown, refused and duplicate keys. False when one was refused: what is missing
- * may then be part of it. */
+/* Complains about unknown, refused and duplicate keys. False when one was refused or there are too
+ * many to look at: what is missing may then be among them. */
 static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
                        const schema_key *keys)
 {
     size_t first_line[SCHEMA_KEYS_MAX] = {0};
     const yaml_node_pair_t *end = map->data.mapping.pairs.top;
-    bool complete = true;
+    bool complete = end - map->data.mapping.pairs.start <= SCHEMA_KEYS_MAX;
 
     for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start;
          pair < end && !self->errors->overflow; pair++) {
@@ -346,6 +350,15 @@ static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
         complete = complete && !(keys[i].name && !keys[i].read);
     }
     return complete;
+}
+
+/* Whether a scalar is this text. A longer one costs nothing. */
+static bool is_text(const yaml_node_t *node, const char *text)
+{
+    size_t length = strlen(text);
+
+    return node->type == YAML_SCALAR_NODE && node->data.scalar.length == length &&
+           memcmp(node->data.scalar.value, text, length) == 0;
 }
 
 /* The text of a scalar without NUL, else NULL; "" for YAML's null. */

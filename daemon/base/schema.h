@@ -54,7 +54,8 @@ typedef struct schema_choice {
 } schema_choice;
 
 /* Walks a map. Complains about what is no map, and about unknown, duplicate and missing keys;
- * calls the readers in the order of the table. `what` names the map in messages. */
+ * calls the readers in the order of the table. `what` names the map in messages. Once there are
+ * more errors than are shown, nothing more is read. */
 void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                 void *object);
 
@@ -70,7 +71,8 @@ bool schema_is_null(const yaml_node_t *value);
 /* Key and value i of a map, or NULL at its end. */
 yaml_node_t *schema_pair(schema *self, yaml_node_t **value, const yaml_node_t *map, size_t i);
 
-/* The value of a key, or NULL. */
+/* The value of a key among the first SCHEMA_KEYS_MAX of the map, or NULL. No table has more keys,
+ * so a map with more has errors anyway. */
 yaml_node_t *schema_find(schema *self, const yaml_node_t *map, const char *name);
 
 /* A value's text, or NULL after a complaint that says what was expected. Never empty; the

@@ -23,18 +23,24 @@ typedef struct scan {
     diag *errors;
     size_t documents;
     size_t nodes;
-    size_t nodes_max;
+    const yaml_limits *limits;
     size_t anchors;
     size_t depth;
 } scan;
 
+const yaml_limits yaml_file_limits = {.nodes = 200000, .anchors = 1000, .mended_bytes = 1u << 17};
+
+const yaml_limits yaml_text_limits = {
+    .nodes = YAML_TEXT_NODES_MAX, .anchors = 100, .mended_bytes = 1u << 14};
+
 static void skip_mark(text_buffer *text);
 static bool has_no_nul(const text_buffer *text, diag *errors);
-static bool scan_events(text_buffer *text, size_t nodes_max, diag *errors, yaml_mend *mend);
+static bool scan_events(text_buffer *text, const yaml_limits *limits, diag *errors,
+                        yaml_mend *mend);
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors);
 
-bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, size_t nodes_max,
-                    diag *errors)
+bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
+                    const yaml_limits *limits, diag *errors)
 {
     text_buffer buffer = {.bytes = (const unsigned char *)text, .length = size};
 
@@ -44,9 +50,9 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, si
     }
     skip_mark(&buffer);
     const char *own = (const char *)buffer.bytes;
-    yaml_mend mend = {.count = 0};
+    yaml_mend mend = {.bytes_max = limits->mended_bytes};
     /* The events are scanned first: only so can limits hold before the document is built. */
-    bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, nodes_max, errors, &mend) &&
+    bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, limits, errors, &mend) &&
                 load_document(document, &buffer, errors);
     if (good)
         yaml_mend_restore(&mend, own, document);
@@ -204,9 +210,21 @@ static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *a
                  (const char *)tag);
         return false;
     }
-    if (anchor && !within(self, &self->anchors, YAML_ANCHORS_MAX, mark, "anchors"))
+    if (anchor && !within(self, &self->anchors, self->limits->anchors, mark, "anchors"))
         return false;
-    return within(self, &self->nodes, self->nodes_max, mark, "values");
+    return within(self, &self->nodes, self->limits->nodes, mark, "values");
+}
+
+/* Aliases may name it in all places, and each of these reads it. */
+static bool check_size(scan *self, const yaml_event_t *event)
+{
+    const yaml_mark_t *mark = &event->start_mark;
+
+    if (!event->data.scalar.anchor || event->data.scalar.length <= YAML_ANCHORED_MAX)
+        return true;
+    diag_add(self->errors, mark->line + 1, mark->column + 1,
+             "a text with an anchor has at most %u bytes", YAML_ANCHORED_MAX);
+    return false;
 }
 
 static bool check_event(scan *self, const yaml_event_t *event)
@@ -219,7 +237,8 @@ static bool check_event(scan *self, const yaml_event_t *event)
     case YAML_ALIAS_EVENT:
         return check_node(self, mark, NULL, NULL);
     case YAML_SCALAR_EVENT:
-        return check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
+        return check_size(self, event) &&
+               check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
     case YAML_SEQUENCE_START_EVENT:
         return check_depth(self, mark) && check_node(self, mark, event->data.sequence_start.anchor,
                                                      event->data.sequence_start.tag);
@@ -240,9 +259,9 @@ static bool check_event(scan *self, const yaml_event_t *event)
 }
 
 /* False when something has been told, or when there is an error of syntax, *wrong. */
-static bool scan_parser(yaml_parser_t *parser, size_t nodes_max, bool *wrong, diag *errors)
+static bool scan_parser(yaml_parser_t *parser, const yaml_limits *limits, bool *wrong, diag *errors)
 {
-    scan counts = {.errors = errors, .nodes_max = nodes_max};
+    scan counts = {.errors = errors, .limits = limits};
     bool good = true;
     bool more = true;
 
@@ -260,7 +279,7 @@ static bool scan_parser(yaml_parser_t *parser, size_t nodes_max, bool *wrong, di
 }
 
 /* One look at all events; *again: something was mended, there is to be another one. */
-static bool scan_once(const text_buffer *text, size_t nodes_max, bool *again, diag *errors,
+static bool scan_once(const text_buffer *text, const yaml_limits *limits, bool *again, diag *errors,
                       yaml_mend *mend, const char *own)
 {
     yaml_parser_t parser;
@@ -269,7 +288,7 @@ static bool scan_once(const text_buffer *text, size_t nodes_max, bool *again, di
     *again = false;
     if (!start_parser(&parser, text, errors))
         return false;
-    bool good = scan_parser(&parser, nodes_max, &wrong, errors);
+    bool good = scan_parser(&parser, limits, &wrong, errors);
     if (wrong && parser.error == YAML_PARSER_ERROR)
         *again = yaml_mend_try(mend, own, text->length, &parser.problem_mark, errors);
     if (wrong && !*again)
@@ -279,14 +298,14 @@ static bool scan_once(const text_buffer *text, size_t nodes_max, bool *again, di
 }
 
 /* Finds all errors of syntax and more than one document. The text may be a mended one then. */
-static bool scan_events(text_buffer *text, size_t nodes_max, diag *errors, yaml_mend *mend)
+static bool scan_events(text_buffer *text, const yaml_limits *limits, diag *errors, yaml_mend *mend)
 {
     const char *own = (const char *)text->bytes;
     bool again = true;
     bool good = false;
 
     while (again) {
-        good = scan_once(text, nodes_max, &again, errors, mend, own);
+        good = scan_once(text, limits, &again, errors, mend, own);
         text->bytes = (const unsigned char *)yaml_mend_text(mend, own);
     }
     return good;

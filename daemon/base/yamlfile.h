@@ -10,19 +10,29 @@
 #include <yaml.h>
 
 #define YAML_FILE_MAX (4u << 20)   /* bytes of a file */
-#define YAML_NODES_MAX 200000u     /* values and keys of a file */
-#define YAML_TEXT_NODES_MAX 20000u /* of a text that is read while the bus waits */
+#define YAML_TEXT_NODES_MAX 20000u /* values and keys of a text that is read while the bus waits   \
+                                    */
 #define YAML_DEPTH_MAX 64u         /* lists and maps in each other; libyaml is quadratic in it */
-#define YAML_ANCHORS_MAX 1000u     /* libyaml's search for them is linear */
+#define YAML_ANCHORED_MAX 4096u    /* bytes of a text that aliases name */
+
+/* How much one of a kind may have. */
+typedef struct yaml_limits {
+    size_t nodes;        /* values and keys */
+    size_t anchors;      /* libyaml's search for them is linear */
+    size_t mended_bytes; /* see yaml_mend */
+} yaml_limits;
+
+extern const yaml_limits yaml_file_limits;
+extern const yaml_limits yaml_text_limits; /* of a text that is read while the bus waits */
 
 /* The content of a file, to be freed; up to one byte more than may be loaded. regular: no pipe or
  * device will do. NULL after a message to errors. */
 char *yaml_file_read(size_t *size, const char *file, bool regular, diag *errors);
 
-/* Loads the only document of a text, with so many values and keys at most. Aliases are resolved to
+/* Loads the only document of a text within these limits. Aliases are resolved to
  * their nodes, so what is loaded may be a graph, even with cycles. False after a message to errors;
  * *document is then not to be deleted. */
-bool yaml_text_load(yaml_document_t *document, const char *text, size_t size, size_t nodes_max,
-                    diag *errors);
+bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
+                    const yaml_limits *limits, diag *errors);
 
 #endif

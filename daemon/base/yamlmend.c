@@ -92,7 +92,7 @@ bool yaml_mend_try(yaml_mend *self, const char *text, size_t size, const yaml_ma
 {
     const char *now = yaml_mend_text(self, text);
     size_t bracket = offset_of(now, size, mark->index);
-    bool enough = self->count == YAML_MENDED_MAX || self->count * size > YAML_MENDED_BYTES;
+    bool enough = self->count == YAML_MENDED_MAX || self->count * size > self->bytes_max;
     if (enough || bracket == size || !is_one_of(opening, now[bracket]))
         return false;
     yaml_mended found = {.offset = find_begin(now, bracket)};

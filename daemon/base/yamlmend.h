@@ -13,8 +13,7 @@
 
 #include <yaml.h>
 
-#define YAML_MENDED_MAX 20u          /* of one file: each time it is read again */
-#define YAML_MENDED_BYTES (1u << 17) /* so many again, in all; once more than that is fine */
+#define YAML_MENDED_MAX 20u /* of one file: each time it is read again */
 
 /* A text that is mended; places are counted in characters as libyaml does, and in bytes. */
 typedef struct yaml_mended {
@@ -23,9 +22,10 @@ typedef struct yaml_mended {
     size_t size;
 } yaml_mended;
 
-/* All zeros is nothing mended. */
+/* All zeros, but for bytes_max, is nothing mended. */
 typedef struct yaml_mend {
-    char *text; /* the file with stand-ins, to be freed; NULL: as it is */
+    char *text;       /* the file with stand-ins, to be freed; NULL: as it is */
+    size_t bytes_max; /* that may be read again, in all; once more than that is fine */
     size_t count;
     yaml_mended mended[YAML_MENDED_MAX];
 } yaml_mend;

@@ -266,8 +266,12 @@ static void read_parameters(schema *self, const schema_key *key, yaml_node_t *va
         schema_expected(self, key, value, "a map of parameters such as { victim: engine }");
         return;
     }
-    for (size_t i = 0; (name = schema_pair(self, &of_name, value, i)) != NULL; i++)
+    for (size_t i = 0; !self->errors->overflow; i++) {
+        name = schema_pair(self, &of_name, value, i);
+        if (!name)
+            return;
         read_parameter(self, key, name, of_name, all);
+    }
 }
 
 static void read_about(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -417,12 +421,12 @@ static const char *take_parameter(schema *self, const yaml_node_t *at, const par
                         "'$' begins a parameter, $NAME or ${NAME}; $$ stands for a dollar");
         return NULL;
     }
+    for (size_t i = 0; i < known->count; i++)
+        if (strncmp(known->list[i].name, name, length) == 0 && !known->list[i].name[length])
+            return known->list[i].value ? known->list[i].value : open_text;
     guess.word = schema_print(self, "%.*s", (int)length, name);
     if (!guess.word)
         return NULL;
-    for (size_t i = 0; i < known->count; i++)
-        if (strcmp(known->list[i].name, guess.word) == 0)
-            return known->list[i].value ? known->list[i].value : open_text;
     for (size_t i = 0; i < known->count; i++)
         nearest_consider(&guess, known->list[i].name);
     schema_complain(self, at, "there is no parameter '%.40s'%s", guess.word,
@@ -430,15 +434,14 @@ static const char *take_parameter(schema *self, const yaml_node_t *at, const par
     return NULL;
 }
 
-/* A text with the values of its parameters, or NULL after a complaint. *open: one has none yet. */
-static char *expand(schema *self, bool *open, const yaml_node_t *at, const parameters *known,
-                    const char *text)
+/* A text with the values of its parameters; false after a complaint. *open: one has none yet. */
+static bool expand(schema *self, char out[EXPANDED_MAX + 1], bool *open, const yaml_node_t *at,
+                   const parameters *known, const char *text)
 {
-    char *out = schema_alloc(self, 1, EXPANDED_MAX + 1);
     size_t length = 0;
     unsigned pieces = 0; /* those that are empty make no text longer, but work */
 
-    while (out && *text) {
+    while (*text) {
         size_t plain = strcspn(text, "$");
         const char *piece = text;
 
@@ -450,18 +453,19 @@ static char *expand(schema *self, bool *open, const yaml_node_t *at, const param
             text++;
             piece = take_parameter(self, at, known, &text);
             if (!piece)
-                return NULL;
+                return false;
             plain = strlen(piece);
             *open = *open || *piece == SCHEMA_OPEN;
         }
         if (plain > EXPANDED_MAX - length || ++pieces > EXPANDED_MAX) {
             schema_complain(self, at, "a text with parameters has at most %u bytes", EXPANDED_MAX);
-            return NULL;
+            return false;
         }
         memcpy(out + length, piece, plain);
         length += plain;
     }
-    return out;
+    out[length] = '\0';
+    return true;
 }
 
 /* Gives a scalar a new text, which is none of its own; libyaml frees it with free(). */
@@ -486,9 +490,10 @@ static void expand_node(schema *self, yaml_node_t *node, const parameters *known
 
     if (!strchr(text, '$'))
         return;
-    const char *expanded = expand(self, &open, node, known, text);
+    char expanded[EXPANDED_MAX + 1];
+    bool good = expand(self, expanded, &open, node, known, text);
     /* What could not be expanded has been told; its reader need not complain again. */
-    open = open || !expanded;
+    open = open || !good;
     self->has_open = self->has_open || open;
     replace(self, node, open ? open_text : expanded);
 }
@@ -535,7 +540,7 @@ static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const ch
         .user = walk,
     };
 
-    if (!yaml_text_load(&document, text, size, YAML_TEXT_NODES_MAX, errors))
+    if (!yaml_text_load(&document, text, size, &yaml_text_limits, errors))
         return false;
     yaml_node_t *root = yaml_document_get_root_node(&document);
     if (root)

@@ -85,7 +85,7 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
     walk->list = first;
     if (!grow_rules(self, count))
         return;
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count && !self->errors->overflow; i++) {
         config->rules[first + i] = (cw_rule){
             .time_end = CW_NEVER,
             .every = 1,
@@ -95,7 +95,7 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
         read_name(self, schema_item(self, value, i), &config->rules[first + i]);
         config->rule_count++;
     }
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count && !self->errors->overflow; i++)
         read_rule(self, schema_item(self, value, i), &config->rules[first + i]);
 }
 

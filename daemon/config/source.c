@@ -73,8 +73,8 @@ bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)
         found = read_new_file(self, file);
     else if (!found)
         diag_add(self->errors, 0, 0, "this file is not among those that are given");
-    return found && yaml_text_load(document, found->text, found->size, YAML_NODES_MAX,
-                                   self->errors);
+    return found &&
+           yaml_text_load(document, found->text, found->size, &yaml_file_limits, self->errors);
 }
 
 bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found)

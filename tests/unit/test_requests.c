@@ -17,6 +17,7 @@
 static struct {
     size_t yaml_characters;
     size_t yaml_events;
+    size_t yaml_nodes; /* that were looked at */
 } work;
 
 /* What libyaml reads of the texts of rules. */
@@ -30,6 +31,15 @@ int yaml_parser_parse(yaml_parser_t *parser, yaml_event_t *event)
     work.yaml_characters += parser->mark.index - before;
     work.yaml_events++;
     return good;
+}
+
+yaml_node_t *yaml_document_get_node(yaml_document_t *document, int index)
+{
+    static yaml_node_t *(*real)(yaml_document_t *, int);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "yaml_document_get_node");
+    work.yaml_nodes++;
+    return real(document, index);
 }
 
 #define TEXT_MAX (1u << 16)
@@ -456,6 +466,59 @@ static void a_text_of_rules_makes_little_work(void **state)
     close(fd);
 }
 
+/* Writes a text so many times, each with its number; returns the end. */
+static char *add_times(char *at, unsigned count, const char *format)
+{
+    for (unsigned i = 0; i < count; i++)
+        at += sprintf(at, format, i);
+    return at;
+}
+
+/* What many rules have in common is read for each of them, but not when it is wrong. */
+static void aliases_of_what_is_wrong_make_little_work(void **state)
+{
+    static const struct {
+        unsigned keys;
+        const char *head;
+        const char *rule;
+        const char *words;
+    } cases[] = {
+        {199, "- {name: a, do: &d {", "- {name: a%u, do: *d}\\n", "unknown key 'k0'"},
+        {7000, "- {name: a, do: &d {", "- {name: a%u, do: *d}\\n", "unknown key 'k0'"},
+        {7000, "- {name: a, do: &d {flip: sof, drop: tx, ", "- {name: a%u, do: *d}\\n",
+         "one action"},
+        {7000, "- {name: a, do: {flip: sof}, when: &d {", "- {name: a%u, when: *d}\\n",
+         "unknown key 'k0'"},
+    };
+    const rig *r = *state;
+    int fd = connect_client(r);
+    for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char *line = malloc(SERVER_LINE_MAX);
+        char *at = line + sprintf(line, "{\"request\":\"inject\",\"text\":\"%s", cases[i].head);
+        at = add_times(at, cases[i].keys, "k%u: 1, ");
+        at += sprintf(at, "}}\\n");
+        at = add_times(at, 1000, cases[i].rule);
+        sprintf(at, "\"}");
+        work.yaml_nodes = 0;
+        expect_refusal(r, fd, line, cases[i].words);
+        assert_in_range(work.yaml_nodes, 1, 30 * YAML_TEXT_NODES_MAX);
+        free(line);
+    }
+    close(fd);
+}
+
+/* Nor is a long text that many name. */
+static void a_text_with_an_anchor_is_short(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    char *line = make_request("{\"request\":\"inject\",\"text\":\"- &a '", '0', "'\"}",
+                              YAML_ANCHORED_MAX + 100);
+    expect_refusal(r, fd, line, "inject:1:3: a text with an anchor has at most 4096 bytes");
+    free(line);
+    close(fd);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -474,6 +537,8 @@ int main(void)
         CASE(only_inject_may_be_long),
         CASE(deep_and_wide_requests_are_refused),
         CASE(a_text_of_rules_makes_little_work),
+        CASE(aliases_of_what_is_wrong_make_little_work),
+        CASE(a_text_with_an_anchor_is_short),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
