@@ -23,7 +23,7 @@ import threading
 import pytest
 
 from failing import WORKERS, Calls, Try, build_library, plan, run_all
-from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all
+from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all, listens
 from test_journal import lines as journal_lines
 from test_record import wait_until
 
@@ -276,7 +276,7 @@ def fixture_real(tmp_path_factory):
     with (folder / "stderr").open("w") as errors:
         process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors)
     try:
-        wait_until((folder / "day.sock").exists, "the control socket")
+        wait_until(lambda: listens(folder / "day.sock"), "the control socket")
         yield folder / "day.sock"
     finally:
         kill_all([process])

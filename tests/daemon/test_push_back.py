@@ -18,7 +18,7 @@ from collections import defaultdict
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, canwire, kill_all, stop_canwired
+from simtool import CANWIRE, CANWIRED, canwire, kill_all, listens, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 120
@@ -102,7 +102,7 @@ class Rig:
         with self.log.open("w") as log:
             self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
                                             stderr=log)
-        wait_until(lambda: (folder / "push.sock").exists() or self.process.poll() is not None,
+        wait_until(lambda: listens(folder / "push.sock") or self.process.poll() is not None,
                    "the bus")
         self.engine, self.dash = (Ecu(folder / f"{name}.sock") for name in ("engine", "dash"))
 

@@ -129,3 +129,98 @@ def test_a_soak_fails_when_one_of_the_two_fails(soak, guest, differential, statu
     found = soak(f"exit {guest}", f'echo "the rest: $*"; exit {differential}').end()
     assert found[0] == status
     assert "the rest: --bits 1666666 --seed 700000" in found[1]
+
+
+# ---- test ------------------------------------------------------------------------------------
+
+CMOCKA = 'echo "[  PASSED  ] 3 test(s)."'
+PYTEST = 'echo "2 passed, 1 skipped in 1.23s"'
+
+
+class AllTests:
+    """scripts/test with programs in place of make, Python and the guest, of which each prints what
+    its framework would, and does what is wanted."""
+
+    def __init__(self, root, make="true", python="true", guest="true"):
+        self.root, self.log = root, root / "build/test.log"
+        folder = root / "bin"
+        write_script(root / "scripts/venv", "true")
+        write_script(folder / "make", f'case "$*" in *" test-unit") {CMOCKA} ;; esac; {make}')
+        write_script(root / "build/venv/bin/python", f'[ "$1" != -m ] || {PYTEST}; {python}')
+        write_script(root / "scripts/guest", f"{guest}; {PYTEST}")
+        self.process = subprocess.Popen(  # pylint: disable=consider-using-with
+            [copy_script("test", root)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, start_new_session=True,
+            env=dict(os.environ, PATH=f"{folder}:{os.environ['PATH']}"))
+
+    def end(self):
+        """Its exit status and the lines that it wrote."""
+        output = self.process.communicate(timeout=PATIENCE_S)[0]
+        return self.process.returncode, output.splitlines()
+
+
+@pytest.fixture(name="all_tests")
+def fixture_all_tests(tmp_path):
+    started = []
+
+    def start(**programs):
+        started.append(AllTests(tmp_path, **programs))
+        return started[-1]
+
+    yield start
+    for each in started:
+        if each.process.poll() is None:
+            each.process.terminate()
+        each.process.communicate()
+
+
+def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
+    """The guest goes on until the last stage on the host is over, and prints all the time."""
+    status, lines = all_tests(
+        make='case "$*" in *" world") echo "4 passed, 0 failed"; touch over ;; esac',
+        guest='until [ -e over ]; do echo guest; sleep 0.01; done; echo guest').end()
+    stages = [line[5:] for line in lines if line.startswith("==== ")]
+    assert stages[-4:] == ["real vcan", "Debian package", "soak, a short one (ASan, UBSan)",
+                           "real systemd"]
+    first, last = lines.index("guest"), lines.index("==== Debian package") - 1
+    assert lines[first - 1] == "==== real vcan" and lines[last].startswith("2 passed, 1 skipped")
+    assert set(lines[first:last]) == {"guest"}
+    assert sorted(line[10:] for line in lines[-len(stages) - 1:-1]) == sorted(stages)
+    # units with three compilers; Python twice on the host, three times in the guest; worlds
+    assert (status, lines[-1]) == (0, f"{3 * 3 + 5 * 2 + 4} passed, 0 failed")
+
+
+@pytest.mark.parametrize("programs, stage", [
+    ({"make": 'case "$*" in *CC=clang*test-unit) exit 3 ;; esac'},
+     "unit and conformance tests (clang)"),
+    ({"python": 'case "$*" in *tests/project) exit 3 ;; esac'},
+     "tool, daemon, calls that fail, project"),
+    ({"guest": 'case "$*" in *tests/kernel) exit 3 ;; esac'}, "real vcan"),
+])
+def test_a_stage_that_fails_fails_all_tests(all_tests, programs, stage):
+    status, lines = all_tests(**programs).end()
+    assert f"==== {stage}: FAILED (status 3)" in lines
+    assert [line[10:] for line in lines if line.endswith("s  " + stage + " (FAILED)")]
+    assert status == 1 and lines[-1].endswith(" passed, 1 failed")
+
+
+def test_a_lane_that_dies_fails_all_tests(all_tests):
+    """With its four stages."""
+    status, lines = all_tests(guest="kill -KILL $PPID").end()
+    assert status == 1 and lines[-1].endswith(" passed, 4 failed")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_all_tests_that_are_stopped_leave_nothing_behind(all_tests, tmp_path, number):
+    one = all_tests(make=f'case "$*" in *check) {NOTE} exec sleep 300 ;; esac',
+                    guest=f"{NOTE} exec sleep 300")
+    files = [tmp_path / "bin/make.pid", tmp_path / "scripts/guest.pid"]
+    deadline = time.monotonic() + PATIENCE_S
+    while not all(file.exists() for file in files):
+        assert time.monotonic() < deadline, "they do not start"
+        time.sleep(0.02)
+    one.process.send_signal(number)
+    assert one.end()[0] == 128 + number
+    while any(runs(int(file.read_text())) for file in files):  # who has inherited them buries them
+        assert time.monotonic() < deadline, "they go on"
+        time.sleep(0.02)

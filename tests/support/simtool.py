@@ -7,6 +7,7 @@ CANWIRE is the tool, by default build/release/canwire; canwired is the one besid
 import json
 import os
 import signal
+import socket
 import subprocess
 from pathlib import Path
 
@@ -44,6 +45,12 @@ def raw(frame):
     """What `canwire bits` says, with the ACK that another node gives."""
     bits = canwire("bits", frame, "--raw").stdout.strip()
     return bits[:-9] + "0" + bits[-8:]
+
+
+def listens(path):
+    """Whether somebody listens at a socket; its file is there a moment before."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        return client.connect_ex(str(path)) == 0
 
 
 def read_clean_log(path):
