@@ -15,16 +15,18 @@ GEN := build/gen
 WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswitch-enum \
   -Wstrict-prototypes -Wmissing-prototypes -Wvla
 OPTIMISE_release := -O2 -g
-OPTIMISE_debug := -O0 -g3
+# The engine asserts its invariants at every step where speed does not count.
+CHECKED := -DCW_CHECKED=1
+OPTIMISE_debug := -O0 -g3 $(CHECKED)
 OPTIMISE_mutant := -O0
-OPTIMISE_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined \
+OPTIMISE_san := -O1 -g $(CHECKED) -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
 OPTIMISE_cover := -O0 -g --coverage
 # Work is counted in basic blocks (tests/world): those of the source, without all the inlining.
 OPTIMISE_world := -O1 -g -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
 OPTIMISE_worldsan := $(OPTIMISE_world) -fsanitize=address,undefined \
   -fno-sanitize-recover=undefined
-OPTIMISE_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined \
+OPTIMISE_fuzz := -O1 -g $(CHECKED) -fsanitize=fuzzer-no-link,address,undefined \
   -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
 $(error VARIANT is debug, release or san)

@@ -3,6 +3,7 @@
  * bus.c - time of the bus: what is due now, and which step goes on from here.
  */
 #include "bus/bus_private.h"
+#include "bus/invariants.h"
 
 /* ---- What is due ----------------------------------------------------------------------------- */
 
@@ -85,6 +86,8 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
         go_on(bus, tick);
         run_all_due(bus);
         bus->work++;
+        if (CW_CHECKED)
+            cw_assert_bus(bus);
         more = cw_wire_fits_bit(&bus->time, tick);
         if (more && bus->work + bus->ring.count >= enough && cw_now(bus) > begin)
             return CW_AGAIN;

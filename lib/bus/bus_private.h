@@ -356,6 +356,9 @@ void cw_leap_on(cw_bus *bus, uint64_t tick);
 /* Puts all controllers where they are by now; does nothing when no leap is under way. */
 void cw_leap_end(cw_bus *bus);
 
+/* Asserts that what is known of who is there is so. */
+void cw_assert_crowd(const cw_bus *bus);
+
 /* In a leap a node gets a frame to send. */
 void cw_leap_frame_came(cw_bus *bus, unsigned node, uint64_t tick);
 

@@ -12,6 +12,8 @@
 #include "format/bitset.h"
 #include "format/head.h"
 
+#include <assert.h>
+
 /* ---- The tournament -------------------------------------------------------------------------- */
 
 /* An entry: the key, a bit for a tie, the node. */
@@ -55,6 +57,16 @@ void cw_arbiter_update(cw_bus *bus, unsigned i)
         entry = play(entry, c->entries[place ^ 1u]);
         c->entries[place / 2] = entry;
     }
+}
+
+void cw_assert_arbiter(const cw_bus *bus)
+{
+    const cw_arbiter *a = &bus->arbiter;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        assert(a->entries[a->leaves + i] == entry_of(bus, i));
+    for (unsigned place = a->leaves - 1; place > 0; place--)
+        assert(a->entries[place] == play(a->entries[2 * place], a->entries[2 * place + 1]));
+    assert(a->contender_count == cw_count_bits(a->contenders));
 }
 
 /* Among some of those who wait; the others may not take part. */

@@ -24,6 +24,9 @@ void cw_arbiter_init(cw_arbiter *arbiter, unsigned nodes);
 /* The frame that goes first at a node may be another one now. */
 void cw_arbiter_update(cw_bus *bus, unsigned node);
 
+/* Asserts that the tournament is that of the frames that wait. */
+void cw_assert_arbiter(const cw_bus *bus);
+
 /* Whose frame wins among these nodes, all of which have one. False when two are equal up to the end
  * of the arbitration field. */
 bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);

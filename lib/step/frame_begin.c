@@ -7,6 +7,8 @@
 #include "mac/confinement.h"
 #include "format/bits.h"
 
+#include <assert.h>
+
 /* ---- Who is there ---------------------------------------------------------------------------- */
 
 /* A node that is neither idle nor away for longer than a frame: no leap. */
@@ -37,7 +39,7 @@ static void count_node(cw_crowd *crowd, const cw_mac *m, uint64_t self)
 }
 
 /* Followers have a phase of their own that says idle, as the shared one does (see can_begin()). */
-void cw_leap_look_around(cw_bus *bus)
+static cw_crowd look_around(const cw_bus *bus)
 {
     cw_crowd crowd = {.valid = true, .calm = true};
     for (unsigned i = 0; i < bus->node_count; i++) {
@@ -45,7 +47,24 @@ void cw_leap_look_around(cw_bus *bus)
         crowd.calm = crowd.calm && is_calm(m);
         count_node(&crowd, m, cw_node_bit(i));
     }
-    bus->crowd = crowd;
+    return crowd;
+}
+
+void cw_leap_look_around(cw_bus *bus)
+{
+    bus->crowd = look_around(bus);
+}
+
+void cw_assert_crowd(const cw_bus *bus)
+{
+    const cw_crowd *known = &bus->crowd;
+    if (!known->valid || (bus->followers && bus->common.phase != CW_MAC_IDLE))
+        return;
+    const cw_crowd crowd = look_around(bus);
+    assert(known->calm == crowd.calm && known->away == crowd.away);
+    assert(known->riders == crowd.riders && known->starters == crowd.starters);
+    assert(known->answerers == crowd.answerers && known->one_shot == crowd.one_shot);
+    assert(known->counting == crowd.counting);
 }
 
 /* ---- Whether it can begin -------------------------------------------------------------------- */

@@ -66,19 +66,24 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
 
 /* ---- Going ----------------------------------------------------------------------------------- */
 
+/* A node that has come to where it may start, or to where others are, is there for the next frame. */
+static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
+{
+    const unsigned phase = m->phase;
+    cw_mac_skip(m, bits, level);
+    bus->crowd.valid = bus->crowd.valid && m->phase == phase;
+}
+
 void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
 {
     cw_watch_wire(bus, bits);
     if (bus->faults.awake_count)
         cw_fault_pass_noise(bus, bits);
     if (bus->followers)
-        cw_mac_skip(&bus->common, bits, level);
+        skip(bus, &bus->common, bits, level);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        cw_mac *m = &bus->nodes[i].mac;
-        unsigned phase = m->phase;
-        cw_mac_skip(m, bits, level);
-        bus->crowd.valid = bus->crowd.valid && m->phase == phase;
+        skip(bus, &bus->nodes[i].mac, bits, level);
         cw_join(bus, i);
     }
     cw_wire_pass(&bus->time, bits);

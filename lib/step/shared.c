@@ -65,6 +65,7 @@ void cw_join(cw_bus *bus, unsigned i)
         begin_common(bus, m);
     else if (!cw_mac_same_point(m, &bus->common))
         return;
+    bus->crowd.valid = bus->crowd.valid && m->phase == CW_MAC_IDLE;
     m->phase = CW_MAC_IDLE; /* for those who look for transmitters */
     m->role = CW_ROLE_NONE;
     bus->followers |= cw_node_bit(i);

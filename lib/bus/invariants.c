@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * invariants.c - what is true of a bus between any two steps.
+ *
+ * Sums that are kept are those of their parts, what is remembered of the nodes is what a look at
+ * them says, and nodes that share a controller may do so.
+ */
+#include "bus/invariants.h"
+
+#include "bus/bus_private.h"
+#include "format/parts.h"
+#include "mac/confinement.h"
+
+#include <assert.h>
+
+#define EVENTS_CHECKED 8u /* newest ones, at each step */
+
+static bool is_subset(uint64_t part, uint64_t whole)
+{
+    return (part & ~whole) == 0;
+}
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+static void assert_queue(const cw_queue *q, unsigned limit)
+{
+    assert(q->count <= q->capacity && limit <= q->capacity);
+    for (unsigned i = 0; i + 1 < q->count && i < 2; i++)
+        assert(q->order[q->count - 2 - i].key >= q->order[q->count - 1 - i].key);
+}
+
+/* R8 to R11, R13. */
+static void assert_confinement(const cw_confinement *c)
+{
+    cw_confinement again = *c;
+    cw_confinement_set_warning_limit(&again, c->warning_limit);
+    assert(again.state == c->state);
+    assert(c->rec <= CW_REC_MAX);
+}
+
+static void assert_node(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    cw_node_stats stats;
+    assert_queue(&n->queue, n->queue_limit);
+    assert_confinement(&n->mac.confinement);
+    assert(n->mac.phase < CW_MAC_PHASE_COUNT);
+    assert((n->queue.count > 0) == (bus->waiting >> i & 1u));
+    assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
+    assert(bus->next_restart <= n->restart_at);
+    assert(n->lost_before <= bus->arbiter.lost);
+    (void)cw_node_get_stats(bus, i, &stats);
+    assert(cw_node_stats_balance(&stats));
+}
+
+static void assert_sums(const cw_bus *bus)
+{
+    uint64_t queued = 0, handed_in = 0;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        queued += bus->nodes[i].queue.count;
+        handed_in += bus->nodes[i].inbox;
+    }
+    assert(bus->queued == queued);
+    assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
+    assert(bus->load.bits == bus->stats.bits);
+    assert(is_subset(bus->removed, bus->detached) && is_subset(bus->detached, bus->all));
+}
+
+/* The wires of a bus are sets of nodes of which each one is in one. */
+static void assert_wires(const cw_bus *bus)
+{
+    uint64_t seen = 0;
+    for (unsigned g = 0; g < bus->group_count; g++) {
+        assert((seen & bus->groups[g]) == 0);
+        seen |= bus->groups[g];
+    }
+    assert(is_subset(bus->all, seen));
+}
+
+/* ---- What is shared and remembered ----------------------------------------------------------- */
+
+/* A follower's own controller looks idle, and nothing about it is other than with its like. */
+static void assert_followers(const cw_bus *bus)
+{
+    assert(is_subset(bus->followers, bus->all) && (!bus->stepping || bus->followers == 0));
+    for (uint64_t rest = bus->followers; rest; rest &= rest - 1) {
+        const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
+        assert(m->phase == CW_MAC_IDLE && m->role == CW_ROLE_NONE);
+        assert(!m->no_ack && m->overloads_wanted == 0);
+        assert(!(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK)));
+        assert(!cw_confinement_passive(&m->confinement));
+    }
+}
+
+/* In a frame step the controllers rest, and the frame is where it can be. */
+static void assert_frame(const cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    if (!leap->active)
+        return;
+    assert(!bus->stepping && bus->group_count == 1);
+    assert(leap->at < leap->length + CW_INTERMISSION_BITS && leap->node < bus->node_count);
+    assert(is_subset(leap->undecided, leap->contenders));
+    assert(is_subset(leap->contenders, leap->riders) && is_subset(leap->riders, bus->all));
+    assert(leap->contenders >> leap->node & 1u);
+    for (uint64_t rest = bus->all & ~bus->crowd.away; rest; rest &= rest - 1)
+        assert(bus->nodes[cw_lowest_node(rest)].mac.phase == CW_MAC_IDLE);
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static void assert_ring(const event_ring *ring)
+{
+    assert(ring->count <= ring->capacity && ring->first < ring->capacity);
+    for (unsigned i = 1; i < ring->count && i <= EVENTS_CHECKED; i++) {
+        unsigned place = (ring->first + ring->count - i) % ring->capacity;
+        unsigned before = (place + ring->capacity - 1) % ring->capacity;
+        assert(ring->events[before].tick <= ring->events[place].tick);
+    }
+}
+
+void cw_assert_bus(const cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->node_count; i++)
+        assert_node(bus, i);
+    assert_sums(bus);
+    assert_wires(bus);
+    assert_followers(bus);
+    assert_frame(bus);
+    cw_assert_crowd(bus);
+    cw_assert_arbiter(bus);
+    assert_ring(&bus->ring);
+}
