@@ -237,9 +237,9 @@ static uint64_t on_reload_request(void *user, FILE *errors)
     return round;
 }
 
-static double seconds(cfg_time time, uint32_t bit_ticks)
+static double seconds(cfg_time time, cw_rate rate)
 {
-    return (double)text_time_ticks(time, bit_ticks) / CW_CLOCK_HZ;
+    return (double)text_time_ticks(time, rate) / CW_CLOCK_HZ;
 }
 
 /* The bus has gone over to another configuration. */
@@ -255,7 +255,7 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         control_remap(s->control, from);
     if (s->publisher) {
         publisher_remap(s->publisher, from);
-        s->statistics.repeat = seconds(s->config->lcm.period, s->config->bit_ticks);
+        s->statistics.repeat = seconds(s->config->lcm.period, s->config->rate);
         ev_timer_again(s->loop, &s->statistics);
     }
     if (!reloader_is_busy(s->reloader))
@@ -397,7 +397,7 @@ static void start_watchers(service *s, struct ev_loop *loop)
     ev_timer_start(loop, &s->status);
     if (!s->publisher)
         return;
-    double period = seconds(s->config->lcm.period, s->config->bit_ticks);
+    double period = seconds(s->config->lcm.period, s->config->rate);
     ev_timer_init(&s->statistics, on_statistics, period, period);
     s->statistics.data = s;
     ev_timer_start(loop, &s->statistics);

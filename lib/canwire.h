@@ -41,6 +41,62 @@ typedef enum cw_status {
     CW_AGAIN,    /* stopped before the end, for others to have their turn: call again */
 } cw_status;
 
+/* ---- Bits and time --------------------------------------------------------------------------- */
+
+/* How long bits are. Only the functions here, and lib/time, look into it: all others ask them. */
+typedef struct cw_rate {
+    uint32_t bit_ticks;
+} cw_rate;
+
+/* bit_ticks: ticks of one bit, at least 1. */
+static inline cw_rate cw_rate_of(uint32_t bit_ticks)
+{
+    return (cw_rate){.bit_ticks = bit_ticks};
+}
+
+/* How long so many bits last. The product must fit into 64 bits. */
+static inline uint64_t cw_rate_ticks(cw_rate rate, uint64_t bits)
+{
+    return bits * rate.bit_ticks;
+}
+
+/* The same for any number of bits; CW_NEVER for more than there is time for. */
+static inline uint64_t cw_rate_ticks_or_never(cw_rate rate, uint64_t bits)
+{
+    uint64_t ticks;
+    return __builtin_mul_overflow(bits, rate.bit_ticks, &ticks) ? CW_NEVER : ticks;
+}
+
+/* The whole bits in so many ticks. */
+static inline uint64_t cw_rate_bits(cw_rate rate, uint64_t ticks)
+{
+    return ticks / rate.bit_ticks;
+}
+
+/* The bits that begin in so many ticks, of which the first one begins with them. */
+static inline uint64_t cw_rate_bits_begun(cw_rate rate, uint64_t ticks)
+{
+    return ticks / rate.bit_ticks + (ticks % rate.bit_ticks != 0);
+}
+
+/* The tick at which the bit begins that holds a tick. The first bit of a bus begins at tick 0. */
+static inline uint64_t cw_rate_bit_begin(cw_rate rate, uint64_t tick)
+{
+    return tick - tick % rate.bit_ticks;
+}
+
+/* The first tick at or after another at which a bit begins; CW_NEVER beyond the end of time. */
+static inline uint64_t cw_rate_next_bit(cw_rate rate, uint64_t tick)
+{
+    return cw_rate_ticks_or_never(rate, cw_rate_bits_begun(rate, tick));
+}
+
+/* So many ticks after another; what would be beyond the end of time does not come. */
+static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
+{
+    return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
+}
+
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 #define CW_FRAME_EXTENDED 0x01u /* 29-bit identifier */
@@ -606,6 +662,9 @@ cw_status cw_node_flush(cw_bus *bus, unsigned node);
 
 /* Tick up to which the bus has been simulated: always the end of a bit. */
 uint64_t cw_bus_now(const cw_bus *bus);
+
+/* The tick at which so many bits to come will have passed. */
+uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
 /* Hands a frame to a node at a tick; before cw_bus_now() it counts as now. It takes part in the
  * first bit that starts at or after at_tick, and is dropped with an event when the node cannot

@@ -50,7 +50,7 @@ static bool parse_exponent(int *exponent, const char **text);
 static bool scale_fraction(decimal *number, int exponent);
 static uint64_t power_of_ten(unsigned exponent);
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
-static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks);
+static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate);
 
 const char *text_parse_percent(uint16_t *permille, const char *text)
 {
@@ -144,15 +144,15 @@ const char *text_parse_size(uint64_t *bytes, const char *text)
     return size_problem;
 }
 
-uint64_t text_time_ticks(cfg_time time, uint32_t bit_ticks)
+uint64_t text_time_ticks(cfg_time time, cw_rate rate)
 {
-    return saturated_ticks(wide_of(time.ns), wide_of(time.bits), bit_ticks);
+    return saturated_ticks(wide_of(time.ns), wide_of(time.bits), rate);
 }
 
-uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, uint32_t bit_ticks)
+uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate rate)
 {
     return saturated_ticks(wide_sum(wide_product(k, step.ns), wide_of(start.ns)),
-                           wide_sum(wide_product(k, step.bits), wide_of(start.bits)), bit_ticks);
+                           wide_sum(wide_product(k, step.bits), wide_of(start.bits)), rate);
 }
 
 char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
@@ -338,7 +338,7 @@ static const char *apply_unit(cfg_time *out, decimal number, const time_unit *un
 }
 
 /* Rounds up once; CW_NEVER when the sum leaves 64 bits. 25 ns are 2 ticks. */
-static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks)
+static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate)
 {
     static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");
     uint64_t rest;
@@ -347,6 +347,5 @@ static uint64_t saturated_ticks(wide ns, wide bits, uint32_t bit_ticks)
     if (pairs.high > 0 || bits.high > 0)
         return CW_NEVER;
     wide ticks = wide_sum(wide_product(pairs.low, 2), wide_of((rest * 2 + 24) / 25));
-    ticks = wide_sum(ticks, wide_product(bits.low, bit_ticks));
-    return ticks.high > 0 ? CW_NEVER : ticks.low;
+    return ticks.high > 0 ? CW_NEVER : cw_after(cw_rate_ticks_or_never(rate, bits.low), ticks.low);
 }

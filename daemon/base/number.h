@@ -36,10 +36,10 @@ const char *text_parse_time(cfg_time *out, const char *text);
 const char *text_parse_size(uint64_t *bytes, const char *text);
 
 /* Ticks of a span, rounded up, so that `<=` against ends of bits stays exact. Saturates. */
-uint64_t text_time_ticks(cfg_time time, uint32_t bit_ticks);
+uint64_t text_time_ticks(cfg_time time, cw_rate rate);
 
 /* Ticks of start + k * step, rounded up once, without accumulating rounding. Saturates. */
-uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, uint32_t bit_ticks);
+uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate rate);
 
 /* Nanoseconds of a number of ticks of 12.5 ns, rounded down. */
 static inline uint64_t text_ticks_ns(uint64_t ticks)

@@ -498,7 +498,7 @@ static void read_period(schema *self, const schema_key *key, yaml_node_t *value,
     const uint64_t *ticks = schema_member(key, object);
 
     cfg_read_ticks_min(self, key, value, object);
-    if (*ticks < cfg_of(self)->bit_ticks)
+    if (cw_rate_bits(cfg_of(self)->rate, *ticks) == 0)
         cfg_warn_rounded(self, key, value, *ticks);
 }
 

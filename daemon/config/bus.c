@@ -63,7 +63,7 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
     uint32_t fast = CW_CLOCK_HZ / config->bitrate_bps;
     uint32_t ticks = rounded_rate(config->bitrate_bps);
     if (is_near(config->bitrate_bps, ticks))
-        config->bit_ticks = ticks;
+        config->rate = cw_rate_of(ticks);
     else
         schema_complain(self, value,
                         "%s: %" PRIu32 " is not within 0.1 %% of a rate that %u MHz can make; the "

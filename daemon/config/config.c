@@ -36,7 +36,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         };
     }
     *out = (cw_bus_config){
-        .bit_ticks = config->bit_ticks,
+        .bit_ticks = (uint32_t)cw_rate_ticks(config->rate, 1),
         .seed = config->seed,
         .node_count = (uint8_t)config->node_count,
         .inbox = BUS_INBOX,

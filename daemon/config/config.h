@@ -169,7 +169,7 @@ typedef struct cfg {
     cfg_place bus_name_place;
     uint32_t bitrate_bps;
     cfg_place bitrate_place;
-    uint32_t bit_ticks;
+    cw_rate rate;
     uint64_t seed;
     size_t node_count;
     cfg_node *nodes;

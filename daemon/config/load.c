@@ -194,7 +194,7 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     cfg_node_defaults(&walk.defaults);
     if (!cfg_load_file(&self, &document, owner->config.file))
         return false;
-    owner->config.bit_ticks = 1; /* for what is computed while the bit rate is wrong */
+    owner->config.rate = cw_rate_of(1); /* for what is computed while the bit rate is wrong */
     owner->config.bus_name = schema_copy(&self, "can");
     owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
     yaml_node_t *root = yaml_document_get_root_node(&document);

@@ -120,7 +120,7 @@ void cfg_read_profiles(schema *self, const schema_key *key, yaml_node_t *value, 
 /* Nodes for names to come: those of the profile are not known. */
 static bool prepare_alone(schema *self, cfg *config)
 {
-    config->bit_ticks = CW_CLOCK_HZ / ALONE_BITRATE_BPS;
+    config->rate = cw_rate_of(CW_CLOCK_HZ / ALONE_BITRATE_BPS);
     config->nodes = schema_alloc(self, CW_NODES_MAX, sizeof *config->nodes);
     return config->nodes != NULL;
 }

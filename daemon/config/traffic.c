@@ -184,12 +184,11 @@ static void read_every(schema *self, const schema_key *key, yaml_node_t *value, 
 
 static void settle_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
-    uint32_t bit_ticks = cfg_of(self)->bit_ticks;
+    cw_rate rate = cfg_of(self)->rate;
     yaml_node_t *count = schema_find(self, map, "count");
 
     if (traffic->has_every) {
-        if (text_time_ticks(traffic->jitter, bit_ticks) >
-            text_time_ticks(traffic->every, bit_ticks))
+        if (text_time_ticks(traffic->jitter, rate) > text_time_ticks(traffic->every, rate))
             schema_complain(self, schema_find(self, map, "jitter"),
                             "jitter: at most as long as 'every', so that the order stays");
         return;
@@ -302,7 +301,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
     const cfg_time *delay = schema_member(key, object);
 
     cfg_read_time(self, key, value, object);
-    cfg_warn_rounded(self, key, value, text_time_ticks(*delay, cfg_of(self)->bit_ticks));
+    cfg_warn_rounded(self, key, value, text_time_ticks(*delay, cfg_of(self)->rate));
 }
 
 /* Without `to` it answers the remote frame of its own identifier. */

@@ -89,7 +89,7 @@ void cfg_read_ticks(schema *self, const schema_key *key, yaml_node_t *value, voi
 
     if (text)
         schema_problem(self, key, value, text_parse_time(&time, text));
-    *ticks = text_time_ticks(time, cfg_of(self)->bit_ticks);
+    *ticks = text_time_ticks(time, cfg_of(self)->rate);
 }
 
 void cfg_read_ticks_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -106,16 +106,16 @@ void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *va
                       uint64_t ticks)
 {
     const cfg_walk *walk = self->user;
-    const uint32_t bit_ticks = walk->config->bit_ticks;
-    uint64_t bits = ticks / bit_ticks + (ticks % bit_ticks != 0);
+    const cw_rate rate = walk->config->rate;
+    const uint64_t bits = cw_rate_bits_begun(rate, ticks);
     char bit[TIME_TEXT_MAX];
     char whole[TIME_TEXT_MAX];
 
     /* A profile alone has no bit rate. */
-    if (ticks % bit_ticks == 0 || ticks == CW_NEVER || walk->any_node)
+    if (bits == cw_rate_bits(rate, ticks) || ticks == CW_NEVER || walk->any_node)
         return;
-    text_print_span(bit, bit_ticks);
-    text_print_span(whole, bits * bit_ticks);
+    text_print_span(bit, cw_rate_ticks(rate, 1));
+    text_print_span(whole, cw_rate_ticks(rate, bits));
     schema_warn(self, value,
                 "%s: no whole number of bits of %s, at which it acts: it is rounded up to %" PRIu64
                 " bit%s, %s",
@@ -208,7 +208,7 @@ static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const 
     const char *problem = text_parse_time(&time, text);
 
     schema_problem(self, key, value, problem);
-    *tick = text_time_ticks(time, cfg_of(self)->bit_ticks);
+    *tick = text_time_ticks(time, cfg_of(self)->rate);
     return !problem;
 }
 

@@ -105,13 +105,12 @@ static bool go_to(engine *e, uint64_t tick)
  * leap. */
 static bool show_bits(engine *e, uint64_t tick)
 {
-    const uint32_t bit_ticks = e->config->bit_ticks;
-    while (cw_bus_now(e->now.bus) + bit_ticks <= tick) {
+    while (cw_bus_tick_after(e->now.bus, 1) <= tick) {
         bool calm = e->calm_bits >= CALM_SHOWN_BITS;
         uint64_t now = cw_bus_now(e->now.bus);
         uint64_t quiet = calm ? cw_bus_quiet_until(e->now.bus, tick) : now;
         cw_bus_set_watching(e->now.bus, quiet == now);
-        if (!go_to(e, quiet > now ? quiet : now + bit_ticks))
+        if (!go_to(e, quiet > now ? quiet : cw_bus_tick_after(e->now.bus, 1)))
             return false;
         if (quiet == now) {
             e->bit_observer(e->bit_user, e->now.bus);

@@ -40,7 +40,7 @@ static uint64_t run_releases(engine *e, uint64_t now)
  * whether it is its turn; ports with frames that wait for room look when a frame has ended. */
 static uint64_t next_look(const engine *e)
 {
-    uint64_t bit = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+    uint64_t bit = cw_bus_tick_after(e->now.bus, 1);
     if (release_is_fast(e->now.plan))
         return bit;
     if (!e->pushed_back)
@@ -70,5 +70,5 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
 
 void engine_read_limits(engine *e)
 {
-    e->catch_up_ticks = text_time_ticks(e->config->catch_up, e->config->bit_ticks);
+    e->catch_up_ticks = text_time_ticks(e->config->catch_up, e->config->rate);
 }

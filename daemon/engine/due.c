@@ -15,10 +15,7 @@ static uint64_t least(uint64_t a, uint64_t b)
  * whole bit. */
 static uint64_t reception(const cfg *config, uint64_t tick, unsigned bits)
 {
-    const uint64_t bit_ticks = config->bit_ticks;
-    uint64_t start = (tick + bit_ticks - 1) / bit_ticks * bit_ticks;
-    uint64_t length = (bits - 1) * bit_ticks;
-    return start >= tick && start < CW_NEVER - length ? start + length : CW_NEVER;
+    return cw_after(cw_rate_next_bit(config->rate, tick), cw_rate_ticks(config->rate, bits - 1));
 }
 
 /* Whether the node will surely put the frame into its queue: nothing is told of it then. */
@@ -40,7 +37,7 @@ uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config
         return release;
     /* it is the next one on the bus if nothing is under way and none comes up with it */
     bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 &&
-                 release_is_alone(plan, release + 2 * config->bit_ticks);
+                 release_is_alone(plan, release + cw_rate_ticks(config->rate, 2));
     unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;
     return least(next, reception(config, release, bits));
 }

@@ -153,9 +153,8 @@ static bool may_stop(const engine *e)
  * machine cannot keep up with the bus. */
 static void run_out(engine *e, uint64_t now)
 {
-    const uint32_t bit_ticks = e->config->bit_ticks;
-    while (!may_stop(e) && cw_bus_now(e->now.bus) + bit_ticks <= now)
-        if (!engine_advance(e, cw_bus_now(e->now.bus) + bit_ticks))
+    while (!may_stop(e) && cw_bus_tick_after(e->now.bus, 1) <= now)
+        if (!engine_advance(e, cw_bus_tick_after(e->now.bus, 1)))
             break;
     if (may_stop(e) || clock_ns(CLOCK_MONOTONIC) >= e->stop_ns)
         ev_break(e->loop, EVBREAK_ALL);
@@ -270,9 +269,9 @@ void engine_stop(engine *e)
     e->stopping = true;
     e->ticking = false;
     catchup_log(&e->catchup, INT64_MAX);
-    e->stop_tick = cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
+    e->stop_tick = cw_bus_tick_after(e->now.bus, BOUNDARY_BITS);
     e->stop_ns = clock_ns(CLOCK_MONOTONIC) + NS_PER_S +
-                 2 * (int64_t)text_ticks_ns((uint64_t)BOUNDARY_BITS * e->config->bit_ticks);
+                 2 * (int64_t)text_ticks_ns(cw_rate_ticks(e->config->rate, BOUNDARY_BITS));
     reload_free(e->next);
     e->next = NULL;
     unwatch_all(e);

@@ -85,7 +85,7 @@ void engine_run_to_boundary(engine *e, uint64_t now)
             go_over(e);
             return;
         }
-        uint64_t end = cw_bus_now(e->now.bus) + e->config->bit_ticks;
+        uint64_t end = cw_bus_tick_after(e->now.bus, 1);
         if (end > now || engine_run_to(e, end) < end)
             return;
     }
@@ -104,7 +104,7 @@ bool engine_reload(engine *e, reload *r, FILE *errors)
         return false;
     }
     r->deadline = e->next ? e->next->deadline
-                          : cw_bus_now(e->now.bus) + BOUNDARY_BITS * e->config->bit_ticks;
+                          : cw_bus_tick_after(e->now.bus, BOUNDARY_BITS);
     reload_free(e->next);
     e->next = r;
     e->wake(e);

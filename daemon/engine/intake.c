@@ -27,7 +27,8 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
  * the time of this wake-up is over before. */
 bool engine_make_room(engine *e)
 {
-    return engine_advance(e, cw_bus_inbox_first(e->now.bus) + e->config->bit_ticks);
+    const uint64_t bit = cw_rate_ticks(e->config->rate, 1);
+    return engine_advance(e, cw_bus_inbox_first(e->now.bus) + bit);
 }
 
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)

@@ -73,7 +73,7 @@ static void write_scale(vcd *self)
         const char *name;
     } units[] = {{100000000, "100 us"}, {10000000, "10 us"}, {1000000, "1 us"}, {100000, "100 ns"},
                  {10000, "10 ns"},      {1000, "1 ns"},      {100, "100 ps"}};
-    const uint64_t bit_ps = (uint64_t)self->config->bit_ticks * TICK_PS;
+    const uint64_t bit_ps = cw_rate_ticks(self->config->rate, 1) * TICK_PS;
     size_t i = 0;
     while (bit_ps % units[i].ps != 0 || bit_ps / units[i].ps < UNITS_PER_BIT_MIN)
         i++; /* 100 ps divide a tick */
@@ -159,11 +159,10 @@ static char *begin_change(vcd *self, uint64_t tick)
     char *at = self->text + self->used;
     if (tick == self->time)
         return at;
-    const uint32_t bit_ticks = self->config->bit_ticks;
-    assert(tick % bit_ticks == 0);
+    assert(tick == cw_rate_bit_begin(self->config->rate, tick));
     self->time = tick;
     *at++ = '#';
-    at = chars_decimal(at, tick / bit_ticks * self->units_per_bit);
+    at = chars_decimal(at, cw_rate_bits(self->config->rate, tick) * self->units_per_bit);
     *at++ = '\n';
     return at;
 }

@@ -250,13 +250,13 @@ static bool act(journal_player *p)
 static bool check_time(journal_player *p)
 {
     const uint64_t now = cw_bus_now(p->inputs.bus);
-    const uint32_t bit_ticks = live_config(p->live)->bit_ticks;
+    const cw_rate rate = live_config(p->live)->rate;
     if (p->entry.at < now)
         return fail(p, "at", "at: before the line above");
-    if (p->entry.at % bit_ticks == 0)
+    if (p->entry.at == cw_rate_bit_begin(rate, p->entry.at))
         return true;
-    journal_complain(p->reader, "at", "at: not the end of a bit, which has %" PRIu32 " ticks",
-                     bit_ticks);
+    journal_complain(p->reader, "at", "at: not the end of a bit, which has %" PRIu64 " ticks",
+                     cw_rate_ticks(rate, 1));
     return false;
 }
 

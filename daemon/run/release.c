@@ -40,7 +40,7 @@ struct release_plan {
     const cfg *config;
     release_teller *tell;
     void *user;
-    uint32_t bit_ticks;
+    cw_rate rate;
     unsigned fast; /* replays with `speed: max` that are not over */
     bool failed;
     size_t source_count;
@@ -108,7 +108,7 @@ static void start_send(release_plan *plan, source *s)
 {
     char frame[FRAME_TEXT_MAX];
     const cfg_node *node = &plan->config->nodes[s->node];
-    s->jitter_ticks = text_time_ticks(s->traffic->jitter, plan->bit_ticks);
+    s->jitter_ticks = text_time_ticks(s->traffic->jitter, plan->rate);
     if (s->jitter_ticks == 0)
         return;
     text_print_frame(frame, &s->traffic->frame);
@@ -120,14 +120,14 @@ static void start_send(release_plan *plan, source *s)
 static uint64_t send_tick(const release_plan *plan, const source *s, uint64_t k)
 {
     const cfg_traffic *t = s->traffic;
-    uint64_t tick = text_time_ticks_sum(t->offset, k, t->every, plan->bit_ticks);
+    uint64_t tick = text_time_ticks_sum(t->offset, k, t->every, plan->rate);
     if (s->jitter_ticks == 0)
         return tick;
     uint64_t draw = cw_random(s->jitter_seed, "jitter", k);
     uint64_t delay = s->jitter_ticks == UINT64_MAX ? draw : draw % (s->jitter_ticks + 1);
     uint64_t late = delay < CW_NEVER - tick ? tick + delay : CW_NEVER;
     uint64_t next = t->has_every && k + 1 < t->count
-                        ? text_time_ticks_sum(t->offset, k + 1, t->every, plan->bit_ticks)
+                        ? text_time_ticks_sum(t->offset, k + 1, t->every, plan->rate)
                         : CW_NEVER;
     return late < next ? late : next;
 }
@@ -226,7 +226,7 @@ static bool fetch(release_plan *plan, source *s)
 static void start_replay(release_plan *plan, source *s)
 {
     char problem[TRACE_PROBLEM_MAX];
-    s->replay = replay_open(s->traffic, plan->bit_ticks, 0, problem);
+    s->replay = replay_open(s->traffic, plan->rate, 0, problem);
     if (!s->replay) {
         end_replay(plan, s, problem);
         return;
@@ -295,7 +295,7 @@ release_plan *release_plan_new(const cfg *config, release_teller *tell, void *us
     plan->config = config;
     plan->tell = tell;
     plan->user = user;
-    plan->bit_ticks = config->bit_ticks;
+    plan->rate = config->rate;
     plan->sources = all;
     for (size_t i = 0; i < config->node_count; i++)
         add_node(plan, &config->nodes[i], (unsigned)i);
@@ -457,15 +457,15 @@ uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)
 {
     uint64_t now = cw_bus_now(bus);
     uint64_t next = cw_bus_next(bus);
-    uint64_t last = now + (uint64_t)LOOK_BITS * plan->bit_ticks;
+    uint64_t last = cw_bus_tick_after(bus, LOOK_BITS);
     for (size_t i = 0; i < plan->source_count; i++) {
         const source *s = &plan->sources[i];
         if (s->waits && !(s->has_frame && is_busy_till_end_of_frame(bus, s->node)))
-            return now + plan->bit_ticks;
+            return cw_bus_tick_after(bus, 1);
     }
     next = next < last ? next : last;
-    next -= (next - now) % plan->bit_ticks;
-    return next > now ? next : now + plan->bit_ticks;
+    next = cw_rate_bit_begin(plan->rate, next);
+    return next > now ? next : cw_bus_tick_after(bus, 1);
 }
 
 static void look(release_plan *plan, source *s, const cw_bus *bus)
@@ -503,7 +503,7 @@ static uint64_t guess_source_end(const release_plan *plan, const source *s, uint
     if (t->kind == CFG_TRAFFIC_SEND && t->count == UINT64_MAX)
         return CW_NEVER;
     if (t->kind == CFG_TRAFFIC_SEND)
-        return text_time_ticks_sum(t->offset, t->count - 1, t->every, plan->bit_ticks);
+        return text_time_ticks_sum(t->offset, t->count - 1, t->every, plan->rate);
     if (!s->replay)
         return 0;
     unsigned permille = replay_permille(s->replay);
@@ -533,7 +533,7 @@ static cw_rule reply_rule(const cfg *config, unsigned node, const cfg_traffic *t
                     .action = CW_ACTION_REPLY,
                     .bits = 1,
                     .node = (uint8_t)node,
-                    .for_ticks = text_time_ticks(t->delay, config->bit_ticks),
+                    .for_ticks = text_time_ticks(t->delay, config->rate),
                     .frame = t->frame};
     memcpy(rule.filters, t->filters, sizeof rule.filters);
     return rule;

@@ -23,7 +23,7 @@ typedef struct tally {
 
 struct replay {
     const cfg_traffic *traffic;
-    uint32_t bit_ticks;
+    cw_rate rate;
     uint64_t origin;
     cfg_time begin;  /* of the present pass, from the origin on */
     uint64_t passes; /* that are done */
@@ -53,7 +53,7 @@ static const char *const kind_names[TRACE_KIND_COUNT][2] = {
     [TRACE_MARK] = {"beginning", "beginnings"},
 };
 
-replay *replay_open(const cfg_traffic *traffic, uint32_t bit_ticks, uint64_t origin,
+replay *replay_open(const cfg_traffic *traffic, cw_rate rate, uint64_t origin,
                     char problem[TRACE_PROBLEM_MAX])
 {
     replay *r = calloc(1, sizeof *r);
@@ -62,7 +62,7 @@ replay *replay_open(const cfg_traffic *traffic, uint32_t bit_ticks, uint64_t ori
         return NULL;
     }
     *r = (replay){.traffic = traffic,
-                  .bit_ticks = bit_ticks,
+                  .rate = rate,
                   .origin = origin,
                   .last_tick = origin,
                   .begin = traffic->offset,
@@ -122,7 +122,7 @@ static uint64_t elapsed_ns(replay *r, const trace_record *record)
 static uint64_t tick_of(replay *r, uint64_t ns)
 {
     const cfg_time elapsed = {.ns = ns};
-    uint64_t tick = text_time_ticks_sum(r->begin, 1, elapsed, r->bit_ticks);
+    uint64_t tick = text_time_ticks_sum(r->begin, 1, elapsed, r->rate);
     tick = tick < CW_NEVER - r->origin ? r->origin + tick : CW_NEVER;
     if (tick > r->last_tick)
         r->last_tick = tick;
@@ -325,7 +325,7 @@ bool replay_check(const cfg_traffic *traffic, uint64_t *frames, char note[REPLAY
     once.count = 1;
     *frames = 0;
     note[0] = '\0';
-    replay *r = replay_open(&once, 1, 0, problem);
+    replay *r = replay_open(&once, cw_rate_of(1), 0, problem);
     if (r)
         while ((result = replay_next(r, &frame, &tick)) <= REPLAY_LATER)
             *frames += result == REPLAY_FRAME;

@@ -25,7 +25,7 @@ typedef enum replay_step {
 
 /* Opens the file of an entry, which must live longer. It begins at tick `origin`. NULL after
  * writing what is wrong to problem. */
-replay *replay_open(const cfg_traffic *traffic, uint32_t bit_ticks, uint64_t origin,
+replay *replay_open(const cfg_traffic *traffic, cw_rate rate, uint64_t origin,
                     char problem[TRACE_PROBLEM_MAX]);
 
 /* NULL is fine. */

@@ -11,6 +11,11 @@ uint64_t cw_bus_now(const cw_bus *bus)
     return cw_now(bus);
 }
 
+uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits)
+{
+    return cw_wire_tick_or_never(&bus->time, bits);
+}
+
 uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 {
     return bus->leap.active ? cw_leap_recessive_bits(bus) : bus->recessive_bits;

@@ -157,9 +157,10 @@ static void times(const char *text)
     char printed[TIME_TEXT_MAX];
     if (text_parse_time(&time, text))
         return;
-    uint64_t once = text_time_ticks(time, BIT_TICKS);
-    uint64_t twice = text_time_ticks_sum(time, 1, time, BIT_TICKS);
-    REQUIRE(once == text_time_ticks_sum(time, 0, time, BIT_TICKS));
+    const cw_rate rate = cw_rate_of(BIT_TICKS);
+    uint64_t once = text_time_ticks(time, rate);
+    uint64_t twice = text_time_ticks_sum(time, 1, time, rate);
+    REQUIRE(once == text_time_ticks_sum(time, 0, time, rate));
     REQUIRE(twice >= once && (twice == UINT64_MAX || twice <= 2 * once));
     REQUIRE(twice == UINT64_MAX || twice + 1 >= 2 * once); /* rounded up once, not twice */
     text_print_seconds(printed, once);

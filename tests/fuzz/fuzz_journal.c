@@ -46,7 +46,7 @@ static bool advance(void *user, uint64_t tick)
     run *r = user;
     const cfg *config = journal_player_config(r->player);
     cw_bus *bus = journal_player_bus(r->player);
-    uint64_t bits = (tick - cw_bus_now(bus)) / config->bit_ticks;
+    uint64_t bits = cw_rate_bits(config->rate, tick - cw_bus_now(bus));
     REQUIRE(tick >= cw_bus_now(bus));
     if (bits > r->bits_left || bits * config->node_count > WORK)
         return false;

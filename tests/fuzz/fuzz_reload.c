@@ -66,10 +66,11 @@ static void run(world *w, uint64_t bits)
     if (bits * config->node_count > WORK)
         bits = WORK / config->node_count;
     w->bits_left -= bits;
-    uint64_t end = cw_bus_now(w->inputs.bus) + bits * config->bit_ticks;
+    uint64_t end = cw_bus_now(w->inputs.bus) + cw_rate_ticks(config->rate, bits);
     for (unsigned i = 0; i < RELEASES_MAX && release_next_tick(w->plan) <= end; i++)
         if (inputs_release(&w->inputs, w->plan) == CW_FULL)
-            inputs_advance(&w->inputs, cw_bus_inbox_first(w->inputs.bus) + config->bit_ticks);
+            inputs_advance(&w->inputs,
+                           cw_bus_inbox_first(w->inputs.bus) + cw_rate_ticks(config->rate, 1));
     inputs_advance(&w->inputs, end);
 }
 
@@ -122,7 +123,7 @@ static void reload(world *w, const cfg_file *files, size_t count)
     free(messages);
     if (config && !w->live)
         start(w, config);
-    else if (config && config->bit_ticks == live_config(w->live)->bit_ticks)
+    else if (config && config->rate.bit_ticks == live_config(w->live)->rate.bit_ticks)
         go_over(w, config);
     else
         cfg_free(config);

@@ -78,7 +78,7 @@ static void play(const char *file, const fuzz_input *options)
                            .filters = {{.value = fuzz_u32(&in), .mask = fuzz_u8(&in)}},
                            .filter_count = fuzz_bool(&in),
                            .gap = {.ns = fuzz_u32(&in)}};
-    replay *r = replay_open(&traffic, BIT_TICKS, fuzz_u8(&in), problem);
+    replay *r = replay_open(&traffic, cw_rate_of(BIT_TICKS), fuzz_u8(&in), problem);
     if (!r)
         return;
     while ((step = replay_next(r, &frame, &tick)) <= REPLAY_PAUSE) {

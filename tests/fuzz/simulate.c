@@ -58,7 +58,7 @@ void fuzz_simulate(const cfg *config)
     REQUIRE(fuzz_bus_open(&b, &bus_config));
     release_add_replies(b.bus, config);
     unsigned bits = (unsigned)(WORK / config->node_count);
-    uint64_t end = (uint64_t)(bits < BITS ? bits : BITS) * config->bit_ticks;
+    uint64_t end = cw_rate_ticks(config->rate, bits < BITS ? bits : BITS);
     run_releases(&b, config, end);
     fuzz_bus_advance(&b, end);
     fuzz_bus_check(&b);

@@ -154,13 +154,13 @@ static void close_world(world *w)
 
 static void run(world *w, uint64_t bits)
 {
-    const uint32_t bit_ticks = live_config(w->live)->bit_ticks;
-    uint64_t end = cw_bus_now(w->inputs.bus) + bits * bit_ticks;
+    const uint64_t bit = cw_rate_ticks(live_config(w->live)->rate, 1);
+    uint64_t end = cw_bus_tick_after(w->inputs.bus, bits);
     release_plan *plan = w->setup.plan;
     release_look(plan, w->inputs.bus);
     for (unsigned i = 0; i < RELEASES_MAX && release_next_tick(plan) <= end; i++) {
         if (inputs_release(&w->inputs, plan) == CW_FULL)
-            inputs_advance(&w->inputs, cw_bus_inbox_first(w->inputs.bus) + bit_ticks);
+            inputs_advance(&w->inputs, cw_bus_inbox_first(w->inputs.bus) + bit);
         release_look(plan, w->inputs.bus);
     }
     inputs_advance(&w->inputs, end);

@@ -54,7 +54,7 @@ static bool fake_engine_make(engine *e, live *config_of, uint16_t more_rules, un
 
 void engine_update(engine *e)
 {
-    uint64_t target = cw_bus_now(e->bus) + (uint64_t)e->update_bits * e->config->bit_ticks;
+    uint64_t target = cw_bus_now(e->bus) + cw_rate_ticks(e->config->rate, e->update_bits);
     inputs_advance(&e->inputs, target);
 }
 

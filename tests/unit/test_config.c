@@ -104,7 +104,7 @@ static void defaults_are_set(void **state)
     (void)state;
     assert_string_equal(config->file, GOOD "minimal.yaml");
     assert_string_equal(config->bus_name, "can");
-    assert_int_equal(config->bit_ticks, 160);
+    assert_int_equal(cw_rate_ticks(config->rate, 1), 160);
     assert_int_equal(config->seed, 0);
     assert_int_equal(config->node_count, 1);
     assert_string_equal(node->name, "a");
@@ -147,7 +147,7 @@ static void bus_keys_are_read(void **state)
     (void)state;
     assert_string_equal(config->bus_name, "power_train.1");
     assert_int_equal(config->bitrate_bps, 125000);
-    assert_int_equal(config->bit_ticks, 640);
+    assert_int_equal(cw_rate_ticks(config->rate, 1), 640);
     assert_true(config->seed == UINT64_MAX);
     assert_string_equal(config->lcm.url, "memq://");
     assert_int_equal(config->lcm.period.ns, 250000000);
@@ -279,7 +279,7 @@ static void bus_config_is_usable(void **state)
         cw_bus_config bus;
 
         cfg_bus_config(&bus, nodes, config);
-        assert_int_equal(bus.bit_ticks, config->bit_ticks);
+        assert_int_equal(bus.bit_ticks, cw_rate_ticks(config->rate, 1));
         assert_int_equal(bus.node_count, config->node_count);
         assert_int_equal(bus.rule_count, config->rule_count);
         assert_int_equal(nodes[0].restart_ticks, config->nodes[0].restart_ms * UINT64_C(80000));

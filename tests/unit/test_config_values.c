@@ -58,8 +58,8 @@ static void bit_rates_are_near_what_the_clock_makes(void **state)
         FILE *nowhere = fopen("/dev/null", "w");
         cfg *config = cfg_load(path, nowhere);
 
-        if ((config ? config->bit_ticks : 0) != cases[i].ticks)
-            fail_msg("%u: %u ticks", cases[i].bitrate, config ? config->bit_ticks : 0);
+        if ((config ? cw_rate_ticks(config->rate, 1) : 0) != cases[i].ticks)
+            fail_msg("%u: %u ticks", cases[i].bitrate, config ? cw_rate_ticks(config->rate, 1) : 0);
         cfg_free(config);
         fclose(nowhere);
         drop_file(path);

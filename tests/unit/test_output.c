@@ -47,7 +47,7 @@ static cw_rule rules[] = {
 static const cfg config = {
     .bus_name = bus_name,
     .bitrate_bps = 500000,
-    .bit_ticks = BIT_TICKS,
+    .rate = {BIT_TICKS},
     .node_count = 3,
     .nodes = nodes,
     .rule_count = 2,
@@ -197,7 +197,7 @@ static void many_long_lines_are_whole(void **state)
 {
     static cfg_node many[CW_NODES_MAX];
     static char names[CW_NODES_MAX][33];
-    const cfg crowd = {.node_count = CW_NODES_MAX, .nodes = many, .bit_ticks = BIT_TICKS};
+    const cfg crowd = {.node_count = CW_NODES_MAX, .nodes = many, .rate = {BIT_TICKS}};
     const cw_event event = {.tick = UINT64_MAX,
                             .nodes = UINT64_MAX,
                             .kind = CW_EVENT_ERROR,

@@ -501,17 +501,27 @@ static void bad_times_are_refused(void **state)
     }
 }
 
+static uint64_t ticks_at(uint32_t bit_ticks, cfg_time time)
+{
+    return text_time_ticks(time, cw_rate_of(bit_ticks));
+}
+
+static uint64_t sum_at(uint32_t bit_ticks, cfg_time start, uint64_t k, cfg_time step)
+{
+    return text_time_ticks_sum(start, k, step, cw_rate_of(bit_ticks));
+}
+
 static void ticks_are_rounded_up_once(void **state)
 {
     (void)state;
-    assert_int_equal(text_time_ticks((cfg_time){25, 0}, 160), 2);
-    assert_int_equal(text_time_ticks((cfg_time){26, 0}, 160), 3);
-    assert_int_equal(text_time_ticks((cfg_time){1, 0}, 160), 1);
-    assert_int_equal(text_time_ticks((cfg_time){0, 3}, 160), 480);
-    assert_int_equal(text_time_ticks((cfg_time){1000000, 3}, 160), 80480);
+    assert_int_equal(ticks_at(160, (cfg_time){25, 0}), 2);
+    assert_int_equal(ticks_at(160, (cfg_time){26, 0}), 3);
+    assert_int_equal(ticks_at(160, (cfg_time){1, 0}), 1);
+    assert_int_equal(ticks_at(160, (cfg_time){0, 3}), 480);
+    assert_int_equal(ticks_at(160, (cfg_time){1000000, 3}), 80480);
     /* 10 ns are 0.8 ticks: a million of them are 800000, not a million. */
-    assert_int_equal(text_time_ticks_sum((cfg_time){0}, 1000000, (cfg_time){10, 0}, 160), 800000);
-    assert_int_equal(text_time_ticks_sum((cfg_time){25, 1}, 2, (cfg_time){0, 1}, 160), 482);
+    assert_int_equal(sum_at(160, (cfg_time){0}, 1000000, (cfg_time){10, 0}), 800000);
+    assert_int_equal(sum_at(160, (cfg_time){25, 1}, 2, (cfg_time){0, 1}), 482);
 }
 
 static void ticks_saturate(void **state)
@@ -519,13 +529,13 @@ static void ticks_saturate(void **state)
     const cfg_time most = {UINT64_MAX, UINT64_MAX};
 
     (void)state;
-    assert_true(text_time_ticks((cfg_time){UINT64_MAX, 0}, 1) == UINT64_C(1475739525896764130));
-    assert_true(text_time_ticks((cfg_time){0, UINT64_MAX}, 1) == UINT64_MAX);
-    assert_true(text_time_ticks((cfg_time){0, UINT64_MAX}, 2) == CW_NEVER);
-    assert_true(text_time_ticks(most, UINT32_MAX) == CW_NEVER);
-    assert_true(text_time_ticks_sum(most, UINT64_MAX, most, UINT32_MAX) == CW_NEVER);
-    assert_true(text_time_ticks_sum((cfg_time){0}, UINT64_MAX, (cfg_time){12, 0}, 1) < CW_NEVER);
-    assert_true(text_time_ticks_sum((cfg_time){0}, UINT64_MAX, (cfg_time){13, 0}, 1) == CW_NEVER);
+    assert_true(ticks_at(1, (cfg_time){UINT64_MAX, 0}) == UINT64_C(1475739525896764130));
+    assert_true(ticks_at(1, (cfg_time){0, UINT64_MAX}) == UINT64_MAX);
+    assert_true(ticks_at(2, (cfg_time){0, UINT64_MAX}) == CW_NEVER);
+    assert_true(ticks_at(UINT32_MAX, most) == CW_NEVER);
+    assert_true(sum_at(UINT32_MAX, most, UINT64_MAX, most) == CW_NEVER);
+    assert_true(sum_at(1, (cfg_time){0}, UINT64_MAX, (cfg_time){12, 0}) < CW_NEVER);
+    assert_true(sum_at(1, (cfg_time){0}, UINT64_MAX, (cfg_time){13, 0}) == CW_NEVER);
 }
 
 static void positions_have_fields_and_indices(void **state)

@@ -34,7 +34,13 @@ static void bits_are_counted_in_ticks(void **state)
             assert_int_equal(cw_rate_bits(rate, ticks + rates[i] - 1), bits);
             assert_int_equal(cw_rate_bits_begun(rate, ticks), bits);
             assert_int_equal(cw_rate_bits_begun(rate, ticks + 1), bits + 1);
+            assert_int_equal(cw_rate_bit_begin(rate, ticks), ticks);
+            assert_int_equal(cw_rate_bit_begin(rate, ticks + rates[i] - 1), ticks);
+            assert_int_equal(cw_rate_next_bit(rate, ticks), ticks);
+            assert_int_equal(cw_rate_next_bit(rate, ticks + 1), ticks + rates[i]);
         }
+        if (rates[i] > 2)
+            assert_int_equal(cw_rate_next_bit(rate, CW_NEVER - 1), CW_NEVER);
         assert_int_equal(cw_rate_ticks_or_never(rate, CW_BITS_FOREVER), CW_NEVER);
     }
 }
@@ -44,6 +50,21 @@ static void rates_differ(void **state)
     (void)state;
     assert_true(cw_rate_equal(cw_rate_of(160), cw_rate_of(160)));
     assert_false(cw_rate_equal(cw_rate_of(160), cw_rate_of(161)));
+}
+
+static void a_bus_tells_when_bits_to_come_will_have_passed(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    rig_start(r);
+    for (uint64_t bits = 0; bits < 10; bits++) {
+        const uint64_t tick = cw_bus_tick_after(r->bus, bits);
+        assert_int_equal(tick, cw_bus_now(r->bus) + bits * BIT);
+        assert_int_equal(cw_bus_advance(r->bus, tick), CW_OK);
+        assert_int_equal(cw_bus_now(r->bus), tick);
+    }
+    assert_int_equal(cw_bus_tick_after(r->bus, CW_BITS_FOREVER), CW_NEVER);
+    rig_free(r);
 }
 
 static void time_does_not_begin_again_at_its_end(void **state)
@@ -148,6 +169,7 @@ int main(void)
         cmocka_unit_test(rates_differ),
         cmocka_unit_test(time_does_not_begin_again_at_its_end),
         cmocka_unit_test(the_wire_goes_from_bit_to_bit),
+        cmocka_unit_test(a_bus_tells_when_bits_to_come_will_have_passed),
         cmocka_unit_test(bits_fit_until_the_tick_at_which_they_end),
         cmocka_unit_test(no_bit_fits_behind_the_end_of_time),
         cmocka_unit_test(bits_up_to_a_tick),

@@ -675,7 +675,7 @@ static char *replay_all(cfg_traffic *traffic, const char *content, uint64_t orig
     replay_step step;
     traffic->file = make_file(content, strlen(content));
     FILE *out = open_memstream(&text, &size);
-    replay *r = replay_open(traffic, BIT, origin, problem);
+    replay *r = replay_open(traffic, cw_rate_of(BIT), origin, problem);
     assert_true(out && r);
     while ((step = replay_next(r, &frame, &tick)) <= REPLAY_PAUSE) {
         char printed[FRAME_TEXT_MAX];
@@ -791,7 +791,7 @@ static void long_searches_pause(void **state)
                            .filters = {{.value = 1, .mask = 0x7FF}},
                            .filter_count = 1,
                            .file = make_file(content, size)};
-    replay *r = replay_open(&traffic, BIT, 0, problem);
+    replay *r = replay_open(&traffic, cw_rate_of(BIT), 0, problem);
     assert_int_equal(replay_next(r, &frame, &tick), REPLAY_PAUSE);
     assert_int_equal(tick, 999 * 80);
     assert_int_equal(replay_permille(r), 400);

@@ -115,7 +115,7 @@ static bool set_until(sim *s, const time_option *o)
     if (o->text) {
         /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
         const cfg_time beyond = {.ns = 1};
-        s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->bit_ticks) - 1;
+        s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->rate) - 1;
     } else if (endless && !s->awaited.text) {
         plain_print(stderr,
                     "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "

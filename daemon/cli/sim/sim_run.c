@@ -69,12 +69,12 @@ void sim_add_sink(sim_run *s, const sim_sink *sink)
     assert(s->sink_count < SIM_SINKS_MAX);
     s->sinks[s->sink_count] = *sink;
     s->bit_sinks |= (uint32_t)(sink->bit != NULL) << s->sink_count;
-    s->sinks[s->sink_count++].bits_from -= sink->bits_from % s->config->bit_ticks;
+    s->sinks[s->sink_count++].bits_from = cw_rate_bit_begin(s->config->rate, sink->bits_from);
 }
 
 void sim_be_careful(sim_run *s, uint64_t from)
 {
-    s->careful_from = from == CW_NEVER ? from : from - from % s->config->bit_ticks;
+    s->careful_from = from == CW_NEVER ? from : cw_rate_bit_begin(s->config->rate, from);
 }
 
 void sim_stop(sim_run *s, uint64_t tick)
@@ -179,7 +179,7 @@ static uint64_t quiet_until(sim_run *s, uint64_t tick)
         if (sink->bits_from > now)
             tick = least(tick, sink->bits_from);
         if (sink->bits_to > now) /* to the end of its last bit */
-            tick = least(tick, sink->bits_to + s->config->bit_ticks - 1);
+            tick = least(tick, sink->bits_to + cw_rate_ticks(s->config->rate, 1) - 1);
     }
     return cw_bus_quiet_until(s->bus, tick);
 }
@@ -193,7 +193,7 @@ static void advance_bit(sim_run *s)
         unsigned i = (unsigned)__builtin_ctz(rest);
         wanted |= (uint32_t)(wanted_from(s, &s->sinks[i]) == start) << i;
     }
-    advance_bus(s, start + s->config->bit_ticks);
+    advance_bus(s, cw_bus_tick_after(s->bus, 1));
     for (; wanted; wanted &= wanted - 1) {
         const sim_sink *sink = &s->sinks[__builtin_ctz(wanted)];
         sink->bit(sink->user, s->bus);
@@ -213,7 +213,7 @@ static uint64_t next_look(const sim_run *s)
     if (!release_is_fast(s->plan))
         return CW_NEVER;
     if (s->config->rule_count > 0)
-        return cw_bus_now(s->bus) + s->config->bit_ticks;
+        return cw_bus_tick_after(s->bus, 1);
     return release_look_at(s->plan, s->bus);
 }
 
@@ -221,8 +221,7 @@ static uint64_t next_look(const sim_run *s)
  * that is replayed as fast as possible has its turn. */
 static void advance(sim_run *s, uint64_t tick)
 {
-    const uint32_t bit_ticks = s->config->bit_ticks;
-    while (!is_over(s) && cw_bus_now(s->bus) + bit_ticks <= tick) {
+    while (!is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
         uint64_t wanted = next_wanted(s);
         uint64_t look = next_look(s);
         uint64_t end = least(tick, least(look, s->careful_from));
@@ -240,7 +239,7 @@ static void advance(sim_run *s, uint64_t tick)
         if (look == CW_NEVER)
             continue;
         release_look(s->plan, s->bus);
-        if (release_next_tick(s->plan) <= cw_bus_now(s->bus) + bit_ticks)
+        if (release_next_tick(s->plan) <= cw_bus_tick_after(s->bus, 1))
             return;
     }
     if (!is_over(s))
@@ -263,7 +262,7 @@ static void hand_in_due(sim_run *s, uint64_t tick)
         unsigned node;
         bool frame = release_first(s->plan, &node) != NULL;
         if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
-            advance(s, cw_bus_inbox_first(s->bus) + s->config->bit_ticks - 1);
+            advance(s, cw_bus_inbox_first(s->bus) + cw_rate_ticks(s->config->rate, 1) - 1);
         else if (frame)
             s->last_activity = tick;
     }
@@ -275,7 +274,7 @@ static bool run_releases(sim_run *s)
     release_look(s->plan, s->bus);
     while (!is_over(s)) {
         uint64_t tick = release_next_tick(s->plan);
-        uint64_t bit_end = cw_bus_now(s->bus) + s->config->bit_ticks;
+        uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
         bool fast = release_is_fast(s->plan);
         if (tick == CW_NEVER && !fast)
             return true;
@@ -304,14 +303,14 @@ static bool traffic_is_over(const sim_run *s)
 static void run_out(sim_run *s)
 {
     while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
-        advance(s, cw_bus_now(s->bus) + s->config->bit_ticks);
+        advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
     if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* amid a bit, which has to be run */
-        advance(s, s->until + s->config->bit_ticks);
+        advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
 /* Lost arbitrations cost most where nodes are many, and few look at them. */

@@ -61,7 +61,7 @@ static bool run_journal(sim_until *found, const sim_scout *s, const sim_until *a
 void sim_scout_go(const sim_scout *s, sim_until *awaited)
 {
     sim_until found = {.happened = false};
-    const uint64_t early = (uint64_t)CAREFUL_BITS * s->run->config->bit_ticks;
+    const uint64_t early = cw_rate_ticks(s->run->config->rate, CAREFUL_BITS);
     if (s->journal && !can_be_read_again(s->journal))
         return;
     if (!(s->journal ? run_journal(&found, s, awaited) : run_file(&found, s, awaited)))

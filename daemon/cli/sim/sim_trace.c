@@ -15,8 +15,8 @@
 bool sim_trace_window(sim_trace *self, const time_option *from, const time_option *to,
                       const cfg *config, const char *program)
 {
-    self->from = from->text ? text_time_ticks(from->time, config->bit_ticks) : 0;
-    self->to = to->text ? text_time_ticks(to->time, config->bit_ticks) : CW_NEVER;
+    self->from = from->text ? text_time_ticks(from->time, config->rate) : 0;
+    self->to = to->text ? text_time_ticks(to->time, config->rate) : CW_NEVER;
     if (self->from < self->to)
         return true;
     if (to->text)
@@ -46,7 +46,7 @@ static void begin(sim_trace *self, const cw_bus *bus)
 static bool is_inside(const sim_trace *self, const cw_event *event)
 {
     const cfg *config = self->run->config;
-    uint64_t start = self->from - self->from % config->bit_ticks;
+    uint64_t start = cw_rate_bit_begin(config->rate, self->from);
     bool acts = event->kind == CW_EVENT_FAULT && !bit_has_hit(&config->rules[event->rule]);
     return event->tick > start || (event->tick == start && acts);
 }
@@ -95,37 +95,39 @@ static bool fits_picture(uint64_t bits, const char *program)
 
 /* Bits of the window that the run is sure to have, as far as its end is known; where it is not, all
  * bits that overlap with a window that has an end. */
-static uint64_t known_bits(const sim_trace *self, uint64_t end, uint32_t bit_ticks)
+static uint64_t known_bits(const sim_trace *self, uint64_t end, cw_rate rate)
 {
-    uint64_t bits = end != CW_NEVER ? end / bit_ticks : 0; /* whole ones, from the start on */
+    uint64_t from = cw_rate_bits(rate, self->from);
+    /* whole ones, from the start on */
+    uint64_t bits = end != CW_NEVER ? cw_rate_bits(rate, end) : 0;
     if (self->to <= end && self->to != CW_NEVER)
-        bits = (self->to - 1) / bit_ticks + 1;
-    return bits > self->from / bit_ticks ? bits - self->from / bit_ticks : 0;
+        bits = cw_rate_bits_begun(rate, self->to);
+    return bits > from ? bits - from : 0;
 }
 
 /* What is known before the run, so that no output is touched for it. */
-static bool is_possible(const sim_trace *self, uint64_t end, uint32_t bit_ticks,
+static bool is_possible(const sim_trace *self, uint64_t end, cw_rate rate,
                         const char *program)
 {
-    if (end != CW_NEVER && self->from > end && self->from - end >= bit_ticks) {
+    if (end != CW_NEVER && self->from > end && cw_rate_bits(rate, self->from - end) > 0) {
         plain_print(stderr, "%s: --from: the run ends before\n", program);
         return false;
     }
-    return !self->svg_out->stream || fits_picture(known_bits(self, end, bit_ticks), program);
+    return !self->svg_out->stream || fits_picture(known_bits(self, end, rate), program);
 }
 
 bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program)
 {
-    const uint32_t bit_ticks = run->config->bit_ticks;
+    const uint64_t bit = cw_rate_ticks(run->config->rate, 1);
     if (!self->vcd_out->stream && !self->svg_out->stream)
         return true;
-    if (!is_possible(self, end, bit_ticks, program))
+    if (!is_possible(self, end, run->config->rate, program))
         return false;
     const sim_sink sink = {
         .user = self,
         .event = take_event,
         .bit = take_bit,
-        .bits_from = self->from >= bit_ticks ? self->from - bit_ticks : 0,
+        .bits_from = self->from >= bit ? self->from - bit : 0,
         .bits_to = self->to == CW_NEVER ? 0 : self->to,
         .changes = !self->svg_out->stream,
     };
@@ -136,7 +138,7 @@ bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *pr
 
 void sim_trace_begin(sim_trace *self)
 {
-    if (self->run && self->from < self->run->config->bit_ticks)
+    if (self->run && cw_rate_bits(self->run->config->rate, self->from) == 0)
         begin(self, self->run->bus);
 }
 

@@ -172,11 +172,12 @@ static void put_number(const pen *p, size_t bit, int y, const char *text)
 static void draw_ticks(const pen *p, int y)
 {
     const svg_row *row = p->row;
-    const uint32_t bit_ticks = p->svg->config->bit_ticks;
+    const cw_rate rate = p->svg->config->rate;
     const unsigned every = p->layout.bit >= 2 * SVG_BIT_MIN ? 5 : 10;
     for (size_t b = row->first; b <= row->end; b++) {
-        uint64_t tick = p->svg->bits[0].start + b * bit_ticks;
-        bool numbered = tick / bit_ticks % every == 0;
+        uint64_t tick = p->svg->bits[0].start + cw_rate_ticks(rate, b);
+        uint64_t number = cw_rate_bits(rate, tick);
+        bool numbered = number % every == 0;
         char text[SVG_LABEL_MAX];
         put_line(p, bit_x(p, b), y - (numbered ? 22 : 3), bit_x(p, b), y, " stroke=\"#9a9a9a\"");
         if (!numbered)
@@ -185,7 +186,7 @@ static void draw_ticks(const pen *p, int y)
                  " stroke=\"#e4e4e4\"");
         print_us(text, tick);
         put_number(p, b, y - 15, text);
-        snprintf(text, sizeof text, "%" PRIu64, tick / bit_ticks);
+        snprintf(text, sizeof text, "%" PRIu64, number);
         put_number(p, b, y - 5, text);
     }
 }

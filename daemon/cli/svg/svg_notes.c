@@ -117,8 +117,7 @@ static void append_event(note *self, const cw_event *event)
 /* Half bits from the start of the picture, a bit that has begun counted as a whole one. */
 static size_t half_at_end(const note_list *self, uint64_t tick)
 {
-    const uint32_t bit_ticks = self->config->bit_ticks;
-    return 2 * (size_t)((tick - self->start + bit_ticks - 1) / bit_ticks);
+    return 2 * (size_t)cw_rate_bits_begun(self->config->rate, tick - self->start);
 }
 
 static bool add_hit(note_list *self, const cw_event *event)
