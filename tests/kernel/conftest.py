@@ -5,8 +5,10 @@ Run with: scripts/guest -- build/venv/bin/python -m pytest tests/kernel
 Where there is no AF_CAN the tests fail; they are never skipped.
 """
 
+import contextlib
 import importlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -225,6 +227,21 @@ def lcm_types(tmp_path_factory):
     return importlib.import_module("canwire")
 
 
+LCM_URL = "udpm://239.255.76.67:7667?ttl=0"
+
+
+def make_room_for_lcm():
+    """At sockets of this process that listen to LCM_URL: those of liblcm have room for some 160
+    messages, and a bus that catches up has more events than that at once."""
+    port = int(re.search(r":(\d+)\?", LCM_URL)[1])
+    for entry in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed by now, as that of iterdir()
+            if os.readlink(entry).startswith("socket:"):
+                with socket.socket(fileno=os.dup(int(entry.name))) as own:
+                    if own.family == socket.AF_INET and own.getsockname()[1] == port:
+                        own.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+
+
 class Listener:
     """Subscribes to everything of one bus, and keeps it."""
 
@@ -235,10 +252,11 @@ class Listener:
             f"CANWIRE.{bus}.EVENT": (types.event_t, "events"),
         }
         self.bus, self.nodes, self.events = [], [], []
-        self.lcm = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+        self.lcm = lcm.LCM(LCM_URL)
         for channel in self.decoders:
             name = channel.replace(".", "\\.")
             self.lcm.subscribe(name, self.take).set_queue_capacity(100000)
+        make_room_for_lcm()
         self.closing = False
         self.thread = threading.Thread(target=self.run)
         self.thread.start()

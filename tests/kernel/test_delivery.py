@@ -13,6 +13,7 @@ import pytest
 
 from canbits import ERROR, EXTENDED, FD, REMOTE, Frame, priority, slot_bits
 from conftest import PATIENCE_S, wait_until
+from test_faults import Shell
 
 CAN_RAW_ERR_FILTER = 2  # of linux/can/raw.h; Python has no name for it
 
@@ -27,7 +28,6 @@ lcm: {{ period: 100ms }}
 
 # ---- Order ---------------------------------------------------------------------------------------
 
-HOG_FRAMES = 5000
 CONTENDED = {
     "a": ["7FF#", "100#AA", "200#R2", "1FFFFFFF#01", "300#"],
     "b": ["0FF#BB", "200#22", "08000000#", "7FE#00"],
@@ -40,33 +40,35 @@ def test_frames_written_while_the_bus_is_busy_come_in_the_order_of_priority(
 ):
     vcan(4)
     hog = Frame.parse("000#")
-    bit = slot_bits(hog)
     receiver = can_socket("vcan3")
     ecus = {name: can_socket(f"vcan{i}") for i, name in enumerate(CONTENDED)}
-    daemon = canwired(f"""
-bus: {{ name: contention, bitrate: 125000 }}
+    text = """
+bus: { name: contention, bitrate: 125000 }
+control: contention.sock
 nodes:
-  - {{ name: a, port: vcan0 }}
-  - {{ name: b, port: vcan1 }}
-  - {{ name: c, port: vcan2 }}
-  - {{ name: receiver, port: vcan3 }}
-  - name: hog # keeps the bus busy for two seconds
+  - { name: a, port: vcan0 }
+  - { name: b, port: vcan1 }
+  - { name: c, port: vcan2 }
+  - { name: receiver, port: vcan3 }
+"""
+    daemon = canwired(text + f"""  - name: hog # keeps the bus busy until it is removed
     queue: 4096
-    traffic: [ {{ send: 000#, every: {bit - 1}bit, offset: 11bit, count: {HOG_FRAMES} }} ]
+    traffic: [ {{ send: 000#, every: {slot_bits(hog) - 1}bit, offset: 11bit }} ]
 """)
-    for name, texts in CONTENDED.items():
-        ecus[name].send(*map(Frame.parse, texts))
-    early = receiver.drain()
-    assert len(early) < HOG_FRAMES, "the frames were written too late to contend"
+    shell = Shell(daemon)
     frames = {name: [Frame.parse(t) for t in texts] for name, texts in CONTENDED.items()}
-    everything = sum(frames.values(), [])
-    order = sorted(everything, key=priority)
-    seen = early + receiver.receive(HOG_FRAMES + len(order) - len(early))
-    assert seen == [hog] * HOG_FRAMES + order
     for name, own in frames.items():
-        others = [f for f in order if f not in own]
-        got = [f for f in ecus[name].receive(HOG_FRAMES + len(others)) if f != hog]
-        assert got == others, f"ECU {name}"
+        ecus[name].send(*own)
+        shell.wait_node(name, lambda n, own=own: n["queue"] == len(own), "all its frames",
+                        bus="contention")
+    daemon.config.write_text(text)
+    shell.run("reload", "contention")
+    order = sorted(sum(frames.values(), []), key=priority)
+    for name, port in (*ecus.items(), ("receiver", receiver)):
+        others = [f for f in order if f not in frames.get(name, ())]
+        wait_until(lambda p=port, last=others[-1]: last in seen_by(p), "the last frame")
+        hogs = len(port.seen) - len(others)
+        assert hogs > 0 and port.seen == [hog] * hogs + others, f"ECU {name}"
     daemon.stop()
 
 

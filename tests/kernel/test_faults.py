@@ -111,8 +111,8 @@ class Shell:
         status = json.loads(self.run("status", bus, "--json"))
         return {node["name"]: node for node in status["nodes"]}
 
-    def wait_node(self, name, condition, what):
-        return wait_until(lambda: (n := self.nodes()[name]) and condition(n) and n, what)
+    def wait_node(self, name, condition, what, bus="faults"):
+        return wait_until(lambda: (n := self.nodes(bus)[name]) and condition(n) and n, what)
 
 
 class Car:

@@ -6,6 +6,7 @@ import signal
 import time
 
 from canbits import Frame, wire_bits
+from conftest import wait_until
 
 # Slow, so that no event is lost on its way to a subscriber on a busy machine.
 LONELY = """
@@ -70,6 +71,7 @@ DROPS += ["dropped_listen_only", "dropped_bad_frame", "dropped_fault"]
 def test_what_was_handed_in_is_sent_queued_or_dropped(vcan, can_socket, canwired, listen):
     vcan(2)
     messages = listen("sums")
+    writer, reader = can_socket("vcan0"), can_socket("vcan1")
     daemon = canwired("""
 bus: { name: sums, bitrate: 500000 }
 nodes:
@@ -85,17 +87,23 @@ nodes:
     traffic: [ { send: 002#, every: 10ms } ]
 lcm: { period: 50ms, events: [] }
 """)
-    writer, reader = can_socket("vcan0"), can_socket("vcan1")
-    written = [Frame.parse(f"100#{i:04X}") for i in range(100)]
-    writer.send(*written, Frame(0x800, 0))
+    written = []
+    writer.send(Frame(0x800, 0))
+
+    def overflow():
+        more = [Frame.parse(f"100#{len(written) + i:04X}") for i in range(100)]
+        writer.send(*more)
+        written.extend(more)
+        return (node := messages.node("writer")) and node.dropped_queue_full > 0
+
+    wait_until(overflow, "a queue that is full")
     messages.wait_node("flood", lambda m: m.tx_frames > 1000, "traffic")
+    wait_until(lambda: len(messages.nodes) > 5 * 3, "statistics")
     bus, nodes = messages.wait_final(daemon.stop())
-    assert len(messages.nodes) > 5 * 3
     for node in messages.nodes:
         check_sum(node)
     assert nodes["writer"].handed_in == len(written) + 1
     assert nodes["writer"].dropped_bad_frame == 1
-    assert nodes["writer"].dropped_queue_full > 0
     assert nodes["flood"].dropped_queue_full > 0
     assert nodes["deaf"].dropped_listen_only == nodes["deaf"].handed_in > 0
     assert nodes["urgent"].dropped_queue_full == 0
@@ -103,7 +111,9 @@ lcm: { period: 50ms, events: [] }
     assert bus.pending == sum(n.queue for n in nodes.values())
     assert bus.frame_bits == sum(n.tx_bits for n in nodes.values())
     assert nodes["reader"].rx_frames == bus.frames
-    from_writer = [f for f in reader.drain() if f.can_id == 0x100]
+    received = reader.receive(bus.frames)
+    assert len(received) == bus.frames
+    from_writer = [f for f in received if f.can_id == 0x100]
     assert len(from_writer) == nodes["writer"].tx_frames
     assert from_writer == [f for f in written if f in from_writer]
 
