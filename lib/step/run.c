@@ -66,7 +66,7 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
 
 /* ---- Going ----------------------------------------------------------------------------------- */
 
-/* A node that has come to where it may start, or to where others are, is there for the next frame. */
+/* A node that comes to where it may start, or to where others are, is there for the next frame. */
 static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 {
     const unsigned phase = m->phase;
