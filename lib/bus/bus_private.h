@@ -10,15 +10,14 @@
  *   step/      how time moves: frame*.c clean frames without controllers, arbiter.c who wins them
  *              and what the others pay, run.c equal bits, shared.c one controller for all nodes
  *              that do the same, bit.c one bit of all nodes
- *   fault*.c   rules: fault.c when they act, fault_level.c, fault_noise.c, fault_control.c,
- *              fault_host.c, fault_traffic.c what they do, fault_leap.c what they want of a leap
+ *   rule/      rules: when they act, what they do, see rule/rule.h
  */
 #ifndef CANWIRE_BUS_PRIVATE_H
 #define CANWIRE_BUS_PRIVATE_H
 
 #include "canwire.h"
 #include "step/arbiter.h"
-#include "fault.h"
+#include "rule/rule.h"
 #include "mac/mac.h"
 #include "bus/queue.h"
 #include "bus/stats.h"

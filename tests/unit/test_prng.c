@@ -3,7 +3,7 @@
  * test_prng.c - random streams: the published generator, by seed and name.
  */
 #include "canwire.h"
-#include "prng.h"
+#include "rule/prng.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault_traffic.c - frames that fault rules send: single and periodic ones, a babbling idiot, load
+ * traffic.c - frames that fault rules send: single and periodic ones, a babbling idiot, load
  * up to a target, replies.
  */
-#include "bus/bus_private.h"
+#include "rule/private.h"
 
 #define LOAD_ID_FIRST 0x600u /* random identifiers stay out of the way of usual traffic */
 #define LOAD_ID_COUNT 0x1F0u

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault_leap.c - what fault rules want of a frame that could be leapt over.
+ * look.c - what fault rules want of a frame that could be leapt over.
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
  * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. No rule is
@@ -8,7 +8,7 @@
  * that resumes one. Rules that hold a level for a time need the levels of all bits, but no
  * controllers.
  */
-#include "bus/bus_private.h"
+#include "rule/private.h"
 
 #include "format/bits.h"
 

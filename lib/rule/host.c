@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault_host.c - what fault rules do to frames between a host and its controller.
+ * host.c - what fault rules do to frames between a host and its controller.
  *
  * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on
  * its way and the hit is that of a rule that could not do more.
  */
-#include "bus/bus_private.h"
+#include "rule/private.h"
 
 /* ---- Frames held back ------------------------------------------------------------------------ */
 
@@ -177,19 +177,6 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
     return true;
 }
 
-bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
-{
-    static const frame_origin none = {.from = 0};
-    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
-}
-
-bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
-{
-    cw_fault_reply(bus, node, frame, origin->from);
-    return bus->faults.host_rules == 0 ||
-           run_rules(bus, node, frame, CW_SIDE_RX, cw_now(bus), origin);
-}
-
 /* ---- Replies --------------------------------------------------------------------------------- */
 
 static void reply(cw_bus *bus, unsigned rule, unsigned node)
@@ -203,7 +190,7 @@ static void reply(cw_bus *bus, unsigned rule, unsigned node)
         cw_queue_frame(bus, node, &h.frame, cw_now(bus), 0);
 }
 
-void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from)
+static void answer(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from)
 {
     cw_candidates c;
     unsigned rule;
@@ -217,4 +204,19 @@ void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
             cw_fault_match(bus, rule, cw_now(bus), cw_now(bus)))
             reply(bus, rule, node);
     }
+}
+
+/* ---- Frames that come by ------------------------------------------------------------------------- */
+
+bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
+{
+    static const frame_origin none = {.from = 0};
+    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
+}
+
+bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
+{
+    answer(bus, node, frame, origin->from);
+    return bus->faults.host_rules == 0 ||
+           run_rules(bus, node, frame, CW_SIDE_RX, cw_now(bus), origin);
 }

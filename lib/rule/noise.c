@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault_noise.c - single bits flipped at random.
+ * noise.c - single bits flipped at random.
  *
  * Each bit of bus time costs a draw, and nearly all of them flip nothing. So the draws of bits to
  * come are looked at beforehand: up to the first that flips, the bus may go as if there were no
  * noise. A draw that has been looked at stays the draw of its bit.
  */
-#include "bus/bus_private.h"
+#include "rule/private.h"
 
 #include "format/bitset.h"
 

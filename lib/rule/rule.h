@@ -1,17 +1,27 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault.h - fault rules at work.
+ * rule.h - fault rules at work, as the rest of the library sees them.
  *
- * fault.c decides when a rule acts: what it is bound to, whether a match becomes a hit, when it is
- * due. What it does then is in fault_level.c (levels of bits), fault_noise.c, fault_control.c
- * (controllers), fault_host.c (frames on the host side) and fault_traffic.c; fault_leap.c tells
- * what it wants of a frame that is leapt over. What follows on the bus is the controllers' affair.
+ * When a rule acts:
+ *   add.c valid.c  rules come and go
+ *   index.c        rules whose filters a frame matches; list.c sorted lists
+ *   rule.c         whether a match becomes a hit; prng.c by chance
+ *   arming.c       rules that come after others, or by hand
+ *   bind.c error.c due.c  transmissions, errors and times that rules wait for
+ *   look.c         what rules want of a frame that is leapt over
+ * What it does then:
+ *   begin.c        actions begin and end
+ *   level.c noise.c topology.c  levels of bits, and who is on which wire
+ *   control.c      controllers
+ *   host.c         frames on the host side
+ *   traffic.c      frames that rules send
+ * What follows on the bus is the controllers' affair.
  */
-#ifndef CANWIRE_FAULT_H
-#define CANWIRE_FAULT_H
+#ifndef CANWIRE_RULE_H
+#define CANWIRE_RULE_H
 
 #include "canwire.h"
-#include "prng.h"
+#include "rule/prng.h"
 
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
@@ -116,111 +126,21 @@ typedef struct cw_levels {
     uint64_t sampled;
 } cw_levels;
 
-/* ---- Kinds of actions ------------------------------------------------------------------------ */
-
-/* Has a position: bound to a transmission, acts when the position is reached. */
-static inline bool cw_is_position_action(cw_action action)
-{
-    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
-}
-
-/* Acts on frames between a host and its controller. */
-static inline bool cw_is_host_action(cw_action action)
-{
-    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
-}
-
-/* Its frame is one on the wire, not one that a host hands in or gets. */
-static inline bool cw_acts_on_wire(cw_action action)
-{
-    return !cw_is_host_action(action) && action != CW_ACTION_REPLY;
-}
-
-/* Lasts for a time. */
-static inline bool cw_is_window_action(cw_action action)
-{
-    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
-           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
-}
-
-/* Sends whenever there is reason to, not at times that are known beforehand. */
-static inline bool cw_is_steady_traffic(cw_action action)
-{
-    return action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD;
-}
-
-/* Changes who is on which wire, or who acknowledges. */
-static inline bool cw_is_topology_action(cw_action action)
-{
-    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
-}
-
-/* ---- fault.c --------------------------------------------------------------------------------- */
+/* ---- bind.c, error.c, due.c ------------------------------------------------------------------ */
 
 /* A node begins to transmit what is in its offered slot. */
 void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
- * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
- * the bit in progress began; told: tick of the event. */
-bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+/* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
+void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event);
 
-/* A hit without a match: a bit flipped by noise. */
-void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
-
-bool cw_fault_is_over(const cw_fault *fault);
-
-/* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
-typedef struct cw_candidates {
-    const cw_frame *frame;
-    uint32_t id;
-    unsigned exact;
-    unsigned exact_end;
-    unsigned wild;
-} cw_candidates;
-
-/* False: no rule waits for exactly that identifier. Most identifiers are no rule's; a look at one
- * bit tells. */
-bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame);
-
-void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
-bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
-
-/* Whether two sets of nodes meet; an empty first set names all. */
-static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
-{
-    return set == 0 || (set & nodes) != 0;
-}
+/* Something of some rule is due at that tick. */
+void cw_fault_due(cw_bus *bus, uint64_t tick);
 
 /* Rules, armings, traffic and ends of actions that are due now. */
 void cw_fault_run_due(cw_bus *bus);
 
-/* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
-void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event);
-
-/* Hits of the bit that has ended. */
-void cw_fault_emit(cw_bus *bus);
-
-/* Puts a rule into the list of those that are looked at in every bit. */
-void cw_fault_wake(cw_bus *bus, unsigned rule);
-
-/* Something of the rule is due at that tick. */
-void cw_fault_due(cw_bus *bus, uint64_t tick);
-
-void cw_fault_end_action(cw_bus *bus, unsigned rule);
-
-/* As cw_fault_match(), up to the hit itself: a match that is none is counted, a hit is not. */
-bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
-
-/* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
- * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
- * the same. */
-bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
-
-/* Takes rules that have nothing to do any more out of the awake list. */
-void cw_fault_fall_asleep(cw_bus *bus);
-
-/* ---- fault_leap.c ---------------------------------------------------------------------------- */
+/* ---- look.c ---------------------------------------------------------------------------------- */
 
 /* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
  * them only those where it may do so before they lose. */
@@ -266,10 +186,16 @@ bool cw_fault_is_at_work(const cw_bus *bus);
 /* The nodes whose lines to the bus are stuck. */
 uint64_t cw_fault_stuck_lines(const cw_bus *bus);
 
-/* ---- fault_noise.c --------------------------------------------------------------------------- */
+/* ---- level.c, noise.c, topology.c ------------------------------------------------------------ */
 
-/* The draws of the bit in progress. */
-void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
+/* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
+void cw_fault_driven(cw_bus *bus, cw_levels *levels);
+
+/* Levels that nodes see, from those of their wires. */
+void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
+
+/* Hits of the bit that has ended. */
+void cw_fault_emit(cw_bus *bus);
 
 /* Whether rules that are looked at in every bit are no more than noise and traffic that go on and
  * on, and lines that are stuck at a level that the wire keeps. */
@@ -284,33 +210,11 @@ uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits);
 /* Some of these bits have passed. */
 void cw_fault_pass_noise(cw_bus *bus, uint64_t bits);
 
-/* Before the rule's random stream is used otherwise, or the bits to come will not be noisy. */
-void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *fault);
-
-/* ---- fault_level.c --------------------------------------------------------------------------- */
-
-/* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
-void cw_fault_driven(cw_bus *bus, cw_levels *levels);
-
-/* Levels that nodes see, from those of their wires. */
-void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
-
 /* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
  * rules and the hosts say; and undoes it. */
 void cw_fault_apply_topology(cw_bus *bus);
 
-/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
- * comes is no frame bit any more and the rule's bit is one. */
-void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *fault);
-
-/* Whether the rule has to be looked at in the next bit. */
-bool cw_fault_needs_bits(const cw_fault *fault);
-
-/* ---- fault_control.c ------------------------------------------------------------------------- */
-
-void cw_fault_command(cw_bus *bus, unsigned rule);
-
-/* ---- fault_host.c ---------------------------------------------------------------------------- */
+/* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
 /* A frame on its way from a host to its queue. Returns true when it goes on, perhaps changed. */
 bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
@@ -319,27 +223,11 @@ bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick
 bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame,
                        const frame_origin *origin);
 
-/* A node received a frame, of these nodes, that rules may answer. */
-void cw_fault_reply(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from);
-
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
 void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
 
 /* How many frames of a node rules hold back on each side. */
 void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
-
-/* Frames that were held back and are due now. */
-void cw_fault_release_held(cw_bus *bus);
-
-/* Frames that a rule, which ends, holds back. */
-void cw_fault_let_go(cw_bus *bus, unsigned rule);
-
-uint64_t cw_fault_next_held(const cw_bus *bus);
-
-/* ---- fault_traffic.c ------------------------------------------------------------------------- */
-
-/* Hands in what an active traffic rule owes at the present tick. */
-void cw_fault_traffic(cw_bus *bus, unsigned rule);
 
 /* Bits to come, no more than that many, before whose end such rules send nothing as long as no
  * frame leaves a queue. busy: all these bits are. */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * fault_control.c - what fault rules do to controllers, at once.
+ * control.c - what fault rules do to controllers, at once.
  */
-#include "bus/bus_private.h"
+#include "rule/private.h"
 
 #include "mac/confinement.h"
 

@@ -2,7 +2,7 @@
  *
  * prng.c - repeatable random streams, one for each fault rule.
  */
-#include "prng.h"
+#include "rule/prng.h"
 
 #include "canwire.h"
 

@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * private.h - what the parts of the rules share.
+ */
+#ifndef CANWIRE_RULE_PRIVATE_H
+#define CANWIRE_RULE_PRIVATE_H
+
+#include "bus/bus_private.h"
+
+#define CW_RULES_OF_A_PIECE 16u /* of work: rules that are looked at and have nothing to do */
+
+static inline cw_fault *cw_fault_at(cw_bus *bus, unsigned rule)
+{
+    return &bus->faults.faults[rule];
+}
+
+/* ---- Kinds of actions ------------------------------------------------------------------------ */
+
+/* Has a position: bound to a transmission, acts when the position is reached. */
+static inline bool cw_is_position_action(cw_action action)
+{
+    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
+}
+
+/* Acts on frames between a host and its controller. */
+static inline bool cw_is_host_action(cw_action action)
+{
+    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
+}
+
+/* Its frame is one on the wire, not one that a host hands in or gets. */
+static inline bool cw_acts_on_wire(cw_action action)
+{
+    return !cw_is_host_action(action) && action != CW_ACTION_REPLY;
+}
+
+/* Lasts for a time. */
+static inline bool cw_is_window_action(cw_action action)
+{
+    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
+           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
+}
+
+/* Sends whenever there is reason to, not at times that are known beforehand. */
+static inline bool cw_is_steady_traffic(cw_action action)
+{
+    return action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD;
+}
+
+/* Changes who is on which wire, or who acknowledges. */
+static inline bool cw_is_topology_action(cw_action action)
+{
+    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
+}
+
+/* ---- valid.c --------------------------------------------------------------------------------- */
+
+bool cw_rule_valid(const cw_bus *bus, const cw_rule *rule);
+
+/* ---- index.c --------------------------------------------------------------------------------- */
+
+/* A rule in use, with a frame trigger or another one. */
+void cw_fault_index_add(cw_fault_set *set, unsigned rule);
+void cw_fault_index_remove(cw_fault_set *set, unsigned rule);
+
+/* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
+typedef struct cw_candidates {
+    const cw_frame *frame;
+    uint32_t id;
+    unsigned exact;
+    unsigned exact_end;
+    unsigned wild;
+} cw_candidates;
+
+/* False: no rule waits for exactly that identifier. Most identifiers are no rule's; a look at one
+ * bit tells. */
+bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame);
+
+void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
+bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
+
+/* Whether two sets of nodes meet; an empty first set names all. */
+static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
+{
+    return set == 0 || (set & nodes) != 0;
+}
+
+/* ---- rule.c ---------------------------------------------------------------------------------- */
+
+/* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
+ * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
+ * the bit in progress began; told: tick of the event. */
+bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* A hit without a match: a bit flipped by noise. */
+void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
+
+bool cw_fault_is_over(const cw_fault *fault);
+
+/* As cw_fault_match(), up to the hit itself: a match that is none is counted, a hit is not. */
+bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
+ * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
+ * the same. */
+bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* ---- arming.c -------------------------------------------------------------------------------- */
+
+/* Whether a rule acts only when it has been armed. */
+static inline bool cw_fault_needs_arming(const cw_rule *rule)
+{
+    return rule->has_after || rule->manual;
+}
+
+/* False: so many armings are under way already that this one is lost. */
+bool cw_fault_add_arming(cw_bus *bus, unsigned rule, uint64_t tick);
+
+/* When the next arming of a rule takes place; CW_NEVER. */
+uint64_t cw_fault_next_arming(const cw_fault *fault);
+
+/* The next one takes place now. */
+void cw_fault_arm(cw_bus *bus, unsigned rule);
+
+/* Rules that come after this one are armed, at once or later. */
+void cw_fault_arm_followers(cw_bus *bus, unsigned rule, uint64_t told);
+
+/* ---- begin.c --------------------------------------------------------------------------------- */
+
+/* Whether a rule that is no position action begins to act: its match is a hit. */
+bool cw_fault_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+
+/* The rule acts from now on, for its time or once. */
+void cw_fault_act(cw_bus *bus, unsigned rule);
+
+/* The same at that tick, when the bit in progress has been settled. */
+void cw_fault_act_later(cw_bus *bus, unsigned rule, uint64_t tick);
+
+/* An action that lasts begins; of one that lasts for a transmission, scope has the transmitters. */
+void cw_fault_begin_window(cw_bus *bus, unsigned rule, uint64_t scope);
+
+/* A match comes at the present tick, between two bits: the rule acts if it is a hit. */
+void cw_fault_fire(cw_bus *bus, unsigned rule);
+
+void cw_fault_end_action(cw_bus *bus, unsigned rule);
+
+/* Puts a rule into the list of those that are looked at in every bit. */
+void cw_fault_wake(cw_bus *bus, unsigned rule);
+
+/* Takes rules that have nothing to do any more out of the awake list. */
+void cw_fault_fall_asleep(cw_bus *bus);
+
+/* ---- level.c, noise.c ------------------------------------------------------------------------ */
+
+/* The draws of the bit in progress. */
+void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
+
+/* Before the rule's random stream is used otherwise, or the bits to come will not be noisy. */
+void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *fault);
+
+/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
+ * comes is no frame bit any more and the rule's bit is one. */
+void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *fault);
+
+/* Whether the rule has to be looked at in the next bit. */
+bool cw_fault_needs_bits(const cw_fault *fault);
+
+/* ---- control.c, host.c, traffic.c ------------------------------------------------------------ */
+
+/* What a rule does once to the controllers that it names. */
+void cw_fault_command(cw_bus *bus, unsigned rule);
+
+/* Frames that were held back and are due now. */
+void cw_fault_release_held(cw_bus *bus);
+
+/* Frames that a rule, which ends, holds back. */
+void cw_fault_let_go(cw_bus *bus, unsigned rule);
+
+uint64_t cw_fault_next_held(const cw_bus *bus);
+
+/* Hands in what an active traffic rule owes at the present tick. */
+void cw_fault_traffic(cw_bus *bus, unsigned rule);
+
+#endif
