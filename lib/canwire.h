@@ -476,6 +476,22 @@ typedef enum cw_action {
     CW_ACTION_COUNT
 } cw_action;
 
+/* What an action acts on. */
+typedef enum cw_action_kind {
+    CW_KIND_POSITION = 0, /* bits of a frame, from a position on */
+    CW_KIND_LEVEL,        /* levels, wires or acknowledging, for a time */
+    CW_KIND_CONTROL,      /* controllers, once */
+    CW_KIND_HOST,         /* frames between a host and its controller */
+    CW_KIND_TRAFFIC,      /* frames that a node sends */
+} cw_action_kind;
+
+/* "flip", "no-ack", as in configurations. */
+const char *cw_action_name(cw_action action);
+cw_action_kind cw_action_kind_of(cw_action action);
+
+/* Whether only rules with CW_TRIGGER_FRAME can have that action. */
+bool cw_action_needs_frame(cw_action action);
+
 typedef enum cw_line { CW_LINE_WIRE = 0, CW_LINE_TX, CW_LINE_RX } cw_line;
 typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 

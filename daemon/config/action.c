@@ -20,10 +20,8 @@
 typedef void action_settler(schema *self, yaml_node_t *map, cw_rule *rule);
 
 typedef struct action {
-    const char *name;
     cw_action action;
-    bool needs_frame;       /* on the bus, whatever the rule waits for */
-    const schema_key *keys; /* the action's own first */
+    const schema_key *keys; /* the action's own first, which has its name */
     action_settler *settle; /* or NULL */
 } action;
 
@@ -194,30 +192,30 @@ static const schema_key change_part_keys[] = {
 
 /* Messages list them in this order. */
 static const action actions[] = {
-    {"flip", CW_ACTION_FLIP, true, flip_keys, NULL},
-    {"force", CW_ACTION_FORCE, true, force_keys, settle_force},
-    {"glitch", CW_ACTION_GLITCH, true, glitch_keys, NULL},
-    {"stuck", CW_ACTION_STUCK, false, stuck_keys, settle_stuck},
-    {"noise", CW_ACTION_NOISE, false, noise_keys, NULL},
-    {"no-ack", CW_ACTION_NO_ACK, false, no_ack_keys, NULL},
-    {"wrong-crc", CW_ACTION_WRONG_CRC, true, wrong_crc_keys, settle_wrong_crc},
-    {"bus-off", CW_ACTION_BUS_OFF, false, bus_off_keys, NULL},
-    {"error-flag", CW_ACTION_ERROR_FLAG, false, error_flag_keys, NULL},
-    {"restart", CW_ACTION_RESTART, false, restart_keys, NULL},
-    {"counters", CW_ACTION_COUNTERS, false, counters_keys, settle_counters},
-    {"overload", CW_ACTION_OVERLOAD, false, overload_keys, NULL},
-    {"set", CW_ACTION_SET, false, set_keys, settle_set},
-    {"disconnect", CW_ACTION_DISCONNECT, false, disconnect_keys, NULL},
-    {"partition", CW_ACTION_PARTITION, false, partition_keys, NULL},
-    {"drop", CW_ACTION_DROP, true, drop_keys, settle_side},
-    {"delay", CW_ACTION_DELAY, true, delay_keys, settle_side},
-    {"duplicate", CW_ACTION_DUPLICATE, true, duplicate_keys, settle_side},
-    {"reorder", CW_ACTION_REORDER, true, reorder_keys, settle_side},
-    {"change", CW_ACTION_CHANGE, true, change_keys, settle_change},
-    {"send", CW_ACTION_SEND, false, send_keys, settle_send},
-    {"babble", CW_ACTION_BABBLE, false, babble_keys, settle_babble},
-    {"load", CW_ACTION_LOAD, false, load_keys, NULL},
-    {"reply", CW_ACTION_REPLY, true, reply_keys, NULL},
+    {CW_ACTION_FLIP, flip_keys, NULL},
+    {CW_ACTION_FORCE, force_keys, settle_force},
+    {CW_ACTION_GLITCH, glitch_keys, NULL},
+    {CW_ACTION_STUCK, stuck_keys, settle_stuck},
+    {CW_ACTION_NOISE, noise_keys, NULL},
+    {CW_ACTION_NO_ACK, no_ack_keys, NULL},
+    {CW_ACTION_WRONG_CRC, wrong_crc_keys, settle_wrong_crc},
+    {CW_ACTION_BUS_OFF, bus_off_keys, NULL},
+    {CW_ACTION_ERROR_FLAG, error_flag_keys, NULL},
+    {CW_ACTION_RESTART, restart_keys, NULL},
+    {CW_ACTION_COUNTERS, counters_keys, settle_counters},
+    {CW_ACTION_OVERLOAD, overload_keys, NULL},
+    {CW_ACTION_SET, set_keys, settle_set},
+    {CW_ACTION_DISCONNECT, disconnect_keys, NULL},
+    {CW_ACTION_PARTITION, partition_keys, NULL},
+    {CW_ACTION_DROP, drop_keys, settle_side},
+    {CW_ACTION_DELAY, delay_keys, settle_side},
+    {CW_ACTION_DUPLICATE, duplicate_keys, settle_side},
+    {CW_ACTION_REORDER, reorder_keys, settle_side},
+    {CW_ACTION_CHANGE, change_keys, settle_change},
+    {CW_ACTION_SEND, send_keys, settle_send},
+    {CW_ACTION_BABBLE, babble_keys, settle_babble},
+    {CW_ACTION_LOAD, load_keys, NULL},
+    {CW_ACTION_REPLY, reply_keys, NULL},
 };
 
 #define ACTION_COUNT (sizeof actions / sizeof actions[0])
@@ -245,14 +243,6 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
         found->settle(self, value, rule);
 }
 
-bool cfg_action_needs_frame(cw_action what)
-{
-    for (size_t i = 0; i < ACTION_COUNT; i++)
-        if (actions[i].action == what)
-            return actions[i].needs_frame;
-    return false;
-}
-
 /* What the keys of an action change. */
 static void set_defaults(cw_rule *rule)
 {
@@ -270,7 +260,7 @@ static const action *find_action(schema *self, const yaml_node_t *map)
     bool replies = schema_find(self, map, "reply"); /* `delay` is then a key of it */
 
     for (size_t i = 0; i < ACTION_COUNT; i++) {
-        const yaml_node_t *value = schema_find(self, map, actions[i].name);
+        const yaml_node_t *value = schema_find(self, map, cw_action_name(actions[i].action));
 
         if (!value || (replies && actions[i].action == CW_ACTION_DELAY))
             continue;
@@ -278,8 +268,8 @@ static const action *find_action(schema *self, const yaml_node_t *map)
             found = &actions[i];
             continue;
         }
-        schema_complain(self, map, "do: a rule has one action, not both '%s' and '%s'", found->name,
-                        actions[i].name);
+        schema_complain(self, map, "do: a rule has one action, not both '%s' and '%s'",
+                        cw_action_name(found->action), cw_action_name(actions[i].action));
         break;
     }
     return found;
@@ -293,8 +283,8 @@ static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
     const char *list = "";
 
     for (size_t i = 0; i < ACTION_COUNT; i++) {
-        keys[i] = (schema_key){.name = actions[i].name, .read = cfg_read_action};
-        list = schema_join(self, list, actions[i].name);
+        keys[i] = (schema_key){.name = cw_action_name(actions[i].action), .read = cfg_read_action};
+        list = schema_join(self, list, cw_action_name(actions[i].action));
     }
     schema_map(self, "do", map, keys, rule);
     if (self->errors->errors == errors)

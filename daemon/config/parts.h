@@ -25,9 +25,6 @@ schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read *
 /* What a node is that says nothing: its name is not known, it is found by no name. */
 void cfg_node_defaults(cfg_node *node);
 
-/* Whether an action needs a frame on the bus, whatever the rule waits for. */
-bool cfg_action_needs_frame(cw_action what);
-
 /* Adds a list of rules to the configuration, or one rule. */
 void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value);
 

@@ -296,7 +296,7 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
                         "not for both");
     else if (data)
         schema_complain(self, data, "data: error frames (#MASK) have no data to compare");
-    else if (cfg_action_needs_frame(rule->action))
+    else if (cw_action_needs_frame(rule->action))
         schema_complain(self, frame,
                         "frame: what this rule does needs a frame on the bus, an "
                         "error frame (#MASK) is none");
@@ -305,7 +305,7 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
 /* What the rule waits for follows from what is written. */
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
-    bool on_frames = cfg_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
+    bool on_frames = cw_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
                      find_when(self, map, "data") || find_when(self, map, "from");
 
     if (rule->error_mask) {

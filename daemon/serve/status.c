@@ -11,33 +11,6 @@
 #include <string.h>
 #include <unistd.h>
 
-static const char *const action_names[CW_ACTION_COUNT] = {
-    [CW_ACTION_FLIP] = "flip",
-    [CW_ACTION_FORCE] = "force",
-    [CW_ACTION_GLITCH] = "glitch",
-    [CW_ACTION_STUCK] = "stuck",
-    [CW_ACTION_NOISE] = "noise",
-    [CW_ACTION_NO_ACK] = "no-ack",
-    [CW_ACTION_DISCONNECT] = "disconnect",
-    [CW_ACTION_PARTITION] = "partition",
-    [CW_ACTION_WRONG_CRC] = "wrong-crc",
-    [CW_ACTION_BUS_OFF] = "bus-off",
-    [CW_ACTION_ERROR_FLAG] = "error-flag",
-    [CW_ACTION_RESTART] = "restart",
-    [CW_ACTION_COUNTERS] = "counters",
-    [CW_ACTION_OVERLOAD] = "overload",
-    [CW_ACTION_SET] = "set",
-    [CW_ACTION_DROP] = "drop",
-    [CW_ACTION_DELAY] = "delay",
-    [CW_ACTION_DUPLICATE] = "duplicate",
-    [CW_ACTION_REORDER] = "reorder",
-    [CW_ACTION_CHANGE] = "change",
-    [CW_ACTION_SEND] = "send",
-    [CW_ACTION_BABBLE] = "babble",
-    [CW_ACTION_LOAD] = "load",
-    [CW_ACTION_REPLY] = "reply",
-};
-
 void status_count(status_errors *errors, const cw_event *event)
 {
     if (event->kind != CW_EVENT_ERROR)
@@ -153,7 +126,7 @@ static json_t *fault_json(const live *rules, const cw_bus *bus, unsigned index)
     put_count(object, "misses", stats.misses);
     put_bool(object, "active", stats.active);
     put_bool(object, "over", stats.over);
-    put_text(object, "action", action_names[rule->action]);
+    put_text(object, "action", cw_action_name(rule->action));
     put_bool(object, "manual", rule->manual);
     put_bool(object, "injected", live_is_injected(rules, index));
     return object;

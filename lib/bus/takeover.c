@@ -103,7 +103,7 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
         bus->held[bus->held_count++] = h;
     }
     if (bus->held_count)
-        cw_fault_due(bus, cw_now(bus));
+        cw_fault_set_due(&bus->faults, cw_now(bus));
 }
 
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)

@@ -27,10 +27,10 @@ static void count_kinds(cw_bus *bus)
     set->copies = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_fault *f = &set->faults[i];
-        set->host_rules += f->used && cw_is_host_action(f->rule.action);
+        set->host_rules += f->used && f->does->kind == CW_KIND_HOST;
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
-        set->noise_rules += f->used && f->rule.action == CW_ACTION_NOISE;
-        set->traffic_rules += f->used && cw_is_steady_traffic(f->rule.action);
+        set->noise_rules += f->used && cw_fault_is(f, CW_RANDOM_BITS);
+        set->traffic_rules += f->used && cw_fault_is(f, CW_STEADY_TRAFFIC);
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += f->used && f->rule.has_after;
         if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
@@ -55,13 +55,16 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
     *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
                     .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
     f->rule.name = NULL; /* not ours to keep */
+    f->does = &cw_actions[rule->action];
+    f->traits = f->does->traits;
+    cw_fault_aim(f);
     f->to_pass = rule->skip;
     if (f->rule.every == 0)
         f->rule.every = 1;
     cw_prng_init(&f->prng, bus->seed, rule->name);
     if (rule->trigger == CW_TRIGGER_TIME) {
         f->fire_at = rule->time_begin > cw_now(bus) ? rule->time_begin : cw_now(bus);
-        cw_fault_due(bus, f->fire_at);
+        cw_fault_set_due(&bus->faults, f->fire_at);
     }
     cw_fault_index_add(set, place);
     count_kinds(bus);

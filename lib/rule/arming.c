@@ -15,12 +15,14 @@ bool cw_fault_add_arming(cw_bus *bus, unsigned rule, uint64_t tick)
     for (; place > 0 && f->arm_at[place - 1] > tick; place--)
         f->arm_at[place] = f->arm_at[place - 1];
     f->arm_at[place] = tick;
-    cw_fault_due(bus, tick);
+    cw_fault_set_due(&bus->faults, tick);
     return true;
 }
 
-static void remove_first(cw_fault *f)
+void cw_fault_take_arming(cw_fault *f, uint64_t tick)
 {
+    f->armed_at = tick;
+    f->armed++;
     f->armings--;
     memmove(&f->arm_at[0], &f->arm_at[1], f->armings * sizeof f->arm_at[0]);
 }
@@ -46,14 +48,4 @@ void cw_fault_arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
         if (f->used && f->rule.has_after && f->rule.after == rule)
             (void)cw_fault_add_arming(bus, i, cw_after(told, f->rule.after_delay));
     }
-}
-
-void cw_fault_arm(cw_bus *bus, unsigned rule)
-{
-    cw_fault *f = cw_fault_at(bus, rule);
-    remove_first(f);
-    f->armed_at = cw_now(bus);
-    f->armed++;
-    if (f->rule.trigger == CW_TRIGGER_ARMED)
-        cw_fault_fire(bus, rule);
 }

@@ -48,7 +48,7 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule)
     f->to_act = false;
     f->active_until = CW_NEVER;
     cw_fault_let_go(bus, rule);
-    if (cw_is_topology_action(f->rule.action))
+    if (cw_fault_is(f, CW_REWIRES))
         cw_fault_apply_topology(bus);
 }
 
@@ -57,8 +57,8 @@ void cw_fault_end_action(cw_bus *bus, unsigned rule)
 void cw_fault_begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
 {
     cw_fault *f = cw_fault_at(bus, rule);
-    bool per_attempt = f->rule.action == CW_ACTION_NOISE || f->rule.action == CW_ACTION_NO_ACK;
-    f->for_attempt = per_attempt && f->rule.trigger == CW_TRIGGER_FRAME && f->rule.for_ticks == 0;
+    f->for_attempt = cw_fault_is(f, CW_FOR_ATTEMPT) && f->rule.trigger == CW_TRIGGER_FRAME &&
+                     f->rule.for_ticks == 0;
     f->scope = f->for_attempt ? f->scope | scope : 0;
     f->active = true;
     f->active_until = window_end(bus, &f->rule);
@@ -66,16 +66,16 @@ void cw_fault_begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
     f->next_at = f->rule.action == CW_ACTION_SEND ? cw_now(bus) : CW_NEVER;
     f->busy_base = bus->stats.busy_bits;
     f->bits_base = bus->stats.bits;
-    cw_fault_due(bus, f->active_until);
-    cw_fault_due(bus, f->next_at);
+    cw_fault_set_due(&bus->faults, f->active_until);
+    cw_fault_set_due(&bus->faults, f->next_at);
     if (cw_fault_needs_bits(f))
         cw_fault_wake(bus, rule);
-    bus->faults.rewired = bus->faults.rewired || cw_is_topology_action(f->rule.action);
+    bus->faults.rewired = bus->faults.rewired || cw_fault_is(f, CW_REWIRES);
 }
 
 void cw_fault_act(cw_bus *bus, unsigned rule)
 {
-    if (cw_is_window_action(cw_fault_at(bus, rule)->rule.action))
+    if (cw_fault_is(cw_fault_at(bus, rule), CW_LASTS))
         cw_fault_begin_window(bus, rule, 0);
     else
         cw_fault_command(bus, rule);
@@ -85,7 +85,7 @@ void cw_fault_act(cw_bus *bus, unsigned rule)
  * flips, so its begin is none. */
 bool cw_fault_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    if (cw_fault_at(bus, rule)->rule.action == CW_ACTION_NOISE)
+    if (cw_fault_is(cw_fault_at(bus, rule), CW_RANDOM_BITS))
         return cw_fault_takes_match(bus, rule, start, told);
     return cw_fault_match(bus, rule, start, told);
 }
@@ -94,14 +94,14 @@ bool cw_fault_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 void cw_fault_act_later(cw_bus *bus, unsigned rule, uint64_t tick)
 {
     cw_fault_at(bus, rule)->to_act = true;
-    cw_fault_due(bus, tick);
+    cw_fault_set_due(&bus->faults, tick);
 }
 
 void cw_fault_fire(cw_bus *bus, unsigned rule)
 {
     if (!cw_fault_begins(bus, rule, cw_now(bus), cw_now(bus)))
         return;
-    if (cw_fault_at(bus, rule)->rule.action != CW_ACTION_NOISE)
+    if (!cw_fault_is(cw_fault_at(bus, rule), CW_RANDOM_BITS))
         cw_push_fault(bus, rule, cw_now(bus));
     cw_fault_act(bus, rule);
 }

@@ -23,8 +23,8 @@ static void match_transmission(cw_bus *bus, unsigned rule, unsigned node)
     bool again = f->hit_now;
     if (!again && !cw_fault_begins(bus, rule, cw_now(bus), told))
         return;
-    f->hit_now = f->rule.action != CW_ACTION_NOISE;
-    if (cw_is_window_action(f->rule.action))
+    f->hit_now = !cw_fault_is(f, CW_RANDOM_BITS);
+    if (cw_fault_is(f, CW_LASTS))
         cw_fault_begin_window(bus, rule, cw_node_bit(node));
     else
         cw_fault_act_later(bus, rule, told);
@@ -44,12 +44,12 @@ void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame)
     while (cw_candidates_next(&c, &rule, bus)) {
         cw_fault *f = cw_fault_at(bus, rule);
         const cw_rule *r = &f->rule;
-        if (!cw_fault_names(r->from, self) || !cw_acts_on_wire(r->action))
+        if (!cw_fault_names(r->from, self) || !cw_fault_acts_on_wire(f))
             continue;
-        if (cw_is_position_action(r->action)) {
+        if (cw_fault_is(f, CW_HAS_POSITION)) {
             f->bound |= cw_fault_is_over(f) ? 0 : self;
             cw_fault_wake(bus, rule);
-        } else if (r->action != CW_ACTION_WRONG_CRC) {
+        } else if (!cw_fault_is(f, CW_IN_ENCODING)) {
             match_transmission(bus, rule, node);
         } else if (cw_fault_names(r->nodes, self) &&
                    (f->hit_now ||

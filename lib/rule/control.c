@@ -6,8 +6,9 @@
 
 #include "mac/confinement.h"
 
-static void force_error(cw_bus *bus, unsigned i)
+void cw_send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
+    (void)rule;
     bus_node *n = &bus->nodes[i];
     if (!cw_mac_force_error(cw_own_mac(bus, i)))
         return;
@@ -17,73 +18,52 @@ static void force_error(cw_bus *bus, unsigned i)
 }
 
 /* In bus-off the queue alone has the frame that was on offer, until the restart. */
-static void put_counters(cw_mac *mac, unsigned tec, unsigned rec)
+static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
 {
     (void)cw_mac_set_counters(mac, tec, rec);
     if (cw_mac_state(mac) == CW_STATE_BUS_OFF)
         (void)cw_mac_withdraw(mac);
 }
 
-static void set_counters(cw_mac *mac, const cw_rule *rule)
-{
-    unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
-    unsigned rec = rule->rec == CW_KEEP ? cw_mac_rec(mac) : rule->rec;
-    put_counters(mac, tec, rec);
-}
-
-static void command(cw_bus *bus, unsigned i, const cw_rule *rule)
+void cw_put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     cw_mac *mac = cw_own_mac(bus, i);
-    switch (rule->action) {
-    case CW_ACTION_BUS_OFF:
-        put_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
-        break;
-    case CW_ACTION_ERROR_FLAG:
-        force_error(bus, i);
-        break;
-    case CW_ACTION_RESTART:
-        if (mac->phase == CW_MAC_BUS_OFF)
-            cw_schedule_restart(bus, i, cw_now(bus));
-        break;
-    case CW_ACTION_COUNTERS:
-        set_counters(mac, rule);
-        break;
-    case CW_ACTION_OVERLOAD:
-        (void)cw_mac_request_overload(mac, rule->number);
-        break;
-    case CW_ACTION_SET:
-        (void)cw_node_set(bus, i, &rule->settings);
-        break;
-    case CW_ACTION_FLIP:
-    case CW_ACTION_FORCE:
-    case CW_ACTION_GLITCH:
-    case CW_ACTION_STUCK:
-    case CW_ACTION_NOISE:
-    case CW_ACTION_NO_ACK:
-    case CW_ACTION_DISCONNECT:
-    case CW_ACTION_PARTITION:
-    case CW_ACTION_WRONG_CRC:
-    case CW_ACTION_DROP:
-    case CW_ACTION_DELAY:
-    case CW_ACTION_DUPLICATE:
-    case CW_ACTION_REORDER:
-    case CW_ACTION_CHANGE:
-    case CW_ACTION_SEND:
-    case CW_ACTION_BABBLE:
-    case CW_ACTION_LOAD:
-    case CW_ACTION_REPLY:
-    case CW_ACTION_COUNT:
-        break; /* other files */
-    }
+    unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
+    unsigned rec = rule->rec == CW_KEEP ? cw_mac_rec(mac) : rule->rec;
+    set_counters(mac, tec, rec);
+}
+
+void cw_go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)rule;
+    cw_mac *mac = cw_own_mac(bus, i);
+    set_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
+}
+
+void cw_restart(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)rule;
+    if (cw_own_mac(bus, i)->phase == CW_MAC_BUS_OFF)
+        cw_schedule_restart(bus, i, cw_now(bus));
+}
+
+void cw_overload(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)cw_mac_request_overload(cw_own_mac(bus, i), rule->number);
+}
+
+void cw_change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)cw_node_set(bus, i, &rule->settings);
 }
 
 void cw_fault_command(cw_bus *bus, unsigned rule)
 {
-    const cw_rule *r = &bus->faults.faults[rule].rule;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (r->nodes & cw_node_bit(i))
-            command(bus, i, r);
-    if (r->nodes & bus->faults.off)
+    const cw_fault *f = cw_fault_at(bus, rule);
+    for (uint64_t rest = f->rule.nodes & bus->all; rest; rest &= rest - 1)
+        if (f->does->control)
+            f->does->control(bus, cw_lowest_node(rest), &f->rule);
+    if (f->rule.nodes & bus->faults.off)
         bus->faults.rewired = true; /* out of bus-off is not back on the bus */
     bus->news = true;
 }

@@ -4,9 +4,12 @@
  */
 #include "rule/private.h"
 
-void cw_fault_due(cw_bus *bus, uint64_t tick)
+static void arm(cw_bus *bus, unsigned rule)
 {
-    bus->faults.next_due = cw_least(bus->faults.next_due, tick);
+    cw_fault *f = cw_fault_at(bus, rule);
+    cw_fault_take_arming(f, cw_now(bus));
+    if (f->rule.trigger == CW_TRIGGER_ARMED)
+        cw_fault_fire(bus, rule);
 }
 
 /* One rule at the present tick; returns whether anything was due. */
@@ -27,7 +30,7 @@ static bool run_rule(cw_bus *bus, unsigned rule)
         cw_fault_fire(bus, rule);
     }
     if (arms)
-        cw_fault_arm(bus, rule);
+        arm(bus, rule);
     return ends || acts || fires || arms;
 }
 
@@ -62,8 +65,7 @@ static void run_rules(cw_bus *bus)
 
 static bool is_traffic(const cw_fault *f)
 {
-    return f->used && f->active &&
-           (f->rule.action == CW_ACTION_SEND || cw_is_steady_traffic(f->rule.action));
+    return f->used && f->active && f->does->kind == CW_KIND_TRAFFIC;
 }
 
 /* One node after the other: a drop of an earlier one would have to go before all events of later
@@ -78,7 +80,7 @@ static void run_traffic(cw_bus *bus)
         for (unsigned rule = 0; rule < bus->faults.count; rule++)
             if (cw_fault_at(bus, rule)->rule.node == cw_lowest_node(nodes) &&
                 is_traffic(cw_fault_at(bus, rule)))
-                cw_fault_traffic(bus, rule);
+                cw_fault_at(bus, rule)->does->traffic(bus, rule);
 }
 
 void cw_fault_run_due(cw_bus *bus)
@@ -94,8 +96,8 @@ void cw_fault_run_due(cw_bus *bus)
         run_traffic(bus);
     bool steady = !due && bus->faults.traffic_rules > 0;
     for (unsigned i = 0; steady && i < bus->faults.awake_count; i++)
-        if (cw_fault_at(bus, bus->faults.awake[i])->active)
-            cw_fault_traffic(bus, bus->faults.awake[i]);
+        if (is_traffic(cw_fault_at(bus, bus->faults.awake[i])))
+            cw_fault_at(bus, bus->faults.awake[i])->does->traffic(bus, bus->faults.awake[i]);
     if (due)
         find_next_due(bus);
 }

@@ -41,7 +41,7 @@ static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t clas
     f->error_at = cw_now(bus);
     if (!cw_fault_begins(bus, rule, cw_now(bus), cw_now(bus)))
         return;
-    if (r->action != CW_ACTION_NOISE)
+    if (!cw_fault_is(f, CW_RANDOM_BITS))
         cw_push_fault(bus, rule, cw_now(bus));
     cw_fault_act_later(bus, rule, cw_now(bus));
 }

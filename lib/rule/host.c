@@ -14,7 +14,7 @@ static bool hold(cw_bus *bus, const held_frame *frame)
     if (bus->held_count == CW_HELD_FRAMES)
         return false;
     bus->held[bus->held_count++] = *frame;
-    cw_fault_due(bus, frame->due);
+    cw_fault_set_due(&bus->faults, frame->due);
     return true;
 }
 
@@ -70,7 +70,7 @@ void cw_fault_let_go(cw_bus *bus, unsigned rule)
         if (bus->held[i].rule != rule)
             continue;
         bus->held[i].due = cw_now(bus);
-        cw_fault_due(bus, cw_now(bus));
+        cw_fault_set_due(&bus->faults, cw_now(bus));
     }
 }
 
@@ -90,8 +90,11 @@ void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
 
 /* ---- Actions --------------------------------------------------------------------------------- */
 
-static void change_frame(cw_frame *frame, const cw_change *c)
+bool cw_change_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
 {
+    (void)bus;
+    const cw_change *c = &rule->change;
+    cw_frame *frame = p->frame;
     if (c->set_id) {
         frame->id = c->id;
         frame->flags = (uint8_t)((frame->flags & ~CW_FRAME_EXTENDED) | c->id_flags);
@@ -103,44 +106,48 @@ static void change_frame(cw_frame *frame, const cw_change *c)
         byte = (byte & c->and_mask[i]) | c->or_mask[i];
         frame->data[i] = (uint8_t)(byte ^ c->xor_mask[i]);
     }
+    return true;
 }
 
-static void pass_copies(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_rule *rule,
-                        uint64_t tick, const frame_origin *origin)
+bool cw_copy_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
 {
-    cw_node_stats *stats = &bus->nodes[node].stats;
+    cw_node_stats *stats = &bus->nodes[p->node].stats;
     for (unsigned i = 0; i < rule->number; i++) {
         if (rule->side == CW_SIDE_TX) {
             stats->made_by_rules++;
-            cw_queue_frame(bus, node, frame, tick, 0);
+            cw_queue_frame(bus, p->node, p->frame, p->tick, 0);
         } else {
             stats->rx_made_by_rules++;
-            cw_push_rx(bus, node, frame, origin);
+            cw_push_rx(bus, p->node, p->frame, p->origin);
         }
     }
+    return true;
 }
 
-/* One rule and one frame. Returns true when the frame goes on. */
-static bool act_on_frame(cw_bus *bus, unsigned rule, unsigned node, cw_frame *frame, uint64_t tick,
-                         const frame_origin *origin)
+bool cw_drop_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
 {
-    const cw_rule *r = &bus->faults.faults[rule].rule;
-    held_frame h = {.due = CW_NEVER, .rule = (uint16_t)rule, .node = (uint8_t)node,
-                    .side = r->side, .frame = *frame, .origin = *origin};
-    if (r->action == CW_ACTION_DROP) {
-        cw_push_drop(bus, node, r->side, frame, CW_DROP_FAULT, tick);
-        return false;
-    }
-    if (r->action == CW_ACTION_CHANGE)
-        change_frame(frame, &r->change);
-    if (r->action == CW_ACTION_DUPLICATE)
-        pass_copies(bus, node, frame, r, tick, origin);
-    if (r->action == CW_ACTION_DELAY)
-        h.due = cw_after(tick, r->for_ticks);
-    if (r->action == CW_ACTION_REORDER)
-        h.behind = r->number + 1; /* itself comes by first */
-    bool held = r->action == CW_ACTION_DELAY || (r->action == CW_ACTION_REORDER && r->number > 0);
-    return !held || !hold(bus, &h);
+    cw_push_drop(bus, p->node, rule->side, p->frame, CW_DROP_FAULT, p->tick);
+    return false;
+}
+
+static bool hold_back(cw_bus *bus, const cw_rule *rule, const cw_passing *p, uint64_t due,
+                      uint32_t behind)
+{
+    const held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
+                          .node = (uint8_t)p->node, .side = rule->side, .frame = *p->frame,
+                          .origin = *p->origin};
+    return !hold(bus, &h);
+}
+
+bool cw_delay_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+{
+    return hold_back(bus, rule, p, cw_after(p->tick, rule->for_ticks), 0);
+}
+
+bool cw_let_overtake(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+{
+    return rule->number == 0 ||
+           hold_back(bus, rule, p, CW_NEVER, rule->number + 1); /* itself comes by first */
 }
 
 /* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
@@ -167,11 +174,14 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
     unsigned rule;
     cw_candidates_begin(&c, bus, &original);
     while (cw_candidates_next(&c, &rule, bus)) {
-        const cw_rule *r = &bus->faults.faults[rule].rule;
-        if (!cw_is_host_action(r->action) || r->side != side || !cw_fault_names(r->from, from) ||
+        const cw_fault *f = cw_fault_at(bus, rule);
+        const cw_rule *r = &f->rule;
+        if (f->does->kind != CW_KIND_HOST || r->side != side || !cw_fault_names(r->from, from) ||
             !cw_fault_names(r->at, self) || !is_hit(bus, rule, side, tick))
             continue;
-        if (!act_on_frame(bus, rule, node, frame, tick, origin))
+        const cw_passing p = {.frame = frame, .rule = rule, .node = node, .tick = tick,
+                              .origin = origin};
+        if (!f->does->host(bus, r, &p))
             return false;
     }
     return true;
@@ -206,7 +216,7 @@ static void answer(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t f
     }
 }
 
-/* ---- Frames that come by ------------------------------------------------------------------------- */
+/* ---- Frames that come by --------------------------------------------------------------------- */
 
 bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
 {

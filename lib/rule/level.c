@@ -36,7 +36,7 @@ void cw_fault_driven(cw_bus *bus, cw_levels *levels)
 {
     for (unsigned i = 0; i < bus->faults.awake_count; i++) {
         cw_fault *f = awake_fault(bus, i);
-        bool stuck = f->active && f->rule.action == CW_ACTION_STUCK && f->rule.line == CW_LINE_TX;
+        bool stuck = f->active && cw_fault_is(f, CW_ON_LINE) && f->rule.line == CW_LINE_TX;
         if (stuck)
             set_level(&levels->driven, cw_node_bit(f->rule.node),
                       stuck_tx_level(f, cw_wire_rate(&bus->time)));
@@ -141,6 +141,7 @@ static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
     return reached;
 }
 
+/* Only FORCE may last for a time. */
 static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
 {
     if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
@@ -149,68 +150,70 @@ static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
 }
 
 /* A new hit while an action is under way begins it again. */
-static void look_for_position(cw_bus *bus, unsigned rule)
+static void look_for_position(cw_bus *bus, unsigned rule, cw_fault *f)
 {
-    cw_fault *f = &bus->faults.faults[rule];
-    uint64_t wires = f->bound ? wires_reached(bus, f) : 0;
+    uint64_t wires = wires_reached(bus, f);
     if (wires == 0 || !cw_fault_match(bus, rule, cw_now(bus), cw_bit_end(bus)))
         return;
     f->hit_now = true;
-    f->wire = wires;
+    if (f->rule.at == 0)
+        f->on_wire = wires; /* a bit of that wire alone */
     f->bits_done = 0;
     f->bits_left = action_bits(bus, &f->rule);
 }
 
 /* ---- Effects on what is sampled -------------------------------------------------------------- */
 
-static void apply_position(const cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_flip(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
 {
-    uint64_t i = f->bits_done;
-    if (f->rule.action == CW_ACTION_FLIP)
-        *levels ^= nodes;
-    else if (f->rule.action == CW_ACTION_FORCE)
-        set_level(levels, nodes, f->rule.level);
-    else if (f->rule.pattern_mask >> i & 1u)
+    (void)bus;
+    (void)f;
+    *levels ^= nodes;
+}
+
+void cw_force(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+{
+    (void)bus;
+    set_level(levels, nodes, f->rule.level);
+}
+
+void cw_glitch(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+{
+    (void)bus;
+    const uint64_t i = f->bits_done;
+    if (f->rule.pattern_mask >> i & 1u)
         set_level(levels, nodes, f->rule.pattern_level >> i & 1u);
 }
 
-/* Whom a rule's level concerns; 0 when not in this pass. A bit at a position is one of the wire
- * that its transmitter is on. */
-static uint64_t concerned(const cw_fault *f, bool wire)
+void cw_hold_level(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
 {
-    const cw_rule *r = &f->rule;
-    if (r->action == CW_ACTION_STUCK) {
-        if (r->line == CW_LINE_WIRE)
-            return wire ? ALL_NODES : 0;
-        return r->line == CW_LINE_RX && !wire ? cw_node_bit(r->node) : 0;
-    }
-    if (!wire)
-        return r->at;
-    if (r->at != 0)
-        return 0;
-    return r->action == CW_ACTION_NOISE ? ALL_NODES : f->wire;
+    (void)bus;
+    set_level(levels, nodes, f->rule.level);
 }
 
-static void apply_rule(cw_bus *bus, unsigned rule, uint64_t *levels, bool wire)
+void cw_fault_aim(cw_fault *f)
 {
-    cw_fault *f = &bus->faults.faults[rule];
-    uint64_t nodes = concerned(f, wire);
-    if (nodes == 0)
+    const cw_rule *r = &f->rule;
+    f->on_wire = f->at_nodes = 0;
+    if (f->does->kind > CW_KIND_LEVEL || !f->does->levels)
         return;
-    if (f->bits_left > 0)
-        apply_position(f, levels, nodes);
-    if (f->active && f->rule.action == CW_ACTION_STUCK)
-        set_level(levels, nodes, f->rule.level);
-    if (f->active && f->rule.action == CW_ACTION_NOISE)
-        cw_fault_apply_noise(bus, rule, levels);
+    if (cw_fault_is(f, CW_ON_LINE)) {
+        f->on_wire = r->line == CW_LINE_WIRE ? ALL_NODES : 0;
+        f->at_nodes = r->line == CW_LINE_RX ? cw_node_bit(r->node) : 0;
+        return;
+    }
+    f->on_wire = r->at ? 0 : ALL_NODES;
+    f->at_nodes = r->at;
+}
+
+static inline bool acts_now(const cw_fault *f)
+{
+    return cw_fault_is(f, CW_HAS_POSITION) ? f->bits_left > 0 : f->active;
 }
 
 /* Actions for one transmission end with it. */
-static void check_scope(cw_bus *bus, unsigned rule)
+static void check_scope(cw_bus *bus, unsigned rule, cw_fault *f)
 {
-    cw_fault *f = &bus->faults.faults[rule];
-    if (!f->active || !f->for_attempt)
-        return;
     for (uint64_t rest = f->scope; rest; rest &= rest - 1)
         if (!cw_mac_is_sending(&bus->nodes[cw_lowest_node(rest)].mac))
             f->scope &= ~cw_node_bit(cw_lowest_node(rest));
@@ -218,29 +221,71 @@ static void check_scope(cw_bus *bus, unsigned rule)
         cw_fault_end_action(bus, rule);
 }
 
-void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
+/* What rules are about to do in a bit. */
+typedef struct bit_plan {
+    uint64_t wire;  /* nodes whose wire they change ... */
+    uint64_t nodes; /* ... or what they sample */
+    uint64_t bits;  /* not 0: bits of positions are counted */
+} bit_plan;
+
+static inline void plan_rule(bit_plan *plan, cw_bus *bus, unsigned rule, cw_fault *f)
 {
-    const cw_fault_set *set = &bus->faults;
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        check_scope(bus, set->awake[i]);
-        look_for_position(bus, set->awake[i]);
-    }
-    for (unsigned i = 0; i < set->awake_count; i++)
-        apply_rule(bus, set->awake[i], &levels->sampled, true);
-    levels->wire = levels->sampled;
-    bus->wire = levels->wire == ALL_NODES;
-    for (unsigned i = 0; i < set->awake_count; i++) {
+    if (f->for_attempt && f->active)
+        check_scope(bus, rule, f);
+    if (f->bound)
+        look_for_position(bus, rule, f);
+    if (!acts_now(f))
+        return;
+    plan->wire |= f->on_wire;
+    plan->nodes |= f->at_nodes;
+    plan->bits |= f->bits_left;
+}
+
+static void change_wire(cw_bus *bus, uint64_t *levels)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
         cw_fault *f = awake_fault(bus, i);
-        apply_rule(bus, set->awake[i], &levels->sampled, false);
+        if (f->on_wire && acts_now(f))
+            f->does->levels(bus, f, levels, f->on_wire);
+    }
+}
+
+static void change_samples(cw_bus *bus, uint64_t *levels)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        cw_fault *f = awake_fault(bus, i);
+        if (f->at_nodes && acts_now(f))
+            f->does->levels(bus, f, levels, f->at_nodes);
+    }
+}
+
+static void count_bits(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+        cw_fault *f = awake_fault(bus, i);
         f->bits_done += f->bits_left > 0;
         f->bits_left -= f->bits_left > 0;
     }
 }
 
+void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
+{
+    const cw_fault_set *set = &bus->faults;
+    bit_plan plan = {.wire = 0};
+    for (unsigned i = 0; i < set->awake_count; i++)
+        plan_rule(&plan, bus, set->awake[i], awake_fault(bus, i));
+    if (plan.wire)
+        change_wire(bus, &levels->sampled);
+    levels->wire = levels->sampled;
+    bus->wire = levels->wire == ALL_NODES;
+    if (plan.nodes)
+        change_samples(bus, &levels->sampled);
+    if (plan.bits)
+        count_bits(bus);
+}
+
 bool cw_fault_needs_bits(const cw_fault *f)
 {
-    cw_action a = f->rule.action;
-    bool window = a == CW_ACTION_STUCK || a == CW_ACTION_NOISE || a == CW_ACTION_BABBLE ||
-                  a == CW_ACTION_LOAD || f->for_attempt;
+    bool window = cw_fault_is(f, CW_EACH_BIT) || f->for_attempt;
     return f->bound != 0 || f->bits_left != 0 || f->hit_now || (f->active && window);
 }

@@ -24,7 +24,7 @@ static bool next_rule(cw_candidates *c, unsigned *rule, const cw_bus *bus, unsig
 {
     while (cw_candidates_next(c, rule, bus)) {
         const cw_fault *f = &bus->faults.faults[*rule];
-        if (cw_acts_on_wire(f->rule.action) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
+        if (cw_fault_acts_on_wire(f) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
             !cw_fault_is_over(f))
             return true;
     }
@@ -32,28 +32,30 @@ static bool next_rule(cw_candidates *c, unsigned *rule, const cw_bus *bus, unsig
 }
 
 /* Its bit of a frame is one that a node which loses arbitration does not come to. */
-static bool acts_late(const cw_rule *r)
+static bool acts_late(const cw_fault *f)
 {
-    return cw_is_position_action(r->action) && r->field >= CW_FIELD_R1 &&
+    const cw_rule *r = &f->rule;
+    return cw_fault_is(f, CW_HAS_POSITION) && r->field >= CW_FIELD_R1 &&
            r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
 /* Whether a match is a hit or none alike at whatever bit of a frame, but for the rule's time. Bits
  * between frames, and those that only the bits of a frame tell, are left out. */
-static bool takes_any_bit(const cw_rule *r)
+static bool takes_any_bit(const cw_fault *f)
 {
-    return cw_is_position_action(r->action) && r->field != CW_FIELD_INTERMISSION &&
+    const cw_rule *r = &f->rule;
+    return cw_fault_is(f, CW_HAS_POSITION) && r->field != CW_FIELD_INTERMISSION &&
            r->field != CW_FIELD_SUSPEND && r->field != CW_FIELD_STUFF && r->field != CW_FIELD_BIT &&
            r->hold_off == 0 && r->state_nodes == 0;
 }
 
 static void add_watcher(cw_watch *w, const cw_fault_set *set, unsigned rule)
 {
-    const cw_rule *r = &set->faults[rule].rule;
+    const cw_fault *f = &set->faults[rule];
     bool only = w->rule == CW_NO_RULE;
     w->rule = only ? (uint16_t)rule : CW_SEVERAL_RULES;
-    w->early = w->early || !acts_late(r);
-    w->rough = only && takes_any_bit(r);
+    w->early = w->early || !acts_late(f);
+    w->rough = only && takes_any_bit(f);
 }
 
 /* Whether a rule takes each frame of each node. */
@@ -68,7 +70,7 @@ static void find_usual(cw_fault_set *set)
     set->has_usual = true;
     for (unsigned i = 0; i < set->wild_count; i++) {
         const cw_fault *f = &set->faults[set->wild[i]];
-        if (!cw_acts_on_wire(f->rule.action) || cw_fault_is_over(f))
+        if (!cw_fault_acts_on_wire(f) || cw_fault_is_over(f))
             continue;
         set->has_usual = set->has_usual && is_undemanding(&f->rule);
         add_watcher(&set->usual, set, set->wild[i]);
@@ -142,10 +144,11 @@ static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
     return r->time_end <= cw_now(bus) || r->time_begin >= end;
 }
 
-static bool has_later_position(const cw_rule *r)
+static bool has_later_position(const cw_fault *f)
 {
+    const cw_rule *r = &f->rule;
     bool sof = r->field == CW_FIELD_SOF || (r->field == CW_FIELD_BIT && r->index == 0);
-    return cw_is_position_action(r->action) && !sof;
+    return cw_fault_is(f, CW_HAS_POSITION) && !sof;
 }
 
 bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
@@ -156,8 +159,8 @@ bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
         cw_candidates c;
         cw_candidates_begin(&c, bus, next_frame(&bus->nodes[i]));
         while (next_rule(&c, &rule, bus, i)) {
-            const cw_rule *r = &bus->faults.faults[rule].rule;
-            if (!has_later_position(r) && !is_out_of_time(bus, r))
+            const cw_fault *f = &bus->faults.faults[rule];
+            if (!has_later_position(f) && !is_out_of_time(bus, &f->rule))
                 return true;
         }
     }
@@ -188,9 +191,10 @@ static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned 
 static void stop_for(cw_bus *bus, unsigned rule, unsigned node, unsigned from)
 {
     cw_leap *leap = &bus->leap;
-    const cw_rule *r = &bus->faults.faults[rule].rule;
+    const cw_fault *f = &bus->faults.faults[rule];
+    const cw_rule *r = &f->rule;
     unsigned n;
-    if (!cw_is_position_action(r->action) || is_out_of_time(bus, r) ||
+    if (!cw_fault_is(f, CW_HAS_POSITION) || is_out_of_time(bus, r) ||
         !find_bit(bus, &n, r, node) || n < from || n > leap->stop)
         return;
     bool another = n == leap->stop && leap->stop_rule != rule;
@@ -283,7 +287,7 @@ bool cw_fault_is_at_work(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->faults.awake_count; i++) {
         const cw_fault *f = awake_fault(bus, i);
-        if (f->bits_left > 0 || (f->active && f->rule.action == CW_ACTION_STUCK))
+        if (f->bits_left > 0 || (f->active && cw_fault_is(f, CW_ON_LINE)))
             return true;
     }
     return false;
@@ -294,7 +298,7 @@ uint64_t cw_fault_stuck_lines(const cw_bus *bus)
     uint64_t nodes = 0;
     for (unsigned i = 0; i < bus->faults.awake_count; i++) {
         const cw_fault *f = awake_fault(bus, i);
-        if (f->active && f->rule.action == CW_ACTION_STUCK && f->rule.line == CW_LINE_TX)
+        if (f->active && cw_fault_is(f, CW_ON_LINE) && f->rule.line == CW_LINE_TX)
             nodes |= cw_node_bit(f->rule.node);
     }
     return nodes;

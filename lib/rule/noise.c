@@ -37,35 +37,39 @@ static uint64_t draw_bit(const cw_bus *bus, cw_fault *f)
     return flipped;
 }
 
-void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels)
+static void flip(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t flipped)
 {
-    cw_fault *f = &bus->faults.faults[rule];
+    *levels ^= flipped;
+    f->hit_now = true;
+    cw_fault_count_hit(bus, cw_fault_index(bus, f), cw_bit_end(bus));
+    if (cw_fault_is_over(f))
+        cw_fault_end_action(bus, cw_fault_index(bus, f));
+}
+
+void cw_flip_at_random(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+{
+    (void)nodes; /* those that it draws */
     if (f->clear_bits > 0) {
         f->clear_bits--;
         return;
     }
-    uint64_t flipped = draw_bit(bus, f);
-    *levels ^= flipped;
-    if (!flipped)
-        return;
-    f->hit_now = true;
-    cw_fault_count_hit(bus, rule, cw_bit_end(bus));
-    if (cw_fault_is_over(f))
-        cw_fault_end_action(bus, rule);
+    const uint64_t flipped = draw_bit(bus, f);
+    if (flipped)
+        flip(bus, f, levels, flipped);
 }
 
 /* ---- Looking ahead --------------------------------------------------------------------------- */
 
 static bool is_steady_noise(const cw_fault *f)
 {
-    return f->rule.action == CW_ACTION_NOISE && f->active && !f->for_attempt && !f->hit_now &&
+    return cw_fault_is(f, CW_RANDOM_BITS) && f->active && !f->for_attempt && !f->hit_now &&
            f->bits_left == 0 && f->bound == 0;
 }
 
 /* A line that is stuck recessive changes nothing while nobody drives the wire dominant. */
 static bool is_stuck_recessive(const cw_fault *f)
 {
-    return f->rule.action == CW_ACTION_STUCK && f->rule.level == CW_RECESSIVE && f->active &&
+    return cw_fault_is(f, CW_ON_LINE) && f->rule.level == CW_RECESSIVE && f->active &&
            !f->for_attempt && !f->hit_now && f->bits_left == 0 && f->bound == 0;
 }
 
@@ -74,7 +78,7 @@ bool cw_fault_is_steady(const cw_bus *bus, bool level)
     const cw_fault_set *set = &bus->faults;
     for (unsigned i = 0; i < set->awake_count; i++) {
         const cw_fault *f = &set->faults[set->awake[i]];
-        bool traffic = f->active && cw_is_steady_traffic(f->rule.action);
+        bool traffic = f->active && cw_fault_is(f, CW_STEADY_TRAFFIC);
         bool stuck = level == CW_RECESSIVE && is_stuck_recessive(f);
         /* one that is over falls asleep with a single bit */
         if (!traffic && !stuck && !is_steady_noise(f))

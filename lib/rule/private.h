@@ -14,44 +14,33 @@ static inline cw_fault *cw_fault_at(cw_bus *bus, unsigned rule)
     return &bus->faults.faults[rule];
 }
 
-/* ---- Kinds of actions ------------------------------------------------------------------------ */
-
-/* Has a position: bound to a transmission, acts when the position is reached. */
-static inline bool cw_is_position_action(cw_action action)
+static inline unsigned cw_fault_index(const cw_bus *bus, const cw_fault *fault)
 {
-    return action == CW_ACTION_FLIP || action == CW_ACTION_FORCE || action == CW_ACTION_GLITCH;
+    return (unsigned)(fault - bus->faults.faults);
 }
 
-/* Acts on frames between a host and its controller. */
-static inline bool cw_is_host_action(cw_action action)
+/* ---- Actions --------------------------------------------------------------------------------- */
+
+/* Whether its action is of that sort: all of these traits. */
+static inline bool cw_fault_is(const cw_fault *fault, unsigned traits)
 {
-    return action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE;
+    return (fault->traits & traits) == traits;
 }
 
 /* Its frame is one on the wire, not one that a host hands in or gets. */
-static inline bool cw_acts_on_wire(cw_action action)
+static inline bool cw_fault_acts_on_wire(const cw_fault *fault)
 {
-    return !cw_is_host_action(action) && action != CW_ACTION_REPLY;
+    return !cw_fault_is(fault, CW_AT_HOST);
 }
 
-/* Lasts for a time. */
-static inline bool cw_is_window_action(cw_action action)
-{
-    return (action >= CW_ACTION_STUCK && action <= CW_ACTION_PARTITION) ||
-           (action >= CW_ACTION_SEND && action <= CW_ACTION_LOAD);
-}
-
-/* Sends whenever there is reason to, not at times that are known beforehand. */
-static inline bool cw_is_steady_traffic(cw_action action)
-{
-    return action == CW_ACTION_BABBLE || action == CW_ACTION_LOAD;
-}
-
-/* Changes who is on which wire, or who acknowledges. */
-static inline bool cw_is_topology_action(cw_action action)
-{
-    return action >= CW_ACTION_NO_ACK && action <= CW_ACTION_PARTITION;
-}
+/* A frame on its way between host and queue, as an action on the host side sees it. */
+typedef struct cw_passing {
+    cw_frame *frame;
+    unsigned rule;
+    unsigned node;
+    uint64_t tick;
+    const frame_origin *origin;
+} cw_passing;
 
 /* ---- valid.c --------------------------------------------------------------------------------- */
 
@@ -119,8 +108,8 @@ bool cw_fault_add_arming(cw_bus *bus, unsigned rule, uint64_t tick);
 /* When the next arming of a rule takes place; CW_NEVER. */
 uint64_t cw_fault_next_arming(const cw_fault *fault);
 
-/* The next one takes place now. */
-void cw_fault_arm(cw_bus *bus, unsigned rule);
+/* The next one takes place at that tick. */
+void cw_fault_take_arming(cw_fault *fault, uint64_t tick);
 
 /* Rules that come after this one are armed, at once or later. */
 void cw_fault_arm_followers(cw_bus *bus, unsigned rule, uint64_t told);
@@ -152,8 +141,8 @@ void cw_fault_fall_asleep(cw_bus *bus);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
-/* The draws of the bit in progress. */
-void cw_fault_apply_noise(cw_bus *bus, unsigned rule, uint64_t *levels);
+/* Whose levels a new rule changes; where it has a position, its hit says it again. */
+void cw_fault_aim(cw_fault *fault);
 
 /* Before the rule's random stream is used otherwise, or the bits to come will not be noisy. */
 void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *fault);
@@ -177,8 +166,5 @@ void cw_fault_release_held(cw_bus *bus);
 void cw_fault_let_go(cw_bus *bus, unsigned rule);
 
 uint64_t cw_fault_next_held(const cw_bus *bus);
-
-/* Hands in what an active traffic rule owes at the present tick. */
-void cw_fault_traffic(cw_bus *bus, unsigned rule);
 
 #endif

@@ -21,12 +21,15 @@
 #define CANWIRE_RULE_H
 
 #include "canwire.h"
+#include "rule/action.h"
 #include "rule/prng.h"
 
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
 typedef struct cw_fault {
     cw_rule rule;
+    const cw_action_row *does; /* the row of its action ... */
+    unsigned traits;           /* ... and what that says, CW_NEEDS_FRAME etc. */
     cw_prng prng;
     bool used;            /* the place holds a rule */
     bool awake;           /* in the awake list: looked at in every bit */
@@ -41,7 +44,8 @@ typedef struct cw_fault {
     uint32_t clear_bits;  /* NOISE: bits to come whose draws have been looked at and flip nothing */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
-    uint64_t wire;        /* ... nodes on the wires that it acts on, when it acts on wires */
+    uint64_t on_wire;     /* nodes whose wire it acts on, as far as it acts on levels ... */
+    uint64_t at_nodes;    /* ... and nodes for which it changes what they sample */
     uint64_t rx_tick;     /* host rules on the RX side: one decision for all receivers of a frame */
     uint64_t bound;       /* nodes whose present transmission the rule looks at */
     uint64_t scope;
@@ -135,7 +139,11 @@ void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame);
 void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event);
 
 /* Something of some rule is due at that tick. */
-void cw_fault_due(cw_bus *bus, uint64_t tick);
+static inline void cw_fault_set_due(cw_fault_set *set, uint64_t tick)
+{
+    if (tick < set->next_due)
+        set->next_due = tick;
+}
 
 /* Rules, armings, traffic and ends of actions that are due now. */
 void cw_fault_run_due(cw_bus *bus);

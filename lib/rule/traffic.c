@@ -25,7 +25,7 @@ static bool can_take(const cw_bus *bus, const cw_fault *f)
            cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
 }
 
-static void send_periodically(cw_bus *bus, unsigned rule)
+void cw_send_periodically(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = &bus->faults.faults[rule];
     if (f->next_at > cw_now(bus))
@@ -38,7 +38,14 @@ static void send_periodically(cw_bus *bus, unsigned rule)
     uint64_t passed = (cw_now(bus) - f->next_at) / f->rule.period_ticks;
     f->next_at += passed * f->rule.period_ticks; /* below a bit time it is one frame a bit */
     f->next_at = cw_after(f->next_at, f->rule.period_ticks);
-    cw_fault_due(bus, f->next_at);
+    cw_fault_set_due(&bus->faults, f->next_at);
+}
+
+void cw_babble(cw_bus *bus, unsigned rule)
+{
+    const cw_fault *f = cw_fault_at(bus, rule);
+    if (can_take(bus, f))
+        send(bus, rule, &f->rule.frame);
 }
 
 static cw_frame random_frame(cw_prng *prng)
@@ -53,9 +60,11 @@ static cw_frame random_frame(cw_prng *prng)
 }
 
 /* All traffic counts: the generator fills up what is missing to its target. */
-static void fill_up(cw_bus *bus, unsigned rule)
+void cw_fill_up(cw_bus *bus, unsigned rule)
 {
-    cw_fault *f = &bus->faults.faults[rule];
+    cw_fault *f = cw_fault_at(bus, rule);
+    if (!can_take(bus, f))
+        return;
     uint64_t busy = bus->stats.busy_bits - f->busy_base;
     uint64_t bits = bus->stats.bits - f->bits_base;
     if (busy * 1000 > bits * f->rule.load_permille)
@@ -81,7 +90,7 @@ uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
     const cw_fault_set *set = &bus->faults;
     for (unsigned i = 0; set->traffic_rules && i < set->awake_count; i++) {
         const cw_fault *f = &set->faults[set->awake[i]];
-        if (!f->active || !cw_is_steady_traffic(f->rule.action) || !can_take(bus, f))
+        if (!f->active || !cw_fault_is(f, CW_STEADY_TRAFFIC) || !can_take(bus, f))
             continue;
         if (f->rule.action == CW_ACTION_BABBLE)
             bits = cw_least(bits, 1);
@@ -89,15 +98,4 @@ uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
             bits = cw_least(bits, bits_to_target(bus, f));
     }
     return bits;
-}
-
-void cw_fault_traffic(cw_bus *bus, unsigned rule)
-{
-    const cw_fault *f = &bus->faults.faults[rule];
-    if (f->rule.action == CW_ACTION_SEND)
-        send_periodically(bus, rule);
-    else if (f->rule.action == CW_ACTION_BABBLE && can_take(bus, f))
-        send(bus, rule, &f->rule.frame);
-    else if (f->rule.action == CW_ACTION_LOAD && can_take(bus, f))
-        fill_up(bus, rule);
 }

@@ -4,7 +4,7 @@
  */
 #include "rule/private.h"
 
-#include "mac/confinement.h"
+#include <string.h>
 
 static bool nodes_exist(const cw_bus *bus, uint64_t nodes)
 {
@@ -21,28 +21,41 @@ static bool kinds_exist(const cw_rule *r)
 }
 
 /* What is needed to know the moment: a frame, a position in it. */
-static bool moment_known(const cw_rule *r)
+static bool moment_known(const cw_rule *r, unsigned traits)
 {
-    bool needs_frame = cw_is_position_action(r->action) || cw_is_host_action(r->action) ||
-                       r->action == CW_ACTION_REPLY || r->action == CW_ACTION_WRONG_CRC;
-    bool position = r->field != CW_FIELD_NONE && (r->bits >= 1 || r->for_ticks > 0) &&
-                    (r->bits <= CW_PATTERN_MAX || r->action != CW_ACTION_GLITCH);
-    return (!needs_frame || r->trigger == CW_TRIGGER_FRAME) &&
-           (!cw_is_position_action(r->action) || position);
+    bool position = r->field != CW_FIELD_NONE && (r->bits >= 1 || r->for_ticks > 0);
+    return (!(traits & CW_NEEDS_FRAME) || r->trigger == CW_TRIGGER_FRAME) &&
+           (!(traits & CW_HAS_POSITION) || position);
 }
 
-/* Numbers of single actions. */
-static bool numbers_in_range(const cw_rule *r)
+static uint32_t read_number(const cw_rule *r, const cw_action_range *range)
 {
-    bool sends = r->action == CW_ACTION_SEND || r->action == CW_ACTION_BABBLE ||
-                 r->action == CW_ACTION_REPLY;
-    bool counters = (r->tec <= CW_TEC_MAX || r->tec == CW_KEEP) &&
-                    (r->rec <= CW_REC_MAX || r->rec == CW_KEEP);
-    return (!sends || cw_frame_valid(&r->frame)) &&
-           (r->action != CW_ACTION_COUNTERS || counters) &&
-           (r->action != CW_ACTION_OVERLOAD || (r->number >= 1 && r->number <= 2)) &&
-           (r->action != CW_ACTION_DUPLICATE || r->number <= CW_COPIES_MAX) &&
-           (r->action != CW_ACTION_LOAD || r->load_permille <= 1000);
+    const unsigned char *at = (const unsigned char *)r + range->offset;
+    uint32_t number = 0;
+    uint16_t half = 0;
+    if (range->bytes == sizeof number)
+        memcpy(&number, at, sizeof number);
+    else
+        memcpy(&half, at, sizeof half);
+    return range->bytes == sizeof number ? number : half;
+}
+
+static bool is_in_range(const cw_rule *r, const cw_action_range *range)
+{
+    if (range->bytes == 0)
+        return true;
+    const uint32_t number = read_number(r, range);
+    return (number >= range->least && number <= range->most) ||
+           (range->may_keep && number == CW_KEEP);
+}
+
+/* Numbers of single actions, and the frame that they send. */
+static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
+{
+    for (unsigned i = 0; i < CW_ACTION_RANGES; i++)
+        if (!is_in_range(r, &does->ranges[i]))
+            return false;
+    return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
 }
 
 static bool settings_fit(const cw_bus *bus, const cw_rule *r)
@@ -56,7 +69,8 @@ static bool settings_fit(const cw_bus *bus, const cw_rule *r)
 /* The rule that it comes after may be added later. */
 bool cw_rule_valid(const cw_bus *bus, const cw_rule *r)
 {
-    return kinds_exist(r) && moment_known(r) && numbers_in_range(r) &&
+    return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
+           numbers_in_range(r, &cw_actions[r->action]) &&
            nodes_exist(bus, r->from | r->at | r->nodes | r->state_nodes) &&
            r->node < bus->node_count && settings_fit(bus, r) &&
            (!r->has_after || r->after < bus->faults.capacity);

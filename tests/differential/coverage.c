@@ -4,16 +4,18 @@
  */
 #include "differential.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 
 const char *diff_action_name(cw_action action)
 {
-    static const char *const names[CW_ACTION_COUNT] = {
-        "FLIP",       "FORCE",     "GLITCH",    "STUCK",   "NOISE",      "NO_ACK",
-        "DISCONNECT", "PARTITION", "WRONG_CRC", "BUS_OFF", "ERROR_FLAG", "RESTART",
-        "COUNTERS",   "OVERLOAD",  "SET",       "DROP",    "DELAY",      "DUPLICATE",
-        "REORDER",    "CHANGE",    "SEND",      "BABBLE",  "LOAD",       "REPLY"};
-    return names[action];
+    static char name[16];
+    const char *from = cw_action_name(action);
+    unsigned i = 0;
+    for (; from[i] && i < sizeof name - 1; i++)
+        name[i] = from[i] == '-' ? '_' : (char)toupper((unsigned char)from[i]);
+    name[i] = '\0';
+    return name;
 }
 
 const char *diff_op_name(diff_op_kind kind)
@@ -41,7 +43,7 @@ static void cover_fault(diff_coverage *c, const cw_rule *rule)
 {
     c->actions[rule->action]++;
     c->triggers[rule->trigger]++;
-    if (rule->action <= CW_ACTION_GLITCH)
+    if (cw_action_kind_of(rule->action) == CW_KIND_POSITION)
         c->fields[rule->field]++;
 }
 

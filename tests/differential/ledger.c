@@ -38,10 +38,10 @@ struct diff_ledger {
 /* Whether what a node sends and drops is what was handed in at it. */
 static bool leaves_frames_alone(const cw_rule *r)
 {
-    bool host = r->action >= CW_ACTION_DROP && r->action <= CW_ACTION_CHANGE;
+    const cw_action_kind kind = cw_action_kind_of(r->action);
     bool makes = r->action == CW_ACTION_DUPLICATE || r->action == CW_ACTION_CHANGE ||
-                 (r->action >= CW_ACTION_SEND && r->action <= CW_ACTION_REPLY);
-    return !makes && !(host && r->side == CW_SIDE_RX);
+                 kind == CW_KIND_TRAFFIC;
+    return !makes && !(kind == CW_KIND_HOST && r->side == CW_SIDE_RX);
 }
 
 static bool rules_leave_frames_alone(const diff_scenario *s)

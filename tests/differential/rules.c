@@ -161,12 +161,6 @@ static void random_choice(diff_maker *m, cw_rule *rule)
         rule->probability = UINT64_MAX / m->rarity;
 }
 
-static bool needs_frame(cw_action a)
-{
-    return a <= CW_ACTION_GLITCH || a == CW_ACTION_WRONG_CRC || a == CW_ACTION_REPLY ||
-           (a >= CW_ACTION_DROP && a <= CW_ACTION_CHANGE);
-}
-
 static void random_trigger(diff_maker *m, cw_rule *rule)
 {
     static const cw_trigger often[] = {CW_TRIGGER_FRAME, CW_TRIGGER_FRAME, CW_TRIGGER_FRAME,
@@ -175,7 +169,7 @@ static void random_trigger(diff_maker *m, cw_rule *rule)
     static const uint32_t classes[] = {0x002, 0x088, 0x020, 0x004, 0x040, 0x100, 0x1EE};
     diff_random *r = &m->random;
     rule->trigger = often[diff_below(r, 8)];
-    if (needs_frame(rule->action))
+    if (cw_action_needs_frame(rule->action))
         rule->trigger = CW_TRIGGER_FRAME;
     if (rule->trigger == CW_TRIGGER_ERROR)
         rule->error_mask = classes[diff_below(r, 7)];
@@ -199,7 +193,7 @@ static void simple_when(diff_maker *m, cw_rule *rule)
 
 static void random_when(diff_maker *m, cw_rule *rule)
 {
-    if (diff_chance(&m->random, rule->action <= CW_ACTION_GLITCH ? 500 : 100)) {
+    if (diff_chance(&m->random, cw_action_kind_of(rule->action) == CW_KIND_POSITION ? 500 : 100)) {
         simple_when(m, rule);
         return;
     }
@@ -356,16 +350,11 @@ static void random_do(diff_maker *m, cw_rule *rule)
     rule->node = (uint8_t)diff_below(&m->random, m->nodes);
     rule->nodes = diff_random_nodes(m);
     rule->bits = 1;
-    if (rule->action <= CW_ACTION_GLITCH)
-        random_position(m, rule);
-    else if (rule->action <= CW_ACTION_PARTITION)
-        random_levels(m, rule);
-    else if (rule->action <= CW_ACTION_SET)
-        random_counters(m, rule);
-    else if (rule->action <= CW_ACTION_CHANGE)
-        random_host(m, rule);
-    else
-        random_traffic(m, rule);
+    static void (*const fill[])(diff_maker *, cw_rule *) = {
+        [CW_KIND_POSITION] = random_position, [CW_KIND_LEVEL] = random_levels,
+        [CW_KIND_CONTROL] = random_counters,  [CW_KIND_HOST] = random_host,
+        [CW_KIND_TRAFFIC] = random_traffic};
+    fill[cw_action_kind_of(rule->action)](m, rule);
     if (diff_chance(&m->random, 400))
         rule->at = diff_random_nodes(m);
 }

@@ -173,7 +173,7 @@ static void write_position(FILE *out, const cw_rule *r)
                                                        "OVERLOAD_DELIMITER",
                                                        "STUFF",
                                                        "BIT"};
-    if (r->action > CW_ACTION_GLITCH)
+    if (cw_action_kind_of(r->action) != CW_KIND_POSITION)
         return;
     fprintf(out, ".field = CW_FIELD_%s, ", fields[r->field]);
     write_number(out, "index", r->index);
@@ -216,7 +216,7 @@ static void write_frames(FILE *out, const cw_rule *r)
         write_change(out, &r->change);
         fputs("}, ", out);
     }
-    if (r->action >= CW_ACTION_SEND && r->action != CW_ACTION_LOAD) {
+    if (cw_action_kind_of(r->action) == CW_KIND_TRAFFIC && r->action != CW_ACTION_LOAD) {
         fputs(".frame = {", out);
         write_frame(out, &r->frame);
         fputs("}, ", out);
@@ -231,9 +231,9 @@ static void write_rule(FILE *out, const diff_rule *rule)
     fprintf(out, "{.name = \"%s\", ", diff_name(rule->name));
     write_when(out, r);
     fprintf(out, "\n   .action = CW_ACTION_%s, ", diff_action_name(r->action));
-    if (r->action <= CW_ACTION_PARTITION)
+    if (cw_action_kind_of(r->action) <= CW_KIND_LEVEL)
         write_levels(out, r);
-    else if (r->action <= CW_ACTION_SET)
+    else if (cw_action_kind_of(r->action) == CW_KIND_CONTROL)
         write_control(out, r);
     write_number(out, "for_ticks", r->for_ticks);
     write_mask(out, "at", r->at);

@@ -196,6 +196,39 @@ static void bad_rules_are_refused(void **state)
     rig_free(r);
 }
 
+/* What the table of actions says of each one is what the bus makes of its rules. */
+static void each_action_is_what_its_row_says(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    r->config.rule_room = 1;
+    rig_start(r);
+    for (unsigned i = 0; i < CW_ACTION_COUNT; i++) {
+        const cw_action action = (cw_action)i;
+        cw_rule rule = new_rule("rule", CW_TRIGGER_ARMED, action);
+        unsigned index;
+        rule.manual = true;
+        rule.field = CW_FIELD_SOF;
+        rule.bits = 1;
+        rule.number = 1;
+        assert_true(cw_action_name(action)[0] != '\0');
+        for (unsigned k = 0; k < i; k++)
+            assert_string_not_equal(cw_action_name(action), cw_action_name((cw_action)k));
+        bool needs_frame = cw_bus_add_rule(r->bus, &index, &rule) == CW_INVALID;
+        assert_int_equal(needs_frame, cw_action_needs_frame(action));
+        if (!needs_frame)
+            assert_int_equal(cw_bus_clear_rule(r->bus, index), CW_OK);
+        rule.trigger = CW_TRIGGER_FRAME;
+        assert_int_equal(cw_bus_add_rule(r->bus, &index, &rule), CW_OK);
+        assert_int_equal(cw_bus_clear_rule(r->bus, index), CW_OK);
+        assert_in_range(cw_action_kind_of(action), CW_KIND_POSITION, CW_KIND_TRAFFIC);
+    }
+    assert_int_equal(cw_action_kind_of(CW_ACTION_NO_ACK), CW_KIND_LEVEL);
+    assert_int_equal(cw_action_kind_of(CW_ACTION_WRONG_CRC), CW_KIND_CONTROL);
+    assert_int_equal(cw_action_kind_of(CW_ACTION_DROP), CW_KIND_HOST);
+    rig_free(r);
+}
+
 /* Limits that are still good. */
 static void rules_at_the_limits_are_good(void **state)
 {
@@ -465,6 +498,7 @@ int main(void)
         cmocka_unit_test(a_stopped_rule_can_act_again),
         cmocka_unit_test(a_rule_before_the_cleared_one_is_left_alone),
         cmocka_unit_test(bad_rules_are_refused),
+        cmocka_unit_test(each_action_is_what_its_row_says),
         cmocka_unit_test(rules_at_the_limits_are_good),
         cmocka_unit_test(a_manual_rule_acts_when_fired),
         cmocka_unit_test(a_manual_rule_on_frames_takes_one_match),

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * action.h - what the rules have to know of an action; one row for each.
+ *
+ * A rule in use points to its row, so the files in which actions act do not need the table itself.
+ */
+#ifndef CANWIRE_RULE_ACTION_H
+#define CANWIRE_RULE_ACTION_H
+
+#include "canwire.h"
+
+#include <stddef.h>
+
+struct cw_fault;
+struct cw_passing;
+
+/* What an action needs and what it does, apart from how it does it. */
+#define CW_NEEDS_FRAME 0x001u    /* only a rule with a frame trigger has it */
+#define CW_HAS_POSITION 0x002u   /* is bound to a transmission, acts when the position is reached */
+#define CW_AT_HOST 0x004u        /* its frame is one that a host hands in or gets */
+#define CW_IN_ENCODING 0x008u    /* changes the frame that begins, before its first bit */
+#define CW_LASTS 0x010u          /* for a time, or till it is ended */
+#define CW_FOR_ATTEMPT 0x020u    /* ... with a frame trigger and no time: for that transmission */
+#define CW_EACH_BIT 0x040u       /* while it lasts, it is looked at in every bit */
+#define CW_ON_LINE 0x080u        /* holds a level on the rule's line */
+#define CW_RANDOM_BITS 0x100u    /* its hits are bits that it flips, not its beginning */
+#define CW_REWIRES 0x200u        /* changes who is on which wire, or who acknowledges */
+#define CW_SENDS_FRAME 0x400u    /* the rule's frame, which has to be valid */
+#define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is reason to, not at times known before */
+
+/* The values that a number of a rule may have. */
+typedef struct cw_action_range {
+    uint16_t offset; /* in cw_rule, of a number of that many bytes: 2 or 4 */
+    uint16_t bytes;  /* 0: there is no such number */
+    uint16_t least;
+    uint16_t most;
+    bool may_keep;   /* or CW_KEEP */
+} cw_action_range;
+
+#define CW_ACTION_RANGES 2u
+
+/* Levels, for nodes that the rule concerns: what it makes of them in the bit in progress. */
+typedef void cw_level_action(cw_bus *bus, struct cw_fault *fault, uint64_t *levels,
+                             uint64_t nodes);
+/* Once, to the controller of each of the rule's nodes. */
+typedef void cw_control_action(cw_bus *bus, unsigned node, const cw_rule *rule);
+/* To a frame that comes by. Returns true when it goes on. */
+typedef bool cw_host_action(cw_bus *bus, const cw_rule *rule, const struct cw_passing *passing);
+/* What the rule owes at the present tick. */
+typedef void cw_traffic_action(cw_bus *bus, unsigned rule);
+
+typedef struct cw_action_row {
+    const char *name;
+    cw_action_kind kind;
+    unsigned traits;
+    cw_action_range ranges[CW_ACTION_RANGES];
+    union { /* by kind; NULL: another file asks for the action itself */
+        cw_level_action *levels;     /* CW_KIND_POSITION, CW_KIND_LEVEL */
+        cw_control_action *control;  /* CW_KIND_CONTROL */
+        cw_host_action *host;        /* CW_KIND_HOST */
+        cw_traffic_action *traffic;  /* CW_KIND_TRAFFIC */
+    };
+} cw_action_row;
+
+extern const cw_action_row cw_actions[CW_ACTION_COUNT];
+
+/* level.c, noise.c */
+cw_level_action cw_flip, cw_force, cw_glitch, cw_hold_level, cw_flip_at_random;
+/* control.c */
+cw_control_action cw_go_bus_off, cw_send_error_flag, cw_restart, cw_put_counters, cw_overload,
+    cw_change_settings;
+/* host.c */
+cw_host_action cw_drop_frame, cw_delay_frame, cw_copy_frame, cw_let_overtake, cw_change_frame;
+/* traffic.c */
+cw_traffic_action cw_send_periodically, cw_babble, cw_fill_up;
+
+#endif
