@@ -750,6 +750,14 @@ void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 /* Takes the oldest event; false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 
+/* The oldest events where they lie, *count of them in a row; 0: there are none. They stay as they
+ * are until they are taken, time goes on, or something is done to a node or a rule; frames may be
+ * handed in. */
+const cw_event *cw_bus_peek(const cw_bus *bus, unsigned *count);
+
+/* Takes so many of the events of cw_bus_peek(); there may be more behind them. */
+void cw_bus_take(cw_bus *bus, unsigned count);
+
 /* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on
  * again. Off it neither drives nor samples; its frames, those that come later too, are dropped
  * with events (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it

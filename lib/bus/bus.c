@@ -32,6 +32,7 @@ static void run_due_nodes(cw_bus *bus)
  * has, nothing is left to be told of this tick. A leap goes on when nothing but frames come. */
 static void run_due(cw_bus *bus)
 {
+    cw_count_clean_bits(bus);
     do {
         bus->work += bus->faults.awake_count;
         if (bus->news || bus->faults.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
@@ -48,6 +49,16 @@ static void run_all_due(cw_bus *bus)
     uint64_t due = cw_least(cw_least(bus->next_restart, bus->faults.next_due), cw_inbox_first(bus));
     if (due <= cw_now(bus) || bus->news || bus->faults.awake_count)
         run_due(bus);
+}
+
+/* ---- Counting -------------------------------------------------------------------------------- */
+
+void cw_count_clean_bits_now(cw_bus *bus)
+{
+    bus->stats.bits += bus->clean_bits;
+    bus->stats.busy_bits += bus->clean_bits;
+    cw_load_add(&bus->load, bus->clean_bits, true);
+    bus->clean_bits = 0;
 }
 
 /* ---- Going on -------------------------------------------------------------------------------- */
@@ -100,6 +111,7 @@ static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
     const unsigned events = bus->ring.count;
     cw_status status = go_to(bus, tick, cw_after(bus->work + events, work));
     bus->work += bus->ring.count - events;
+    cw_count_clean_bits(bus);
     return status;
 }
 

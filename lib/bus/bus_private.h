@@ -55,6 +55,7 @@ typedef struct inbox {
     unsigned capacity;
     unsigned first;
     unsigned count;
+    uint64_t next; /* tick of the first one, or CW_NEVER */
 } inbox;
 
 typedef struct event_ring {
@@ -138,6 +139,7 @@ struct cw_bus {
     unsigned node_count;
     uint64_t next_restart; /* the earliest restart_at */
     uint64_t recessive_bits;
+    uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
     uint64_t work;         /* see cw_bus_work() */
     uint64_t queued;       /* frames in all queues */
     uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
@@ -274,7 +276,7 @@ void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
 /* The tick of the first frame in the inbox, or CW_NEVER. */
 static inline uint64_t cw_inbox_first(const cw_bus *bus)
 {
-    return bus->inbox.count ? bus->inbox.entries[bus->inbox.first].at_tick : CW_NEVER;
+    return bus->inbox.next;
 }
 
 /* The frames that were handed in before tick, of which there are some. */
@@ -303,6 +305,17 @@ uint64_t cw_automatic_restart(const cw_bus *bus, unsigned node);
 void cw_find_next_restart(cw_bus *bus);
 
 bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
+
+/* ---- bus.c ----------------------------------------------------------------------------------- */
+
+void cw_count_clean_bits_now(cw_bus *bus);
+
+/* Bits of clean frames go to the statistics; before others are counted, or somebody reads them. */
+static inline void cw_count_clean_bits(cw_bus *bus)
+{
+    if (bus->clean_bits)
+        cw_count_clean_bits_now(bus);
+}
 
 /* ---- memory.c -------------------------------------------------------------------------------- */
 
@@ -409,9 +422,9 @@ void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 /* The node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Nodes, at least one, have received the frame of a sender as it was sent, and nothing acts on it
- * on the host side. */
-void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const cw_frame *frame);
+/* Nodes, at least one, have received the frame of a sender as it was sent, so many bytes of data,
+ * and nothing acts on it on the host side. The caller fills the frame into the event. */
+cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
 /* Whether a frame may be more to its receivers than an event. */
 static inline bool cw_host_side_acts(const cw_bus *bus)

@@ -10,11 +10,10 @@ static const cw_queue_slot *offered_slot(const bus_node *n)
     return &n->queue.slots[n->offered_slot];
 }
 
-static void count_sent(cw_bus *bus, bus_node *n, unsigned wire_bits)
+static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
 {
-    const cw_queue_slot *slot = offered_slot(n);
     n->stats.tx_frames++;
-    n->stats.tx_bytes += cw_frame_length(&slot->frame);
+    n->stats.tx_bytes += slot->bytes;
     n->stats.tx_bits += wire_bits;
     if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
         bus->stats.frames++;
@@ -26,12 +25,13 @@ static void count_sent(cw_bus *bus, bus_node *n, unsigned wire_bits)
 void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
     bus_node *n = &bus->nodes[i];
-    count_sent(bus, n, wire_bits);
+    const cw_queue_slot *slot = offered_slot(n);
+    count_sent(bus, n, slot, wire_bits);
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
-    e->frame = offered_slot(n)->frame;
+    e->frame = slot->frame;
     e->from = cw_node_bit(i);
-    e->handed_in = offered_slot(n)->handed_in;
+    e->handed_in = slot->handed_in;
 }
 
 /* A frame that is given up, by a one-shot node. */
@@ -123,16 +123,16 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
     cw_fault_passed(bus, i, CW_SIDE_RX, cw_now(bus));
 }
 
-void cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, const cw_frame *frame)
+cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes)
 {
     const bus_node *n = &bus->nodes[sender];
     cw_set_listeners(bus, receivers | cw_node_bit(sender));
-    cw_count_received(bus, sender, cw_frame_length(frame));
+    cw_count_received(bus, sender, bytes);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
     e->nodes = receivers;
     e->from = cw_node_bit(sender);
-    e->handed_in = n->queue.slots[n->offered_slot].handed_in;
-    e->frame = *frame;
+    e->handed_in = offered_slot(n)->handed_in;
+    return e;
 }
 
 bool cw_commit_reception(cw_bus *bus)
@@ -143,7 +143,8 @@ bool cw_commit_reception(cw_bus *bus)
     uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
     if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, &frame))
         return false;
-    cw_receive_together(bus, cw_lowest_node(senders), bus->followers, &frame);
+    cw_receive_together(bus, cw_lowest_node(senders), bus->followers, cw_frame_length(&frame))
+        ->frame = frame;
     return true;
 }
 

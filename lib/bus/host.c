@@ -17,7 +17,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
     else
         bus->waiting &= ~cw_node_bit(i);
     bus->faults.known &= ~cw_node_bit(i) | bus->faults.always_known;
-    cw_arbiter_update(bus, i);
+    bus->arbiter.stale |= cw_node_bit(i);
 }
 
 /* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
@@ -94,6 +94,11 @@ static inbox_entry *inbox_at(const inbox *box, unsigned i)
     return &box->entries[place < box->capacity ? place : place - box->capacity];
 }
 
+static void find_next(inbox *box)
+{
+    box->next = box->count ? inbox_at(box, 0)->at_tick : CW_NEVER;
+}
+
 static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
 {
     return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
@@ -137,6 +142,7 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
         *inbox_at(box, place) = *inbox_at(box, place - 1);
     *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
+    find_next(box);
     bus->nodes[i].inbox++;
     return CW_OK;
 }
@@ -164,6 +170,7 @@ void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
             continue;
         e->at_tick = e->at_tick - cw_now(bus) > ticks ? e->at_tick - ticks : cw_now(bus);
     }
+    find_next(&bus->inbox);
 }
 
 uint64_t cw_bus_inbox_first(const cw_bus *bus)
@@ -183,6 +190,7 @@ static void take_first(cw_bus *bus)
     inbox_entry entry = *inbox_at(box, 0);
     box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
     box->count--;
+    find_next(box);
     bus->nodes[entry.node].inbox--;
     bus->nodes[entry.node].stats.handed_in++;
     if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
@@ -211,6 +219,7 @@ static void flush_inbox(cw_bus *bus, unsigned i)
         cw_push_drop(bus, i, CW_SIDE_TX, &entry.frame, CW_DROP_REMOVED, cw_now(bus));
     }
     box->count = kept;
+    find_next(box);
 }
 
 static void flush_held(cw_bus *bus, unsigned i)

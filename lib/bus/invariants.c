@@ -63,6 +63,9 @@ static void assert_sums(const cw_bus *bus)
     assert(bus->queued == queued);
     assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
     assert(bus->load.bits == bus->stats.bits);
+    assert(bus->inbox.next == CW_NEVER || bus->inbox.count > 0);
+    assert(bus->inbox.count == 0 ||
+           bus->inbox.entries[bus->inbox.first].at_tick == bus->inbox.next);
     assert(is_subset(bus->removed, bus->detached) && is_subset(bus->detached, bus->all));
 }
 

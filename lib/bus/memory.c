@@ -90,7 +90,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         memset(nodes, 0, c->node_count * sizeof *nodes);
         bus->nodes = nodes;
         bus->held = held;
-        bus->inbox = (inbox){.entries = entries, .capacity = c->inbox};
+        bus->inbox = (inbox){.entries = entries, .capacity = c->inbox, .next = CW_NEVER};
         bus->ring = (event_ring){.events = ring, .capacity = events};
     }
     carve_faults(a, bus ? &bus->faults : NULL, c);

@@ -4,6 +4,7 @@
  */
 #include "bus/queue.h"
 
+#include "format/bits.h"
 #include "format/head.h"
 
 #include <string.h>
@@ -52,7 +53,8 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     q->count++;
     q->newest = slot;
     q->slots[slot] = (cw_queue_slot){.frame = *frame, .handed_in = handed_in, .number = q->puts++,
-                                     .wire_bits = (uint8_t)cw_frame_wire_bits(frame)};
+                                     .wire_bits = (uint8_t)cw_bits_measure(frame),
+                                     .bytes = (uint8_t)cw_frame_length(frame)};
     return true;
 }
 

@@ -18,6 +18,7 @@ typedef struct cw_queue_slot {
     uint64_t number;    /* of the put: the order in which they came */
     uint16_t source;    /* for the owner: 0 after a put */
     uint8_t wire_bits;  /* of the frame, SOF to EOF */
+    uint8_t bytes;      /* of its data field */
     bool tried;         /* ... a transmission has begun; false after a put */
 } cw_queue_slot;
 

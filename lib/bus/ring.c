@@ -7,6 +7,7 @@
  */
 #include "bus/bus_private.h"
 
+#include <assert.h>
 #include <string.h>
 
 /* Events that one node can have in one bit besides drops of frames. */
@@ -160,13 +161,18 @@ static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t
     return added;
 }
 
+/* The rare case; apart, so that the usual one needs no room for an event. */
+static __attribute__((noinline)) cw_event *insert_new(cw_bus *bus, cw_event_kind kind,
+                                                      uint64_t tick, uint64_t nodes)
+{
+    const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
+    return insert(bus, &event);
+}
+
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     cw_event *added = append(bus, kind, tick, nodes);
-    if (added)
-        return added;
-    const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
-    return insert(bus, &event);
+    return added ? added : insert_new(bus, kind, tick, nodes);
 }
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
@@ -229,9 +235,24 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     if (ring->count == 0)
         return false;
     *event = ring->events[ring->first];
-    ring->count--;
-    bool wraps = ring->count == 0 || ring->first + 1 == ring->capacity; /* an empty one stays in
-                                                                            the cache */
-    ring->first = wraps ? 0 : ring->first + 1;
+    cw_bus_take(bus, 1);
     return true;
+}
+
+const cw_event *cw_bus_peek(const cw_bus *bus, unsigned *count)
+{
+    const event_ring *ring = &bus->ring;
+    const unsigned in_a_row = ring->capacity - ring->first;
+    *count = ring->count < in_a_row ? ring->count : in_a_row;
+    return &ring->events[ring->first];
+}
+
+void cw_bus_take(cw_bus *bus, unsigned count)
+{
+    event_ring *ring = &bus->ring;
+    assert(count <= ring->count && count <= ring->capacity - ring->first);
+    ring->count -= count;
+    ring->first += count;
+    if (ring->count == 0 || ring->first == ring->capacity) /* an empty one stays in the cache */
+        ring->first = 0;
 }

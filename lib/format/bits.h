@@ -17,6 +17,9 @@ bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned ind
  * would be without them, so not behind where it is. */
 bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index);
 
+/* As cw_frame_wire_bits(), for a frame that is valid. */
+unsigned cw_bits_measure(const cw_frame *frame);
+
 /* As cw_bits_encode(), with some bits of the CRC sequence inverted. */
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
 

@@ -247,10 +247,8 @@ static inline void measure_five(part *p, const uint8_t bytes[PART_BYTES])
     measure_byte(p, bytes[4]);
 }
 
-unsigned cw_frame_wire_bits(const cw_frame *frame)
+unsigned cw_bits_measure(const cw_frame *frame)
 {
-    if (!cw_frame_valid(frame))
-        return 0;
     plain_bytes plain;
     part all = {.state = CW_STUFF_FIRST};
     const content c = content_of(frame);
@@ -261,4 +259,9 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
     for (; n < plain.count; n++)
         measure_byte(&all, plain.first[n]);
     return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + CW_TAIL_BITS;
+}
+
+unsigned cw_frame_wire_bits(const cw_frame *frame)
+{
+    return cw_frame_valid(frame) ? cw_bits_measure(frame) : 0;
 }

@@ -3,7 +3,8 @@
  * arbiter.c - who wins the bus, and what taking part costs those who do not.
  *
  * The frames that go first of all nodes play a tournament by their arbitration fields: a node that
- * gets another frame plays its matches again, all others stay as they are. What every node that
+ * gets another frame plays its matches again when somebody asks for the winner, all others stay as
+ * they are. What every node that
  * waits, or every node that listens, counts for a clean frame is counted once for all of them and
  * shared out when somebody looks or when a node stops taking part.
  */
@@ -16,10 +17,12 @@
 
 /* ---- The tournament -------------------------------------------------------------------------- */
 
-/* An entry: the key, a bit for a tie, the node. */
+/* An entry: the key, a bit for a tie, the node. NO_ENTRY has that bit, too, and ties with its like
+ * alone. */
 #define NO_ENTRY UINT64_MAX
 #define KEY_SHIFT 8
-#define TIE 0x80u
+#define TIE_SHIFT 7
+#define TIE (1u << TIE_SHIFT)
 #define NODE_MASK 0x3Fu
 
 static uint64_t entry_of(const cw_bus *bus, unsigned i)
@@ -32,8 +35,8 @@ static uint64_t entry_of(const cw_bus *bus, unsigned i)
 
 static uint64_t play(uint64_t a, uint64_t b)
 {
-    uint64_t winner = a < b ? a : b;
-    return (a ^ b) >> KEY_SHIFT || winner == NO_ENTRY ? winner : winner | TIE;
+    const bool tie = (a ^ b) >> KEY_SHIFT == 0;
+    return (a < b ? a : b) | (uint64_t)tie << TIE_SHIFT;
 }
 
 void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
@@ -45,7 +48,7 @@ void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
         c->entries[i] = NO_ENTRY;
 }
 
-void cw_arbiter_update(cw_bus *bus, unsigned i)
+static void play_again(cw_bus *bus, unsigned i)
 {
     cw_arbiter *c = &bus->arbiter;
     uint64_t entry = entry_of(bus, i);
@@ -59,11 +62,18 @@ void cw_arbiter_update(cw_bus *bus, unsigned i)
     }
 }
 
+void cw_arbiter_update(cw_bus *bus)
+{
+    for (uint64_t rest = bus->arbiter.stale; rest; rest &= rest - 1)
+        play_again(bus, cw_lowest_node(rest));
+    bus->arbiter.stale = 0;
+}
+
 void cw_assert_arbiter(const cw_bus *bus)
 {
     const cw_arbiter *a = &bus->arbiter;
     for (unsigned i = 0; i < bus->node_count; i++)
-        assert(a->entries[a->leaves + i] == entry_of(bus, i));
+        assert(a->stale >> i & 1u || a->entries[a->leaves + i] == entry_of(bus, i));
     for (unsigned place = a->leaves - 1; place > 0; place--)
         assert(a->entries[place] == play(a->entries[2 * place], a->entries[2 * place + 1]));
     assert(a->contender_count == cw_count_bits(a->contenders));

@@ -11,6 +11,7 @@
 typedef struct cw_arbiter {
     uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
     unsigned leaves;
+    uint64_t stale; /* nodes whose first frame may be another one than their leaf says */
     uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
     unsigned contender_count;
     uint64_t lost;
@@ -21,17 +22,17 @@ typedef struct cw_arbiter {
 
 void cw_arbiter_init(cw_arbiter *arbiter, unsigned nodes);
 
-/* The frame that goes first at a node may be another one now. */
-void cw_arbiter_update(cw_bus *bus, unsigned node);
+/* Nodes whose first frame may be another one play again. */
+void cw_arbiter_update(cw_bus *bus);
 
 /* Asserts that the tournament is that of the frames that wait. */
 void cw_assert_arbiter(const cw_bus *bus);
 
-/* Whose frame wins among these nodes, all of which have one. False when two are equal up to the end
- * of the arbitration field. */
+/* Behind cw_arbiter_update(): whose frame wins among these nodes, all of which have one. False when
+ * two are equal up to the end of the arbitration field. */
 bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
 
-/* The key of the frame that goes first at a node. */
+/* Behind cw_arbiter_update(): the key of the frame that goes first at a node. */
 uint32_t cw_arbiter_key(const cw_bus *bus, unsigned node);
 
 /* Adds what is still to be shared out to a copy of a node's statistics. */

@@ -116,6 +116,7 @@ static unsigned view_mac(const cw_mac *m)
 
 void cw_watch_wire(cw_bus *bus, uint64_t bits)
 {
+    cw_count_clean_bits(bus);
     unsigned view = bus->followers ? view_mac(&bus->common) : 0;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
         view |= view_mac(&bus->nodes[cw_lowest_node(rest)].mac);

@@ -60,27 +60,36 @@ static void lower_counters(cw_bus *bus)
 }
 
 /* As a receiver decodes it: bytes that are not on the wire are 0. */
-static void copy_received(cw_frame *to, const cw_frame *from)
+static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
 {
-    unsigned length = cw_frame_length(from);
     *to = *from;
     for (unsigned i = length; i < CW_FRAME_DATA_MAX; i++)
         to->data[i] = 0;
+}
+
+static inline void receive_at_once(cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    const bus_node *n = &bus->nodes[leap->node];
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_event *e = cw_receive_together(bus, leap->node, leap->riders & ~cw_node_bit(leap->node),
+                                      slot->bytes);
+    copy_received(&e->frame, &slot->frame, slot->bytes);
 }
 
 static void receive(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     const bus_node *n = &bus->nodes[leap->node];
-    uint64_t receivers = leap->riders & ~cw_node_bit(leap->node);
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     cw_frame frame;
-    copy_received(&frame, &n->queue.slots[n->offered_slot].frame);
-    if (cw_host_side_acts(bus)) {
-        for (uint64_t rest = receivers; rest; rest &= rest - 1)
-            cw_receive(bus, cw_lowest_node(rest), &frame);
+    if (!cw_host_side_acts(bus)) {
+        receive_at_once(bus);
         return;
     }
-    cw_receive_together(bus, leap->node, receivers, &frame);
+    copy_received(&frame, &slot->frame, slot->bytes);
+    for (uint64_t rest = leap->riders & ~cw_node_bit(leap->node); rest; rest &= rest - 1)
+        cw_receive(bus, cw_lowest_node(rest), &frame);
 }
 
 static void finish_transmission(cw_bus *bus)
@@ -126,6 +135,7 @@ static unsigned next_moment(const cw_bus *bus)
 
 static void count_bits(cw_bus *bus, unsigned bits)
 {
+    cw_count_clean_bits(bus);
     bus->stats.bits += bits;
     bus->stats.busy_bits += bits;
     cw_load_add(&bus->load, bits, true);
@@ -234,38 +244,48 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
 
 /* ---- The rest at once ------------------------------------------------------------------------ */
 
-/* Goes up to a bit that lies ahead, and frames that come before its end go to their queues; false
- * when it does not lie ahead. */
-static inline bool move_to(cw_bus *bus, unsigned at)
+/* Goes from a bit to one that lies ahead, which it returns. Frames that come before its end go to
+ * their queues. */
+static inline unsigned pass_to(cw_bus *bus, unsigned from, unsigned to)
 {
-    const unsigned from = bus->leap.at;
-    if (from >= at)
-        return false;
-    cw_wire_pass(&bus->time, at - from);
-    bus->leap.at = (uint16_t)at;
+    cw_wire_pass(&bus->time, to - from);
     cw_take_inbox_before(bus, cw_now(bus));
-    return true;
+    return to;
+}
+
+/* The moments behind arbitration, from a bit on. */
+static inline void go_to_end(cw_bus *bus, unsigned at)
+{
+    const unsigned length = bus->leap.length;
+    if (bus->crowd.counting && at < length - CW_AFTER_ACK_BITS) {
+        at = pass_to(bus, at, length - CW_AFTER_ACK_BITS);
+        lower_counters(bus);
+    }
+    if (at < length - CW_AFTER_ACCEPT_BITS) {
+        at = pass_to(bus, at, length - CW_AFTER_ACCEPT_BITS);
+        receive_at_once(bus);
+    }
+    if (at < length) {
+        at = pass_to(bus, at, length);
+        finish_transmission(bus);
+    }
+    (void)pass_to(bus, at, length + CW_INTERMISSION_BITS);
+    end_slot(bus);
 }
 
 /* To the end, where nothing comes in between but frames for the queues. */
 static void leap_over(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
-    const unsigned length = leap->length;
-    const unsigned bits = length + CW_INTERMISSION_BITS - leap->at;
+    const unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     count_bits(bus, bits);
     if (bus->faults.awake_count)
         cw_fault_pass_noise(bus, bits);
-    while (leap->undecided && move_to(bus, next_loss(leap)))
+    while (leap->undecided) {
+        leap->at = (uint16_t)pass_to(bus, leap->at, next_loss(leap));
         tell_losses(bus);
-    if (bus->crowd.counting && move_to(bus, length - CW_AFTER_ACK_BITS))
-        lower_counters(bus);
-    if (move_to(bus, length - CW_AFTER_ACCEPT_BITS))
-        receive(bus);
-    if (move_to(bus, length))
-        finish_transmission(bus);
-    (void)move_to(bus, length + CW_INTERMISSION_BITS);
-    end_slot(bus);
+    }
+    go_to_end(bus, leap->at);
 }
 
 /* Whether nothing happens up to the end of the bit at which the leap stops. */
@@ -334,9 +354,9 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     n->mac.offered = false; /* not encoded */
     leap->node = (uint8_t)winner;
     leap->contenders = contenders;
-    leap->at = 0;
     cw_leap_count_losses(bus);
-    leap_over(bus);
+    bus->clean_bits += bits;
+    go_to_end(bus, 0);
     return true;
 }
 

@@ -143,6 +143,7 @@ static void begin_attempt(cw_bus *bus, unsigned i)
 void cw_leap_find_loss(cw_bus *bus, unsigned i, const cw_bits *bits)
 {
     cw_leap *leap = &bus->leap;
+    cw_arbiter_update(bus);
     uint32_t differing = cw_arbiter_key(bus, i) ^ cw_arbiter_key(bus, leap->node);
     pin_frame(&bus->nodes[i]);
     leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
@@ -253,6 +254,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     unsigned winner;
     if (!can_begin(bus))
         return false;
+    cw_arbiter_update(bus);
     uint64_t contenders = bus->waiting & bus->crowd.starters;
     bool others = bus->waiting & ~(bus->crowd.riders | bus->crowd.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||

@@ -659,6 +659,45 @@ static void idle_time_costs_nothing(void **state)
     assert_int_equal(work_of_idle_seconds(10), work_of_idle_seconds(UINT64_C(100000000000)));
 }
 
+/* The oldest one is what is polled next. */
+static void poll_what_is_peeked_at(cw_bus *bus)
+{
+    unsigned count;
+    const cw_event seen = *cw_bus_peek(bus, &count);
+    cw_event polled;
+    assert_true(count > 0 && cw_bus_poll(bus, &polled));
+    assert_true(polled.tick == seen.tick && polled.kind == seen.kind);
+    assert_true(polled.nodes == seen.nodes && polled.frame.id == seen.frame.id);
+}
+
+/* Each frame brings an RX and a TX. One event always stays behind, so that the ring wraps. */
+static void events_are_seen_where_they_lie(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    unsigned count, wraps = 0;
+    r->config.events = 1; /* the least that goes */
+    rig_start(r);
+    (void)cw_bus_peek(r->bus, &count);
+    assert_int_equal(count, 0);
+    for (unsigned round = 0; round < 20000; round++) {
+        const cw_frame frame = rig_frame(round % 0x700, 0, 2);
+        rig_send(r, round % 2, &frame, 0);
+        assert_int_equal(cw_bus_advance(r->bus, cw_bus_now(r->bus) + 100 * BIT), CW_OK);
+        (void)cw_bus_peek(r->bus, &count);
+        wraps += count < (round ? 3 : 2);
+        poll_what_is_peeked_at(r->bus);
+        if (round)
+            poll_what_is_peeked_at(r->bus);
+    }
+    (void)cw_bus_peek(r->bus, &count);
+    cw_bus_take(r->bus, count);
+    (void)cw_bus_peek(r->bus, &count);
+    assert_int_equal(count, 0);
+    assert_true(wraps > 0);
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -685,6 +724,7 @@ int main(void)
         cmocka_unit_test(a_detected_error_is_not_counted_as_undetected),
         cmocka_unit_test(configurations_out_of_range_are_refused),
         cmocka_unit_test(idle_time_costs_nothing),
+        cmocka_unit_test(events_are_seen_where_they_lie),
     };
     return cmocka_run_group_tests_name("bus", tests, NULL, NULL);
 }

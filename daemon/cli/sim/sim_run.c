@@ -99,9 +99,13 @@ static void pass_on(sim_run *s, const cw_event *event)
 
 static void pass_on_events(sim_run *s)
 {
-    cw_event event;
-    while (cw_bus_poll(s->bus, &event))
-        pass_on(s, &event);
+    unsigned count;
+    const cw_event *events;
+    while (events = cw_bus_peek(s->bus, &count), count > 0) {
+        for (unsigned i = 0; i < count; i++)
+            pass_on(s, &events[i]);
+        cw_bus_take(s->bus, count);
+    }
 }
 
 void sim_pass_on(sim_run *s, const cw_event *event)

@@ -103,12 +103,16 @@ static void hand_in(saturation *s, unsigned node)
 /* Every event is taken; each transmitted frame is followed by the next one of the same node. */
 static void keep_busy(saturation *s)
 {
-    cw_event event;
-    while (cw_bus_poll(s->bus, &event)) {
-        if (event.kind != CW_EVENT_TX)
-            continue;
-        s->sent++;
-        hand_in(s, (unsigned)__builtin_ctzll(event.nodes));
+    unsigned count;
+    const cw_event *events;
+    while (events = cw_bus_peek(s->bus, &count), count > 0) {
+        for (unsigned i = 0; i < count; i++) {
+            if (events[i].kind != CW_EVENT_TX)
+                continue;
+            s->sent++;
+            hand_in(s, (unsigned)__builtin_ctzll(events[i].nodes));
+        }
+        cw_bus_take(s->bus, count);
     }
 }
 

@@ -104,9 +104,13 @@ static void hand_in_before(mix *m, uint64_t tick)
 
 static void take_events(mix *m)
 {
-    cw_event event;
-    while (cw_bus_poll(m->bus, &event))
-        m->sent += event.kind == CW_EVENT_TX;
+    unsigned count;
+    const cw_event *events;
+    while (events = cw_bus_peek(m->bus, &count), count > 0) {
+        for (unsigned i = 0; i < count; i++)
+            m->sent += events[i].kind == CW_EVENT_TX;
+        cw_bus_take(m->bus, count);
+    }
 }
 
 uint64_t bench_mix_run(void *state, uint64_t units)
