@@ -112,9 +112,8 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fputs("    can ", out);
     print_modes(out, settings);
     fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
-            has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
-            number(node, "tec"), number(node, "rec"),
-            number(settings, "restart-ms"));
+            has_link(node) ? upper(state, text(node, "state")) : "STOPPED", number(node, "tec"),
+            number(node, "rec"), number(settings, "restart-ms"));
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }
 
@@ -195,6 +194,15 @@ static void print_loopless(FILE *out, const json_t *node)
                 frames);
 }
 
+/* Where frames may wait that nobody can read. */
+static void print_read_failed(FILE *out, const json_t *node)
+{
+    intmax_t times = number(json_object_get(node, "interface"), "read_failed");
+    if (times > 0)
+        fprintf(out, "    the port could not be read %jd time%s, see the log\n", times,
+                times == 1 ? "" : "s");
+}
+
 /* Where programs wait for room in the queue, in place of losing frames. */
 static void print_push_back(FILE *out, const json_t *node)
 {
@@ -217,6 +225,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
             has_link(node) ? "" : upper(link, text(node, "link")));
     print_state(out, node, bitrate);
     print_push_back(out, node);
+    print_read_failed(out, node);
     print_loopless(out, node);
     print_counters(out, node);
     print_traffic(out, node);

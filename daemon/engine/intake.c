@@ -6,6 +6,8 @@
 
 #include "base/log.h"
 
+#include <string.h>
+
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
 
 /* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the
@@ -56,6 +58,18 @@ static unsigned node_room(const engine *e, unsigned node, bool waits)
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
+static void tell_failure(const engine *e, unsigned node)
+{
+    const char *name = e->config->nodes[node].name;
+    int error;
+    if (!port_read_news(e->now.ports[node], &error))
+        return;
+    if (error != 0)
+        log_node_warning(name, "its port cannot be read: %s", strerror(error));
+    else
+        log_node_info(name, "its port can be read again");
+}
+
 /* Returns whether its node has room for more. When the bus is so far behind that the inbox is full,
  * what waits there waits on; all ports are looked at again soon. */
 static bool read_port(engine *e, unsigned node, const clock_pair *now, bool waits)
@@ -70,6 +84,7 @@ static bool read_port(engine *e, unsigned node, const clock_pair *now, bool wait
         unsigned count = port_read(e->now.ports[node], e->batch, max < room ? max : room, &more);
         hand_in_batch(e, node, count, now);
     }
+    tell_failure(e, node);
     port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
     return max > 0;
 }

@@ -50,13 +50,15 @@ typedef struct port_messages {
 /* The first part of each kind's own. */
 struct port {
     const port_kind *kind;
-    int fd;         /* readable when frames wait; -1 while it is being opened */
-    unsigned index; /* of its interface, or 0 */
+    int fd;                /* readable when frames wait; -1 while it is being opened */
+    unsigned index;        /* of its interface, or 0 */
     unsigned buffer_bytes; /* see port_buffer_bytes() */
     port_stats stats;
     uint32_t drops;        /* as the kernel counts them, modulo 2^32 */
     uint64_t told_dropped; /* of stats.kernel_dropped, what the ECU has been told of ... */
     uint64_t told_tick;    /* ... and when */
+    int read_error;        /* errno of the last read, or 0 */
+    int told_read_error;   /* see port_read_news() */
     errframe_limit limit;
     bool loopless_begun;
     int64_t loopless_before; /* what had been sent without loopback when it was opened */

@@ -63,8 +63,8 @@ int port_fd(const port *p)
 /* Where it cannot be the DLC of eight bytes it is what programs left there, as for Linux. */
 static uint8_t dlc_of(const struct can_frame *in)
 {
-    bool raw = in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN &&
-               in->len8_dlc <= CAN_MAX_RAW_DLC;
+    bool raw =
+        in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN && in->len8_dlc <= CAN_MAX_RAW_DLC;
     return raw ? in->len8_dlc : in->len;
 }
 
@@ -144,6 +144,16 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     return true;
 }
 
+/* A link that is down and an ECU that has gone are told elsewhere. */
+static void note_read(port *p, int received)
+{
+    const int error = received < 0 ? errno : 0;
+    if (error == EINTR || error == ENETDOWN || error == ENODEV || error == ECONNRESET)
+        return;
+    p->read_error = error == EAGAIN ? 0 : error;
+    p->stats.read_failed += p->read_error != 0;
+}
+
 int port_receive(port *p, int socket, unsigned max)
 {
     port_messages *m = &p->messages;
@@ -151,7 +161,9 @@ int port_receive(port *p, int socket, unsigned max)
         m->headers[i].msg_hdr.msg_control = m->controls[i];
         m->headers[i].msg_hdr.msg_controllen = p->kind->control_bytes;
     }
-    return recvmmsg(socket, m->headers, max, MSG_DONTWAIT, NULL);
+    int received = recvmmsg(socket, m->headers, max, MSG_DONTWAIT, NULL);
+    note_read(p, received);
+    return received;
 }
 
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
@@ -167,6 +179,14 @@ unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
 unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     return p->kind->read(p, frames, max, more);
+}
+
+bool port_read_news(port *p, int *error)
+{
+    *error = p->read_error;
+    bool news = (p->read_error != 0) != (p->told_read_error != 0);
+    p->told_read_error = p->read_error;
+    return news;
 }
 
 void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)

@@ -8,8 +8,8 @@
 #include "canwire.h"
 #include "trace/errframe.h"
 
-#define PORT_BATCH 64          /* frames of one read */
-#define PORT_ERROR_TEXT_MAX 300 /* a path and why, as pathsocket.h has it */
+#define PORT_BATCH 64               /* frames of one read */
+#define PORT_ERROR_TEXT_MAX 300     /* a path and why, as pathsocket.h has it */
 #define PORT_BUFFER_BYTES (8 << 20) /* that a port asks for, for frames that wait to be read */
 
 typedef struct port port;
@@ -22,21 +22,22 @@ typedef struct port_frame {
 
 /* Counters, all of them uint64_t. */
 typedef struct port_stats {
-    uint64_t read;           /* frames that were read for the bus */
-    uint64_t written;        /* frames given to the ECU's interface; error frames not counted */
-    uint64_t write_failed;   /* frames that the kernel did not take */
-    uint64_t unheard;        /* frames for an ECU that was not connected; unix:PATH, fd:NUMBER */
-    uint64_t kernel_dropped; /* frames lost in the kernel before they could be read */
-    uint64_t errors_written; /* error frames given to the ECU's interface */
-    uint64_t errors_failed;  /* error frames that the kernel did not take */
+    uint64_t read;            /* frames that were read for the bus */
+    uint64_t read_failed;     /* reads that the kernel refused for reasons of its own */
+    uint64_t written;         /* frames given to the ECU's interface; error frames not counted */
+    uint64_t write_failed;    /* frames that the kernel did not take */
+    uint64_t unheard;         /* frames for an ECU that was not connected; unix:PATH, fd:NUMBER */
+    uint64_t kernel_dropped;  /* frames lost in the kernel before they could be read */
+    uint64_t errors_written;  /* error frames given to the ECU's interface */
+    uint64_t errors_failed;   /* error frames that the kernel did not take */
     uint64_t errors_left_out; /* error frames not written because there were too many */
-    uint64_t errors_unheard; /* error frames for an ECU that was not connected */
-    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
-    uint64_t malformed;      /* messages of an ECU that are no frames */
-    uint64_t connected;      /* how often an ECU connected */
-    uint64_t refused;        /* connections refused since an ECU was connected already */
-    uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
-    uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
+    uint64_t errors_unheard;  /* error frames for an ECU that was not connected */
+    uint64_t errors_ignored;  /* error frames that an ECU wrote itself; they never enter the bus */
+    uint64_t malformed;       /* messages of an ECU that are no frames */
+    uint64_t connected;       /* how often an ECU connected */
+    uint64_t refused;         /* connections refused since an ECU was connected already */
+    uint64_t loopless;    /* frames that programs sent without loopback: on vcan they are lost */
+    uint64_t pushed_back; /* how often it was not read for a while: the node's queue was full */
 } port_stats;
 
 void port_close(port *p);
@@ -55,6 +56,10 @@ int port_fd(const port *p);
 /* Reads up to max frames that wait, from 1 to PORT_BATCH. Returns how many were put into frames;
  * *more tells whether to read again. */
 unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
+
+/* Whether reading has begun to fail, *error an errno, or has ceased to, *error 0, since this was
+ * asked last. That an interface is down or gone, or an ECU, is not meant. */
+bool port_read_news(port *p, int *error);
 
 /* So many frames have been sent on its interface without loopback since that was made, at least and
  * at most. Counts those since it was opened; the first call begins with the most, so that none from

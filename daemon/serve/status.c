@@ -38,6 +38,7 @@ static json_t *interface_json(const port_stats *stats)
 {
     json_t *object = json_object();
     put_count(object, "read", stats->read);
+    put_count(object, "read_failed", stats->read_failed);
     put_count(object, "written", stats->written);
     put_count(object, "write_failed", stats->write_failed);
     put_count(object, "unheard", stats->unheard);

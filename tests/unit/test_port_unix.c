@@ -8,6 +8,7 @@
 #include "engine/engine.h"
 #include "port/open.h"
 
+#include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/can.h>
@@ -21,8 +22,21 @@
 #include <time.h>
 #include <unistd.h>
 
-#define WAIT_MS 10000 /* for what has to come */
+#define WAIT_MS 10000    /* for what has to come */
 #define CLOCKS_NS 500000 /* that two clocks may be read apart */
+
+/* ---- What the kernel refuses ----------------------------------------------------------------- */
+
+static int refusal; /* errno of the next reads, 0: none */
+
+int recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct timespec *timeout)
+{
+    static int (*real)(int, struct mmsghdr *, unsigned, int, struct timespec *);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "recvmmsg");
+    errno = refusal;
+    return refusal ? -1 : real(fd, messages, count, flags, timeout);
+}
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -188,8 +202,7 @@ static void names_tell_the_kind_of_a_port(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         portname name = portname_parse(cases[i].text);
         assert_int_equal(name.kind, cases[i].kind);
-        assert_int_equal(portname_is_interface(cases[i].text),
-                         cases[i].kind == PORTNAME_INTERFACE);
+        assert_int_equal(portname_is_interface(cases[i].text), cases[i].kind == PORTNAME_INTERFACE);
         if (name.kind == PORTNAME_UNIX)
             assert_string_equal(name.path, cases[i].path);
         if (name.kind == PORTNAME_FD)
@@ -256,9 +269,10 @@ static void only_what_counts_in_a_frame_is_taken(void **state)
         uint32_t can_id;
         uint8_t len, len8_dlc, dlc, length;
     } cases[] = {
-        {0x123, 2, 12, 2, 2},  {0x123, 8, 8, 8, 8},   {0x123, 8, 9, 9, 8},
-        {0x123, 8, 15, 15, 8}, {0x123, 8, 16, 8, 8},  {0x123, 8, 255, 8, 8},
-        {0x123, 0, 0, 0, 0},   {0x123 | CAN_RTR_FLAG, 5, 0, 5, 0},
+        {0x123, 2, 12, 2, 2}, {0x123, 8, 8, 8, 8},
+        {0x123, 8, 9, 9, 8},  {0x123, 8, 15, 15, 8},
+        {0x123, 8, 16, 8, 8}, {0x123, 8, 255, 8, 8},
+        {0x123, 0, 0, 0, 0},  {0x123 | CAN_RTR_FLAG, 5, 0, 5, 0},
     };
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
@@ -457,6 +471,37 @@ static void a_second_ecu_is_refused_until_the_first_has_gone(void **state)
     port_frame frames[PORT_BATCH];
     assert_int_equal(read_all(f->port, frames), 1);
     close(second);
+}
+
+/* Once when it begins and once when it ends; who has gone is no failure. */
+static void reads_that_fail_are_counted_and_told(void **state)
+{
+    static const int refusals[] = {ENOMEM, EINTR, EAGAIN, ECONNRESET};
+    fixture *f = *state;
+    int error = 0;
+    for (unsigned i = 0; i < sizeof refusals / sizeof refusals[0]; i++) {
+        bool fails = refusals[i] == ENOMEM;
+        int ecu = connect_to(f->path);
+        assert_int_equal(read_none(f->port), 0);
+        write_raw(ecu, 0x100);
+        refusal = refusals[i];
+        assert_int_equal(read_none(f->port), 0);
+        refusal = 0;
+        assert_int_equal(port_read_news(f->port, &error), fails);
+        assert_int_equal(error, fails ? ENOMEM : 0);
+        assert_false(port_read_news(f->port, &error));
+        assert_int_equal(stats_of(f->port).read_failed, 1);
+        close(ecu);
+        (void)read_none(f->port);
+        ecu = connect_to(f->path);
+        write_raw(ecu, 0x100);
+        port_frame frames[PORT_BATCH];
+        assert_int_equal(read_all(f->port, frames), 1);
+        assert_int_equal(port_read_news(f->port, &error), fails);
+        assert_int_equal(error, 0);
+        close(ecu);
+        (void)read_none(f->port);
+    }
 }
 
 static void what_a_slow_ecu_has_no_room_for_is_counted(void **state)
@@ -750,6 +795,7 @@ int main(void)
         ON_PORT(an_ecu_that_has_gone_unseen_leaves_its_place),
         ON_PORT(descriptors_that_an_ecu_sends_along_are_not_taken),
         ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone),
+        ON_PORT(reads_that_fail_are_counted_and_told),
         ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted),
         ON_PORT(running_out_of_descriptors_is_got_over),
         ON_PORT(the_socket_is_for_user_and_group_alone),
