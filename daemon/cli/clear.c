@@ -7,12 +7,25 @@
 #include "cli/command.h"
 
 static const char clear_help[] =
-    "Ends what a fault rule does and takes it away; without RULE all rules, configured ones too.\n"
+    "Ends what a fault rule does and takes it away; without RULE all rules, configured ones too,\n"
+    "and says how many there were.\n"
     "\n"
     "      --injected   without RULE: only rules that were injected\n";
 
 static const char fire_help[] =
     "Lets a rule with `manual: yes` act once, as if its `after` had hit.\n\n";
+
+/* Says how many rules there were. */
+static int clear_many(const char *bus, json_t *request)
+{
+    json_t *reply = client_ask_once(bus, request);
+    const size_t count = json_array_size(json_object_get(reply, "rules"));
+    if (!reply)
+        return CLI_BAD_INPUT;
+    json_decref(reply);
+    printf("%zu rule%s cleared\n", count, count == 1 ? "" : "s");
+    return CLI_OK;
+}
 
 int cli_clear(int argc, char **argv)
 {
@@ -31,7 +44,7 @@ int cli_clear(int argc, char **argv)
         put_text(request, "rule", argv[first + 1]);
     if (injected)
         put_bool(request, "injected", true);
-    return client_tell(argv[first], request);
+    return first + 1 < argc ? client_tell(argv[first], request) : clear_many(argv[first], request);
 }
 
 int cli_fire(int argc, char **argv)

@@ -22,6 +22,8 @@ static const char help[] =
     "  queue            1 to 4096 frames\n"
     "  order            priority or fifo\n"
     "  warning-limit    1 to 255\n"
+    "\n"
+    "when-full and all other keys change in the configuration, see `canwire reload`.\n"
     "\n";
 
 /* Puts KEY=VALUE into an object. */

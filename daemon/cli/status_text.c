@@ -206,11 +206,11 @@ static void print_read_failed(FILE *out, const json_t *node)
 /* Where programs wait for room in the queue, in place of losing frames. */
 static void print_push_back(FILE *out, const json_t *node)
 {
-    bool now = json_is_true(json_object_get(node, "pushed_back"));
+    bool now = json_is_true(json_object_get(node, "pushing_back"));
     intmax_t times = number(json_object_get(node, "interface"), "pushed_back");
     if (times > 0)
-        fprintf(out, "    queue full, the ECU has had to wait %jd times%s\n", times,
-                now ? ", and does now" : "");
+        fprintf(out, "    queue full, the ECU has had to wait %jd time%s%s\n", times,
+                times == 1 ? "" : "s", now ? ", and does now" : "");
 }
 
 static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)

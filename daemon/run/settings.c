@@ -28,8 +28,10 @@ typedef struct number_key {
 
 /* In the order in which `ip` shows them. */
 static const mode_key mode_keys[] = {
-    {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
-    {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
+    {"loopback", CW_MODE_LOOPBACK},
+    {"listen-only", CW_MODE_LISTEN_ONLY},
+    {"one-shot", CW_MODE_ONE_SHOT},
+    {"berr-reporting", CW_MODE_BERR_REPORTING},
     {"presume-ack", CW_MODE_PRESUME_ACK},
     {"lost-arbitration-reporting", CW_MODE_LOST_ARBITRATION_REPORTING},
 };
@@ -148,6 +150,10 @@ static bool set_order(cw_settings *s, char *error, const json_t *value)
 static bool refuse_key(char *error, const char *key)
 {
     nearest guess = {.word = key};
+    if (strcmp(key, "when-full") == 0) {
+        snprintf(error, SETTINGS_ERROR_MAX, "when-full: change it in the configuration and reload");
+        return false;
+    }
     for (size_t i = 0; i < COUNT_OF(mode_keys); i++)
         nearest_consider(&guess, mode_keys[i].name);
     for (size_t i = 0; i < COUNT_OF(number_keys); i++)

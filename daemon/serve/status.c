@@ -70,7 +70,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);
-    put_bool(object, "pushed_back", own->pushed_back);
+    put_bool(object, "pushing_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
     put_bool(object, "conserved", own->conserved);

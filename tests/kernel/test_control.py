@@ -137,7 +137,7 @@ def test_a_rule_is_injected_and_watched_and_cleared(control, ecus):
     )
     control.tool("clear", "powertrain", "once")
     assert list(control.faults()) == ["configured"]
-    control.tool("clear", "powertrain")
+    assert control.tool("clear", "powertrain") == "1 rule cleared\n"
     assert control.faults() == {}
 
 

@@ -6,6 +6,7 @@ one, in tests/kernel/test_control.py. Needs no CAN in the kernel.
 """
 
 import fcntl
+import json
 import os
 import pty
 import re
@@ -296,6 +297,18 @@ def test_a_bus_that_answers_something_else(odd_bus, tmp_path, words, answer, mes
     assert message in error
     start = "f.yaml" if message.startswith("f.yaml") else "canwire: bus ./odd.sock: "
     assert error.startswith(start)
+
+
+
+@pytest.mark.parametrize("words, rules, told", [
+    ([], [], "0 rules cleared\n"),
+    ([], ["one"], "1 rule cleared\n"),
+    (["--injected"], ["one", "two"], "2 rules cleared\n"),
+    (["one"], ["one"], ""),
+])
+def test_clear_says_how_many_rules_there_were(odd_bus, tmp_path, words, rules, told):
+    odd_bus(json.dumps({"ok": True, "rules": rules}).encode() + b"\n")
+    assert canwire("clear", "./odd.sock", *words, cwd=tmp_path).stdout == told
 
 
 @pytest.mark.parametrize("bus, message", [

@@ -368,6 +368,8 @@ static const refusal refusals[] = {
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"loopback\":1}}", "on or off", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"restart\":1}}", "restart-ms", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"q\":1}}", "there are loopback", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"when-full\":\"wait\"}}",
+     "when-full: change it in the configuration and reload", false},
     {"{\"request\":\"watch\",\"events\":[\"txx\"]}", "kind of event 'txx'", false},
     {"{\"request\":\"watch\",\"events\":[\"tolerated\"]}", "kind of event", false},
     {"{\"request\":\"watch\",\"events\":[7]}", "kind of event", false},
