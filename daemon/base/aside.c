@@ -19,6 +19,8 @@ struct aside {
     ev_async news;
     ev_timer limit;
     pthread_mutex_t lock; /* of all below */
+    clockid_t clock; /* of the processor's time that the thread has used; valid while it works */
+    bool working;
     bool ready;
     bool left; /* nobody waits any more: the thread frees all */
 };
@@ -34,8 +36,12 @@ static void free_aside(aside *a)
 static void *run(void *argument)
 {
     aside *a = argument;
+    (void)pthread_mutex_lock(&a->lock);
+    a->working = pthread_getcpuclockid(pthread_self(), &a->clock) == 0;
+    (void)pthread_mutex_unlock(&a->lock);
     a->calls->work(a->task);
     (void)pthread_mutex_lock(&a->lock);
+    a->working = false;
     const bool left = a->left;
     a->ready = true;
     if (!left)
@@ -71,6 +77,16 @@ static void on_news(struct ev_loop *loop, ev_async *news, int events)
     calls->done(user, task);
 }
 
+static double busy_seconds(aside *a)
+{
+    struct timespec busy = {.tv_sec = 0};
+    (void)pthread_mutex_lock(&a->lock);
+    if (a->working && clock_gettime(a->clock, &busy) != 0)
+        busy = (struct timespec){.tv_sec = 0};
+    (void)pthread_mutex_unlock(&a->lock);
+    return (double)busy.tv_sec + (double)busy.tv_nsec * 1e-9;
+}
+
 static void on_limit(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
@@ -78,8 +94,9 @@ static void on_limit(struct ev_loop *loop, ev_timer *timer, int events)
     aside *a = timer->data;
     const aside_calls *calls = a->calls;
     void *user = a->user;
+    const double busy_s = busy_seconds(a);
     aside_leave(a);
-    calls->late(user);
+    calls->late(user, busy_s);
 }
 
 aside *aside_start(struct ev_loop *loop, const aside_calls *calls, void *task, void *user,

@@ -17,7 +17,9 @@ typedef struct aside_calls {
     void (*work)(void *task); /* in the thread; touches nothing but the task */
     void (*drop)(void *task); /* frees a task that nobody waits for any more; in the thread */
     void (*done)(void *user, void *task); /* in the loop; the task is the caller's again */
-    void (*late)(void *user); /* in the loop: the time is over, the task is left to the thread */
+    /* In the loop: the time is over, the task is left to the thread, which has kept a processor
+     * busy for so long. */
+    void (*late)(void *user, double busy_s);
 } aside_calls;
 
 /* Begins it. The calls must live longer. NULL when there is no memory or thread (errno); the task

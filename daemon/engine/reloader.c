@@ -10,8 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LEFT_MAX 4u /* rounds that were given up and whose threads still hang, after which there is
-                       no other */
+#define BUSY_S 0.1 /* what works for so long does not hang */
+#define WHY_MAX 140
+#define LEFT_MAX                                                                                   \
+    4u /* rounds that were given up and whose threads still hang, after which there is             \
+          no other */
 
 /* What a thread works on. */
 typedef struct reading {
@@ -91,16 +94,22 @@ static void on_done(void *user, void *task)
     go_on(r);
 }
 
-static void on_late(void *user)
+static void on_late(void *user, double busy_s)
 {
     reloader *r = user;
     char *text = NULL;
     char none[] = "out of memory\n";
+    char why[WHY_MAX] = "; does a disk or a network hang?";
     r->aside = NULL;
+    if (busy_s >= BUSY_S)
+        (void)snprintf(why, sizeof why,
+                       ", after %.1f s of work: are the files large, are large profiles loaded "
+                       "often, or is the machine busy?",
+                       busy_s);
     if (asprintf(&text,
                  "%s: reading it, and the files that it names, takes longer than %d s and is given "
-                 "up; does a disk or a network hang?\n",
-                 r->file, RELOADER_LIMIT_S) < 0)
+                 "up%s\n",
+                 r->file, RELOADER_LIMIT_S, why) < 0)
         text = NULL;
     r->calls->over(r->user, r->round, text ? text : none);
     free(text);

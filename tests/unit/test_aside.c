@@ -6,6 +6,7 @@
 #include "engine/reloader.h"
 #include "trace/ahead.h"
 
+#include <dlfcn.h>
 #include <pthread.h>
 #include <semaphore.h>
 #include <setjmp.h>
@@ -15,7 +16,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
+#include <yaml.h>
 
 #include <cmocka.h>
 
@@ -23,6 +26,7 @@
 #define ALONE_MAX 100
 #define SOON_S 0.01
 #define NEVER_S 1e6
+#define BUSY_NS 20000000
 
 /* ---- Threads that nobody waits for ----------------------------------------------------------- */
 
@@ -43,10 +47,53 @@ static void wait_for_threads(void)
         assert_int_equal(pthread_join(alone[--alone_count], NULL), 0);
 }
 
+/* ---- Reading that takes long ----------------------------------------------------------------- */
+
+static struct {
+    sem_t *goes_on; /* NULL: reading takes no time */
+    int busy_s;     /* that any thread has used */
+} reading;
+
+int yaml_parser_initialize(yaml_parser_t *parser)
+{
+    static int (*real)(yaml_parser_t *);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "yaml_parser_initialize");
+    while (reading.goes_on && sem_wait(reading.goes_on) != 0)
+        continue;
+    if (reading.goes_on)
+        (void)sem_post(reading.goes_on);
+    return real(parser);
+}
+
+int clock_gettime(clockid_t clock, struct timespec *now)
+{
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "clock_gettime");
+    if (reading.goes_on && clock < 0) {
+        *now = (struct timespec){.tv_sec = reading.busy_s};
+        return 0;
+    }
+    return real(clock, now);
+}
+
+/* Nor is it to take long here. */
+void ev_timer_start(struct ev_loop *loop, ev_timer *timer)
+{
+    static void (*real)(struct ev_loop *, ev_timer *);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "ev_timer_start");
+    if (reading.goes_on)
+        ev_timer_set(timer, SOON_S, 0.0);
+    real(loop, timer);
+}
+
 /* ---- Tasks ----------------------------------------------------------------------------------- */
 
 /* A task that takes as long as it is told. */
 typedef struct task {
+    sem_t *works; /* it works first, and says when it has; or NULL */
     sem_t *goes_on;
     atomic_uint *dropped;
 } task;
@@ -55,13 +102,25 @@ typedef struct world {
     struct ev_loop *loop;
     unsigned done;
     unsigned late;
+    double busy_s; /* of the late one */
     sem_t goes_on; /* once it has been posted, for all tasks */
     atomic_uint dropped;
 } world;
 
+static void be_busy(void)
+{
+    struct timespec used = {.tv_sec = 0};
+    while (used.tv_nsec < BUSY_NS && used.tv_sec == 0)
+        (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used);
+}
+
 static void work(void *argument)
 {
     const task *t = argument;
+    if (t->works)
+        be_busy();
+    if (t->works)
+        (void)sem_post(t->works);
     while (sem_wait(t->goes_on) != 0)
         continue;
     (void)sem_post(t->goes_on);
@@ -81,21 +140,27 @@ static void on_done(void *user, void *argument)
     free(argument);
 }
 
-static void on_late(void *user)
+static void on_late(void *user, double busy_s)
 {
     world *w = user;
+    w->busy_s = busy_s;
     w->late++;
 }
 
 static const aside_calls calls = {.work = work, .drop = drop, .done = on_done, .late = on_late};
 
-static aside *begin(world *w, double limit_s)
+static aside *begin_work(world *w, double limit_s, sem_t *works)
 {
     task *t = malloc(sizeof *t);
-    *t = (task){.goes_on = &w->goes_on, .dropped = &w->dropped};
+    *t = (task){.works = works, .goes_on = &w->goes_on, .dropped = &w->dropped};
     aside *a = aside_start(w->loop, &calls, t, w, limit_s);
     assert_non_null(a);
     return a;
+}
+
+static aside *begin(world *w, double limit_s)
+{
+    return begin_work(w, limit_s, NULL);
 }
 
 static int set_up(void **state)
@@ -165,6 +230,21 @@ static void what_takes_too_long_is_given_up_and_thrown_away(void **state)
     assert_int_equal(w->done, 0);
 }
 
+static void what_is_late_tells_whether_it_works(void **state)
+{
+    world *w = *state;
+    sem_t works;
+    (void)sem_init(&works, 0, 0);
+    begin_work(w, SOON_S, &works);
+    while (sem_wait(&works) != 0)
+        continue;
+    WAIT_UNTIL(w, w->late == 1);
+    assert_true(w->busy_s >= BUSY_NS * 1e-9 && w->busy_s < PATIENCE_S);
+    (void)sem_post(&w->goes_on);
+    wait_for_threads();
+    (void)sem_destroy(&works);
+}
+
 static void what_is_left_alone_tells_nothing(void **state)
 {
     world *w = *state;
@@ -215,8 +295,7 @@ static void on_over(void *user, uint64_t round, char *errors)
         (void)snprintf(t->errors, sizeof t->errors, "%s", errors);
 }
 
-static const reloader_calls reload_calls = {
-    .begins = on_begins, .take = on_take, .over = on_over};
+static const reloader_calls reload_calls = {.begins = on_begins, .take = on_take, .over = on_over};
 
 static void reloads_come_in_rounds(void **state)
 {
@@ -254,6 +333,39 @@ static void reloads_come_in_rounds(void **state)
     assert_string_equal(t.errors, "canwired is stopping\n");
     wait_for_threads();
     assert_int_equal(aside_left(), 0);
+}
+
+/* What helps against a disk that hangs does not help against too much work. */
+static void a_reload_that_is_given_up_says_what_helps(void **state)
+{
+    static const struct {
+        int busy_s;
+        const char *words;
+    } cases[] = {
+        {0, "takes longer than 10 s and is given up; does a disk or a network hang?\n"},
+        {5, "takes longer than 10 s and is given up, after 5.0 s of work: are the files large, "
+            "are large profiles loaded often, or is the machine busy?\n"},
+    };
+    world *w = *state;
+    char file[] = "/tmp/test_aside.XXXXXX";
+    close(mkstemp(file));
+    for (unsigned i = 0; i < 2; i++) {
+        const fileuses none = {.count = 0};
+        told t = {.began = 0};
+        reloader *r = reloader_new(w->loop, &none, &reload_calls, &t);
+        reading.goes_on = &w->goes_on;
+        reading.busy_s = cases[i].busy_s;
+        assert_int_equal(reloader_ask(r, file, stderr), 1);
+        WAIT_UNTIL(w, t.bad == 1);
+        assert_non_null(strstr(t.errors, cases[i].words));
+        reloader_free(r);
+        (void)sem_post(&w->goes_on);
+        wait_for_threads();
+        while (sem_trywait(&w->goes_on) == 0)
+            continue;
+        reading.goes_on = NULL;
+    }
+    unlink(file);
 }
 
 /* ---- Files that are read ahead --------------------------------------------------------------- */
@@ -337,8 +449,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         CASE(what_is_done_is_told_in_the_loop),
         CASE(what_takes_too_long_is_given_up_and_thrown_away),
+        CASE(what_is_late_tells_whether_it_works),
         CASE(what_is_left_alone_tells_nothing),
         CASE(reloads_come_in_rounds),
+        CASE(a_reload_that_is_given_up_says_what_helps),
         CASE(all_entries_come_in_their_order),
         CASE(a_small_file_comes_again_and_again),
         CASE(it_can_be_closed_at_any_time),
