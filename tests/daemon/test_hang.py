@@ -17,7 +17,7 @@ import threading
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, ROOT, kill_all, stop_canwired
+from simtool import CANWIRE, CANWIRED, ROOT, answer, kill_all, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -71,10 +71,7 @@ class Bus:
         return ecu
 
     def canwire(self, *words, status=0):
-        result = subprocess.run([CANWIRE, *words], cwd=self.folder, capture_output=True, text=True,
-                                timeout=PATIENCE_S, check=False)
-        assert result.returncode == status, result.stderr
-        return result.stdout if status == 0 else result.stderr
+        return answer(self.folder, *words, status=status)
 
     def status(self):
         return json.loads(self.canwire("status", "./day.sock", "--json"))

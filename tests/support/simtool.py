@@ -29,6 +29,12 @@ def canwire(*arguments, status=0, cwd=None):
     return run(CANWIRE, *arguments, status=status, cwd=cwd)
 
 
+def answer(folder, *arguments, status=0):
+    """What the tool says: on standard error when it is to fail."""
+    result = canwire(*arguments, status=status, cwd=folder)
+    return result.stdout if status == 0 else result.stderr
+
+
 def sim(*arguments, status=0, cwd=None):
     return canwire("sim", *arguments, status=status, cwd=cwd)
 

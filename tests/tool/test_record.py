@@ -16,7 +16,7 @@ from pathlib import Path
 import can
 import pytest
 
-from simtool import CANWIRE, CANWIRED, kill_all, stop_canwired
+from simtool import CANWIRE, CANWIRED, answer, kill_all, stop_canwired
 
 PATIENCE_S = 30
 
@@ -62,10 +62,7 @@ class Bus:
         (self.folder / "bus.yaml").write_text(text)
 
     def canwire(self, *words, status=0):
-        result = subprocess.run([CANWIRE, *words], cwd=self.folder, capture_output=True, text=True,
-                                timeout=PATIENCE_S, check=False)
-        assert result.returncode == status, result.stderr
-        return result.stdout if status == 0 else result.stderr
+        return answer(self.folder, *words, status=status)
 
     def status(self):
         return json.loads(self.canwire("status", "./rec.sock", "--json"))
