@@ -187,7 +187,7 @@ def test_what_it_had_to_send_is_dropped_and_its_counters_are_reset(vcan, bus):
                 "{ name: alone, when: { time: 0s }, "
                 "do: { partition: [[dash], [engine, gearbox]] } }")
     b.ecu("vcan2").send(*frames(0x100, 5))
-    wait_until(lambda: b.nodes()["dash"]["tec"] == 128, "TEC 128")
+    wait_until(lambda: (n := b.nodes()["dash"])["tec"] == 128 and n["queue"] == 5, "TEC 128")
     ip("link set vcan2 down")
     b.wait_link("dash", "down")
     dash = b.nodes()["dash"]

@@ -17,7 +17,8 @@ class Ecu:
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket.settimeout(PATIENCE_S)
-        self.socket.connect(str(path))
+        # the file is there a moment before somebody listens
+        wait_until(lambda: self.socket.connect_ex(str(path)) == 0, f"somebody who listens at {path}")
 
     def send(self, *texts):
         for text in texts:
