@@ -167,6 +167,11 @@ static void note_refusal(service *s, const char *why)
 {
     (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
                    why);
+}
+
+/* After all messages: who waits for the end of a reload finds them in the journal. */
+static void end_refusal(service *s)
+{
     if (!reloader_is_busy(s->reloader) && !s->stopping)
         notify_ready(s->notifier);
 }
@@ -194,6 +199,8 @@ static void on_round(void *user, uint64_t round, char *errors)
         control_reloaded(s->control, round, errors);
     if (errors && s->hangups[round % 2] == round)
         log_refusal(s, errors);
+    if (errors)
+        end_refusal(s);
 }
 
 static const reloader_calls reload_calls = {
@@ -222,6 +229,7 @@ static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
     if (round == 0) {
         note_refusal(s, errors && text ? text : none);
         log_refusal(s, errors && text ? text : none);
+        end_refusal(s);
     }
     s->hangups[round % 2] = round;
     free(text);
@@ -232,8 +240,10 @@ static uint64_t on_reload_request(void *user, FILE *errors)
 {
     service *s = user;
     uint64_t round = ask_for_reload(s, errors);
-    if (round == 0)
+    if (round == 0) {
         note_refusal(s, "it cannot be begun");
+        end_refusal(s);
+    }
     return round;
 }
 

@@ -15,6 +15,7 @@ import socket
 import struct
 import subprocess
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -432,3 +433,39 @@ def test_messages_of_the_tool_have_no_control_characters(canwired):
                                 check=False)
         assert result.returncode == 1 and result.stderr.endswith(b"'a?[31m??1m?b??'\n")
     daemon.stop()
+
+
+def test_the_messages_of_a_refused_reload_come_before_its_end_is_told(canwired, tmp_path,
+                                                                      monkeypatch):
+    """Who waits for READY=1 finds them: while they cannot be written it is not told."""
+    out, into = os.pipe()
+    with (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager,
+          os.fdopen(out, "rb") as errors):
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(PATIENCE_S)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        daemon = canwired(stderr=into)
+        while b"READY=1" not in manager.recv(4096):
+            pass
+        os.set_blocking(into, False)
+        with contextlib.suppress(BlockingIOError):
+            while os.write(into, b"."):
+                pass
+        os.set_blocking(into, True)
+        os.close(into)
+        (tmp_path / "bus.yaml").write_text("bus: {}\n")
+        daemon.process.send_signal(signal.SIGHUP)
+        syscall = Path(f"/proc/{daemon.process.pid}/syscall")
+        wait_until(lambda: syscall.read_text().split()[1:2] == ["0x2"], "a message that waits")
+        manager.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            while told := manager.recv(4096):
+                assert b"READY=1" not in told
+        manager.settimeout(PATIENCE_S)
+        text = b""
+        while b"nothing was changed\n" not in text:
+            text += errors.read1()
+        while b"READY=1" not in manager.recv(4096):
+            pass
+        daemon.process.terminate()
+        assert daemon.process.wait(PATIENCE_S) == 0
