@@ -18,7 +18,7 @@ class Ecu:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket.settimeout(PATIENCE_S)
         # the file is there a moment before somebody listens
-        wait_until(lambda: self.socket.connect_ex(str(path)) == 0, f"somebody who listens at {path}")
+        wait_until(lambda: self.socket.connect_ex(str(path)) == 0, f"who listens at {path}")
 
     def send(self, *texts):
         for text in texts:
