@@ -36,7 +36,7 @@ static void run_due(cw_bus *bus)
     do {
         bus->work += bus->faults.awake_count;
         if (bus->news || bus->faults.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
-            cw_leap_end(bus);
+            cw_wake_controllers(bus);
         cw_fault_run_due(bus);
         run_due_nodes(bus);
         if (bus->news)
@@ -135,7 +135,7 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping)
     bus->stepping = stepping;
     if (!stepping)
         return;
-    cw_leap_end(bus);
+    cw_wake_controllers(bus);
     cw_leave(bus, bus->all);
 }
 
@@ -143,7 +143,7 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
 {
     bus->watching = watching;
     if (watching)
-        cw_leap_end(bus);
+        cw_wake_controllers(bus);
 }
 
 /* What happens at the end of a bit is seen in it: so the last one is not left out. */

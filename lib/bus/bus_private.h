@@ -365,8 +365,10 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick);
 /* Goes on in a leap; at least one bit lies before tick. */
 void cw_leap_on(cw_bus *bus, uint64_t tick);
 
-/* Puts all controllers where they are by now; does nothing when no leap is under way. */
-void cw_leap_end(cw_bus *bus);
+/* Ends the frame step that is under way, if there is one: puts all controllers where they are by
+ * now. Public calls do so before they do anything to a controller, and time does before rules and
+ * restarts that are due; nobody else. */
+void cw_wake_controllers(cw_bus *bus);
 
 /* Asserts that what is known of who is there is so. */
 void cw_assert_crowd(const cw_bus *bus);
@@ -383,7 +385,7 @@ uint64_t cw_leap_horizon(const cw_bus *bus);
 /* The controller of a node, shared or its own. */
 const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
 
-/* The node's own controller, to do something to it. */
+/* The node's own controller, to do something to it; controllers must be awake. */
 cw_mac *cw_own_mac(cw_bus *bus, unsigned node);
 
 /* These nodes have controllers of their own from now on. */

@@ -241,6 +241,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
         return CW_INVALID;
     if (!cw_ring_has_room(bus))
         return CW_FULL;
+    cw_wake_controllers(bus);
     cw_mac *m = cw_own_mac(bus, i);
     m->offered = false;
     m->role = CW_ROLE_NONE;
@@ -278,6 +279,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
         return CW_REFUSED;
     if (!cw_ring_has_room(bus))
         return CW_FULL;
+    cw_wake_controllers(bus);
     cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
@@ -381,6 +383,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     if (i >= bus->node_count || !cw_settings_valid(&bus->nodes[i], s))
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
+    cw_wake_controllers(bus);
     if (s->which & CW_SET_MODES)
         set_modes(bus, i, s);
     if (s->which & CW_SET_RESTART)

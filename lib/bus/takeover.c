@@ -135,7 +135,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     uint8_t to[CW_NODES_MAX];
     if (!fits(bus, old, from))
         return CW_INVALID;
-    cw_leap_end(old);
+    cw_wake_controllers(old);
     cw_leave(old, old->all);
     cw_set_contenders(old, 0);
     cw_set_listeners(old, 0);

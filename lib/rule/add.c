@@ -48,7 +48,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
         return CW_INVALID;
     if (place == set->capacity)
         return CW_FULL;
-    cw_leap_end(bus); /* it went by the rules that there were */
+    cw_wake_controllers(bus); /* it went by the rules that there were */
     if (place == set->count)
         set->count++;
     cw_fault *f = &set->faults[place];
@@ -81,7 +81,7 @@ cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
 {
     if (!is_rule(bus, index))
         return CW_INVALID;
-    cw_leap_end(bus);
+    cw_wake_controllers(bus);
     cw_fault_end_action(bus, index);
     return CW_OK;
 }
@@ -109,7 +109,7 @@ cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
 {
     if (!is_rule(bus, index))
         return CW_INVALID;
-    cw_leap_end(bus);
+    cw_wake_controllers(bus);
     cw_fault_end_action(bus, index);
     disown_frames(bus, index);
     abandon_followers(bus, index);

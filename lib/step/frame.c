@@ -237,7 +237,7 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
     count_bits(bus, passed);
     if (stands)
         return true;
-    cw_leap_end(bus);
+    cw_wake_controllers(bus);
     cw_step_with(bus, &levels);
     return false;
 }
@@ -381,7 +381,7 @@ static void look_at_stop(cw_bus *bus)
     }
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
     if (!cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
-        cw_leap_end(bus);
+        cw_wake_controllers(bus);
     else
         cw_fault_find_stop(bus, bus->leap.at + 1u);
 }
@@ -399,7 +399,7 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
     if (leap->broken || leap->at == end_of(leap)) {
-        cw_leap_end(bus);
+        cw_wake_controllers(bus);
         return;
     }
     if (leap->at == leap->stop) {
@@ -412,7 +412,7 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
     }
     unsigned bits = bits_to_go(bus, tick);
     if (bits == 0) {
-        cw_leap_end(bus);
+        cw_wake_controllers(bus);
         return;
     }
     if (!leap->at_work)

@@ -67,7 +67,7 @@ static uint64_t nodes_in_frame(const cw_leap *leap)
     return leap->at > 0 ? leap->riders : 0;
 }
 
-void cw_leap_end(cw_bus *bus)
+void cw_wake_controllers(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     cw_mac point;

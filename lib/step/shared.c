@@ -13,6 +13,8 @@
 #include "mac/confinement.h"
 #include "format/bitset.h"
 
+#include <assert.h>
+
 /* The shared controller's own counters mean nothing: its REC begins each bit here, and how it moves
  * is how those of its followers do. Neither limit is in reach. */
 #define REC_BASE 64u
@@ -28,7 +30,7 @@ void cw_leave(cw_bus *bus, uint64_t nodes)
 
 cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
 {
-    cw_leap_end(bus);
+    assert(!bus->leap.active);
     bus->crowd.valid = false;
     cw_leave(bus, cw_node_bit(i));
     return &bus->nodes[i].mac;
