@@ -68,12 +68,12 @@ static void carve_faults(arena *a, cw_fault_set *set, const cw_bus_config *c)
 {
     size_t capacity = (size_t)c->rule_count + c->rule_room;
     cw_fault *faults = carve(a, capacity, sizeof *faults);
-    cw_fault_key *exact = carve(a, capacity, sizeof *exact);
-    uint16_t *wild = carve(a, capacity, sizeof *wild);
+    cw_fault_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
+    uint16_t *wildcards = carve(a, capacity, sizeof *wildcards);
     uint16_t *awake = carve(a, capacity, sizeof *awake);
     if (set)
-        *set = (cw_fault_set){.faults = faults, .exact = exact, .wild = wild, .awake = awake,
-                              .capacity = (unsigned)capacity, .stale = true,
+        *set = (cw_fault_set){.faults = faults, .keys = keys, .wildcards = wildcards,
+                              .awake = awake, .capacity = (unsigned)capacity, .stale = true,
                               .next_due = CW_NEVER};
 }
 

@@ -6,6 +6,7 @@
 
 #include "rule/list.h"
 
+#include <limits.h>
 #include <string.h>
 
 /* ---- Frames and filters ---------------------------------------------------------------------- */
@@ -45,54 +46,63 @@ static bool data_matches(const cw_rule *rule, const cw_frame *frame)
     return true;
 }
 
-/* ---- Index: frame rules by their identifier -------------------------------------------------- */
+/* ---- Classes of identifiers ------------------------------------------------------------------ */
 
-#define EXACT_MASK (CW_FILTER_EXTENDED | 0x7FFu)
-#define EXACT_MASK_EXTENDED (CW_FILTER_EXTENDED | 0x1FFFFFFFu)
+/* What filters look at in an identifier: filters that look at the same bits are of one class. The
+ * first two are for single identifiers; the others are given out as they are needed. */
+#define BASE_BITS (CW_FILTER_EXTENDED | 0x7FFu)
+#define EXTENDED_BITS (CW_FILTER_EXTENDED | 0x1FFFFFFFu)
+#define FIRST_FREE_CLASS 2u
 
-/* Whether a rule waits for one identifier only. */
-static bool has_exact_id(const cw_rule *rule, uint32_t *id)
+/* The class of a mask, a new one if need be; CW_ID_CLASSES: there is no room for one more. */
+static unsigned class_of(cw_fault_set *set, uint32_t mask)
 {
-    if (rule->filter_count != 1 || rule->filters[0].inverted)
-        return false;
-    const cw_filter *f = &rule->filters[0];
-    uint32_t needed = f->value & CW_FILTER_EXTENDED ? EXACT_MASK_EXTENDED : EXACT_MASK;
-    *id = f->value & needed;
-    return (f->mask & needed) == needed;
+    unsigned room = CW_ID_CLASSES;
+    set->classes[0].mask = BASE_BITS;
+    set->classes[1].mask = EXTENDED_BITS;
+    for (unsigned i = 0; i < CW_ID_CLASSES; i++) {
+        bool given = i < FIRST_FREE_CLASS || set->classes[i].count > 0;
+        if (given && set->classes[i].mask == mask)
+            return i;
+        if (!given && room == CW_ID_CLASSES)
+            room = i;
+    }
+    if (room < CW_ID_CLASSES)
+        set->classes[room].mask = mask;
+    return room;
 }
 
 static unsigned id_hash(uint32_t id)
 {
-    return id * UINT32_C(2654435761) >> 20;
+    return id * UINT32_C(2654435761) >> (32 - CW_ID_HASH_BITS);
 }
 
-static bool may_be_exact(const cw_fault_set *set, uint32_t id)
+/* Whether a rule may wait for an identifier by a filter of a class: one look at a table tells for
+ * most that none does. */
+static inline bool may_wait(const cw_fault_set *set, unsigned class, uint32_t id)
 {
-    unsigned hash = id_hash(id);
-    return set->id_filter[hash / 64] >> (hash % 64) & 1u;
+    return set->id_classes[id_hash(id & set->classes[class].mask)] >> class & 1u;
 }
 
-bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame)
+bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame)
 {
-    return may_be_exact(set, can_id(frame) & ~CW_FILTER_REMOTE);
+    const uint32_t id = can_id(frame);
+    for (unsigned i = 0; i < set->class_count; i++)
+        if (may_wait(set, i, id))
+            return true;
+    return false;
 }
 
-static void filter_ids(cw_fault_set *set)
-{
-    memset(set->id_filter, 0, sizeof set->id_filter);
-    for (unsigned i = 0; i < set->exact_count; i++) {
-        unsigned hash = id_hash(set->exact[i].id);
-        set->id_filter[hash / 64] |= UINT64_C(1) << (hash % 64);
-    }
-}
+/* ---- Keys ------------------------------------------------------------------------------------ */
 
-static unsigned find_exact(const cw_fault_set *set, uint32_t id, unsigned rule)
+/* Where a key of a class stands, or would stand. */
+static unsigned find_key(const cw_fault_set *set, unsigned class, uint32_t id, unsigned rule)
 {
-    unsigned low = 0;
-    unsigned high = set->exact_count;
+    unsigned low = set->classes[class].first;
+    unsigned high = low + set->classes[class].count;
     while (low < high) {
         unsigned middle = (low + high) / 2;
-        const cw_fault_key *k = &set->exact[middle];
+        const cw_fault_key *k = &set->keys[middle];
         if (k->id < id || (k->id == id && k->rule < rule))
             low = middle + 1;
         else
@@ -101,69 +111,149 @@ static unsigned find_exact(const cw_fault_set *set, uint32_t id, unsigned rule)
     return low;
 }
 
+static void note_id(cw_fault_set *set, const cw_fault_key *k)
+{
+    uint8_t *classes = &set->id_classes[id_hash(k->id)];
+    *classes = (uint8_t)(*classes | 1u << k->class);
+}
+
+static void add_key(cw_fault_set *set, cw_fault_key key)
+{
+    unsigned place = find_key(set, key.class, key.id, key.rule);
+    memmove(&set->keys[place + 1], &set->keys[place],
+            (set->key_count - place) * sizeof set->keys[0]);
+    set->keys[place] = key;
+    set->key_count++;
+    set->classes[key.class].count++;
+    for (unsigned i = key.class + 1u; i < CW_ID_CLASSES; i++)
+        set->classes[i].first++;
+    if (set->class_count <= key.class)
+        set->class_count = key.class + 1u;
+    note_id(set, &key);
+}
+
+/* After keys have gone. */
+static void count_keys(cw_fault_set *set)
+{
+    memset(set->id_classes, 0, sizeof set->id_classes);
+    for (unsigned i = 0; i < CW_ID_CLASSES; i++)
+        set->classes[i].count = 0;
+    for (unsigned i = 0; i < set->key_count; i++) {
+        set->classes[set->keys[i].class].count++;
+        note_id(set, &set->keys[i]);
+    }
+    set->class_count = 0;
+    for (unsigned i = 0, first = 0; i < CW_ID_CLASSES; i++) {
+        set->classes[i].first = (uint16_t)first;
+        first += set->classes[i].count;
+        if (set->classes[i].count > 0)
+            set->class_count = i + 1;
+    }
+}
+
+static void remove_keys(cw_fault_set *set, unsigned rule)
+{
+    unsigned kept = 0;
+    for (unsigned i = 0; i < set->key_count; i++)
+        if (set->keys[i].rule != rule)
+            set->keys[kept++] = set->keys[i];
+    if (kept == set->key_count)
+        return;
+    set->key_count = kept;
+    count_keys(set);
+}
+
+/* False: the filter looks at no bit of the identifier or takes what differs, or there is no class
+ * for it. */
+static bool add_filter(cw_fault_set *set, unsigned rule, const cw_filter *f)
+{
+    const uint32_t mask = f->mask & EXTENDED_BITS;
+    if (mask == 0 || f->inverted)
+        return false;
+    const unsigned class = class_of(set, mask);
+    if (class == CW_ID_CLASSES)
+        return false;
+    add_key(set, (cw_fault_key){.id = f->value & mask, .rule = (uint16_t)rule,
+                                .class = (uint8_t)class});
+    return true;
+}
+
+/* A key for each filter of a rule. False: one can have none; keys of those before it are there. */
+static bool add_keys(cw_fault_set *set, unsigned rule)
+{
+    const cw_rule *r = &set->faults[rule].rule;
+    for (unsigned i = 0; i < r->filter_count; i++)
+        if (!add_filter(set, rule, &r->filters[i]))
+            return false;
+    return r->filter_count > 0;
+}
+
+/* ---- The index ------------------------------------------------------------------------------- */
+
 void cw_fault_index_add(cw_fault_set *set, unsigned rule)
 {
-    uint32_t id;
-    const cw_rule *r = &set->faults[rule].rule;
-    if (r->trigger != CW_TRIGGER_FRAME)
+    if (set->faults[rule].rule.trigger != CW_TRIGGER_FRAME || add_keys(set, rule))
         return;
-    if (!has_exact_id(r, &id)) {
-        cw_list_add(set->wild, &set->wild_count, rule);
-        return;
-    }
-    unsigned place = find_exact(set, id, rule);
-    memmove(&set->exact[place + 1], &set->exact[place],
-            (set->exact_count - place) * sizeof set->exact[0]);
-    set->exact[place] = (cw_fault_key){.id = id, .rule = (uint16_t)rule};
-    set->exact_count++;
-    filter_ids(set);
+    remove_keys(set, rule);
+    cw_list_add(set->wildcards, &set->wildcard_count, rule);
 }
 
 void cw_fault_index_remove(cw_fault_set *set, unsigned rule)
 {
-    cw_list_remove(set->wild, &set->wild_count, rule);
-    for (unsigned i = 0; i < set->exact_count; i++) {
-        if (set->exact[i].rule != rule)
-            continue;
-        set->exact_count--;
-        memmove(&set->exact[i], &set->exact[i + 1],
-                (set->exact_count - i) * sizeof set->exact[0]);
-        filter_ids(set);
-        return;
-    }
+    cw_list_remove(set->wildcards, &set->wildcard_count, rule);
+    remove_keys(set, rule);
+}
+
+/* Keys of a class with the frame's identifier, if there are any. */
+static void add_run(cw_candidates *c, const cw_fault_set *set, unsigned class)
+{
+    const uint32_t id = c->id & set->classes[class].mask;
+    const unsigned end = set->classes[class].first + set->classes[class].count;
+    cw_key_run run = {.next = (uint16_t)find_key(set, class, id, 0)};
+    run.end = run.next;
+    while (run.end < end && set->keys[run.end].id == id)
+        run.end++;
+    if (run.next < run.end)
+        c->runs[c->run_count++] = run;
 }
 
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame)
 {
     const cw_fault_set *set = &bus->faults;
-    *c = (cw_candidates){.frame = frame, .id = can_id(frame)};
-    uint32_t id = c->id & ~CW_FILTER_REMOTE;
-    if (!may_be_exact(set, id))
-        return;
-    c->exact = find_exact(set, id, 0);
-    c->exact_end = c->exact;
-    while (c->exact_end < set->exact_count && set->exact[c->exact_end].id == id)
-        c->exact_end++;
+    c->frame = frame;
+    c->id = can_id(frame);
+    c->run_count = 0;
+    c->wildcard = 0;
+    for (unsigned i = 0; i < set->class_count; i++)
+        if (may_wait(set, i, c->id))
+            add_run(c, set, i);
 }
 
-/* The next rule of either list, in order. */
-static bool next_in_lists(cw_candidates *c, unsigned *rule, const cw_fault_set *set)
+/* The next rule of all runs and the list, in order: with several filters it may be in several. */
+static bool next_rule(cw_candidates *c, unsigned *rule, const cw_fault_set *set)
 {
-    bool exact = c->exact < c->exact_end;
-    bool wild = c->wild < set->wild_count;
-    if (exact && wild)
-        exact = set->exact[c->exact].rule < set->wild[c->wild];
-    if (exact)
-        *rule = set->exact[c->exact++].rule;
-    else if (wild)
-        *rule = set->wild[c->wild++];
-    return exact || wild;
+    const bool listed = c->wildcard < set->wildcard_count;
+    unsigned next = listed ? set->wildcards[c->wildcard] : UINT_MAX;
+    for (unsigned i = 0; i < c->run_count; i++) {
+        const cw_key_run *run = &c->runs[i];
+        if (run->next < run->end && set->keys[run->next].rule < next)
+            next = set->keys[run->next].rule;
+    }
+    if (listed && set->wildcards[c->wildcard] == next)
+        c->wildcard++;
+    for (unsigned i = 0; i < c->run_count; i++) {
+        cw_key_run *run = &c->runs[i];
+        while (run->next < run->end && set->keys[run->next].rule == next)
+            run->next++;
+    }
+    *rule = next;
+    return next != UINT_MAX;
 }
 
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
 {
     const cw_fault_set *set = &bus->faults;
-    while (next_in_lists(c, rule, set)) {
+    while (next_rule(c, rule, set)) {
         const cw_rule *r = &set->faults[*rule].rule;
         if (id_matches(c->id, r->filters, r->filter_count) &&
             (r->data_length == 0 || data_matches(r, c->frame)))

@@ -68,12 +68,12 @@ static void find_usual(cw_fault_set *set)
 {
     set->usual = (cw_watch){.rule = CW_NO_RULE};
     set->has_usual = true;
-    for (unsigned i = 0; i < set->wild_count; i++) {
-        const cw_fault *f = &set->faults[set->wild[i]];
+    for (unsigned i = 0; i < set->wildcard_count; i++) {
+        const cw_fault *f = &set->faults[set->wildcards[i]];
         if (!cw_fault_acts_on_wire(f) || cw_fault_is_over(f))
             continue;
         set->has_usual = set->has_usual && is_undemanding(&f->rule);
-        add_watcher(&set->usual, set, set->wild[i]);
+        add_watcher(&set->usual, set, set->wildcards[i]);
     }
 }
 
@@ -92,7 +92,7 @@ static void watch_anew(cw_bus *bus)
     cw_fault_set *set = &bus->faults;
     set->stale = false;
     find_usual(set);
-    set->always_known = set->has_usual && set->exact_count == 0 ? bus->all : 0;
+    set->always_known = set->has_usual && set->key_count == 0 ? bus->all : 0;
     set->known = set->always_known;
     set->unusual = 0;
     for (unsigned i = 0; i < bus->node_count; i++)
@@ -115,7 +115,7 @@ static void watch(cw_bus *bus, unsigned node)
     cw_fault_set *set = &bus->faults;
     const cw_frame *frame = next_frame(&bus->nodes[node]);
     const uint64_t self = cw_node_bit(node);
-    bool usual = set->has_usual && !cw_fault_may_be_exact(set, frame);
+    bool usual = set->has_usual && !cw_fault_may_wait(set, frame);
     if (usual && !(set->unusual & self))
         return; /* as it was */
     note_watch(set, node, usual ? set->usual : watch_closely(bus, node, frame));
@@ -125,7 +125,7 @@ static void watch(cw_bus *bus, unsigned node)
 uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
 {
     cw_fault_set *set = &bus->faults;
-    if (set->exact_count + set->wild_count == 0)
+    if (set->key_count + set->wildcard_count == 0)
         return 0;
     if (set->stale)
         watch_anew(bus);

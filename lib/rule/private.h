@@ -53,17 +53,22 @@ void cw_fault_index_add(cw_fault_set *set, unsigned rule);
 void cw_fault_index_remove(cw_fault_set *set, unsigned rule);
 
 /* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
+typedef struct cw_key_run {
+    uint16_t next;
+    uint16_t end;
+} cw_key_run;
+
 typedef struct cw_candidates {
     const cw_frame *frame;
     uint32_t id;
-    unsigned exact;
-    unsigned exact_end;
-    unsigned wild;
+    unsigned wildcard;  /* the next one of the list */
+    unsigned run_count;
+    cw_key_run runs[CW_ID_CLASSES];
 } cw_candidates;
 
-/* False: no rule waits for exactly that identifier. Most identifiers are no rule's; a look at one
- * bit tells. */
-bool cw_fault_may_be_exact(const cw_fault_set *set, const cw_frame *frame);
+/* False: only rules of the list of wildcards may wait for that identifier. Mostly it is so, and a
+ * look at a table tells. */
+bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame);
 
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);

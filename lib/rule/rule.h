@@ -81,24 +81,35 @@ typedef struct cw_watch {
 #define CW_NO_RULE UINT16_MAX
 #define CW_SEVERAL_RULES (UINT16_MAX - 1)
 
-/* An exact identifier and the rule that waits for it. */
+/* What a filter looks for in the bits of its class, and the rule that has it. */
 typedef struct cw_fault_key {
     uint32_t id; /* with CW_FILTER_EXTENDED */
     uint16_t rule;
+    uint8_t class;
 } cw_fault_key;
 
-#define CW_ID_FILTER_WORDS 64u
+/* Filters that look at the same bits of an identifier. */
+typedef struct cw_id_class {
+    uint32_t mask;
+    uint16_t first; /* of its keys */
+    uint16_t count;
+} cw_id_class;
+
+#define CW_ID_CLASSES 8u /* a bit of a byte for each one */
+#define CW_ID_HASH_BITS 12u
 
 typedef struct cw_fault_set {
     cw_fault *faults;
-    uint64_t id_filter[CW_ID_FILTER_WORDS]; /* a bit for each hash of an identifier in `exact` */
-    cw_fault_key *exact;    /* frame rules with one exact identifier, sorted */
-    uint16_t *wild;         /* the other frame rules */
+    uint8_t id_classes[1u << CW_ID_HASH_BITS]; /* by hash: the classes with such keys, as bits */
+    cw_id_class classes[CW_ID_CLASSES];
+    cw_fault_key *keys;     /* of frame rules, sorted by class, identifier and rule */
+    uint16_t *wildcards;    /* frame rules that have none */
     uint16_t *awake;        /* sorted */
     unsigned capacity;
     unsigned count;         /* places in use or used before */
-    unsigned exact_count;
-    unsigned wild_count;
+    unsigned class_count;   /* in use or used before */
+    unsigned key_count;
+    unsigned wildcard_count;
     unsigned awake_count;
     unsigned host_rules;    /* rules on frames at the host side */
     unsigned reply_rules;
@@ -114,7 +125,7 @@ typedef struct cw_fault_set {
     uint64_t rough;         /* ... and those whose stop may be found roughly */
     uint64_t unusual;       /* nodes for which all that may be other than usual */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
-    cw_watch usual;         /* what the rules in `wild` want, if it is the same of each frame */
+    cw_watch usual;         /* what rules in `wildcards` want, if it is the same of each frame */
     bool has_usual;
     bool stale;             /* rules have changed: that is to be found anew */
     uint64_t always_known;  /* all nodes, when no frame is worth a comparison */

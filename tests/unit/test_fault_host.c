@@ -287,6 +287,25 @@ static void statistics_that_do_not_balance_are_known(void **state)
         assert_int_equal(cw_node_stats_balance(&cases[i].stats), cases[i].balance);
 }
 
+/* Filters look at the bits of their masks, whatever else a host may have put into an identifier. */
+static void a_bad_frame_is_met_by_exact_and_other_filters(void **state)
+{
+    (void)state;
+    static const uint32_t masks[] = {CW_FILTER_EXTENDED | 0x7FF, CW_FILTER_EXTENDED | 0x7FE, 0x7FF};
+    for (size_t i = 0; i < sizeof masks / sizeof masks[0]; i++) {
+        rig *r = rig_new(2);
+        cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
+        const cw_frame bad = {.id = 0x1123};
+        drop->filters[0] = (cw_filter){.value = 0x123, .mask = masks[i]};
+        drop->filter_count = 1;
+        rig_start(r);
+        rig_send(r, 0, &bad, 0);
+        rig_run_bits(r, 20);
+        assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->why, CW_DROP_FAULT);
+        rig_free(r);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -298,6 +317,7 @@ int main(void)
         cmocka_unit_test(frames_that_rules_make_are_counted_apart),
         cmocka_unit_test(frames_that_the_event_ring_cannot_hold_are_counted),
         cmocka_unit_test(statistics_that_do_not_balance_are_known),
+        cmocka_unit_test(a_bad_frame_is_met_by_exact_and_other_filters),
     };
     return cmocka_run_group_tests_name("fault_host", tests, NULL, NULL);
 }

@@ -331,6 +331,89 @@ static void rules_on_one_frame_act_in_their_order(void **state)
     rig_free(r);
 }
 
+/* ---- Filters of any shape -------------------------------------------------------------------- */
+
+#define SHAPES 48u
+#define SHAPED_FRAMES 64u
+
+/* More sorts of masks than the index has classes; some take base frames alone, some both sorts,
+ * some remote frames, some all but what they name. */
+static cw_filter shaped_filter(unsigned i)
+{
+    static const uint32_t masks[] = {0x800007FF, 0x800007FE, 0x9FFFFFFF, 0x000007FF, 0x80000000,
+                                     0x9FFFFFF0, 0x40000000, 0x4000000F, 0x80000700, 0x80000003,
+                                     0x00000000, 0x9FF00000, 0x8000000C};
+    const uint32_t scrambled = i * UINT32_C(2654435761);
+    return (cw_filter){.value = scrambled >> 28 | (scrambled & CW_FILTER_EXTENDED) |
+                                (i % 5 == 0 ? CW_FILTER_REMOTE : 0) | (i % 7 == 0 ? 0x1000u : 0),
+                       .mask = masks[i % (sizeof masks / sizeof masks[0])],
+                       .inverted = i % 11 == 10};
+}
+
+static cw_frame shaped_frame(unsigned i)
+{
+    return (cw_frame){.id = (i & 15u) | (i % 3 == 0 ? 0x1000u : 0) * (i % 2),
+                      .flags = (uint8_t)((i % 2 ? CW_FRAME_EXTENDED : 0) |
+                                         (i & 16u ? CW_FRAME_REMOTE : 0))};
+}
+
+static cw_rule shaped_rule(unsigned i)
+{
+    static char names[SHAPES][8];
+    cw_rule rule = probe(names[i], CW_TRIGGER_FRAME);
+    snprintf(names[i], sizeof names[i], "s%u", i);
+    rule.filter_count = (uint8_t)(i % 4);
+    for (unsigned k = 0; k < rule.filter_count; k++)
+        rule.filters[k] = shaped_filter(3 * i + k);
+    return rule;
+}
+
+/* One frame after the other; the rules that are there match those that their filters match. */
+static void send_shaped_frames(rig *r, const bool *there)
+{
+    for (unsigned i = 0; i < SHAPED_FRAMES; i++) {
+        const cw_frame frame = shaped_frame(i);
+        uint64_t before[SHAPES] = {0};
+        for (unsigned k = 0; k < SHAPES; k++)
+            before[k] = there[k] ? hits(r, k) : 0;
+        rig_send(r, 0, &frame, cw_bus_now(r->bus));
+        rig_run_bits(r, cw_bus_now(r->bus) / BIT + 200);
+        for (unsigned k = 0; k < SHAPES; k++) {
+            const cw_rule rule = shaped_rule(k);
+            bool matches = there[k] && cw_frame_matches(&frame, rule.filters, rule.filter_count);
+            if ((there[k] ? hits(r, k) : 0) != before[k] + matches)
+                fail_msg("frame %u, rule %u: should%s match", i, k, matches ? "" : " not");
+        }
+    }
+}
+
+static void filters_of_any_shape_find_their_frames(void **state)
+{
+    (void)state;
+    rig *r = rig_new(2);
+    bool there[SHAPES] = {false};
+    r->config.rule_room = SHAPES;
+    rig_start(r);
+    for (unsigned i = 0; i < SHAPES; i++) {
+        assert_int_equal(add(r, shaped_rule(i)), i);
+        there[i] = true;
+    }
+    send_shaped_frames(r, there);
+    for (unsigned i = 0; i < SHAPES; i++) {
+        there[i] = i % 3 == 2;
+        if (!there[i])
+            assert_int_equal(cw_bus_clear_rule(r->bus, i), CW_OK);
+    }
+    send_shaped_frames(r, there);
+    for (unsigned i = 0; i < SHAPES; i += 3) {
+        unsigned place = add(r, shaped_rule(i));
+        assert_in_range(place, 0, i); /* the lowest that is free */
+        assert_int_equal(cw_bus_clear_rule(r->bus, place), CW_OK);
+    }
+    send_shaped_frames(r, there);
+    rig_free(r);
+}
+
 /* ---- What a rule is bound to ----------------------------------------------------------------- */
 
 /* An error in the intermission, when the queue holds another frame in the same place already. */
@@ -472,6 +555,7 @@ int main(void)
         cmocka_unit_test(other_rules_do_not_change_the_draws),
         cmocka_unit_test(seed_and_name_decide_the_draws),
         cmocka_unit_test(many_exact_identifiers_meet_their_own_frames),
+        cmocka_unit_test(filters_of_any_shape_find_their_frames),
         cmocka_unit_test(rules_on_one_frame_act_in_their_order),
         cmocka_unit_test(a_rule_knows_its_frame_to_the_end),
         cmocka_unit_test(the_sender_is_on_the_same_wire),
