@@ -17,6 +17,7 @@
 
 #include "canwire.h"
 #include "step/arbiter.h"
+#include "step/outlook.h"
 #include "rule/rule.h"
 #include "mac/mac.h"
 #include "bus/queue.h"
@@ -99,18 +100,6 @@ typedef struct bit_note {
     uint8_t wires[CW_NODES_MAX];     /* where there are several */
 } bit_note;
 
-/* Who does what while all nodes are idle; to be found anew when a controller has changed. */
-typedef struct cw_crowd {
-    bool valid;
-    bool calm;          /* each node is idle, or away until somebody does something to it */
-    uint64_t riders;    /* idle nodes, which will receive the next frame or send it */
-    uint64_t away;      /* off or bus-off */
-    uint64_t starters;  /* riders that may transmit */
-    uint64_t answerers; /* riders that acknowledge */
-    uint64_t counting;  /* answerers whose REC a good frame lowers (R8) */
-    uint64_t one_shot;
-} cw_crowd;
-
 /* A clean frame on its way, see step/frame.c. */
 typedef struct cw_leap {
     bool active;
@@ -126,7 +115,7 @@ typedef struct cw_leap {
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;  /* NULL: not encoded, see cw_leap_bits() */
     cw_frame frame;       /* what they are of; the queue may have another one there at the end */
-    uint64_t riders;
+    uint64_t listeners;
     uint64_t contenders;  /* nodes that began to transmit */
     uint64_t watched;     /* of these, those whose bits rules look at before the leap is over */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
@@ -158,7 +147,7 @@ struct cw_bus {
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     uint64_t removed;   /* of these, those that have been flushed: for good */
     cw_mac common;
-    cw_crowd crowd;
+    cw_outlook outlook;
     cw_leap leap;
     cw_arbiter arbiter;
     uint32_t wanted;    /* kinds of events, as bits */
@@ -369,9 +358,6 @@ void cw_leap_on(cw_bus *bus, uint64_t tick);
  * now. Public calls do so before they do anything to a controller, and time does before rules and
  * restarts that are due; nobody else. */
 void cw_wake_controllers(cw_bus *bus);
-
-/* Asserts that what is known of who is there is so. */
-void cw_assert_crowd(const cw_bus *bus);
 
 /* In a leap a node gets a frame to send. */
 void cw_leap_frame_came(cw_bus *bus, unsigned node, uint64_t tick);

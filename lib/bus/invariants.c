@@ -104,9 +104,9 @@ static void assert_frame(const cw_bus *bus)
     assert(!bus->stepping && bus->group_count == 1);
     assert(leap->at < leap->length + CW_INTERMISSION_BITS && leap->node < bus->node_count);
     assert(is_subset(leap->undecided, leap->contenders));
-    assert(is_subset(leap->contenders, leap->riders) && is_subset(leap->riders, bus->all));
+    assert(is_subset(leap->contenders, leap->listeners) && is_subset(leap->listeners, bus->all));
     assert(leap->contenders >> leap->node & 1u);
-    for (uint64_t rest = bus->all & ~bus->crowd.away; rest; rest &= rest - 1)
+    for (uint64_t rest = bus->all & ~bus->outlook.away; rest; rest &= rest - 1)
         assert(bus->nodes[cw_lowest_node(rest)].mac.phase == CW_MAC_IDLE);
 }
 
@@ -130,7 +130,7 @@ void cw_assert_bus(const cw_bus *bus)
     assert_wires(bus);
     assert_followers(bus);
     assert_frame(bus);
-    cw_assert_crowd(bus);
+    cw_assert_outlook(bus);
     cw_assert_arbiter(bus);
     assert_ring(&bus->ring);
 }

@@ -208,7 +208,7 @@ static void finish_bit(cw_bus *bus, const cw_levels *levels)
 
 void cw_step_bit(cw_bus *bus)
 {
-    bus->crowd.valid = false;
+    bus->outlook.valid = false;
     cw_levels levels = {.driven = drive_all(bus)};
     cw_watch_wire(bus, 1);
     cw_find_levels(bus, &levels);

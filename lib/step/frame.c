@@ -47,7 +47,7 @@ static void tell_losses(cw_bus *bus)
 /* R8, at the ACK slot. */
 static void lower_counters(cw_bus *bus)
 {
-    uint64_t nodes = bus->crowd.counting & ~cw_node_bit(bus->leap.node);
+    uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->leap.node);
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_mac *m = &bus->nodes[i].mac;
@@ -56,7 +56,7 @@ static void lower_counters(cw_bus *bus)
         cw_tell_state(bus, i);
     }
     if (nodes)
-        bus->crowd.valid = false;
+        bus->outlook.valid = false;
 }
 
 /* As a receiver decodes it: bytes that are not on the wire are 0. */
@@ -72,7 +72,7 @@ static inline void receive_at_once(cw_bus *bus)
     const cw_leap *leap = &bus->leap;
     const bus_node *n = &bus->nodes[leap->node];
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
-    cw_event *e = cw_receive_together(bus, leap->node, leap->riders & ~cw_node_bit(leap->node),
+    cw_event *e = cw_receive_together(bus, leap->node, leap->listeners & ~cw_node_bit(leap->node),
                                       slot->bytes);
     copy_received(&e->frame, &slot->frame, slot->bytes);
 }
@@ -88,7 +88,7 @@ static void receive(cw_bus *bus)
         return;
     }
     copy_received(&frame, &slot->frame, slot->bytes);
-    for (uint64_t rest = leap->riders & ~cw_node_bit(leap->node); rest; rest &= rest - 1)
+    for (uint64_t rest = leap->listeners & ~cw_node_bit(leap->node); rest; rest &= rest - 1)
         cw_receive(bus, cw_lowest_node(rest), &frame);
 }
 
@@ -126,7 +126,7 @@ static unsigned next_moment(const cw_bus *bus)
         next = leap->length;
     if (leap->at < leap->length - CW_AFTER_ACCEPT_BITS)
         next = leap->length - CW_AFTER_ACCEPT_BITS;
-    if (leap->at < leap->length - CW_AFTER_ACK_BITS && bus->crowd.counting)
+    if (leap->at < leap->length - CW_AFTER_ACK_BITS && bus->outlook.counting)
         next = leap->length - CW_AFTER_ACK_BITS;
     return loss < next ? loss : next;
 }
@@ -204,7 +204,7 @@ static uint64_t find_drivers(const cw_bus *bus)
     const cw_leap *leap = &bus->leap;
     uint64_t drivers = cw_node_bit(leap->node);
     if (leap->at == leap->length - CW_AFTER_ACK_BITS - 1)
-        return bus->crowd.answerers & ~drivers;
+        return bus->outlook.acknowledgers & ~drivers;
     if (leap->at >= leap->length || cw_bits_level(leap->bits, leap->at))
         return 0;
     for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
@@ -220,7 +220,7 @@ static bool stands_rules(cw_bus *bus, cw_levels *levels)
     const uint64_t expected = drivers ? 0 : UINT64_MAX;
     levels->driven = ~drivers;
     cw_find_levels(bus, levels);
-    return levels->wire == expected && ((levels->sampled ^ expected) & bus->leap.riders) == 0;
+    return levels->wire == expected && ((levels->sampled ^ expected) & bus->leap.listeners) == 0;
 }
 
 /* Passes all but the last of some bits, each with what rules do to it. When they change a bit, be
@@ -257,7 +257,7 @@ static inline unsigned pass_to(cw_bus *bus, unsigned from, unsigned to)
 static inline void go_to_end(cw_bus *bus, unsigned at)
 {
     const unsigned length = bus->leap.length;
-    if (bus->crowd.counting && at < length - CW_AFTER_ACK_BITS) {
+    if (bus->outlook.counting && at < length - CW_AFTER_ACK_BITS) {
         at = pass_to(bus, at, length - CW_AFTER_ACK_BITS);
         lower_counters(bus);
     }
@@ -315,7 +315,7 @@ static bool rules_let_pass(cw_bus *bus)
  * are sent at once (M15). */
 static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
-    bool loopback = (bus->leap.riders | bus->crowd.away) != bus->all;
+    bool loopback = (bus->leap.listeners | bus->outlook.away) != bus->all;
     return bus->next_restart >= tick && bus->faults.next_due >= tick &&
            (!loopback || cw_inbox_first(bus) >= tick);
 }
@@ -343,7 +343,7 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     cw_leap *leap = &bus->leap;
     bus_node *n = &bus->nodes[winner];
     const uint16_t slot = cw_queue_first(&n->queue);
-    leap->riders = bus->crowd.riders;
+    leap->listeners = bus->outlook.listeners;
     leap->length = n->queue.slots[slot].wire_bits;
     const unsigned bits = leap->length + CW_INTERMISSION_BITS;
     if (!cw_wire_fits(&bus->time, bits, tick) || bus->faults.awake_count ||

@@ -15,9 +15,6 @@
  * end. False, with nothing done: it cannot be. */
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick);
 
-/* Who is there: fills in the crowd. */
-void cw_leap_look_around(cw_bus *bus);
-
 /* A leap that begins with the frame of a node; which one and where in it is left to the caller. */
 void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
 

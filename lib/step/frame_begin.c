@@ -4,68 +4,8 @@
  */
 #include "step/frame.h"
 
-#include "mac/confinement.h"
 #include "format/bits.h"
-
-#include <assert.h>
-
-/* ---- Who is there ---------------------------------------------------------------------------- */
-
-/* A node that is neither idle nor away for longer than a frame: no leap. */
-static bool is_calm(const cw_mac *m)
-{
-    bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
-    return (away || m->phase == CW_MAC_IDLE) && m->told_state == m->confinement.state &&
-           m->overloads_wanted == 0;
-}
-
-static void count_node(cw_crowd *crowd, const cw_mac *m, uint64_t self)
-{
-    if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
-        crowd->away |= self;
-    if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
-        return;
-    crowd->riders |= self;
-    if (m->modes & CW_MODE_LISTEN_ONLY)
-        return;
-    crowd->starters |= self;
-    if (m->modes & CW_MODE_ONE_SHOT)
-        crowd->one_shot |= self;
-    if (m->no_ack)
-        return;
-    crowd->answerers |= self;
-    if (m->confinement.rec > 0)
-        crowd->counting |= self;
-}
-
-/* Followers have a phase of their own that says idle, as the shared one does (see can_begin()). */
-static cw_crowd look_around(const cw_bus *bus)
-{
-    cw_crowd crowd = {.valid = true, .calm = true};
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        crowd.calm = crowd.calm && is_calm(m);
-        count_node(&crowd, m, cw_node_bit(i));
-    }
-    return crowd;
-}
-
-void cw_leap_look_around(cw_bus *bus)
-{
-    bus->crowd = look_around(bus);
-}
-
-void cw_assert_crowd(const cw_bus *bus)
-{
-    const cw_crowd *known = &bus->crowd;
-    if (!known->valid || (bus->followers && bus->common.phase != CW_MAC_IDLE))
-        return;
-    const cw_crowd crowd = look_around(bus);
-    assert(known->calm == crowd.calm && known->away == crowd.away);
-    assert(known->riders == crowd.riders && known->starters == crowd.starters);
-    assert(known->answerers == crowd.answerers && known->one_shot == crowd.one_shot);
-    assert(known->counting == crowd.counting);
-}
+#include "mac/confinement.h"
 
 /* ---- Whether it can begin -------------------------------------------------------------------- */
 
@@ -75,15 +15,15 @@ static bool can_begin(cw_bus *bus)
     if (bus->waiting == 0 || bus->group_count > 1 || bus->news ||
         (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return false;
-    if (!bus->crowd.valid)
-        cw_leap_look_around(bus);
-    if (bus->crowd.calm && bus->faults.awake_count)
+    if (!bus->outlook.valid)
+        cw_outlook_find(bus);
+    if (bus->outlook.calm && bus->faults.awake_count)
         cw_fault_unbind(bus);
     if (bus->faults.awake_count &&
         (cw_fault_needs_controllers(bus) || cw_fault_noise_free(bus, 1) == 0))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
-    return bus->crowd.calm && cw_inbox_first(bus) > cw_bit_end(bus);
+    return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
 }
 
 /* Rules on errors and states see nothing of a leap in which there are none. */
@@ -91,14 +31,14 @@ static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned
 {
     bool several = (contenders & (contenders - 1)) != 0;
     return bus->faults.error_rules &&
-           (several || bus->crowd.counting || bus->nodes[winner].mac.confinement.tec > 0);
+           (several || bus->outlook.counting || bus->nodes[winner].mac.confinement.tec > 0);
 }
 
 static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
-    const cw_crowd *crowd = &bus->crowd;
+    const cw_outlook *outlook = &bus->outlook;
     uint64_t self = cw_node_bit(winner);
-    bool given_up = contenders != self && (contenders & crowd->one_shot); /* M13 */
+    bool given_up = contenders != self && (contenders & outlook->one_shot); /* M13 */
     return !given_up && !error_rules_may_act(bus, contenders, winner);
 }
 
@@ -107,7 +47,7 @@ static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
     const unsigned from_ack_slot = CW_AFTER_ACK_BITS + 1 + CW_INTERMISSION_BITS;
-    if ((bus->crowd.answerers & ~cw_node_bit(winner)) == 0)
+    if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0)
         return from_ack_slot;
     bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);
     return suspends ? CW_INTERMISSION_BITS : 0;
@@ -224,7 +164,7 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
     leap->at = 0;
     leap->stop = CW_NO_STOP;
-    leap->riders = bus->crowd.riders;
+    leap->listeners = bus->outlook.listeners;
     leap->contenders = contenders;
     leap->undecided = 0;
 }
@@ -255,8 +195,8 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     if (!can_begin(bus))
         return false;
     cw_arbiter_update(bus);
-    uint64_t contenders = bus->waiting & bus->crowd.starters;
-    bool others = bus->waiting & ~(bus->crowd.riders | bus->crowd.away);
+    uint64_t contenders = bus->waiting & bus->outlook.senders;
+    bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
         !is_leapable(bus, contenders, winner))
         return false;

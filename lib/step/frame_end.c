@@ -64,7 +64,7 @@ static void take_back_losses(cw_bus *bus)
 /* Before the first bit nobody has seen anything. */
 static uint64_t nodes_in_frame(const cw_leap *leap)
 {
-    return leap->at > 0 ? leap->riders : 0;
+    return leap->at > 0 ? leap->listeners : 0;
 }
 
 void cw_wake_controllers(cw_bus *bus)
@@ -85,5 +85,5 @@ void cw_wake_controllers(cw_bus *bus)
     for (uint64_t rest = leap->undecided | cw_node_bit(leap->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &point);
     bind_rules(bus);
-    bus->crowd.valid = false;
+    bus->outlook.valid = false;
 }

@@ -128,7 +128,7 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
         !flags_have_ended(bus) || !wire_carried_it(bus, &bus->nodes[sender].mac))
         return false;
     put_to_rest(bus);
-    cw_leap_look_around(bus);
+    cw_outlook_find(bus);
     cw_leap_prepare(bus, sender, senders);
     take_over(bus, sender);
     cw_fault_find_stop(bus, bus->leap.at);

@@ -71,7 +71,7 @@ static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 {
     const unsigned phase = m->phase;
     cw_mac_skip(m, bits, level);
-    bus->crowd.valid = bus->crowd.valid && m->phase == phase;
+    bus->outlook.valid = bus->outlook.valid && m->phase == phase;
 }
 
 void cw_run_go(cw_bus *bus, uint64_t bits, bool level)

@@ -31,7 +31,7 @@ void cw_leave(cw_bus *bus, uint64_t nodes)
 cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
 {
     assert(!bus->leap.active);
-    bus->crowd.valid = false;
+    bus->outlook.valid = false;
     cw_leave(bus, cw_node_bit(i));
     return &bus->nodes[i].mac;
 }
@@ -67,7 +67,7 @@ void cw_join(cw_bus *bus, unsigned i)
         begin_common(bus, m);
     else if (!cw_mac_same_point(m, &bus->common))
         return;
-    bus->crowd.valid = bus->crowd.valid && m->phase == CW_MAC_IDLE;
+    bus->outlook.valid = bus->outlook.valid && m->phase == CW_MAC_IDLE;
     m->phase = CW_MAC_IDLE; /* for those who look for transmitters */
     m->role = CW_ROLE_NONE;
     bus->followers |= cw_node_bit(i);

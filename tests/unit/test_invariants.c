@@ -93,9 +93,9 @@ static void resting(cw_bus *bus)
 {
     bus->nodes[0].mac.phase = CW_MAC_FRAME;
 }
-static void crowd(cw_bus *bus)
+static void outlook(cw_bus *bus)
 {
-    bus->crowd.starters = 0;
+    bus->outlook.senders = 0;
 }
 static void arbiter(cw_bus *bus)
 {
@@ -110,7 +110,7 @@ static void each_is_asserted(void **state)
 {
     static void (*const spoil[])(cw_bus *) = {
         queued,  waiting,   inbox_count, next_restart, counters, books, wires,   load,
-        removed, followers, follower,    frame,        resting,  crowd, arbiter, ring};
+        removed, followers, follower,    frame,        resting,  outlook, arbiter, ring};
     (void)state;
     for (size_t i = 0; i < sizeof spoil / sizeof spoil[0]; i++) {
         rig *r = busy_bus();

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * outlook.c - who does what in the next frame, while all nodes are idle.
+ */
+#include "bus/bus_private.h"
+
+#include <assert.h>
+
+/* A node that is neither idle nor away for longer than a frame: no frame step. */
+static bool is_calm(const cw_mac *m)
+{
+    bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+    return (away || m->phase == CW_MAC_IDLE) && m->told_state == m->confinement.state &&
+           m->overloads_wanted == 0;
+}
+
+static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
+{
+    if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
+        outlook->away |= self;
+    if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
+        return;
+    outlook->listeners |= self;
+    if (m->modes & CW_MODE_LISTEN_ONLY)
+        return;
+    outlook->senders |= self;
+    if (m->modes & CW_MODE_ONE_SHOT)
+        outlook->one_shot |= self;
+    if (m->no_ack)
+        return;
+    outlook->acknowledgers |= self;
+    if (m->confinement.rec > 0)
+        outlook->counting |= self;
+}
+
+/* Followers have a phase of their own that says idle, as the shared one does then. */
+static cw_outlook look_around(const cw_bus *bus)
+{
+    cw_outlook outlook = {.valid = true, .calm = true};
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_mac *m = &bus->nodes[i].mac;
+        outlook.calm = outlook.calm && is_calm(m);
+        count_node(&outlook, m, cw_node_bit(i));
+    }
+    return outlook;
+}
+
+void cw_outlook_find(cw_bus *bus)
+{
+    bus->outlook = look_around(bus);
+}
+
+void cw_assert_outlook(const cw_bus *bus)
+{
+    const cw_outlook *known = &bus->outlook;
+    if (!known->valid || (bus->followers && bus->common.phase != CW_MAC_IDLE))
+        return;
+    const cw_outlook outlook = look_around(bus);
+    assert(known->calm == outlook.calm && known->away == outlook.away);
+    assert(known->listeners == outlook.listeners && known->senders == outlook.senders);
+    assert(known->acknowledgers == outlook.acknowledgers && known->one_shot == outlook.one_shot);
+    assert(known->counting == outlook.counting);
+}
