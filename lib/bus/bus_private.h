@@ -110,8 +110,7 @@ typedef struct cw_leap {
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits of frame and intermission that are not leapt over */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
-    uint16_t stop;        /* a rule looks at this bit, ... */
-    uint16_t stop_rule;   /* ... this one */
+    cw_look look;         /* the next one of a rule, at which single bits go on if it is a hit */
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;  /* NULL: not encoded, see cw_leap_bits() */
     cw_frame frame;       /* what they are of; the queue may have another one there at the end */
@@ -247,6 +246,12 @@ void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *fram
 
 /* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+
+/* What rules that are looked at in every bit touch; mostly there is none. */
+static inline unsigned cw_rules_touch(const cw_bus *bus)
+{
+    return bus->faults.awake_count ? cw_rules_touch_now(bus) : 0;
+}
 
 /* An event that rules may wait for. */
 static inline void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)

@@ -95,7 +95,8 @@ uint64_t cw_bus_next(const cw_bus *bus)
     bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
     if (unknown || (!bus->leap.active && is_orphaned(bus)))
         bits = cw_least(bits, LOOK_AGAIN_BITS);
-    const bool calm = bits == CW_QUIET_FOREVER && cw_fault_rests(bus);
+    const unsigned acts = CW_TOUCH_MORE | CW_TOUCH_QUEUES | CW_TOUCH_AT_RANDOM;
+    const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(bus) & acts);
     if (bus->faults.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);

@@ -21,6 +21,7 @@ static void count_kinds(cw_bus *bus)
     set->host_rules = 0;
     set->reply_rules = 0;
     set->noise_rules = 0;
+    set->line_rules = 0;
     set->traffic_rules = 0;
     set->error_rules = 0;
     set->after_rules = 0;
@@ -30,6 +31,7 @@ static void count_kinds(cw_bus *bus)
         set->host_rules += f->used && f->does->kind == CW_KIND_HOST;
         set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
         set->noise_rules += f->used && cw_fault_is(f, CW_RANDOM_BITS);
+        set->line_rules += f->used && cw_fault_is(f, CW_ON_LINE);
         set->traffic_rules += f->used && cw_fault_is(f, CW_STEADY_TRAFFIC);
         set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += f->used && f->rule.has_after;

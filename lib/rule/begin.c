@@ -40,7 +40,6 @@ static uint64_t window_end(const cw_bus *bus, const cw_rule *rule)
 void cw_fault_end_action(cw_bus *bus, unsigned rule)
 {
     cw_fault *f = cw_fault_at(bus, rule);
-    cw_fault_forget_ahead(bus, f);
     f->active = false;
     f->scope = 0;
     f->bound = 0;

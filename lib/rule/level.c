@@ -34,7 +34,7 @@ static bool stuck_tx_level(cw_fault *f, cw_rate rate)
 
 void cw_fault_driven(cw_bus *bus, cw_levels *levels)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
+    for (unsigned i = 0; bus->faults.line_rules && i < bus->faults.awake_count; i++) {
         cw_fault *f = awake_fault(bus, i);
         bool stuck = f->active && cw_fault_is(f, CW_ON_LINE) && f->rule.line == CW_LINE_TX;
         if (stuck)

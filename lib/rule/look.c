@@ -186,86 +186,98 @@ static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned 
            (!loser || *n <= leap->lost_at[node]);
 }
 
-/* The leap stops at the bit of a node's transmission that one rule looks at, unless that bit lies
- * before `from` or behind a stop that has been found. */
-static void stop_for(cw_bus *bus, unsigned rule, unsigned node, unsigned from)
+/* The look of one rule at a node's transmission, unless it lies before `from` or behind one that
+ * has been found. */
+static void add_look(cw_look *look, const cw_bus *bus, unsigned rule, unsigned node, unsigned from)
 {
-    cw_leap *leap = &bus->leap;
     const cw_fault *f = &bus->faults.faults[rule];
     const cw_rule *r = &f->rule;
     unsigned n;
     if (!cw_fault_is(f, CW_HAS_POSITION) || is_out_of_time(bus, r) ||
-        !find_bit(bus, &n, r, node) || n < from || n > leap->stop)
+        !find_bit(bus, &n, r, node) || n < from || n > look->bit)
         return;
-    bool another = n == leap->stop && leap->stop_rule != rule;
-    leap->stop_rule = another ? CW_SEVERAL_RULES : (uint16_t)rule;
-    leap->stop = (uint16_t)n;
+    bool another = n == look->bit && look->rule != rule;
+    look->rule = another ? CW_SEVERAL_RULES : (uint16_t)rule;
+    look->bit = (uint16_t)n;
 }
 
-static void stop_for_all(cw_bus *bus, unsigned node, unsigned from)
+static void add_all_looks(cw_look *look, const cw_bus *bus, unsigned node, unsigned from)
 {
     const bus_node *n = &bus->nodes[node];
     unsigned rule;
     cw_candidates c;
     cw_candidates_begin(&c, bus, &n->queue.slots[n->offered_slot].frame);
     while (next_rule(&c, &rule, bus, node))
-        stop_for(bus, rule, node, from);
+        add_look(look, bus, rule, node, from);
 }
 
 /* One rule has one bit in one transmission. */
-static bool was_last_stop(const cw_bus *bus, unsigned from)
+static bool was_last_look(const cw_bus *bus, unsigned from)
 {
     uint64_t watched = bus->leap.watched;
     return from > 0 && (watched & (watched - 1)) == 0 &&
            bus->faults.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
 }
 
-static void stop_for_bound(cw_bus *bus, unsigned from)
+static void add_bound_looks(cw_look *look, const cw_bus *bus, unsigned from)
 {
     const cw_fault_set *set = &bus->faults;
     const unsigned node = bus->leap.node;
     for (unsigned i = 0; i < set->awake_count; i++)
         if (set->faults[set->awake[i]].bound & cw_node_bit(node))
-            stop_for(bus, set->awake[i], node, from);
+            add_look(look, bus, set->awake[i], node, from);
 }
 
-void cw_fault_find_stop(cw_bus *bus, unsigned from)
+cw_look cw_rules_next_look(const cw_bus *bus, unsigned from)
 {
-    cw_leap *leap = &bus->leap;
-    leap->stop = CW_NO_STOP;
+    const cw_leap *leap = &bus->leap;
+    cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = leap->bits != NULL};
     if (leap->bound)
-        stop_for_bound(bus, from);
-    if (leap->watched == 0 || was_last_stop(bus, from))
-        return;
+        add_bound_looks(&look, bus, from);
+    if (leap->watched == 0 || was_last_look(bus, from))
+        return look;
     for (uint64_t rest = leap->watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         unsigned rule = bus->faults.watcher[i];
         if (rule == CW_SEVERAL_RULES)
-            stop_for_all(bus, i, from);
+            add_all_looks(&look, bus, i, from);
         else
-            stop_for(bus, rule, i, from);
+            add_look(&look, bus, rule, i, from);
     }
+    return look;
 }
 
-bool cw_fault_lets_pass(cw_bus *bus)
+/* ---- What has been looked at is consumed ----------------------------------------------------- */
+
+/* A look whose bit is known. */
+static bool consume_bit(cw_bus *bus, cw_look look)
 {
     const cw_leap *leap = &bus->leap;
-    if (leap->stop >= leap->length || leap->stop_rule == CW_SEVERAL_RULES)
+    if (look.bit >= leap->length || look.rule == CW_SEVERAL_RULES)
         return false;
-    return cw_fault_passes_over(bus, leap->stop_rule, cw_leap_tick(bus, leap->stop),
-                                cw_leap_tick(bus, leap->stop + 1u));
+    return cw_fault_passes_over(bus, look.rule, cw_leap_tick(bus, look.bit),
+                                cw_leap_tick(bus, look.bit + 1u));
 }
 
-bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node, const cw_frame *frame)
+/* One at some bit of a frame which begins now, or has begun, and which is sent to its end. */
+static bool consume_frame(cw_bus *bus, cw_look look, const cw_frame *frame)
 {
-    unsigned rule = bus->faults.watcher[node];
-    const cw_rule *r = &bus->faults.faults[rule].rule;
+    const cw_rule *r = &bus->faults.faults[look.rule].rule;
     uint64_t end = cw_wire_tick(&bus->time, bus->leap.length);
     unsigned n;
     if (r->time_begin > cw_now(bus) || r->time_end < end)
         return false; /* it depends on the bit */
     return !cw_frame_find(frame, &n, r->field, r->index) ||
-           cw_fault_passes_over(bus, rule, cw_now(bus), cw_bit_end(bus));
+           cw_fault_passes_over(bus, look.rule, cw_now(bus), cw_bit_end(bus));
+}
+
+bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_frame *frame)
+{
+    if (bits > 0)
+        cw_noise_pass(bus, bits);
+    if (!look)
+        return true;
+    return look->exact ? consume_bit(bus, *look) : consume_frame(bus, *look, frame);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
@@ -275,22 +287,39 @@ static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)
     return &bus->faults.faults[bus->faults.awake[i]];
 }
 
-bool cw_fault_needs_controllers(const cw_bus *bus)
+/* Nothing of it but that it is active. */
+static bool is_plain(const cw_fault *f)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        if (awake_fault(bus, i)->for_attempt)
-            return true;
-    return false;
+    return f->active && !f->hit_now && f->bits_left == 0 && f->bound == 0;
 }
 
-bool cw_fault_is_at_work(const cw_bus *bus)
+static inline unsigned touch_of(const cw_fault *f)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        const cw_fault *f = awake_fault(bus, i);
-        if (f->bits_left > 0 || (f->active && cw_fault_is(f, CW_ON_LINE)))
-            return true;
-    }
-    return false;
+    if (f->for_attempt) /* nothing of it has a position or a line */
+        return CW_TOUCH_CONTROLLERS | CW_TOUCH_MORE;
+    unsigned touch = (f->bits_left > 0 ? CW_TOUCH_LEVELS : 0) | (f->bound ? CW_TOUCH_FRAME : 0);
+    if (f->active && cw_fault_is(f, CW_ON_LINE))
+        touch |= CW_TOUCH_LEVELS;
+    if (f->active && cw_fault_is(f, CW_STEADY_TRAFFIC))
+        return touch | CW_TOUCH_QUEUES;
+    if (is_plain(f) && cw_fault_is(f, CW_RANDOM_BITS))
+        return touch | CW_TOUCH_AT_RANDOM;
+    if (is_plain(f) && cw_fault_is(f, CW_ON_LINE) && f->rule.level == CW_RECESSIVE)
+        return touch | CW_TOUCH_DOMINANT;
+    return touch | CW_TOUCH_MORE; /* one that is over falls asleep with a single bit */
+}
+
+unsigned cw_rules_touch_now(const cw_bus *bus)
+{
+    unsigned touch = 0;
+    for (unsigned i = 0; i < bus->faults.awake_count; i++)
+        touch |= touch_of(awake_fault(bus, i));
+    return touch;
+}
+
+uint64_t cw_rules_keep_quiet(const cw_bus *bus, uint64_t bits, bool busy)
+{
+    return cw_noise_free(bus, cw_traffic_free(bus, bits, busy));
 }
 
 uint64_t cw_fault_stuck_lines(const cw_bus *bus)
@@ -302,14 +331,6 @@ uint64_t cw_fault_stuck_lines(const cw_bus *bus)
             nodes |= cw_node_bit(f->rule.node);
     }
     return nodes;
-}
-
-bool cw_fault_is_bound(const cw_bus *bus)
-{
-    for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        if (awake_fault(bus, i)->bound)
-            return true;
-    return false;
 }
 
 bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node)

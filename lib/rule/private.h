@@ -149,8 +149,12 @@ void cw_fault_fall_asleep(cw_bus *bus);
 /* Whose levels a new rule changes; where it has a position, its hit says it again. */
 void cw_fault_aim(cw_fault *fault);
 
-/* Before the rule's random stream is used otherwise, or the bits to come will not be noisy. */
-void cw_fault_forget_ahead(const cw_bus *bus, cw_fault *fault);
+/* Bits to come, no more than that many, that noise leaves alone: a look at draws, which changes
+ * nothing. Noise for a transmission is left out. */
+uint64_t cw_noise_free(const cw_bus *bus, uint64_t bits);
+
+/* Such bits have passed. */
+void cw_noise_pass(cw_bus *bus, uint64_t bits);
 
 /* A transmission is over for a rule when its node has become a receiver or is idle, or when what
  * comes is no frame bit any more and the rule's bit is one. */
@@ -171,5 +175,9 @@ void cw_fault_release_held(cw_bus *bus);
 void cw_fault_let_go(cw_bus *bus, unsigned rule);
 
 uint64_t cw_fault_next_held(const cw_bus *bus);
+
+/* Bits to come, no more than that many, before whose end traffic rules send nothing as long as no
+ * frame leaves a queue. busy: all these bits are. */
+uint64_t cw_traffic_free(const cw_bus *bus, uint64_t bits, bool busy);
 
 #endif

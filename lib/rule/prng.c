@@ -29,9 +29,9 @@ uint64_t cw_random(uint64_t seed, const char *name, uint64_t n)
     return cw_prng_next(&prng);
 }
 
-void cw_prng_back(cw_prng *prng, uint64_t draws)
+void cw_prng_skip(cw_prng *prng, uint64_t draws)
 {
-    prng->state -= draws * GAMMA;
+    prng->state += draws * GAMMA;
 }
 
 void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name)

@@ -20,7 +20,7 @@ void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name);
 /* The next 64 random bits. */
 uint64_t cw_prng_next(cw_prng *prng);
 
-/* Takes the last draws back. */
-void cw_prng_back(cw_prng *prng, uint64_t draws);
+/* As if so many draws had been made. */
+void cw_prng_skip(cw_prng *prng, uint64_t draws);
 
 #endif

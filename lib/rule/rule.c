@@ -49,11 +49,10 @@ static inline bool count_match(const cw_bus *bus, cw_fault *f, uint64_t start, u
     return false;
 }
 
-static bool draw_match(const cw_bus *bus, cw_fault *f)
+static bool draw_match(cw_fault *f)
 {
     if (f->rule.probability == UINT64_MAX)
         return true;
-    cw_fault_forget_ahead(bus, f);
     return cw_prng_next(&f->prng) < f->rule.probability;
 }
 
@@ -63,7 +62,7 @@ bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
     if (!count_match(bus, f, start, told))
         return false;
     f->to_pass = f->rule.every - 1;
-    if (!draw_match(bus, f))
+    if (!draw_match(f))
         return false;
     if (cw_fault_needs_arming(&f->rule))
         f->armed--;
@@ -77,7 +76,7 @@ bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t t
     if (!count_match(bus, f, start, told))
         return true;
     const cw_prng before = f->prng;
-    if (draw_match(bus, f)) {
+    if (draw_match(f)) {
         f->matches--;
         f->prng = before;
         return false;

@@ -41,7 +41,6 @@ typedef struct cw_fault {
     uint32_t armed;       /* hits allowed, where the rule must be armed */
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
     bool rx_hit;          /* what was decided at rx_tick */
-    uint32_t clear_bits;  /* NOISE: bits to come whose draws have been looked at and flip nothing */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
     uint64_t on_wire;     /* nodes whose wire it acts on, as far as it acts on levels ... */
@@ -114,6 +113,7 @@ typedef struct cw_fault_set {
     unsigned host_rules;    /* rules on frames at the host side */
     unsigned reply_rules;
     unsigned noise_rules;
+    unsigned line_rules;    /* that hold a line at a level */
     unsigned traffic_rules; /* that may send at any bit */
     unsigned error_rules;
     unsigned after_rules;   /* that come after another one */
@@ -168,19 +168,40 @@ uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
 /* Whether some rule may act at or before the SOF of the next frames of these nodes. */
 bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
 
-#define CW_NO_STOP UINT16_MAX
+#define CW_NO_LOOK UINT16_MAX
 
-/* Finds where the leap has to stop next, and for which rule: at the first wire bit, from `from` on,
- * that a rule looks at, or roughly when there are no bits yet; CW_NO_STOP. */
-void cw_fault_find_stop(cw_bus *bus, unsigned from);
+/* The next bit of a frame that a rule looks at. */
+typedef struct cw_look {
+    uint16_t bit;  /* on the wire, SOF is 0; CW_NO_LOOK */
+    uint16_t rule; /* or CW_SEVERAL_RULES */
+    bool exact;    /* false: the bit is there or behind, where is known when the frame is encoded */
+} cw_look;
 
-/* In a leap, at its stop or, when nothing happens up to there, before it: true when it is no hit.
- * The match is counted then. */
-bool cw_fault_lets_pass(cw_bus *bus);
+/* Three questions, which change nothing. First: of the frame that is on its way in a frame step,
+ * from bit `from` on. */
+cw_look cw_rules_next_look(const cw_bus *bus, unsigned from);
 
-/* For a frame with a rough stop that lies ahead, when nothing can keep the node from sending all of
- * it: true when its bit is no hit, whichever it is. The match is counted then. */
-bool cw_fault_lets_frame_pass(cw_bus *bus, unsigned node, const cw_frame *frame);
+/* Second: what rules that are looked at in every bit touch. */
+#define CW_TOUCH_LEVELS 0x01u      /* levels, other than by noise that goes on and on */
+#define CW_TOUCH_CONTROLLERS 0x02u /* they have to see who sends */
+#define CW_TOUCH_FRAME 0x04u       /* they are bound to a transmission */
+#define CW_TOUCH_QUEUES 0x08u      /* they send when there is reason to */
+#define CW_TOUCH_AT_RANDOM 0x10u   /* bits that cw_rules_keep_quiet() knows */
+#define CW_TOUCH_DOMINANT 0x20u    /* dominant bits of a node: nothing as long as there are none */
+#define CW_TOUCH_MORE 0x40u        /* or they have anything else to do in the next bit */
+
+unsigned cw_rules_touch_now(const cw_bus *bus);
+
+/* Third: bits to come, no more than that many, that noise leaves alone and before whose end no
+ * traffic rule sends, as long as no frame leaves a queue. busy: all these bits are. */
+uint64_t cw_rules_keep_quiet(const cw_bus *bus, uint64_t bits, bool busy);
+
+/* And the call that takes note. So many bits pass that rules keep quiet: their draws are consumed.
+ * A look (or NULL) that lies in or behind them is decided: true when it is no hit, and the match is
+ * counted. False: it is a hit, or not to be told before its bit comes; nothing of the look is
+ * consumed. frame: for looks that are not exact, when nothing can keep the node from sending all of
+ * it. */
+bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_frame *frame);
 
 /* Whether the stop for the frame of a node may be found roughly: not behind the bit that a rule
  * looks at, but without the bits of the frame. Mostly nobody needs more. */
@@ -192,15 +213,8 @@ static inline bool cw_fault_stops_roughly(const cw_fault_set *set, unsigned node
 /* No transmission is under way any more. */
 void cw_fault_unbind(cw_bus *bus);
 
-/* Whether a rule is bound to a transmission; whether one looks at the bit that comes next in that
- * of a node. */
-bool cw_fault_is_bound(const cw_bus *bus);
+/* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */
 bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node);
-
-/* Of the rules that are looked at in every bit: whether one has to see the controllers; whether one
- * acts on levels, other than noise that goes on and on. */
-bool cw_fault_needs_controllers(const cw_bus *bus);
-bool cw_fault_is_at_work(const cw_bus *bus);
 
 /* The nodes whose lines to the bus are stuck. */
 uint64_t cw_fault_stuck_lines(const cw_bus *bus);
@@ -215,19 +229,6 @@ void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
 
 /* Hits of the bit that has ended. */
 void cw_fault_emit(cw_bus *bus);
-
-/* Whether rules that are looked at in every bit are no more than noise and traffic that go on and
- * on, and lines that are stuck at a level that the wire keeps. */
-bool cw_fault_is_steady(const cw_bus *bus, bool level);
-
-/* Whether they do nothing at all on a bus at rest, however long. */
-bool cw_fault_rests(const cw_bus *bus);
-
-/* Bits to come, no more than that many, that such noise leaves alone. */
-uint64_t cw_fault_noise_free(cw_bus *bus, uint64_t bits);
-
-/* Some of these bits have passed. */
-void cw_fault_pass_noise(cw_bus *bus, uint64_t bits);
 
 /* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
  * rules and the hosts say; and undoes it. */
@@ -247,9 +248,5 @@ void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
 
 /* How many frames of a node rules hold back on each side. */
 void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
-
-/* Bits to come, no more than that many, before whose end such rules send nothing as long as no
- * frame leaves a queue. busy: all these bits are. */
-uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy);
 
 #endif

@@ -85,7 +85,7 @@ static uint64_t bits_to_target(const cw_bus *bus, const cw_fault *f)
     return permille ? (busy - target + permille - 1) / permille : CW_QUIET_FOREVER;
 }
 
-uint64_t cw_fault_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
+uint64_t cw_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
 {
     const cw_fault_set *set = &bus->faults;
     for (unsigned i = 0; set->traffic_rules && i < set->awake_count; i++) {

@@ -24,7 +24,7 @@
 
 static unsigned next_loss(const cw_leap *leap)
 {
-    unsigned next = CW_NO_STOP;
+    unsigned next = CW_NO_LOOK;
     for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
         unsigned at = leap->lost_at[cw_lowest_node(rest)] + 1u;
         next = at < next ? at : next;
@@ -120,7 +120,7 @@ static void run_moment(cw_bus *bus)
 static unsigned next_moment(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    unsigned loss = leap->undecided ? next_loss(leap) : CW_NO_STOP;
+    unsigned loss = leap->undecided ? next_loss(leap) : CW_NO_LOOK;
     unsigned next = leap->length + CW_INTERMISSION_BITS;
     if (leap->at < leap->length)
         next = leap->length;
@@ -152,7 +152,7 @@ static void pass(cw_bus *bus, unsigned bits)
     move(bus, bits);
     count_bits(bus, bits);
     if (bus->faults.awake_count && !bus->leap.at_work)
-        cw_fault_pass_noise(bus, bits);
+        (void)cw_rules_consume(bus, bits, NULL, NULL);
 }
 
 /* Where it ends at the latest. */
@@ -175,8 +175,8 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = next_moment(bus) - leap->at;
     bits = (unsigned)cw_least(bits, end_of(leap) - (uint64_t)leap->at);
-    if (leap->stop != CW_NO_STOP)
-        bits = (unsigned)cw_least(bits, (uint64_t)leap->stop - leap->at);
+    if (leap->look.bit != CW_NO_LOOK)
+        bits = (unsigned)cw_least(bits, (uint64_t)leap->look.bit - leap->at);
     bits = bits_up_to(bus, tick, bits);
     uint64_t due = cw_least(bus->next_restart, bus->faults.next_due);
     due = cw_least(due, cw_inbox_first(bus));
@@ -184,7 +184,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
         bits = (unsigned)cw_wire_bits_until(&bus->time, due);
     if (bus->faults.awake_count == 0)
         return bits;
-    return (unsigned)cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, true));
+    return (unsigned)cw_rules_keep_quiet(bus, bits, true);
 }
 
 static void end_slot(cw_bus *bus)
@@ -280,7 +280,7 @@ static void leap_over(cw_bus *bus)
     const unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     count_bits(bus, bits);
     if (bus->faults.awake_count)
-        cw_fault_pass_noise(bus, bits);
+        (void)cw_rules_consume(bus, bits, NULL, NULL);
     while (leap->undecided) {
         leap->at = (uint16_t)pass_to(bus, leap->at, next_loss(leap));
         tell_losses(bus);
@@ -289,11 +289,11 @@ static void leap_over(cw_bus *bus)
 }
 
 /* Whether nothing happens up to the end of the bit at which the leap stops. */
-static bool goes_straight_to_stop(const cw_bus *bus)
+static bool goes_straight_to_look(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    return leap->stop < next_moment(bus) &&
-           cw_inbox_first(bus) >= cw_leap_tick(bus, leap->stop + 1u);
+    return leap->look.bit < next_moment(bus) &&
+           cw_inbox_first(bus) >= cw_leap_tick(bus, leap->look.bit + 1u);
 }
 
 /* Rules are asked in advance, as far as nobody can see that before it is time; one with a rough
@@ -301,14 +301,15 @@ static bool goes_straight_to_stop(const cw_bus *bus)
 static bool rules_let_pass(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
-    if (!leap->bits && leap->stop != CW_NO_STOP) {
-        if (cw_fault_lets_frame_pass(bus, leap->node, &leap->frame))
-            leap->stop = CW_NO_STOP;
-        return leap->stop == CW_NO_STOP;
+    if (leap->look.bit != CW_NO_LOOK && !leap->look.exact) {
+        if (cw_rules_consume(bus, 0, &leap->look, &leap->frame))
+            leap->look.bit = CW_NO_LOOK;
+        return leap->look.bit == CW_NO_LOOK;
     }
-    while (leap->stop != CW_NO_STOP && goes_straight_to_stop(bus) && cw_fault_lets_pass(bus))
-        cw_fault_find_stop(bus, leap->stop + 1u);
-    return leap->stop == CW_NO_STOP;
+    while (leap->look.bit != CW_NO_LOOK && goes_straight_to_look(bus) &&
+           cw_rules_consume(bus, 0, &leap->look, NULL))
+        leap->look = cw_rules_next_look(bus, leap->look.bit + 1u);
+    return leap->look.bit == CW_NO_LOOK;
 }
 
 /* Whether nothing but frames for the queues comes in before that tick. Those for nodes in loopback
@@ -334,8 +335,9 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
 
 static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
 {
+    const cw_look look = {.rule = bus->faults.watcher[winner]};
     return cw_fault_stops_roughly(&bus->faults, winner) &&
-           cw_fault_lets_frame_pass(bus, winner, frame);
+           cw_rules_consume(bus, 0, &look, frame);
 }
 
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
@@ -369,7 +371,7 @@ static void find_bits(cw_bus *bus)
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
     bus->leap.bits = &n->mac.tx;
-    cw_fault_find_stop(bus, 0);
+    bus->leap.look = cw_rules_next_look(bus, 0);
 }
 
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
@@ -380,10 +382,10 @@ static void look_at_stop(cw_bus *bus)
         return;
     }
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
-    if (!cw_leap_is_noise_free(bus, 1) || !cw_fault_lets_pass(bus))
+    if (!cw_leap_is_noise_free(bus, 1) || !cw_rules_consume(bus, 0, &bus->leap.look, NULL))
         cw_wake_controllers(bus);
     else
-        cw_fault_find_stop(bus, bus->leap.at + 1u);
+        bus->leap.look = cw_rules_next_look(bus, bus->leap.at + 1u);
 }
 
 /* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
@@ -402,7 +404,7 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
         cw_wake_controllers(bus);
         return;
     }
-    if (leap->at == leap->stop) {
+    if (leap->at == leap->look.bit) {
         look_at_stop(bus);
         return;
     }
@@ -460,5 +462,6 @@ uint64_t cw_leap_horizon(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     uint64_t bits = clean_horizon(bus);
-    return leap->stop == CW_NO_STOP ? bits : cw_least(bits, leap->stop + 1u - leap->at);
+    return leap->look.bit == CW_NO_LOOK ? bits
+                                        : cw_least(bits, leap->look.bit + 1u - leap->at);
 }

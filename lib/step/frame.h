@@ -42,9 +42,9 @@ static inline const cw_bits *cw_leap_bits(const cw_bus *bus, cw_bits *room)
 void cw_leap_find_loss(cw_bus *bus, unsigned node, const cw_bits *bits);
 
 /* Whether noise leaves so many bits to come alone. */
-static inline bool cw_leap_is_noise_free(cw_bus *bus, unsigned bits)
+static inline bool cw_leap_is_noise_free(const cw_bus *bus, unsigned bits)
 {
-    return bus->faults.awake_count == 0 || cw_fault_noise_free(bus, bits) == bits;
+    return bus->faults.awake_count == 0 || cw_rules_keep_quiet(bus, bits, true) == bits;
 }
 
 #endif

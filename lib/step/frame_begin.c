@@ -20,7 +20,7 @@ static bool can_begin(cw_bus *bus)
     if (bus->outlook.calm && bus->faults.awake_count)
         cw_fault_unbind(bus);
     if (bus->faults.awake_count &&
-        (cw_fault_needs_controllers(bus) || cw_fault_noise_free(bus, 1) == 0))
+        ((cw_rules_touch_now(bus) & CW_TOUCH_CONTROLLERS) || !cw_leap_is_noise_free(bus, 1)))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
     return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
@@ -131,7 +131,7 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
-    return leap->stop >= bits && cw_wire_fits(&bus->time, bits, tick) &&
+    return leap->look.bit >= bits && cw_wire_fits(&bus->time, bits, tick) &&
            !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
            is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
@@ -161,9 +161,9 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->broken = false;
     leap->unseen = false;
     leap->bound = false;
-    leap->at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
+    leap->at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
     leap->at = 0;
-    leap->stop = CW_NO_STOP;
+    leap->look.bit = CW_NO_LOOK;
     leap->listeners = bus->outlook.listeners;
     leap->contenders = contenders;
     leap->undecided = 0;
@@ -176,7 +176,7 @@ static void start_transmissions(cw_bus *bus, uint64_t tick)
     const uint64_t self = cw_node_bit(leap->node);
     const uint64_t watched = leap->watched;
     if (watched == self)
-        cw_fault_find_stop(bus, 0);
+        leap->look = cw_rules_next_look(bus, 0);
     bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
     if (leap->contenders == self || hidden) {
         cw_leap_count_losses(bus);
@@ -186,7 +186,7 @@ static void start_transmissions(cw_bus *bus, uint64_t tick)
     for (uint64_t rest = watched & ~self; rest; rest &= rest - 1)
         encode(&bus->nodes[cw_lowest_node(rest)]);
     if (watched)
-        cw_fault_find_stop(bus, 0);
+        leap->look = cw_rules_next_look(bus, 0);
 }
 
 bool cw_leap_begin(cw_bus *bus, uint64_t tick)
@@ -201,7 +201,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
         !is_leapable(bus, contenders, winner))
         return false;
     uint64_t watched = cw_fault_watched(bus, contenders, winner);
-    bool at_work = bus->faults.awake_count && cw_fault_is_at_work(bus);
+    bool at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
     if (watched && (at_work || cw_fault_acts_at_start(bus, watched)))
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);

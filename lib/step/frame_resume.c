@@ -86,9 +86,10 @@ static bool rules_allow_it(cw_bus *bus, unsigned sender)
         return false;
     if (bus->faults.awake_count == 0)
         return true;
-    bool at_work = cw_fault_is_bound(bus) && cw_fault_is_at_work(bus);
-    return !at_work && !cw_fault_needs_controllers(bus) && !cw_fault_looks_at_next(bus, sender) &&
-           cw_fault_noise_free(bus, 1) > 0;
+    const unsigned touch = cw_rules_touch_now(bus);
+    bool at_work = (touch & CW_TOUCH_FRAME) && (touch & CW_TOUCH_LEVELS);
+    return !at_work && !(touch & CW_TOUCH_CONTROLLERS) && !cw_fault_looks_at_next(bus, sender) &&
+           cw_leap_is_noise_free(bus, 1);
 }
 
 /* ---- Going on -------------------------------------------------------------------------------- */
@@ -131,7 +132,7 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
     cw_outlook_find(bus);
     cw_leap_prepare(bus, sender, senders);
     take_over(bus, sender);
-    cw_fault_find_stop(bus, bus->leap.at);
+    bus->leap.look = cw_rules_next_look(bus, bus->leap.at);
     cw_leap_on(bus, tick);
     return true;
 }

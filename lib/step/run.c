@@ -50,7 +50,8 @@ static uint64_t bits_up_to_inbox(const cw_bus *bus)
 
 uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
 {
-    if (bus->faults.awake_count && !cw_fault_is_steady(bus, level))
+    const unsigned touch = cw_rules_touch(bus);
+    if ((touch & CW_TOUCH_MORE) || (level == CW_DOMINANT && (touch & CW_TOUCH_DOMINANT)))
         return 0;
     uint64_t bits = steady_bits(bus, level);
     if (bits == 0)
@@ -61,7 +62,7 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
     bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->faults.next_due));
     if (bus->faults.awake_count == 0)
         return bits;
-    return cw_fault_noise_free(bus, cw_fault_traffic_free(bus, bits, false));
+    return cw_rules_keep_quiet(bus, bits, false);
 }
 
 /* ---- Going ----------------------------------------------------------------------------------- */
@@ -78,7 +79,7 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
 {
     cw_watch_wire(bus, bits);
     if (bus->faults.awake_count)
-        cw_fault_pass_noise(bus, bits);
+        (void)cw_rules_consume(bus, bits, NULL, NULL);
     if (bus->followers)
         skip(bus, &bus->common, bits, level);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {

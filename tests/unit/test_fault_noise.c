@@ -4,6 +4,8 @@
  */
 #include "rules.h"
 
+#include "bus/bus_private.h"
+
 /* A match that is passed over counts once, also when noise flips the very bit. */
 static void noise_and_a_position_in_one_bit(void **state)
 {
@@ -79,12 +81,53 @@ static void noise_with_count_and_skip(void **state)
     rig_free(r);
 }
 
+/* Two noises of one kind each and a listener, so that frames go on. */
+static rig *noisy_rig(void)
+{
+    rig *r = rig_new(3);
+    static const uint64_t rates[] = {UINT64_MAX / 50, UINT64_MAX / 3000};
+    for (unsigned i = 0; i < 2; i++) {
+        cw_rule *noise =
+            rig_rule(r, new_rule(i ? "seldom" : "often", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+        noise->error_rate = rates[i];
+        noise->at = i ? 0 : NODE(2);
+    }
+    r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
+    rig_start(r);
+    return r;
+}
+
+/* However often and for how many bits rules are asked, what comes is what they have said. */
+static void questions_change_nothing(void **state)
+{
+    (void)state;
+    rig *asked = noisy_rig(), *left_alone = noisy_rig();
+    for (unsigned i = 1; i <= 400; i++) {
+        const uint64_t before = hits(asked, 0) + hits(asked, 1);
+        const unsigned touch = cw_rules_touch(asked->bus);
+        const uint64_t quiet = cw_rules_keep_quiet(asked->bus, 4096, false);
+        assert_true(touch == 0 || (touch & CW_TOUCH_AT_RANDOM) || (touch & CW_TOUCH_MORE));
+        assert_int_equal(cw_rules_keep_quiet(asked->bus, 4096, false), quiet);
+        assert_int_equal(cw_rules_keep_quiet(asked->bus, 10, false), quiet < 10 ? quiet : 10);
+        rig_run_bits(asked, 10 * i);
+        rig_run_bits(left_alone, 10 * i);
+        if (touch == CW_TOUCH_AT_RANDOM)
+            assert_int_equal(hits(asked, 0) + hits(asked, 1) == before, quiet >= 10);
+        for (unsigned rule = 0; rule < 2; rule++)
+            assert_int_equal(hits(asked, rule), hits(left_alone, rule));
+    }
+    assert_in_range(hits(asked, 0), 40, 160);
+    rig_free(asked);
+    rig_free(left_alone);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(noise_and_a_position_in_one_bit),
         cmocka_unit_test(noise_is_followed_from_the_end_of_its_bit),
         cmocka_unit_test(noise_with_count_and_skip),
+        cmocka_unit_test(questions_change_nothing),
     };
     return cmocka_run_group_tests_name("fault_noise", tests, NULL, NULL);
 }

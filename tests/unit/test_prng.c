@@ -61,12 +61,26 @@ static void random_numbers_are_those_of_the_stream(void **state)
     }
 }
 
+static void skipped_draws_are_those_that_would_have_come(void **state)
+{
+    (void)state;
+    cw_prng drawn, skipped;
+    cw_prng_init(&drawn, 42, "engine");
+    cw_prng_init(&skipped, 42, "engine");
+    for (unsigned i = 0; i < 1000; i++)
+        (void)cw_prng_next(&drawn);
+    cw_prng_skip(&skipped, 999);
+    cw_prng_skip(&skipped, 1);
+    assert_true(cw_prng_next(&skipped) == cw_prng_next(&drawn));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_generator_is_splitmix64),
         cmocka_unit_test(a_stream_is_that_of_seed_and_name),
         cmocka_unit_test(random_numbers_are_those_of_the_stream),
+        cmocka_unit_test(skipped_draws_are_those_that_would_have_come),
     };
     return cmocka_run_group_tests_name("prng", tests, NULL, NULL);
 }
