@@ -81,7 +81,8 @@ static unsigned id_hash(uint32_t id)
  * most that none does. */
 static inline bool may_wait(const cw_fault_set *set, unsigned class, uint32_t id)
 {
-    return set->id_classes[id_hash(id & set->classes[class].mask)] >> class & 1u;
+    const unsigned classes = set->id_classes[id_hash(id & set->classes[class].mask)];
+    return classes >> class & 1u;
 }
 
 bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame)

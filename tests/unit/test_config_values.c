@@ -5,6 +5,8 @@
  */
 #include "configs.h"
 
+#include <inttypes.h>
+
 /* The head of the file has a line "# warns: LINE:COLUMN: message" for each. */
 static void times_that_are_rounded_are_told(void **state)
 {
@@ -58,8 +60,9 @@ static void bit_rates_are_near_what_the_clock_makes(void **state)
         FILE *nowhere = fopen("/dev/null", "w");
         cfg *config = cfg_load(path, nowhere);
 
-        if ((config ? cw_rate_ticks(config->rate, 1) : 0) != cases[i].ticks)
-            fail_msg("%u: %u ticks", cases[i].bitrate, config ? cw_rate_ticks(config->rate, 1) : 0);
+        uint64_t ticks = config ? cw_rate_ticks(config->rate, 1) : 0;
+        if (ticks != cases[i].ticks)
+            fail_msg("%u: %" PRIu64 " ticks", cases[i].bitrate, ticks);
         cfg_free(config);
         fclose(nowhere);
         drop_file(path);
