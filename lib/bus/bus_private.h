@@ -311,6 +311,17 @@ static inline void cw_count_clean_bits(cw_bus *bus)
         cw_count_clean_bits_now(bus);
 }
 
+/* All bits so far, and the busy ones of them, with those that are not in the statistics yet. */
+static inline uint64_t cw_bits_so_far(const cw_bus *bus)
+{
+    return bus->stats.bits + bus->clean_bits;
+}
+
+static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
+{
+    return bus->stats.busy_bits + bus->clean_bits;
+}
+
 /* ---- memory.c -------------------------------------------------------------------------------- */
 
 /* Room in the queue of a node: for what its configuration and rules from the start may set. */

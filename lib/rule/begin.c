@@ -63,8 +63,8 @@ void cw_fault_begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
     f->active_until = window_end(bus, &f->rule);
     f->dominant_bits = 0;
     f->next_at = f->rule.action == CW_ACTION_SEND ? cw_now(bus) : CW_NEVER;
-    f->busy_base = bus->stats.busy_bits;
-    f->bits_base = bus->stats.bits;
+    f->busy_base = cw_busy_bits_so_far(bus);
+    f->bits_base = cw_bits_so_far(bus);
     cw_fault_set_due(&bus->faults, f->active_until);
     cw_fault_set_due(&bus->faults, f->next_at);
     if (cw_fault_needs_bits(f))

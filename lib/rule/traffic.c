@@ -65,8 +65,8 @@ void cw_fill_up(cw_bus *bus, unsigned rule)
     cw_fault *f = cw_fault_at(bus, rule);
     if (!can_take(bus, f))
         return;
-    uint64_t busy = bus->stats.busy_bits - f->busy_base;
-    uint64_t bits = bus->stats.bits - f->bits_base;
+    uint64_t busy = cw_busy_bits_so_far(bus) - f->busy_base;
+    uint64_t bits = cw_bits_so_far(bus) - f->bits_base;
     if (busy * 1000 > bits * f->rule.load_permille)
         return;
     const cw_frame frame = random_frame(&f->prng);
@@ -78,8 +78,8 @@ void cw_fill_up(cw_bus *bus, unsigned rule)
 static uint64_t bits_to_target(const cw_bus *bus, const cw_fault *f)
 {
     const uint64_t permille = f->rule.load_permille;
-    uint64_t busy = (bus->stats.busy_bits - f->busy_base) * 1000;
-    uint64_t target = (bus->stats.bits - f->bits_base) * permille;
+    uint64_t busy = (cw_busy_bits_so_far(bus) - f->busy_base) * 1000;
+    uint64_t target = (cw_bits_so_far(bus) - f->bits_base) * permille;
     if (busy <= target)
         return 1;
     return permille ? (busy - target + permille - 1) / permille : CW_QUIET_FOREVER;
