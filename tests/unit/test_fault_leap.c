@@ -339,6 +339,37 @@ static void events_are_in_order(void **state)
     }
 }
 
+/* A generator that begins in the frame behind a clean one, and its first frame. */
+static uint64_t first_of_generator(bool stepping)
+{
+    rig *r = rig_new(2);
+    *rig_flip(r, "load", CW_FIELD_NONE, 0) =
+        (cw_rule){.name = "load", .time_end = CW_NEVER, .probability = UINT64_MAX, .filter_count = 1,
+                  .filters = {{0x2C0, 0x7FF, false}},
+                  .action = CW_ACTION_LOAD, .load_permille = 816};
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    const cw_frame clean = rig_frame(0x280, 0, 0);
+    const cw_frame trigger = rig_frame(0x2C0, 0, 0);
+    rig_send(r, 0, &clean, 0);
+    rig_send(r, 0, &trigger, 0);
+    rig_run_bits(r, 300);
+    uint64_t tick = 0;
+    for (size_t i = 0; i < r->count && tick == 0; i++)
+        if (r->events[i].kind == CW_EVENT_TX && r->events[i].frame.id != 0x280 &&
+            r->events[i].frame.id != 0x2C0)
+            tick = r->events[i].tick;
+    rig_free(r);
+    assert_int_not_equal(tick, 0);
+    return tick;
+}
+
+static void a_load_counts_the_bits_of_clean_frames(void **state)
+{
+    (void)state;
+    assert_int_equal(first_of_generator(false), first_of_generator(true));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -346,6 +377,7 @@ int main(void)
         cmocka_unit_test(a_leap_that_goes_on_stops_for_bound_rules),
         cmocka_unit_test(the_trace_does_not_depend_on_the_pace),
         cmocka_unit_test(events_are_in_order),
+        cmocka_unit_test(a_load_counts_the_bits_of_clean_frames),
     };
     return cmocka_run_group_tests_name("fault_leap", tests, NULL, NULL);
 }
