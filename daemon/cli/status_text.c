@@ -28,8 +28,8 @@ static intmax_t number(const json_t *object, const char *key)
     return (intmax_t)json_integer_value(json_object_get(object, key));
 }
 
-/* "" when there is none. */
-/* What a bus says of itself may be anything: it is made plain in place, which keeps its length. */
+/* Returns "" when there is none. A bus may send any text: it is made plain in place, which keeps
+ * its length. */
 static const char *text(const json_t *object, const char *key)
 {
     char *value = (char *)(uintptr_t)json_string_value(json_object_get(object, key));
@@ -112,8 +112,9 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fputs("    can ", out);
     print_modes(out, settings);
     fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
-            has_link(node) ? upper(state, text(node, "state")) : "STOPPED", number(node, "tec"),
-            number(node, "rec"), number(settings, "restart-ms"));
+            has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
+            number(node, "tec"), number(node, "rec"),
+            number(settings, "restart-ms"));
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }
 

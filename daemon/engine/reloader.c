@@ -12,9 +12,9 @@
 
 #define BUSY_S 0.1 /* what works for so long does not hang */
 #define WHY_MAX 140
-#define LEFT_MAX                                                                                   \
-    4u /* rounds that were given up and whose threads still hang, after which there is             \
-          no other */
+
+/* So many rounds may be given up while their threads still hang; after that there is no other. */
+#define LEFT_MAX 4u
 
 /* What a thread works on. */
 typedef struct reading {

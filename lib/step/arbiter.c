@@ -4,9 +4,9 @@
  *
  * The frames that go first of all nodes play a tournament by their arbitration fields: a node that
  * gets another frame plays its matches again when somebody asks for the winner, all others stay as
- * they are. What every node that
- * waits, or every node that listens, counts for a clean frame is counted once for all of them and
- * shared out when somebody looks or when a node stops taking part.
+ * they are. All nodes that wait count the same for a clean frame, and so do all that listen: this
+ * is counted once for each of the two groups. A node gets its share when somebody looks, or when it
+ * leaves the group.
  */
 #include "bus/bus_private.h"
 

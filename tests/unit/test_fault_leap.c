@@ -344,8 +344,8 @@ static uint64_t first_of_generator(bool stepping)
 {
     rig *r = rig_new(2);
     *rig_flip(r, "load", CW_FIELD_NONE, 0) =
-        (cw_rule){.name = "load", .time_end = CW_NEVER, .probability = UINT64_MAX, .filter_count = 1,
-                  .filters = {{0x2C0, 0x7FF, false}},
+        (cw_rule){.name = "load", .time_end = CW_NEVER, .probability = UINT64_MAX,
+                  .filter_count = 1, .filters = {{0x2C0, 0x7FF, false}},
                   .action = CW_ACTION_LOAD, .load_permille = 816};
     rig_start(r);
     cw_bus_set_stepping(r->bus, stepping);
