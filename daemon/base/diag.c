@@ -67,8 +67,8 @@ void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
 
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
 {
-    add(self,
-        (diag_message){.line = line, .column = column, .elsewhere = true, .text = strdup(text)});
+    add(self, (diag_message){
+                  .line = line, .column = column, .elsewhere = true, .text = strdup(text)});
 }
 
 diag_file diag_enter(diag *self, const char *name, size_t number)

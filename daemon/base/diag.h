@@ -21,9 +21,9 @@ typedef struct diag_file {
 
 typedef struct diag_message {
     diag_file file;
-    size_t line;    /* from 1; 0: about the file itself */
-    size_t column;  /* from 1, in characters */
-    size_t number;  /* keeps the order of messages about one place */
+    size_t line;   /* from 1; 0: about the file itself */
+    size_t column; /* from 1, in characters */
+    size_t number; /* keeps the order of messages about one place */
     bool elsewhere; /* see diag_add_elsewhere() */
     bool warning;   /* see diag_warn() */
     char *text;
@@ -31,9 +31,9 @@ typedef struct diag_message {
 
 /* All zeros and a file name is an empty collection. */
 typedef struct diag {
-    diag_file file;  /* of the messages to come */
-    size_t errors;   /* that were told, also those that are not kept; 0: all is good so far */
-    size_t count;    /* messages kept */
+    diag_file file; /* of the messages to come */
+    size_t errors;  /* that were told, also those that are not kept; 0: all is good so far */
+    size_t count;   /* messages kept */
     size_t warnings; /* that were told */
     bool overflow;   /* there were more than DIAG_MAX or DIAG_TOLD_MAX */
     diag_message messages[DIAG_MAX];

@@ -111,20 +111,21 @@ static void print_usage(FILE *out)
 static void print_help(void)
 {
     print_usage(stdout);
-    fputs("\n"
-          "Shows the bits of a frame on the wire, SOF to EOF, with stuff bits and with the ACK\n"
-          "slot as the transmitter sends it (1, recessive).\n"
-          "\n"
-          "  FRAME       123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
-          "              123#1122334455667788_F (DLC over 8)\n"
-          "  -r, --raw   only 0s and 1s, on one line\n"
-          "  -h, --help  this text\n"
-          "\n"
-          "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
-          "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n"
-          "\n"
-          "Exit status: 0, 1 FRAME is none, 2 wrong usage.\n",
-          stdout);
+    fputs(
+        "\n"
+        "Shows the bits of a frame on the wire, SOF to EOF, with stuff bits and with the ACK\n"
+        "slot as the transmitter sends it (1, recessive).\n"
+        "\n"
+        "  FRAME       123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
+        "              123#1122334455667788_F (DLC over 8)\n"
+        "  -r, --raw   only 0s and 1s, on one line\n"
+        "  -h, --help  this text\n"
+        "\n"
+        "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
+        "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n"
+        "\n"
+        "Exit status: 0, 1 FRAME is none, 2 wrong usage.\n",
+        stdout);
 }
 
 static int refuse_usage(const char *message, const char *argument)

@@ -75,7 +75,8 @@ static const char *plural(uint64_t count)
 
 static void print_summary(const cfg *config)
 {
-    printf("%s: ok (bus %s, %" PRIu32 " bit/s, classical CAN, %zu node%s, %zu rule%s", config->file,
+    printf("%s: ok (bus %s, %" PRIu32 " bit/s, classical CAN, %zu node%s, %zu rule%s",
+           config->file,
            config->bus_name, config->bitrate_bps, config->node_count, plural(config->node_count),
            config->rule_count, plural(config->rule_count));
     if (config->expect_count > 0)

@@ -55,8 +55,9 @@ static bool add_parameter(void *user, const char *argument)
     }
     bool good = buffer_length(&in->with) > 0 || append(&in->with, "\nwith:\n", 7);
     return good && append(&in->with, "  ", 2) &&
-           append(&in->with, argument, (size_t)(equals - argument)) && append(&in->with, ": ", 2) &&
-           append(&in->with, equals + 1, strlen(equals + 1)) && append(&in->with, "\n", 1);
+           append(&in->with, argument, (size_t)(equals - argument)) &&
+           append(&in->with, ": ", 2) && append(&in->with, equals + 1, strlen(equals + 1)) &&
+           append(&in->with, "\n", 1);
 }
 
 /* Up to what is too much; the bus would refuse it anyway. */

@@ -124,8 +124,8 @@ static bool take_nodes(recording *r, const json_t *status)
     const json_t *nodes = json_object_get(status, "nodes");
     size_t count = json_array_size(nodes);
     free_nodes(&r->config);
-    r->config.bitrate_bps =
-        (uint32_t)json_integer_value(json_object_get(json_object_get(status, "bus"), "bitrate"));
+    r->config.bitrate_bps = (uint32_t)json_integer_value(
+        json_object_get(json_object_get(status, "bus"), "bitrate"));
     r->config.nodes = calloc(count + 1, sizeof *r->config.nodes);
     bool good = r->config.nodes && count <= CW_NODES_MAX;
     for (size_t i = 0; i < count && good; i++) {
@@ -153,8 +153,8 @@ static bool ask_status(recording *r, bool first)
 /* False after a message. */
 static bool begin_watch(recording *r)
 {
-    static const char *const kinds[] = {
-        "tx", "skip", "error", "state", "restart", "arbitration-lost", "drop"};
+    static const char *const kinds[] = {"tx",    "skip", "error", "state", "restart",
+                                        "arbitration-lost", "drop"};
     size_t count = r->what.format == CFG_RECORD_CANDUMP ? 2 : sizeof kinds / sizeof kinds[0];
     json_t *request = client_request("watch");
     json_t *array = json_array();

@@ -139,12 +139,12 @@ int cli_reload(int argc, char **argv)
 {
     int first = 0;
     target t = {.pid = 0};
-    const command c = {
-        .usage = usage,
-        .help = help,
-        .words_max = 1,
-        .options = {{.name = "config", .text = take_config}, {.name = "pid", .text = take_pid}},
-        .user = &t};
+    const command c = {.usage = usage,
+                       .help = help,
+                       .words_max = 1,
+                       .options = {{.name = "config", .text = take_config},
+                                   {.name = "pid", .text = take_pid}},
+                       .user = &t};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -2,11 +2,11 @@
  *
  * status.c - canwire status: a bus and its nodes, or all buses.
  */
-#include "serve/status.h"
 #include "base/jsonput.h"
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "serve/status.h"
 
 #include <glob.h>
 #include <string.h>

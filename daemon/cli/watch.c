@@ -115,12 +115,12 @@ int cli_watch(int argc, char **argv)
     bool text = false;
     int first = 0;
     client bus;
-    const command c = {
-        .usage = "canwire watch BUS [KIND...] [--json|--text]",
-        .help = help,
-        .words_min = 1,
-        .words_max = -1,
-        .options = {{.name = "json", .flag = &json}, {.name = "text", .flag = &text}}};
+    const command c = {.usage = "canwire watch BUS [KIND...] [--json|--text]",
+                       .help = help,
+                       .words_min = 1,
+                       .words_max = -1,
+                       .options = {{.name = "json", .flag = &json},
+                                   {.name = "text", .flag = &text}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -17,10 +17,7 @@ typedef struct claim {
     int owner; /* whose name says who does, or -1 */
 } claim;
 
-#define CLAIM_NONE                                                                                 \
-    {                                                                                              \
-        .lock = -1, .owner = -1                                                                    \
-    }
+#define CLAIM_NONE {.lock = -1, .owner = -1}
 
 /* Claims the interface of an index for a bus. False, with the reason in error ("in use by bus
  * NAME of canwired, pid PID"), when another process has it, or with errno's reason. */

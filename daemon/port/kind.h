@@ -50,8 +50,8 @@ typedef struct port_messages {
 /* The first part of each kind's own. */
 struct port {
     const port_kind *kind;
-    int fd;                /* readable when frames wait; -1 while it is being opened */
-    unsigned index;        /* of its interface, or 0 */
+    int fd;         /* readable when frames wait; -1 while it is being opened */
+    unsigned index; /* of its interface, or 0 */
     unsigned buffer_bytes; /* see port_buffer_bytes() */
     port_stats stats;
     uint32_t drops;        /* as the kernel counts them, modulo 2^32 */

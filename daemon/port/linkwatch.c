@@ -16,8 +16,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define MESSAGE_BYTES 32768u                   /* the kernel makes lists in pieces of up to this */
-#define READS_MAX 64u                          /* at one wake-up */
+#define MESSAGE_BYTES 32768u /* the kernel makes lists in pieces of up to this */
+#define READS_MAX 64u        /* at one wake-up */
 #define UP_FLAGS ((unsigned)IFF_UP | 0x10000u) /* IFF_LOWER_UP, which net/if.h does not have */
 
 struct linkwatch {
@@ -168,8 +168,8 @@ static void on_message(struct ev_loop *loop, ev_io *io, int events)
     for (unsigned reads = 0; reads < READS_MAX; reads++) {
         struct sockaddr_nl from = {.nl_family = AF_NETLINK};
         struct iovec vector = {.iov_base = w->buffer, .iov_len = sizeof w->buffer};
-        struct msghdr message = {
-            .msg_name = &from, .msg_namelen = sizeof from, .msg_iov = &vector, .msg_iovlen = 1};
+        struct msghdr message = {.msg_name = &from, .msg_namelen = sizeof from,
+                                 .msg_iov = &vector, .msg_iovlen = 1};
         ssize_t size = recvmsg(w->fd, &message, MSG_DONTWAIT);
         if (size < 0 && errno == ENOBUFS) { /* the kernel had no room for some */
             log_warning("messages about interfaces were lost, all are listed anew");

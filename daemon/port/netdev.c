@@ -19,8 +19,9 @@ FILE *netdev_open(void)
 static bool read_line(netdev_counters *out, const char *line)
 {
     _Static_assert(IF_NAMESIZE == 16, "the width below");
-    return sscanf(line, " %15[^: ]: %*u %" SCNu64 " %*u %*u %*u %*u %*u %*u %*u %" SCNu64,
-                  out->name, &out->received, &out->sent) == 3;
+    return sscanf(line,
+                  " %15[^: ]: %*u %" SCNu64 " %*u %*u %*u %*u %*u %*u %*u %" SCNu64, out->name,
+                  &out->received, &out->sent) == 3;
 }
 
 bool netdev_next(netdev_counters *out, FILE *in)

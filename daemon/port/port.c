@@ -63,8 +63,8 @@ int port_fd(const port *p)
 /* Where it cannot be the DLC of eight bytes it is what programs left there, as for Linux. */
 static uint8_t dlc_of(const struct can_frame *in)
 {
-    bool raw =
-        in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN && in->len8_dlc <= CAN_MAX_RAW_DLC;
+    bool raw = in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN &&
+               in->len8_dlc <= CAN_MAX_RAW_DLC;
     return raw ? in->len8_dlc : in->len;
 }
 

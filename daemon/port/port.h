@@ -8,8 +8,8 @@
 #include "canwire.h"
 #include "trace/errframe.h"
 
-#define PORT_BATCH 64               /* frames of one read */
-#define PORT_ERROR_TEXT_MAX 300     /* a path and why, as pathsocket.h has it */
+#define PORT_BATCH 64          /* frames of one read */
+#define PORT_ERROR_TEXT_MAX 300 /* a path and why, as pathsocket.h has it */
 #define PORT_BUFFER_BYTES (8 << 20) /* that a port asks for, for frames that wait to be read */
 
 typedef struct port port;
@@ -31,13 +31,13 @@ typedef struct port_stats {
     uint64_t errors_written;  /* error frames given to the ECU's interface */
     uint64_t errors_failed;   /* error frames that the kernel did not take */
     uint64_t errors_left_out; /* error frames not written because there were too many */
-    uint64_t errors_unheard;  /* error frames for an ECU that was not connected */
-    uint64_t errors_ignored;  /* error frames that an ECU wrote itself; they never enter the bus */
-    uint64_t malformed;       /* messages of an ECU that are no frames */
-    uint64_t connected;       /* how often an ECU connected */
-    uint64_t refused;         /* connections refused since an ECU was connected already */
-    uint64_t loopless;    /* frames that programs sent without loopback: on vcan they are lost */
-    uint64_t pushed_back; /* how often it was not read for a while: the node's queue was full */
+    uint64_t errors_unheard; /* error frames for an ECU that was not connected */
+    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
+    uint64_t malformed;      /* messages of an ECU that are no frames */
+    uint64_t connected;      /* how often an ECU connected */
+    uint64_t refused;        /* connections refused since an ECU was connected already */
+    uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
+    uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
 } port_stats;
 
 void port_close(port *p);

@@ -28,10 +28,8 @@ typedef struct number_key {
 
 /* In the order in which `ip` shows them. */
 static const mode_key mode_keys[] = {
-    {"loopback", CW_MODE_LOOPBACK},
-    {"listen-only", CW_MODE_LISTEN_ONLY},
-    {"one-shot", CW_MODE_ONE_SHOT},
-    {"berr-reporting", CW_MODE_BERR_REPORTING},
+    {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
+    {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
     {"presume-ack", CW_MODE_PRESUME_ACK},
     {"lost-arbitration-reporting", CW_MODE_LOST_ARBITRATION_REPORTING},
 };

@@ -295,7 +295,8 @@ static void on_over(void *user, uint64_t round, char *errors)
         (void)snprintf(t->errors, sizeof t->errors, "%s", errors);
 }
 
-static const reloader_calls reload_calls = {.begins = on_begins, .take = on_take, .over = on_over};
+static const reloader_calls reload_calls = {
+    .begins = on_begins, .take = on_take, .over = on_over};
 
 static void reloads_come_in_rounds(void **state)
 {

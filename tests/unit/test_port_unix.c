@@ -22,7 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define WAIT_MS 10000    /* for what has to come */
+#define WAIT_MS 10000 /* for what has to come */
 #define CLOCKS_NS 500000 /* that two clocks may be read apart */
 
 /* ---- What the kernel refuses ----------------------------------------------------------------- */
@@ -202,7 +202,8 @@ static void names_tell_the_kind_of_a_port(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         portname name = portname_parse(cases[i].text);
         assert_int_equal(name.kind, cases[i].kind);
-        assert_int_equal(portname_is_interface(cases[i].text), cases[i].kind == PORTNAME_INTERFACE);
+        assert_int_equal(portname_is_interface(cases[i].text),
+                         cases[i].kind == PORTNAME_INTERFACE);
         if (name.kind == PORTNAME_UNIX)
             assert_string_equal(name.path, cases[i].path);
         if (name.kind == PORTNAME_FD)
@@ -269,10 +270,9 @@ static void only_what_counts_in_a_frame_is_taken(void **state)
         uint32_t can_id;
         uint8_t len, len8_dlc, dlc, length;
     } cases[] = {
-        {0x123, 2, 12, 2, 2}, {0x123, 8, 8, 8, 8},
-        {0x123, 8, 9, 9, 8},  {0x123, 8, 15, 15, 8},
-        {0x123, 8, 16, 8, 8}, {0x123, 8, 255, 8, 8},
-        {0x123, 0, 0, 0, 0},  {0x123 | CAN_RTR_FLAG, 5, 0, 5, 0},
+        {0x123, 2, 12, 2, 2},  {0x123, 8, 8, 8, 8},   {0x123, 8, 9, 9, 8},
+        {0x123, 8, 15, 15, 8}, {0x123, 8, 16, 8, 8},  {0x123, 8, 255, 8, 8},
+        {0x123, 0, 0, 0, 0},   {0x123 | CAN_RTR_FLAG, 5, 0, 5, 0},
     };
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
