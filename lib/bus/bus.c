@@ -34,20 +34,20 @@ static void run_due(cw_bus *bus)
 {
     cw_count_clean_bits(bus);
     do {
-        bus->work += bus->faults.awake_count;
-        if (bus->news || bus->faults.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
+        bus->work += bus->rules.awake_count;
+        if (bus->news || bus->rules.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
             cw_wake_controllers(bus);
-        cw_fault_run_due(bus);
+        cw_rules_run_due(bus);
         run_due_nodes(bus);
         if (bus->news)
             tell_news(bus);
-    } while (bus->news || bus->faults.next_due <= cw_now(bus));
+    } while (bus->news || bus->rules.next_due <= cw_now(bus));
 }
 
 static void run_all_due(cw_bus *bus)
 {
-    uint64_t due = cw_least(cw_least(bus->next_restart, bus->faults.next_due), cw_inbox_first(bus));
-    if (due <= cw_now(bus) || bus->news || bus->faults.awake_count)
+    uint64_t due = cw_least(cw_least(bus->next_restart, bus->rules.next_due), cw_inbox_first(bus));
+    if (due <= cw_now(bus) || bus->news || bus->rules.awake_count)
         run_due(bus);
 }
 

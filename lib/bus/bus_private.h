@@ -159,7 +159,7 @@ struct cw_bus {
     cw_event unwanted_event; /* written to when nobody wants it */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
-    cw_fault_set faults;
+    cw_rule_set rules;
     bit_note note;
 };
 
@@ -250,14 +250,14 @@ void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_o
 /* What rules that are looked at in every bit touch; mostly there is none. */
 static inline unsigned cw_rules_touch(const cw_bus *bus)
 {
-    return bus->faults.awake_count ? cw_rules_touch_now(bus) : 0;
+    return bus->rules.awake_count ? cw_rules_touch_now(bus) : 0;
 }
 
 /* An event that rules may wait for. */
-static inline void cw_fault_error(cw_bus *bus, unsigned node, const cw_event *event)
+static inline void cw_rules_error(cw_bus *bus, unsigned node, const cw_event *event)
 {
-    if (bus->faults.error_rules || bus->faults.off)
-        cw_fault_error_now(bus, node, event);
+    if (bus->rules.error_rules || bus->rules.off)
+        cw_rules_error_now(bus, node, event);
 }
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
@@ -433,7 +433,7 @@ cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, 
 /* Whether a frame may be more to its receivers than an event. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
-    return bus->faults.host_rules || bus->faults.reply_rules || bus->held_count;
+    return bus->rules.host_rules || bus->rules.reply_rules || bus->held_count;
 }
 
 /* Followers have received a frame in this bit, and nobody else has anything to tell. Returns

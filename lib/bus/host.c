@@ -16,7 +16,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
         bus->waiting |= cw_node_bit(i);
     else
         bus->waiting &= ~cw_node_bit(i);
-    bus->faults.known &= ~cw_node_bit(i) | bus->faults.always_known;
+    bus->rules.known &= ~cw_node_bit(i) | bus->rules.always_known;
     bus->arbiter.stale |= cw_node_bit(i);
 }
 
@@ -61,7 +61,7 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
     }
     enqueue(bus, i, frame, tick, source);
     if (source)
-        bus->faults.faults[source - 1].outstanding++;
+        bus->rules.rules[source - 1].outstanding++;
 }
 
 void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
@@ -69,8 +69,8 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
     uint16_t source = n->queue.slots[slot].source;
-    if (source && bus->faults.faults[source - 1].outstanding)
-        bus->faults.faults[source - 1].outstanding--;
+    if (source && bus->rules.rules[source - 1].outstanding)
+        bus->rules.rules[source - 1].outstanding--;
     cw_queue_remove(&n->queue, slot);
     bus->queued--;
     cw_queue_changed(bus, i);
@@ -108,9 +108,9 @@ static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
  * at this tick. */
 static bool is_next(const cw_bus *bus)
 {
-    return bus->inbox.count == 0 && bus->faults.next_due > cw_now(bus) &&
-           bus->next_restart > cw_now(bus) && !bus->news && bus->faults.host_rules == 0 &&
-           bus->faults.traffic_rules == 0 && bus->held_count == 0;
+    return bus->inbox.count == 0 && bus->rules.next_due > cw_now(bus) &&
+           bus->next_restart > cw_now(bus) && !bus->news && bus->rules.host_rules == 0 &&
+           bus->rules.traffic_rules == 0 && bus->held_count == 0;
 }
 
 /* Such a frame needs no place in the inbox. False, with nothing done, when it does: or when it
@@ -157,7 +157,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
                  cw_mac_state(&n->mac) != CW_STATE_BUS_OFF;
     if (!takes)
         return CW_QUEUE_MAX;
-    cw_fault_count_held(bus, i, &held, &rx_held);
+    cw_rules_count_held(bus, i, &held, &rx_held);
     uint32_t used = n->queue.count + n->inbox + held;
     return used < n->queue_limit ? n->queue_limit - used : 0;
 }
@@ -193,9 +193,9 @@ static void take_first(cw_bus *bus)
     find_next(box);
     bus->nodes[entry.node].inbox--;
     bus->nodes[entry.node].stats.handed_in++;
-    if (cw_fault_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
+    if (cw_rules_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
         cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
-    cw_fault_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
+    cw_rules_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
 }
 
 void cw_take_inbox(cw_bus *bus, uint64_t tick)
@@ -253,7 +253,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     flush_queue(bus, i, CW_DROP_REMOVED);
     flush_inbox(bus, i);
     flush_held(bus, i);
-    cw_fault_apply_topology(bus);
+    cw_rules_apply_topology(bus);
     return CW_OK;
 }
 
@@ -283,7 +283,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
     cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
-    cw_fault_apply_topology(bus);
+    cw_rules_apply_topology(bus);
     bus->news = true;
     return CW_OK;
 }
@@ -329,7 +329,7 @@ static void restart(cw_bus *bus, unsigned i)
         return;
     flush_queue(bus, i, CW_DROP_BUS_OFF);
     n->stats.restarts++;
-    cw_fault_error(bus, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
+    cw_rules_error(bus, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
 }
 
 void cw_find_next_restart(cw_bus *bus)

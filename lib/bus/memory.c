@@ -64,17 +64,17 @@ static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
     }
 }
 
-static void carve_faults(arena *a, cw_fault_set *set, const cw_bus_config *c)
+static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
 {
     size_t capacity = (size_t)c->rule_count + c->rule_room;
-    cw_fault *faults = carve(a, capacity, sizeof *faults);
-    cw_fault_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
+    cw_rule_state *rules = carve(a, capacity, sizeof *rules);
+    cw_rule_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
     uint16_t *wildcards = carve(a, capacity, sizeof *wildcards);
     uint16_t *awake = carve(a, capacity, sizeof *awake);
     if (set)
-        *set = (cw_fault_set){.faults = faults, .keys = keys, .wildcards = wildcards,
-                              .awake = awake, .capacity = (unsigned)capacity, .stale = true,
-                              .next_due = CW_NEVER};
+        *set = (cw_rule_set){.rules = rules, .keys = keys, .wildcards = wildcards,
+                             .awake = awake, .capacity = (unsigned)capacity, .stale = true,
+                             .next_due = CW_NEVER};
 }
 
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)
@@ -93,7 +93,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->inbox = (inbox){.entries = entries, .capacity = c->inbox, .next = CW_NEVER};
         bus->ring = (event_ring){.events = ring, .capacity = events};
     }
-    carve_faults(a, bus ? &bus->faults : NULL, c);
+    carve_rules(a, bus ? &bus->rules : NULL, c);
     carve_queues(a, nodes, c);
     return bus;
 }

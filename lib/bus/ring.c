@@ -16,9 +16,9 @@
 /* Of a bit before which so many frames are in queues, in the inbox and in the hands of rules. */
 static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
-    const cw_fault_set *f = &bus->faults;
-    return (uint64_t)bus->node_count * EVENTS_PER_NODE + 2u * f->count + queued +
-           (handed_in + held + bus->node_count) * (1 + f->host_rules + f->copies);
+    const cw_rule_set *set = &bus->rules;
+    return (uint64_t)bus->node_count * EVENTS_PER_NODE + 2u * set->count + queued +
+           (handed_in + held + bus->node_count) * (1 + set->host_rules + set->copies);
 }
 
 void cw_ring_find_enough(cw_bus *bus)
@@ -185,12 +185,12 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
 {
-    if (bus->faults.faults[rule].rule.quiet)
+    if (bus->rules.rules[rule].rule.quiet)
         return;
     const cw_event event = {.kind = CW_EVENT_FAULT,
                             .tick = tick,
                             .rule = (uint16_t)rule,
-                            .hit = (uint32_t)bus->faults.faults[rule].hits};
+                            .hit = (uint32_t)bus->rules.rules[rule].hits};
     (void)insert(bus, &event);
     bus->stats.faults++;
 }

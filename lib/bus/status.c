@@ -97,10 +97,10 @@ uint64_t cw_bus_next(const cw_bus *bus)
         bits = cw_least(bits, LOOK_AGAIN_BITS);
     const unsigned acts = CW_TOUCH_MORE | CW_TOUCH_QUEUES | CW_TOUCH_AT_RANDOM;
     const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(bus) & acts);
-    if (bus->faults.awake_count && !calm)
+    if (bus->rules.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
-    tick = cw_least(tick, cw_least(bus->next_restart, bus->faults.next_due));
+    tick = cw_least(tick, cw_least(bus->next_restart, bus->rules.next_due));
     return cw_least(tick, cw_inbox_first(bus));
 }
 
@@ -121,7 +121,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     cw_share_stats(bus, i, stats);
     stats->inbox = n->inbox;
     stats->queue = n->queue.count;
-    cw_fault_count_held(bus, i, &stats->held, &stats->rx_held);
+    cw_rules_count_held(bus, i, &stats->held, &stats->rx_held);
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
     stats->state = cw_mac_state(&n->mac);

@@ -103,7 +103,7 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
         bus->held[bus->held_count++] = h;
     }
     if (bus->held_count)
-        cw_fault_set_due(&bus->faults, cw_now(bus));
+        cw_rules_set_due(&bus->rules, cw_now(bus));
 }
 
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
@@ -123,10 +123,10 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 /* Rules that were to act at the start of the new bus act now. */
 static void start_rules(cw_bus *bus)
 {
-    for (unsigned i = 0; i < bus->faults.count; i++) {
-        cw_fault *f = &bus->faults.faults[i];
-        if (f->used && f->fire_at < cw_now(bus))
-            f->fire_at = cw_now(bus);
+    for (unsigned i = 0; i < bus->rules.count; i++) {
+        cw_rule_state *s = &bus->rules.rules[i];
+        if (s->used && s->fire_at < cw_now(bus))
+            s->fire_at = cw_now(bus);
     }
 }
 
@@ -161,7 +161,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (old->removed & cw_node_bit(from[i]))
             bus->removed |= cw_node_bit(i);
     }
-    cw_fault_apply_topology(bus);
+    cw_rules_apply_topology(bus);
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);

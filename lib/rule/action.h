@@ -11,7 +11,7 @@
 
 #include <stddef.h>
 
-struct cw_fault;
+struct cw_rule_state;
 struct cw_passing;
 
 /* What an action needs and what it does, apart from how it does it. */
@@ -40,7 +40,7 @@ typedef struct cw_action_range {
 #define CW_ACTION_RANGES 2u
 
 /* Levels, for nodes that the rule concerns: what it makes of them in the bit in progress. */
-typedef void cw_level_action(cw_bus *bus, struct cw_fault *fault, uint64_t *levels,
+typedef void cw_level_action(cw_bus *bus, struct cw_rule_state *state, uint64_t *levels,
                              uint64_t nodes);
 /* Once, to the controller of each of the rule's nodes. */
 typedef void cw_control_action(cw_bus *bus, unsigned node, const cw_rule *rule);

@@ -6,10 +6,10 @@
 
 #include "rule/list.h"
 
-static unsigned free_place(const cw_fault_set *set)
+static unsigned free_place(const cw_rule_set *set)
 {
     unsigned place = 0;
-    while (place < set->count && set->faults[place].used)
+    while (place < set->count && set->rules[place].used)
         place++;
     return place;
 }
@@ -17,7 +17,7 @@ static unsigned free_place(const cw_fault_set *set)
 /* Counts that let the common cases be passed over quickly. */
 static void count_kinds(cw_bus *bus)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     set->host_rules = 0;
     set->reply_rules = 0;
     set->noise_rules = 0;
@@ -27,16 +27,16 @@ static void count_kinds(cw_bus *bus)
     set->after_rules = 0;
     set->copies = 0;
     for (unsigned i = 0; i < set->count; i++) {
-        const cw_fault *f = &set->faults[i];
-        set->host_rules += f->used && f->does->kind == CW_KIND_HOST;
-        set->reply_rules += f->used && f->rule.action == CW_ACTION_REPLY;
-        set->noise_rules += f->used && cw_fault_is(f, CW_RANDOM_BITS);
-        set->line_rules += f->used && cw_fault_is(f, CW_ON_LINE);
-        set->traffic_rules += f->used && cw_fault_is(f, CW_STEADY_TRAFFIC);
-        set->error_rules += f->used && f->rule.trigger == CW_TRIGGER_ERROR;
-        set->after_rules += f->used && f->rule.has_after;
-        if (f->used && f->rule.action == CW_ACTION_DUPLICATE)
-            set->copies += f->rule.number;
+        const cw_rule_state *s = &set->rules[i];
+        set->host_rules += s->used && s->does->kind == CW_KIND_HOST;
+        set->reply_rules += s->used && s->rule.action == CW_ACTION_REPLY;
+        set->noise_rules += s->used && cw_rule_is(s, CW_RANDOM_BITS);
+        set->line_rules += s->used && cw_rule_is(s, CW_ON_LINE);
+        set->traffic_rules += s->used && cw_rule_is(s, CW_STEADY_TRAFFIC);
+        set->error_rules += s->used && s->rule.trigger == CW_TRIGGER_ERROR;
+        set->after_rules += s->used && s->rule.has_after;
+        if (s->used && s->rule.action == CW_ACTION_DUPLICATE)
+            set->copies += s->rule.number;
     }
     cw_ring_find_enough(bus);
     set->stale = true;
@@ -44,7 +44,7 @@ static void count_kinds(cw_bus *bus)
 
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     unsigned place = free_place(set);
     if (!cw_rule_valid(bus, rule))
         return CW_INVALID;
@@ -53,22 +53,22 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
     cw_wake_controllers(bus); /* it went by the rules that there were */
     if (place == set->count)
         set->count++;
-    cw_fault *f = &set->faults[place];
-    *f = (cw_fault){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
+    cw_rule_state *s = &set->rules[place];
+    *s = (cw_rule_state){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
                     .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
-    f->rule.name = NULL; /* not ours to keep */
-    f->does = &cw_actions[rule->action];
-    f->traits = f->does->traits;
-    cw_fault_aim(f);
-    f->to_pass = rule->skip;
-    if (f->rule.every == 0)
-        f->rule.every = 1;
-    cw_prng_init(&f->prng, bus->seed, rule->name);
+    s->rule.name = NULL; /* not ours to keep */
+    s->does = &cw_actions[rule->action];
+    s->traits = s->does->traits;
+    cw_rule_aim(s);
+    s->to_pass = rule->skip;
+    if (s->rule.every == 0)
+        s->rule.every = 1;
+    cw_prng_init(&s->prng, bus->seed, rule->name);
     if (rule->trigger == CW_TRIGGER_TIME) {
-        f->fire_at = rule->time_begin > cw_now(bus) ? rule->time_begin : cw_now(bus);
-        cw_fault_set_due(&bus->faults, f->fire_at);
+        s->fire_at = rule->time_begin > cw_now(bus) ? rule->time_begin : cw_now(bus);
+        cw_rules_set_due(&bus->rules, s->fire_at);
     }
-    cw_fault_index_add(set, place);
+    cw_index_add(set, place);
     count_kinds(bus);
     *index = place;
     return CW_OK;
@@ -76,7 +76,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
 
 static bool is_rule(const cw_bus *bus, unsigned index)
 {
-    return index < bus->faults.count && bus->faults.faults[index].used;
+    return index < bus->rules.count && bus->rules.rules[index].used;
 }
 
 cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
@@ -84,7 +84,7 @@ cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
     if (!is_rule(bus, index))
         return CW_INVALID;
     cw_wake_controllers(bus);
-    cw_fault_end_action(bus, index);
+    cw_rule_end_action(bus, index);
     return CW_OK;
 }
 
@@ -102,9 +102,9 @@ static void disown_frames(cw_bus *bus, unsigned rule)
 /* Rules that came after a rule that is no more come after none, whatever gets its index. */
 static void abandon_followers(cw_bus *bus, unsigned rule)
 {
-    for (unsigned i = 0; i < bus->faults.count; i++)
-        if (bus->faults.faults[i].rule.after == rule)
-            bus->faults.faults[i].rule.after = CW_NO_RULE;
+    for (unsigned i = 0; i < bus->rules.count; i++)
+        if (bus->rules.rules[i].rule.after == rule)
+            bus->rules.rules[i].rule.after = CW_NO_RULE;
 }
 
 cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
@@ -112,13 +112,13 @@ cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
     if (!is_rule(bus, index))
         return CW_INVALID;
     cw_wake_controllers(bus);
-    cw_fault_end_action(bus, index);
+    cw_rule_end_action(bus, index);
     disown_frames(bus, index);
     abandon_followers(bus, index);
-    cw_fault_index_remove(&bus->faults, index);
-    cw_list_remove(bus->faults.awake, &bus->faults.awake_count, index);
-    bus->faults.faults[index].used = false;
-    bus->faults.faults[index].awake = false;
+    cw_index_remove(&bus->rules, index);
+    cw_list_remove(bus->rules.awake, &bus->rules.awake_count, index);
+    bus->rules.rules[index].used = false;
+    bus->rules.rules[index].awake = false;
     count_kinds(bus);
     return CW_OK;
 }
@@ -127,27 +127,27 @@ cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
 {
     if (!is_rule(bus, index))
         return CW_INVALID;
-    const cw_fault *f = cw_fault_at(bus, index);
-    bool ready = f->rule.manual && !cw_fault_is_over(f);
-    return ready && cw_fault_add_arming(bus, index, cw_now(bus)) ? CW_OK : CW_REFUSED;
+    const cw_rule_state *s = cw_rule_at(bus, index);
+    bool ready = s->rule.manual && !cw_rule_is_over(s);
+    return ready && cw_rule_add_arming(bus, index, cw_now(bus)) ? CW_OK : CW_REFUSED;
 }
 
 /* Its time window is over, or its one moment has come. */
-static bool has_passed(const cw_bus *bus, const cw_fault *f)
+static bool has_passed(const cw_bus *bus, const cw_rule_state *s)
 {
-    bool once = f->rule.trigger == CW_TRIGGER_TIME && f->fire_at == CW_NEVER && !f->active;
-    return cw_now(bus) >= f->rule.time_end || once;
+    bool once = s->rule.trigger == CW_TRIGGER_TIME && s->fire_at == CW_NEVER && !s->active;
+    return cw_now(bus) >= s->rule.time_end || once;
 }
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)
 {
     if (!is_rule(bus, rule))
         return CW_INVALID;
-    const cw_fault *f = &bus->faults.faults[rule];
-    *stats = (cw_rule_stats){.matches = f->matches,
-                             .misses = f->matches - f->taken,
-                             .hits = f->hits,
-                             .active = f->active || f->bits_left > 0,
-                             .over = cw_fault_is_over(f) || has_passed(bus, f)};
+    const cw_rule_state *s = &bus->rules.rules[rule];
+    *stats = (cw_rule_stats){.matches = s->matches,
+                             .misses = s->matches - s->taken,
+                             .hits = s->hits,
+                             .active = s->active || s->bits_left > 0,
+                             .over = cw_rule_is_over(s) || has_passed(bus, s)};
     return CW_OK;
 }

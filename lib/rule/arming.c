@@ -6,46 +6,46 @@
 
 #include <string.h>
 
-bool cw_fault_add_arming(cw_bus *bus, unsigned rule, uint64_t tick)
+bool cw_rule_add_arming(cw_bus *bus, unsigned rule, uint64_t tick)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    if (f->armings == CW_ARMINGS_MAX)
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    if (s->armings == CW_ARMINGS_MAX)
         return false;
-    unsigned place = f->armings++;
-    for (; place > 0 && f->arm_at[place - 1] > tick; place--)
-        f->arm_at[place] = f->arm_at[place - 1];
-    f->arm_at[place] = tick;
-    cw_fault_set_due(&bus->faults, tick);
+    unsigned place = s->armings++;
+    for (; place > 0 && s->arm_at[place - 1] > tick; place--)
+        s->arm_at[place] = s->arm_at[place - 1];
+    s->arm_at[place] = tick;
+    cw_rules_set_due(&bus->rules, tick);
     return true;
 }
 
-void cw_fault_take_arming(cw_fault *f, uint64_t tick)
+void cw_rule_take_arming(cw_rule_state *s, uint64_t tick)
 {
-    f->armed_at = tick;
-    f->armed++;
-    f->armings--;
-    memmove(&f->arm_at[0], &f->arm_at[1], f->armings * sizeof f->arm_at[0]);
+    s->armed_at = tick;
+    s->armed++;
+    s->armings--;
+    memmove(&s->arm_at[0], &s->arm_at[1], s->armings * sizeof s->arm_at[0]);
 }
 
 /* When the next arming takes place. Rules without delay can make a ring: it goes round once in a
  * bit. */
-uint64_t cw_fault_next_arming(const cw_fault *f)
+uint64_t cw_rule_next_arming(const cw_rule_state *s)
 {
-    if (f->armings == 0)
+    if (s->armings == 0)
         return CW_NEVER;
-    bool again = f->armed_at != CW_NEVER && f->arm_at[0] <= f->armed_at;
-    return again ? f->armed_at + 1 : f->arm_at[0];
+    bool again = s->armed_at != CW_NEVER && s->arm_at[0] <= s->armed_at;
+    return again ? s->armed_at + 1 : s->arm_at[0];
 }
 
 /* Rules that come after this one are armed, at once or later. */
-void cw_fault_arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
+void cw_rule_arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
 {
-    if (bus->faults.after_rules == 0)
+    if (bus->rules.after_rules == 0)
         return;
-    bus->work += 1 + bus->faults.count / CW_RULES_OF_A_PIECE;
-    for (unsigned i = 0; i < bus->faults.count; i++) {
-        const cw_fault *f = cw_fault_at(bus, i);
-        if (f->used && f->rule.has_after && f->rule.after == rule)
-            (void)cw_fault_add_arming(bus, i, cw_after(told, f->rule.after_delay));
+    bus->work += 1 + bus->rules.count / CW_RULES_OF_A_PIECE;
+    for (unsigned i = 0; i < bus->rules.count; i++) {
+        const cw_rule_state *s = cw_rule_at(bus, i);
+        if (s->used && s->rule.has_after && s->rule.after == rule)
+            (void)cw_rule_add_arming(bus, i, cw_after(told, s->rule.after_delay));
     }
 }

@@ -57,13 +57,13 @@ void cw_change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
     (void)cw_node_set(bus, i, &rule->settings);
 }
 
-void cw_fault_command(cw_bus *bus, unsigned rule)
+void cw_rule_command(cw_bus *bus, unsigned rule)
 {
-    const cw_fault *f = cw_fault_at(bus, rule);
-    for (uint64_t rest = f->rule.nodes & bus->all; rest; rest &= rest - 1)
-        if (f->does->control)
-            f->does->control(bus, cw_lowest_node(rest), &f->rule);
-    if (f->rule.nodes & bus->faults.off)
-        bus->faults.rewired = true; /* out of bus-off is not back on the bus */
+    const cw_rule_state *s = cw_rule_at(bus, rule);
+    for (uint64_t rest = s->rule.nodes & bus->all; rest; rest &= rest - 1)
+        if (s->does->control)
+            s->does->control(bus, cw_lowest_node(rest), &s->rule);
+    if (s->rule.nodes & bus->rules.off)
+        bus->rules.rewired = true; /* out of bus-off is not back on the bus */
     bus->news = true;
 }

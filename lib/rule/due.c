@@ -6,28 +6,28 @@
 
 static void arm(cw_bus *bus, unsigned rule)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    cw_fault_take_arming(f, cw_now(bus));
-    if (f->rule.trigger == CW_TRIGGER_ARMED)
-        cw_fault_fire(bus, rule);
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_take_arming(s, cw_now(bus));
+    if (s->rule.trigger == CW_TRIGGER_ARMED)
+        cw_rule_fire(bus, rule);
 }
 
 /* One rule at the present tick; returns whether anything was due. */
 static bool run_rule(cw_bus *bus, unsigned rule)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    bool ends = f->active && f->active_until <= cw_now(bus);
-    bool acts = f->to_act;
-    bool fires = f->fire_at <= cw_now(bus);
-    bool arms = cw_fault_next_arming(f) <= cw_now(bus);
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    bool ends = s->active && s->active_until <= cw_now(bus);
+    bool acts = s->to_act;
+    bool fires = s->fire_at <= cw_now(bus);
+    bool arms = cw_rule_next_arming(s) <= cw_now(bus);
     if (ends)
-        cw_fault_end_action(bus, rule);
-    f->to_act = false;
+        cw_rule_end_action(bus, rule);
+    s->to_act = false;
     if (acts)
-        cw_fault_act(bus, rule);
+        cw_rule_act(bus, rule);
     if (fires) {
-        f->fire_at = CW_NEVER;
-        cw_fault_fire(bus, rule);
+        s->fire_at = CW_NEVER;
+        cw_rule_fire(bus, rule);
     }
     if (arms)
         arm(bus, rule);
@@ -37,15 +37,15 @@ static bool run_rule(cw_bus *bus, unsigned rule)
 static void find_next_due(cw_bus *bus)
 {
     uint64_t next = CW_NEVER;
-    for (unsigned rule = 0; rule < bus->faults.count; rule++) {
-        const cw_fault *f = cw_fault_at(bus, rule);
-        if (!f->used)
+    for (unsigned rule = 0; rule < bus->rules.count; rule++) {
+        const cw_rule_state *s = cw_rule_at(bus, rule);
+        if (!s->used)
             continue;
-        next = cw_least(next, cw_least(f->fire_at, cw_fault_next_arming(f)));
-        if (f->active)
-            next = cw_least(next, cw_least(f->active_until, f->next_at));
+        next = cw_least(next, cw_least(s->fire_at, cw_rule_next_arming(s)));
+        if (s->active)
+            next = cw_least(next, cw_least(s->active_until, s->next_at));
     }
-    bus->faults.next_due = cw_least(next, cw_fault_next_held(bus));
+    bus->rules.next_due = cw_least(next, cw_rules_next_held(bus));
 }
 
 /* Until nothing is due any more: rules may arm each other at the same tick, each one once. */
@@ -54,18 +54,18 @@ static void run_rules(cw_bus *bus)
     bool again = true;
     while (again) {
         again = false;
-        bus->work += 1 + bus->faults.count / CW_RULES_OF_A_PIECE;
-        for (unsigned rule = 0; rule < bus->faults.count; rule++)
-            if (cw_fault_at(bus, rule)->used)
+        bus->work += 1 + bus->rules.count / CW_RULES_OF_A_PIECE;
+        for (unsigned rule = 0; rule < bus->rules.count; rule++)
+            if (cw_rule_at(bus, rule)->used)
                 again = run_rule(bus, rule) || again;
     }
-    if (bus->faults.rewired)
-        cw_fault_apply_topology(bus);
+    if (bus->rules.rewired)
+        cw_rules_apply_topology(bus);
 }
 
-static bool is_traffic(const cw_fault *f)
+static bool is_traffic(const cw_rule_state *s)
 {
-    return f->used && f->active && f->does->kind == CW_KIND_TRAFFIC;
+    return s->used && s->active && s->does->kind == CW_KIND_TRAFFIC;
 }
 
 /* One node after the other: a drop of an earlier one would have to go before all events of later
@@ -73,31 +73,31 @@ static bool is_traffic(const cw_fault *f)
 static void run_traffic(cw_bus *bus)
 {
     uint64_t nodes = 0;
-    for (unsigned rule = 0; rule < bus->faults.count; rule++)
-        if (is_traffic(cw_fault_at(bus, rule)))
-            nodes |= cw_node_bit(cw_fault_at(bus, rule)->rule.node);
+    for (unsigned rule = 0; rule < bus->rules.count; rule++)
+        if (is_traffic(cw_rule_at(bus, rule)))
+            nodes |= cw_node_bit(cw_rule_at(bus, rule)->rule.node);
     for (; nodes; nodes &= nodes - 1)
-        for (unsigned rule = 0; rule < bus->faults.count; rule++)
-            if (cw_fault_at(bus, rule)->rule.node == cw_lowest_node(nodes) &&
-                is_traffic(cw_fault_at(bus, rule)))
-                cw_fault_at(bus, rule)->does->traffic(bus, rule);
+        for (unsigned rule = 0; rule < bus->rules.count; rule++)
+            if (cw_rule_at(bus, rule)->rule.node == cw_lowest_node(nodes) &&
+                is_traffic(cw_rule_at(bus, rule)))
+                cw_rule_at(bus, rule)->does->traffic(bus, rule);
 }
 
-void cw_fault_run_due(cw_bus *bus)
+void cw_rules_run_due(cw_bus *bus)
 {
-    if (bus->faults.next_due > cw_now(bus) && bus->faults.awake_count == 0)
+    if (bus->rules.next_due > cw_now(bus) && bus->rules.awake_count == 0)
         return;
-    bool due = bus->faults.next_due <= cw_now(bus);
+    bool due = bus->rules.next_due <= cw_now(bus);
     if (due) {
         run_rules(bus);
-        cw_fault_release_held(bus);
+        cw_rules_release_held(bus);
     }
     if (due)
         run_traffic(bus);
-    bool steady = !due && bus->faults.traffic_rules > 0;
-    for (unsigned i = 0; steady && i < bus->faults.awake_count; i++)
-        if (is_traffic(cw_fault_at(bus, bus->faults.awake[i])))
-            cw_fault_at(bus, bus->faults.awake[i])->does->traffic(bus, bus->faults.awake[i]);
+    bool steady = !due && bus->rules.traffic_rules > 0;
+    for (unsigned i = 0; steady && i < bus->rules.awake_count; i++)
+        if (is_traffic(cw_rule_at(bus, bus->rules.awake[i])))
+            cw_rule_at(bus, bus->rules.awake[i])->does->traffic(bus, bus->rules.awake[i]);
     if (due)
         find_next_due(bus);
 }

@@ -33,25 +33,25 @@ static uint32_t error_class(const cw_event *e)
 /* One rule and errors of these classes. The same error at several nodes is one match. */
 static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t classes)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    const cw_rule *r = &f->rule;
-    if (!f->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
-        !cw_fault_names(r->from, cw_node_bit(node)) || f->error_at == cw_now(bus))
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    const cw_rule *r = &s->rule;
+    if (!s->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
+        !cw_rule_names(r->from, cw_node_bit(node)) || s->error_at == cw_now(bus))
         return;
-    f->error_at = cw_now(bus);
-    if (!cw_fault_begins(bus, rule, cw_now(bus), cw_now(bus)))
+    s->error_at = cw_now(bus);
+    if (!cw_rule_begins(bus, rule, cw_now(bus), cw_now(bus)))
         return;
-    if (!cw_fault_is(f, CW_RANDOM_BITS))
+    if (!cw_rule_is(s, CW_RANDOM_BITS))
         cw_push_fault(bus, rule, cw_now(bus));
-    cw_fault_act_later(bus, rule, cw_now(bus));
+    cw_rule_act_later(bus, rule, cw_now(bus));
 }
 
 /* The event lies in the ring, which moves when a fault is told: look at it before. */
-void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event)
+void cw_rules_error_now(cw_bus *bus, unsigned node, const cw_event *event)
 {
     uint32_t classes = error_class(event);
-    if (event->kind == CW_EVENT_STATE && bus->faults.off)
-        cw_fault_apply_topology(bus); /* out of bus-off is not back on the bus */
-    for (unsigned rule = 0; bus->faults.error_rules && rule < bus->faults.count; rule++)
+    if (event->kind == CW_EVENT_STATE && bus->rules.off)
+        cw_rules_apply_topology(bus); /* out of bus-off is not back on the bus */
+    for (unsigned rule = 0; bus->rules.error_rules && rule < bus->rules.count; rule++)
         match_error(bus, rule, node, classes);
 }

@@ -14,7 +14,7 @@ static bool hold(cw_bus *bus, const held_frame *frame)
     if (bus->held_count == CW_HELD_FRAMES)
         return false;
     bus->held[bus->held_count++] = *frame;
-    cw_fault_set_due(&bus->faults, frame->due);
+    cw_rules_set_due(&bus->rules, frame->due);
     return true;
 }
 
@@ -40,12 +40,12 @@ static void release(cw_bus *bus, uint64_t tick)
     bus->held_count = kept;
 }
 
-void cw_fault_release_held(cw_bus *bus)
+void cw_rules_release_held(cw_bus *bus)
 {
     release(bus, cw_now(bus));
 }
 
-uint64_t cw_fault_next_held(const cw_bus *bus)
+uint64_t cw_rules_next_held(const cw_bus *bus)
 {
     uint64_t next = CW_NEVER;
     for (unsigned i = 0; i < bus->held_count; i++)
@@ -53,7 +53,7 @@ uint64_t cw_fault_next_held(const cw_bus *bus)
     return next;
 }
 
-void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx)
+void cw_rules_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx)
 {
     *tx = 0;
     *rx = 0;
@@ -64,17 +64,17 @@ void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_
     }
 }
 
-void cw_fault_let_go(cw_bus *bus, unsigned rule)
+void cw_rule_let_go(cw_bus *bus, unsigned rule)
 {
     for (unsigned i = 0; i < bus->held_count; i++) {
         if (bus->held[i].rule != rule)
             continue;
         bus->held[i].due = cw_now(bus);
-        cw_fault_set_due(&bus->faults, cw_now(bus));
+        cw_rules_set_due(&bus->rules, cw_now(bus));
     }
 }
 
-void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
+void cw_rules_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
 {
     bool due = false;
     for (unsigned i = 0; i < bus->held_count; i++) {
@@ -153,15 +153,15 @@ bool cw_let_overtake(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
 /* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
 static bool is_hit(cw_bus *bus, unsigned rule, cw_side side, uint64_t tick)
 {
-    cw_fault *f = &bus->faults.faults[rule];
-    bool decided = side == CW_SIDE_RX && f->rx_tick == tick;
+    cw_rule_state *s = &bus->rules.rules[rule];
+    bool decided = side == CW_SIDE_RX && s->rx_tick == tick;
     if (!decided) {
-        f->rx_tick = tick;
-        f->rx_hit = cw_fault_match(bus, rule, tick, tick);
+        s->rx_tick = tick;
+        s->rx_hit = cw_rule_match(bus, rule, tick, tick);
     }
-    if (f->rx_hit && !decided)
+    if (s->rx_hit && !decided)
         cw_push_fault(bus, rule, tick);
-    return f->rx_hit;
+    return s->rx_hit;
 }
 
 static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
@@ -174,14 +174,14 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
     unsigned rule;
     cw_candidates_begin(&c, bus, &original);
     while (cw_candidates_next(&c, &rule, bus)) {
-        const cw_fault *f = cw_fault_at(bus, rule);
-        const cw_rule *r = &f->rule;
-        if (f->does->kind != CW_KIND_HOST || r->side != side || !cw_fault_names(r->from, from) ||
-            !cw_fault_names(r->at, self) || !is_hit(bus, rule, side, tick))
+        const cw_rule_state *s = cw_rule_at(bus, rule);
+        const cw_rule *r = &s->rule;
+        if (s->does->kind != CW_KIND_HOST || r->side != side || !cw_rule_names(r->from, from) ||
+            !cw_rule_names(r->at, self) || !is_hit(bus, rule, side, tick))
             continue;
         const cw_passing p = {.frame = frame, .rule = rule, .node = node, .tick = tick,
                               .origin = origin};
-        if (!f->does->host(bus, r, &p))
+        if (!s->does->host(bus, r, &p))
             return false;
     }
     return true;
@@ -191,7 +191,7 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
 
 static void reply(cw_bus *bus, unsigned rule, unsigned node)
 {
-    const cw_rule *r = &bus->faults.faults[rule].rule;
+    const cw_rule *r = &bus->rules.rules[rule].rule;
     const held_frame h = {.due = cw_after(cw_now(bus), r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
     cw_push_fault(bus, rule, cw_now(bus));
@@ -204,29 +204,29 @@ static void answer(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t f
 {
     cw_candidates c;
     unsigned rule;
-    if (bus->faults.reply_rules == 0)
+    if (bus->rules.reply_rules == 0)
         return;
     cw_candidates_begin(&c, bus, frame);
     while (cw_candidates_next(&c, &rule, bus)) {
-        const cw_rule *r = &bus->faults.faults[rule].rule;
+        const cw_rule *r = &bus->rules.rules[rule].rule;
         if (r->action == CW_ACTION_REPLY && r->node == node &&
-            cw_fault_names(r->from, from) &&
-            cw_fault_match(bus, rule, cw_now(bus), cw_now(bus)))
+            cw_rule_names(r->from, from) &&
+            cw_rule_match(bus, rule, cw_now(bus), cw_now(bus)))
             reply(bus, rule, node);
     }
 }
 
 /* ---- Frames that come by --------------------------------------------------------------------- */
 
-bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
+bool cw_rules_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
 {
     static const frame_origin none = {.from = 0};
-    return bus->faults.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
+    return bus->rules.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
 }
 
-bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
+bool cw_rules_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
 {
     answer(bus, node, frame, origin->from);
-    return bus->faults.host_rules == 0 ||
+    return bus->rules.host_rules == 0 ||
            run_rules(bus, node, frame, CW_SIDE_RX, cw_now(bus), origin);
 }

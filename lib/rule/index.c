@@ -55,7 +55,7 @@ static bool data_matches(const cw_rule *rule, const cw_frame *frame)
 #define FIRST_FREE_CLASS 2u
 
 /* The class of a mask, a new one if need be; CW_ID_CLASSES: there is no room for one more. */
-static unsigned class_of(cw_fault_set *set, uint32_t mask)
+static unsigned class_of(cw_rule_set *set, uint32_t mask)
 {
     unsigned room = CW_ID_CLASSES;
     set->classes[0].mask = BASE_BITS;
@@ -79,13 +79,13 @@ static unsigned id_hash(uint32_t id)
 
 /* Whether a rule may wait for an identifier by a filter of a class: one look at a table tells for
  * most that none does. */
-static inline bool may_wait(const cw_fault_set *set, unsigned class, uint32_t id)
+static inline bool may_wait(const cw_rule_set *set, unsigned class, uint32_t id)
 {
     const unsigned classes = set->id_classes[id_hash(id & set->classes[class].mask)];
     return classes >> class & 1u;
 }
 
-bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame)
+bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame)
 {
     const uint32_t id = can_id(frame);
     for (unsigned i = 0; i < set->class_count; i++)
@@ -97,13 +97,13 @@ bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame)
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
 /* Where a key of a class stands, or would stand. */
-static unsigned find_key(const cw_fault_set *set, unsigned class, uint32_t id, unsigned rule)
+static unsigned find_key(const cw_rule_set *set, unsigned class, uint32_t id, unsigned rule)
 {
     unsigned low = set->classes[class].first;
     unsigned high = low + set->classes[class].count;
     while (low < high) {
         unsigned middle = (low + high) / 2;
-        const cw_fault_key *k = &set->keys[middle];
+        const cw_rule_key *k = &set->keys[middle];
         if (k->id < id || (k->id == id && k->rule < rule))
             low = middle + 1;
         else
@@ -112,13 +112,13 @@ static unsigned find_key(const cw_fault_set *set, unsigned class, uint32_t id, u
     return low;
 }
 
-static void note_id(cw_fault_set *set, const cw_fault_key *k)
+static void note_id(cw_rule_set *set, const cw_rule_key *k)
 {
     uint8_t *classes = &set->id_classes[id_hash(k->id)];
     *classes = (uint8_t)(*classes | 1u << k->class);
 }
 
-static void add_key(cw_fault_set *set, cw_fault_key key)
+static void add_key(cw_rule_set *set, cw_rule_key key)
 {
     unsigned place = find_key(set, key.class, key.id, key.rule);
     memmove(&set->keys[place + 1], &set->keys[place],
@@ -134,7 +134,7 @@ static void add_key(cw_fault_set *set, cw_fault_key key)
 }
 
 /* After keys have gone. */
-static void count_keys(cw_fault_set *set)
+static void count_keys(cw_rule_set *set)
 {
     memset(set->id_classes, 0, sizeof set->id_classes);
     for (unsigned i = 0; i < CW_ID_CLASSES; i++)
@@ -152,7 +152,7 @@ static void count_keys(cw_fault_set *set)
     }
 }
 
-static void remove_keys(cw_fault_set *set, unsigned rule)
+static void remove_keys(cw_rule_set *set, unsigned rule)
 {
     unsigned kept = 0;
     for (unsigned i = 0; i < set->key_count; i++)
@@ -166,7 +166,7 @@ static void remove_keys(cw_fault_set *set, unsigned rule)
 
 /* False: the filter looks at no bit of the identifier or takes what differs, or there is no class
  * for it. */
-static bool add_filter(cw_fault_set *set, unsigned rule, const cw_filter *f)
+static bool add_filter(cw_rule_set *set, unsigned rule, const cw_filter *f)
 {
     const uint32_t mask = f->mask & EXTENDED_BITS;
     if (mask == 0 || f->inverted)
@@ -174,15 +174,15 @@ static bool add_filter(cw_fault_set *set, unsigned rule, const cw_filter *f)
     const unsigned class = class_of(set, mask);
     if (class == CW_ID_CLASSES)
         return false;
-    add_key(set, (cw_fault_key){.id = f->value & mask, .rule = (uint16_t)rule,
+    add_key(set, (cw_rule_key){.id = f->value & mask, .rule = (uint16_t)rule,
                                 .class = (uint8_t)class});
     return true;
 }
 
 /* A key for each filter of a rule. False: one can have none; keys of those before it are there. */
-static bool add_keys(cw_fault_set *set, unsigned rule)
+static bool add_keys(cw_rule_set *set, unsigned rule)
 {
-    const cw_rule *r = &set->faults[rule].rule;
+    const cw_rule *r = &set->rules[rule].rule;
     for (unsigned i = 0; i < r->filter_count; i++)
         if (!add_filter(set, rule, &r->filters[i]))
             return false;
@@ -191,22 +191,22 @@ static bool add_keys(cw_fault_set *set, unsigned rule)
 
 /* ---- The index ------------------------------------------------------------------------------- */
 
-void cw_fault_index_add(cw_fault_set *set, unsigned rule)
+void cw_index_add(cw_rule_set *set, unsigned rule)
 {
-    if (set->faults[rule].rule.trigger != CW_TRIGGER_FRAME || add_keys(set, rule))
+    if (set->rules[rule].rule.trigger != CW_TRIGGER_FRAME || add_keys(set, rule))
         return;
     remove_keys(set, rule);
     cw_list_add(set->wildcards, &set->wildcard_count, rule);
 }
 
-void cw_fault_index_remove(cw_fault_set *set, unsigned rule)
+void cw_index_remove(cw_rule_set *set, unsigned rule)
 {
     cw_list_remove(set->wildcards, &set->wildcard_count, rule);
     remove_keys(set, rule);
 }
 
 /* Keys of a class with the frame's identifier, if there are any. */
-static void add_run(cw_candidates *c, const cw_fault_set *set, unsigned class)
+static void add_run(cw_candidates *c, const cw_rule_set *set, unsigned class)
 {
     const uint32_t id = c->id & set->classes[class].mask;
     const unsigned end = set->classes[class].first + set->classes[class].count;
@@ -220,7 +220,7 @@ static void add_run(cw_candidates *c, const cw_fault_set *set, unsigned class)
 
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     c->frame = frame;
     c->id = can_id(frame);
     c->run_count = 0;
@@ -231,7 +231,7 @@ void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *fr
 }
 
 /* The next rule of all runs and the list, in order: with several filters it may be in several. */
-static bool next_rule(cw_candidates *c, unsigned *rule, const cw_fault_set *set)
+static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set)
 {
     const bool listed = c->wildcard < set->wildcard_count;
     unsigned next = listed ? set->wildcards[c->wildcard] : UINT_MAX;
@@ -253,9 +253,9 @@ static bool next_rule(cw_candidates *c, unsigned *rule, const cw_fault_set *set)
 
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     while (next_rule(c, rule, set)) {
-        const cw_rule *r = &set->faults[*rule].rule;
+        const cw_rule *r = &set->rules[*rule].rule;
         if (id_matches(c->id, r->filters, r->filter_count) &&
             (r->data_length == 0 || data_matches(r, c->frame)))
             return true;

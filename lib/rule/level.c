@@ -8,9 +8,9 @@
 
 #define ALL_NODES UINT64_MAX
 
-static cw_fault *awake_fault(cw_bus *bus, unsigned i)
+static cw_rule_state *awake_rule(cw_bus *bus, unsigned i)
 {
-    return &bus->faults.faults[bus->faults.awake[i]];
+    return &bus->rules.rules[bus->rules.awake[i]];
 }
 
 static void set_level(uint64_t *levels, uint64_t nodes, bool level)
@@ -21,29 +21,29 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
 /* The transceiver lets go of the bus when its TXD has been dominant for too long. */
-static bool stuck_tx_level(cw_fault *f, cw_rate rate)
+static bool stuck_tx_level(cw_rule_state *s, cw_rate rate)
 {
-    if (f->rule.level == CW_RECESSIVE)
+    if (s->rule.level == CW_RECESSIVE)
         return CW_RECESSIVE;
-    const uint64_t timeout = f->rule.dominant_timeout;
-    bool timed_out = timeout && cw_rate_ticks(rate, f->dominant_bits) >= timeout;
+    const uint64_t timeout = s->rule.dominant_timeout;
+    bool timed_out = timeout && cw_rate_ticks(rate, s->dominant_bits) >= timeout;
     if (!timed_out)
-        f->dominant_bits++;
+        s->dominant_bits++;
     return timed_out ? CW_RECESSIVE : CW_DOMINANT;
 }
 
-void cw_fault_driven(cw_bus *bus, cw_levels *levels)
+void cw_rules_change_driven(cw_bus *bus, cw_levels *levels)
 {
-    for (unsigned i = 0; bus->faults.line_rules && i < bus->faults.awake_count; i++) {
-        cw_fault *f = awake_fault(bus, i);
-        bool stuck = f->active && cw_fault_is(f, CW_ON_LINE) && f->rule.line == CW_LINE_TX;
+    for (unsigned i = 0; bus->rules.line_rules && i < bus->rules.awake_count; i++) {
+        cw_rule_state *s = awake_rule(bus, i);
+        bool stuck = s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
         if (stuck)
-            set_level(&levels->driven, cw_node_bit(f->rule.node),
-                      stuck_tx_level(f, cw_wire_rate(&bus->time)));
+            set_level(&levels->driven, cw_node_bit(s->rule.node),
+                      stuck_tx_level(s, cw_wire_rate(&bus->time)));
     }
-    if (bus->faults.rewired)
-        cw_fault_apply_topology(bus);
-    set_level(&levels->driven, bus->faults.off, CW_RECESSIVE);
+    if (bus->rules.rewired)
+        cw_rules_apply_topology(bus);
+    set_level(&levels->driven, bus->rules.off, CW_RECESSIVE);
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -117,25 +117,25 @@ static bool is_in_frame(cw_field field)
     return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;
 }
 
-void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *f)
+void cw_rule_unbind_ended(const cw_bus *bus, cw_rule_state *s)
 {
-    for (uint64_t rest = f->bound; rest; rest &= rest - 1) {
+    for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
         const cw_mac *mac = &bus->nodes[cw_lowest_node(rest)].mac;
         bool ended = mac->role != CW_ROLE_TRANSMITTER ||
-                     (is_in_frame(f->rule.field) && !cw_mac_is_sending(mac));
+                     (is_in_frame(s->rule.field) && !cw_mac_is_sending(mac));
         if (ended)
-            f->bound &= ~(rest & (~rest + 1));
+            s->bound &= ~(rest & (~rest + 1));
     }
 }
 
 /* The wires on which the named bit is reached, as nodes. */
-static uint64_t wires_reached(const cw_bus *bus, cw_fault *f)
+static uint64_t wires_reached(const cw_bus *bus, cw_rule_state *s)
 {
     uint64_t reached = 0;
-    cw_fault_unbind_ended(bus, f);
-    for (uint64_t rest = f->bound; rest; rest &= rest - 1) {
+    cw_rule_unbind_ended(bus, s);
+    for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
         unsigned node = cw_lowest_node(rest);
-        if (is_reached(bus, &f->rule, &bus->nodes[node].mac))
+        if (is_reached(bus, &s->rule, &bus->nodes[node].mac))
             reached |= wire_of(bus, node);
     }
     return reached;
@@ -150,75 +150,75 @@ static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
 }
 
 /* A new hit while an action is under way begins it again. */
-static void look_for_position(cw_bus *bus, unsigned rule, cw_fault *f)
+static void look_for_position(cw_bus *bus, unsigned rule, cw_rule_state *s)
 {
-    uint64_t wires = wires_reached(bus, f);
-    if (wires == 0 || !cw_fault_match(bus, rule, cw_now(bus), cw_bit_end(bus)))
+    uint64_t wires = wires_reached(bus, s);
+    if (wires == 0 || !cw_rule_match(bus, rule, cw_now(bus), cw_bit_end(bus)))
         return;
-    f->hit_now = true;
-    if (f->rule.at == 0)
-        f->on_wire = wires; /* a bit of that wire alone */
-    f->bits_done = 0;
-    f->bits_left = action_bits(bus, &f->rule);
+    s->hit_now = true;
+    if (s->rule.at == 0)
+        s->on_wire = wires; /* a bit of that wire alone */
+    s->bits_done = 0;
+    s->bits_left = action_bits(bus, &s->rule);
 }
 
 /* ---- Effects on what is sampled -------------------------------------------------------------- */
 
-void cw_flip(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_flip(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)bus;
-    (void)f;
+    (void)s;
     *levels ^= nodes;
 }
 
-void cw_force(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_force(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)bus;
-    set_level(levels, nodes, f->rule.level);
+    set_level(levels, nodes, s->rule.level);
 }
 
-void cw_glitch(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_glitch(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)bus;
-    const uint64_t i = f->bits_done;
-    if (f->rule.pattern_mask >> i & 1u)
-        set_level(levels, nodes, f->rule.pattern_level >> i & 1u);
+    const uint64_t i = s->bits_done;
+    if (s->rule.pattern_mask >> i & 1u)
+        set_level(levels, nodes, s->rule.pattern_level >> i & 1u);
 }
 
-void cw_hold_level(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_hold_level(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)bus;
-    set_level(levels, nodes, f->rule.level);
+    set_level(levels, nodes, s->rule.level);
 }
 
-void cw_fault_aim(cw_fault *f)
+void cw_rule_aim(cw_rule_state *s)
 {
-    const cw_rule *r = &f->rule;
-    f->on_wire = f->at_nodes = 0;
-    if (f->does->kind > CW_KIND_LEVEL || !f->does->levels)
+    const cw_rule *r = &s->rule;
+    s->on_wire = s->at_nodes = 0;
+    if (s->does->kind > CW_KIND_LEVEL || !s->does->levels)
         return;
-    if (cw_fault_is(f, CW_ON_LINE)) {
-        f->on_wire = r->line == CW_LINE_WIRE ? ALL_NODES : 0;
-        f->at_nodes = r->line == CW_LINE_RX ? cw_node_bit(r->node) : 0;
+    if (cw_rule_is(s, CW_ON_LINE)) {
+        s->on_wire = r->line == CW_LINE_WIRE ? ALL_NODES : 0;
+        s->at_nodes = r->line == CW_LINE_RX ? cw_node_bit(r->node) : 0;
         return;
     }
-    f->on_wire = r->at ? 0 : ALL_NODES;
-    f->at_nodes = r->at;
+    s->on_wire = r->at ? 0 : ALL_NODES;
+    s->at_nodes = r->at;
 }
 
-static inline bool acts_now(const cw_fault *f)
+static inline bool acts_now(const cw_rule_state *s)
 {
-    return cw_fault_is(f, CW_HAS_POSITION) ? f->bits_left > 0 : f->active;
+    return cw_rule_is(s, CW_HAS_POSITION) ? s->bits_left > 0 : s->active;
 }
 
 /* Actions for one transmission end with it. */
-static void check_scope(cw_bus *bus, unsigned rule, cw_fault *f)
+static void check_scope(cw_bus *bus, unsigned rule, cw_rule_state *s)
 {
-    for (uint64_t rest = f->scope; rest; rest &= rest - 1)
+    for (uint64_t rest = s->scope; rest; rest &= rest - 1)
         if (!cw_mac_is_sending(&bus->nodes[cw_lowest_node(rest)].mac))
-            f->scope &= ~cw_node_bit(cw_lowest_node(rest));
-    if (f->scope == 0)
-        cw_fault_end_action(bus, rule);
+            s->scope &= ~cw_node_bit(cw_lowest_node(rest));
+    if (s->scope == 0)
+        cw_rule_end_action(bus, rule);
 }
 
 /* What rules are about to do in a bit. */
@@ -228,52 +228,52 @@ typedef struct bit_plan {
     uint64_t bits;  /* not 0: bits of positions are counted */
 } bit_plan;
 
-static inline void plan_rule(bit_plan *plan, cw_bus *bus, unsigned rule, cw_fault *f)
+static inline void plan_rule(bit_plan *plan, cw_bus *bus, unsigned rule, cw_rule_state *s)
 {
-    if (f->for_attempt && f->active)
-        check_scope(bus, rule, f);
-    if (f->bound)
-        look_for_position(bus, rule, f);
-    if (!acts_now(f))
+    if (s->for_attempt && s->active)
+        check_scope(bus, rule, s);
+    if (s->bound)
+        look_for_position(bus, rule, s);
+    if (!acts_now(s))
         return;
-    plan->wire |= f->on_wire;
-    plan->nodes |= f->at_nodes;
-    plan->bits |= f->bits_left;
+    plan->wire |= s->on_wire;
+    plan->nodes |= s->at_nodes;
+    plan->bits |= s->bits_left;
 }
 
 static void change_wire(cw_bus *bus, uint64_t *levels)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        cw_fault *f = awake_fault(bus, i);
-        if (f->on_wire && acts_now(f))
-            f->does->levels(bus, f, levels, f->on_wire);
+    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
+        cw_rule_state *s = awake_rule(bus, i);
+        if (s->on_wire && acts_now(s))
+            s->does->levels(bus, s, levels, s->on_wire);
     }
 }
 
 static void change_samples(cw_bus *bus, uint64_t *levels)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        cw_fault *f = awake_fault(bus, i);
-        if (f->at_nodes && acts_now(f))
-            f->does->levels(bus, f, levels, f->at_nodes);
+    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
+        cw_rule_state *s = awake_rule(bus, i);
+        if (s->at_nodes && acts_now(s))
+            s->does->levels(bus, s, levels, s->at_nodes);
     }
 }
 
 static void count_bits(cw_bus *bus)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        cw_fault *f = awake_fault(bus, i);
-        f->bits_done += f->bits_left > 0;
-        f->bits_left -= f->bits_left > 0;
+    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
+        cw_rule_state *s = awake_rule(bus, i);
+        s->bits_done += s->bits_left > 0;
+        s->bits_left -= s->bits_left > 0;
     }
 }
 
-void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
+void cw_rules_change_sampled(cw_bus *bus, cw_levels *levels)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     bit_plan plan = {.wire = 0};
     for (unsigned i = 0; i < set->awake_count; i++)
-        plan_rule(&plan, bus, set->awake[i], awake_fault(bus, i));
+        plan_rule(&plan, bus, set->awake[i], awake_rule(bus, i));
     if (plan.wire)
         change_wire(bus, &levels->sampled);
     levels->wire = levels->sampled;
@@ -284,8 +284,8 @@ void cw_fault_sampled(cw_bus *bus, cw_levels *levels)
         count_bits(bus);
 }
 
-bool cw_fault_needs_bits(const cw_fault *f)
+bool cw_rule_needs_bits(const cw_rule_state *s)
 {
-    bool window = cw_fault_is(f, CW_EACH_BIT) || f->for_attempt;
-    return f->bound != 0 || f->bits_left != 0 || f->hit_now || (f->active && window);
+    bool window = cw_rule_is(s, CW_EACH_BIT) || s->for_attempt;
+    return s->bound != 0 || s->bits_left != 0 || s->hit_now || (s->active && window);
 }

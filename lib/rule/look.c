@@ -23,39 +23,39 @@ static const cw_frame *next_frame(const bus_node *n)
 static bool next_rule(cw_candidates *c, unsigned *rule, const cw_bus *bus, unsigned node)
 {
     while (cw_candidates_next(c, rule, bus)) {
-        const cw_fault *f = &bus->faults.faults[*rule];
-        if (cw_fault_acts_on_wire(f) && cw_fault_names(f->rule.from, cw_node_bit(node)) &&
-            !cw_fault_is_over(f))
+        const cw_rule_state *s = &bus->rules.rules[*rule];
+        if (cw_rule_acts_on_wire(s) && cw_rule_names(s->rule.from, cw_node_bit(node)) &&
+            !cw_rule_is_over(s))
             return true;
     }
     return false;
 }
 
 /* Its bit of a frame is one that a node which loses arbitration does not come to. */
-static bool acts_late(const cw_fault *f)
+static bool acts_late(const cw_rule_state *s)
 {
-    const cw_rule *r = &f->rule;
-    return cw_fault_is(f, CW_HAS_POSITION) && r->field >= CW_FIELD_R1 &&
+    const cw_rule *r = &s->rule;
+    return cw_rule_is(s, CW_HAS_POSITION) && r->field >= CW_FIELD_R1 &&
            r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
 /* Whether a match is a hit or none alike at whatever bit of a frame, but for the rule's time. Bits
  * between frames, and those that only the bits of a frame tell, are left out. */
-static bool takes_any_bit(const cw_fault *f)
+static bool takes_any_bit(const cw_rule_state *s)
 {
-    const cw_rule *r = &f->rule;
-    return cw_fault_is(f, CW_HAS_POSITION) && r->field != CW_FIELD_INTERMISSION &&
+    const cw_rule *r = &s->rule;
+    return cw_rule_is(s, CW_HAS_POSITION) && r->field != CW_FIELD_INTERMISSION &&
            r->field != CW_FIELD_SUSPEND && r->field != CW_FIELD_STUFF && r->field != CW_FIELD_BIT &&
            r->hold_off == 0 && r->state_nodes == 0;
 }
 
-static void add_watcher(cw_watch *w, const cw_fault_set *set, unsigned rule)
+static void add_watcher(cw_watch *w, const cw_rule_set *set, unsigned rule)
 {
-    const cw_fault *f = &set->faults[rule];
+    const cw_rule_state *s = &set->rules[rule];
     bool only = w->rule == CW_NO_RULE;
     w->rule = only ? (uint16_t)rule : CW_SEVERAL_RULES;
-    w->early = w->early || !acts_late(f);
-    w->rough = only && takes_any_bit(f);
+    w->early = w->early || !acts_late(s);
+    w->rough = only && takes_any_bit(s);
 }
 
 /* Whether a rule takes each frame of each node. */
@@ -64,20 +64,20 @@ static bool is_undemanding(const cw_rule *r)
     return r->filter_count == 0 && r->data_length == 0 && r->from == 0;
 }
 
-static void find_usual(cw_fault_set *set)
+static void find_usual(cw_rule_set *set)
 {
     set->usual = (cw_watch){.rule = CW_NO_RULE};
     set->has_usual = true;
     for (unsigned i = 0; i < set->wildcard_count; i++) {
-        const cw_fault *f = &set->faults[set->wildcards[i]];
-        if (!cw_fault_acts_on_wire(f) || cw_fault_is_over(f))
+        const cw_rule_state *s = &set->rules[set->wildcards[i]];
+        if (!cw_rule_acts_on_wire(s) || cw_rule_is_over(s))
             continue;
-        set->has_usual = set->has_usual && is_undemanding(&f->rule);
+        set->has_usual = set->has_usual && is_undemanding(&s->rule);
         add_watcher(&set->usual, set, set->wildcards[i]);
     }
 }
 
-static void note_watch(cw_fault_set *set, unsigned node, cw_watch w)
+static void note_watch(cw_rule_set *set, unsigned node, cw_watch w)
 {
     const uint64_t self = cw_node_bit(node);
     set->watcher[node] = w.rule;
@@ -89,7 +89,7 @@ static void note_watch(cw_fault_set *set, unsigned node, cw_watch w)
 /* After rules have changed. */
 static void watch_anew(cw_bus *bus)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     set->stale = false;
     find_usual(set);
     set->always_known = set->has_usual && set->key_count == 0 ? bus->all : 0;
@@ -106,25 +106,25 @@ static cw_watch watch_closely(const cw_bus *bus, unsigned node, const cw_frame *
     cw_candidates c;
     cw_candidates_begin(&c, bus, frame);
     while (next_rule(&c, &rule, bus, node))
-        add_watcher(&w, &bus->faults, rule);
+        add_watcher(&w, &bus->rules, rule);
     return w;
 }
 
 static void watch(cw_bus *bus, unsigned node)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     const cw_frame *frame = next_frame(&bus->nodes[node]);
     const uint64_t self = cw_node_bit(node);
-    bool usual = set->has_usual && !cw_fault_may_wait(set, frame);
+    bool usual = set->has_usual && !cw_rules_may_wait(set, frame);
     if (usual && !(set->unusual & self))
         return; /* as it was */
     note_watch(set, node, usual ? set->usual : watch_closely(bus, node, frame));
     set->unusual = usual ? set->unusual & ~self : set->unusual | self;
 }
 
-uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+uint64_t cw_rules_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     if (set->key_count + set->wildcard_count == 0)
         return 0;
     if (set->stale)
@@ -144,23 +144,23 @@ static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
     return r->time_end <= cw_now(bus) || r->time_begin >= end;
 }
 
-static bool has_later_position(const cw_fault *f)
+static bool has_later_position(const cw_rule_state *s)
 {
-    const cw_rule *r = &f->rule;
+    const cw_rule *r = &s->rule;
     bool sof = r->field == CW_FIELD_SOF || (r->field == CW_FIELD_BIT && r->index == 0);
-    return cw_fault_is(f, CW_HAS_POSITION) && !sof;
+    return cw_rule_is(s, CW_HAS_POSITION) && !sof;
 }
 
-bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes)
+bool cw_rules_act_at_start(const cw_bus *bus, uint64_t nodes)
 {
-    for (uint64_t rest = nodes & bus->faults.early; rest; rest &= rest - 1) {
+    for (uint64_t rest = nodes & bus->rules.early; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         unsigned rule;
         cw_candidates c;
         cw_candidates_begin(&c, bus, next_frame(&bus->nodes[i]));
         while (next_rule(&c, &rule, bus, i)) {
-            const cw_fault *f = &bus->faults.faults[rule];
-            if (!has_later_position(f) && !is_out_of_time(bus, &f->rule))
+            const cw_rule_state *s = &bus->rules.rules[rule];
+            if (!has_later_position(s) && !is_out_of_time(bus, &s->rule))
                 return true;
         }
     }
@@ -190,10 +190,10 @@ static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned 
  * has been found. */
 static void add_look(cw_look *look, const cw_bus *bus, unsigned rule, unsigned node, unsigned from)
 {
-    const cw_fault *f = &bus->faults.faults[rule];
-    const cw_rule *r = &f->rule;
+    const cw_rule_state *s = &bus->rules.rules[rule];
+    const cw_rule *r = &s->rule;
     unsigned n;
-    if (!cw_fault_is(f, CW_HAS_POSITION) || is_out_of_time(bus, r) ||
+    if (!cw_rule_is(s, CW_HAS_POSITION) || is_out_of_time(bus, r) ||
         !find_bit(bus, &n, r, node) || n < from || n > look->bit)
         return;
     bool another = n == look->bit && look->rule != rule;
@@ -216,15 +216,15 @@ static bool was_last_look(const cw_bus *bus, unsigned from)
 {
     uint64_t watched = bus->leap.watched;
     return from > 0 && (watched & (watched - 1)) == 0 &&
-           bus->faults.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
+           bus->rules.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
 }
 
 static void add_bound_looks(cw_look *look, const cw_bus *bus, unsigned from)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     const unsigned node = bus->leap.node;
     for (unsigned i = 0; i < set->awake_count; i++)
-        if (set->faults[set->awake[i]].bound & cw_node_bit(node))
+        if (set->rules[set->awake[i]].bound & cw_node_bit(node))
             add_look(look, bus, set->awake[i], node, from);
 }
 
@@ -238,7 +238,7 @@ cw_look cw_rules_next_look(const cw_bus *bus, unsigned from)
         return look;
     for (uint64_t rest = leap->watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        unsigned rule = bus->faults.watcher[i];
+        unsigned rule = bus->rules.watcher[i];
         if (rule == CW_SEVERAL_RULES)
             add_all_looks(&look, bus, i, from);
         else
@@ -255,20 +255,20 @@ static bool consume_bit(cw_bus *bus, cw_look look)
     const cw_leap *leap = &bus->leap;
     if (look.bit >= leap->length || look.rule == CW_SEVERAL_RULES)
         return false;
-    return cw_fault_passes_over(bus, look.rule, cw_leap_tick(bus, look.bit),
-                                cw_leap_tick(bus, look.bit + 1u));
+    return cw_rule_passes_over(bus, look.rule, cw_leap_tick(bus, look.bit),
+                               cw_leap_tick(bus, look.bit + 1u));
 }
 
 /* One at some bit of a frame which begins now, or has begun, and which is sent to its end. */
 static bool consume_frame(cw_bus *bus, cw_look look, const cw_frame *frame)
 {
-    const cw_rule *r = &bus->faults.faults[look.rule].rule;
+    const cw_rule *r = &bus->rules.rules[look.rule].rule;
     uint64_t end = cw_wire_tick(&bus->time, bus->leap.length);
     unsigned n;
     if (r->time_begin > cw_now(bus) || r->time_end < end)
         return false; /* it depends on the bit */
     return !cw_frame_find(frame, &n, r->field, r->index) ||
-           cw_fault_passes_over(bus, look.rule, cw_now(bus), cw_bit_end(bus));
+           cw_rule_passes_over(bus, look.rule, cw_now(bus), cw_bit_end(bus));
 }
 
 bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_frame *frame)
@@ -282,29 +282,29 @@ bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
-static const cw_fault *awake_fault(const cw_bus *bus, unsigned i)
+static const cw_rule_state *awake_rule(const cw_bus *bus, unsigned i)
 {
-    return &bus->faults.faults[bus->faults.awake[i]];
+    return &bus->rules.rules[bus->rules.awake[i]];
 }
 
 /* Nothing of it but that it is active. */
-static bool is_plain(const cw_fault *f)
+static bool is_plain(const cw_rule_state *s)
 {
-    return f->active && !f->hit_now && f->bits_left == 0 && f->bound == 0;
+    return s->active && !s->hit_now && s->bits_left == 0 && s->bound == 0;
 }
 
-static inline unsigned touch_of(const cw_fault *f)
+static inline unsigned touch_of(const cw_rule_state *s)
 {
-    if (f->for_attempt) /* nothing of it has a position or a line */
+    if (s->for_attempt) /* nothing of it has a position or a line */
         return CW_TOUCH_CONTROLLERS | CW_TOUCH_MORE;
-    unsigned touch = (f->bits_left > 0 ? CW_TOUCH_LEVELS : 0) | (f->bound ? CW_TOUCH_FRAME : 0);
-    if (f->active && cw_fault_is(f, CW_ON_LINE))
+    unsigned touch = (s->bits_left > 0 ? CW_TOUCH_LEVELS : 0) | (s->bound ? CW_TOUCH_FRAME : 0);
+    if (s->active && cw_rule_is(s, CW_ON_LINE))
         touch |= CW_TOUCH_LEVELS;
-    if (f->active && cw_fault_is(f, CW_STEADY_TRAFFIC))
+    if (s->active && cw_rule_is(s, CW_STEADY_TRAFFIC))
         return touch | CW_TOUCH_QUEUES;
-    if (is_plain(f) && cw_fault_is(f, CW_RANDOM_BITS))
+    if (is_plain(s) && cw_rule_is(s, CW_RANDOM_BITS))
         return touch | CW_TOUCH_AT_RANDOM;
-    if (is_plain(f) && cw_fault_is(f, CW_ON_LINE) && f->rule.level == CW_RECESSIVE)
+    if (is_plain(s) && cw_rule_is(s, CW_ON_LINE) && s->rule.level == CW_RECESSIVE)
         return touch | CW_TOUCH_DOMINANT;
     return touch | CW_TOUCH_MORE; /* one that is over falls asleep with a single bit */
 }
@@ -312,8 +312,8 @@ static inline unsigned touch_of(const cw_fault *f)
 unsigned cw_rules_touch_now(const cw_bus *bus)
 {
     unsigned touch = 0;
-    for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        touch |= touch_of(awake_fault(bus, i));
+    for (unsigned i = 0; i < bus->rules.awake_count; i++)
+        touch |= touch_of(awake_rule(bus, i));
     return touch;
 }
 
@@ -322,32 +322,32 @@ uint64_t cw_rules_keep_quiet(const cw_bus *bus, uint64_t bits, bool busy)
     return cw_noise_free(bus, cw_traffic_free(bus, bits, busy));
 }
 
-uint64_t cw_fault_stuck_lines(const cw_bus *bus)
+uint64_t cw_rules_stuck_lines(const cw_bus *bus)
 {
     uint64_t nodes = 0;
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        const cw_fault *f = awake_fault(bus, i);
-        if (f->active && cw_fault_is(f, CW_ON_LINE) && f->rule.line == CW_LINE_TX)
-            nodes |= cw_node_bit(f->rule.node);
+    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
+        const cw_rule_state *s = awake_rule(bus, i);
+        if (s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX)
+            nodes |= cw_node_bit(s->rule.node);
     }
     return nodes;
 }
 
-bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node)
+bool cw_rules_look_at_next(const cw_bus *bus, unsigned node)
 {
     const cw_mac *m = &bus->nodes[node].mac;
-    for (unsigned i = 0; i < bus->faults.awake_count; i++) {
-        const cw_fault *f = awake_fault(bus, i);
-        if ((f->bound & cw_node_bit(node)) &&
-            cw_bits_is_at(&m->tx, m->tx_next, f->rule.field, f->rule.index))
+    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
+        const cw_rule_state *s = awake_rule(bus, i);
+        if ((s->bound & cw_node_bit(node)) &&
+            cw_bits_is_at(&m->tx, m->tx_next, s->rule.field, s->rule.index))
             return true;
     }
     return false;
 }
 
-void cw_fault_unbind(cw_bus *bus)
+void cw_rules_unbind(cw_bus *bus)
 {
-    for (unsigned i = 0; i < bus->faults.awake_count; i++)
-        bus->faults.faults[bus->faults.awake[i]].bound = 0;
-    cw_fault_fall_asleep(bus);
+    for (unsigned i = 0; i < bus->rules.awake_count; i++)
+        bus->rules.rules[bus->rules.awake[i]].bound = 0;
+    cw_rules_fall_asleep(bus);
 }

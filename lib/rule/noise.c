@@ -16,9 +16,9 @@
 #define DRAWS_OF_A_PIECE 64u    /* of work */
 
 /* One draw for the wire, or one for each node. */
-static unsigned draws_of_bit(const cw_bus *bus, const cw_fault *f)
+static unsigned draws_of_bit(const cw_bus *bus, const cw_rule_state *s)
 {
-    return f->rule.at == 0 ? 1 : cw_count_bits(f->rule.at & bus->all);
+    return s->rule.at == 0 ? 1 : cw_count_bits(s->rule.at & bus->all);
 }
 
 static bool draw(const cw_rule *r, cw_prng *prng)
@@ -38,39 +38,39 @@ static inline uint64_t draw_bit(const cw_bus *bus, const cw_rule *r, cw_prng *pr
     return flipped;
 }
 
-static void flip(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t flipped)
+static void flip(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
 {
     *levels ^= flipped;
-    f->hit_now = true;
-    cw_fault_count_hit(bus, cw_fault_index(bus, f), cw_bit_end(bus));
-    if (cw_fault_is_over(f))
-        cw_fault_end_action(bus, cw_fault_index(bus, f));
+    s->hit_now = true;
+    cw_rule_count_hit(bus, cw_rule_index(bus, s), cw_bit_end(bus));
+    if (cw_rule_is_over(s))
+        cw_rule_end_action(bus, cw_rule_index(bus, s));
 }
 
-void cw_flip_at_random(cw_bus *bus, cw_fault *f, uint64_t *levels, uint64_t nodes)
+void cw_flip_at_random(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)nodes; /* those that it draws */
-    const uint64_t flipped = draw_bit(bus, &f->rule, &f->prng);
+    const uint64_t flipped = draw_bit(bus, &s->rule, &s->prng);
     if (flipped)
-        flip(bus, f, levels, flipped);
+        flip(bus, s, levels, flipped);
 }
 
 /* ---- Looking ahead --------------------------------------------------------------------------- */
 
-static bool is_steady_noise(const cw_fault *f)
+static bool is_steady_noise(const cw_rule_state *s)
 {
-    return cw_fault_is(f, CW_RANDOM_BITS) && f->active && !f->for_attempt && !f->hit_now &&
-           f->bits_left == 0 && f->bound == 0;
+    return cw_rule_is(s, CW_RANDOM_BITS) && s->active && !s->for_attempt && !s->hit_now &&
+           s->bits_left == 0 && s->bound == 0;
 }
 
 /* The first bit that a rule flips, of so many behind those that have been looked at; else the
  * number of them. */
-static uint64_t first_flip(const cw_bus *bus, const cw_fault *f, uint64_t from, uint64_t bits)
+static uint64_t first_flip(const cw_bus *bus, const cw_rule_state *s, uint64_t from, uint64_t bits)
 {
-    cw_prng prng = f->prng;
-    cw_prng_skip(&prng, from * draws_of_bit(bus, f));
+    cw_prng prng = s->prng;
+    cw_prng_skip(&prng, from * draws_of_bit(bus, s));
     for (uint64_t i = 0; i < bits; i++)
-        if (draw_bit(bus, &f->rule, &prng))
+        if (draw_bit(bus, &s->rule, &prng))
             return i;
     return bits;
 }
@@ -78,11 +78,11 @@ static uint64_t first_flip(const cw_bus *bus, const cw_fault *f, uint64_t from, 
 /* The same for all rules. */
 static uint64_t first_flip_of_any(const cw_bus *bus, uint64_t from, uint64_t bits)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     for (unsigned i = 0; bits > 0 && i < set->awake_count; i++) {
-        const cw_fault *f = &set->faults[set->awake[i]];
-        if (is_steady_noise(f))
-            bits = first_flip(bus, f, from, bits);
+        const cw_rule_state *s = &set->rules[set->awake[i]];
+        if (is_steady_noise(s))
+            bits = first_flip(bus, s, from, bits);
     }
     return bits;
 }
@@ -91,7 +91,7 @@ static uint64_t first_flip_of_any(const cw_bus *bus, uint64_t from, uint64_t bit
  * when another one flips the next. */
 uint64_t cw_noise_free(const cw_bus *bus, uint64_t bits)
 {
-    const cw_fault_set *set = &bus->faults;
+    const cw_rule_set *set = &bus->rules;
     if (set->noise_rules == 0)
         return bits;
     const uint64_t most = LOOK_AHEAD_DRAWS / ((uint64_t)set->noise_rules * bus->node_count);
@@ -107,13 +107,13 @@ uint64_t cw_noise_free(const cw_bus *bus, uint64_t bits)
 
 void cw_noise_pass(cw_bus *bus, uint64_t bits)
 {
-    cw_fault_set *set = &bus->faults;
+    cw_rule_set *set = &bus->rules;
     for (unsigned i = 0; set->noise_rules && i < set->awake_count; i++) {
-        cw_fault *f = &set->faults[set->awake[i]];
-        if (!is_steady_noise(f))
+        cw_rule_state *s = &set->rules[set->awake[i]];
+        if (!is_steady_noise(s))
             continue;
-        const uint64_t draws = bits * draws_of_bit(bus, f);
-        cw_prng_skip(&f->prng, draws);
+        const uint64_t draws = bits * draws_of_bit(bus, s);
+        cw_prng_skip(&s->prng, draws);
         bus->work += draws / DRAWS_OF_A_PIECE;
     }
 }

@@ -9,28 +9,28 @@
 
 #define CW_RULES_OF_A_PIECE 16u /* of work: rules that are looked at and have nothing to do */
 
-static inline cw_fault *cw_fault_at(cw_bus *bus, unsigned rule)
+static inline cw_rule_state *cw_rule_at(cw_bus *bus, unsigned rule)
 {
-    return &bus->faults.faults[rule];
+    return &bus->rules.rules[rule];
 }
 
-static inline unsigned cw_fault_index(const cw_bus *bus, const cw_fault *fault)
+static inline unsigned cw_rule_index(const cw_bus *bus, const cw_rule_state *state)
 {
-    return (unsigned)(fault - bus->faults.faults);
+    return (unsigned)(state - bus->rules.rules);
 }
 
 /* ---- Actions --------------------------------------------------------------------------------- */
 
 /* Whether its action is of that sort: all of these traits. */
-static inline bool cw_fault_is(const cw_fault *fault, unsigned traits)
+static inline bool cw_rule_is(const cw_rule_state *state, unsigned traits)
 {
-    return (fault->traits & traits) == traits;
+    return (state->traits & traits) == traits;
 }
 
 /* Its frame is one on the wire, not one that a host hands in or gets. */
-static inline bool cw_fault_acts_on_wire(const cw_fault *fault)
+static inline bool cw_rule_acts_on_wire(const cw_rule_state *state)
 {
-    return !cw_fault_is(fault, CW_AT_HOST);
+    return !cw_rule_is(state, CW_AT_HOST);
 }
 
 /* A frame on its way between host and queue, as an action on the host side sees it. */
@@ -49,8 +49,8 @@ bool cw_rule_valid(const cw_bus *bus, const cw_rule *rule);
 /* ---- index.c --------------------------------------------------------------------------------- */
 
 /* A rule in use, with a frame trigger or another one. */
-void cw_fault_index_add(cw_fault_set *set, unsigned rule);
-void cw_fault_index_remove(cw_fault_set *set, unsigned rule);
+void cw_index_add(cw_rule_set *set, unsigned rule);
+void cw_index_remove(cw_rule_set *set, unsigned rule);
 
 /* Goes through the rules with a frame trigger whose filters and data match a frame, in order. */
 typedef struct cw_key_run {
@@ -68,13 +68,13 @@ typedef struct cw_candidates {
 
 /* False: only rules of the list of wildcards may wait for that identifier. Mostly it is so, and a
  * look at a table tells. */
-bool cw_fault_may_wait(const cw_fault_set *set, const cw_frame *frame);
+bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame);
 
 void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
 
 /* Whether two sets of nodes meet; an empty first set names all. */
-static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
+static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
 {
     return set == 0 || (set & nodes) != 0;
 }
@@ -84,70 +84,70 @@ static inline bool cw_fault_names(uint64_t set, uint64_t nodes)
 /* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
  * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
  * the bit in progress began; told: tick of the event. */
-bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* A hit without a match: a bit flipped by noise. */
-void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
+void cw_rule_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
 
-bool cw_fault_is_over(const cw_fault *fault);
+bool cw_rule_is_over(const cw_rule_state *state);
 
-/* As cw_fault_match(), up to the hit itself: a match that is none is counted, a hit is not. */
-bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+/* As cw_rule_match(), up to the hit itself: a match that is none is counted, a hit is not. */
+bool cw_rule_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
  * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
  * the same. */
-bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
 
 /* Whether a rule acts only when it has been armed. */
-static inline bool cw_fault_needs_arming(const cw_rule *rule)
+static inline bool cw_rule_needs_arming(const cw_rule *rule)
 {
     return rule->has_after || rule->manual;
 }
 
 /* False: so many armings are under way already that this one is lost. */
-bool cw_fault_add_arming(cw_bus *bus, unsigned rule, uint64_t tick);
+bool cw_rule_add_arming(cw_bus *bus, unsigned rule, uint64_t tick);
 
 /* When the next arming of a rule takes place; CW_NEVER. */
-uint64_t cw_fault_next_arming(const cw_fault *fault);
+uint64_t cw_rule_next_arming(const cw_rule_state *state);
 
 /* The next one takes place at that tick. */
-void cw_fault_take_arming(cw_fault *fault, uint64_t tick);
+void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 
 /* Rules that come after this one are armed, at once or later. */
-void cw_fault_arm_followers(cw_bus *bus, unsigned rule, uint64_t told);
+void cw_rule_arm_followers(cw_bus *bus, unsigned rule, uint64_t told);
 
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
 /* Whether a rule that is no position action begins to act: its match is a hit. */
-bool cw_fault_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
 
 /* The rule acts from now on, for its time or once. */
-void cw_fault_act(cw_bus *bus, unsigned rule);
+void cw_rule_act(cw_bus *bus, unsigned rule);
 
 /* The same at that tick, when the bit in progress has been settled. */
-void cw_fault_act_later(cw_bus *bus, unsigned rule, uint64_t tick);
+void cw_rule_act_later(cw_bus *bus, unsigned rule, uint64_t tick);
 
 /* An action that lasts begins; of one that lasts for a transmission, scope has the transmitters. */
-void cw_fault_begin_window(cw_bus *bus, unsigned rule, uint64_t scope);
+void cw_rule_begin_window(cw_bus *bus, unsigned rule, uint64_t scope);
 
 /* A match comes at the present tick, between two bits: the rule acts if it is a hit. */
-void cw_fault_fire(cw_bus *bus, unsigned rule);
+void cw_rule_fire(cw_bus *bus, unsigned rule);
 
-void cw_fault_end_action(cw_bus *bus, unsigned rule);
+void cw_rule_end_action(cw_bus *bus, unsigned rule);
 
 /* Puts a rule into the list of those that are looked at in every bit. */
-void cw_fault_wake(cw_bus *bus, unsigned rule);
+void cw_rule_wake(cw_bus *bus, unsigned rule);
 
 /* Takes rules that have nothing to do any more out of the awake list. */
-void cw_fault_fall_asleep(cw_bus *bus);
+void cw_rules_fall_asleep(cw_bus *bus);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
 /* Whose levels a new rule changes; where it has a position, its hit says it again. */
-void cw_fault_aim(cw_fault *fault);
+void cw_rule_aim(cw_rule_state *state);
 
 /* Bits to come, no more than that many, that noise leaves alone: a look at draws, which changes
  * nothing. Noise for a transmission is left out. */
@@ -158,23 +158,23 @@ void cw_noise_pass(cw_bus *bus, uint64_t bits);
 
 /* A transmission is over for a rule when its node has become a receiver or is idle, or when what
  * comes is no frame bit any more and the rule's bit is one. */
-void cw_fault_unbind_ended(const cw_bus *bus, cw_fault *fault);
+void cw_rule_unbind_ended(const cw_bus *bus, cw_rule_state *state);
 
 /* Whether the rule has to be looked at in the next bit. */
-bool cw_fault_needs_bits(const cw_fault *fault);
+bool cw_rule_needs_bits(const cw_rule_state *state);
 
 /* ---- control.c, host.c, traffic.c ------------------------------------------------------------ */
 
 /* What a rule does once to the controllers that it names. */
-void cw_fault_command(cw_bus *bus, unsigned rule);
+void cw_rule_command(cw_bus *bus, unsigned rule);
 
 /* Frames that were held back and are due now. */
-void cw_fault_release_held(cw_bus *bus);
+void cw_rules_release_held(cw_bus *bus);
 
 /* Frames that a rule, which ends, holds back. */
-void cw_fault_let_go(cw_bus *bus, unsigned rule);
+void cw_rule_let_go(cw_bus *bus, unsigned rule);
 
-uint64_t cw_fault_next_held(const cw_bus *bus);
+uint64_t cw_rules_next_held(const cw_bus *bus);
 
 /* Bits to come, no more than that many, before whose end traffic rules send nothing as long as no
  * frame leaves a queue. busy: all these bits are. */

@@ -4,9 +4,9 @@
  */
 #include "rule/private.h"
 
-bool cw_fault_is_over(const cw_fault *f)
+bool cw_rule_is_over(const cw_rule_state *s)
 {
-    return f->rule.count != 0 && f->hits >= f->rule.count;
+    return s->rule.count != 0 && s->hits >= s->rule.count;
 }
 
 static bool states_match(const cw_bus *bus, const cw_rule *rule)
@@ -19,76 +19,76 @@ static bool states_match(const cw_bus *bus, const cw_rule *rule)
     return true;
 }
 
-static bool is_gated(const cw_bus *bus, const cw_fault *f, uint64_t start)
+static bool is_gated(const cw_bus *bus, const cw_rule_state *s, uint64_t start)
 {
-    const cw_rule *r = &f->rule;
-    return start < r->time_begin || start >= r->time_end || cw_fault_is_over(f) ||
-           (cw_fault_needs_arming(r) && f->armed == 0) || !states_match(bus, r);
+    const cw_rule *r = &s->rule;
+    return start < r->time_begin || start >= r->time_end || cw_rule_is_over(s) ||
+           (cw_rule_needs_arming(r) && s->armed == 0) || !states_match(bus, r);
 }
 
-void cw_fault_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
+void cw_rule_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    f->hits++;
-    f->last_hit = told;
-    bus->faults.stale = bus->faults.stale || cw_fault_is_over(f);
-    cw_fault_arm_followers(bus, rule, told);
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    s->hits++;
+    s->last_hit = told;
+    bus->rules.stale = bus->rules.stale || cw_rule_is_over(s);
+    cw_rule_arm_followers(bus, rule, told);
 }
 
 /* A match comes. Whether it is its turn, so that only chance can still make it none. */
-static inline bool count_match(const cw_bus *bus, cw_fault *f, uint64_t start, uint64_t told)
+static inline bool count_match(const cw_bus *bus, cw_rule_state *s, uint64_t start, uint64_t told)
 {
-    if (is_gated(bus, f, start))
+    if (is_gated(bus, s, start))
         return false;
-    f->matches++;
-    if (f->rule.hold_off > 0 && f->hits > 0 && told - f->last_hit < f->rule.hold_off)
+    s->matches++;
+    if (s->rule.hold_off > 0 && s->hits > 0 && told - s->last_hit < s->rule.hold_off)
         return false;
-    if (f->to_pass == 0)
+    if (s->to_pass == 0)
         return true;
-    f->to_pass--;
+    s->to_pass--;
     return false;
 }
 
-static bool draw_match(cw_fault *f)
+static bool draw_match(cw_rule_state *s)
 {
-    if (f->rule.probability == UINT64_MAX)
+    if (s->rule.probability == UINT64_MAX)
         return true;
-    return cw_prng_next(&f->prng) < f->rule.probability;
+    return cw_prng_next(&s->prng) < s->rule.probability;
 }
 
-bool cw_fault_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    if (!count_match(bus, f, start, told))
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    if (!count_match(bus, s, start, told))
         return false;
-    f->to_pass = f->rule.every - 1;
-    if (!draw_match(f))
+    s->to_pass = s->rule.every - 1;
+    if (!draw_match(s))
         return false;
-    if (cw_fault_needs_arming(&f->rule))
-        f->armed--;
-    f->taken++;
+    if (cw_rule_needs_arming(&s->rule))
+        s->armed--;
+    s->taken++;
     return true;
 }
 
-bool cw_fault_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    cw_fault *f = cw_fault_at(bus, rule);
-    if (!count_match(bus, f, start, told))
+    cw_rule_state *s = cw_rule_at(bus, rule);
+    if (!count_match(bus, s, start, told))
         return true;
-    const cw_prng before = f->prng;
-    if (draw_match(f)) {
-        f->matches--;
-        f->prng = before;
+    const cw_prng before = s->prng;
+    if (draw_match(s)) {
+        s->matches--;
+        s->prng = before;
         return false;
     }
-    f->to_pass = f->rule.every - 1;
+    s->to_pass = s->rule.every - 1;
     return true;
 }
 
-bool cw_fault_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
 {
-    if (!cw_fault_takes_match(bus, rule, start, told))
+    if (!cw_rule_takes_match(bus, rule, start, told))
         return false;
-    cw_fault_count_hit(bus, rule, told);
+    cw_rule_count_hit(bus, rule, told);
     return true;
 }

@@ -26,7 +26,7 @@
 
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
-typedef struct cw_fault {
+typedef struct cw_rule_state {
     cw_rule rule;
     const cw_action_row *does; /* the row of its action ... */
     unsigned traits;           /* ... and what that says, CW_NEEDS_FRAME etc. */
@@ -62,7 +62,7 @@ typedef struct cw_fault {
     uint64_t dominant_bits; /* STUCK on a TX: how long it has been dominant */
     uint64_t busy_base;   /* LOAD: busy bits and bits when it began */
     uint64_t bits_base;
-} cw_fault;
+} cw_rule_state;
 
 /* Where a received frame is from, see cw_event. All 0 for frames on their way to the wire. */
 typedef struct frame_origin {
@@ -81,11 +81,11 @@ typedef struct cw_watch {
 #define CW_SEVERAL_RULES (UINT16_MAX - 1)
 
 /* What a filter looks for in the bits of its class, and the rule that has it. */
-typedef struct cw_fault_key {
+typedef struct cw_rule_key {
     uint32_t id; /* with CW_FILTER_EXTENDED */
     uint16_t rule;
     uint8_t class;
-} cw_fault_key;
+} cw_rule_key;
 
 /* Filters that look at the same bits of an identifier. */
 typedef struct cw_id_class {
@@ -97,11 +97,11 @@ typedef struct cw_id_class {
 #define CW_ID_CLASSES 8u /* a bit of a byte for each one */
 #define CW_ID_HASH_BITS 12u
 
-typedef struct cw_fault_set {
-    cw_fault *faults;
+typedef struct cw_rule_set {
+    cw_rule_state *rules;
     uint8_t id_classes[1u << CW_ID_HASH_BITS]; /* by hash: the classes with such keys, as bits */
     cw_id_class classes[CW_ID_CLASSES];
-    cw_fault_key *keys;     /* of frame rules, sorted by class, identifier and rule */
+    cw_rule_key *keys;     /* of frame rules, sorted by class, identifier and rule */
     uint16_t *wildcards;    /* frame rules that have none */
     uint16_t *awake;        /* sorted */
     unsigned capacity;
@@ -131,7 +131,7 @@ typedef struct cw_fault_set {
     uint64_t always_known;  /* all nodes, when no frame is worth a comparison */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
-} cw_fault_set;
+} cw_rule_set;
 
 /* Levels of one bit: bit i of a set is node i's, recessive where 1. */
 typedef struct cw_levels {
@@ -144,29 +144,29 @@ typedef struct cw_levels {
 /* ---- bind.c, error.c, due.c ------------------------------------------------------------------ */
 
 /* A node begins to transmit what is in its offered slot. */
-void cw_fault_transmission(cw_bus *bus, unsigned node, const cw_frame *frame);
+void cw_rules_bind(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
-void cw_fault_error_now(cw_bus *bus, unsigned node, const cw_event *event);
+void cw_rules_error_now(cw_bus *bus, unsigned node, const cw_event *event);
 
 /* Something of some rule is due at that tick. */
-static inline void cw_fault_set_due(cw_fault_set *set, uint64_t tick)
+static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
 {
     if (tick < set->next_due)
         set->next_due = tick;
 }
 
 /* Rules, armings, traffic and ends of actions that are due now. */
-void cw_fault_run_due(cw_bus *bus);
+void cw_rules_run_due(cw_bus *bus);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
 
 /* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
  * them only those where it may do so before they lose. */
-uint64_t cw_fault_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
+uint64_t cw_rules_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
 
 /* Whether some rule may act at or before the SOF of the next frames of these nodes. */
-bool cw_fault_acts_at_start(const cw_bus *bus, uint64_t nodes);
+bool cw_rules_act_at_start(const cw_bus *bus, uint64_t nodes);
 
 #define CW_NO_LOOK UINT16_MAX
 
@@ -205,48 +205,48 @@ bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_
 
 /* Whether the stop for the frame of a node may be found roughly: not behind the bit that a rule
  * looks at, but without the bits of the frame. Mostly nobody needs more. */
-static inline bool cw_fault_stops_roughly(const cw_fault_set *set, unsigned node)
+static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 {
     return set->rough >> node & 1u;
 }
 
 /* No transmission is under way any more. */
-void cw_fault_unbind(cw_bus *bus);
+void cw_rules_unbind(cw_bus *bus);
 
 /* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */
-bool cw_fault_looks_at_next(const cw_bus *bus, unsigned node);
+bool cw_rules_look_at_next(const cw_bus *bus, unsigned node);
 
 /* The nodes whose lines to the bus are stuck. */
-uint64_t cw_fault_stuck_lines(const cw_bus *bus);
+uint64_t cw_rules_stuck_lines(const cw_bus *bus);
 
 /* ---- level.c, noise.c, topology.c ------------------------------------------------------------ */
 
 /* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
-void cw_fault_driven(cw_bus *bus, cw_levels *levels);
+void cw_rules_change_driven(cw_bus *bus, cw_levels *levels);
 
 /* Levels that nodes see, from those of their wires. */
-void cw_fault_sampled(cw_bus *bus, cw_levels *levels);
+void cw_rules_change_sampled(cw_bus *bus, cw_levels *levels);
 
 /* Hits of the bit that has ended. */
-void cw_fault_emit(cw_bus *bus);
+void cw_rules_emit(cw_bus *bus);
 
 /* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
  * rules and the hosts say; and undoes it. */
-void cw_fault_apply_topology(cw_bus *bus);
+void cw_rules_apply_topology(cw_bus *bus);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
 /* A frame on its way from a host to its queue. Returns true when it goes on, perhaps changed. */
-bool cw_fault_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
+bool cw_rules_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
 
 /* The same for a frame on its way to a host. */
-bool cw_fault_hand_out(cw_bus *bus, unsigned node, cw_frame *frame,
+bool cw_rules_hand_out(cw_bus *bus, unsigned node, cw_frame *frame,
                        const frame_origin *origin);
 
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
-void cw_fault_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
+void cw_rules_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
 
 /* How many frames of a node rules hold back on each side. */
-void cw_fault_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
+void cw_rules_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
 
 #endif

@@ -10,10 +10,10 @@
 static uint64_t named_by_active(const cw_bus *bus, cw_action action)
 {
     uint64_t nodes = 0;
-    for (unsigned i = 0; i < bus->faults.count; i++) {
-        const cw_fault *f = &bus->faults.faults[i];
-        if (f->used && f->active && f->rule.action == action)
-            nodes |= f->rule.nodes;
+    for (unsigned i = 0; i < bus->rules.count; i++) {
+        const cw_rule_state *s = &bus->rules.rules[i];
+        if (s->used && s->active && s->rule.action == action)
+            nodes |= s->rule.nodes;
     }
     return nodes;
 }
@@ -37,23 +37,23 @@ static void apply_partition(cw_bus *bus)
 {
     bus->groups[0] = ALL_NODES;
     bus->group_count = 1;
-    for (unsigned i = bus->faults.count; i-- > 0;) {
-        const cw_fault *f = &bus->faults.faults[i];
-        if (!f->used || !f->active || f->rule.action != CW_ACTION_PARTITION)
+    for (unsigned i = bus->rules.count; i-- > 0;) {
+        const cw_rule_state *s = &bus->rules.rules[i];
+        if (!s->used || !s->active || s->rule.action != CW_ACTION_PARTITION)
             continue;
-        partition(bus, &f->rule);
+        partition(bus, &s->rule);
         return;
     }
 }
 
-void cw_fault_apply_topology(cw_bus *bus)
+void cw_rules_apply_topology(cw_bus *bus)
 {
     uint64_t no_ack = named_by_active(bus, CW_ACTION_NO_ACK);
     uint64_t off = named_by_active(bus, CW_ACTION_DISCONNECT) | bus->detached;
     for (unsigned i = 0; i < bus->node_count; i++) {
         uint64_t self = cw_node_bit(i);
         bool goes = (off & self) && cw_mac_is_on_bus(cw_mac_of(bus, i));
-        bool comes = (bus->faults.off & ~off & self) != 0;
+        bool comes = (bus->rules.off & ~off & self) != 0;
         bool silent = (no_ack & self) != 0;
         if (!goes && !comes && silent == bus->nodes[i].mac.no_ack)
             continue; /* so that a change at one node does not disturb the others */
@@ -64,7 +64,7 @@ void cw_fault_apply_topology(cw_bus *bus)
         if (comes)
             cw_mac_reconnect(m);
     }
-    bus->faults.off = off;
-    bus->faults.rewired = false;
+    bus->rules.off = off;
+    bus->rules.rewired = false;
     apply_partition(bus);
 }

@@ -73,5 +73,5 @@ bool cw_rule_valid(const cw_bus *bus, const cw_rule *r)
            numbers_in_range(r, &cw_actions[r->action]) &&
            nodes_exist(bus, r->from | r->at | r->nodes | r->state_nodes) &&
            r->node < bus->node_count && settings_fit(bus, r) &&
-           (!r->has_after || r->after < bus->faults.capacity);
+           (!r->has_after || r->after < bus->rules.capacity);
 }

@@ -40,7 +40,7 @@ static void note_start(cw_bus *bus, unsigned i)
         return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    cw_fault_transmission(bus, i, &slot->frame);
+    cw_rules_bind(bus, i, &slot->frame);
 }
 
 /* The levels that all nodes put onto their wires; recessive beyond the last node. */
@@ -183,13 +183,13 @@ static void end_bit(cw_bus *bus)
 
 void cw_find_levels(cw_bus *bus, cw_levels *levels)
 {
-    if (bus->faults.awake_count)
-        cw_fault_driven(bus, levels);
+    if (bus->rules.awake_count)
+        cw_rules_change_driven(bus, levels);
     bus->driven = levels->driven;
     levels->clean = levels->wire = levels->sampled = wired_and(bus, levels->driven);
     bus->wire = levels->sampled == UINT64_MAX;
-    if (bus->faults.awake_count)
-        cw_fault_sampled(bus, levels);
+    if (bus->rules.awake_count)
+        cw_rules_change_sampled(bus, levels);
 }
 
 static void finish_bit(cw_bus *bus, const cw_levels *levels)
@@ -198,8 +198,8 @@ static void finish_bit(cw_bus *bus, const cw_levels *levels)
     cw_take_inbox_before(bus, cw_bit_end(bus));
     sample_all(bus, levels->sampled, &reports);
     end_bit(bus);
-    if (bus->faults.awake_count)
-        cw_fault_emit(bus);
+    if (bus->rules.awake_count)
+        cw_rules_emit(bus);
     if (reports.news)
         commit(bus, &reports);
     if (!bus->stepping)

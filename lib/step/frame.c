@@ -151,7 +151,7 @@ static void pass(cw_bus *bus, unsigned bits)
 {
     move(bus, bits);
     count_bits(bus, bits);
-    if (bus->faults.awake_count && !bus->leap.at_work)
+    if (bus->rules.awake_count && !bus->leap.at_work)
         (void)cw_rules_consume(bus, bits, NULL, NULL);
 }
 
@@ -178,11 +178,11 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     if (leap->look.bit != CW_NO_LOOK)
         bits = (unsigned)cw_least(bits, (uint64_t)leap->look.bit - leap->at);
     bits = bits_up_to(bus, tick, bits);
-    uint64_t due = cw_least(bus->next_restart, bus->faults.next_due);
+    uint64_t due = cw_least(bus->next_restart, bus->rules.next_due);
     due = cw_least(due, cw_inbox_first(bus));
     if (!cw_wire_fits(&bus->time, bits, due)) /* due is later than now */
         bits = (unsigned)cw_wire_bits_until(&bus->time, due);
-    if (bus->faults.awake_count == 0)
+    if (bus->rules.awake_count == 0)
         return bits;
     return (unsigned)cw_rules_keep_quiet(bus, bits, true);
 }
@@ -191,8 +191,8 @@ static void end_slot(cw_bus *bus)
 {
     bus->leap.active = false;
     bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
-    if (bus->faults.awake_count)
-        cw_fault_unbind(bus);
+    if (bus->rules.awake_count)
+        cw_rules_unbind(bus);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
@@ -279,7 +279,7 @@ static void leap_over(cw_bus *bus)
     cw_leap *leap = &bus->leap;
     const unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     count_bits(bus, bits);
-    if (bus->faults.awake_count)
+    if (bus->rules.awake_count)
         (void)cw_rules_consume(bus, bits, NULL, NULL);
     while (leap->undecided) {
         leap->at = (uint16_t)pass_to(bus, leap->at, next_loss(leap));
@@ -317,7 +317,7 @@ static bool rules_let_pass(cw_bus *bus)
 static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
     bool loopback = (bus->leap.listeners | bus->outlook.away) != bus->all;
-    return bus->next_restart >= tick && bus->faults.next_due >= tick &&
+    return bus->next_restart >= tick && bus->rules.next_due >= tick &&
            (!loopback || cw_inbox_first(bus) >= tick);
 }
 
@@ -326,7 +326,7 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     const unsigned end = leap->length + CW_INTERMISSION_BITS;
     const unsigned bits = end - leap->at;
-    bool traffic = bus->faults.awake_count && bus->faults.traffic_rules; /* follows a frame */
+    bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* follows a frame */
     return cw_wire_fits(&bus->time, bits, tick) && leap->tail == 0 && !leap->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
            is_undisturbed_until(bus, cw_leap_tick(bus, end)) && cw_leap_is_noise_free(bus, bits) &&
@@ -335,8 +335,8 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
 
 static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
 {
-    const cw_look look = {.rule = bus->faults.watcher[winner]};
-    return cw_fault_stops_roughly(&bus->faults, winner) &&
+    const cw_look look = {.rule = bus->rules.watcher[winner]};
+    return cw_rules_stop_roughly(&bus->rules, winner) &&
            cw_rules_consume(bus, 0, &look, frame);
 }
 
@@ -348,7 +348,7 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     leap->listeners = bus->outlook.listeners;
     leap->length = n->queue.slots[slot].wire_bits;
     const unsigned bits = leap->length + CW_INTERMISSION_BITS;
-    if (!cw_wire_fits(&bus->time, bits, tick) || bus->faults.awake_count ||
+    if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
         cw_host_side_acts(bus) || !is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
         (leap->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
         return false;

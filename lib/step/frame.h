@@ -44,7 +44,7 @@ void cw_leap_find_loss(cw_bus *bus, unsigned node, const cw_bits *bits);
 /* Whether noise leaves so many bits to come alone. */
 static inline bool cw_leap_is_noise_free(const cw_bus *bus, unsigned bits)
 {
-    return bus->faults.awake_count == 0 || cw_rules_keep_quiet(bus, bits, true) == bits;
+    return bus->rules.awake_count == 0 || cw_rules_keep_quiet(bus, bits, true) == bits;
 }
 
 #endif

@@ -17,9 +17,9 @@ static bool can_begin(cw_bus *bus)
         return false;
     if (!bus->outlook.valid)
         cw_outlook_find(bus);
-    if (bus->outlook.calm && bus->faults.awake_count)
-        cw_fault_unbind(bus);
-    if (bus->faults.awake_count &&
+    if (bus->outlook.calm && bus->rules.awake_count)
+        cw_rules_unbind(bus);
+    if (bus->rules.awake_count &&
         ((cw_rules_touch_now(bus) & CW_TOUCH_CONTROLLERS) || !cw_leap_is_noise_free(bus, 1)))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
@@ -30,7 +30,7 @@ static bool can_begin(cw_bus *bus)
 static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     bool several = (contenders & (contenders - 1)) != 0;
-    return bus->faults.error_rules &&
+    return bus->rules.error_rules &&
            (several || bus->outlook.counting || bus->nodes[winner].mac.confinement.tec > 0);
 }
 
@@ -122,7 +122,7 @@ void cw_leap_count_losses(cw_bus *bus)
 /* Whether nothing is due or comes in before that tick. */
 static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
 {
-    return bus->next_restart >= tick && bus->faults.next_due >= tick && cw_inbox_first(bus) >= tick;
+    return bus->next_restart >= tick && bus->rules.next_due >= tick && cw_inbox_first(bus) >= tick;
 }
 
 /* Whether nobody can see the single losses. With no contender's line in the hands of a rule, the
@@ -132,7 +132,7 @@ static bool passes_arbitration(cw_bus *bus, uint64_t tick)
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
     return leap->look.bit >= bits && cw_wire_fits(&bus->time, bits, tick) &&
-           !(leap->at_work && (cw_fault_stuck_lines(bus) & leap->contenders)) &&
+           !(leap->at_work && (cw_rules_stuck_lines(bus) & leap->contenders)) &&
            is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
@@ -200,9 +200,9 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
         !is_leapable(bus, contenders, winner))
         return false;
-    uint64_t watched = cw_fault_watched(bus, contenders, winner);
+    uint64_t watched = cw_rules_watched(bus, contenders, winner);
     bool at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
-    if (watched && (at_work || cw_fault_acts_at_start(bus, watched)))
+    if (watched && (at_work || cw_rules_act_at_start(bus, watched)))
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
@@ -213,7 +213,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     if (whole && cw_leap_whole(bus, winner, contenders, tick))
         return true;
     cw_leap_prepare(bus, winner, contenders);
-    bool rough = watched == cw_node_bit(winner) && cw_fault_stops_roughly(&bus->faults, winner);
+    bool rough = watched == cw_node_bit(winner) && cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || bus->leap.at_work);
     start_transmissions(bus, tick);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */

@@ -30,14 +30,14 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
 static void bind_rules(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    uint64_t watched = leap->bound ? 0 : bus->faults.watched;
+    uint64_t watched = leap->bound ? 0 : bus->rules.watched;
     for (uint64_t rest = leap->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];
-        cw_fault_transmission(bus, i, &n->queue.slots[n->offered_slot].frame);
+        cw_rules_bind(bus, i, &n->queue.slots[n->offered_slot].frame);
     }
     if (watched & cw_node_bit(leap->node))
-        cw_fault_transmission(bus, leap->node, &leap->frame);
+        cw_rules_bind(bus, leap->node, &leap->frame);
 }
 
 /* Losses that were counted beforehand but did not come to pass. */

@@ -82,13 +82,13 @@ static bool nobody_has_plans(const cw_bus *bus)
 /* Rules that are bound see of a leap only the bits at which it stops. */
 static bool rules_allow_it(cw_bus *bus, unsigned sender)
 {
-    if (bus->faults.error_rules > 0)
+    if (bus->rules.error_rules > 0)
         return false;
-    if (bus->faults.awake_count == 0)
+    if (bus->rules.awake_count == 0)
         return true;
     const unsigned touch = cw_rules_touch_now(bus);
     bool at_work = (touch & CW_TOUCH_FRAME) && (touch & CW_TOUCH_LEVELS);
-    return !at_work && !(touch & CW_TOUCH_CONTROLLERS) && !cw_fault_looks_at_next(bus, sender) &&
+    return !at_work && !(touch & CW_TOUCH_CONTROLLERS) && !cw_rules_look_at_next(bus, sender) &&
            cw_leap_is_noise_free(bus, 1);
 }
 

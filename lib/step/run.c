@@ -59,8 +59,8 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, bits_up_to_inbox(bus));
     bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->next_restart));
-    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->faults.next_due));
-    if (bus->faults.awake_count == 0)
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
+    if (bus->rules.awake_count == 0)
         return bits;
     return cw_rules_keep_quiet(bus, bits, false);
 }
@@ -78,7 +78,7 @@ static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
 {
     cw_watch_wire(bus, bits);
-    if (bus->faults.awake_count)
+    if (bus->rules.awake_count)
         (void)cw_rules_consume(bus, bits, NULL, NULL);
     if (bus->followers)
         skip(bus, &bus->common, bits, level);
