@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * alarm.c - a timer for one moment of CLOCK_MONOTONIC, which is only set when that moment is
- * another one.
+ * alarm.c - a timer for one moment of CLOCK_MONOTONIC, set anew only when the moment changes.
  */
 #include "base/alarm.h"
 
@@ -25,7 +24,7 @@ void alarm_close(wake_alarm *a)
     *a = ALARM_CLOSED;
 }
 
-/* All zeros would switch it off. */
+/* All zeros would disarm the timer. */
 static struct timespec time_of(int64_t ns)
 {
     if (ns == ALARM_NEVER)

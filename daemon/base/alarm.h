@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * alarm.h - a timer for one moment of CLOCK_MONOTONIC, which is only set when that moment is
- * another one.
+ * alarm.h - a timer for one moment of CLOCK_MONOTONIC, set anew only when the moment changes.
  *
- * An absolute timerfd, since libev's own timers have the granularity of a millisecond.
+ * It is an absolute timerfd: libev's own timers have the granularity of a millisecond.
  */
 #ifndef CANWIRE_BASE_ALARM_H
 #define CANWIRE_BASE_ALARM_H
@@ -14,22 +13,22 @@
 #define ALARM_NEVER INT64_MAX
 
 typedef struct wake_alarm {
-    int fd;        /* readable when it rings; -1: not open */
-    int64_t at_ns; /* what it is set to */
+    int fd;        /* readable when the alarm rings; -1: not open */
+    int64_t at_ns; /* the moment that is set */
 } wake_alarm;
 
 #define ALARM_CLOSED ((wake_alarm){.fd = -1, .at_ns = ALARM_NEVER})
 
-/* Not set to anything. False, with errno, when there is none. */
+/* Opens an alarm that is not set. Returns false, with errno, when that fails. */
 bool alarm_open(wake_alarm *a);
 
 void alarm_close(wake_alarm *a);
 
-/* To ring at that moment, at once when it has passed, and at no other. False, with errno, when it
- * cannot be set. */
+/* Sets the alarm to that moment only; it rings at once when the moment has passed. Returns false,
+ * with errno, when that fails. */
 bool alarm_set(wake_alarm *a, int64_t at_ns);
 
-/* To be called when fd is readable: whether it rings; it is then not set to anything any more. */
+/* Returns true when the alarm rings, which is then no longer set. Call it when fd is readable. */
 bool alarm_take(wake_alarm *a);
 
 #endif

@@ -15,10 +15,10 @@ typedef struct arena {
     arena_block *blocks;
 } arena;
 
-/* Zeroed memory, aligned for anything; NULL when there is none. */
+/* Returns zeroed memory, aligned for anything, or NULL when there is no memory. */
 void *arena_alloc(arena *self, size_t size);
 
-/* A formatted string; NULL when there is no memory. */
+/* Returns a formatted string, or NULL when there is no memory. */
 char *arena_print(arena *self, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 char *arena_print_list(arena *self, const char *format, va_list args)

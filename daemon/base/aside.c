@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * aside.c - has something done beside the bus that may hang, as reading a file of a network may.
+ * aside.c - runs a task that may hang, such as reading a file of a network, beside the bus.
  */
 #include "base/aside.h"
 
@@ -19,10 +19,10 @@ struct aside {
     ev_async news;
     ev_timer limit;
     pthread_mutex_t lock; /* of all below */
-    clockid_t clock; /* of the processor's time that the thread has used; valid while it works */
+    clockid_t clock; /* processor time that the thread has used; valid while it works */
     bool working;
     bool ready;
-    bool left; /* nobody waits any more: the thread frees all */
+    bool left; /* the caller has left: the thread frees all */
 };
 
 static atomic_uint left_alone;
@@ -45,7 +45,7 @@ static void *run(void *argument)
     const bool left = a->left;
     a->ready = true;
     if (!left)
-        ev_async_send(a->loop, &a->news); /* under the lock: the loop is still there */
+        ev_async_send(a->loop, &a->news); /* under the lock: the loop still exists */
     (void)pthread_mutex_unlock(&a->lock);
     if (!left)
         return NULL;
@@ -61,7 +61,7 @@ static void stop_watchers(aside *a)
     ev_timer_stop(a->loop, &a->limit);
 }
 
-/* The lock is had once more, so that the thread is out of it. */
+/* Takes the lock once more, so that the thread no longer holds it. */
 static void on_news(struct ev_loop *loop, ev_async *news, int events)
 {
     (void)loop;
@@ -108,7 +108,7 @@ aside *aside_start(struct ev_loop *loop, const aside_calls *calls, void *task, v
     *a = (aside){.loop = loop, .calls = calls, .task = task, .user = user};
     (void)pthread_mutex_init(&a->lock, NULL);
     ev_async_init(&a->news, on_news);
-    ev_now_update(loop); /* or the limit would begin where a long callback did */
+    ev_now_update(loop); /* else the limit would begin at the start of a long callback */
     ev_timer_init(&a->limit, on_limit, limit_s, 0.0);
     a->news.data = a;
     a->limit.data = a;

@@ -9,9 +9,10 @@
 #include <string.h>
 
 #define SIZE_MIN 4096u
-#define SIZE_KEPT 65536u /* of an empty buffer; a larger one gives its memory back */
+#define SIZE_KEPT 65536u /* of an empty buffer; a larger one frees its memory */
 
-/* Moving is paid for by the bytes taken before: it waits until they are half of the memory. */
+/* Moves bytes only once the bytes taken are half of the memory, so the cost of a byte is
+ * bounded. */
 static void move_to_front(buffer *self)
 {
     if (self->begin == 0 || self->begin < self->size / 2)

@@ -16,28 +16,29 @@ typedef struct buffer {
     size_t size;
 } buffer;
 
-/* Bytes that wait. */
+/* Returns the number of bytes that wait. */
 static inline size_t buffer_length(const buffer *self)
 {
     return self->end - self->begin;
 }
 
-/* The first of them; stays where it is until the next buffer_reserve() or buffer_take(). */
+/* Returns the first byte that waits; it stays there until the next buffer_reserve() or
+ * buffer_take(). */
 static inline char *buffer_first(const buffer *self)
 {
     return self->data + self->begin;
 }
 
-/* Makes room for so many bytes behind the last one. False when there is no memory. */
+/* Makes room for so many bytes behind the last one. Returns false when there is no memory. */
 bool buffer_reserve(buffer *self, size_t count);
 
-/* Appends bytes. False, with nothing changed, when there is no memory. */
+/* Appends bytes. Changes nothing and returns false when there is no memory. */
 bool buffer_append(buffer *self, const char *bytes, size_t count);
 
-/* Takes the first bytes away. */
+/* Removes the first bytes. */
 void buffer_take(buffer *self, size_t count);
 
-/* Leaves an empty buffer. */
+/* Frees the memory and leaves an empty buffer. */
 void buffer_free(buffer *self);
 
 #endif

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * chars.c - words and numbers into memory, where so many are written that printf would cost most.
+ * chars.c - writes words and numbers into memory where printf would cost too much.
  */
 #include "base/chars.h"
 
 #include <assert.h>
 
-/* The decimal digits of 0 to 99: half as many divisions. */
+/* The decimal digits of 0 to 99 halve the number of divisions. */
 static const char pairs[] = "00010203040506070809101112131415161718192021222324"
                             "25262728293031323334353637383940414243444546474849"
                             "50515253545556575859606162636465666768697071727374"

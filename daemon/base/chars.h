@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * chars.h - words and numbers into memory, where so many are written that printf would cost most.
+ * chars.h - writes words and numbers into memory where printf would cost too much.
  *
- * Each writes to `at`, where there must be room, without a final 0, and returns where it has ended.
+ * Each function writes to `at`, which must have room, without a final 0, and returns the end.
  */
 #ifndef CANWIRE_BASE_CHARS_H
 #define CANWIRE_BASE_CHARS_H
@@ -19,23 +19,22 @@ static inline char *chars_copy(char *at, const char *bytes, size_t count)
     return at + count;
 }
 
-/* A text, without its final 0. Of a constant the compiler knows the length. */
+/* Writes a text. The compiler knows the length of a constant. */
 static inline char *chars_text(char *at, const char *text)
 {
     return chars_copy(at, text, strlen(text));
 }
 
-/* As many digits as it takes. */
+/* Writes as many digits as the value has. */
 char *chars_decimal(char *at, uint64_t value);
 
-/* So many digits, at most CHARS_DECIMAL_MAX, the first ones 0 where it takes fewer; of a number
- * that takes more the last ones. */
+/* Writes the last `count` digits, at most CHARS_DECIMAL_MAX, with leading zeros. */
 char *chars_digits(char *at, uint64_t value, unsigned count);
 
-/* The last `count` hexadecimal digits, upper case. */
+/* Writes the last `count` hexadecimal digits, upper case. */
 char *chars_hex(char *at, uint32_t value, unsigned count);
 
-/* Two hexadecimal digits each. */
+/* Writes two hexadecimal digits for each byte. */
 char *chars_bytes(char *at, const uint8_t *bytes, unsigned count);
 
 #endif

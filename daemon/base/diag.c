@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * diag.c - collects the errors of a file and of those that it names, prints them in their order.
+ * diag.c - collects the errors of a file and of the files that it names; prints them in order.
  */
 #include "base/diag.h"
 
@@ -15,7 +15,7 @@ static int compare(const void *a, const void *b);
 static void print_message(const diag_message *message, FILE *out);
 static void __attribute__((format(printf, 2, 3))) print_line(FILE *out, const char *format, ...);
 
-/* Takes over the text, which is NULL when there is no memory. */
+/* Takes over the text, which is NULL without memory. */
 static void keep(diag *self, diag_message message)
 {
     message.file = self->file;
@@ -100,7 +100,7 @@ void diag_flush(diag *self, FILE *out)
     self->overflow = false;
 }
 
-/* A profile that is loaded twice has its errors twice. */
+/* Finds repeated messages: a profile that is loaded twice reports its errors twice. */
 static bool is_repeated(const diag *self, const diag_message *message)
 {
     for (size_t i = 0; i < self->count; i++) {
@@ -132,7 +132,7 @@ static int compare(const void *a, const void *b)
     return result != 0 ? result : order(x->number, y->number);
 }
 
-/* One line: names of files and texts of clients may have anything in them. */
+/* Prints one line; names of files and texts of clients may contain any characters. */
 static void print_line(FILE *out, const char *format, ...)
 {
     char *line = NULL;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * diag.h - collects the errors of a file and of those that it names, prints them in their order.
+ * diag.h - collects the errors of a file and of the files that it names; prints them in order.
  */
 #ifndef CANWIRE_BASE_DIAG_H
 #define CANWIRE_BASE_DIAG_H
@@ -10,10 +10,10 @@
 #include <stdio.h>
 
 #define DIAG_MAX 200         /* messages kept */
-#define DIAG_TOLD_MAX 400    /* errors, also those that were told before; then no more is kept */
-#define DIAG_WARNINGS_MAX 50 /* of these: errors always have a place */
+#define DIAG_TOLD_MAX 400    /* errors, including repeated ones; further ones are not kept */
+#define DIAG_WARNINGS_MAX 50 /* of these: errors always have room */
 
-/* A file that messages are about; the files come in the order of their numbers. */
+/* A file that messages are about; files are sorted by number. */
 typedef struct diag_file {
     const char *name; /* lives until diag_flush() */
     size_t number;
@@ -32,10 +32,10 @@ typedef struct diag_message {
 /* All zeros and a file name is an empty collection. */
 typedef struct diag {
     diag_file file; /* of the messages to come */
-    size_t errors;  /* that were told, also those that are not kept; 0: all is good so far */
+    size_t errors;  /* reported, including those that are not kept; 0: all is good so far */
     size_t count;   /* messages kept */
-    size_t warnings; /* that were told */
-    bool overflow;   /* there were more than DIAG_MAX or DIAG_TOLD_MAX */
+    size_t warnings; /* reported */
+    bool overflow;   /* more than DIAG_MAX or DIAG_TOLD_MAX messages came */
     diag_message messages[DIAG_MAX];
 } diag;
 
@@ -43,19 +43,20 @@ typedef struct diag {
 void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 
-/* The same about what is good, but perhaps not what is meant. */
+/* Adds a warning, about text that is valid but perhaps not intended. */
 void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 
-/* As diag_add(), about what is wrong in a file that is named there: the text begins with the place
- * in that file, and line and column only say which messages it stands among. */
+/* Adds a message about another file, whose text begins with the place in that file. Line and column
+ * only decide the order among the messages. */
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text);
 
-/* The messages to come are about another file; returns the present one, to be set again. */
+/* Makes another file the subject of the messages to come. Returns the present file, to be
+ * restored. */
 diag_file diag_enter(diag *self, const char *name, size_t number);
 
-/* Writes a line per error, FILE:LINE:COLUMN: message, or, when there is no error, a line per
- * warning, FILE:LINE:COLUMN: warning: message; and forgets them all. */
+/* Writes and forgets all messages: a line per error, FILE:LINE:COLUMN: message. Without errors it
+ * writes a line per warning, FILE:LINE:COLUMN: warning: message. */
 void diag_flush(diag *self, FILE *out);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * filelock.c - a file that is written belongs to one program at a time.
+ * filelock.c - a file has one writing program at a time.
  */
 #include "base/filelock.h"
 

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * filelock.h - a file that is written belongs to one program at a time.
+ * filelock.h - a file has one writing program at a time.
  *
- * The lock is the kernel's (flock): it goes with the last descriptor, also in a crash, and holds
- * nobody off but those who ask for it. Where a file system knows no locks, every file is free.
+ * The kernel's lock (flock) ends with the last descriptor, also in a crash. It stops only programs
+ * that ask for it. Every file is free on a file system without locks.
  */
 #ifndef CANWIRE_BASE_FILELOCK_H
 #define CANWIRE_BASE_FILELOCK_H
 
-/* Takes the lock of an open file. 0, or EBUSY: another has it. */
+/* Takes the lock of an open file. Returns 0, or EBUSY when another program holds it. */
 int filelock_take(int fd);
 
-/* Whether the file of this name in a folder can be had: 0, also when there is none or it is no
- * regular file, or EBUSY. */
+/* Returns EBUSY when another program holds the file of this name in a folder. Returns 0 when the
+ * lock is free, and when there is no regular file. */
 int filelock_probe(int folder, const char *name);
 
 #endif

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * fileuse.c - files that are read and written by one program: none may be written that is also
- * something else, by whatever name.
+ * fileuse.c - files that are read and written by one program: no file that is written may have
+ * another use, under any name.
  *
- * Each use has places: the file itself and what it is called after rotations. Sorted by inode, and
- * then by folder and name, places that are the same stand side by side.
+ * Each use has places: the file itself and its names after rotations. Equal places are neighbours
+ * once the places are sorted by inode, and then by folder and name.
  */
 #include "base/fileuse.h"
 
@@ -14,13 +14,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define LINKS_MAX 40 /* symbolic links one after the other, as the kernel has it */
+#define LINKS_MAX 40 /* symbolic links in a chain, the kernel's limit */
 
 typedef struct place {
     size_t use;
     unsigned number; /* 0: the file itself, k: PATH.k */
     bool exists;
-    dev_t device; /* of what exists */
+    dev_t device; /* of a file that exists */
     ino_t inode;
     bool has_folder;
     dev_t folder_device;
@@ -33,7 +33,7 @@ typedef struct places {
     size_t count;
 } places;
 
-/* What is to be told about a use: another one that is the same file. */
+/* A pair of uses that name the same file. */
 typedef struct clash {
     const place *own;
     const place *other; /* NULL: nothing */
@@ -73,7 +73,7 @@ static const char *behind_path(const fileuse *use)
     return use->lock ? ".lock" : "";
 }
 
-/* "PATH.3"; the text is to be freed. Number 0 is PATH itself, or its lock. */
+/* Returns "PATH.3", to be freed. Number 0 is PATH itself, or its lock. */
 static char *numbered(const fileuse *use, unsigned number)
 {
     char *text = NULL;
@@ -82,7 +82,8 @@ static char *numbered(const fileuse *use, unsigned number)
     return length < 0 ? NULL : text;
 }
 
-/* Where a symbolic link leads; what is none stays. Opening for writing would make that file. */
+/* Replaces a path by the target of its symbolic links; another path stays. Opening it for writing
+ * would create that target. */
 static void follow_links(char path[PATH_MAX])
 {
     for (unsigned i = 0; i < LINKS_MAX; i++) {
@@ -99,7 +100,7 @@ static void follow_links(char path[PATH_MAX])
     }
 }
 
-/* The folder and the name there. False when there is no memory. */
+/* Finds the folder of a path and the name there. Returns false when there is no memory. */
 static bool find_folder(place *p, const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -116,7 +117,7 @@ static bool find_folder(place *p, const char *path)
     return folder && p->name;
 }
 
-/* What is found at the place. False when it may have many uses. */
+/* Takes the inode of a place. Returns false when the file may have many uses. */
 static bool take_status(place *p, bool found, const struct stat *status)
 {
     p->exists = found;
@@ -136,8 +137,8 @@ static finding find_stdout(place *p)
     return take_status(p, found, &status) && found ? FOUND_PLACE : FOUND_SPECIAL;
 }
 
-/* The file itself is opened by its path, so links are followed; a rotation moves what it finds, and
- * a socket is made where no link is. */
+/* Finds the file of a place. Links are followed for the file itself, which is opened by path.
+ * Rotated names and sockets are not followed. */
 static finding find_place(place *p, const fileuse *use)
 {
     char path[PATH_MAX];
@@ -165,7 +166,7 @@ static size_t count_places(const fileuses *all)
     return count;
 }
 
-/* Adds the places of a use. False when there is no memory. */
+/* Adds the places of a use. Returns false when there is no memory. */
 static bool add_places(places *found, const fileuses *all, size_t use)
 {
     for (unsigned number = 0; number <= all->uses[use].older; number++) {
@@ -198,7 +199,7 @@ static void free_places(places *found)
     free(found->all);
 }
 
-/* ---- Which are the same ---------------------------------------------------------------------- */
+/* ---- Equal places ---------------------------------------------------------------------------- */
 
 #define ORDER(a, b) (((a) > (b)) - ((a) < (b)))
 
@@ -207,7 +208,7 @@ static int by_use(const place *a, const place *b)
     return a->use != b->use ? ORDER(a->use, b->use) : ORDER(a->number, b->number);
 }
 
-/* 0: they are the same file. Those that are not there come first, and are none. */
+/* Returns 0 for the same file. Missing files come first and equal no file. */
 static int compare_files(const place *a, const place *b)
 {
     if (a->exists != b->exists || !a->exists)
@@ -238,7 +239,7 @@ static int sort_by_name(const void *a, const void *b)
     return order != 0 ? order : by_use(a, b);
 }
 
-/* Notes for the later one of two uses that it has the file of the earlier one. */
+/* Notes a clash for the later of two uses of one file. */
 static void note(clash *clashes, const fileuses *all, const place *a, const place *b)
 {
     const place *later = a->use > b->use ? a : b;
@@ -249,8 +250,8 @@ static void note(clash *clashes, const fileuses *all, const place *a, const plac
         clashes[later->use] = (clash){later, earlier};
 }
 
-/* Places that are the same, in the order of their uses: each beside the first one, and beside the
- * first one that is written. */
+/* Notes clashes of equal places, in the order of their uses. Each use clashes with the first one,
+ * and with the first that writes. */
 static void note_same(clash *clashes, const fileuses *all, const place *same, size_t count)
 {
     const place *written = NULL;
@@ -272,7 +273,7 @@ static bool has_folder(const place *p)
     return p->has_folder;
 }
 
-/* A way in which two places can be the same. */
+/* A criterion by which two places can be the same. */
 typedef struct likeness {
     bool (*can_be)(const place *p);
     int (*compare)(const place *a, const place *b);
@@ -294,7 +295,7 @@ static void note_all(clash *clashes, const fileuses *all, places *found, const l
     }
 }
 
-/* ---- What is told ---------------------------------------------------------------------------- */
+/* ---- Messages -------------------------------------------------------------------------------- */
 
 static void print_use(FILE *errors, const fileuse *use, unsigned number)
 {
@@ -321,7 +322,7 @@ static void tell(FILE *errors, const fileuses *all, const clash *c, const char *
     fputs(": one of them would spoil the other\n", errors);
 }
 
-/* Whether there is nothing to tell. */
+/* Returns true when there is no clash to report. */
 static bool compare(const fileuses *all, places *found, const likeness *how, const char *program,
                     FILE *errors)
 {

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * fileuse.h - files that are read and written by one program: none may be written that is also
- * something else, by whatever name.
+ * fileuse.h - files that are read and written by one program: no file that is written may have
+ * another use, under any name.
  *
- * A file that is written in place of another use of it is lost, or is not what it seems to be. So
- * all are compared before the first is opened for writing: by device and inode, and those that are
- * not there yet by their folder and name; with the names that they get when they are rotated.
+ * Writing a file that has another use would destroy its content. So all files are compared before
+ * the first is opened for writing. Existing files are compared by device and inode, missing ones by
+ * folder and name. The names after a rotation count, too.
  */
 #ifndef CANWIRE_BASE_FILEUSE_H
 #define CANWIRE_BASE_FILEUSE_H
@@ -18,10 +18,11 @@ typedef struct fileuse {
     const char *what; /* "--log", "record", "control"; it begins the message about it */
     const char *path; /* "-": standard output */
     bool written;
-    bool socket;      /* a socket is made there, which is never what a link leads to */
+    bool socket;      /* a socket is made there, which never follows a link */
     bool lock;        /* it is PATH.lock, of the socket at PATH */
-    unsigned older;   /* when it is rotated it becomes PATH.1, and so on to this number */
-    const char *file; /* which names it, at this place (from 1 on); NULL: the command line */
+    unsigned older;   /* rotation renames it to PATH.1, and so on to this number */
+    const char *file; /* configuration that names it, at this line (from 1 on); NULL: the command
+                         line */
     int line;
     int column;
 } fileuse;
@@ -30,7 +31,7 @@ typedef struct fileuse {
 typedef struct fileuses {
     fileuse *uses; /* texts are not owned */
     size_t count;
-    bool incomplete; /* for want of memory */
+    bool incomplete; /* there was no memory */
 } fileuses;
 
 void fileuses_add(fileuses *all, const fileuse *use);
@@ -40,9 +41,11 @@ void fileuses_free(fileuses *all);
 /* Adds the socket that is made at use->path, and its lock (lockfile.h). */
 void fileuses_add_socket(fileuses *all, const fileuse *use);
 
-/* Whether no file that is written has another use. What is there and neither a regular file nor a
- * socket (/dev/null, a pipe, a terminal) may have many. Else one line for each to errors:
- * FILE:LINE:COLUMN: message, or with the name of the program in place of that. */
+/* Returns true when no file that is written has another use. Devices and pipes (/dev/null, a
+ * terminal) may have many uses.
+ *
+ * Each clash is one line to errors: FILE:LINE:COLUMN: message, or with the name of the program in
+ * place of that. */
 bool fileuses_check(const fileuses *all, const char *program, FILE *errors);
 
 #endif

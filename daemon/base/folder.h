@@ -2,8 +2,8 @@
  *
  * folder.h - the folder that a path ends in, held open, and the name there.
  *
- * What is done with both (openat(), renameat() ...) stays in that folder, whoever puts another one,
- * or a symbolic link, into the path meanwhile.
+ * Calls with both (openat(), renameat() ...) stay in that folder, even when somebody replaces it in
+ * the path by another folder or a link.
  */
 #ifndef CANWIRE_BASE_FOLDER_H
 #define CANWIRE_BASE_FOLDER_H
@@ -15,10 +15,11 @@ typedef struct folder {
 
 #define FOLDER_NONE {.fd = -1}
 
-/* The path must live as long as the name is used. Returns 0 or an errno. */
+/* Opens the folder of a path. The path must live as long as the name is used. Returns 0 or an
+ * errno. */
 int folder_open(folder *f, const char *path);
 
-/* Of none: nothing. */
+/* Closes the folder, if one is open. */
 void folder_close(folder *f);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.c - fills JSON objects and arrays, writes them.
+ * jsonput.c - fills JSON objects and arrays and writes them.
  */
 #include "base/jsonput.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.h - fills JSON objects and arrays, writes them.
+ * jsonput.h - fills JSON objects and arrays and writes them.
  *
  * Half a report would be read as zeros, so running out of memory ends the program, with status 1.
  */
@@ -12,36 +12,36 @@
 #include <stdint.h>
 #include <stdio.h>
 
-/*
- * To be called by main() first: running out of memory ends the program in jansson, too. By itself
- * it leaves out parts of texts, or crashes.
+/* Ends the program when jansson runs out of memory, too: by itself jansson drops parts of texts or
+ * crashes. main() calls it first.
  */
 void json_must_have_memory(void);
 
-/* Takes the value. */
+/* Puts a value into an object and takes it over. */
 void put(json_t *object, const char *key, json_t *value);
 
-/* Takes the value, as the last element of an array. */
+/* Appends a value to an array and takes it over. */
 void put_last(json_t *array, json_t *value);
 
-/* Writes the value on lines of its own. Whether that could be written is known to the stream. */
+/* Writes the value on lines of its own. The stream keeps the error of a failed write. */
 void put_out(FILE *out, const json_t *value);
 
-/* JSON integers are signed here; what does not fit saturates. */
+/* Puts a count. JSON integers are signed here; larger values saturate. */
 void put_count(json_t *object, const char *key, uint64_t value);
 
-/* In nanoseconds. A tick is 12.5 ns; half a nanosecond is truncated. Saturates after 292 years. */
+/* Puts a time in nanoseconds. A tick is 12.5 ns; half a nanosecond is truncated. Saturates after
+ * 292 years. */
 void put_ticks(json_t *object, const char *key, uint64_t ticks);
 
 void put_bool(json_t *object, const char *key, bool value);
 
-/* null for NULL. */
+/* Puts a text, or null for NULL. */
 void put_text(json_t *object, const char *key, const char *text);
 
-/* As put_last(), with a text. */
+/* Appends a text. */
 void put_text_last(json_t *array, const char *text);
 
-/* A string from any bytes; where they are no UTF-8, '?' stands for those that are not ASCII. */
+/* Makes a string from any bytes; '?' replaces non-ASCII bytes that are no UTF-8. */
 json_t *text_to_json(const char *text, size_t length);
 
 #endif

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * lockfile.c - a file that is there to be locked.
+ * lockfile.c - a file that exists to be locked.
  *
- * It is removed by who has the lock. Another program may have opened it before that: it then gets
- * the lock of a file that is no more. So who gets a lock looks whether the name is still that
- * file's.
+ * The holder of the lock removes the file. Another program may have opened the file before that,
+ * and then gets the lock of a removed file. So a program that gets a lock checks that the name
+ * still belongs to that file.
  */
 #include "base/lockfile.h"
 
@@ -19,7 +19,7 @@
 #include <unistd.h>
 
 #define MODE 0600
-#define TRIES_MAX 100 /* each is one program that has just ended */
+#define TRIES_MAX 100 /* one for each program that has just ended */
 
 typedef char lockname[NAME_MAX + 1];
 
@@ -29,8 +29,8 @@ static int make_name(lockname out, const folder *in)
     return length < 0 || (size_t)length >= sizeof(lockname) ? ENAMETOOLONG : 0;
 }
 
-/* Never what a link points to. First without O_CREAT: in a folder like /tmp the kernel lets nobody
- * open another's file with it. Returns -1 with errno set. */
+/* Opens the lock file, never the target of a link. The first try is without O_CREAT: in a folder
+ * like /tmp the kernel refuses O_CREAT for another user's file. Returns -1 with errno set. */
 static int open_file(const folder *in, const char *name)
 {
     const int flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC;
@@ -47,7 +47,7 @@ static bool is_still(const folder *in, const char *name, const struct stat *own)
            now.st_ino == own->st_ino;
 }
 
-/* 0, EAGAIN: it is another file by now, or what is wrong. */
+/* Locks the file. Returns 0 or an errno; EAGAIN: the name belongs to another file by now. */
 static int lock_file(int fd, const folder *in, const char *name)
 {
     struct stat own;

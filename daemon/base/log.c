@@ -2,8 +2,8 @@
  *
  * log.c - messages: to the journal where standard error leads there, else to standard error.
  *
- * Through standard error the journal gets no fields, and a journal that does not read would hold up
- * the bus: so a message is a datagram of systemd's journal protocol, sent without waiting.
+ * Standard error carries no fields to the journal, and a journal that does not read would delay the
+ * bus. So a message is a datagram of systemd's journal protocol, sent without waiting.
  */
 #include "base/log.h"
 
@@ -48,8 +48,8 @@ static struct {
 
 /* ---- Journal --------------------------------------------------------------------------------- */
 
-/* Whether standard error is what systemd has connected to the journal, and not something that was
- * put in its place. */
+/* Returns true when standard error is the stream that systemd has connected to the journal, and
+ * nothing has replaced it. */
 static bool leads_to_journal(void)
 {
     const char *stream = getenv("JOURNAL_STREAM");
@@ -65,7 +65,7 @@ static void open_journal(void)
         state.journal = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
 }
 
-/* "KEY=value\n", or nothing where there is no value. Values are short enough. */
+/* Adds "KEY=value\n", or nothing for an empty value. Values are short enough. */
 static size_t add_field(char record[RECORD_BYTES], size_t used, const char *key, const char *value)
 {
     if (!value || !*value)
@@ -90,7 +90,7 @@ static int send_record(const message *m)
                : 0;
 }
 
-/* Before the message that comes next. */
+/* Reports lost messages before the next message. */
 static void tell_lost(void)
 {
     unsigned lost = atomic_exchange(&state.lost, 0);
@@ -108,7 +108,7 @@ static void send_message(const message *m)
     int number = send_record(m);
     if (number == EAGAIN || number == ENOBUFS)
         atomic_fetch_add(&state.lost, 1);
-    else if (number != 0) /* it is not there at all */
+    else if (number != 0) /* there is no journal */
         fprintf(stderr, "<%d>%s\n", (int)m->priority, m->text);
 }
 
@@ -127,7 +127,7 @@ static const char *word(priority p)
     return "";
 }
 
-/* One write a message, so that lines of several threads do not mix. */
+/* Writes each message with one call, so that lines of several threads do not mix. */
 static void put(message *m)
 {
     (void)pthread_once(&state.once, open_journal);
@@ -200,7 +200,7 @@ void log_node_error(const char *node, const char *format, ...)
     va_end(args);
 }
 
-/* Complete lines: to standard error as they are, each a message in the journal. */
+/* Reports complete lines: unchanged to standard error, or each as a message to the journal. */
 static void tell_lines(const char *lines, void (*tell)(const char *format, ...))
 {
     (void)pthread_once(&state.once, open_journal);

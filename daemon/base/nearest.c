@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * nearest.c - finds the word that was probably meant.
+ * nearest.c - finds the word that was probably intended.
  */
 #include "base/nearest.h"
 
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#define LENGTH_MAX 32u  /* longer words are near nothing */
+#define LENGTH_MAX 32u  /* longer words are never suggested */
 #define DISTANCE_MAX 2u /* edits that still make a suggestion */
 
 static unsigned edit_distance(const char *a, const char *b);
@@ -20,7 +20,7 @@ void nearest_consider(nearest *self, const char *candidate)
     if (length > LENGTH_MAX || strlen(self->word) > LENGTH_MAX)
         return;
     unsigned distance = edit_distance(self->word, candidate);
-    /* Two edits make any word of a two-letter one. */
+    /* Two edits turn a two-letter word into any other. */
     if (distance > DISTANCE_MAX || distance >= length || (self->best && distance >= self->distance))
         return;
     self->best = candidate;
@@ -37,7 +37,8 @@ static unsigned least(unsigned a, unsigned b)
     return a < b ? a : b;
 }
 
-/* Insertions, deletions and replacements that make b of a; one row of Levenshtein's table. */
+/* Returns the insertions, deletions and replacements that turn a into b, with one row of
+ * Levenshtein's table. */
 static unsigned edit_distance(const char *a, const char *b)
 {
     unsigned row[LENGTH_MAX + 1];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * nearest.h - finds the word that was probably meant.
+ * nearest.h - finds the word that was probably intended.
  *
  *     nearest guess = {.word = "bitrat"};
  *     nearest_consider(&guess, "bitrate");      for each word that is allowed

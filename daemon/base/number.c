@@ -19,7 +19,7 @@
 #define LOG_SECONDS_DIGITS 10u
 #define LOG_SECONDS_END UINT64_C(10000000000)
 
-/* A decimal number kept exactly: (whole * 10^digits + fraction) / 10^digits. */
+/* A decimal number, kept exactly: (whole * 10^digits + fraction) / 10^digits. */
 typedef struct decimal {
     uint64_t whole;
     uint64_t fraction;
@@ -90,7 +90,8 @@ const char *text_parse_probability(uint64_t *out, const char *text)
         return probability_problem;
     if (number.whole > 1 || (number.whole == 1 && number.digits > 0))
         return probability_problem;
-    /* Below 1 with 19 digits the quotient is at most 2^64 - 2, so "always" stays distinct. */
+    /* The quotient of a number below 1 with 19 digits is at most 2^64 - 2, so "always" stays
+     * distinct. */
     uint64_t rest;
     *out = number.whole == 1 ? UINT64_MAX
                              : wide_divide(&rest, (wide){.high = number.fraction},
@@ -201,7 +202,7 @@ char *text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns)
     return print_log(out, ns / NS_PER_S, ns % NS_PER_S / 1000);
 }
 
-/* Ten digits of seconds, more where it takes more. */
+/* Prints seconds with ten digits, or more for larger numbers. */
 static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us)
 {
     char *end = out;
@@ -215,7 +216,7 @@ static char *print_log(char out[TIME_TEXT_MAX], uint64_t s, uint64_t us)
     return end;
 }
 
-/* Adds one decimal digit; false when the number leaves 64 bits. */
+/* Adds one decimal digit; returns false when the number leaves 64 bits. */
 static bool add_digit(uint64_t *value, char c)
 {
     uint64_t digit = (uint64_t)(c - '0');
@@ -226,7 +227,7 @@ static bool add_digit(uint64_t *value, char c)
     return true;
 }
 
-/* The digits after the point: at least one, at most 19 that count. */
+/* Reads the digits after the point: at least one, and at most 19 that count. */
 static bool parse_fraction(decimal *number, const char **text)
 {
     size_t written = strspn(*text, DECIMAL_DIGITS);
@@ -260,7 +261,7 @@ static bool parse_decimal(decimal *out, const char **text)
     return parse_fraction(out, text);
 }
 
-/* Of at most FRACTION_DIGITS_MAX. */
+/* Returns 10^exponent; the exponent is at most FRACTION_DIGITS_MAX. */
 static uint64_t power_of_ten(unsigned exponent)
 {
     uint64_t power = 1;
@@ -271,7 +272,7 @@ static uint64_t power_of_ten(unsigned exponent)
     return power;
 }
 
-/* Nothing, or "e-5"; without leading zeros. */
+/* Reads nothing, or "e-5" without leading zeros. */
 static bool parse_exponent(int *exponent, const char **text)
 {
     *exponent = 0;
@@ -291,7 +292,7 @@ static bool parse_exponent(int *exponent, const char **text)
     return true;
 }
 
-/* Shifts the point of a number, as long as it stays within 0..1 and 19 decimals. */
+/* Shifts the point of a number. The result must stay within 0..1 and 19 decimals. */
 static bool scale_fraction(decimal *number, int exponent)
 {
     wide digits = wide_sum(wide_product(number->whole, power_of_ten(number->digits)),
@@ -337,7 +338,7 @@ static const char *apply_unit(cfg_time *out, decimal number, const time_unit *un
     return NULL;
 }
 
-/* Rounds up once; CW_NEVER when the sum leaves 64 bits. 25 ns are 2 ticks. */
+/* Rounds up once; returns CW_NEVER when the sum exceeds 64 bits. 25 ns are 2 ticks. */
 static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate)
 {
     static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");

@@ -12,52 +12,53 @@
 
 #define TIME_TEXT_MAX 32   /* bytes of a printed bus time with its final 0 */
 
-/* A span of time as configured. Kept exactly: nanoseconds plus bit times. */
+/* A configured span of time, kept exactly: nanoseconds plus bit times. */
 typedef struct cfg_time {
     uint64_t ns;
     uint64_t bits;
 } cfg_time;
 
-/* A part of a whole, "60%" or "12.5%", as permille: 0.1% to 100%. */
+/* Reads "60%" or "12.5%" as permille: 0.1% to 100%. */
 const char *text_parse_percent(uint16_t *permille, const char *text);
 
-/* A decimal integer 0..2^64-1: digits only, no leading 0. */
+/* Reads a decimal integer 0..2^64-1: digits only, no leading 0. */
 const char *text_parse_uint(uint64_t *out, const char *text);
 
-/* A decimal fraction 0..1 such as 0.05 or 1e-5, as a fraction of 2^64 rounded down; 1 is
- * UINT64_MAX. Exact, no floating point. */
+/* Reads a decimal fraction 0..1 such as 0.05 or 1e-5, as a fraction of 2^64 rounded down. 1 is
+ * UINT64_MAX. The result is exact, without floating point. */
 const char *text_parse_probability(uint64_t *out, const char *text);
 
-/* 10ms, 250us, 2s, 100bit, 1.5ms, 500ns, 1min, 1h. A number without unit only when it is 0. */
+/* Reads 10ms, 250us, 2s, 100bit, 1.5ms, 500ns, 1min, 1h. Only 0 may have no unit. */
 const char *text_parse_time(cfg_time *out, const char *text);
 
-/* Bytes: 64kB, 100MB, 2GB, or with powers of 1024 KiB, MiB, GiB; a number without unit are
- * bytes. */
+/* Reads a number of bytes: 64kB, 100MB, 2GB, or KiB, MiB, GiB with powers of 1024. A number without
+ * unit counts bytes. */
 const char *text_parse_size(uint64_t *bytes, const char *text);
 
-/* Ticks of a span, rounded up, so that `<=` against ends of bits stays exact. Saturates. */
+/* Returns the ticks of a span, rounded up, so that `<=` against ends of bits stays exact.
+ * Saturates. */
 uint64_t text_time_ticks(cfg_time time, cw_rate rate);
 
-/* Ticks of start + k * step, rounded up once, without accumulating rounding. Saturates. */
+/* Returns the ticks of start + k * step, rounded up once: rounding does not accumulate.
+ * Saturates. */
 uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate rate);
 
-/* Nanoseconds of a number of ticks of 12.5 ns, rounded down. */
+/* Returns the nanoseconds of a number of ticks of 12.5 ns, rounded down. */
 static inline uint64_t text_ticks_ns(uint64_t ticks)
 {
     return ticks / 2 * 25 + ticks % 2 * 12;
 }
 
-/* Bus time in seconds with 9 decimals, truncated: "0.000176000". */
+/* Prints bus time in seconds with 9 decimals, truncated: "0.000176000". */
 char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
 
-/* A span as people write it, in the largest unit of which it has one: "7.204ms", "2s"; truncated to
- * nanoseconds. */
+/* Prints a span in the largest unit that it contains: "7.204ms", "2s"; truncated to nanoseconds. */
 void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks);
 
-/* Nanoseconds as candump -L prints them: "(0000000000.000178)", truncated. */
+/* Prints nanoseconds as candump -L does: "(0000000000.000178)", truncated. */
 char *text_print_log_ns(char out[TIME_TEXT_MAX], uint64_t ns);
 
-/* Bus time in the same way. */
+/* Prints bus time in the same way. */
 char *text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick);
 
 #endif

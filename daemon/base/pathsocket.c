@@ -30,7 +30,8 @@ static bool is_socket(const folder *in)
     return fstatat(in->fd, in->name, &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(found.st_mode);
 }
 
-/* Whether a socket is at the path that nobody listens at. One of another type is in use. */
+/* Returns true when no program listens at the socket of the path. A socket of another type is in
+ * use. */
 static bool is_stale(const pathsocket *s, const struct sockaddr_un *address, int type)
 {
     if (!is_socket(&s->folder))
@@ -43,7 +44,8 @@ static bool is_stale(const pathsocket *s, const struct sockaddr_un *address, int
     return stale;
 }
 
-/* Returns 0 or an errno. The mask makes the socket 0660 from its first moment on. */
+/* Binds the socket. Returns 0 or an errno. The mask makes the socket 0660 from its first moment
+ * on. */
 static int bind_once(int fd, const struct sockaddr_un *address)
 {
     mode_t mask = umask(S_IXUSR | S_IXGRP | S_IRWXO);
@@ -70,7 +72,7 @@ static const char *explain(const pathsocket *s, int number)
     return number == ENOENT ? "the directory does not exist" : strerror(number);
 }
 
-/* Without the group the socket is for the daemon's own user and group. */
+/* Gives the socket to the group; without that group it stays with the daemon's user and group. */
 static void give_to_group(const pathsocket *s, int made, gid_t now, const char *what)
 {
     const struct group *group = getgrnam(GROUP);
@@ -80,7 +82,7 @@ static void give_to_group(const pathsocket *s, int made, gid_t now, const char *
                     strerror(errno));
 }
 
-/* Remembered, so that it is removed at the end. False: it is not what bind() has made. */
+/* Remembers the socket, to remove it at the end. Returns false when bind() has not made it. */
 static bool remember_made(pathsocket *s, const struct stat *found)
 {
     if (!S_ISSOCK(found->st_mode) || found->st_uid != geteuid() || found->st_nlink != 1)
@@ -91,8 +93,8 @@ static bool remember_made(pathsocket *s, const struct stat *found)
     return true;
 }
 
-/* What bind() has made is looked at, and given away, through a descriptor: where others may write
- * to the directory, the path can be anything a moment later. Returns 0 or an errno. */
+/* Checks and gives away the new socket through a descriptor: others who may write to the directory
+ * can replace the path at any moment. Returns 0 or an errno. */
 static int take_made(pathsocket *s, const char *what)
 {
     struct stat found;
@@ -109,7 +111,8 @@ static int take_made(pathsocket *s, const char *what)
     return own ? 0 : ESTALE;
 }
 
-/* With the lock: who has bound a socket here, and does not listen, is gone. */
+/* Binds the path while holding the lock. A program that has a socket here and does not listen has
+ * ended. */
 static int bind_path(const pathsocket *s, int type, const char *what)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -123,7 +126,7 @@ static int bind_path(const pathsocket *s, int type, const char *what)
     return number;
 }
 
-/* 0 or the number of what went wrong. */
+/* Opens the path. Returns 0 or the number of the error. */
 static int open_path(pathsocket *s, int type, int backlog, const char *what)
 {
     struct sockaddr_un address;
@@ -165,7 +168,7 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
     return number == 0;
 }
 
-/* ---- A socket that is there ------------------------------------------------------------------ */
+/* ---- Sockets of the service manager ---------------------------------------------------------- */
 
 static bool is_same_place(const char *a, const char *b)
 {
@@ -176,16 +179,18 @@ static bool is_same_place(const char *a, const char *b)
             in_a.st_ino == in_b.st_ino);
 }
 
-/* The path that it is at, to be freed; empty: none. NULL with errno set. */
+/* Returns the path of the socket, to be freed; it is empty for a socket without path. Returns NULL
+ * with errno set. */
 static char *path_of(int fd)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    socklen_t size = sizeof address - 1; /* there is a 0 behind it */
+    socklen_t size = sizeof address - 1; /* leaves a 0 at the end */
     return getsockname(fd, (struct sockaddr *)&address, &size) == 0 ? strdup(address.sun_path)
                                                                    : NULL;
 }
 
-/* Where this user may not make a lock, who made the socket is to see that it is the only one. */
+/* Takes the lock of a socket that somebody else has made. A user who may not make a lock relies on
+ * the maker of the socket to use only one daemon. */
 static bool lock_adopted(pathsocket *s)
 {
     if (*s->path == '\0' || folder_open(&s->folder, s->path) != 0)
@@ -193,8 +198,9 @@ static bool lock_adopted(pathsocket *s)
     return lockfile_take(&s->lock, &s->folder) != EBUSY;
 }
 
-/* It listens already. By listening once more it is this process that clients see at the other end
- * (SO_PEERCRED), as `canwire reload --pid` looks for, and no longer who made the socket. */
+/* Prepares a socket that listens already. Listening once more makes this process the peer that
+ * clients see (SO_PEERCRED); `canwire reload --pid` looks for it. Before that they see the maker of
+ * the socket. */
 static bool prepare(int fd, int backlog)
 {
     int flags = fcntl(fd, F_GETFL);
@@ -229,7 +235,7 @@ bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
 
 /* ---- The end --------------------------------------------------------------------------------- */
 
-/* Not the socket of a daemon that has taken the place. */
+/* Removes the path, but not the socket of a daemon that has replaced this one. */
 static void remove_path(const pathsocket *s)
 {
     struct stat now;
@@ -238,7 +244,7 @@ static void remove_path(const pathsocket *s)
         (void)unlinkat(s->folder.fd, s->folder.name, 0);
 }
 
-/* The lock is the last to go. */
+/* Removes the lock last. */
 void pathsocket_close(pathsocket *s)
 {
     remove_path(s);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * plain.c - text of others, before it is shown: on one line, nothing in it that a terminal obeys.
+ * plain.c - makes foreign text safe to show: on one line, without control characters.
  */
 #include "base/plain.h"
 
@@ -10,7 +10,7 @@
 
 #define TEXT_BYTES 16384 /* of a message; a longer one is cut */
 
-/* Bytes that a character of this first byte has; 0: none begins so. */
+/* Returns the length in bytes of a character with this first byte; 0: no character begins so. */
 static size_t size_of(unsigned char first)
 {
     if (first < 0x80)
@@ -22,14 +22,15 @@ static size_t size_of(unsigned char first)
     return first >= 0xF0 && first <= 0xF4 ? 4 : 0;
 }
 
-/* The bytes of the character that begins here, 0: it is none, or one that controls something. */
+/* Returns the size in bytes of the character that begins here. Returns 0 for an invalid one and for
+ * a control character. */
 static size_t shown_size(const unsigned char *text)
 {
     size_t size = size_of(*text);
     if (*text < ' ' || *text == 0x7F || (*text == 0xC2 && text[1] >= 0x80 && text[1] <= 0x9F))
         return 0;
     for (size_t i = 1; i < size; i++)
-        if ((text[i] & 0xC0) != 0x80) /* the end of the text is none, either */
+        if ((text[i] & 0xC0) != 0x80) /* also at the end of the text */
             return 0;
     return size;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * plain.h - text of others, before it is shown: on one line, nothing in it that a terminal obeys.
+ * plain.h - makes foreign text safe to show: on one line, without control characters.
  */
 #ifndef CANWIRE_BASE_PLAIN_H
 #define CANWIRE_BASE_PLAIN_H
@@ -8,18 +8,20 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-/* Puts a character in the place of each control character: those below a space, DEL, and C1 (U+0080
- * to U+009F, as UTF-8 or as single bytes), and of each byte that is no UTF-8. */
+/* Replaces each control character, and each byte that is no UTF-8, by another character. Control
+ * characters are those below a space, DEL, and C1 (U+0080 to U+009F, as UTF-8 or as single
+ * bytes). */
 void plain_make(char *text, char instead);
 
-/* Whether a text has one of these, other than tabs and ends of lines. */
+/* Returns true when a text has such a character, other than tabs and ends of lines. */
 bool plain_is_not(const char *text);
 
-/* The names of options among the words of a command line: getopt() prints unknown ones as they are.
- * What follows a '=' stays. */
+/* Makes the names of options on a command line safe: getopt() prints unknown ones unchanged. Text
+ * after a '=' stays. */
 void plain_options(int argc, char **argv);
 
-/* As fprintf(), with '?' for each of these but for tabs and ends of lines; cut at 16 KB. */
+/* Prints as fprintf() does, with '?' for each such character but tabs and ends of lines. Cuts the
+ * text at 16 KB. */
 void plain_print(FILE *out, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 #endif

@@ -46,7 +46,7 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
     }
     bool complete = !self->errors->overflow && check_keys(self, what, map, keys);
     if (self->errors->overflow)
-        return; /* no more is shown */
+        return; /* further errors are not shown */
     for (const schema_key *key = keys; key->name; key++) {
         yaml_node_t *value = schema_find(self, map, key->name);
 
@@ -316,7 +316,7 @@ static void complain_unknown(schema *self, const char *what, const yaml_node_t *
                     schema_suggestion(self, &guess), allowed_keys(self, keys));
 }
 
-/* Index of a key in its table; that of the end when it is unknown. */
+/* Returns the index of a key in its table; that of the end when the key is unknown. */
 static size_t find_key(const schema_key *keys, const char *name)
 {
     size_t i = 0;
@@ -326,8 +326,8 @@ static size_t find_key(const schema_key *keys, const char *name)
     return i;
 }
 
-/* Complains about unknown, refused and duplicate keys. False when one was refused or there are too
- * many to look at: what is missing may then be among them. */
+/* Complains about unknown, refused and duplicate keys. Returns false when a key was refused or
+ * there are too many to examine: a missing key may then be among them. */
 static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
                        const schema_key *keys)
 {
@@ -356,7 +356,7 @@ static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
     return complete;
 }
 
-/* Whether a scalar is this text. A longer one costs nothing. */
+/* Returns true when a scalar is this text. A longer scalar costs nothing. */
 static bool is_text(const yaml_node_t *node, const char *text)
 {
     size_t length = strlen(text);
@@ -365,7 +365,7 @@ static bool is_text(const yaml_node_t *node, const char *text)
            memcmp(node->data.scalar.value, text, length) == 0;
 }
 
-/* The text of a scalar without NUL, else NULL; "" for YAML's null. */
+/* Returns the text of a scalar without NUL, else NULL; "" for YAML's null. */
 static const char *scalar_text(const yaml_node_t *node)
 {
     if (schema_is_null(node))
@@ -377,7 +377,7 @@ static const char *scalar_text(const yaml_node_t *node)
     return strlen(text) == node->data.scalar.length ? text : NULL;
 }
 
-/* A quoted, bounded copy on one line; a cut never leaves half a UTF-8 character. */
+/* Returns a quoted, bounded copy on one line; a cut never leaves half a UTF-8 character. */
 static const char *quoted(schema *self, const yaml_node_t *node)
 {
     const unsigned char *text = node->data.scalar.value;
@@ -394,7 +394,7 @@ static const char *quoted(schema *self, const yaml_node_t *node)
     return copy ? copy : "?";
 }
 
-/* A value as messages name it. */
+/* Returns a value as messages name it. */
 static const char *shown(schema *self, const yaml_node_t *node)
 {
     switch (node->type) {

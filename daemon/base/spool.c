@@ -26,11 +26,11 @@
 #define PART (UINT32_C(1) << 31)     /* in its head: the next one belongs to it */
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
-#define MODE 0640 /* less the umask: what a bus carried is not for everybody */
+#define MODE 0640 /* less the umask: not everybody may read the traffic of a bus */
 
 struct spool {
     char *file;
-    folder folder; /* of the file: whatever becomes of its path, all happens there */
+    folder folder; /* of the file: all calls stay there, whatever becomes of the path */
     int fd;        /* locked, so that no other program rotates it */
     uint64_t written; /* bytes of records in this file */
     uint64_t whole;   /* ... of those that are whole with all their parts */
@@ -46,19 +46,19 @@ struct spool {
     bool open; /* the file has been opened */
     bool ending;
     bool ended;
-    bool lasting; /* no error ends it */
+    bool lasting; /* errors do not end it */
     bool proven;  /* something has been written since spool_resume() */
-    uint64_t stamp; /* of what comes now */
+    uint64_t stamp; /* of later records */
     uint64_t kept; /* records in the file; while there are no cuts */
     uint64_t kept_stamp; /* of the last one of them */
-    uint64_t lost; /* records that were queued when it came to an error */
+    uint64_t lost; /* records that an error found in the queue */
     int error;
     unsigned char *queue;
 };
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* "FILE.3", to be freed; number 0 is FILE itself. */
+/* Returns "FILE.3", to be freed; number 0 is FILE itself. */
 static char *numbered(const char *file, unsigned number)
 {
     char *name = NULL;
@@ -66,7 +66,7 @@ static char *numbered(const char *file, unsigned number)
     return length < 0 ? NULL : name;
 }
 
-/* Returns 0 or an errno. What is not there need not be moved. */
+/* Moves a file. Returns 0 or an errno. A missing file is no error. */
 static int move_file(const folder *in, unsigned number)
 {
     char *from = numbered(in->name, number);
@@ -79,7 +79,8 @@ static int move_file(const folder *in, unsigned number)
     return error;
 }
 
-/* FILE becomes FILE.1 and so on; of `files` the oldest is no more. Returns 0 or an errno. */
+/* Renames FILE to FILE.1 and so on; the oldest of `files` files is removed. Returns 0 or an
+ * errno. */
 static int rotate(const folder *in, unsigned files)
 {
     int error = 0;
@@ -90,7 +91,7 @@ static int rotate(const folder *in, unsigned files)
     return error;
 }
 
-/* Whether it is the file that is being written. */
+/* Returns true when it is the file that is being written. */
 static bool is_own(const spool *s, const struct stat *there)
 {
     struct stat own;
@@ -98,8 +99,8 @@ static bool is_own(const spool *s, const struct stat *there)
            own.st_ino == there->st_ino;
 }
 
-/* 0 or an errno. A socket would not be found any more, whosever it is: EINVAL. EBUSY: another
- * program writes it. */
+/* Returns 0 or an errno. EINVAL: a socket, which a rotation would hide from its clients. EBUSY:
+ * another program writes the file. */
 static int check_other(const folder *in, const char *name)
 {
     struct stat there;
@@ -108,7 +109,7 @@ static int check_other(const folder *in, const char *name)
     return filelock_probe(in->fd, name);
 }
 
-/* Of the files that are to be moved or removed, now or when it is rotated. */
+/* Checks the files that are moved or removed, now or by a rotation. */
 static int check_others(const spool *s, unsigned files)
 {
     struct stat there;
@@ -122,8 +123,8 @@ static int check_others(const spool *s, unsigned files)
     return error;
 }
 
-/* A file that is locked before it has a name, so that nobody else can have its lock. -1 where the
- * file system has no such files. */
+/* Makes a file that is locked before it has a name, so that no other program can take its lock.
+ * Returns -1 on a file system without such files. */
 static int make_locked(const folder *in)
 {
     char path[32];
@@ -138,7 +139,8 @@ static int make_locked(const folder *in)
     return -1;
 }
 
-/* Another program may see it first, and be faster; then it is that one's. */
+/* Makes and locks a file. Another program may see it and take its lock first; the file is then that
+ * program's. */
 static int make_and_lock(int *fd, const folder *in)
 {
     *fd = openat(in->fd, in->name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
@@ -150,7 +152,7 @@ static int make_and_lock(int *fd, const folder *in)
     return error;
 }
 
-/* Makes the file, which must not be there. Returns 0 or an errno. */
+/* Makes the file, which must not exist. Returns 0 or an errno. */
 static int make_file(spool *s)
 {
     int fd = make_locked(&s->folder);
@@ -163,7 +165,7 @@ static int make_file(spool *s)
     return 0;
 }
 
-/* Rotates what is there, unless it is empty, and begins a file. Returns 0 or an errno. */
+/* Rotates a file that is not empty, and begins a new one. Returns 0 or an errno. */
 static int begin_file(spool *s, unsigned files)
 {
     struct stat there;
@@ -181,7 +183,7 @@ static int end_file(spool *s)
     return error;
 }
 
-/* Returns 0 or an errno, with *done bytes written in either case. */
+/* Writes all bytes. Returns 0 or an errno, with *done bytes written in either case. */
 static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *done)
 {
     for (*done = 0; *done < size;) {
@@ -204,7 +206,7 @@ static void copy_in(spool *s, const void *bytes, size_t size)
     s->used += size;
 }
 
-/* Copies bytes that begin so far behind the first one. */
+/* Copies bytes that begin at an offset behind the first one. */
 static void copy_out(const spool *s, void *bytes, size_t offset, size_t size)
 {
     size_t begin = (s->first + offset) % SPOOL_QUEUE_BYTES;
@@ -227,7 +229,7 @@ static uint64_t record_stamp(const spool *s, size_t offset)
     return stamp;
 }
 
-/* Records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
+/* Collects records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
 static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
 {
     size_t taken = 0;
@@ -253,7 +255,8 @@ typedef struct extent {
     uint64_t stamp; /* of the last one */
 } extent;
 
-/* What of so many bytes of records at the front of the queue is whole with all its parts. */
+/* Returns the records that are whole, with all their parts, in so many bytes at the front of the
+ * queue. */
 static extent whole_records(const spool *s, size_t bytes)
 {
     size_t offset = 0;
@@ -272,7 +275,7 @@ static extent whole_records(const spool *s, size_t bytes)
     return whole;
 }
 
-/* Records, with all their parts one each, in so many bytes of the queue. */
+/* Counts records, each with all its parts, in so many bytes of the queue. */
 static uint64_t count_records(const spool *s, size_t used)
 {
     uint64_t count = 0;
@@ -286,8 +289,8 @@ static uint64_t count_records(const spool *s, size_t used)
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-/* Writes what fill_batch() took; the records are still in the queue. Returns 0 or an errno; a
- * record that did not get into the file as a whole is then taken out again. */
+/* Writes the records that fill_batch() took; they are still in the queue. Returns 0 or an errno,
+ * after removing an incomplete record from the file. */
 static int write_batch(spool *s, extent *whole, size_t size)
 {
     size_t done;
@@ -306,14 +309,14 @@ static int write_batch(spool *s, extent *whole, size_t size)
 
 static int cut_here(spool *s, unsigned files)
 {
-    const int before = s->fd; /* locked until the next one is */
+    const int before = s->fd; /* locked until the next file is */
     int error = begin_file(s, files);
     if (error != 0)
         s->fd = -1;
     return close(before) != 0 && error == 0 ? errno : error;
 }
 
-/* Waits for something to write, and then a little for more. With the lock held. */
+/* Waits for something to write, and then a little for more. The lock is held. */
 static void wait_for_work(spool *s)
 {
     while (s->used == 0 && !s->ending)
@@ -324,7 +327,7 @@ static void wait_for_work(spool *s)
             break;
 }
 
-/* What was to be written is not, and the thread waits for spool_resume(). With the lock held. */
+/* Discards the queue and waits for spool_resume(). The lock is held. */
 static void wait_in_trouble(spool *s, int error)
 {
     s->error = error;
@@ -334,7 +337,7 @@ static void wait_in_trouble(spool *s, int error)
         (void)pthread_cond_wait(&s->changed, &s->lock);
 }
 
-/* One round; returns 0 or an errno. With the lock held, but not while it writes. */
+/* Writes one batch; returns 0 or an errno. The lock is held, but not while it writes. */
 static int work(spool *s)
 {
     size_t used = s->used;
@@ -359,15 +362,15 @@ static int work(spool *s)
     return error;
 }
 
-/* Returns 0 or an errno. */
+/* Opens the files. Returns 0 or an errno. */
 static int open_files(spool *s, unsigned files)
 {
     int error = folder_open(&s->folder, s->file);
     return error == 0 ? begin_file(s, files) : error;
 }
 
-/* What spool_open_later() has left to the thread. Returns 0 or an errno. With the lock held, but
- * not while it opens. */
+/* Opens the files for spool_open_later(). Returns 0 or an errno. The lock is held, but not while it
+ * opens. */
 static int open_now(spool *s)
 {
     const unsigned files = s->files;
@@ -409,7 +412,7 @@ static void *run(void *argument)
     return NULL;
 }
 
-/* ---- For the others -------------------------------------------------------------------------- */
+/* ---- For other threads ----------------------------------------------------------------------- */
 
 static void free_spool(spool *s)
 {
@@ -546,7 +549,7 @@ size_t spool_room(spool *s)
     return bytes;
 }
 
-/* A record, or a cut of no bytes. */
+/* Queues a record, or a cut, which has no bytes. */
 static bool put(spool *s, const void *record, size_t size, uint32_t flags)
 {
     uint32_t head = (uint32_t)size | flags;
@@ -630,7 +633,7 @@ bool spool_wait(spool *s, const struct timespec *until)
     return ended;
 }
 
-/* Nobody is there any more to be told. Whether it has ended all the same. */
+/* Removes the listener of the reports. Returns true when the spool has already ended. */
 static bool leave(spool *s)
 {
     (void)pthread_mutex_lock(&s->lock);

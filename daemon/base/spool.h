@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * spool.h - writes a file through a thread of its own, so that no disk ever holds up the bus.
+ * spool.h - writes a file through a thread of its own, so that no disk ever delays the bus.
  *
- * What is written goes in records (a line, a block ...): all of a record gets into the file or
- * nothing, also when the disk is full. It waits in a queue of SPOOL_QUEUE_BYTES until the thread
+ * Bytes are written in records (a line, a block ...). A record gets into the file as a whole or not
+ * at all, also when the disk is full. It waits in a queue of SPOOL_QUEUE_BYTES until the thread
  * takes it to the disk. Files can be rotated as logrotate does: FILE is always the newest, FILE.1
- * the one before. A file that is there already is rotated, not overwritten.
+ * the one before. An existing file is rotated, not overwritten.
  */
 #ifndef CANWIRE_BASE_SPOOL_H
 #define CANWIRE_BASE_SPOOL_H
@@ -21,78 +21,79 @@
 
 typedef struct spool spool;
 
-/* Is told, in the spool's thread, when it has ended, by spool_end() or by an error. It must not
+/* Reports the end of the spool, by spool_end() or by an error, in the spool's thread. It must not
  * call the spool. */
 typedef void spool_news(void *user);
 
-/* Makes the file, with mode 0640 less the umask, rotating what is there; at most `files` files are
- * kept, itself included. news may be NULL. NULL with *error, an errno, when that fails: EINVAL:
- * there is something that is no regular file; EBUSY: another program is writing it, or a file that
- * it would rotate. */
+/* Makes the file, with mode 0640 less the umask, and rotates existing ones. At most `files` files
+ * are kept, including FILE. `news` may be NULL. Returns NULL with an errno in *error when that
+ * fails. EINVAL: a file is no regular file. EBUSY: another program writes the file, or one that
+ * would be rotated. */
 spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
-/* The same at once, without waiting for a disk that hangs: the thread opens the file, and what is
- * written meanwhile waits in the queue. news is also told when it is open; what keeps it from that
- * is an error that ends it. */
+/* Makes the file without waiting for a disk that hangs. The thread opens the file; records wait in
+ * the queue meanwhile. The spool calls `news` also when the file is open. A failure to open the
+ * file is an error that ends the spool. */
 spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error);
 
-/* Whether the file has been opened. */
+/* Returns true when the file has been opened. */
 bool spool_is_open(spool *s);
 
-/* From now on an error does not end it: what is queued then is lost, and nothing is taken before
+/* Keeps the spool alive after errors. Queued records are lost then, and no record is taken before
  * spool_resume(). */
 void spool_last(spool *s);
 void spool_resume(spool *s);
 
-/* Whether what was queued first since spool_resume() is in the file, and no error came then. */
+/* Returns true when the first record queued since spool_resume() is in the file, without an
+ * error. */
 bool spool_has_resumed(spool *s);
 
-/* Records that the file has, of one that is never cut. */
+/* Returns the number of records in the file, if it is never cut. */
 uint64_t spool_kept(spool *s);
 
-/* What all records have that come from now on, 0 before; and what the last one has that is in the
- * file. */
+/* spool_stamp() sets the stamp of all later records; it is 0 before. spool_kept_stamp() returns the
+ * stamp of the last record in the file. */
 void spool_stamp(spool *s, uint64_t stamp);
 uint64_t spool_kept_stamp(spool *s);
 
-/* Records that were lost with errors. */
+/* Returns the number of records lost by errors. */
 uint64_t spool_lost(spool *s);
 
-/* Bytes of records that there is room for in the queue now; more only as time goes by. */
+/* Returns the bytes of records that the queue has room for now; the room only grows with time. */
 size_t spool_room(spool *s);
 
-/* Queues a record of 1 to SPOOL_RECORD_MAX bytes. False, with nothing written, when there is no
+/* Queues a record of 1 to SPOOL_RECORD_MAX bytes. Writes nothing and returns false when there is no
  * room or the spool has ended. */
 bool spool_write(spool *s, const void *record, size_t size);
 
-/* The same with the beginning of a record that is longer than that: after an error all of it is in
- * the file or nothing. */
+/* Queues the beginning of a longer record in the same way. After an error the whole record is in
+ * the file, or none of it. */
 bool spool_write_part(spool *s, const void *part, size_t size);
 
-/* What comes now goes into a new file. False when there is no room or the spool has ended. */
+/* Begins a new file for later records. Returns false when there is no room or the spool has
+ * ended. */
 bool spool_cut(spool *s);
 
-/* How many files are kept, from the next cut on. */
+/* Sets the number of files that are kept, from the next cut on. */
 void spool_set_files(spool *s, unsigned files);
 
-/* What one of these errors means. */
+/* Explains one of these errors. */
 const char *spool_explain(int error);
 
-/* The errno that has ended it, or 0. */
+/* Returns the errno that has ended the spool, or 0. */
 int spool_error(spool *s);
 
-/* Nothing more is written; does not wait for what is in the queue. */
+/* Ends the writing; does not wait for the records in the queue. */
 void spool_end(spool *s);
 
-/* Whether the thread has done all it will do. */
+/* Returns true when the thread has finished all its work. */
 bool spool_has_ended(spool *s);
 
-/* As spool_end(), and waits up to that moment (thread.h). Whether it has ended. */
+/* Ends the spool and waits up to that moment (thread.h). Returns true when it has ended. */
 bool spool_wait(spool *s, const struct timespec *until);
 
-/* Frees a spool that has ended or is to end; waits for it up to that time. False when it has not
- * ended by then, since the disk hangs: it is then left alone, for the process to end. NULL is
- * fine. */
+/* Frees a spool, and waits for its end up to that time. Returns false when the disk hangs; the
+ * spool is then left until the process ends. NULL is allowed. */
 bool spool_close(spool *s, unsigned patience_s);
 
 #endif

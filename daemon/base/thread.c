@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * thread.c - threads beside that of the bus, for what may have to wait: disks, networks.
+ * thread.c - threads beside the thread of the bus, for calls that may wait: disks, networks.
  */
 #include "base/thread.h"
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * thread.h - threads beside that of the bus, for what may have to wait: disks, networks.
+ * thread.h - threads beside the thread of the bus, for calls that may wait: disks, networks.
  *
- * They get no signals: these are for the thread of the bus, and a limit of file size is to be an
- * error of write(). Waiting is by CLOCK_MONOTONIC, since somebody may set the other clock.
+ * They get no signals. Signals are for the thread of the bus, and exceeding the limit of file size
+ * must be an error of write(). Waiting is by CLOCK_MONOTONIC, since somebody may set the other
+ * clock.
  */
 #ifndef CANWIRE_BASE_THREAD_H
 #define CANWIRE_BASE_THREAD_H
@@ -17,13 +18,13 @@ typedef void *thread_run(void *argument);
 /* Starts a thread that is to be joined. Returns 0 or an errno. */
 int thread_start(pthread_t *thread, thread_run *run, void *argument);
 
-/* Starts a thread that nobody waits for. Returns 0 or an errno. */
+/* Starts a thread that is not joined. Returns 0 or an errno. */
 int thread_start_alone(thread_run *run, void *argument);
 
-/* A condition whose moments are of CLOCK_MONOTONIC. */
+/* Initialises a condition whose timeouts are moments of CLOCK_MONOTONIC. */
 void thread_init_condition(pthread_cond_t *condition);
 
-/* A moment from now on. */
+/* Return a moment that far in the future. */
 struct timespec thread_in_seconds(unsigned seconds);
 struct timespec thread_in_ns(long ns); /* less than a second */
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * wide.c - unsigned numbers of 128 bits, for what leaves 64 on the way.
+ * wide.c - unsigned numbers of 128 bits, for intermediate results that exceed 64 bits.
  */
 #include "base/wide.h"
 
@@ -25,7 +25,7 @@ wide wide_sum(wide a, wide b)
     return (wide){.high = a.high + b.high + (low < a.low), .low = low};
 }
 
-/* High half first; then the low half bit by bit, as with pencil and paper. */
+/* Divides the high half first, then the low half bit by bit, as in long division. */
 wide wide_divide(uint64_t *rest, wide number, uint64_t by)
 {
     wide quotient = {.high = number.high / by};

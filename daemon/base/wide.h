@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * wide.h - unsigned numbers of 128 bits, for what leaves 64 on the way: also where compilers have
- * none of their own.
+ * wide.h - unsigned numbers of 128 bits, for intermediate results that exceed 64 bits. They do not
+ * depend on types of the compiler.
  */
 #ifndef CANWIRE_BASE_WIDE_H
 #define CANWIRE_BASE_WIDE_H
@@ -13,13 +13,13 @@ typedef struct wide {
     uint64_t low;
 } wide;
 
-/* Never overflows. */
+/* Returns the product, which never overflows. */
 wide wide_product(uint64_t a, uint64_t b);
 
-/* Modulo 2^128. */
+/* Returns the sum modulo 2^128. */
 wide wide_sum(wide a, wide b);
 
-/* The quotient, rounded down, and what is left over; by is not 0. */
+/* Returns the quotient, rounded down, and the remainder in *rest; `by` is not 0. */
 wide wide_divide(uint64_t *rest, wide number, uint64_t by);
 
 static inline wide wide_of(uint64_t number)

@@ -18,7 +18,7 @@ typedef struct text_buffer {
     size_t length;
 } text_buffer;
 
-/* What the scan has counted so far. */
+/* The counts of the scan so far. */
 typedef struct scan {
     diag *errors;
     size_t documents;
@@ -51,7 +51,7 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
     skip_mark(&buffer);
     const char *own = (const char *)buffer.bytes;
     yaml_mend mend = {.bytes_max = limits->mended_bytes};
-    /* The events are scanned first: only so can limits hold before the document is built. */
+    /* The scan of the events comes first: limits must hold before the document is built. */
     bool good = has_no_nul(&buffer, errors) && scan_events(&buffer, limits, errors, &mend) &&
                 load_document(document, &buffer, errors);
     if (good)
@@ -60,7 +60,8 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
     return good;
 }
 
-/* A byte order mark is no content; without it, offsets and columns are those that editors show. */
+/* Skips a byte order mark, which is no content. Offsets and columns then agree with those of
+ * editors. */
 static void skip_mark(text_buffer *text)
 {
     static const unsigned char mark[] = {0xEF, 0xBB, 0xBF};
@@ -71,7 +72,7 @@ static void skip_mark(text_buffer *text)
     text->bytes += sizeof mark;
 }
 
-/* Reads until the end or one byte over the limit; works for pipes too. */
+/* Reads until the end or one byte over the limit; works for pipes, too. */
 static bool read_all(char *bytes, size_t *length, int fd, diag *errors)
 {
     if (!bytes) {
@@ -92,7 +93,7 @@ static bool read_all(char *bytes, size_t *length, int fd, diag *errors)
     return true;
 }
 
-/* A pipe is opened without waiting for whoever writes to it. */
+/* Opens a file. Opening a pipe does not wait for its writer. */
 static int open_file(const char *file, bool regular, diag *errors)
 {
     struct stat info;
@@ -150,7 +151,7 @@ static bool has_no_nul(const text_buffer *text, diag *errors)
     return !nul;
 }
 
-/* False when there is no memory for a parser. */
+/* Starts a parser. Returns false when there is no memory for it. */
 static bool start_parser(yaml_parser_t *parser, const text_buffer *text, diag *errors)
 {
     if (!yaml_parser_initialize(parser)) {
@@ -162,7 +163,7 @@ static bool start_parser(yaml_parser_t *parser, const text_buffer *text, diag *e
     return true;
 }
 
-/* Whether character number n of the text is a tab. */
+/* Returns true when character number n of the text is a tab. */
 static bool is_tab(const text_buffer *text, size_t n)
 {
     size_t i = 0;
@@ -215,7 +216,8 @@ static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *a
     return within(self, &self->nodes, self->limits->nodes, mark, "values");
 }
 
-/* Aliases may name it in all places, and each of these reads it. */
+/* Checks the size of a value: aliases may name it in many places, and each of them reads it
+ * again. */
 static bool check_size(scan *self, const yaml_event_t *event)
 {
     const yaml_mark_t *mark = &event->start_mark;
@@ -258,7 +260,7 @@ static bool check_event(scan *self, const yaml_event_t *event)
     return true;
 }
 
-/* False when something has been told, or when there is an error of syntax, *wrong. */
+/* Scans the events. Returns false after a report, or with *wrong set after a syntax error. */
 static bool scan_parser(yaml_parser_t *parser, const yaml_limits *limits, bool *wrong, diag *errors)
 {
     scan counts = {.errors = errors, .limits = limits};

@@ -14,7 +14,7 @@
 #define YAML_DEPTH_MAX 64u         /* lists and maps in each other; libyaml is quadratic in it */
 #define YAML_ANCHORED_MAX 4096u    /* bytes of a text that aliases name */
 
-/* How much one of a kind may have. */
+/* The limits of a document. */
 typedef struct yaml_limits {
     size_t nodes;        /* values and keys */
     size_t anchors;      /* libyaml's search for them is linear */

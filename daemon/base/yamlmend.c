@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * yamlmend.c - texts in flow maps and lists that have brackets and no quotes: { flip: crc[3] }.
+ * yamlmend.c - accepts unquoted texts with brackets in flow maps and lists: { flip: crc[3] }.
  */
 #include "base/yamlmend.h"
 
@@ -11,7 +11,7 @@
 
 static const char opening[] = "[{";
 static const char closing[] = "]}";
-static const char stand_in = '('; /* means nothing in YAML */
+static const char stand_in = '('; /* has no meaning in YAML */
 
 const char *yaml_mend_text(const yaml_mend *self, const char *text)
 {
@@ -32,13 +32,14 @@ static bool is_one_of(const char *characters, char c)
     return c != '\0' && strchr(characters, c) != NULL;
 }
 
-/* What ends a text without quotes in a flow map or list, on either side. */
+/* Returns true for a character that ends a text without quotes in a flow map or list, on either
+ * side. */
 static bool is_end(char c)
 {
     return is_one_of(" \t\r\n,\"'", c);
 }
 
-/* Where the text begins in which there is a bracket at an offset. */
+/* Returns the beginning of the text that has a bracket at an offset. */
 static size_t find_begin(const char *text, size_t bracket)
 {
     size_t begin = bracket;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * yamlmend.h - texts in flow maps and lists that have brackets and no quotes: { flip: crc[3] }.
+ * yamlmend.h - accepts unquoted texts with brackets in flow maps and lists: { flip: crc[3] }.
  *
- * For YAML a bracket begins a list there, and what follows is a syntax error, behind which nothing
- * is read. Here other characters stand in for these brackets, so that the rest of the file is read
- * and its errors are told, too.
+ * YAML begins a list at such a bracket, finds a syntax error, and reads nothing behind it. Other
+ * characters stand in for these brackets here, so that the rest of the file is read and its errors
+ * are reported, too.
  */
 #ifndef CANWIRE_BASE_YAMLMEND_H
 #define CANWIRE_BASE_YAMLMEND_H
@@ -30,7 +30,7 @@ typedef struct yaml_mend {
     yaml_mended mended[YAML_MENDED_MAX];
 } yaml_mend;
 
-/* What is to be parsed: the text of the file, or the mended one. */
+/* Returns the text to parse: that of the file, or the mended one. */
 const char *yaml_mend_text(const yaml_mend *self, const char *text);
 
 /* The parser has failed at a mark: whether that was for brackets without quotes. Then it is told,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * action.c - what fault rules do: the key `do`, one table of keys for each action.
+ * action.c - the actions of fault rules: the key `do`, with a table of keys for each action.
  */
 #include "config/parts.h"
 #include "config/values.h"
@@ -8,24 +8,25 @@
 
 #include <string.h>
 
-#define COPIES_MAX 16u /* that one hit makes of a frame, as the library */
+#define COPIES_MAX 16u /* of a frame by one hit, as in the library */
 #define OVERTAKING_MAX CW_QUEUE_MAX
 #define OVERLOAD_FRAMES_MAX 2u
-#define TEC_MAX 263u /* as cw_mac_set_counters() */
+#define TEC_MAX 263u /* the limit of cw_mac_set_counters() */
 #define REC_MAX 255u
 #define DLC_MAX 15u
 #define TICKS_PER_MS (CW_CLOCK_HZ / 1000u)
 
-/* Checks and settles what the keys of an action say together; `map` is the value of `do`. */
+/* Checks the keys of an action against each other and completes the rule; `map` is the value of
+ * `do`. */
 typedef void action_settler(schema *self, yaml_node_t *map, cw_rule *rule);
 
 typedef struct action {
     cw_action action;
-    const schema_key *keys; /* the action's own first, which has its name */
+    const schema_key *keys; /* the first key is the action's own, which has its name */
     action_settler *settle; /* or NULL */
 } action;
 
-/* A setting of a node as schema_read_uint() takes it, and its CW_SET_*. */
+/* A setting of a node in the form of schema_read_uint(), and its CW_SET_*. */
 typedef struct setting {
     schema_range range; /* first: schema_read_uint() gets the pointer */
     uint8_t which;
@@ -61,7 +62,7 @@ static const schema_choice sides[] = {
     {.name = NULL},
 };
 
-/* Keys that several actions have. */
+/* Keys of several actions. */
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 #define AT                                                                                         \
     {                                                                                              \
@@ -179,7 +180,7 @@ static const schema_key load_keys[] = {
 static const schema_key reply_keys[] = {
     FRAME("reply"), AS, {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks)}, END};
 
-/* Of `change: { ... }`, a cw_change. */
+/* The keys of `change: { ... }`, a cw_change. */
 static const schema_key change_part_keys[] = {
     {.name = "id", .read = read_id},
     {.name = "dlc", .read = read_dlc, .offset = offsetof(cw_change, dlc), .arg = &dlc_range},
@@ -190,7 +191,7 @@ static const schema_key change_part_keys[] = {
     END,
 };
 
-/* Messages list them in this order. */
+/* The actions in the order of messages. */
 static const action actions[] = {
     {CW_ACTION_FLIP, flip_keys, NULL},
     {CW_ACTION_FORCE, force_keys, settle_force},
@@ -243,7 +244,7 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
         found->settle(self, value, rule);
 }
 
-/* What the keys of an action change. */
+/* Sets the defaults of the keys of an action. */
 static void set_defaults(cw_rule *rule)
 {
     rule->line = CW_LINE_WIRE;
@@ -253,11 +254,11 @@ static void set_defaults(cw_rule *rule)
     memset(rule->change.and_mask, 0xFF, sizeof rule->change.and_mask);
 }
 
-/* The only action of a map; NULL when there is none. Complains about a second one. */
+/* Returns the only action of a map, or NULL when there is none. Complains about a second one. */
 static const action *find_action(schema *self, const yaml_node_t *map)
 {
     const action *found = NULL;
-    bool replies = schema_find(self, map, "reply"); /* `delay` is then a key of it */
+    bool replies = schema_find(self, map, "reply"); /* `delay` is then one of its keys */
 
     for (size_t i = 0; i < ACTION_COUNT; i++) {
         const yaml_node_t *value = schema_find(self, map, cw_action_name(actions[i].action));
@@ -275,7 +276,7 @@ static const action *find_action(schema *self, const yaml_node_t *map)
     return found;
 }
 
-/* All actions as keys: what is unknown gets a suggestion. */
+/* Lists all actions as keys, so that an unknown one gets a suggestion. */
 static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     schema_key keys[ACTION_COUNT + 1] = {END};
@@ -322,7 +323,7 @@ static void read_levels(schema *self, const schema_key *key, yaml_node_t *value,
     rule->pattern_mask = found.mask;
 }
 
-/* wire, NODE.tx or NODE.rx; names of nodes may have points of their own. */
+/* Reads wire, NODE.tx or NODE.rx; names of nodes may contain points. */
 static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "wire, NODE.tx or NODE.rx";
@@ -343,7 +344,7 @@ static void read_line(schema *self, const schema_key *key, yaml_node_t *value, v
     rule->node = (uint8_t)(node < 0 ? 0 : node);
 }
 
-/* Nodes; `wire`, unless a node is called so, is what is meant without `at`: all of them. */
+/* Reads nodes, or `wire`, the default, for all nodes. A node may have the name `wire`. */
 static void read_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -379,7 +380,7 @@ static void join_group(schema *self, const schema_key *key, const yaml_node_t *v
     group[node] = number;
 }
 
-/* Nodes that are not named make one more group. */
+/* Reads groups; the nodes without a group form one more. */
 static void read_groups(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -433,7 +434,7 @@ static void read_dlc(schema *self, const schema_key *key, yaml_node_t *value, vo
     schema_read_uint(self, key, value, object);
 }
 
-/* Bytes of one of the members of a change; only `set` may leave bits open. */
+/* Reads the bytes of one member of a change; only `set` may leave bits open. */
 static void read_bytes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_change *change = object;
@@ -482,7 +483,8 @@ static void read_restart(schema *self, const schema_key *key, yaml_node_t *value
     settings->restart_ticks *= TICKS_PER_MS;
 }
 
-/* Frames come at their times as far as there are bits for them, so it is not rounded otherwise. */
+/* Reads a period. It warns only below one bit: frames come at their times as far as there are bits
+ * for them. */
 static void read_period(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const uint64_t *ticks = schema_member(key, object);
@@ -527,7 +529,7 @@ static void settle_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
                     "a transceiver ends a dominant level on its NODE.tx only");
 }
 
-/* Only frames of the node itself can be its matches: they are counted, those of others are not. */
+/* Limits the rule to frames of the node itself, so that frames of other nodes are not counted. */
 static void settle_wrong_crc(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     if (rule->from == 0)
@@ -554,7 +556,8 @@ static void settle_set(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "set", "there is no key that says what to set");
 }
 
-/* Without a side `at` are receivers; at the side of the sender it is one more word for `from`. */
+/* Completes a rule of the host side. `at` names receivers, or with the side of the sender one more
+ * condition for `from`. */
 static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool given = rule->action == CW_ACTION_DROP || has(self, map, "side");
@@ -582,7 +585,7 @@ static void settle_change(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
 }
 
-/* With a time between its frames it is what `send` does. */
+/* Makes a babble with a time between its frames act as `send`. */
 static void settle_babble(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     if (has(self, map, "every"))

@@ -10,7 +10,7 @@
 
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
-#define BITRATE_ERROR_INVERSE 1000u /* the rate that is used lies within 1/1000 */
+#define BITRATE_ERROR_INVERSE 1000u /* the used rate differs by at most 1/1000 */
 
 static schema_reader read_bus_name, read_bitrate;
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
@@ -38,7 +38,7 @@ static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *valu
     config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
 }
 
-/* Whether ticks / CW_CLOCK_HZ is a bit near enough to the rate. */
+/* Returns true when a bit of ticks / CW_CLOCK_HZ is near enough to the rate. */
 static bool is_near(uint32_t bitrate, uint32_t ticks)
 {
     uint64_t product = (uint64_t)bitrate * ticks;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * config.c - what a configuration says to those who use it.
+ * config.c - functions for the users of a configuration.
  */
 #include "config/config.h"
 
 #include <string.h>
 
-#define BUS_INBOX 4096u  /* frames handed in for later than now */
-#define BUS_EVENTS 1024u /* the library raises it to what it needs */
+#define BUS_INBOX 4096u  /* frames that are handed in for a later time */
+#define BUS_EVENTS 1024u /* the library raises it to its minimum */
 
 uint8_t cfg_find_node(const cfg *config, const char *name)
 {

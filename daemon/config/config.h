@@ -14,7 +14,7 @@
 
 #include <stdio.h>
 
-/* Where something is in its file, both from 1 on; 0: nowhere. */
+/* A place in a file, line and column from 1 on; 0: nowhere. */
 typedef struct cfg_place {
     int line;
     int column;
@@ -23,7 +23,7 @@ typedef struct cfg_place {
 typedef enum cfg_traffic_kind {
     CFG_TRAFFIC_SEND = 0, /* `frame`, release k at offset + k * every + jitter, k < count */
     CFG_TRAFFIC_REPLAY,   /* the frames of a file, count times */
-    CFG_TRAFFIC_REPLY     /* `frame` answers each one that matches, after `delay`, count times */
+    CFG_TRAFFIC_REPLY     /* `frame` answers each match, after `delay`, count times */
 } cfg_traffic_kind;
 
 /* One entry of a node's traffic. */
@@ -31,7 +31,7 @@ typedef struct cfg_traffic {
     cfg_traffic_kind kind;
     cfg_place place;
     cw_frame frame;
-    cfg_time offset; /* of a replay: of the first entry of the file */
+    cfg_time offset; /* of a replay: time of the first entry of the file */
     cfg_time every;
     bool has_every;
     cfg_time jitter; /* at most `every`, if there is one */
@@ -41,24 +41,24 @@ typedef struct cfg_traffic {
     /* Of a replay: */
     char *file;
     trace_format format;
-    bool fast;     /* as fast as possible, else with the times of the file */
+    bool fast;     /* as fast as possible, else at the times of the file */
     bool loop;     /* count is UINT64_MAX */
-    cfg_time gap;  /* between the last entry of the file and the first one when it is repeated */
+    cfg_time gap;  /* from the last entry of the file to the first one of the next pass */
     char *channel; /* only this interface of the file, or NULL */
 
-    /* Which frames: of the file, with none any; or those that are answered. */
+    /* Frames of the file (none: all), or the frames to answer. */
     cw_filter filters[CW_RULE_FILTERS_MAX];
     uint8_t filter_count;
 } cfg_traffic;
 
-/* What becomes of what an ECU writes while its node's queue is full. */
+/* The handling of frames that an ECU writes while its node's queue is full. */
 typedef enum cfg_when_full {
     CFG_WHEN_FULL_DROP = 0, /* dropped and counted: default where the port is an interface */
-    CFG_WHEN_FULL_WAIT      /* it stays in the port, which is not read: default of sockets */
+    CFG_WHEN_FULL_WAIT      /* frames stay in the port, which is not read: default of sockets */
 } cfg_when_full;
 
 typedef struct cfg_node {
-    char *name;          /* "", which no node is called, while it is not known */
+    char *name;          /* "", which is no node's name, while it is unknown */
     char *port;          /* interface name, or NULL */
     cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
@@ -77,10 +77,10 @@ typedef struct cfg_node {
 
 typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK, CFG_PACING_SPIN } cfg_pacing;
 
-/* What to do at the start, and at a reload, about a port whose interface is not there. */
+/* The action at the start, and at a reload, when the interface of a port is missing. */
 typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;
 
-#define CFG_PACING_TICK_NS 1000000u /* how far `tick` pacing coalesces wake-ups */
+#define CFG_PACING_TICK_NS 1000000u /* limit of `tick` pacing for coalescing wake-ups */
 
 /* Bits of cfg_lcm.events: kinds of events that are published, 1u << cw_event_kind. */
 typedef struct cfg_lcm {
@@ -92,13 +92,13 @@ typedef struct cfg_lcm {
     uint32_t events; /* default error, state, restart, overload, drop, fault */
 } cfg_lcm;
 
-/* What `canwire sim` is to find out about a run. */
+/* The subjects that `canwire sim` can judge in a run. */
 typedef enum cfg_expect_kind {
-    CFG_EXPECT_DELIVERED = 0, /* how many frames are delivered */
-    CFG_EXPECT_DELAY,         /* how long they take from hand-in */
-    CFG_EXPECT_SEEN,          /* whether there is one at all */
-    CFG_EXPECT_STATE,         /* whether nodes come into one of the states */
-    CFG_EXPECT_ERRORS,        /* how many events of these kinds there are ... */
+    CFG_EXPECT_DELIVERED = 0, /* number of frames that are delivered */
+    CFG_EXPECT_DELAY,         /* their time from hand-in to delivery */
+    CFG_EXPECT_SEEN,          /* presence of a frame */
+    CFG_EXPECT_STATE,         /* nodes that enter one of the states */
+    CFG_EXPECT_ERRORS,        /* number of events of these kinds ... */
     CFG_EXPECT_DROPS,
     CFG_EXPECT_RESTARTS,
     CFG_EXPECT_OVERLOADS,
@@ -121,13 +121,13 @@ typedef struct cfg_expect {
     cw_rule when;  /* first, for the readers of rules: filters, data, from, time_begin, time_end */
     cfg_expect_kind kind;
     char *name;    /* or NULL */
-    uint64_t to;   /* frames at these receivers, each for itself; 0: as they are on the bus */
-    uint64_t node; /* events of these nodes, each for itself; 0: of all together */
-    uint64_t min;  /* of what is counted, inclusive; of the load in permille */
+    uint64_t to;   /* frames at these receivers, for each on its own; 0: frames on the bus */
+    uint64_t node; /* events of these nodes, for each on its own; 0: of all together */
+    uint64_t min;  /* of the count, inclusive; of the load in permille */
     uint64_t max;
-    bool never;    /* SEEN and STATE: it must not be */
+    bool never;    /* SEEN and STATE: must not occur */
     uint64_t delay_max;                   /* ticks, CW_NEVER: no limit */
-    uint64_t percentile[CFG_PERCENTILES]; /* the same */
+    uint64_t percentile[CFG_PERCENTILES]; /* in the same way */
     uint8_t states;      /* STATE: 1u << cw_state */
     uint32_t types;      /* ERRORS: 1u << cw_error_type; 0: any */
     uint32_t why;        /* DROPS: 1u << cw_drop; 0: for any reason */
@@ -147,24 +147,24 @@ typedef enum cfg_record_format {
 
 /* A file that is recorded while the bus runs. */
 typedef struct cfg_record {
-    char *file;               /* without what means nothing in a path, as ./ */
+    char *file;               /* without parts that have no meaning in a path, such as ./ */
     cfg_place place;
-    cfg_record_format format; /* default: by the end of the name */
-    uint64_t size;            /* bytes of a file before the next is begun; default 100 MB */
-    uint32_t files;           /* that are kept; default 5 */
+    cfg_record_format format; /* default: by the extension of the name */
+    uint64_t size;            /* size in bytes at which the next file begins; default 100 MB */
+    uint32_t files;           /* number of files that are kept; default 5 */
 } cfg_record;
 
 /* A file that a configuration was read from. */
 typedef struct cfg_file {
     const char *name;
     const char *text;
-    size_t size; /* of the text, which may have any bytes in it */
+    size_t size; /* of the text, which may contain any bytes */
 } cfg_file;
 
 typedef struct cfg {
     char *file;
     size_t file_count;
-    cfg_file *files; /* as they were when they were read: the configuration first, then profiles */
+    cfg_file *files; /* with the texts that were read: the configuration first, then profiles */
     char *bus_name; /* default "can" */
     cfg_place bus_name_place;
     uint32_t bitrate_bps;
@@ -187,34 +187,34 @@ typedef struct cfg {
     cfg_missing_port missing_port;
     const char *warnings; /* a line each, FILE:LINE:COLUMN: warning: ...; "" when there is none */
     bool vxcan; /* ports that are interfaces have a peer, by default one with the node's name */
-    cfg_time catch_up; /* how far the bus may fall behind; default 1s */
+    cfg_time catch_up; /* largest lag of the bus; default 1s */
 } cfg;
 
-/* Reads a file. Returns NULL after writing one line per error to errors. */
+/* Reads a file. Returns NULL after writing one line per error to `errors`. */
 cfg *cfg_load(const char *file, FILE *errors);
 
-/* The same, but neither it nor its profiles may be pipes or devices, on which reading could wait
- * for ever. */
+/* Reads a file in the same way. Neither the file nor its profiles may be pipes or devices, on which
+ * reading could wait for ever. */
 cfg *cfg_load_regular(const char *file, FILE *errors);
 
-/* Reads a configuration from files that are given, the first of which is the configuration, and
- * from no others: files of traffic are not looked into. Otherwise as cfg_load(). */
+/* Reads a configuration as cfg_load() does, but only from the given files. The first one is the
+ * configuration. Files of traffic are not read. */
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);
 
-/* Reads a file that is a configuration or a fault profile on its own; in a profile any name of a
- * node will do. True when it is good: *config is then the configuration, to be freed, or NULL for
- * a profile, and *rule_count its rules. Else one line per error has gone to errors. */
+/* Reads a configuration or a fault profile on its own; a profile may name any node. Returns true
+ * when it is valid. *config is then the configuration, to be freed, or NULL for a profile, and
+ * *rule_count counts its rules. Otherwise it writes one line per error to `errors`. */
 bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors);
 
-/* Frees everything; NULL is fine. */
+/* Frees the configuration; NULL is allowed. */
 void cfg_free(cfg *config);
 
-/* Fault rules from a text: what `canwire inject` sends. They are in an order in which they can be
- * added one after the other: a rule comes after the one that its `after` names. */
+/* Fault rules from a text that `canwire inject` sends. They are sorted for adding one after the
+ * other: a rule follows the one that its `after` names. */
 typedef struct cfg_rules {
     size_t count;
-    cw_rule *rules; /* with their names freed by cfg_free_rules() */
-    const char *warnings; /* as those of a configuration */
+    cw_rule *rules; /* cfg_free_rules() frees their names */
+    const char *warnings; /* in the form of a configuration's warnings */
 } cfg_rules;
 
 /* The rules of a running bus: names by index on the bus, NULL where there is no rule. */
@@ -224,40 +224,40 @@ typedef struct cfg_running {
 } cfg_running;
 
 /* Reads rules from size bytes of YAML or JSON: a list of rules, a single rule, {faults: [...]}, or
- * a profile, which may have `with: {PARAMETER: VALUE}` at its top. Names of nodes are those of the
- * configuration. A new rule must have a name that is not running; `after` may name a new or a
- * running rule: an index below running->count is one on the bus, running->count + i is rules[i]
- * of the result. With running == NULL the rules of the configuration are running. `name` stands
- * for the text in messages. Returns NULL after writing one line per error to errors. */
+ * a profile. A profile may have `with: {PARAMETER: VALUE}` at its top. Names of nodes come from the
+ * configuration. A new rule needs a name that no running rule has. `after` may name a new or a
+ * running rule. An index below running->count is a rule on the bus; running->count + i is rules[i]
+ * of the result. With running == NULL the rules of the configuration are running. `name` stands for
+ * the text in messages. Returns NULL after writing one line per error to `errors`. */
 cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const cfg *config,
                           const cfg_running *running, FILE *errors);
 
-/* Frees everything; NULL is fine. */
+/* Frees the rules; NULL is allowed. */
 void cfg_free_rules(cfg_rules *rules);
 
-/* A recording with all that has a default. */
+/* Fills a recording with the defaults. */
 void cfg_record_default(cfg_record *record);
 
-/* The format that the end of a file's name stands for, or that a name ("pcapng") stands for; false
- * for others. And the name of a format. */
+/* Find the format for the extension of a file's name or for a name ("pcapng"), and the name of a
+ * format. The first two return false for other texts. */
 bool cfg_record_format_of_file(cfg_record_format *format, const char *file);
 bool cfg_record_format_of_name(cfg_record_format *format, const char *name);
 const char *cfg_record_format_name(cfg_record_format format);
 
-/* Bytes before the next file is begun, "100MB". NULL, or what is allowed. */
+/* Reads the size at which the next file begins, "100MB". Returns NULL, or the allowed values. */
 const char *cfg_record_parse_size(uint64_t *size, const char *text);
 
-/* Whether it never comes to an end by itself. */
+/* Returns true when the traffic never ends by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);
 
-/* The index of the node of that name, or CW_NO_NODE. */
+/* Returns the index of the node of that name, or CW_NO_NODE. */
 uint8_t cfg_find_node(const cfg *config, const char *name);
 
-/* By node of a configuration: the one of that name in an old one, or CW_NO_NODE. */
+/* Finds for each node of a configuration the node of that name in an old one, or CW_NO_NODE. */
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);
 
-/* The bus that this configuration describes; points into *nodes (node_count, by the caller) and
- * into the cfg. There is room for the replies, see release_add_replies(). */
+/* Describes the bus of this configuration; *out points into *nodes (node_count of them, from the
+ * caller) and into the cfg. There is room for the replies, see release_add_replies(). */
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);
 
 #endif

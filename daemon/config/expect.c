@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * expect.c - the keys of `expect`: what a run is to be judged by.
+ * expect.c - the keys of `expect`: the criteria by which a run is judged.
  *
- * Each expectation has one key that says what is looked at, the subject, and perhaps conditions.
+ * Each expectation has one key for its subject, and perhaps conditions.
  */
 #include "config/parts.h"
 #include "config/values.h"
@@ -14,7 +14,7 @@
 #define NAME_MAX_BYTES 200u
 #define PERCENT_MAX 1000u /* permille */
 
-/* Conditions that a subject can have. */
+/* The conditions of subjects. */
 #define HAS_FRAME 0x01u /* frame, data */
 #define HAS_FROM 0x02u
 #define HAS_TO 0x04u
@@ -145,7 +145,7 @@ static_assert(offsetof(cfg_expect, when) == 0, "readers of rules read into it");
 
 /* ---- Subjects -------------------------------------------------------------------------------- */
 
-/* A map of limits with at least one in it. */
+/* Reads a map of at least one limit. */
 static void read_limits(schema *self, const schema_key *key, yaml_node_t *value,
                         const schema_key *limits, cfg_expect *e)
 {
@@ -158,7 +158,7 @@ static void read_limits(schema *self, const schema_key *key, yaml_node_t *value,
         schema_complain(self, value, "%s: min is more than max", key->name);
 }
 
-/* A number, or a map with min, max or both. */
+/* Reads a number, or a map with min, max or both. */
 static void read_count(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_expect *e = object;
@@ -171,7 +171,7 @@ static void read_count(schema *self, const schema_key *key, yaml_node_t *value, 
     e->max = e->min;
 }
 
-/* A time, the maximum, or a map. */
+/* Reads a time, the maximum, or a map. */
 static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     if (value->type == YAML_MAPPING_NODE)
@@ -241,7 +241,7 @@ static void read_name(schema *self, const schema_key *key, yaml_node_t *value, v
     e->name = schema_copy(self, text);
 }
 
-/* Words, one or a list, as bits. */
+/* Reads one word or a list of words as bits. */
 static uint32_t read_words(schema *self, const schema_key *key, yaml_node_t *value,
                            const schema_choice *choices, size_t max)
 {
@@ -294,7 +294,7 @@ static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, v
                         schema_suggestion(self, &guess));
 }
 
-/* ---- What goes together ---------------------------------------------------------------------- */
+/* ---- Combinations ---------------------------------------------------------------------------- */
 
 static const char *list_subjects(schema *self)
 {
@@ -305,7 +305,7 @@ static const char *list_subjects(schema *self)
     return list;
 }
 
-/* The one subject, or NULL after a complaint. */
+/* Returns the only subject, or NULL after a complaint. */
 static const subject *find_subject(schema *self, yaml_node_t *map)
 {
     const subject *found = NULL;
@@ -340,7 +340,7 @@ static void check_conditions(schema *self, yaml_node_t *map, const subject *abou
     }
 }
 
-/* What could be looked at for ever without an outcome that means something. */
+/* Complains about expectations that could never have a meaningful result. */
 static void check_sense(schema *self, yaml_node_t *map, const cfg_expect *e)
 {
     const cfg *config = cfg_of(self);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * files.c - the files that a bus reads and writes, as its configuration names them.
+ * files.c - the files that a bus reads and writes, under the names in its configuration.
  */
 #include "config/files.h"
 
@@ -44,7 +44,7 @@ void cfg_add_files_written(fileuses *all, const cfg *config)
     }
 }
 
-/* Of the control socket and of ports. */
+/* Adds the control socket and the sockets of ports. */
 static void add_sockets(fileuses *all, const cfg *config)
 {
     fileuse use = at_place(config, config->control_place);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * lcm.c - the keys of `lcm`: what is published, and where.
+ * lcm.c - the keys of `lcm`: the messages that are published, and their address.
  */
 #include "config/parts.h"
 
@@ -52,7 +52,7 @@ static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value
         lcm->url = schema_copy(self, text);
 }
 
-/* Bits of the kinds of events that one word stands for, 0 after a complaint. */
+/* Returns the kinds of events that one word stands for, as bits; 0 after a complaint. */
 static uint32_t read_event_kind(schema *self, const schema_key *key, const yaml_node_t *value)
 {
     schema_choice choices[CW_EVENT_COUNT + 1] = {{.name = NULL}};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * load.c - a configuration file, or a profile, from beginning to end.
+ * load.c - reads a whole configuration file or profile.
  */
 #include "config/config.h"
 
@@ -15,7 +15,7 @@
 
 #define CATCH_UP_DEFAULT_NS 1000000000u
 
-/* What cfg_load() returns is the first member of this. */
+/* The owner of a configuration; cfg_load() returns its first member. */
 typedef struct cfg_owner {
     cfg config;
     arena arena;
@@ -37,8 +37,8 @@ static const schema_choice missing_ports[] = {
     {.name = NULL},
 };
 
-/* In the order of reading: nodes need the bus, vxcan and their defaults, faults need the nodes and
- * may name the rules of profiles, what is expected may name all rules. */
+/* The keys in the order of reading. Nodes need the bus, vxcan and their defaults. Faults need the
+ * nodes and may name the rules of profiles. Expectations may name all rules. */
 static const schema_key file_keys[] = {
     {.name = "bus", .read = cfg_read_bus, .required = true},
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
@@ -60,7 +60,7 @@ static const schema_key file_keys[] = {
     {.name = NULL},
 };
 
-/* What a file may be. */
+/* The files that a caller accepts. */
 typedef enum wanted { WANTED_CONFIGURATION, WANTED_ANY } wanted;
 static cfg_owner *make_owner(const char *file);
 
@@ -136,7 +136,7 @@ void cfg_free(cfg *config)
     free_owner((cfg_owner *)config);
 }
 
-/* An empty configuration, or NULL without memory. */
+/* Makes an empty configuration; returns NULL without memory. */
 static cfg_owner *make_owner(const char *file)
 {
     cfg_owner *owner = calloc(1, sizeof *owner);
@@ -166,7 +166,7 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
         schema_map(self, "configuration", root, file_keys, walk->config);
 }
 
-/* What those who get a configuration rely on. */
+/* Returns true when a configuration has all parts that its users rely on. */
 static bool is_whole(const cfg *config)
 {
     bool whole = config->bus_name && config->node_count > 0 && config->bitrate_bps > 0;
@@ -194,7 +194,7 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     cfg_node_defaults(&walk.defaults);
     if (!cfg_load_file(&self, &document, owner->config.file))
         return false;
-    owner->config.rate = cw_rate_of(1); /* for what is computed while the bit rate is wrong */
+    owner->config.rate = cw_rate_of(1); /* for computations while the bit rate is wrong */
     owner->config.bus_name = schema_copy(&self, "can");
     owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
     yaml_node_t *root = yaml_document_get_root_node(&document);

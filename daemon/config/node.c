@@ -12,8 +12,8 @@
 
 #define NETNS_NAME_MAX 64u
 #define QUEUE_DEFAULT 16u
-/* Of a node on an interface. Nothing holds a program back there: kernel ISO-TP writes all 586
- * frames of 4095 bytes at once, J1939's transport protocol 255. */
+/* The default queue of a node on an interface, where nothing delays a program. Kernel ISO-TP writes
+ * all 586 frames of 4095 bytes at once, and J1939's transport protocol 255. */
 #define QUEUE_DEFAULT_INTERFACE 1024u
 #define WARNING_LIMIT_DEFAULT 96u
 
@@ -56,7 +56,7 @@ static const schema_choice when_full_choices[] = {
         .offset = offsetof(cfg_node, warning_limit), .arg = &warning_range                         \
     }
 
-/* Of a cfg_node. The others are of one node alone. */
+/* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */
 static const schema_key default_keys[] = {
     RESTART_AND_MODES,
     QUEUE,
@@ -69,8 +69,8 @@ static const schema_key default_keys[] = {
     {.name = NULL},
 };
 
-/* `traffic` after `port`, which it excludes; `peer` and `when-full` after `port`, which they need;
- * `queue` and `when-full` after `port`, on which their defaults depend. */
+/* The keys of nodes; all that depend on `port` follow it. `port` excludes `traffic`, and `peer` and
+ * `when-full` need it. The defaults of `queue` and `when-full` depend on it. */
 static const schema_key node_keys[] = {
     {.name = "name", .read = read_node_name, .required = true},
     {.name = "port", .read = read_port},
@@ -107,7 +107,7 @@ void cfg_node_defaults(cfg_node *node)
 static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
                        const cfg_node *node);
 
-/* With `vxcan` the ECU's interface is called as its node, where nothing else is said. */
+/* Gives the ECU's interface the name of its node, by default with `vxcan`. */
 static void name_peer(schema *self, const yaml_node_t *value, cfg_node *node)
 {
     static const schema_key key = {.name = "peer"};
@@ -136,7 +136,7 @@ static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
         name_peer(self, value, node);
 }
 
-/* What those have that do not say otherwise. */
+/* Reads the values of nodes that do not set their own. */
 void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_walk *walk = self->user;
@@ -177,7 +177,7 @@ static void read_node_name(schema *self, const schema_key *key, yaml_node_t *val
     node->name = name;
 }
 
-/* A copy of the name of an interface, or NULL where there is no text. */
+/* Returns a copy of the name of an interface, or NULL without a text. */
 static char *read_interface(schema *self, const schema_key *key, const yaml_node_t *value)
 {
     const char *text = schema_text(self, key, value, PORTNAME_INTERFACE_EXPECTED);
@@ -189,7 +189,7 @@ static char *read_interface(schema *self, const schema_key *key, const yaml_node
     return schema_copy(self, text);
 }
 
-/* The path of unix:PATH is relative to the file. */
+/* Resolves the path of unix:PATH, which is relative to the file. */
 static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t *value,
                           const portname *name)
 {
@@ -223,14 +223,15 @@ static bool same_text(const char *a, const char *b)
     return a == b || (a && b && strcmp(a, b) == 0);
 }
 
-/* Whether a node has an interface of this name in this namespace, NULL: that of the ports. */
+/* Returns true when a node has an interface of this name in this namespace. NULL is the namespace
+ * of the ports. */
 static bool has_interface(const cfg_node *node, const char *name, const char *netns)
 {
     return (!netns && node->port && strcmp(node->port, name) == 0) ||
            (node->peer && strcmp(node->peer, name) == 0 && same_text(node->netns, netns));
 }
 
-/* Complains when a node read before has this interface already. */
+/* Complains when an earlier node has this interface already. */
 static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
                             const char *name, const char *netns)
 {

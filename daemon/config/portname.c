@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * portname.c - what the name of a port says: an interface, or a socket in place of one.
+ * portname.c - the meaning of the name of a port: an interface, or a socket in place of one.
  */
 #include "config/portname.h"
 
@@ -17,7 +17,7 @@ static const char *behind(const char *text, const char *prefix)
     return strncmp(text, prefix, length) == 0 ? text + length : NULL;
 }
 
-/* What the kernel takes for the name of an interface. */
+/* Returns true for a name that the kernel accepts for an interface. */
 static bool is_interface_name(const char *name)
 {
     if (!*name || strlen(name) > INTERFACE_NAME_MAX || strcmp(name, ".") == 0 ||
@@ -29,7 +29,7 @@ static bool is_interface_name(const char *name)
     return true;
 }
 
-/* Names come up in the log. */
+/* Returns true for a path that may appear in the log. */
 static bool is_path(const char *path)
 {
     const char *c = path;
@@ -38,7 +38,8 @@ static bool is_path(const char *path)
     return *path && !*c;
 }
 
-/* Of a single form, so that two names of one descriptor are equal. 0, 1 and 2 are taken. */
+/* Reads a descriptor in its only valid form, so that equal descriptors have equal names. 0, 1 and 2
+ * are in use. */
 static bool parse_fd(int *fd, const char *text)
 {
     size_t digits = strspn(text, "0123456789");

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * portname.h - what the name of a port says: an interface, or a socket in place of one.
+ * portname.h - the meaning of the name of a port: an interface, or a socket in place of one.
  */
 #ifndef CANWIRE_CONFIG_PORTNAME_H
 #define CANWIRE_CONFIG_PORTNAME_H
@@ -26,10 +26,10 @@ typedef struct portname {
     int fd;           /* FD */
 } portname;
 
-/* The text must live as long as the result is used. */
+/* Reads the name of a port. The text must live as long as the result. */
 portname portname_parse(const char *text);
 
-/* Whether it is the name of an interface; NULL is none. */
+/* Returns true for the name of an interface, and false for NULL. */
 bool portname_is_interface(const char *text);
 
 #endif

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * profile.c - fault rules from elsewhere: profiles with parameters, and texts to inject.
+ * profile.c - fault rules from other sources: profiles with parameters, and texts to inject.
  *
- * A profile is a map of `parameters` (name: default, or nothing where there is none) and `faults`,
- * in which $NAME or ${NAME} in any text stands for a parameter, and $$ for a dollar.
+ * A profile is a map of `parameters` (name: default, or nothing) and `faults`. In any text of
+ * `faults`, $NAME or ${NAME} stands for a parameter, and $$ for a dollar.
  */
 #include "base/yamlfile.h"
 #include "config/parts.h"
@@ -18,7 +18,7 @@
 #define PARAMETER_NAME_MAX 32u    /* bytes */
 #define PARAMETER_VALUE_MAX 256u  /* bytes */
 #define EXPANDED_MAX 1024u        /* bytes of a text after all parameters have their values */
-#define ALONE_BITRATE_BPS 500000u /* turns bits into time where there is no bus */
+#define ALONE_BITRATE_BPS 500000u /* converts bits to time without a bus */
 
 #define PARAMETER_LETTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
 #define PARAMETER_CHARACTERS PARAMETER_LETTERS "0123456789_-"
@@ -34,10 +34,10 @@ typedef struct parameters {
     parameter list[PARAMETERS_MAX];
 } parameters;
 
-/* A profile as its file has it. */
+/* A profile, as read from its file. */
 typedef struct profile {
     parameters declared;
-    parameters given; /* by its own `with` */
+    parameters given; /* by the `with` of the profile itself */
     yaml_node_t *faults;
 } profile;
 
@@ -48,7 +48,7 @@ typedef struct item {
     parameters given;
 } item;
 
-/* What cfg_load_rules() returns is the first member of this. */
+/* The owner of rules; cfg_load_rules() returns its first member. */
 typedef struct rules_owner {
     cfg_rules rules;
     arena arena;
@@ -71,7 +71,7 @@ static const schema_key profile_keys[] = {
     {.name = NULL},
 };
 
-/* The same where nobody else can give values. */
+/* The same keys in a text that nothing else gives values to. */
 static const schema_key injected_keys[] = {
     {.name = "profile", .read = read_about},
     {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
@@ -117,7 +117,7 @@ void cfg_read_profiles(schema *self, const schema_key *key, yaml_node_t *value, 
         load_item(self, schema_item(self, value, i), i + 1);
 }
 
-/* Nodes for names to come: those of the profile are not known. */
+/* Sets a bit rate and makes room for nodes: a profile alone has neither. */
 static bool prepare_alone(schema *self, cfg *config)
 {
     config->rate = cw_rate_of(CW_CLOCK_HZ / ALONE_BITRATE_BPS);
@@ -219,7 +219,7 @@ static void read_value(schema *self, const schema_key *key, yaml_node_t *value, 
         found->value = schema_copy(self, text);
 }
 
-/* No name: out of memory, which was said. */
+/* Adds a parameter. The name is NULL without memory, which has been reported. */
 static void add_parameter(schema *self, yaml_node_t *at, yaml_node_t *value, parameters *all,
                           const char *name)
 {
@@ -253,7 +253,7 @@ static void read_parameter(schema *self, const schema_key *key, yaml_node_t *nam
         add_parameter(self, name, value, all, schema_copy(self, text));
 }
 
-/* A map of names and values; nothing is an empty one. */
+/* Reads a map of names and values; null is an empty one. */
 static void read_parameters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     parameters *all = schema_member(key, object);
@@ -285,7 +285,7 @@ static void read_about_text(schema *self, const schema_key *key, yaml_node_t *va
     schema_text(self, key, value, "a text");
 }
 
-/* The rules wait until the parameters have values. */
+/* Keeps the rules until the parameters have values. */
 static void read_faults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     profile *found = object;
@@ -309,7 +309,7 @@ static void complain_unknown(schema *self, const parameters *declared, const par
                     given->name, schema_suggestion(self, &guess), *list ? list : "none");
 }
 
-/* Gives the parameters their values; `at` is where a missing one is missed. */
+/* Gives the parameters their values; a missing one is reported at `at`. */
 static void bind(schema *self, parameters *declared, const parameters *given, const yaml_node_t *at)
 {
     const cfg_walk *walk = self->user;
@@ -336,7 +336,7 @@ static bool check_profile(schema *self, const yaml_node_t *root)
     return false;
 }
 
-/* Reads the rules of a profile whose document is loaded, seen from the configuration. */
+/* Reads the rules of a profile, whose document is loaded, into the configuration. */
 static void read_document(schema *config, schema *self, const item *wanted, const yaml_node_t *at,
                           size_t number)
 {
@@ -357,7 +357,8 @@ static void read_document(schema *config, schema *self, const item *wanted, cons
     cfg_read_rules(self, &rules_key, found->faults);
 }
 
-/* The errors of a profile are told with its own name; the configuration's file gets one, too. */
+/* Loads a profile. Its errors are reported under its own name; the file of the configuration gets
+ * one error, too. */
 static void load_profile(schema *config, const item *wanted, const yaml_node_t *at, size_t number)
 {
     yaml_document_t document;
@@ -394,7 +395,7 @@ static void load_item(schema *self, yaml_node_t *value, size_t number)
         load_profile(self, wanted, value, number);
 }
 
-/* Length of the name after a '$', 0 when there is none; *text is put after it. */
+/* Returns the length of the name after a '$', 0 without a name; *text then points behind it. */
 static size_t take_name(const char **name, const char **text)
 {
     bool braces = **text == '{';
@@ -408,7 +409,7 @@ static size_t take_name(const char **name, const char **text)
     return length;
 }
 
-/* The value of the parameter whose reference begins after a '$'; NULL after a complaint. */
+/* Returns the value of the parameter that is named after a '$'; NULL after a complaint. */
 static const char *take_parameter(schema *self, const yaml_node_t *at, const parameters *known,
                                   const char **text)
 {
@@ -434,12 +435,13 @@ static const char *take_parameter(schema *self, const yaml_node_t *at, const par
     return NULL;
 }
 
-/* A text with the values of its parameters; false after a complaint. *open: one has none yet. */
+/* Replaces the parameters in a text by their values. Returns false after a complaint. *open: a
+ * parameter has no value yet. */
 static bool expand(schema *self, char out[EXPANDED_MAX + 1], bool *open, const yaml_node_t *at,
                    const parameters *known, const char *text)
 {
     size_t length = 0;
-    unsigned pieces = 0; /* those that are empty make no text longer, but work */
+    unsigned pieces = 0; /* limits the work: empty values make no text longer */
 
     while (*text) {
         size_t plain = strcspn(text, "$");
@@ -468,7 +470,7 @@ static bool expand(schema *self, char out[EXPANDED_MAX + 1], bool *open, const y
     return true;
 }
 
-/* Gives a scalar a new text, which is none of its own; libyaml frees it with free(). */
+/* Gives a scalar a new text, in memory that libyaml frees with free(). */
 static void replace(schema *self, yaml_node_t *node, const char *text)
 {
     size_t length = strlen(text);
@@ -492,14 +494,14 @@ static void expand_node(schema *self, yaml_node_t *node, const parameters *known
         return;
     char expanded[EXPANDED_MAX + 1];
     bool good = expand(self, expanded, &open, node, known, text);
-    /* What could not be expanded has been told; its reader need not complain again. */
+    /* A text that could not be expanded has been reported; its reader need not complain again. */
     open = open || !good;
     self->has_open = self->has_open || open;
     replace(self, node, open ? open_text : expanded);
 }
 
-/* libyaml lays out the nodes of a document in the order of the text: those of `faults` end where
- * the next key of the root begins. */
+/* Expands the texts of the faults, whose nodes are consecutive: libyaml stores nodes in the order
+ * of the text. The nodes of `faults` end where the next key of the root begins. */
 static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *faults,
                           const parameters *known)
 {
@@ -515,7 +517,7 @@ static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *fa
             expand_node(self, node, known);
 }
 
-/* A rule, a list of rules, or a map with the rules in it. */
+/* Reads a rule, a list of rules, or a map that contains the rules. */
 static void read_root(schema *self, yaml_node_t *root)
 {
     bool map = root->type == YAML_MAPPING_NODE;
@@ -551,7 +553,7 @@ static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const ch
     return errors->errors == 0 && put_in_order(owner, walk, errors);
 }
 
-/* Moves a rule behind those that are placed; `after` goes by places from then on. */
+/* Moves a rule behind the placed ones; from then on `after` counts by places. */
 static void place(rules_owner *owner, const cfg_walk *walk, uint16_t *places, size_t rule)
 {
     cw_rule *placed = &owner->rules.rules[owner->rules.count];
@@ -563,7 +565,7 @@ static void place(rules_owner *owner, const cfg_walk *walk, uint16_t *places, si
     places[rule] = (uint16_t)owner->rules.count++;
 }
 
-/* Rules after rules that they name; the order of the text otherwise. */
+/* Puts rules behind the rules that they name; the others keep the order of the text. */
 static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors)
 {
     size_t count = walk->config->rule_count;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * record.c - the keys of `record`: what is written down while the bus runs.
+ * record.c - the keys of `record`: the recordings of a running bus.
  */
 #include "config/parts.h"
 #include "config/source.h"
@@ -89,7 +89,7 @@ const char *cfg_record_parse_size(uint64_t *size, const char *text)
     return wrong;
 }
 
-/* Takes away what means nothing in a path: `.` and repeated slashes. */
+/* Removes parts of a path without meaning: `.` and repeated slashes. */
 static void tidy_path(char *path)
 {
     char *to = path;
@@ -104,7 +104,7 @@ static void tidy_path(char *path)
     *to = '\0';
 }
 
-/* The directory that a path ends in, and its name there. */
+/* Finds the directory that a path ends in, and the name there. */
 static bool find_directory(struct stat *directory, const char **name, const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -117,7 +117,7 @@ static bool find_directory(struct stat *directory, const char **name, const char
     return stat(text, directory) == 0;
 }
 
-/* Also by other ways to the directory, as far as it is there already. */
+/* Returns true for the same file, also by another path to its directory, if that exists already. */
 static bool same_file(const schema *self, const char *a, const char *b)
 {
     const cfg_walk *walk = self->user;
@@ -132,7 +132,7 @@ static bool same_file(const schema *self, const char *a, const char *b)
            in_a.st_ino == in_b.st_ino && strcmp(name_a, name_b) == 0;
 }
 
-/* Complains when an entry read before has this file already. */
+/* Complains when an earlier entry has this file already. */
 static void check_file(schema *self, const schema_key *key, const yaml_node_t *value,
                        const cfg_record *record)
 {

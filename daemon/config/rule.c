@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * rule.c - the keys of fault rules but for `do`: name and when, and what the rule waits
- * for by what is written and what it does.
+ * rule.c - the keys of fault rules other than `do`: name and when. The trigger follows from the
+ * conditions and the action.
  */
 #include "config/parts.h"
 #include "config/values.h"
@@ -61,7 +61,7 @@ static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
         settle_trigger(self, value, rule);
 }
 
-/* The rules in a longer array. */
+/* Copies the rules to a longer array. */
 static cw_rule *grow_rules(schema *self, size_t more)
 {
     cfg *config = cfg_of(self);
@@ -116,7 +116,7 @@ static void read_nothing(schema *self, const schema_key *key, yaml_node_t *value
     (void)object;
 }
 
-/* Index of the rule of that name among those read so far, or rule_count. */
+/* Returns the index of the rule of that name among those read so far, or rule_count. */
 static size_t find_rule(const cfg *config, size_t first, const char *name)
 {
     size_t i = first;
@@ -127,7 +127,7 @@ static size_t find_rule(const cfg *config, size_t first, const char *name)
     return i < config->rule_count ? i : config->rule_count;
 }
 
-/* Index of the running rule of that name, or running->count. */
+/* Returns the index of the running rule of that name, or running->count. */
 static size_t find_running(const cfg_running *running, const char *name)
 {
     size_t i = 0;
@@ -154,7 +154,7 @@ static void check_distinct(schema *self, const yaml_node_t *value, const char *n
                         other - walk->list + 1);
 }
 
-/* The name of a rule with the prefix of its profile, or NULL after a complaint. */
+/* Returns the name of a rule with the prefix of its profile, or NULL after a complaint. */
 static const char *full_name(schema *self, const char *name)
 {
     const cfg_walk *walk = self->user;
@@ -162,7 +162,7 @@ static const char *full_name(schema *self, const char *name)
     return walk->prefix ? schema_print(self, "%s.%s", walk->prefix, name) : name;
 }
 
-/* A name that is missing or not known yet leaves the rule without. */
+/* Reads the name; a rule with a missing or unknown name stays without one. */
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule)
 {
     if (value->type != YAML_MAPPING_NODE)
@@ -188,7 +188,7 @@ static void read_when(schema *self, const schema_key *key, yaml_node_t *value, v
     schema_map(self, key->name, value, when_keys, object);
 }
 
-/* One entry, NODE: STATE or NODE: [STATES]. */
+/* Reads one entry, NODE: STATE or NODE: [STATES]. */
 static void read_state(schema *self, const schema_key *key, const yaml_node_t *node,
                        yaml_node_t *value, cw_rule *rule)
 {
@@ -252,7 +252,7 @@ static void complain_no_rule(schema *self, const schema_key *key, const yaml_nod
                     schema_suggestion(self, &guess));
 }
 
-/* Rules of the same text come first; then those that are running. */
+/* Reads the name of a rule; rules of the same text take precedence over running ones. */
 static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -277,7 +277,7 @@ static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *va
         complain_no_rule(self, key, value, text);
 }
 
-/* The value of a key of `when`, or NULL. */
+/* Returns the value of a key of `when`, or NULL. */
 static yaml_node_t *find_when(schema *self, const yaml_node_t *map, const char *name)
 {
     const yaml_node_t *when = schema_find(self, map, "when");
@@ -302,7 +302,7 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
                         "error frame (#MASK) is none");
 }
 
-/* What the rule waits for follows from what is written. */
+/* Derives the trigger of the rule from its conditions and its action. */
 static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
     bool on_frames = cw_action_needs_frame(rule->action) || find_when(self, map, "frame") ||

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * source.c - the files that a configuration is read from, and what is told about them.
+ * source.c - the files that a configuration is read from, and the messages about them.
  */
 #include "config/source.h"
 
@@ -23,7 +23,7 @@ char *cfg_resolve_path(schema *self, const char *file, const char *path)
     return resolved;
 }
 
-/* A file that has been read before; NULL: not yet. */
+/* Returns a file that has been read before, or NULL. */
 static const cfg_file *find_file(const cfg_file *files, size_t count, const char *name)
 {
     for (size_t i = 0; i < count; i++)

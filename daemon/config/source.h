@@ -1,19 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * source.h - the files that a configuration is read from, and what is told about them.
+ * source.h - the files that a configuration is read from, and the messages about them.
  */
 #ifndef CANWIRE_CONFIG_SOURCE_H
 #define CANWIRE_CONFIG_SOURCE_H
 
 #include "config/walk.h"
 
-/* A path relative to the directory of the file that names it, or NULL after a complaint. */
+/* Resolves a path relative to the directory of the file that names it. Returns NULL after a
+ * complaint. */
 char *cfg_resolve_path(schema *self, const char *file, const char *path);
 
-/* Loads the document of a file, keeps its text in the configuration. False after a complaint. */
+/* Loads the document of a file and keeps its text in the configuration. Returns false after a
+ * complaint. */
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file);
 
-/* Moves the warnings of a file without errors into its memory; false after a complaint. */
+/* Moves the warnings of a file without errors into its memory; returns false after a complaint. */
 bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found);
 
 #endif

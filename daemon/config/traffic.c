@@ -12,7 +12,7 @@
 
 #define TRAFFIC_MAX 4096u /* entries of one node */
 #define GAP_DEFAULT_NS 1000000u
-#define LOOK_ENTRIES 1000u /* of a file that are looked at beforehand */
+#define LOOK_ENTRIES 1000u /* of a file that are checked beforehand */
 
 static schema_reader read_every, read_delay, read_file, read_channel, read_filters;
 
@@ -69,12 +69,12 @@ static const schema_key reply_keys[] = {
     {.name = NULL},
 };
 
-/* Checks and settles what the keys of an entry say together. */
+/* Checks the keys of an entry against each other and completes it. */
 typedef void entry_settler(schema *self, yaml_node_t *map, cfg_traffic *traffic);
 
 static entry_settler settle_send, settle_replay, settle_reply;
 
-/* By cfg_traffic_kind; the first key names the kind. */
+/* The kinds of entries by cfg_traffic_kind; the first key names the kind. */
 static const struct {
     const schema_key *keys;
     entry_settler *settle;
@@ -102,7 +102,7 @@ static bool is_known_key(const char *name)
     return false;
 }
 
-/* Without a key that names its kind. It may be there with a slip in it. */
+/* Complains about an entry without a key that names its kind; the key may be misspelt. */
 static void complain_missing(schema *self, const yaml_node_t *map)
 {
     yaml_node_t *value;
@@ -121,7 +121,7 @@ static void complain_missing(schema *self, const yaml_node_t *map)
     schema_complain(self, map, "traffic: one of the keys 'send', 'replay' and 'reply' is missing");
 }
 
-/* The kind that a map is of, or KINDS after a complaint. */
+/* Returns the kind of a map, or KINDS after a complaint. */
 static size_t find_kind(schema *self, yaml_node_t *map)
 {
     size_t found = KINDS;
@@ -144,7 +144,7 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
 {
     *traffic = (cfg_traffic){
         .place = cfg_place_of(value), .count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
-    size_t kind = CFG_TRAFFIC_SEND; /* of what is no map, for the complaint */
+    size_t kind = CFG_TRAFFIC_SEND; /* of a value that is no map, for the complaint */
     if (value->type == YAML_MAPPING_NODE)
         kind = find_kind(self, value);
     if (kind == KINDS)
@@ -248,8 +248,8 @@ static void read_filters(schema *self, const schema_key *key, yaml_node_t *value
     }
 }
 
-/* Reads the beginning of the file: up to its first frame, as a rule. What is wrong further behind
- * is found while it is replayed, or by `canwire check`. */
+/* Reads the file up to its first frame, as a rule. Replaying the file, or `canwire check`, finds
+ * later errors. */
 static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffic *traffic)
 {
     char problem[TRACE_PROBLEM_MAX];
@@ -258,7 +258,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
     trace_reader *reader = trace_open(traffic->file, traffic->format, problem);
 
     if (!reader) {
-        /* what is wrong in the file has its place there, behind the name */
+        /* an error in the file has its place behind the name */
         if (strncmp(problem + strlen(traffic->file), ": ", 2) == 0)
             schema_complain(self, at, "replay: %s", problem);
         else
@@ -295,7 +295,7 @@ static void settle_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 
 /* ---- reply ----------------------------------------------------------------------------------- */
 
-/* What answers is a rule, which acts at bits. */
+/* Reads a delay, rounded to bits: the answer comes from a rule, which acts at bits. */
 static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_time *delay = schema_member(key, object);
@@ -304,7 +304,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_warn_rounded(self, key, value, text_time_ticks(*delay, cfg_of(self)->rate));
 }
 
-/* Without `to` it answers the remote frame of its own identifier. */
+/* Completes a reply. Without `to` it answers the remote frame of its own identifier. */
 static void settle_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     cfg *config = cfg_of(self);

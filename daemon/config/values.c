@@ -111,7 +111,7 @@ void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *va
     char bit[TIME_TEXT_MAX];
     char whole[TIME_TEXT_MAX];
 
-    /* A profile alone has no bit rate. */
+    /* A profile alone has no bit rate and gets no warning. */
     if (bits == cw_rate_bits(rate, ticks) || ticks == CW_NEVER || walk->any_node)
         return;
     text_print_span(bit, cw_rate_ticks(rate, 1));
@@ -174,7 +174,7 @@ static void read_filter(schema *self, const schema_key *key, yaml_node_t *value,
     rule->error_mask |= mask;
 }
 
-/* One text or a list of them. */
+/* Reads one text or a list of them. */
 void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
@@ -200,7 +200,7 @@ void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void
     memcpy(rule->data_value, bytes.value, sizeof bytes.value);
 }
 
-/* One end of a window in ticks; false after a complaint. */
+/* Reads one end of a window in ticks; returns false after a complaint. */
 static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const yaml_node_t *value,
                      const char *text)
 {
@@ -212,7 +212,7 @@ static bool read_end(schema *self, uint64_t *tick, const schema_key *key, const 
     return !problem;
 }
 
-/* BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
+/* Reads BEGIN, BEGIN.., BEGIN..END or ..END, half open. */
 void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "a time or a window such as 2s, 2s.., 2s..5s or ..5s";
@@ -250,13 +250,14 @@ static void complain_no_node(schema *self, const schema_key *key, const yaml_nod
         nearest_consider(&guess, config->nodes[i].name);
         list = schema_join(self, list, config->nodes[i].name);
     }
-    /* Without any node the missing list is the only complaint worth making. */
+    /* Without any node, the missing list of nodes is the only useful complaint. */
     if (config->node_count > 0)
         schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
                         schema_suggestion(self, &guess), list);
 }
 
-/* A further node of that name, for a profile that is checked without a bus; or -1. */
+/* Makes a further node of that name, for a profile that is checked without a bus. Returns its index
+ * or -1. */
 static int make_node(schema *self, const schema_key *key, const yaml_node_t *value,
                      const char *name)
 {
@@ -286,7 +287,7 @@ int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value,
         return node;
     if (walk->any_node)
         return make_node(self, key, value, name);
-    if (!walk->unnamed) /* it may be meant, and has been told */
+    if (!walk->unnamed) /* a node whose name was reported may have this name */
         complain_no_node(self, key, value, name);
     return -1;
 }

@@ -8,7 +8,7 @@
 #include "config/walk.h"
 
 #define NODE_NAME_MAX 32u                    /* of a bus too */
-#define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* what the library tells apart */
+#define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* length that the library distinguishes */
 
 schema_reader cfg_read_time;      /* member: cfg_time */
 schema_reader cfg_read_span;      /* the same, not 0 */
@@ -23,30 +23,32 @@ schema_reader cfg_read_data;      /* the same */
 schema_reader cfg_read_window;    /* the same; exact */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
 
-/* A name, from letters, digits, '_', '.' and '-'; complains about others, but returns them, so that
- * what refers to them is still understood. NULL when there is no text. */
+/* Reads a name of letters, digits, '_', '.' and '-'. It complains about other names, but returns
+ * them, so that references to them still work. Returns NULL without a text. */
 char *cfg_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
                     size_t length_max);
 
 bool cfg_name_valid(const char *name, size_t length_max);
 
-/* The index of the node that a value names, or -1 when there is none, which has been told. */
+/* Returns the index of the node that a value names, or -1 when there is none, which has been
+ * reported. */
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);
 
-/* The node that a value names as a mask, 0 after a complaint or when it is not known yet. */
+/* Returns the node that a value names as a mask. Returns 0 after a complaint or when the name is
+ * not known yet. */
 uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value);
 
-/* The states that a value names, one or a list, as bits. */
+/* Returns the states that a value names, one or a list, as bits. */
 uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value);
 
-/* Warns about a time of so many ticks that acts at bits and is no whole number of them. */
+/* Warns about a time that acts at bits and is no whole number of them. */
 void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
                       uint64_t ticks);
 
-/* The names of `order`. */
+/* The words of `order`. */
 extern const schema_choice cfg_orders[];
 
-/* The CW_MODE_* that a key such as one-shot stands for. */
+/* Returns the CW_MODE_* of a key such as one-shot. */
 uint8_t cfg_mode(const char *name);
 
 #endif

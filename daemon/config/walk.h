@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * walk.h - what the readers of a configuration know while they walk through it: schema.user.
+ * walk.h - the state of the readers of a configuration (schema.user).
  */
 #ifndef CANWIRE_CONFIG_WALK_H
 #define CANWIRE_CONFIG_WALK_H
@@ -8,31 +8,33 @@
 #include "base/schema.h"
 #include "config/config.h"
 
-/* What a walk reads into, and what the names in fault rules may stand for. */
+/* The destination of a walk, and the meaning of names in fault rules. */
 typedef struct cfg_walk {
     cfg *config;
     const char *prefix;         /* of the names of rules, or NULL */
-    size_t first_rule;          /* what `after` may name begins here in config->rules */
-    size_t list;                /* where the rules of the list that is read begin */
-    const cfg_running *running; /* what else it may name, and what comes first; or NULL */
-    const cfg_file *given;      /* the files to read from; NULL: those that there are */
+    size_t first_rule;          /* the rules that `after` may name begin here in config->rules */
+    size_t list;                /* the rules of the present list begin here */
+    const cfg_running *running; /* running rules, which `after` may name, too; they come first; or
+                                   NULL */
+    const cfg_file *given;      /* the files to read from; NULL: those of the file system */
     size_t given_count;
     bool regular;               /* no file may be a pipe or a device */
-    cfg_node defaults;          /* what each node begins with */
-    bool default_queue;         /* ... `defaults` says so: it does not depend on the port */
+    cfg_node defaults;          /* defaults of each node */
+    bool default_queue;         /* ... `defaults` sets its queue, which then does not depend on the
+                                   port */
     bool default_when_full;
-    bool any_node;              /* a node that is not there is made: a profile is checked alone */
-    bool unnamed;               /* there is a node whose name could not be read: it may be any */
+    bool any_node;              /* unknown nodes are made: a profile is checked alone */
+    bool unnamed;               /* a node's name could not be read: any name may refer to it */
 } cfg_walk;
 
-/* The configuration that a walk reads into. */
+/* Returns the configuration that a walk reads into. */
 static inline cfg *cfg_of(const schema *self)
 {
     const cfg_walk *walk = self->user;
     return walk->config;
 }
 
-/* Where a value is in its file. */
+/* Returns the place of a value in its file. */
 static inline cfg_place cfg_place_of(const yaml_node_t *value)
 {
     return (cfg_place){.line = (int)value->start_mark.line + 1,

@@ -17,12 +17,12 @@ typedef struct item {
 } item;
 
 struct trace_ahead {
-    trace_reader *reader; /* the thread's */
+    trace_reader *reader; /* of the thread */
     bool again;
     pthread_mutex_t lock; /* of all below */
     pthread_cond_t changed;
-    bool closed; /* nobody takes anything any more */
-    bool ended;  /* the thread does not read any more */
+    bool closed; /* the caller takes no more entries */
+    bool ended;  /* the thread reads no more */
     unsigned first;
     unsigned count;
     item items[TRACE_AHEAD_ENTRIES];
@@ -38,7 +38,7 @@ static void free_ahead(trace_ahead *a)
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-/* Reads an entry. Whether there may be more. */
+/* Reads an entry. Returns true when more may follow. */
 static bool read_item(trace_ahead *a, item *i)
 {
     i->result = trace_next(a->reader, &i->record);
@@ -46,7 +46,7 @@ static bool read_item(trace_ahead *a, item *i)
     return i->result == TRACE_RECORD || (i->result == TRACE_END && a->again);
 }
 
-/* Reads some entries; after an end of the file no more, since it may be a small one. */
+/* Reads some entries, but none behind an end of the file, which may be small. */
 static unsigned read_piece(trace_ahead *a, item items[PIECE], bool *more)
 {
     unsigned count = 0;
@@ -63,7 +63,7 @@ static unsigned read_piece(trace_ahead *a, item items[PIECE], bool *more)
     return count;
 }
 
-/* Puts them behind the others. False: nobody wants them. With the lock held. */
+/* Appends entries to the queue. Returns false when it is closed. The lock is held. */
 static bool add(trace_ahead *a, const item *items, unsigned count)
 {
     while (a->count + count > TRACE_AHEAD_ENTRIES && !a->closed)
@@ -92,7 +92,7 @@ static void *run(void *argument)
     return NULL;
 }
 
-/* ---- For the others -------------------------------------------------------------------------- */
+/* ---- For other threads ----------------------------------------------------------------------- */
 
 trace_ahead *trace_ahead_start(trace_reader *reader, bool again)
 {
@@ -123,7 +123,8 @@ void trace_ahead_close(trace_ahead *a)
         free_ahead(a);
 }
 
-/* The thread, which fills it when it is half empty, is only then told that there is room. */
+/* Reports room to the thread only when half of the queue is empty, since the thread then fills
+ * it. */
 trace_result trace_ahead_next(trace_ahead *a, trace_record *record, uint64_t *position)
 {
     trace_result result = TRACE_LATER;

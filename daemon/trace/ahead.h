@@ -11,17 +11,17 @@
 
 typedef struct trace_ahead trace_ahead;
 
-/* Goes on reading where the reader is, which is left to it. again: at the end of the file from the
- * beginning, for ever. NULL when there is no memory or thread; the reader is then still the
- * caller's. */
+/* Reads on from the reader's place and takes over the reader. With `again` it starts over at the
+ * end of the file, for ever. Returns NULL without memory or a thread; the caller then keeps the
+ * reader. */
 trace_ahead *trace_ahead_start(trace_reader *reader, bool again);
 
-/* Does not wait for what is being read; a thread that hangs ends when it comes back. NULL is
- * fine. */
+/* Closes it without waiting for a read in progress; a thread that hangs ends when its read returns.
+ * NULL is allowed. */
 void trace_ahead_close(trace_ahead *a);
 
-/* The next entry, and the bytes of the file up to its end; TRACE_LATER when it has not been read
- * yet. After TRACE_BAD, and after TRACE_END if not `again`, there is nothing more. */
+/* Returns the next entry, and the bytes of the file up to its end. Returns TRACE_LATER when the
+ * entry has not been read yet. No entry follows TRACE_BAD, or TRACE_END without `again`. */
 trace_result trace_ahead_next(trace_ahead *a, trace_record *record, uint64_t *position);
 
 /* Waits until nothing more can be read ahead. */

@@ -35,7 +35,7 @@ static bool begins(const char *text, const char *words)
     return strncasecmp(text, words, strlen(words)) == 0;
 }
 
-/* A word of `length` characters in the base of the file. */
+/* Reads a word of `length` characters in the base of the file. */
 static bool read_number(uint32_t *value, const asc_state *s, const char *word, size_t length)
 {
     uint32_t sum = 0;
@@ -51,7 +51,7 @@ static bool read_number(uint32_t *value, const asc_state *s, const char *word, s
 
 /* ---- Header ---------------------------------------------------------------------------------- */
 
-/* "base hex|dec  timestamps absolute|relative" */
+/* Reads "base hex|dec timestamps absolute|relative". */
 static trace_result read_base(trace_input *in, asc_state *s, const char *text)
 {
     const char *base = next_word(text);
@@ -69,7 +69,7 @@ static trace_result read_base(trace_input *in, asc_state *s, const char *text)
     return TRACE_RECORD;
 }
 
-/* A line without time. TRACE_RECORD when it is one that may be there. */
+/* Reads a line without time. Returns TRACE_RECORD when such a line is allowed. */
 static trace_result read_header(trace_input *in, asc_state *s, const char *text)
 {
     static const char *const others[] = {"//",
@@ -89,7 +89,7 @@ static trace_result read_header(trace_input *in, asc_state *s, const char *text)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* "123" or "54C5638x" */
+/* Reads "123" or "54C5638x". */
 static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r, const char *word)
 {
     size_t length = trace_word(word);
@@ -108,7 +108,7 @@ static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r
     return TRACE_RECORD;
 }
 
-/* "8 00 11 ..."; behind it there may be words such as "Length = 228000 BitCount = 118 ID = 54x". */
+/* Reads "8 00 11 ..."; words such as "Length = 228000 BitCount = 118 ID = 54x" may follow. */
 static trace_result read_data(trace_input *in, const asc_state *s, trace_record *r,
                               const char *word)
 {
@@ -130,7 +130,7 @@ static trace_result read_data(trace_input *in, const asc_state *s, trace_record 
     return TRACE_RECORD;
 }
 
-/* "r" or "r 4" */
+/* Reads "r" or "r 4". */
 static trace_result read_remote(trace_input *in, const asc_state *s, trace_record *r,
                                 const char *word)
 {
@@ -144,8 +144,8 @@ static trace_result read_remote(trace_input *in, const asc_state *s, trace_recor
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* What happened on a channel; `word` comes behind its number. A request to transmit (TxRq) is not
- * yet the frame, which has an event of its own. */
+/* Reads an event of a channel; `word` follows the number of the channel. A request to transmit
+ * (TxRq) is not yet the frame, which has an event of its own. */
 static trace_result read_channel_event(trace_input *in, const asc_state *s, trace_record *r,
                                        const char *word)
 {

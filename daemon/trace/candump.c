@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * candump.c - reads what candump writes: its log (-L, -l) and what it prints on a screen.
+ * candump.c - reads the output of candump: its log (-L, -l) and its lines on a screen.
  *
  *     (1436509052.249713) vcan0 123#DEADBEEF              log; direction "R" or "T" behind it with
  * -x (000.000000)  vcan0  123   [4]  DE AD BE EF   '....'    -t a, z, d or A; -a; -x; -S; -i; -8
@@ -19,7 +19,7 @@
 #define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG */
 #define CLASSIC_LENGTH_MAX 8u
-#define YEAR_MAX 2200u /* nanoseconds since 1970 have room */
+#define YEAR_MAX 2200u /* nanoseconds since 1970 do not overflow */
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 
@@ -33,7 +33,8 @@ static const char length_problem[] = "expected a length: [0] to [8], {9} to {F},
 
 /* ---- Time stamps ----------------------------------------------------------------------------- */
 
-/* Days from 1970-01-01 to a day of the Gregorian calendar, which repeats itself every 400 years. */
+/* Returns the days from 1970-01-01 to a day of the Gregorian calendar, which has a cycle of 400
+ * years. */
 static uint64_t days_since_1970(unsigned year, unsigned month, unsigned day)
 {
     unsigned y = month <= 2 ? year - 1 : year; /* years begin in March: leap days come last */
@@ -42,7 +43,7 @@ static uint64_t days_since_1970(unsigned year, unsigned month, unsigned day)
     return days - 719468;
 }
 
-/* A date and time of day, taken for UTC: only differences count. */
+/* Reads a date and time of day as UTC: only differences count. */
 static const char *read_date(uint64_t *ns, const char *text)
 {
     unsigned year;
@@ -64,7 +65,7 @@ static const char *read_date(uint64_t *ns, const char *text)
     return end;
 }
 
-/* "(...)", if there is one; goes on behind it. False after a complaint. */
+/* Reads "(...)", if it is there. Returns false after a complaint. */
 static bool read_stamp(trace_input *in, candump_state *s, trace_record *r, const char **text)
 {
     uint64_t ns;
@@ -86,7 +87,8 @@ static bool read_stamp(trace_input *in, candump_state *s, trace_record *r, const
 
 /* ---- Log lines ------------------------------------------------------------------------------- */
 
-/* "123#..." names what follows: 8 digits may have the flag of error frames. */
+/* Returns true for the identifier of an error frame: its 8 digits contain the flag of error
+ * frames. */
 static bool is_error_id(const char *text)
 {
     uint32_t id;
@@ -94,7 +96,7 @@ static bool is_error_id(const char *text)
            (id & ERROR_FLAG);
 }
 
-/* Direction and flags behind a frame, with -x: single letters. */
+/* Reads the direction and the flags behind a frame, single letters, with -x. */
 static trace_result read_log_tail(trace_input *in, const char *text)
 {
     for (text = trace_blanks(text); *text != '\0'; text = trace_blanks(text + trace_word(text)))
@@ -129,7 +131,7 @@ static trace_result read_log_frame(trace_input *in, trace_record *r, const char 
 
 /* ---- Screen lines ---------------------------------------------------------------------------- */
 
-/* "RX - -" or "TX B E" before the identifier, with -x. */
+/* Skips "RX - -" or "TX B E" before the identifier, with -x. */
 static const char *pass_direction(const char *text)
 {
     if (!trace_is_word(text, "RX") && !trace_is_word(text, "TX"))
@@ -159,7 +161,7 @@ static trace_result read_id(trace_input *in, trace_record *r, const char **text)
     return TRACE_RECORD;
 }
 
-/* "[4]", "{F}" for a DLC above 8, "[08]" for a CAN FD frame. */
+/* Reads "[4]", "{F}" for a DLC above 8, or "[08]" for a CAN FD frame. */
 static trace_result read_length(trace_input *in, trace_record *r, const char **text)
 {
     const char *t = *text;
@@ -178,7 +180,8 @@ static trace_result read_length(trace_input *in, trace_record *r, const char **t
     return TRACE_RECORD;
 }
 
-/* Two hexadecimal digits or, with -i, eight binary ones. Returns how many, 0 for something else. */
+/* Reads two hexadecimal digits or, with -i, eight binary ones. Returns their number, 0 for other
+ * text. */
 static size_t read_byte(uint8_t *byte, const char *text)
 {
     uint32_t value = 0;
@@ -204,7 +207,7 @@ static void reverse(uint8_t *bytes, unsigned count)
     }
 }
 
-/* With -S the bytes come last one first, with ` between them. */
+/* Reads the data. With -S the last byte comes first, and ` separates the bytes. */
 static trace_result read_data(trace_input *in, trace_record *r, const char *text)
 {
     bool swapped = false;

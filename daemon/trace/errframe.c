@@ -8,13 +8,13 @@
 #include <linux/can/error.h>
 #include <string.h>
 
-/* Linux 6.0 named it; older headers do not have it. */
+/* Linux 6.0 introduced this name; older headers lack it. */
 #ifndef CAN_ERR_CNT
 #define CAN_ERR_CNT 0x00000200U
 #endif
 
-/* Segment codes of the SJA1000's error code capture that linux/can/error.h has no name for; the
- * driver passes them on as they are. */
+/* Segment codes of the SJA1000's error code capture without a name in linux/can/error.h; the driver
+ * passes them on unchanged. */
 #define LOC_ACTIVE_FLAG 0x11
 #define LOC_DOMINANT_BITS 0x13
 #define LOC_PASSIVE_FLAG 0x16
@@ -34,7 +34,7 @@ static const struct {
     [CW_ERROR_ACK] = {CAN_ERR_ACK, CAN_ERR_PROT_UNSPEC},
 };
 
-/* data[3] by field; ID and RTR need a closer look, see location(). */
+/* data[3] by field; location() refines ID and RTR. */
 static const uint8_t locations[CW_FIELD_COUNT] = {
     [CW_FIELD_SOF] = CAN_ERR_PROT_LOC_SOF,
     [CW_FIELD_SRR] = CAN_ERR_PROT_LOC_SRTR,
@@ -68,7 +68,8 @@ static uint8_t identifier_location(unsigned index)
 
 static uint8_t location(const cw_error *error)
 {
-    if (error->type == CW_ERROR_CRC) /* detected at the ACK delimiter, but about the sequence */
+    if (error->type == CW_ERROR_CRC) /* detected at the ACK delimiter, but it concerns the CRC
+                                        sequence */
         return CAN_ERR_PROT_LOC_CRC_SEQ;
     if (error->place.field == CW_FIELD_ID)
         return identifier_location(error->place.index);
@@ -84,7 +85,8 @@ static void set_counters(errframe *out, const cw_event *event)
     out->data[7] = (uint8_t)event->rec;
 }
 
-/* A TEC above 255 does not fit, and bus-off is about to be told by a frame of its own. */
+/* Sets the details of an error. A TEC above 255 does not fit, and a frame of its own reports
+ * bus-off. */
 static void set_bus_error(errframe *out, const cw_event *event)
 {
     out->can_id |= CAN_ERR_PROT | CAN_ERR_BUSERROR;
@@ -102,7 +104,8 @@ static void set_error(errframe *out, const cw_event *event)
     set_bus_error(out, event);
 }
 
-/* Dominant bits after a flag (R2, R6), or in the passive flag after a missing ACK (R3 i). */
+/* Sets the details of dominant bits after a flag (R2, R6), or in the passive flag after a missing
+ * ACK (R3 i). */
 static void set_tolerated(errframe *out, const cw_event *event)
 {
     bool in_flag = event->error.place.field == CW_FIELD_ERROR_FLAG;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * format.h - what the readers of the formats share: bytes and lines of a file, complaints.
+ * format.h - shared parts of the readers of formats: bytes and lines of a file, complaints.
  *
- * Private to trace/read.c and the readers of the formats.
+ * It is private to trace/read.c and the readers of the formats.
  */
 #ifndef CANWIRE_TRACE_FORMAT_H
 #define CANWIRE_TRACE_FORMAT_H
@@ -19,8 +19,8 @@
 typedef struct trace_input {
     const char *file;
     int fd;
-    bool at_end;  /* there is nothing behind what is in the buffer */
-    size_t first; /* of what has not been handed out yet */
+    bool at_end;  /* the file has nothing behind the buffer */
+    size_t first; /* of the bytes that are not handed out yet */
     size_t filled;
     uint64_t offset; /* of the byte at `first` in the file */
     uint64_t line;   /* of `text`, from 1 */
@@ -31,46 +31,47 @@ typedef struct trace_input {
 
 #define TRACE_BOM_BYTES 3u
 
-/* Whether a text begins with a byte order mark of UTF-8, as editors of Windows write it. */
+/* Returns true when a text begins with a byte order mark of UTF-8, as editors of Windows write
+ * it. */
 bool trace_has_bom(const unsigned char *bytes, size_t count);
 
-/* The next line goes to in->text, TRACE_RECORD when there is one; of the first one without a byte
- * order mark. */
+/* Reads the next line into in->text, without a byte order mark in the first one. Returns
+ * TRACE_RECORD when there is a line. */
 trace_result trace_line(trace_input *in);
 
-/* The next bytes, at most TRACE_BUFFER, all or none. They stay where they are until the next call.
- * TRACE_END: the file ends before the first of them; TRACE_BAD: amid them. */
+/* Returns the next bytes, at most TRACE_BUFFER, all or none. They stay valid until the next call.
+ * TRACE_END: the file ends before them; TRACE_BAD: the file ends among them. */
 trace_result trace_bytes(trace_input *in, const unsigned char **bytes, size_t count);
 
-/* Passes over bytes. TRACE_BAD: the file ends before. */
+/* Skips bytes. TRACE_BAD: the file ends before. */
 trace_result trace_skip(trace_input *in, uint64_t count);
 
-/* Looks at the next bytes without taking them; returns how many there are, at most count. */
+/* Shows the next bytes without taking them. Returns their number, at most count. */
 size_t trace_peek(trace_input *in, const unsigned char **bytes, size_t count);
 
-/* Complaints, always TRACE_BAD: at a place in in->text, and at a byte of the file. */
+/* Complain at a place in in->text, or at a byte of the file. They always return TRACE_BAD. */
 trace_result trace_bad_text(trace_input *in, const char *at, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 trace_result trace_bad_byte(trace_input *in, uint64_t offset, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/* Behind the blanks and tabs. */
+/* Returns the first character behind blanks and tabs. */
 const char *trace_blanks(const char *text);
 
-/* Length of the word that begins here: up to a blank, a tab or the end. */
+/* Returns the length of the word that begins here, up to a blank, a tab or the end. */
 size_t trace_word(const char *text);
 
-/* Whether the word that begins here is this one, in any case. */
+/* Returns true when the word that begins here is this one, in any case. */
 bool trace_is_word(const char *text, const char *word);
 
-/* A word as name of the record's channel. */
+/* Takes a word as the name of the record's channel. */
 void trace_set_channel(trace_record *record, const char *word, size_t length);
 
-/* Seconds with a fraction of 1 to 9 digits. NULL when it is something else or too long ago or
- * ahead, else what comes behind. */
+/* Reads seconds with a fraction of 1 to 9 digits. Returns the text behind them, or NULL for other
+ * text and for a time out of range. */
 const char *trace_seconds(uint64_t *ns, const char *text);
 
-/* A hexadecimal number of 1 to 8 digits, exactly `length` of them, false when it is none. */
+/* Reads a hexadecimal number of exactly `length` digits, 1 to 8. Returns false for other text. */
 bool trace_hex(uint32_t *value, const char *text, size_t length);
 
 typedef struct candump_state {

@@ -88,7 +88,7 @@ char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
         end = print_fd_flags(end, frame->flags);
     else if (remote)
         *end++ = 'R';
-    /* of a CAN FD frame what is kept of it */
+    /* the part of a CAN FD frame that is kept */
     end = chars_bytes(end, frame->data, cw_frame_length(frame));
     if (!fd && remote && dlc > 0)
         *end++ = (char)('0' + (dlc < CLASSIC_DATA_MAX ? dlc : CLASSIC_DATA_MAX));
@@ -117,7 +117,8 @@ void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter)
 
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text)
 {
-    /* Two passes, so that nothing is written when a later filter is wrong. */
+    /* The first of two passes only checks, so that nothing is written when a later filter is
+     * wrong. */
     unsigned found = 0;
     const char *problem = parse_filters(NULL, &found, max, text);
 
@@ -192,7 +193,7 @@ const char *text_parse_position(cw_field *field, uint16_t *index, const char *te
     return NULL;
 }
 
-/* ESI and BRS as can-utils write them. */
+/* Prints ESI and BRS as can-utils does. */
 static char *print_fd_flags(char *at, uint8_t flags)
 {
     *at++ = '#';
@@ -200,7 +201,7 @@ static char *print_fd_flags(char *at, uint8_t flags)
     return at;
 }
 
-/* Value of one hexadecimal digit, or 16. */
+/* Returns the value of one hexadecimal digit, or 16. */
 static unsigned hex_digit(char c)
 {
     if (c >= '0' && c <= '9')
@@ -212,7 +213,7 @@ static unsigned hex_digit(char c)
     return 16;
 }
 
-/* Value of at most 8 hexadecimal digits. */
+/* Returns the value of at most 8 hexadecimal digits. */
 static uint32_t hex_value(const char *text, size_t digits)
 {
     uint32_t value = 0;
@@ -222,7 +223,7 @@ static uint32_t hex_value(const char *text, size_t digits)
     return value;
 }
 
-/* A bare identifier of 3 or 8 digits, in range. */
+/* Returns true for an identifier of 3 or 8 digits in range. */
 static bool identifier_valid(uint32_t id, size_t digits)
 {
     if (digits == BASE_DIGITS)
@@ -245,7 +246,7 @@ static const char *parse_frame_id(cw_frame *frame, const char **text)
     return NULL;
 }
 
-/* The end of a frame: nothing, or "_9".."_F" after a DLC of 8. */
+/* Reads the end of a frame: nothing, or "_9".."_F" after a DLC of 8. */
 static const char *parse_raw_dlc(cw_frame *frame, const char *text)
 {
     if (*text == '\0')
@@ -287,7 +288,7 @@ static const char *parse_data(cw_frame *frame, const char *text)
     return parse_raw_dlc(frame, text);
 }
 
-/* ID:MASK or ID~MASK as candump takes them; 8 digits of identifier mean extended. */
+/* Reads ID:MASK or ID~MASK as candump does; an identifier of 8 digits is extended. */
 static const char *parse_masked(cw_filter *filter, size_t digits, const char **text)
 {
     const char *mask = *text + digits + 1;
@@ -306,7 +307,7 @@ static const char *parse_masked(cw_filter *filter, size_t digits, const char **t
     return NULL;
 }
 
-/* A bare identifier: this format only, data and remote frames. */
+/* Reads an identifier alone: only this format, data and remote frames. */
 static const char *parse_exact(cw_filter *filter, size_t digits, const char **text)
 {
     bool extended = digits == EXTENDED_DIGITS;
@@ -332,7 +333,7 @@ static const char *parse_filter(cw_filter *filter, const char **text)
     return parse_exact(filter, digits, text);
 }
 
-/* With out == NULL the filters are only checked and counted. */
+/* Parses filters; with out == NULL they are only checked and counted. */
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text)
 {
     for (unsigned n = 0; n < max; n++) {
@@ -353,7 +354,7 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
     return "more frame filters than fit (8 in a fault rule)";
 }
 
-/* One digit of a byte with wildcards, or false. */
+/* Reads one digit of a byte with wildcards; returns false for other characters. */
 static bool parse_nibble(text_bytes *bytes, char c)
 {
     bool any = c == '.' || c == 'x' || c == 'X';
@@ -366,7 +367,7 @@ static bool parse_nibble(text_bytes *bytes, char c)
     return digit < 16;
 }
 
-/* Adds a byte; returns what follows, or NULL. */
+/* Adds a byte; returns the text behind it, or NULL. */
 static const char *parse_byte(text_bytes *bytes, const char *text)
 {
     if (bytes->length == CLASSIC_DATA_MAX || !parse_nibble(bytes, text[0]) ||
@@ -386,7 +387,7 @@ static cw_field find_field(const char *name, size_t length)
     return CW_FIELD_NONE;
 }
 
-/* A decimal number of at most 3 digits without leading zeros. */
+/* Reads a decimal number of at most 3 digits without leading zeros. */
 static bool parse_small(unsigned *out, const char **text)
 {
     size_t digits = strspn(*text, DECIMAL_DIGITS);
@@ -405,7 +406,7 @@ static unsigned index_count(cw_field field)
     return bits > 0 ? bits : OPEN_INDEX_COUNT;
 }
 
-/* "[N]", or "[BYTE.BIT]" for data. */
+/* Reads "[N]", or "[BYTE.BIT]" for data. */
 static bool parse_index(uint16_t *index, cw_field field, const char *text)
 {
     unsigned number;

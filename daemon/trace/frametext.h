@@ -13,28 +13,30 @@
 #define FRAME_TEXT_MAX 64  /* bytes of a printed frame with its final 0 */
 #define FILTER_TEXT_MAX 24 /* bytes of a printed filter with its final 0 */
 
-/* can-utils notation: 123#DEADBEEF, 12345678#, 123#R4, 123#1122334455667788_F, bytes may be
- * separated by dots. FD frames (##) and identifiers out of range are refused. */
+/* Reads can-utils notation: 123#DEADBEEF, 12345678#, 123#R4, 123#1122334455667788_F. Dots may
+ * separate bytes. FD frames (##) and identifiers out of range are refused. */
 const char *text_parse_frame(cw_frame *out, const char *text);
 
-/* The same notation, upper case. Prints invalid frames too (a bad identifier with 8 digits). */
+/* Prints the same notation in upper case. Invalid frames are printed, too (a bad identifier with 8
+ * digits). */
 char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
 
-/* can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK", "ID~MASK"
- * (inverted), several separated by commas. *count is the number written, at most max. */
+/* Reads can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK",
+ * "ID~MASK" (inverted). Commas separate several filters. *count is the number written, at most
+ * max. */
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 
-/* One filter in the same notation. */
+/* Prints one filter in the same notation. */
 void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter);
 
-/* An error filter of can-utils, "#MASK": classes of linux/can/error.h that are asked for. */
+/* Reads an error filter of can-utils, "#MASK", which selects classes of linux/can/error.h. */
 const char *text_parse_error_mask(uint32_t *mask, const char *text);
 
-/* An identifier alone, 3 digits (base) or 8 (extended); *flags is 0 or CW_FRAME_EXTENDED. */
+/* Reads an identifier alone, 3 digits (base) or 8 (extended); *flags is 0 or CW_FRAME_EXTENDED. */
 const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text);
 
-/* Data bytes with wildcards, "DEAD..EF" or "DE AD x1": each hexadecimal digit may be '.' or 'x',
- * which stands for any; blanks may stand between bytes. 1 to 8 bytes. */
+/* Data bytes with wildcards, "DEAD..EF" or "DE AD x1", 1 to 8 bytes. Each hexadecimal digit may be
+ * the wildcard '.' or 'x'. Blanks may separate bytes. */
 typedef struct text_bytes {
     uint8_t length;
     uint8_t mask[8];  /* 1 where the bit is given */
@@ -43,8 +45,8 @@ typedef struct text_bytes {
 
 const char *text_parse_bytes(text_bytes *out, const char *text);
 
-/* Levels of bits in a row, "10x1": 1 recessive, 0 dominant, x as it is. 1 to CW_PATTERN_MAX bits,
- * not all of them x. */
+/* Consecutive levels of bits, "10x1": 1 recessive, 0 dominant, x unchanged. There are 1 to
+ * CW_PATTERN_MAX bits, not all of them x. */
 typedef struct text_levels {
     uint16_t bits;
     uint64_t level; /* bit i is the i-th level */
@@ -53,7 +55,7 @@ typedef struct text_levels {
 
 const char *text_parse_levels(text_levels *out, const char *text);
 
-/* Fault positions: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]". */
+/* Reads a fault position: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]". */
 const char *text_parse_position(cw_field *field, uint16_t *index, const char *text);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pcapng_format.h - numbers of the pcapng format that its reader and its writer share.
+ * pcapng_format.h - constants of the pcapng format, shared by its reader and its writer.
  */
 #ifndef CANWIRE_TRACE_PCAPNG_FORMAT_H
 #define CANWIRE_TRACE_PCAPNG_FORMAT_H
@@ -30,7 +30,7 @@
 #define EPB_INBOUND 1u
 #define EPB_OUTBOUND 2u
 
-/* A packet is a CAN frame as SocketCAN has it, but its identifier is big-endian. */
+/* A packet is a CAN frame in SocketCAN's layout with a big-endian identifier. */
 #define CAN_HEAD 8u       /* identifier, length, flags, reserved, DLC over 8 */
 #define CAN_BYTES_MAX 16u /* of a classical frame */
 #define CAN_EXTENDED 0x80000000u

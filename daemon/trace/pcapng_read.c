@@ -14,7 +14,7 @@
 #include <string.h>
 
 #define BLOCK_MAX (16u * 1024u * 1024u)
-#define IDB_READ_MAX 8192u /* bytes of it that are looked at */
+#define IDB_READ_MAX 8192u /* bytes of it that are read */
 
 #define RESOLUTION_DEFAULT 6u /* 10^-6 s */
 #define RESOLUTION_BINARY 0x80u
@@ -53,7 +53,7 @@ static uint64_t get64(const pcap_state *s, const unsigned char *b)
     return s->big_endian ? first << 32 | second : second << 32 | first;
 }
 
-/* The next bytes, which must be there. */
+/* Returns the next bytes, which must exist. */
 static trace_result need(trace_input *in, const unsigned char **bytes, size_t count)
 {
     trace_result result = trace_bytes(in, bytes, count);
@@ -64,7 +64,7 @@ static trace_result need(trace_input *in, const unsigned char **bytes, size_t co
 
 /* ---- Time ------------------------------------------------------------------------------------ */
 
-/* Nanoseconds of a count in units of the interface; false when there are too many of them. */
+/* Converts a count in units of the interface to nanoseconds; returns false on overflow. */
 static bool time_of(uint64_t *ns, const pcap_interface *i, uint64_t count)
 {
     unsigned power = i->resolution & ~RESOLUTION_BINARY;
@@ -88,7 +88,7 @@ static bool time_of(uint64_t *ns, const pcap_interface *i, uint64_t count)
 
 /* ---- Packets --------------------------------------------------------------------------------- */
 
-/* A packet as it is announced: what follows in the file are `captured` bytes of it. */
+/* A packet as announced; `captured` bytes of it follow in the file. */
 typedef struct packet {
     uint64_t place; /* of its block */
     uint32_t captured;
@@ -120,7 +120,7 @@ static trace_result read_frame(trace_input *in, trace_record *r, const packet *p
     return TRACE_RECORD;
 }
 
-/* Takes the bytes of a packet, and those that fill it up to `space`. */
+/* Takes the bytes of a packet, and the padding up to `space`. */
 static trace_result read_packet(trace_input *in, trace_record *r, const packet *p, uint32_t space)
 {
     const unsigned char *b;
@@ -229,7 +229,8 @@ static trace_result read_section(trace_input *in, pcap_state *s, uint64_t place,
     return TRACE_RECORD;
 }
 
-/* EPB and PB, which differ in where the interface is; the rest of the block are options. */
+/* Reads EPB and PB, which keep the interface in different places; the rest of the block is
+ * options. */
 static trace_result read_enhanced(trace_input *in, pcap_state *s, trace_record *r, uint64_t place,
                                   uint32_t type, uint32_t body)
 {
@@ -254,7 +255,7 @@ static trace_result read_enhanced(trace_input *in, pcap_state *s, trace_record *
     return read_packet(in, r, &p, body - 20);
 }
 
-/* SPB: of the first interface, without time. */
+/* Reads an SPB, a packet of the first interface without time. */
 static trace_result read_simple(trace_input *in, pcap_state *s, trace_record *r, uint64_t place,
                                 uint32_t body)
 {
@@ -275,7 +276,7 @@ static trace_result read_simple(trace_input *in, pcap_state *s, trace_record *r,
     return read_packet(in, r, &p, body - 4);
 }
 
-/* The body of a block. *told: it is an entry of the file. */
+/* Reads the body of a block. *told: it is an entry of the file. */
 static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, bool *told,
                               uint64_t place, uint32_t type, uint32_t body)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * read.c - reads recordings of CAN traffic: opens them and finds out what they are.
+ * read.c - reads recordings of CAN traffic: opens them and detects their format.
  */
 #include "trace/format.h"
 
@@ -32,7 +32,7 @@ static void start(trace_reader *reader);
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Not a pipe or a device, on which reading could wait. */
+/* Opens a regular file, never a pipe or a device, on which reading could wait. */
 static bool open_file(trace_reader *reader, const char *file, char problem[TRACE_PROBLEM_MAX])
 {
     struct stat info;
@@ -108,7 +108,7 @@ bool trace_rewind(trace_reader *reader)
     return true;
 }
 
-/* ---- What a file is -------------------------------------------------------------------------- */
+/* ---- Detection ------------------------------------------------------------------------------- */
 
 static bool is_capture(const unsigned char *bytes, size_t count)
 {
@@ -122,7 +122,7 @@ static bool is_capture(const unsigned char *bytes, size_t count)
     return false;
 }
 
-/* Whether a line is as candump writes it: "(1.5) can0 123#" or "can0  123   [0]". */
+/* Returns true for a line of candump: "(1.5) can0 123#" or "can0 123 [0]". */
 static bool is_candump(const char *line)
 {
     line = trace_blanks(line);
@@ -143,7 +143,8 @@ static bool is_asc(const char *line)
            strncmp(line, "//", 2) == 0;
 }
 
-/* The first line that says something; NULL when there is none. A text, as far as it was seen. */
+/* Returns the first line with content, as a text, as far as it was read; NULL when there is
+ * none. */
 static char *first_line(char *text)
 {
     char *rest = text;
@@ -153,7 +154,7 @@ static char *first_line(char *text)
     return NULL;
 }
 
-/* A recording of a silent bus may be empty. */
+/* Detects the format. The recording of a silent bus may be empty. */
 static trace_format detect(trace_input *in)
 {
     const unsigned char *bytes;
@@ -216,7 +217,7 @@ const char *trace_problem(const trace_reader *reader)
     return reader->input.problem;
 }
 
-/* Of the reader, only what does not change while it reads. */
+/* Uses only members of the reader that do not change while it reads. */
 void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
                     const trace_record *record, const char *what)
 {

@@ -2,8 +2,8 @@
  *
  * read.h - reads recordings of CAN traffic, entry by entry: candump, Vector ASC, pcapng.
  *
- * A file is never loaded as a whole; what is kept of it is bounded. Every entry is handed out, also
- * those that cannot go onto a classical bus, so that nothing is passed over without a word.
+ * A file is never loaded as a whole; memory is bounded. Every entry is handed out, including those
+ * that cannot go onto a classical bus, so that the caller can report each.
  */
 #ifndef CANWIRE_TRACE_READ_H
 #define CANWIRE_TRACE_READ_H
@@ -14,27 +14,27 @@
 #define TRACE_PROBLEM_MAX 600 /* bytes of a message with its final 0 */
 
 typedef enum trace_format {
-    TRACE_DETECT = 0,    /* by what is in the file */
-    TRACE_CANDUMP,       /* candump, with -L or as it prints on a screen with -t a, z or A */
-    TRACE_CANDUMP_DELTA, /* candump -t d: each time is that since the line before */
+    TRACE_DETECT = 0,    /* by the content of the file */
+    TRACE_CANDUMP,       /* candump, with -L or on a screen with -t a, z or A */
+    TRACE_CANDUMP_DELTA, /* candump -t d: each time is relative to the line before */
     TRACE_ASC,           /* Vector ASC */
     TRACE_PCAPNG         /* pcapng, and the older pcap */
 } trace_format;
 
 typedef enum trace_kind {
     TRACE_FRAME = 0,   /* a classical frame, valid as cw_frame_valid() says */
-    TRACE_ERROR_FRAME, /* what a driver or a tool noted of an error on the bus */
+    TRACE_ERROR_FRAME, /* an error on the bus that a driver or a tool noted */
     TRACE_FD_FRAME,
     TRACE_XL_FRAME,
-    TRACE_OTHER, /* an event of a tool, a packet that is no CAN, an unknown block */
-    TRACE_MARK,  /* the beginning of the recording: nothing to be replayed, but it has a time */
+    TRACE_OTHER, /* an event of a tool, a packet without a CAN frame, an unknown block */
+    TRACE_MARK,  /* the beginning of the recording: it is not replayed, but it has a time */
     TRACE_KIND_COUNT
 } trace_kind;
 
 typedef struct trace_record {
     trace_kind kind;
     bool timed;                      /* it has a time stamp */
-    uint64_t time_ns;                /* since whenever the file begins to count; may step back */
+    uint64_t time_ns;                /* since an epoch of the file; may step back */
     uint64_t place;                  /* line from 1; in pcapng: byte from 0 */
     unsigned column;                 /* of the first word of its line, from 1; in pcapng: 0 */
     char channel[TRACE_CHANNEL_MAX]; /* interface or number of the channel; "" when it has none */
@@ -44,40 +44,41 @@ typedef struct trace_record {
 typedef enum trace_result {
     TRACE_RECORD = 0,
     TRACE_END, /* of the file */
-    TRACE_BAD, /* see trace_problem(); there is no going on */
-    TRACE_LATER /* of trace/ahead.h alone: it has not been read yet */
+    TRACE_BAD, /* see trace_problem(); reading cannot go on */
+    TRACE_LATER /* of trace/ahead.h alone: the entry has not been read yet */
 } trace_result;
 
 typedef struct trace_reader trace_reader;
 
-/* Opens a regular file and finds out what it is. NULL when that fails, with what is wrong in
- * *problem, beginning with the name of the file. */
+/* Opens a regular file and detects its format. Returns NULL when that fails, with a message in
+ * *problem that begins with the name of the file. */
 trace_reader *trace_open(const char *file, trace_format format, char problem[TRACE_PROBLEM_MAX]);
 
-/* NULL is fine. */
+/* Closes the reader. NULL is allowed. */
 void trace_close(trace_reader *reader);
 
-/* The next entry. */
+/* Reads the next entry. */
 trace_result trace_next(trace_reader *reader, trace_record *record);
 
-/* Goes back to the beginning; false when the file cannot be read any more, see trace_problem(). */
+/* Goes back to the beginning. Returns false when the file cannot be read any more, see
+ * trace_problem(). */
 bool trace_rewind(trace_reader *reader);
 
-/* After TRACE_BAD: "FILE:LINE:COLUMN: what is wrong and what is allowed", "FILE: byte N: ..." in
- * pcapng. Until the next call. */
+/* Returns the message after TRACE_BAD: "FILE:LINE:COLUMN: problem and allowed text", or "FILE: byte
+ * N: ..." in pcapng. It is valid until the next call. */
 const char *trace_problem(const trace_reader *reader);
 
 #define TRACE_NO_TIME                                                                              \
     "there is no time stamp: record with candump -L or -t a, or replay with 'speed: max'"
 
-/* As trace_problem() would, that something about an entry is wrong. */
+/* Writes a message about an entry in the form of trace_problem(). */
 void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
                     const trace_record *record, const char *what);
 
-/* "line 12" or "byte 4096", where an entry begins. */
+/* Prints "line 12" or "byte 4096", the beginning of an entry. */
 void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place);
 
-/* Bytes read so far, and bytes of the whole file when it was opened. */
+/* Return the bytes read so far, and the size of the file when it was opened. */
 uint64_t trace_position(const trace_reader *reader);
 uint64_t trace_size(const trace_reader *reader);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * trace_input.c - bytes, lines and words of a recording, and where in it something is wrong.
+ * trace_input.c - bytes, lines and words of a recording, and the places of its errors.
  */
 #include "trace/format.h"
 
@@ -15,12 +15,12 @@
 #include <unistd.h>
 
 #define FRACTION_DIGITS 9u
-#define SECONDS_MAX (UINT64_MAX / 2 / 1000000000u) /* so that differences and sums have room */
+#define SECONDS_MAX (UINT64_MAX / 2 / 1000000000u) /* differences and sums do not overflow */
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-/* Fills the buffer until it holds so many bytes, if the file has them. A file that cannot be read
- * is at its end, with a problem. */
+/* Fills the buffer until it holds so many bytes, or to the end of the file. A read error counts as
+ * the end, with a problem. */
 static void fill(trace_input *in, size_t count)
 {
     if (in->filled - in->first >= count || in->at_end)
@@ -108,7 +108,7 @@ trace_result trace_line(trace_input *in)
     size_t kept = length < TRACE_LINE_MAX ? length : TRACE_LINE_MAX;
     take(in, newline ? length + 1 : length);
     in->text[kept] =
-        '\0'; /* in place of the newline; the buffer has a byte more than it is filled */
+        '\0'; /* replaces the newline; the buffer has a spare byte */
     if (kept < length)
         return trace_bad_text(in, in->text, "this line has more than %u bytes", TRACE_LINE_MAX);
     if (strlen(in->text) < length)
@@ -120,7 +120,7 @@ trace_result trace_line(trace_input *in)
 
 /* ---- Complaints ------------------------------------------------------------------------------ */
 
-/* In characters, from 1. */
+/* Returns the column in characters, from 1. */
 static size_t column(const trace_input *in, const char *at)
 {
     size_t characters = 1;
@@ -134,7 +134,7 @@ static void add_message(trace_input *in, int used, const char *format, va_list a
     size_t start = used < 0 ? 0 : (size_t)used;
     if (start < sizeof in->problem)
         (void)vsnprintf(in->problem + start, sizeof in->problem - start, format, args);
-    plain_make(in->problem, '?'); /* what stands in the file may be anything */
+    plain_make(in->problem, '?'); /* the file may contain any bytes */
 }
 
 trace_result trace_bad_text(trace_input *in, const char *at, const char *format, ...)
