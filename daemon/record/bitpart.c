@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bitpart.c - what belongs to a bit, for traces: the part of a frame that it is, hits of rules.
+ * bitpart.c - describes a bit for traces: its part of the frame, hits of rules.
  */
 #include "record/bitpart.h"
 

@@ -84,7 +84,8 @@ static bool read_error(cw_error *error, const json_t *line)
            find_field(&error->place.field, text_of(line, "field"));
 }
 
-/* What an event says beyond time, node and kind; false when it is not understood. */
+/* Reads the details of an event beyond time, node and kind; returns false when they are not
+ * understood. */
 static bool read_details(cw_event *out, const json_t *line)
 {
     const char *frame = text_of(line, "frame");

@@ -12,13 +12,13 @@
 
 typedef enum event_read_result {
     EVENT_READ = 0,
-    EVENT_OTHER,       /* a kind that is no event of the bus, or one that newer versions have */
-    EVENT_NO_SUCH_NODE /* the nodes are not these any more */
+    EVENT_OTHER,       /* a kind that is no event of the bus, or comes from a newer version */
+    EVENT_NO_SUCH_NODE /* the nodes have changed */
 } event_read_result;
 
-/* Fills in what such a line tells of these kinds: error, state, restart, arbitration-lost, drop,
- * tx, rx, skip. The tick is not exact: *time_ns is, in bus time. Whether a frame of an error was
- * extended is not told. */
+/* Reads a line of these kinds: error, state, restart, arbitration-lost, drop, tx, rx, skip. The
+ * tick is not exact, but *time_ns is, in bus time. The line does not contain the format of an
+ * error's frame. */
 event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *line,
                              const cfg *config);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * output.c - writes what happens on a bus: events as JSON lines, candump logs, statistics.
+ * output.c - writes the events of a bus as JSON lines and candump logs, and its statistics.
  */
 #include "record/output.h"
 
@@ -15,12 +15,12 @@
 
 #define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
 
-#define BLOCK_BYTES 4096u /* of lines that are written at once */
+#define BLOCK_BYTES 4096u /* of lines that are written with one call */
 #define HEAD_MAX (TIME_TEXT_MAX + 16u)
 #define TAIL_MAX 256u /* with the name of a rule */
 
-/* Lines on their way to a file, which have the name of a node to themselves: what stands before and
- * behind it is put together once for all of them. */
+/* Lines of one event for several nodes. Only the name of the node differs: the text before and
+ * behind it is built once. */
 typedef struct block {
     FILE *out;
     char *end;
@@ -105,7 +105,7 @@ void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-/* With head and tail put into it, which end there. */
+/* Begins a block whose head and tail have been filled and end there. */
 static void begin_block(block *b, FILE *out, const char *head_end, const char *tail_end)
 {
     b->out = out;
@@ -135,7 +135,7 @@ static void add_line(block *b, const char *name)
     b->end = chars_copy(at, b->tail, b->tail_length);
 }
 
-/* The nodes that an event concerns. */
+/* Returns the nodes that an event concerns. */
 static uint64_t nodes_of(const cfg *config, const cw_event *event)
 {
     const uint64_t all = config->node_count < CW_NODES_MAX
@@ -165,7 +165,7 @@ static char *put_number(char *at, const char *key, uint64_t number)
     return chars_decimal(chars_text(at, key), number);
 }
 
-/* The configuration allows no character in names that JSON would need escaped. */
+/* Names need no escaping: the configuration excludes such characters. */
 static char *put_rule(char *at, const cfg *config, const cw_event *event)
 {
     assert(event->rule < config->rule_count);
@@ -203,7 +203,7 @@ static char *put_error(char *at, const cw_event *event)
     return put_counters(at, event);
 }
 
-/* What an event says beyond time, node and kind. */
+/* Writes the details of an event beyond time, node and kind. */
 static char *put_details(char *at, const cfg *config, const cw_event *event)
 {
     switch (event->kind) {
@@ -236,13 +236,13 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
     return at;
 }
 
-/* What stands before the name of the node. */
+/* Writes the text before the name of the node. */
 static char *put_head(char *at, const cw_event *event)
 {
     return text_print_seconds(chars_text(at, "{\"t\":"), event->tick);
 }
 
-/* What stands behind it. */
+/* Writes the text behind the name. */
 static char *put_tail(char *at, const cfg *config, const cw_event *event)
 {
     at = put_word(at, ",\"event\":\"", cw_event_name(event->kind));
@@ -252,7 +252,7 @@ static char *put_tail(char *at, const cfg *config, const cw_event *event)
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
-/* Load of the whole run. */
+/* Returns the load of the whole run. */
 static unsigned load_permille(const cw_bus_stats *stats)
 {
     const cw_bus_stats start = {0};
@@ -327,7 +327,7 @@ static json_t *stats_of_delay(const cw_delay *delay)
     return object;
 }
 
-/* The counters of what a node sent and received. */
+/* Puts the counters of sent and received frames. */
 static void put_traffic(json_t *object, const cw_node_stats *stats)
 {
     put_count(object, "handed_in", stats->handed_in);
@@ -345,7 +345,7 @@ static void put_traffic(json_t *object, const cw_node_stats *stats)
     put_count(object, "retransmissions", stats->retransmissions);
 }
 
-/* The counters of what went wrong. */
+/* Puts the counters of errors and losses. */
 static void put_troubles(json_t *object, const cw_node_stats *stats)
 {
     put(object, "errors", stats_of_errors(stats));

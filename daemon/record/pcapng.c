@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pcapng.c - writes what happens on a bus as a capture, for Wireshark: pcapng, SocketCAN frames.
+ * pcapng.c - writes the events of a bus as a capture for Wireshark: pcapng, SocketCAN frames.
  */
 #include "record/pcapng.h"
 
@@ -17,7 +17,7 @@
 #define RESOLUTION_NS 9u /* 10^-9 s */
 #define ALL_ERRORS (CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING)
 
-/* A block that is being put together, little-endian. */
+/* A block under construction, little-endian. */
 typedef struct block {
     size_t length;
     unsigned char bytes[BLOCK_BYTES_MAX];
@@ -40,7 +40,7 @@ static void add_number(block *b, uint64_t value, unsigned bytes)
     }
 }
 
-/* Everything begins at a multiple of 4. */
+/* Pads the block: all parts begin at multiples of 4. */
 static void pad(block *b)
 {
     while (b->length % 4 != 0)
@@ -146,7 +146,8 @@ static packet packet_of_frame(const cw_frame *frame)
     packet p = {.direction = EPB_OUTBOUND, .length = CAN_HEAD + cw_frame_length(frame)};
     set_id(&p, frame->id | (frame->flags & CW_FRAME_EXTENDED ? CAN_EXTENDED : 0) |
                    (remote ? CAN_REMOTE : 0));
-    p.bytes[4] = frame->dlc < 8 ? frame->dlc : 8; /* of a remote frame what it asks for */
+    p.bytes[4] = frame->dlc < 8 ? frame->dlc : 8; /* a remote frame has the number of requested
+                                                     bytes */
     p.bytes[7] = frame->dlc > 8 ? frame->dlc : 0;
     memcpy(p.bytes + CAN_HEAD, frame->data, p.length - CAN_HEAD);
     return p;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * recorder.c - records what happens on a bus into a file: candump log, pcapng or VCD.
+ * recorder.c - records the events of a bus in a file: candump log, pcapng or VCD.
  *
- * The formats write to a stream in memory; what one entry adds there is a record of the spool. When
- * the spool is full there is a gap: entries are left out until it has some room again, so that a
- * recording has stretches of traffic rather than a frame here and there.
+ * The formats write to a stream in memory; the text of one entry becomes a record of the spool. A
+ * full spool causes a gap: entries are left out until it has enough room again. So a recording has
+ * stretches of traffic rather than scattered frames.
  */
 #include "record/recorder.h"
 
@@ -20,13 +20,13 @@
 #define RESERVE (2 * SPOOL_RECORD_MAX) /* for the end of a file and the beginning of the next */
 #define GAP_ENDS (SPOOL_QUEUE_BYTES / 2)
 
-/* What a format does; it writes to r->stream. */
+/* The functions of a format; they write to r->stream. */
 typedef struct format {
     bool (*begin)(recorder *r, const cw_bus *bus); /* of a file; false: no memory */
     void (*event)(recorder *r, const cw_event *event, uint64_t time_ns);
-    void (*bit)(recorder *r, const cw_bit_view *bit); /* NULL: bits are of no interest */
+    void (*bit)(recorder *r, const cw_bit_view *bit); /* NULL: bits are not used */
     void (*end)(recorder *r);                         /* of a file */
-    bool has_nodes; /* a file is about the nodes it began with */
+    bool has_nodes; /* a file depends on the nodes it began with */
 } format;
 
 struct recorder {
@@ -37,11 +37,11 @@ struct recorder {
     char *text;
     size_t length;
     vcd *vcd;
-    char *nodes;      /* names and ports of them when the file was begun */
-    uint64_t size;    /* of a file before the next is begun */
+    char *nodes;      /* names and ports of the nodes at the beginning of the file */
+    uint64_t size;    /* limit at which the next file begins */
     uint64_t in_file; /* bytes */
     bool gap;         /* entries are being left out */
-    bool begin_anew;  /* when the gap ends, in another file */
+    bool begin_anew;  /* the end of the gap begins another file */
     bool ended;
     recorder_stats stats;
 };
@@ -109,8 +109,8 @@ static const format formats[] = {
 
 /* ---- To the spool ---------------------------------------------------------------------------- */
 
-/* Takes what has been written to the stream to the spool, if there is something. False: it is left
- * out, since there is no room or no memory. */
+/* Moves the text of the stream to the spool, if there is any. Returns false without room or memory;
+ * the text is then left out. */
 static bool pass_on(recorder *r)
 {
     bool good = fflush(r->stream) == 0;
@@ -125,7 +125,8 @@ static bool pass_on(recorder *r)
     return true;
 }
 
-/* What the file is about: names and ports of the nodes; to be freed. NULL: no memory. */
+/* Returns a description of the nodes, their names and ports, to be freed. Returns NULL without
+ * memory. */
 static char *describe_nodes(const cfg *config)
 {
     char *text = NULL;
@@ -151,7 +152,7 @@ static bool begin_file(recorder *r, const cw_bus *bus)
     return r->nodes && r->format->begin(r, bus) && pass_on(r);
 }
 
-/* Goes on in another file; there is room for that. Without memory the recording ends. */
+/* Goes on in another file, for which there is room. Without memory the recording ends. */
 static void change_file(recorder *r, const cw_bus *bus)
 {
     r->format->end(r);
@@ -165,8 +166,8 @@ static bool is_over(const recorder *r)
     return r->ended || spool_error(r->spool) != 0;
 }
 
-/* Looks whether entries can be recorded from now on: between two of them, in a VCD between two
- * bits. */
+/* Decides if entries can be recorded from now on. It is called between two entries, in a VCD
+ * between two bits. */
 static void look_at_room(recorder *r, const cw_bus *bus)
 {
     size_t room = spool_room(r->spool);
@@ -180,7 +181,7 @@ static void look_at_room(recorder *r, const cw_bus *bus)
     r->begin_anew = false;
 }
 
-/* After an entry has been written to the stream, or not. */
+/* Counts an entry after it was written to the stream or left out. */
 static void count_entry(recorder *r)
 {
     const uint64_t before = r->stats.bytes;
@@ -191,7 +192,7 @@ static void count_entry(recorder *r)
         r->stats.entries++;
 }
 
-/* In a gap: what would have been an entry counts as lost. */
+/* Counts an entry that falls into a gap as lost. */
 static void count_lost(recorder *r)
 {
     (void)fflush(r->stream);
@@ -210,7 +211,7 @@ void recorder_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
     if (is_over(r))
         return;
-    if (r->format->bit) { /* it is looked after with its bit */
+    if (r->format->bit) { /* the event is written with its bit */
         if (!r->gap)
             r->format->event(r, event, time_ns);
         return;
@@ -266,7 +267,7 @@ static void free_recorder(recorder *r)
     free(r);
 }
 
-/* A recorder without a spool yet; NULL: no memory. */
+/* Makes a recorder without a spool; returns NULL without memory. */
 static recorder *make_recorder(const cfg_record *what, const cfg *config)
 {
     recorder *r = calloc(1, sizeof *r);
@@ -280,7 +281,8 @@ static recorder *make_recorder(const cfg_record *what, const cfg *config)
     return NULL;
 }
 
-/* Begins the first file of a recorder whose spool may be NULL. patience_s is for that. */
+/* Begins the first file of a recorder whose spool may be NULL. patience_s limits closing it after a
+ * failure. */
 static recorder *begin(recorder *r, const cw_bus *bus, unsigned patience_s, int *error)
 {
     if (r->spool && begin_file(r, bus))

@@ -3,11 +3,11 @@
  * vcd.c - the bits of a bus as a Value Change Dump, for GTKWave, PulseView and sigrok.
  *
  * Levels, fields, faults and errors belong to a bit and change at its start; states and counters
- * change at its end. sigrok 0.5 takes texts for unknown words and passes over them, word by word:
- * so the identifier of a text begins with a letter that begins no value (f, q, e, n), and there are
- * no comments among the values. It gives up at the first vector of more than one bit, but passes
- * over numbers of type real: so the counters are real. Newer sigrok shows these as curves, and
- * refuses files with variables of type event.
+ * change at its end. sigrok 0.5 skips texts as unknown words, word by word. So the identifier of a
+ * text begins with a letter that begins no value (f, q, e, n), and no comments stand among the
+ * values. sigrok fails at the first vector of more than one bit, but skips numbers of type real: so
+ * the counters are real. Newer sigrok shows these as curves, and refuses files with variables of
+ * type event.
  */
 #include "record/vcd.h"
 
@@ -26,9 +26,9 @@
 #define TEXT_BYTES 4096u    /* that are written at once */
 #define CHANGE_MAX (CW_NODES_MAX * 4u + RULES_TEXT_MAX + 32u) /* of a time and values */
 
-/* What was last written of a node. */
+/* The last written values of a node. */
 typedef struct vcd_node {
-    uint32_t mark; /* see mark_of(); NO_MARK: look at the part */
+    uint32_t mark; /* see mark_of(); NO_MARK: compute the part */
     bit_part part;
     cw_error_type error;
     cw_error_type error_now; /* of the bit in progress */
@@ -47,10 +47,10 @@ struct vcd {
     uint64_t driven; /* as in cw_bit_view */
     uint64_t sampled;
     uint64_t stuff;
-    uint64_t errors; /* nodes whose error is to be looked at */
+    uint64_t errors; /* nodes whose error must be written */
     uint64_t alike;  /* as in cw_bit_view */
     uint32_t alike_mark;
-    uint32_t printed_mark; /* what was last printed: other nodes often want the same */
+    uint32_t printed_mark; /* last printed part, which other nodes often share */
     bit_part printed_part;
     char printed[BIT_PART_TEXT_MAX];
     bool wire;
@@ -133,7 +133,7 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Of a set of nodes that is not empty. */
+/* Returns the lowest node of a set that is not empty. */
 static unsigned lowest(uint64_t nodes)
 {
     return (unsigned)__builtin_ctzll(nodes);
@@ -151,7 +151,7 @@ static void write_out(vcd *self)
     self->used = 0;
 }
 
-/* Where a change is to be written, behind its time. */
+/* Returns the place for a change, behind its time. */
 static char *begin_change(vcd *self, uint64_t tick)
 {
     if (TEXT_BYTES - self->used < CHANGE_MAX)
@@ -167,14 +167,14 @@ static char *begin_change(vcd *self, uint64_t tick)
     return at;
 }
 
-/* at: where it ends, or several have ended. */
+/* Ends one or several changes at `at`. */
 static void end_changes(vcd *self, const char *at)
 {
     self->used = (size_t)(at - self->text);
     assert(self->used <= TEXT_BYTES);
 }
 
-/* at: where it ends but for its line. */
+/* Ends a change at `at`, where its line is still open. */
 static void end_change(vcd *self, char *at)
 {
     *at++ = '\n';
@@ -218,7 +218,7 @@ static void write_text(vcd *self, uint64_t tick, const char *text, char id, size
     end_change(self, put_id(at, id, node));
 }
 
-/* A level of the whole bus. */
+/* Writes a level of the whole bus. */
 static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char id)
 {
     if (self->begun && *before == level)
@@ -230,14 +230,14 @@ static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char
     *before = level;
 }
 
-/* A level of each node. */
+/* Writes a level of each node. */
 static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t levels, char id)
 {
     uint64_t changed = (self->begun ? *before ^ levels : UINT64_MAX) & all_nodes(self);
     *before = levels;
     if (!changed)
         return;
-    char *at = begin_change(self, tick); /* has room for one of each node */
+    char *at = begin_change(self, tick); /* has room for all nodes */
     for (; changed; changed &= changed - 1) {
         unsigned i = lowest(changed);
         *at++ = levels >> i & 1u ? '1' : '0';
@@ -247,7 +247,8 @@ static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t le
     end_changes(self, at);
 }
 
-/* Where this is as it was, so is the part; but for phases in which it depends on a level. */
+/* Returns a mark; while it stays the same, so does the part. The part of some phases depends on a
+ * level, too. */
 static inline uint32_t mark_of(const cw_bit_node *n)
 {
     uint32_t byte = n->place.field == CW_FIELD_DATA ? n->place.index / 8u : 0;
@@ -281,7 +282,7 @@ static void write_error(vcd *self, uint64_t tick, size_t node)
         self->errors &= ~(UINT64_C(1) << node);
 }
 
-/* Part and error of each node, where there may be something new. */
+/* Writes the part and the error of each node that may have changed. */
 static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
 {
     for (uint64_t rest = (parts | self->errors) & all_nodes(self); rest; rest &= rest - 1) {
@@ -293,7 +294,7 @@ static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
     }
 }
 
-/* One after the other may be of the same rules: then it is written again, for a marker each. */
+/* Writes the rules. Consecutive bits of the same rules are written again, for a marker each. */
 static void write_rules(vcd *self, uint64_t tick)
 {
     bool now = self->rules_now[0] != '\0';
@@ -339,14 +340,14 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t node
 
 /* ---- Bits and events ------------------------------------------------------------------------- */
 
-/* Nodes about which a bit may tell something; all of them are looked at in each. */
+/* Nodes that may have changes in a bit; each of these sets is computed for every bit. */
 typedef struct news {
     uint64_t stuff; /* they are in a stuff bit */
     uint64_t parts;
     uint64_t states;
 } news;
 
-/* Nodes in the same place as one of them, if they have all been before, too. */
+/* Returns the nodes that are in the same place as one of them, if all were so before, too. */
 static uint64_t find_alike(vcd *self, news *found, const cw_bit_view *bit)
 {
     if (!bit->alike)
@@ -409,7 +410,7 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
     self->end = bit->end;
 }
 
-/* What does not fit is told by a +. */
+/* Adds a rule; a + stands for rules that do not fit. */
 static void add_rule(char text[RULES_TEXT_MAX], const char *name)
 {
     size_t used = strlen(text);

@@ -30,22 +30,22 @@
 
 typedef struct vcd vcd;
 
-/* Begins a dump of the bits that are still to come on a bus, between two bits: writes the header,
- * notes states and counters. Names of nodes and rules are those of config, which must stay where it
- * is; its rules may change, its nodes and bit rate may not: after such a reload begin another dump.
- * out stays the caller's. NULL, with nothing written, when there is no memory. */
+/* Begins a dump of the later bits of a bus, between two bits: it writes the header and notes states
+ * and counters. Names of nodes and rules come from config, which must stay in place. Rules may
+ * change, but another dump is needed when nodes or the bit rate change. The caller keeps `out`.
+ * Returns NULL without memory, with nothing written. */
 vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus);
 
-/* Each event, before the bit at whose end it came. */
+/* Takes each event, before the bit at whose end it came. */
 void vcd_event(vcd *self, const cw_event *event);
 
-/* Each bit, in order. Where bits are left out, everything stays as it was. */
+/* Takes each bit, in order. Nothing changes in bits that are left out. */
 void vcd_bit(vcd *self, const cw_bit_view *bit);
 
-/* Gives the stream what of it has been kept back so far. */
+/* Writes the buffered text to the stream. */
 void vcd_flush(vcd *self);
 
-/* Writes the end of the last bit, frees. NULL is fine. */
+/* Writes the end of the last bit and frees the dump. NULL is allowed. */
 void vcd_close(vcd *self);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus_make.c - the bus of a configuration as canwired runs it, with room for what comes later.
+ * bus_make.c - makes the bus of a configuration, with room for later rules and settings.
  */
 #include "run/bus_make.h"
 
@@ -17,7 +17,7 @@ cw_bus *bus_make(void **memory, const cfg *config)
     cw_bus_config bus_config;
     cfg_bus_config(&bus_config, nodes, config);
     for (unsigned i = 0; i < bus_config.node_count; i++)
-        nodes[i].queue_room = CW_QUEUE_MAX; /* for `set`; slots that are not used cost no memory */
+        nodes[i].queue_room = CW_QUEUE_MAX; /* for `set`; unused slots cost no memory */
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);

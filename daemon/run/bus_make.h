@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus_make.h - the bus of a configuration as canwired runs it, with room for what comes later.
+ * bus_make.h - makes the bus of a configuration, with room for later rules and settings.
  */
 #ifndef CANWIRE_RUN_BUS_MAKE_H
 #define CANWIRE_RUN_BUS_MAKE_H
 
 #include "config/config.h"
 
-/* Makes the bus, replies included, in memory that the caller frees, also when there is no bus.
- * NULL: no memory. */
+/* Makes the bus, replies included. The caller frees *memory, also without a bus. Returns NULL
+ * without memory. */
 cw_bus *bus_make(void **memory, const cfg *config);
 
 #endif

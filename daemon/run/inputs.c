@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * inputs.c - all that is done to a running bus from outside, in one place, where it can be noted.
+ * inputs.c - all inputs of a running bus in one place, where they can be recorded.
  */
 #include "run/inputs.h"
 
@@ -73,16 +73,16 @@ cw_status inputs_release(inputs *in, release_plan *plan)
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
-/* Rules that are being injected. Where one comes `after` another of them, that one is rule
- * base + its place, and on the bus already. */
+/* Rules that are being injected. `after` names another one of them by base + its place; that rule
+ * is on the bus already. */
 typedef struct injection {
     inputs *in;
     const cfg_rules *rules;
     FILE *errors;
     size_t base;
     size_t added;
-    unsigned index[CW_RULES_MAX]; /* where those that were added are on the bus */
-    char *names[CW_RULES_MAX];    /* of our own */
+    unsigned index[CW_RULES_MAX]; /* indices of the added rules on the bus */
+    char *names[CW_RULES_MAX];    /* copies of our own */
 } injection;
 
 static void free_names(injection *j)
@@ -91,8 +91,8 @@ static void free_names(injection *j)
         free(j->names[i]);
 }
 
-/* Before anything is done to the bus: for want of memory nothing is to be taken back, which a run
- * of the journal, that has the memory, would not do. */
+/* Copies the names before the bus is changed. Running out of memory later would undo a change, but
+ * a run of the journal, which has the memory, would not. */
 static bool copy_names(injection *j)
 {
     for (size_t i = 0; i < j->rules->count && i < CW_RULES_MAX; i++) {
@@ -228,7 +228,7 @@ cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier)
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
-/* Frames of nodes that are no more are dropped, with events. */
+/* Drops the frames of removed nodes, with events. */
 static void flush_removed(inputs *in, const cfg *config, const uint8_t *from)
 {
     uint64_t stay = 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal.c - writes down all that is done to a bus, so that it can be run again.
+ * journal.c - records all inputs of a bus, so that the run can be repeated.
  */
 #include "run/journal.h"
 
@@ -22,15 +22,15 @@
 #include <time.h>
 
 #define LINE_BYTES 512 /* of a short line */
-#define RECORD_HEAD 16u /* what a record needs in the queue besides its bytes, at most */
-#define RETRY_MARKS 5u /* about as many seconds until a broken journal is tried again */
+#define RECORD_HEAD 16u /* bytes of the queue that a record takes in addition, at most */
+#define RETRY_MARKS 5u /* about this many seconds until a broken journal is tried again */
 #define JOURNAL_WHY_MAX 100
-#define CLOSE_S 2      /* to wait for a disk that takes no more; see PATIENCE_S of recordings.c */
+#define CLOSE_S 2      /* limit for a disk that takes no more; see PATIENCE_S of recordings.c */
 
 typedef enum journal_state {
     JOURNAL_WRITING = 0,
     JOURNAL_BROKEN_OFF, /* nothing is written */
-    JOURNAL_TRYING      /* it is again, but none of it is known to be in the file yet */
+    JOURNAL_TRYING      /* lines are written again, but none is known to be in the file yet */
 } journal_state;
 
 struct journal {
@@ -40,10 +40,10 @@ struct journal {
     uint64_t last_at;  /* tick of the last line */
     uint64_t number;   /* of lines so far, written or not */
     journal_state state;
-    bool told;           /* in the log, that it is broken */
-    bool reloaded;       /* since it is broken */
-    unsigned marks;      /* since it is broken, or was tried again */
-    uint64_t broken_at;  /* tick of the last line that is there */
+    bool told;           /* the log reports that it is broken */
+    bool reloaded;       /* since the journal is broken */
+    unsigned marks;      /* since the journal is broken, or was tried again */
+    uint64_t broken_at;  /* tick of the last line in the file */
     uint64_t taken_up_at;
     uint64_t lost;       /* lines that were not even queued */
     uint64_t lost_told;
@@ -95,8 +95,8 @@ const journal_counter journal_counters[JOURNAL_COUNTERS] = {
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-/* Nothing is written from here on before take_up(). A gap that has not been closed goes on. After
- * an error what was queued is lost, too; a disk that is too slow still writes it. */
+/* Stops writing until take_up(). A gap that is still open goes on. After an error the queue is
+ * lost, too; a slow disk still writes the queue. */
 static void break_off(journal *j, const char *why)
 {
     if (j->state == JOURNAL_WRITING) {
@@ -116,7 +116,8 @@ static void lose_line(journal *j, const char *why)
     j->lost++;
 }
 
-/* A line that is longer than a record of the spool can be goes in pieces, but all of them. */
+/* Writes a line; one that is longer than a record of the spool goes in parts, which stay
+ * together. */
 static bool write_line(journal *j, const char *line, size_t size)
 {
     bool good = size + size / SPOOL_RECORD_MAX * RECORD_HEAD + RECORD_HEAD <= spool_room(j->spool);
@@ -128,7 +129,7 @@ static bool write_line(journal *j, const char *line, size_t size)
     return good && spool_write(j->spool, line, size);
 }
 
-/* A line has room for a seal. */
+/* Writes a line, which has room for a seal. */
 static void put_line(journal *j, char *line, size_t size)
 {
     if (j->state != JOURNAL_BROKEN_OFF &&
@@ -166,8 +167,8 @@ static void put_object(journal *j, json_t *object)
     json_decref(object);
 }
 
-/* What every line begins with. "again" where the bus was advanced to the tick of the line before
- * once more. */
+/* Makes the beginning of a line. "again": the bus was advanced once more to the tick of the line
+ * before. */
 static json_t *begin_line(const journal *j, uint64_t now, bool advanced)
 {
     json_t *line = json_object();
@@ -177,7 +178,7 @@ static json_t *begin_line(const journal *j, uint64_t now, bool advanced)
     return line;
 }
 
-/* A text as it is: as a text, or, where JSON cannot hold it, as {"hex": ...}. */
+/* Returns a text unchanged or, where JSON cannot hold it, as {"hex": ...}. */
 static json_t *bytes_to_json(const char *bytes, size_t size)
 {
     json_t *text = json_stringn(bytes, size);
@@ -210,7 +211,7 @@ static json_t *files_to_json(const cfg *config)
 
 /* ---- Inputs ---------------------------------------------------------------------------------- */
 
-/* Whether the notation that people use says all of a frame. */
+/* Returns true when the text notation contains all of a frame. */
 static bool is_plain(const cw_frame *frame, const char *text)
 {
     cw_frame again = {.id = 0};
@@ -219,7 +220,7 @@ static bool is_plain(const cw_frame *frame, const char *text)
            memcmp(again.data, frame->data, sizeof again.data) == 0;
 }
 
-/* Most of the lines, so not by way of a JSON object. */
+/* Writes a frame without a JSON object, since most lines are frames. */
 static void put_send(journal *j, const input *what)
 {
     char frame[FRAME_TEXT_MAX];
@@ -349,7 +350,8 @@ static void put_config(journal *j)
 
 /* ---- Gaps ------------------------------------------------------------------------------------ */
 
-/* What is known of a node behind a gap, since what has become of it there is not. */
+/* Returns the known state of a node behind a gap, since the journal does not contain the way to
+ * it. */
 static json_t *node_to_json(const journal *j, const inputs *in, unsigned node)
 {
     cw_node_stats stats;
@@ -393,7 +395,8 @@ static void put_gap(journal *j, const inputs *in)
     j->taken_up_at = now;
 }
 
-/* Whether it is really taken up is seen when the line is in the file: see look(). */
+/* Tries to write again, with the line of the gap. look() sees the success once that line is in the
+ * file. */
 static void take_up(journal *j, const inputs *in)
 {
     const uint64_t there = spool_kept(j->spool);
@@ -428,7 +431,7 @@ static void tell_taken_up(journal *j)
     j->lost_told = journal_lost(j);
 }
 
-/* How the disk takes it. */
+/* Checks the progress of the disk and reports it. */
 static void look(journal *j)
 {
     int error = spool_error(j->spool);
@@ -444,7 +447,8 @@ static void look(journal *j)
         tell_broken(j);
 }
 
-/* A disk that was too slow has to have written what waited, another one gets some time. */
+/* Returns true when a broken journal may be tried again. A slow disk must have written the queue;
+ * another error gets some time. */
 static bool may_be_tried(const journal *j)
 {
     if (spool_error(j->spool) == 0)
@@ -503,7 +507,7 @@ journal *journal_start(const char *file, unsigned files, const cfg *config,
     return j;
 }
 
-/* What is missing at the end of the file. */
+/* Reports lines that are missing at the end of the file. */
 static void tell_end(journal *j, int error)
 {
     if (error)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal.h - writes down all that is done to a bus, so that it can be run again.
+ * journal.h - records all inputs of a bus, so that the run can be repeated.
  *
- * A file of lines, each a JSON object; config/journal.md describes them. They are written by a
- * thread (spool.h): the bus never waits for the disk. When a line cannot be taken, the journal is
- * broken from there: nothing behind it could be run again. It is tried again now and then; what
- * follows is written behind a line that tells of the gap, to be read.
+ * A file of lines, each a JSON object; config/journal.md describes them. A thread writes them
+ * (spool.h): the bus never waits for the disk. A line that cannot be written breaks the journal: no
+ * run can go on behind it. Writing is tried again from time to time. Later lines follow a line that
+ * describes the gap; they can be read, but not run.
  */
 #ifndef CANWIRE_RUN_JOURNAL_H
 #define CANWIRE_RUN_JOURNAL_H
@@ -17,7 +17,7 @@
 #define JOURNAL_VERSION 2 /* 1 had no seals (journal_seal.h) and no gaps */
 #define JOURNAL_ERROR_MAX 300
 
-/* Counters of a bus that are noted now and then, so that a run can be held against them. */
+/* Counters of a bus that are noted from time to time, to check a run against them. */
 typedef struct journal_counter {
     const char *name;
     uint64_t (*read)(const cw_bus_stats *stats);
@@ -28,33 +28,33 @@ extern const journal_counter journal_counters[JOURNAL_COUNTERS];
 
 typedef struct journal journal;
 
-/* Begins a journal of a bus that nothing has been done to yet. A file of that name that is there is
- * kept as FILE.1, and so on, up to so many files: journal_keep.h. The configuration is the live
- * one. NULL after writing why to error. */
+/* Begins a journal of a fresh bus. An existing file is kept as FILE.1, and so on, up to so many
+ * files: journal_keep.h. The configuration is the live one. Returns NULL after writing the reason
+ * to error. */
 journal *journal_start(const char *file, unsigned files, const cfg *config,
                        char error[JOURNAL_ERROR_MAX]);
 
-/* An input_observer; user is the journal. */
+/* Records an input, as an input_observer; user is the journal. */
 void journal_input(void *user, const input *what);
 
-/* Notes how far the bus has come and what it has counted; to be called about once a second. Logs
- * when the journal has broken, and takes it up again when it can be written, with a line about the
- * gap. */
+/* Records the progress of the bus and its counters; call it about once a second. It logs a broken
+ * journal, and resumes it with a line about the gap when it can be written. */
 void journal_mark(journal *j, const inputs *in);
 
-/* Takes up a broken one again now, if that can be. */
+/* Resumes a broken journal now, if possible. */
 void journal_retry(journal *j, const inputs *in);
 
-/* Ends it where the bus is now, with a line about what could not be written. NULL is fine. */
+/* Ends the journal at the present tick, with a line about missing lines. NULL is allowed. */
 void journal_stop(journal *j, const inputs *in);
 
-/* Lines that could not be written. */
+/* Returns the number of lines that could not be written. */
 uint64_t journal_lost(const journal *j);
 
-/* Whether it is not being written now, or not known to be. Of none: false. */
+/* Returns true when the journal is not being written, or not known to be. Returns false for
+ * NULL. */
 bool journal_is_broken(const journal *j);
 
-/* As config/control.md tells. To be released by the caller. */
+/* Returns the object of config/control.md, to be released by the caller. */
 json_t *journal_to_json(const journal *j);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal_check.c - whether a journal is whole, and where it is not.
+ * journal_check.c - checks that a journal is whole, and finds its damages.
  */
 #include "run/journal_check.h"
 
@@ -9,7 +9,7 @@
 
 #include <inttypes.h>
 
-#define DAMAGES_MAX 20u /* that are told one by one */
+#define DAMAGES_MAX 20u /* that are reported one by one */
 
 typedef struct checker {
     journal_reader *reader;
@@ -44,7 +44,7 @@ static void note_gap(checker *c, const journal_entry *entry)
     c->gaps++;
 }
 
-/* Whether to look at what is behind it. */
+/* Counts a damage. Returns true when the lines behind it are to be read. */
 static bool note_damage(checker *c)
 {
     c->damages++;
@@ -63,7 +63,7 @@ static void note_end(checker *c)
     c->damages++;
 }
 
-/* Whether there may be more. */
+/* Checks an entry. Returns true when more may follow. */
 static bool check_entry(checker *c, const journal_entry *entry)
 {
     switch (entry->kind) {

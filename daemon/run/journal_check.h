@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal_check.h - whether a journal is whole, and where it is not.
+ * journal_check.h - checks that a journal is whole, and finds its damages.
  */
 #ifndef CANWIRE_RUN_JOURNAL_CHECK_H
 #define CANWIRE_RUN_JOURNAL_CHECK_H
@@ -8,9 +8,9 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-/* Reads a journal to its end, without running it. What is in it goes to out, what is wrong to
- * errors, a line each with its place. Whether nothing is wrong: all lines are there and as they
- * were written, nothing is missing, and the last one says that canwired has ended. */
+/* Reads a journal to its end, without running it. A summary goes to `out`; each problem is a line
+ * with its place in `errors`. Returns true when all lines are present and undamaged, and the last
+ * one says that canwired has ended. */
 bool journal_check(const char *file, FILE *out, FILE *errors);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal_keep.c - the journals of before: which are kept when another one begins.
+ * journal_keep.c - chooses the older journals that are kept when a new one begins.
  */
 #include "run/journal_keep.h"
 
@@ -23,16 +23,16 @@
 #include <unistd.h>
 
 #define HEAD_BYTES 4096u
-#define TAIL_BYTES (16u << 20) /* in which the last line is looked for */
+#define TAIL_BYTES (16u << 20) /* that are searched for the last line */
 #define WORD_BYTES 64u
 
-/* A journal of before. */
+/* An older journal. */
 typedef struct found {
     unsigned number; /* 0: FILE itself */
     bool empty;
-    bool begun; /* it begins as a journal does */
+    bool begun; /* it begins with the first line of a journal */
     bool ended;
-    bool timed; /* there is a line with a time */
+    bool timed; /* a line has a time */
     uint64_t tick;
     char bus[WORD_BYTES];
     char started[WORD_BYTES];
@@ -53,9 +53,9 @@ static void print_name(char name[PATH_MAX], const char *file, unsigned number)
         (void)snprintf(name, PATH_MAX, "%s.%u", file, number);
 }
 
-/* ---- What is in one -------------------------------------------------------------------------- */
+/* ---- Content --------------------------------------------------------------------------------- */
 
-/* NULL when it is none, or damaged. */
+/* Returns NULL for damaged lines and for other text. */
 static json_t *parse_line(const char *line, size_t length)
 {
     if (journal_seal_check(line, length) == JOURNAL_SEAL_WRONG)
@@ -85,7 +85,7 @@ static void read_head(found *f, int fd)
     json_decref(line);
 }
 
-/* The last line that can be read. last: it is that of the file, with its end. */
+/* Reads a line of a journal. last: it is the last line of the file, and complete. */
 static bool take_line(found *f, const char *line, size_t length, bool last)
 {
     json_t *object = parse_line(line, length);
@@ -97,7 +97,7 @@ static bool take_line(found *f, const char *line, size_t length, bool last)
     return f->timed;
 }
 
-/* From behind, until there is a line that can be read; what has no end of a line is none. */
+/* Searches backwards for a readable line; an incomplete line does not count. */
 static void search_tail(found *f, const char *tail, size_t size)
 {
     const char *end = memrchr(tail, '\n', size);
@@ -122,7 +122,7 @@ static void read_tail(found *f, int fd, off_t size)
     free(tail);
 }
 
-/* 0 or EBUSY; what cannot be read is without end. */
+/* Returns 0 or EBUSY. An unreadable file counts as one without end. */
 static int read_one(found *f, int directory, const char *name)
 {
     struct stat info;
@@ -141,15 +141,16 @@ static int read_one(found *f, int directory, const char *name)
     return error;
 }
 
-/* What has neither a beginning nor a line of one is somebody else's: it never goes. */
+/* Returns true for a journal. A file without a first line or any line of one belongs to somebody
+ * else and is never removed. */
 static bool is_journal(const found *f)
 {
     return f->empty || f->begun || f->timed;
 }
 
-/* ---- The row --------------------------------------------------------------------------------- */
+/* ---- The list -------------------------------------------------------------------------------- */
 
-/* Returns 0 or an errno: EINVAL: something is no regular file. */
+/* Returns 0 or an errno; EINVAL: a file is no regular file. */
 static int read_row(row *r)
 {
     char name[PATH_MAX];
@@ -197,7 +198,7 @@ static void tell_without_end(const row *r)
     }
 }
 
-/* Which is to go; 0: none may. The newest stays. */
+/* Returns the number of the journal to remove; 0: none. The newest one stays. */
 static size_t choose(const row *r)
 {
     size_t first = 0; /* the oldest without end */
@@ -250,7 +251,7 @@ static int remove_some(row *r, unsigned files)
     return error;
 }
 
-/* FILE becomes FILE.1 and so on, up to the first number that is free. Returns 0 or an errno. */
+/* Renames FILE to FILE.1 and so on, up to the first free number. Returns 0 or an errno. */
 static int shift(const row *r)
 {
     size_t used = 0;

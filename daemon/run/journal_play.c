@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal_play.c - runs again what a journal has written down: the same inputs, the same events.
+ * journal_play.c - repeats the run of a journal: the same inputs, the same events.
  *
- * Frames of traffic are in the journal like all others, so the releases of the configuration are
- * left alone here.
+ * The journal contains frames of traffic like all others, so the releases of the configuration are
+ * not used here.
  */
 #include "run/journal_play.h"
 
@@ -15,7 +15,7 @@
 #include <string.h>
 
 struct journal_player {
-    const char *file; /* the caller's */
+    const char *file; /* of the caller */
     journal_reader *reader;
     live *live;
     void *memory; /* of the bus */
@@ -23,7 +23,7 @@ struct journal_player {
     journal_calls calls;
     void *user;
     FILE *errors;
-    bool differs; /* from the run that was written down */
+    bool differs; /* from the recorded run */
     journal_entry entry;
 };
 
@@ -98,7 +98,7 @@ const char *journal_player_writer(const journal_player *p)
 
 /* ---- Inputs ---------------------------------------------------------------------------------- */
 
-/* The bus does not answer as it did. Told once. */
+/* Reports, once, that the bus answers differently. */
 static void differ(journal_player *p, const char *key, const char *how)
 {
     if (!p->differs)
@@ -139,7 +139,8 @@ static bool find_rule(journal_player *p, unsigned *rule)
     return false;
 }
 
-/* Its own messages are about the text; they are kept back as long as it was refused then, too. */
+/* Injects the rules of an entry. The messages are about the text; they are suppressed when the
+ * recorded run refused it, too. */
 static bool inject(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -284,7 +285,8 @@ static void tell_incomplete(journal_player *p, const char *why)
             p->file, why, time, journal_line(p->reader), journal_byte(p->reader));
 }
 
-/* The bus at its end is not that of before: what is behind it can be read, but not run again. */
+/* Reports a gap. The bus at its end differs from the one before it: the lines behind the gap can be
+ * read, but not run. */
 static void tell_gap(journal_player *p)
 {
     char begin[TIME_TEXT_MAX];
@@ -312,7 +314,7 @@ static journal_outcome conclude(journal_player *p)
     return p->differs ? JOURNAL_FAILED : outcome;
 }
 
-/* What is at its time. False: it cannot be done. */
+/* Plays an entry at its time. Returns false when that is impossible. */
 static bool play_entry(journal_player *p)
 {
     switch (p->entry.kind) {

@@ -2,8 +2,7 @@
  *
  * journal_read.c - reads a journal line by line.
  *
- * Each line is an object with one key that says what it is, and the others that the table at the
- * end names for it.
+ * Each line is an object. One key names its kind, and the table at the end has its other keys.
  */
 #include "run/journal_read.h"
 
@@ -31,20 +30,21 @@
 #define FLAGS_MAX 31u
 
 struct journal_reader {
-    const char *file; /* the caller's */
+    const char *file; /* of the caller */
     FILE *errors;
     int fd;
     buffer bytes;  /* read and not yet used */
     bool at_end;   /* of the file */
-    bool over;     /* nothing more is to come */
+    bool over;     /* no entry follows */
     bool failed;   /* to read the file */
     size_t number; /* of the present line, from 1 */
     uint64_t byte; /* the first of it */
     unsigned version;
-    uint64_t last; /* what the line before has as its number */
-    uint64_t missing; /* lines before that one, which the line of a gap is still to tell of */
-    uint64_t tick; /* what it has as `at` */
-    bool damaged;  /* a line before this one is: numbers need not go on */
+    uint64_t last; /* the number of the line before */
+    uint64_t missing; /* missing lines before that one, which the line of a gap must still
+                         explain */
+    uint64_t tick; /* its `at` */
+    bool damaged;  /* a line before this one is damaged: numbers may have gaps */
     const char *line;
     size_t length;
     json_t *object; /* of the line */
@@ -56,7 +56,7 @@ struct journal_reader {
 
 typedef struct key_spec {
     const char *name;
-    json_type type; /* JSON_STRING also stands for {"hex": ...} where bytes are read */
+    json_type type; /* JSON_STRING also stands for {"hex": ...} in members of bytes */
     bool required;
 } key_spec;
 
@@ -65,13 +65,13 @@ typedef struct line_spec {
     journal_kind kind;
     input_kind input;
     bool (*read)(journal_reader *r, journal_entry *entry);
-    json_type type;             /* of the key's own value */
-    key_spec keys[KEYS_MAX + 1]; /* besides `at` and `again` */
+    json_type type;             /* of the value of that key */
+    key_spec keys[KEYS_MAX + 1]; /* in addition to `at` and `again` */
 } line_spec;
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* Behind the text that begins at i with a quote. */
+/* Returns the index behind the text that begins at i with a quote. */
 static size_t skip_text(const journal_reader *r, size_t i)
 {
     for (i++; i < r->length && r->line[i] != '"'; i++)
@@ -86,7 +86,7 @@ static bool is_key(const journal_reader *r, size_t begin, size_t end, const char
            memcmp(r->line + begin + 1, key, length) == 0;
 }
 
-/* Column of the value of a key of the object itself, from 1; 1 when it is not found. */
+/* Returns the column of the value of a key of the outer object, from 1; 1 when it is not found. */
 static size_t column_of(const journal_reader *r, const char *key)
 {
     unsigned depth = 0;
@@ -123,7 +123,7 @@ void journal_complain(journal_reader *r, const char *key, const char *format, ..
     va_end(args);
 }
 
-/* Always false, for the caller to return. */
+/* Returns false, for the caller to return. */
 static bool __attribute__((format(printf, 3, 4)))
 wrong(journal_reader *r, const char *key, const char *format, ...)
 {
@@ -168,7 +168,7 @@ static int hex_digit(char c)
     return place ? (int)(place - digits) : -1;
 }
 
-/* Bytes of hexadecimal digits; false when they are none. */
+/* Reads bytes from hexadecimal digits; returns false for other text. */
 static bool read_hex(char *bytes, const char *hex, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -181,7 +181,8 @@ static bool read_hex(char *bytes, const char *hex, size_t count)
     return hex[2 * count] == '\0';
 }
 
-/* A text, or {"hex": ...}; with a final 0 behind it. NULL after a complaint about the key. */
+/* Reads a text, or {"hex": ...}; a final 0 follows it. Returns NULL after a complaint about the
+ * key. */
 static const char *read_bytes(journal_reader *r, size_t *size, const json_t *value, const char *key)
 {
     const char *hex = json_string_value(json_object_get(value, "hex"));
@@ -205,7 +206,7 @@ static const char *read_bytes(journal_reader *r, size_t *size, const json_t *val
     return bytes;
 }
 
-/* The same where a 0 in the middle would cut it. */
+/* Reads a text in the same way, but without a 0, which would cut it. */
 static const char *read_word(journal_reader *r, const json_t *value, const char *key)
 {
     size_t size;
@@ -221,7 +222,7 @@ static const char *read_word(journal_reader *r, const json_t *value, const char 
 
 static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 {
-    uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are read */
+    uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are assigned */
     char bytes[sizeof frame->data];
     const char *data = text_of(r, "data");
     if (!value_of(r, "id") || !value_of(r, "flags") || !value_of(r, "dlc") || !data)
@@ -384,14 +385,14 @@ static const line_spec specs[] = {
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-/* Whether a key is the reader's own, and no line has to name it. */
+/* Returns true for a key that belongs to the reader, which no line has to name. */
 static bool is_common(const journal_reader *r, const char *key)
 {
     return strcmp(key, "at") == 0 ||
            (r->version > 1 && (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0));
 }
 
-/* JSON_NULL stands for anything. */
+/* Checks the type of a value; JSON_NULL allows any type. */
 static bool check_type(journal_reader *r, const char *key, json_type type)
 {
     static const char *const names[] = {[JSON_OBJECT] = "an object",
@@ -453,9 +454,9 @@ static bool check_keys(journal_reader *r, const line_spec *spec)
     return check_type(r, spec->name, spec->type);
 }
 
-/* Numbers go on one by one; at a gap those of the lines in it are left out. Where header or
- * configuration had to be written once more they stand before the line of the gap, with what is
- * missing before them. */
+/* Checks the number of a line. Numbers are consecutive, except for the lines lost in a gap. A
+ * repeated header or configuration stands before the line of the gap, with the missing numbers
+ * before it. */
 static bool check_number(journal_reader *r, journal_entry *entry)
 {
     uint64_t number = 0;
@@ -500,7 +501,7 @@ static bool understand(journal_reader *r, journal_entry *entry)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-/* Reads on. False at the end of the file, and after a complaint, with which everything is over. */
+/* Reads on. Returns false at the end of the file, and after a complaint, which ends the reading. */
 static bool read_more(journal_reader *r)
 {
     if (r->at_end)
@@ -524,7 +525,8 @@ static bool read_more(journal_reader *r)
     return count > 0;
 }
 
-/* The next line without its end. False when there is none; one without end is none. */
+/* Returns the next line without its end. Returns false when there is none; an incomplete line does
+ * not count. */
 static bool next_line(journal_reader *r)
 {
     size_t searched = 0;
@@ -550,7 +552,7 @@ static bool next_line(journal_reader *r)
     }
 }
 
-/* The header says whether there are seals, but it is looked at first. */
+/* Checks the seal. The header announces seals, but its own is checked before it is read. */
 static bool check_seal(journal_reader *r)
 {
     char time[TIME_TEXT_MAX];
@@ -564,7 +566,7 @@ static bool check_seal(journal_reader *r)
                  r->byte + r->length, time);
 }
 
-/* The line as an object; false after a complaint. */
+/* Parses the line as an object; returns false after a complaint. */
 static bool parse_line(journal_reader *r)
 {
     json_error_t error;

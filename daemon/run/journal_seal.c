@@ -14,7 +14,7 @@
 #define CRC_END "\"}"
 #define TAIL_BYTES (sizeof CRC_KEY - 1 + CRC_DIGITS + sizeof CRC_END - 1)
 
-/* The table is linear: that of a byte is the sum of those of its bits. */
+/* The table is linear: the entry of a byte is the sum of the entries of its bits. */
 #define BIT(n, bit, value) ((n) >> (bit) & 1u ? (value) : 0u)
 #define ENTRY(n)                                                                                   \
     (BIT(n, 0, 0x77073096u) ^ BIT(n, 1, 0xEE0E612Cu) ^ BIT(n, 2, 0x076DC419u) ^                    \

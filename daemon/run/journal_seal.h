@@ -5,8 +5,8 @@
  *     {"at":160,"fire":"r","n":7,"crc":"1c291ca3"}
  *
  * The checksum is CRC-32 (that of zlib, Ethernet and gzip) of all bytes before `,"crc"`, in eight
- * small hexadecimal digits. It finds each change of up to 32 bits in a row. Numbers go on where
- * lines could not be written, so that what is missing is counted.
+ * small hexadecimal digits. It finds each change of up to 32 consecutive bits. Lost lines have
+ * numbers, too, so that missing lines are counted.
  */
 #ifndef CANWIRE_RUN_JOURNAL_SEAL_H
 #define CANWIRE_RUN_JOURNAL_SEAL_H
@@ -24,11 +24,11 @@ typedef enum journal_seal {
 
 uint32_t journal_crc32(uint32_t before, const void *bytes, size_t size);
 
-/* Puts a seal into a line that ends with "}\n" and has room for JOURNAL_SEAL_BYTES more. Returns
- * its size then. */
+/* Adds a seal to a line that ends with "}\n" and has room for JOURNAL_SEAL_BYTES more. Returns the
+ * new size. */
 size_t journal_seal_put(char *line, size_t size, uint64_t number);
 
-/* Looks at the seal of a line, which is without its end. */
+/* Checks the seal of a line, which comes without its end. */
 journal_seal journal_seal_check(const char *line, size_t length);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * live.c - the configuration that is in effect: that of the file, with the rules of now.
+ * live.c - the configuration that is in effect: the file's, with the present rules.
  */
 #include "run/live.h"
 
@@ -9,7 +9,7 @@
 #include <string.h>
 
 struct live {
-    cfg now;  /* as the file, but its rules are those below */
+    cfg now;  /* the configuration of the file with the rules below */
     cfg *file;
     cw_rule rules[CW_RULES_MAX];
     const char *names[CW_RULES_MAX]; /* of the rules */

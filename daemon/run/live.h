@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * live.h - the configuration that is in effect: that of the file, with the rules of now.
+ * live.h - the configuration that is in effect: the file's, with the present rules.
  *
- * The library keeps no names of rules. Here they are, by the index that the library counts a rule
- * under: those of the configuration and those that were injected while the bus runs.
+ * The library keeps no names of rules. This file keeps them by the library's index of a rule, for
+ * configured rules and for injected ones.
  */
 #ifndef CANWIRE_RUN_LIVE_H
 #define CANWIRE_RUN_LIVE_H
@@ -12,35 +12,34 @@
 
 typedef struct live live;
 
-/* Takes the configuration over; it is freed with it. NULL when there is no memory; the
- * configuration is then still the caller's. */
+/* Takes over the configuration and frees it at its own end. Returns NULL without memory; the caller
+ * then keeps the configuration. */
 live *live_new(cfg *config);
 
-/* NULL is fine. */
+/* Frees the configuration. NULL is allowed. */
 void live_free(live *l);
 
-/* Goes over to another configuration, which it takes over; the old one is freed, injected rules are
- * forgotten. */
+/* Takes over another configuration. It frees the old one and forgets injected rules. */
 void live_replace(live *l, cfg *config);
 
-/* What is in effect; always the same pointer. Entry i of its rules is rule i of the bus; where
- * there is none, its name is NULL. */
+/* Returns the configuration in effect; the pointer stays the same. Entry i of its rules is rule i
+ * of the bus; the name of a missing rule is NULL. */
 const cfg *live_config(const live *l);
 
-/* The names alone, for cfg_load_rules(). */
+/* Returns the names alone, for cfg_load_rules(). */
 cfg_running live_running(const live *l);
 
-/* The index of a rule that is there. */
+/* Finds the index of a rule. */
 bool live_find(const live *l, unsigned *index, const char *name);
 
-/* Whether a rule was injected, not configured. */
+/* Returns true for an injected rule, and false for a configured one. */
 bool live_is_injected(const live *l, unsigned index);
 
-/* Notes an injected rule under the index that the bus gave it; copies the rule. The name is from
- * malloc() and is taken. */
+/* Notes an injected rule under its index on the bus; copies the rule. The name is from malloc() and
+ * is taken over. */
 void live_put(live *l, unsigned index, const cw_rule *rule, char *name);
 
-/* Forgets a rule that was taken away. */
+/* Forgets a removed rule. */
 void live_remove(live *l, unsigned index);
 
 #endif

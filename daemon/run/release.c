@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * release.c - the traffic of nodes without port: when which frame is handed in.
+ * release.c - releases the frames of nodes without port at their times.
  *
  * A binary heap over the sources of frames, ordered by time and then by their place in the file.
  * Replays with `speed: max` are not in it while they wait for their node.
@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LATE_TICKS (CW_CLOCK_HZ / 1000u) /* until a file that is read ahead is asked again */
+#define LATE_TICKS (CW_CLOCK_HZ / 1000u) /* until a late file is asked again */
 #define LATE_TOLD_TICKS CW_CLOCK_HZ
 #define LOOK_BITS 100u /* too few for a node to go bus-off and come back */
 
@@ -26,13 +26,13 @@ typedef struct source {
     uint64_t tick;         /* of the next one */
     uint64_t jitter_seed;  /* of the stream of this entry */
     uint64_t jitter_ticks; /* at most */
-    replay *replay;        /* NULL of a send, and of a replay that is over or has moved on */
+    replay *replay;        /* NULL for a send, and for a replay that is finished or has moved on */
     bool has_frame;        /* of a replay: `frame` is the next one */
-    bool late;             /* of a replay: its file has not been read so far */
-    uint64_t late_ticks;   /* ... for so long */
+    bool late;             /* of a replay: the thread has not read its file up to here */
+    uint64_t late_ticks;   /* ... for this time */
     bool waits;            /* speed: max, and not in the heap */
-    bool moved;            /* another plan goes on with it */
-    bool told;             /* what was left out of its file */
+    bool moved;            /* another plan continues it */
+    bool told;             /* entries that were left out of its file have been reported */
     cw_frame frame;
 } source;
 
@@ -41,7 +41,7 @@ struct release_plan {
     release_teller *tell;
     void *user;
     cw_rate rate;
-    unsigned fast; /* replays with `speed: max` that are not over */
+    unsigned fast; /* replays with `speed: max` that are not finished */
     bool failed;
     size_t source_count;
     source *sources;
@@ -94,7 +94,7 @@ static void pop(release_plan *plan)
 
 /* ---- send ------------------------------------------------------------------------------------ */
 
-/* Which of the node's entries with the same frame it is. */
+/* Returns the place among the node's entries with the same frame. */
 static uint64_t ordinal(const cfg_node *node, const cfg_traffic *traffic)
 {
     uint64_t before = 0;
@@ -103,7 +103,8 @@ static uint64_t ordinal(const cfg_node *node, const cfg_traffic *traffic)
     return before;
 }
 
-/* The stream depends on seed, node and frame, so that other entries change nothing in it. */
+/* Starts a send. Its stream depends on seed, node and frame, so that other entries do not change
+ * it. */
 static void start_send(release_plan *plan, source *s)
 {
     char frame[FRAME_TEXT_MAX];
@@ -116,7 +117,8 @@ static void start_send(release_plan *plan, source *s)
     s->jitter_seed = cw_random(seed, frame, 0);
 }
 
-/* Release k. Jitter delays it, but never beyond the place of the next one without jitter. */
+/* Returns the tick of release k. Jitter delays it, but never beyond the undelayed place of the next
+ * one. */
 static uint64_t send_tick(const release_plan *plan, const source *s, uint64_t k)
 {
     const cfg_traffic *t = s->traffic;
@@ -132,7 +134,7 @@ static uint64_t send_tick(const release_plan *plan, const source *s, uint64_t k)
     return late < next ? late : next;
 }
 
-/* The first release at or after a tick; s->traffic->count when there is none. */
+/* Returns the first release at or after a tick; s->traffic->count when there is none. */
 static uint64_t first_from(const release_plan *plan, const source *s, uint64_t tick)
 {
     uint64_t low = 0;
@@ -154,7 +156,7 @@ static bool same_text(const char *a, const char *b)
     return a == b || (a && b && strcmp(a, b) == 0);
 }
 
-/* Whether another source has said the same already: nodes may share a file. */
+/* Returns true when another source has reported the same already: nodes may share a file. */
 static bool is_known(const release_plan *plan, const source *s)
 {
     for (size_t i = 0; i < plan->source_count; i++) {
@@ -189,7 +191,7 @@ static void end_replay(release_plan *plan, source *s, const char *problem)
     s->replay = NULL;
 }
 
-/* Asks again later, and says so when that goes on. */
+/* Asks again later, and reports a file that stays late. */
 static void note_late(const release_plan *plan, source *s)
 {
     char text[TRACE_PROBLEM_MAX];
@@ -202,8 +204,8 @@ static void note_late(const release_plan *plan, source *s)
     plan->tell(plan->user, false, text);
 }
 
-/* Looks for the next frame of a file. Returns false when it is over. When one comes late, all
- * behind it come as much later: at once they would be too many for the node's queue. */
+/* Reads the next frame of a file. Returns false when the file is finished. A late frame delays all
+ * later ones by as much: together they would overflow the node's queue. */
 static bool fetch(release_plan *plan, source *s)
 {
     const uint64_t asked = s->tick;
@@ -212,7 +214,7 @@ static bool fetch(release_plan *plan, source *s)
     s->late = step == REPLAY_LATER;
     if (s->tick < asked && !s->traffic->fast)
         replay_delay(s->replay, asked - s->tick);
-    if (s->tick < asked || s->traffic->fast) /* whose times mean nothing */
+    if (s->tick < asked || s->traffic->fast) /* a fast replay ignores the times of its file */
         s->tick = asked;
     if (s->late)
         note_late(plan, s);
@@ -258,7 +260,7 @@ static void start(release_plan *plan, source *s)
     s->tick = send_tick(plan, s, 0);
 }
 
-/* Where a source belongs that has not begun, or goes on elsewhere. */
+/* Puts a source that begins, or has been taken over, into the heap or among the waiting ones. */
 static void place(release_plan *plan, source *s)
 {
     bool is_replay = s->traffic->kind == CFG_TRAFFIC_REPLAY;
@@ -323,7 +325,7 @@ void release_plan_free(release_plan *plan)
 
 /* ---- Taking over ----------------------------------------------------------------------------- */
 
-/* The source of the old plan that a replay goes on from, or NULL. */
+/* Returns the source of the old plan that a replay continues, or NULL. */
 static source *find_old(release_plan *old, const source *s, uint8_t node)
 {
     for (size_t i = 0; node != CW_NO_NODE && i < old->source_count; i++) {
@@ -336,7 +338,7 @@ static source *find_old(release_plan *old, const source *s, uint8_t node)
 
 static void go_on_from(source *s, source *old)
 {
-    replay_close(s->replay); /* only opened to see whether it can be */
+    replay_close(s->replay); /* was opened only as a test */
     s->replay = old->replay;
     s->tick = old->tick;
     s->has_frame = old->has_frame;
@@ -388,7 +390,7 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node)
     return s->has_frame ? &s->frame : NULL;
 }
 
-/* In a heap what comes second is one of two. */
+/* The second entry of a heap is one of two. */
 bool release_is_alone(const release_plan *plan, uint64_t before)
 {
     assert(plan->count > 0);
@@ -398,7 +400,7 @@ bool release_is_alone(const release_plan *plan, uint64_t before)
     return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
 }
 
-/* The first source goes on to its next release, or away. */
+/* Moves the first source to its next release, or removes it. */
 static void go_on(release_plan *plan)
 {
     source *s = plan->heap[0];
@@ -443,7 +445,8 @@ static bool node_is_free(const cw_bus *bus, unsigned node)
            !(settings.modes & CW_MODE_LISTEN_ONLY);
 }
 
-/* A node that has a frame to send is done with it at an end of a frame, if it is not one-shot. */
+/* Returns true when the node finishes its frame at the end of a frame on the bus. Such a node has a
+ * frame to send and is not one-shot. */
 static bool is_busy_till_end_of_frame(const cw_bus *bus, unsigned node)
 {
     cw_node_stats stats;

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * replay.c - the frames of a recorded file, one after the other, with the times they get on the
- * bus.
+ * replay.c - the frames of a recorded file in their order, with their times on the bus.
  */
 #include "run/replay.h"
 
@@ -11,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ENTRIES_AT_ONCE 1000u /* that are passed over before others get their turn */
+#define ENTRIES_AT_ONCE 1000u /* that are skipped before other sources get their turn */
 #define PLACE_MAX TRACE_CHANNEL_MAX
-#define OTHERS_MAX 8u /* interfaces of the file that are told when the one asked for is none */
+#define OTHERS_MAX 8u /* interfaces that a message lists when the file lacks the selected one */
 
 /* Entries of one kind that were not replayed. */
 typedef struct tally {
@@ -26,19 +25,20 @@ struct replay {
     cw_rate rate;
     uint64_t origin;
     cfg_time begin;  /* of the present pass, from the origin on */
-    uint64_t passes; /* that are done */
-    bool begun;      /* base_ns is that of the first entry with a time */
+    uint64_t passes; /* completed passes */
+    bool begun;      /* base_ns is set, by the first entry with a time */
     uint64_t base_ns;
     uint64_t last_ns;                 /* the latest time of this pass, from base_ns on */
     uint64_t last_tick;               /* of a frame */
     uint64_t matched;                 /* frames of this pass */
     tally left_out[TRACE_KIND_COUNT]; /* of the first pass */
     tally stepped_back;
-    bool heard; /* there is something of the interface that is asked for */
-    bool more;  /* there are more others than are kept */
+    bool heard; /* an entry has the selected interface */
+    bool more;  /* there are more other interfaces than are kept */
     unsigned other_count;
     char others[OTHERS_MAX][TRACE_CHANNEL_MAX]; /* names of the other interfaces of the file */
-    trace_reader *reader; /* with `ahead` a thread's: ask only for what does not change */
+    trace_reader *reader; /* with `ahead` it belongs to a thread: only constant members may be
+                             read */
     trace_ahead *ahead;   /* or NULL */
     uint64_t position;    /* in the file, up to which entries have been taken */
     char problem[TRACE_PROBLEM_MAX]; /* of an entry, not of the reader; or empty */
@@ -103,7 +103,7 @@ static void count(const replay *r, tally *t, const trace_record *record)
         t->first = record->place;
 }
 
-/* Time since the first entry of the file. */
+/* Returns the time since the first entry of the file. */
 static uint64_t elapsed_ns(replay *r, const trace_record *record)
 {
     if (!r->begun) {
@@ -118,7 +118,7 @@ static uint64_t elapsed_ns(replay *r, const trace_record *record)
     return r->last_ns;
 }
 
-/* The begin of the pass and the time of the file are rounded to ticks together. */
+/* Rounds the beginning of the pass and the time in the file to ticks together. */
 static uint64_t tick_of(replay *r, uint64_t ns)
 {
     const cfg_time elapsed = {.ns = ns};
@@ -164,7 +164,8 @@ static uint64_t sum(uint64_t a, uint64_t b)
     return b < UINT64_MAX - a ? a + b : UINT64_MAX;
 }
 
-/* The file is at its end: again from the beginning, or over. A pass without a frame is the last. */
+/* Begins the next pass at the end of the file, or ends the replay. A pass without a frame is the
+ * last. */
 static replay_step end_pass(replay *r)
 {
     const cfg_time *gap = &r->traffic->gap;
@@ -191,7 +192,7 @@ static trace_result next_entry(replay *r, trace_record *record)
     return result;
 }
 
-/* One entry. REPLAY_PAUSE: it is not one to be sent. */
+/* Reads one entry. REPLAY_PAUSE: the entry is not sent. */
 static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
 {
     trace_record record;
@@ -243,7 +244,7 @@ void replay_set_traffic(replay *r, const cfg_traffic *traffic)
     r->traffic = traffic;
 }
 
-/* ---- What there is to say -------------------------------------------------------------------- */
+/* ---- Messages -------------------------------------------------------------------------------- */
 
 const char *replay_problem(const replay *r)
 {
@@ -260,7 +261,7 @@ static void add_tally(const replay *r, FILE *out, const char *begin, const char 
             t->count > 1 ? "the first at " : "", place);
 }
 
-/* The interface that is asked for is none of the file. */
+/* Reports that the file lacks the selected interface. */
 static void add_interfaces(const replay *r, FILE *out)
 {
     fprintf(out, "no interface '%s'; there is", r->traffic->channel);

@@ -18,7 +18,7 @@ typedef struct mode_key {
     uint8_t mode;
 } mode_key;
 
-/* A number; how it is put into the settings is in put_number(). */
+/* A key with a number; put_number() puts it into the settings. */
 typedef struct number_key {
     const char *name;
     uint8_t which; /* CW_SET_* */
@@ -26,7 +26,7 @@ typedef struct number_key {
     uint64_t max;
 } number_key;
 
-/* In the order in which `ip` shows them. */
+/* The modes in the order of `ip`. */
 static const mode_key mode_keys[] = {
     {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
     {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
@@ -66,7 +66,7 @@ static const number_key *find_number(const char *key)
 
 /* ---- From JSON ------------------------------------------------------------------------------- */
 
-/* true, false or a text that the configuration would take. */
+/* Reads true, false, or a text that the configuration accepts. */
 static bool read_bool(bool *out, const json_t *value)
 {
     static const char *const words[2][3] = {{"off", "no", "false"}, {"on", "yes", "true"}};
@@ -185,7 +185,7 @@ static bool set_key(cw_settings *s, char *error, const char *key, const json_t *
 bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object)
 {
     cw_settings read = {.which = 0};
-    json_t *members = (json_t *)(uintptr_t)object; /* the iterator takes no const */
+    json_t *members = (json_t *)(uintptr_t)object; /* the iterator does not accept a const object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
         if (!set_key(&read, error, json_object_iter_key(i), json_object_iter_value(i)))
             return false;

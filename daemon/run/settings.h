@@ -13,14 +13,15 @@
 
 #define SETTINGS_ERROR_MAX 240
 
-/* Reads an object; values may be texts as in KEY=VALUE. False, with *out unchanged, after saying in
- * error what is wrong and what is allowed. */
+/* Reads an object; values may be texts as in KEY=VALUE. An error returns false and leaves *out
+ * unchanged; `error` then names the problem and the allowed values. */
 bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object);
 
-/* Only those that `which` and the mask of the modes name: what settings_from_json() reads back. */
+/* Returns the settings that `which` and the mask of the modes name; settings_from_json() reads them
+ * back. */
 json_t *settings_given_to_json(const cw_settings *settings);
 
-/* All settings, whatever `which` says. */
+/* Returns all settings, whatever `which` selects. */
 json_t *settings_to_json(const cw_settings *settings);
 
 #endif
