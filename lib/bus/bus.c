@@ -157,5 +157,6 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
 {
+    cw_wake_controllers(bus); /* it went by the events that were wanted */
     bus->wanted = kinds;
 }

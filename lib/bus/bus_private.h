@@ -105,7 +105,6 @@ typedef struct cw_leap {
     bool active;
     bool broken;          /* it must end with the bit in progress */
     bool at_work;         /* rules act on the levels of its bits */
-    bool unseen;          /* all losses have been counted beforehand */
     bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits of frame and intermission that are not leapt over */
@@ -118,6 +117,8 @@ typedef struct cw_leap {
     uint64_t contenders;  /* nodes that began to transmit */
     uint64_t watched;     /* of these, those whose bits rules look at before the leap is over */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
+    uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
+    uint8_t next_loss;    /* the first lost_at of those that are undecided */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
 } cw_leap;
@@ -375,8 +376,11 @@ void cw_leap_on(cw_bus *bus, uint64_t tick);
  * restarts that are due; nobody else. */
 void cw_wake_controllers(cw_bus *bus);
 
-/* In a leap a node gets a frame to send. */
-void cw_leap_frame_came(cw_bus *bus, unsigned node, uint64_t tick);
+/* In a leap a node is about to get a frame to send. */
+void cw_leap_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
+
+/* Returns the nodes whose losses have been counted beforehand and have not come to pass. */
+uint64_t cw_losses_ahead(const cw_bus *bus);
 
 /* In a leap: recessive bits up to now, and bits until the next event. */
 uint64_t cw_leap_recessive_bits(const cw_bus *bus);

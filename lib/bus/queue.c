@@ -24,6 +24,11 @@ static uint32_t priority_key(const cw_frame *frame)
     return cw_key_with_rtr(frame, CW_DOMINANT);
 }
 
+static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
+{
+    return q->mode == CW_ORDER_PRIORITY ? priority_key(frame) : 0;
+}
+
 /* Where a new frame goes: behind all that are at least as urgent. A binary search in which only the
  * number of frames decides on branches, since the processor cannot foresee keys. */
 static unsigned find_place(const cw_queue *q, uint32_t key)
@@ -40,12 +45,17 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
     return place + 1;
 }
 
+bool cw_queue_goes_first(const cw_queue *q, const cw_frame *frame)
+{
+    return q->count == 0 || q->order[q->count - 1].key > place_key(q, frame);
+}
+
 /* The length is found here, where nothing waits for it, and not when the frame's turn comes. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
 {
     if (q->count == q->capacity)
         return false;
-    uint32_t key = q->mode == CW_ORDER_PRIORITY ? priority_key(frame) : 0;
+    uint32_t key = place_key(q, frame);
     unsigned place = find_place(q, key);
     uint16_t slot = q->order[q->count].slot;
     memmove(&q->order[place + 1], &q->order[place], (q->count - place) * sizeof q->order[0]);
@@ -69,7 +79,7 @@ void cw_queue_set_order(cw_queue *q, cw_order mode)
     q->mode = mode;
     for (unsigned i = 0; i < q->count; i++) {
         cw_queue_place moved = q->order[i];
-        moved.key = mode == CW_ORDER_PRIORITY ? priority_key(&q->slots[moved.slot].frame) : 0;
+        moved.key = place_key(q, &q->slots[moved.slot].frame);
         unsigned place = i;
         for (; place > 0 && goes_after(q, &moved, &q->order[place - 1]); place--)
             q->order[place] = q->order[place - 1];

@@ -4,6 +4,7 @@
  */
 #include "bus/bus_private.h"
 
+#include "format/bitset.h"
 #include "format/layout.h"
 
 uint64_t cw_bus_now(const cw_bus *bus)
@@ -107,6 +108,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
 {
     *stats = bus->stats;
+    stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
     stats->pending = (uint32_t)(bus->queued + bus->held_count);
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
@@ -119,6 +121,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     const bus_node *n = &bus->nodes[i];
     *stats = n->stats;
     cw_share_stats(bus, i, stats);
+    stats->arbitration_lost -= cw_losses_ahead(bus) >> i & 1u;
     stats->inbox = n->inbox;
     stats->queue = n->queue.count;
     cw_rules_count_held(bus, i, &stats->held, &stats->rx_held);

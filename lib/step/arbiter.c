@@ -95,11 +95,6 @@ bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
     return !(entry & TIE);
 }
 
-uint32_t cw_arbiter_key(const cw_bus *bus, unsigned i)
-{
-    return (uint32_t)(bus->arbiter.entries[bus->arbiter.leaves + i] >> KEY_SHIFT);
-}
-
 /* ---- Shares ---------------------------------------------------------------------------------- */
 
 /* Attempts of a node that were lost since the last sharing out. */

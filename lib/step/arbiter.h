@@ -32,9 +32,6 @@ void cw_assert_arbiter(const cw_bus *bus);
  * two are equal up to the end of the arbitration field. */
 bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
 
-/* Behind cw_arbiter_update(): the key of the frame that goes first at a node. */
-uint32_t cw_arbiter_key(const cw_bus *bus, unsigned node);
-
 /* Adds what is still to be shared out to a copy of a node's statistics. */
 void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 

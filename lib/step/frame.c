@@ -22,28 +22,6 @@
 
 /* ---- Moments --------------------------------------------------------------------------------- */
 
-static unsigned next_loss(const cw_leap *leap)
-{
-    unsigned next = CW_NO_LOOK;
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
-        unsigned at = leap->lost_at[cw_lowest_node(rest)] + 1u;
-        next = at < next ? at : next;
-    }
-    return next;
-}
-
-static void tell_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        if (leap->lost_at[i] + 1u != leap->at)
-            continue;
-        leap->undecided &= ~cw_node_bit(i);
-        cw_tell_arbitration_lost(bus, i, leap->lost_bit[i]);
-    }
-}
-
 /* R8, at the ACK slot. */
 static void lower_counters(cw_bus *bus)
 {
@@ -107,8 +85,8 @@ static void finish_transmission(cw_bus *bus)
 static void run_moment(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
-    if (leap->undecided)
-        tell_losses(bus);
+    if (leap->undecided && leap->next_loss + 1u == leap->at)
+        cw_losses_tell(bus);
     if (leap->at == leap->length - CW_AFTER_ACK_BITS)
         lower_counters(bus);
     else if (leap->at == leap->length - CW_AFTER_ACCEPT_BITS)
@@ -120,7 +98,7 @@ static void run_moment(cw_bus *bus)
 static unsigned next_moment(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
-    unsigned loss = leap->undecided ? next_loss(leap) : CW_NO_LOOK;
+    unsigned loss = leap->undecided ? leap->next_loss + 1u : CW_NO_LOOK;
     unsigned next = leap->length + CW_INTERMISSION_BITS;
     if (leap->at < leap->length)
         next = leap->length;
@@ -198,7 +176,7 @@ static void end_slot(cw_bus *bus)
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
 /* The nodes that drive a dominant bit; of contenders whose losses are not seen the winner alone,
- * which makes no difference to the wire (see passes_arbitration()). */
+ * which makes no difference to the wire (see hides_losses()). */
 static uint64_t find_drivers(const cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
@@ -279,11 +257,12 @@ static void leap_over(cw_bus *bus)
     cw_leap *leap = &bus->leap;
     const unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
     count_bits(bus, bits);
+    leap->hidden = 0; /* from here on all losses come to pass */
     if (bus->rules.awake_count)
         (void)cw_rules_consume(bus, bits, NULL, NULL);
     while (leap->undecided) {
-        leap->at = (uint16_t)pass_to(bus, leap->at, next_loss(leap));
-        tell_losses(bus);
+        leap->at = (uint16_t)pass_to(bus, leap->at, leap->next_loss + 1u);
+        cw_losses_tell(bus);
     }
     go_to_end(bus, leap->at);
 }
@@ -356,7 +335,7 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
     n->mac.offered = false; /* not encoded */
     leap->node = (uint8_t)winner;
     leap->contenders = contenders;
-    cw_leap_count_losses(bus);
+    cw_losses_hide(bus);
     bus->clean_bits += bits;
     go_to_end(bus, 0);
     return true;
@@ -390,11 +369,15 @@ static void look_at_stop(cw_bus *bus)
 
 /* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
  * begun (M6). */
-void cw_leap_frame_came(cw_bus *bus, unsigned i, uint64_t tick)
+void cw_leap_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
-    bool loopback = bus->nodes[i].mac.modes & CW_MODE_LOOPBACK;
-    bool may_join = bus->leap.at == 1 && tick <= cw_now(bus);
-    bus->leap.broken = bus->leap.broken || loopback || may_join;
+    cw_leap *leap = &bus->leap;
+    const bus_node *n = &bus->nodes[i];
+    bool loopback = n->mac.modes & CW_MODE_LOOPBACK;
+    bool may_join = leap->at == 1 && tick <= cw_now(bus);
+    leap->broken = leap->broken || loopback || may_join;
+    if ((leap->hidden >> i & 1u) && cw_queue_goes_first(&n->queue, frame))
+        cw_losses_show(bus, cw_node_bit(i)); /* while the frame that it has begun with goes first */
 }
 
 void cw_leap_on(cw_bus *bus, uint64_t tick)

@@ -18,10 +18,6 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
 /* A leap that begins with the frame of a node; which one and where in it is left to the caller. */
 void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders);
 
-/* All lost arbitrations at once; what they add to single nodes is shared out later
- * (arbiter.c). */
-void cw_leap_count_losses(cw_bus *bus);
-
 /* Every arbitration is over after so many wire bits: the field with its SOF and stuff bits. */
 static inline unsigned cw_leap_arbitration_bits(const cw_bus *bus)
 {
@@ -38,13 +34,28 @@ static inline const cw_bits *cw_leap_bits(const cw_bus *bus, cw_bits *room)
     return room;
 }
 
-/* Where a contender loses to the frame with these bits, and with which frame. */
-void cw_leap_find_loss(cw_bus *bus, unsigned node, const cw_bits *bits);
-
 /* Whether noise leaves so many bits to come alone. */
 static inline bool cw_leap_is_noise_free(const cw_bus *bus, unsigned bits)
 {
     return bus->rules.awake_count == 0 || cw_rules_keep_quiet(bus, bits, true) == bits;
 }
+
+/* ---- losses.c -------------------------------------------------------------------------------- */
+
+/* Keeps the frame that a node has begun with, whatever comes to its queue meanwhile. */
+void cw_losses_pin_frame(bus_node *node);
+
+/* All contenders begin to transmit; each loss is reported when its bit has passed. */
+void cw_losses_begin(cw_bus *bus);
+
+/* The same, with all losses counted at once: nobody sees the single ones. arbiter.c shares out later
+ * what they add to the statistics of single nodes. */
+void cw_losses_hide(cw_bus *bus);
+
+/* Takes back what was counted at once for some of the hidden losers and lies ahead. */
+void cw_losses_show(cw_bus *bus, uint64_t nodes);
+
+/* Reports the losses of the bit that has passed, if it has some. */
+void cw_losses_tell(cw_bus *bus);
 
 #endif

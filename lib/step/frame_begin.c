@@ -61,62 +61,6 @@ static void encode(bus_node *n)
     cw_offer_first(n);
 }
 
-/* ---- Losing arbitration ---------------------------------------------------------------------- */
-
-/* The frame that a contender has begun with, whatever comes to its queue meanwhile. */
-static void pin_frame(bus_node *n)
-{
-    uint16_t slot = cw_queue_first(&n->queue);
-    if (n->offered_slot != slot || n->wrong_crc)
-        n->mac.offered = false; /* not encoded */
-    n->offered_slot = slot;
-}
-
-static void begin_attempt(cw_bus *bus, unsigned i)
-{
-    bus_node *n = &bus->nodes[i];
-    cw_share_lost(bus, i);
-    n->stats.retransmissions += n->queue.slots[n->offered_slot].tried;
-    n->queue.slots[n->offered_slot].tried = true;
-}
-
-void cw_leap_find_loss(cw_bus *bus, unsigned i, const cw_bits *bits)
-{
-    cw_leap *leap = &bus->leap;
-    cw_arbiter_update(bus);
-    uint32_t differing = cw_arbiter_key(bus, i) ^ cw_arbiter_key(bus, leap->node);
-    pin_frame(&bus->nodes[i]);
-    leap->lost_bit[i] = (uint8_t)__builtin_clz(differing);
-    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(bits, 1u + leap->lost_bit[i]);
-}
-
-/* Losses one by one, where somebody may see them. */
-static void prepare_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    cw_bits room;
-    const cw_bits *bits = cw_leap_bits(bus, &room);
-    leap->undecided = leap->contenders & ~cw_node_bit(leap->node);
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
-        cw_leap_find_loss(bus, cw_lowest_node(rest), bits);
-        begin_attempt(bus, cw_lowest_node(rest));
-    }
-    begin_attempt(bus, leap->node);
-}
-
-void cw_leap_count_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
-    cw_set_contenders(bus, leap->contenders);
-    begin_attempt(bus, leap->node);
-    bus->arbiter.lost++;
-    n->lost_before = bus->arbiter.lost;
-    bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
-    leap->undecided = 0;
-    leap->unseen = true;
-}
-
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
 /* Whether nothing is due or comes in before that tick. */
@@ -125,13 +69,14 @@ static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
     return bus->next_restart >= tick && bus->rules.next_due >= tick && cw_inbox_first(bus) >= tick;
 }
 
-/* Whether nobody can see the single losses. With no contender's line in the hands of a rule, the
- * winner's level is that of the wire. */
-static bool passes_arbitration(cw_bus *bus, uint64_t tick)
+/* Returns true when the single losses make no event and change nothing; statistics that are read
+ * before the end of arbitration leave out those to come (cw_losses_ahead()). With no contender's
+ * line in the hands of a rule, the winner's level is that of the wire. */
+static bool hides_losses(cw_bus *bus)
 {
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
-    return leap->look.bit >= bits && cw_wire_fits(&bus->time, bits, tick) &&
+    return leap->look.bit >= bits &&
            !(leap->at_work && (cw_rules_stuck_lines(bus) & leap->contenders)) &&
            is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
@@ -145,7 +90,7 @@ static void choose_frame(cw_bus *bus, bool bits)
     if (bits)
         encode(n);
     else
-        pin_frame(n);
+        cw_losses_pin_frame(n);
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     leap->bits = bits ? &n->mac.tx : NULL;
     leap->length = slot->wire_bits;
@@ -159,7 +104,8 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->node = (uint8_t)winner;
     leap->tail = (uint8_t)find_tail(bus, winner);
     leap->broken = false;
-    leap->unseen = false;
+    leap->hidden = 0;
+    leap->next_loss = UINT8_MAX;
     leap->bound = false;
     leap->at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
     leap->at = 0;
@@ -170,19 +116,19 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
 }
 
 /* All begin to transmit; rules look at the frames of those that are watched. */
-static void start_transmissions(cw_bus *bus, uint64_t tick)
+static void start_transmissions(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     const uint64_t self = cw_node_bit(leap->node);
     const uint64_t watched = leap->watched;
     if (watched == self)
         leap->look = cw_rules_next_look(bus, 0);
-    bool hidden = (watched & ~self) == 0 && passes_arbitration(bus, tick);
+    bool hidden = (watched & ~self) == 0 && hides_losses(bus);
     if (leap->contenders == self || hidden) {
-        cw_leap_count_losses(bus);
+        cw_losses_hide(bus);
         return;
     }
-    prepare_losses(bus);
+    cw_losses_begin(bus);
     for (uint64_t rest = watched & ~self; rest; rest &= rest - 1)
         encode(&bus->nodes[cw_lowest_node(rest)]);
     if (watched)
@@ -215,7 +161,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     cw_leap_prepare(bus, winner, contenders);
     bool rough = watched == cw_node_bit(winner) && cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || bus->leap.at_work);
-    start_transmissions(bus, tick);
+    start_transmissions(bus);
     cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;
 }

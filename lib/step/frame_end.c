@@ -40,27 +40,6 @@ static void bind_rules(cw_bus *bus)
         cw_rules_bind(bus, leap->node, &leap->frame);
 }
 
-/* Losses that were counted beforehand but did not come to pass. */
-static void take_back_losses(cw_bus *bus)
-{
-    cw_leap *leap = &bus->leap;
-    uint64_t losers = leap->contenders & ~cw_node_bit(leap->node);
-    if (!leap->unseen || leap->at >= cw_leap_arbitration_bits(bus))
-        return;
-    cw_bits room;
-    const cw_bits *bits = cw_leap_bits(bus, &room);
-    for (uint64_t rest = losers; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        cw_leap_find_loss(bus, i, bits);
-        if (leap->lost_at[i] < leap->at)
-            continue;
-        cw_share_lost(bus, i);
-        bus->nodes[i].stats.arbitration_lost--;
-        bus->stats.arbitration_lost--;
-        leap->undecided |= cw_node_bit(i);
-    }
-}
-
 /* Before the first bit nobody has seen anything. */
 static uint64_t nodes_in_frame(const cw_leap *leap)
 {
@@ -74,7 +53,7 @@ void cw_wake_controllers(cw_bus *bus)
     if (!leap->active)
         return;
     leap->active = false;
-    take_back_losses(bus);
+    cw_losses_show(bus, leap->hidden);
     if (leap->at > 0)
         bus->recessive_bits = cw_leap_recessive_bits(bus);
     find_point(&point, bus);

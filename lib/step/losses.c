@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * losses.c - lost arbitration in the frame step: where a contender loses, and when that is counted.
+ *
+ * Mostly nobody sees the single losses. Then all are counted at SOF: they are hidden. Whoever looks
+ * before the end of arbitration gets the statistics without those that lie ahead.
+ */
+#include "step/frame.h"
+
+#include "format/bits.h"
+#include "format/head.h"
+
+/* The frame on the wire, to which the contenders lose. */
+typedef struct victor {
+    cw_bits room;
+    const cw_bits *bits;
+    uint32_t key;
+} victor;
+
+static void find_victor(victor *v, const cw_bus *bus)
+{
+    v->bits = cw_leap_bits(bus, &v->room);
+    v->key = cw_arbitration_key(&bus->leap.frame);
+}
+
+/* Returns the bit in which a contender loses, as the SJA1000 counts. Its first frame is the one that
+ * it has begun with. */
+static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
+{
+    const cw_queue *q = &bus->nodes[i].queue;
+    return (unsigned)__builtin_clz(cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) ^ v->key);
+}
+
+static void note_loss(cw_leap *leap, unsigned i)
+{
+    if (leap->lost_at[i] < leap->next_loss)
+        leap->next_loss = leap->lost_at[i];
+}
+
+static void find_loss(cw_bus *bus, unsigned i, const victor *v)
+{
+    cw_leap *leap = &bus->leap;
+    leap->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
+    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(v->bits, 1u + leap->lost_bit[i]);
+    cw_losses_pin_frame(&bus->nodes[i]);
+}
+
+void cw_losses_pin_frame(bus_node *n)
+{
+    uint16_t slot = cw_queue_first(&n->queue);
+    if (n->offered_slot != slot || n->wrong_crc)
+        n->mac.offered = false; /* not encoded */
+    n->offered_slot = slot;
+}
+
+static void begin_attempt(cw_bus *bus, unsigned i)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_share_lost(bus, i);
+    n->stats.retransmissions += n->queue.slots[n->offered_slot].tried;
+    n->queue.slots[n->offered_slot].tried = true;
+}
+
+static uint64_t losers(const cw_leap *leap)
+{
+    return leap->contenders & ~cw_node_bit(leap->node);
+}
+
+void cw_losses_begin(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    victor v;
+    find_victor(&v, bus);
+    leap->undecided = losers(leap);
+    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
+        find_loss(bus, cw_lowest_node(rest), &v);
+        note_loss(leap, cw_lowest_node(rest));
+        begin_attempt(bus, cw_lowest_node(rest));
+    }
+    begin_attempt(bus, leap->node);
+}
+
+void cw_losses_hide(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    bus_node *n = &bus->nodes[leap->node];
+    cw_set_contenders(bus, leap->contenders);
+    begin_attempt(bus, leap->node);
+    bus->arbiter.lost++;
+    n->lost_before = bus->arbiter.lost;
+    bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
+    leap->undecided = 0;
+    leap->hidden = losers(leap);
+}
+
+void cw_losses_show(cw_bus *bus, uint64_t nodes)
+{
+    cw_leap *leap = &bus->leap;
+    uint64_t shown = leap->hidden & nodes;
+    leap->hidden &= ~nodes;
+    if (shown == 0 || leap->at >= cw_leap_arbitration_bits(bus))
+        return;
+    victor v;
+    find_victor(&v, bus);
+    for (; shown; shown &= shown - 1) {
+        unsigned i = cw_lowest_node(shown);
+        find_loss(bus, i, &v);
+        if (leap->lost_at[i] < leap->at)
+            continue;
+        cw_share_lost(bus, i);
+        bus->nodes[i].stats.arbitration_lost--;
+        bus->stats.arbitration_lost--;
+        leap->undecided |= cw_node_bit(i);
+        note_loss(leap, i);
+    }
+}
+
+uint64_t cw_losses_ahead(const cw_bus *bus)
+{
+    const cw_leap *leap = &bus->leap;
+    uint64_t ahead = 0;
+    if (!leap->active || leap->at >= cw_leap_arbitration_bits(bus))
+        return 0;
+    victor v;
+    find_victor(&v, bus);
+    for (uint64_t rest = leap->hidden; rest; rest &= rest - 1) {
+        unsigned bit = find_lost_bit(bus, cw_lowest_node(rest), &v);
+        if (cw_bits_wire_index(v.bits, 1u + bit) >= leap->at)
+            ahead |= rest & (~rest + 1);
+    }
+    return ahead;
+}
+
+void cw_losses_tell(cw_bus *bus)
+{
+    cw_leap *leap = &bus->leap;
+    leap->next_loss = UINT8_MAX;
+    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        if (leap->lost_at[i] + 1u == leap->at) {
+            leap->undecided &= ~cw_node_bit(i);
+            cw_tell_arbitration_lost(bus, i, leap->lost_bit[i]);
+        } else {
+            note_loss(leap, i);
+        }
+    }
+}
