@@ -39,9 +39,7 @@ typedef struct bus_node {
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
     uint64_t lost_before;  /* what had been shared out, see cw_arbiter */
-    uint64_t rx_frames_before;
-    uint64_t rx_bytes_before;
-    cw_node_stats stats;
+    cw_node_stats stats;   /* as far as arbiter.c has shared them out */
 } bus_node;
 
 typedef struct inbox_entry {

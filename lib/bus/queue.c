@@ -12,7 +12,8 @@
 void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode)
 {
-    *q = (cw_queue){.slots = slots, .order = order, .capacity = capacity, .mode = mode};
+    *q = (cw_queue){.slots = slots, .order = order, .capacity = capacity,
+                    .mode = (uint8_t)mode};
     for (uint16_t i = 0; i < capacity; i++)
         order[i].slot = i;
 }
@@ -68,15 +69,20 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     return true;
 }
 
+/* Far fewer frames wait than there are numbers. */
+static bool came_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
+{
+    return (int32_t)(q->slots[a->slot].number - q->slots[b->slot].number) > 0;
+}
+
 static bool goes_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
 {
-    return a->key > b->key ||
-           (a->key == b->key && q->slots[a->slot].number > q->slots[b->slot].number);
+    return a->key > b->key || (a->key == b->key && came_after(q, a, b));
 }
 
 void cw_queue_set_order(cw_queue *q, cw_order mode)
 {
-    q->mode = mode;
+    q->mode = (uint8_t)mode;
     for (unsigned i = 0; i < q->count; i++) {
         cw_queue_place moved = q->order[i];
         moved.key = place_key(q, &q->slots[moved.slot].frame);

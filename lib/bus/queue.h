@@ -15,7 +15,7 @@
 typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
-    uint64_t number;    /* of the put: the order in which they came */
+    uint32_t number;    /* of the put: the order in which they came */
     uint16_t source;    /* for the owner: 0 after a put */
     uint8_t wire_bits;  /* of the frame, SOF to EOF */
     uint8_t bytes;      /* of its data field */
@@ -31,11 +31,11 @@ typedef struct cw_queue_place {
 typedef struct cw_queue {
     cw_queue_slot *slots; /* capacity of them */
     cw_queue_place *order; /* the first count: slots in use, next one last; then the free ones */
+    uint32_t puts;   /* modulo 2^32 */
     uint16_t count;
     uint16_t capacity;
-    uint64_t puts;
     uint16_t newest; /* slot of the last put */
-    cw_order mode;
+    uint8_t mode;    /* cw_order */
 } cw_queue;
 
 void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,

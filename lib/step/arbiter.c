@@ -111,23 +111,29 @@ static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts
     return attempts && !q->slots[cw_queue_first(q)].tried ? attempts - 1 : attempts;
 }
 
-static void add_received(const cw_bus *bus, const bus_node *n, cw_node_stats *stats)
+/* Adds what all listeners have received. A node has subtracted it when it began to listen, so that
+ * its own share is left; the counters go beyond 0 and back. */
+static void add_received(const cw_arbiter *c, cw_node_stats *stats)
 {
-    uint64_t frames = bus->arbiter.rx_frames - n->rx_frames_before;
-    stats->rx_accepted += frames;
-    stats->rx_frames += frames;
-    stats->rx_bytes += bus->arbiter.rx_bytes - n->rx_bytes_before;
+    stats->rx_accepted += c->rx_frames;
+    stats->rx_frames += c->rx_frames;
+    stats->rx_bytes += c->rx_bytes;
+}
+
+static void subtract_received(const cw_arbiter *c, cw_node_stats *stats)
+{
+    stats->rx_accepted -= c->rx_frames;
+    stats->rx_frames -= c->rx_frames;
+    stats->rx_bytes -= c->rx_bytes;
 }
 
 void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
 {
-    const bus_node *n = &bus->nodes[i];
     uint64_t lost = lost_share(bus, i);
     stats->arbitration_lost += lost;
     stats->retransmissions += retransmissions(bus, i, lost);
-    if (!(bus->arbiter.listeners >> i & 1u))
-        return;
-    add_received(bus, n, stats);
+    if (bus->arbiter.listeners >> i & 1u)
+        add_received(&bus->arbiter, stats);
 }
 
 void cw_share_lost_now(cw_bus *bus, unsigned i)
@@ -152,26 +158,24 @@ void cw_set_contenders(cw_bus *bus, uint64_t nodes)
     bus->arbiter.contender_count = cw_count_bits(nodes);
 }
 
-static void share_received(cw_bus *bus, unsigned i)
-{
-    bus_node *n = &bus->nodes[i];
-    if (bus->arbiter.listeners >> i & 1u)
-        add_received(bus, n, &n->stats);
-    n->rx_frames_before = bus->arbiter.rx_frames;
-    n->rx_bytes_before = bus->arbiter.rx_bytes;
-}
-
 void cw_set_listeners(cw_bus *bus, uint64_t nodes)
 {
-    for (uint64_t rest = nodes ^ bus->arbiter.listeners; rest; rest &= rest - 1)
-        share_received(bus, cw_lowest_node(rest));
+    const uint64_t changed = nodes ^ bus->arbiter.listeners;
+    if (changed == 0)
+        return;
+    for (uint64_t rest = changed & nodes; rest; rest &= rest - 1)
+        subtract_received(&bus->arbiter, &bus->nodes[cw_lowest_node(rest)].stats);
+    for (uint64_t rest = changed & ~nodes; rest; rest &= rest - 1)
+        add_received(&bus->arbiter, &bus->nodes[cw_lowest_node(rest)].stats);
     bus->arbiter.listeners = nodes;
 }
 
 void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes)
 {
+    cw_node_stats *stats = &bus->nodes[sender].stats;
     bus->arbiter.rx_frames++;
     bus->arbiter.rx_bytes += bytes;
-    bus->nodes[sender].rx_frames_before++; /* it is no listener of its own frame */
-    bus->nodes[sender].rx_bytes_before += bytes;
+    stats->rx_accepted--; /* it is no listener of its own frame */
+    stats->rx_frames--;
+    stats->rx_bytes -= bytes;
 }

@@ -15,7 +15,7 @@ typedef struct cw_arbiter {
     uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
     unsigned contender_count;
     uint64_t lost;
-    uint64_t listeners;  /* nodes that have received all of these since their rx_*_before */
+    uint64_t listeners;  /* nodes that receive all of these, from when they began to listen */
     uint64_t rx_frames;
     uint64_t rx_bytes;
 } cw_arbiter;
