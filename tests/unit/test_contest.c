@@ -193,6 +193,35 @@ static void sixty_four_nodes_drain_in_identifier_order(void **state)
     rig_free(r);
 }
 
+/* Whoever reads statistics within arbitration sees the losses that have come to pass, though no event
+ * tells of them and the bus goes there in one call. */
+static void statistics_show_no_loss_beforehand(void **state)
+{
+    (void)state;
+    const cw_frame frames[4] = {rig_frame(0x400, 0, 0), rig_frame(0x401, 0, 0),
+                                rig_frame(0x420, 0, 0), rig_frame(0x600, 0, 0)};
+    for (unsigned bits = 0; bits < 40; bits++) {
+        uint64_t lost[2][5];
+        for (unsigned stepping = 0; stepping < 2; stepping++) {
+            rig *r = rig_new(4);
+            rig_start(r);
+            cw_bus_set_stepping(r->bus, stepping);
+            cw_bus_set_events(r->bus, ~(1u << CW_EVENT_ARBITRATION_LOST));
+            for (unsigned i = 0; i < 4; i++)
+                rig_send(r, i, &frames[i], 0);
+            rig_run_bits(r, JOIN + bits);
+            cw_bus_stats of_bus;
+            cw_bus_get_stats(r->bus, &of_bus);
+            lost[stepping][4] = of_bus.arbitration_lost;
+            for (unsigned i = 0; i < 4; i++)
+                lost[stepping][i] = rig_stats(r, i).arbitration_lost;
+            rig_free(r);
+        }
+        assert_memory_equal(lost[0], lost[1], sizeof lost[0]);
+        assert_int_equal(lost[0][4], (bits > 2) + (bits > 6) + (bits > 12)); /* one stuff bit */
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -201,6 +230,7 @@ int main(void)
         cmocka_unit_test(equal_frames_go_as_one),
         cmocka_unit_test(frames_tell_where_they_are_from),
         cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
+        cmocka_unit_test(statistics_show_no_loss_beforehand),
     };
     return cmocka_run_group_tests_name("contest", tests, NULL, NULL);
 }
