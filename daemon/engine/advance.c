@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * advance.c - the bus up to a tick, and its events to whom they concern.
+ * advance.c - advances the bus to a tick and passes its events to ECUs and observers.
  */
 #include "engine/core.h"
 
 #include "trace/errframe.h"
 
-#define WAKE_MAX_NS 50000000 /* of one wake-up that has much to catch up with */
-#define WORK_AT_ONCE 256u /* of the bus, before a look at the clock */
-#define CALM_SHOWN_BITS 24 /* behind an event: all that a recording shows of it is over */
+#define WAKE_MAX_NS 50000000 /* of a wake-up that has much to catch up with */
+#define WORK_AT_ONCE 256u /* of the bus, between two readings of the clock */
+#define CALM_SHOWN_BITS 24 /* behind an event: a recording has shown all of it by then */
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* They say which error frames the ECU gets, and may change while the bus runs. */
+/* The modes decide which error frames the ECU gets; they may change while the bus runs. */
 static unsigned modes_of(const engine *e, unsigned node)
 {
     cw_settings settings;
@@ -28,12 +28,12 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
     else if (!e->now.ports[node])
         return;
     else if (received)
-        (void)port_write(e->now.ports[node], &event->frame); /* a failure is counted there */
+        (void)port_write(e->now.ports[node], &event->frame); /* the port counts a failure */
     else if (errframe_from_event(&error, event, modes_of(e, node)))
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 
-/* Whose frame it was is what its program can be found by. */
+/* Keeps the last lost frame of a node, since its identifier shows which program sent it. */
 static void note_overflow(engine *e, const cw_event *event)
 {
     if (event->kind != CW_EVENT_DROP || event->why != CW_DROP_QUEUE_FULL)
@@ -71,7 +71,7 @@ void engine_start_turn(engine *e)
     e->looked_at = cw_bus_work(e->now.bus);
 }
 
-/* Whether this wake-up has lasted for long enough. */
+/* Returns true when this wake-up has lasted for long enough. */
 bool engine_turn_is_over(const engine *e)
 {
     return clock_ns(CLOCK_MONOTONIC) >= e->deadline_ns;
@@ -82,8 +82,8 @@ static uint64_t work_since_look(const engine *e)
     return cw_bus_work(e->now.bus) - e->looked_at;
 }
 
-/* Whether this wake-up may go on. The clock is looked at when some work has been done meanwhile:
- * what lies in a millisecond of the bus, or in one frame, may be any amount of it. */
+/* Returns true while this wake-up may go on. It reads the clock only after some work: a millisecond
+ * of the bus, or one frame, may be any amount of work. */
 static bool has_time(engine *e)
 {
     if (work_since_look(e) < WORK_AT_ONCE)
@@ -92,7 +92,7 @@ static bool has_time(engine *e)
     return !engine_turn_is_over(e);
 }
 
-/* Up to a tick; false when the time of this wake-up is over before. */
+/* Advances to a tick; returns false when the time of this wake-up ends before. */
 static bool go_to(engine *e, uint64_t tick)
 {
     while (has_time(e))
@@ -101,8 +101,8 @@ static bool go_to(engine *e, uint64_t tick)
     return false;
 }
 
-/* Bit by bit, with a look at each; those of an idle bus, in which nothing is to be seen, go in one
- * leap. */
+/* Advances bit by bit and shows each bit. The bits of an idle bus, which show nothing, are one
+ * step. */
 static bool show_bits(engine *e, uint64_t tick)
 {
     while (cw_bus_tick_after(e->now.bus, 1) <= tick) {
@@ -120,7 +120,7 @@ static bool show_bits(engine *e, uint64_t tick)
     return true;
 }
 
-/* Up to a tick; false when the time of this wake-up is over before. */
+/* Advances to a tick; returns false when the time of this wake-up ends before. */
 bool engine_advance(engine *e, uint64_t tick)
 {
     return (!e->bit_observer || show_bits(e, tick)) && go_to(e, tick);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * catchup.c - what a bus does that has fallen behind real time: it catches up, but not with hours.
+ * catchup.c - limits the time that a bus behind real time has to catch up with.
  */
 #include "engine/catchup.h"
 
@@ -9,7 +9,7 @@
 
 #include <inttypes.h>
 
-/* The clocks are read one after the other; a machine that was suspended was so for longer. */
+/* The clocks are read one after the other: a smaller difference is no suspension. */
 #define SUSPENDED_MIN_NS 10000000
 
 uint64_t catchup_excess(uint64_t due, uint64_t now, uint64_t limit)

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 
 #define NS_PER_S INT64_C(1000000000)
-#define CLOCK_STEP_NS 1000000 /* what the wall clock may be away from bus time in recordings */
+#define CLOCK_STEP_NS 1000000 /* largest difference of wall clock and bus time in recordings */
 
 int64_t clock_ns(clockid_t id)
 {

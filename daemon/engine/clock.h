@@ -8,36 +8,38 @@
 #include <stdint.h>
 #include <time.h>
 
-/* Where bus time lies on the machine's clocks, in ns. */
+/* The place of bus time on the machine's clocks, in ns. */
 typedef struct engine_clock {
     int64_t epoch_ns;           /* CLOCK_MONOTONIC at bus time 0 */
-    int64_t realtime_offset_ns; /* CLOCK_REALTIME is so much ahead of CLOCK_MONOTONIC */
+    int64_t realtime_offset_ns; /* CLOCK_REALTIME minus CLOCK_MONOTONIC */
 } engine_clock;
 
-/* A moment as seen by both clocks; time stamps of frames are CLOCK_REALTIME. */
+/* A moment on both clocks; time stamps of frames are CLOCK_REALTIME. */
 typedef struct clock_pair {
     int64_t monotonic_ns;
     int64_t realtime_ns;
 } clock_pair;
 
-/* Of one of the machine's clocks, in ns. */
+/* Returns the time of one of the machine's clocks, in ns. */
 int64_t clock_ns(clockid_t id);
 
 clock_pair clock_read(void);
 
-/* Bus time 0 is now. */
+/* Makes the present moment bus time 0. */
 void clock_begin(engine_clock *c);
 
-/* Somebody may have set CLOCK_REALTIME: recordings go over to it when it is a millisecond away. */
+/* Follows CLOCK_REALTIME, which somebody may have set: recordings adopt it when it differs by a
+ * millisecond. */
 void clock_follow(engine_clock *c, const clock_pair *now);
 
-/* One tick is 12.5 ns. Rounded down: the bus is never ahead of the clock. */
+/* Returns the tick at a time, 12.5 ns each. It is rounded down: the bus is never ahead of the
+ * clock. */
 uint64_t clock_tick(const engine_clock *c, int64_t monotonic_ns);
 
-/* CLOCK_MONOTONIC at a tick. Rounded up: a timer is never early. */
+/* Returns CLOCK_MONOTONIC at a tick. It is rounded up: a timer is never early. */
 int64_t clock_monotonic_ns(const engine_clock *c, uint64_t tick);
 
-/* CLOCK_REALTIME at a tick, in ns since 1970. */
+/* Returns CLOCK_REALTIME at a tick, in ns since 1970. */
 uint64_t clock_realtime_ns(const engine_clock *c, uint64_t tick);
 
 #endif

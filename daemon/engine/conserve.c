@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * conserve.c - the books of frames between ports and bus: that none is unaccounted for.
+ * conserve.c - checks that all frames between ports and bus are accounted for.
  */
 #include "engine/conserve.h"
 
@@ -11,7 +11,7 @@
 
 #define COUNTERS (sizeof(port_stats) / sizeof(uint64_t))
 
-/* port_stats is nothing but counters. */
+/* Adds counters: port_stats has no other members. */
 static void add(port_stats *sum, const port_stats *more, bool subtract)
 {
     uint64_t *to = (uint64_t *)sum;
@@ -68,7 +68,7 @@ typedef struct books {
     cw_node_stats bus;
     port_stats interface;
     uint64_t came; /* from the interface and the node's own traffic */
-    uint64_t went; /* to the interface, or to nobody */
+    uint64_t went; /* to the interface, or to no receiver */
 } books;
 
 static void open_books(books *b, const conserve *c, const cw_bus *bus, unsigned node,

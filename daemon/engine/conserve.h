@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * conserve.h - the books of frames between ports and bus: that none is unaccounted for.
+ * conserve.h - checks that all frames between ports and bus are accounted for.
  *
  * For each node, at any time when all events of the bus have been taken:
  *
@@ -11,8 +11,8 @@
  *                                        (by an ECU that was not connected, or without a port)
  *
  * The second and third are the library's own (cw_node_stats_balance()). Nodes may get other
- * interfaces while the bus runs, and interfaces other nodes; what counts here is what a node and an
- * interface had to do with each other.
+ * interfaces while the bus runs, and interfaces other nodes. Each pair of node and interface counts
+ * for the time that they belong together.
  */
 #ifndef CANWIRE_ENGINE_CONSERVE_H
 #define CANWIRE_ENGINE_CONSERVE_H
@@ -23,7 +23,8 @@
 typedef struct conserve_node {
     uint64_t released; /* frames of its own traffic that were handed in */
     uint64_t unheard;  /* frames received by a node that has no port */
-    port_stats past;   /* of the ports it had, less what its present one had before (modulo 2^64) */
+    port_stats past;   /* of its earlier ports, less the present one's counts from before (modulo
+                          2^64) */
 } conserve_node;
 
 /* Starts all zero. */
@@ -31,23 +32,24 @@ typedef struct conserve {
     conserve_node nodes[CW_NODES_MAX];
 } conserve;
 
-/* A node gets a port, or loses it; NULL is fine. */
+/* Note that a node gets a port, or loses it; NULL is allowed. */
 void conserve_opened(conserve *c, unsigned node, port *opened);
 void conserve_closing(conserve *c, unsigned node, port *closing);
 
-/* A frame was received by a node whose port is not there now, or that never had one. */
+/* Counts a frame that a node received while its port was missing (has_port), or without any
+ * port. */
 void conserve_missed(conserve *c, unsigned node, bool has_port);
 
-/* The configuration has changed: nodes have other places. */
+/* Adapts to a changed configuration, in which nodes have other places. */
 void conserve_remap(conserve *c, const uint8_t from[CW_NODES_MAX]);
 
-/* All that went on between a node and its interfaces. own_port: the present one, or NULL. */
+/* Returns the sum for a node and its interfaces. own_port: the present one, or NULL. */
 void conserve_get_stats(port_stats *out, const conserve *c, unsigned node, port *own_port);
 
-/* Whether the books of a node balance. */
+/* Returns true when the counts of a node balance. */
 bool conserve_balances(const conserve *c, const cw_bus *bus, unsigned node, port *own_port);
 
-/* Logs an error for each node whose books do not balance; returns their number. */
+/* Logs an error for each node whose counts do not balance; returns their number. */
 unsigned conserve_check(const conserve *c, const cfg *config, const cw_bus *bus,
                         port *const *ports);
 

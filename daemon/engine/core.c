@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * core.c - the bus and what is put into it, up to a tick.
+ * core.c - advances the bus, with its inputs, to a tick.
  */
 #include "engine/core.h"
 
-#define RELEASES_AT_ONCE 16u /* before a look at the clock */
-#define RELEASES_OF_A_TICK 1024u /* the same within one tick */
+#define RELEASES_AT_ONCE 16u /* between two readings of the clock */
+#define RELEASES_OF_A_TICK 1024u /* in the same way, within one tick */
 
-/* Hands in what is to be released up to a tick. Returns up to which tick that has been done: there
- * may be more of it than any machine can do. A tick is done as a whole where it can be. */
+/* Hands in the releases up to a tick. Returns the tick up to which all are handed in, since there
+ * may be more than the machine can do. A tick is not divided, if possible. */
 static uint64_t run_releases(engine *e, uint64_t now)
 {
     uint64_t last = CW_NEVER;
-    unsigned count = 0; /* since the clock was looked at */
+    unsigned count = 0; /* since the clock was read */
     uint64_t tick;
     while ((tick = release_next_tick(e->now.plan)) <= now) {
         bool look = count >= (tick == last ? RELEASES_OF_A_TICK : RELEASES_AT_ONCE);
@@ -36,8 +36,8 @@ static uint64_t run_releases(engine *e, uint64_t now)
     return now;
 }
 
-/* How far the bus may go at once. A file that is replayed as fast as possible looks after each bit
- * whether it is its turn; ports with frames that wait for room look when a frame has ended. */
+/* Returns the limit of one step. A replay at full speed checks after each bit if it may send. A
+ * port with waiting frames checks for room at the end of each frame. */
 static uint64_t next_look(const engine *e)
 {
     uint64_t bit = cw_bus_tick_after(e->now.bus, 1);

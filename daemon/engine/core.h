@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * core.h - the engine's struct, and what the parts of the engine share. Each stands on those above
- *          it:
+ * core.h - the engine's struct, shared by its parts. Each part depends on those
+ *          above it:
  *
  *   clock.c    bus time and the clocks of the machine
- *   advance.c  the bus up to a tick, and its events to whom they concern
- *   intake.c   what ECUs write, from their ports into the inbox of the bus
- *   core.c     the bus and what is put into it, up to a tick
- *   links.c    nodes leave the bus and come back with their interfaces
- *   go_over.c  over to another configuration
- *   engine.c   start and stop; when it wakes up, and what it does then
+ *   advance.c  advances the bus to a tick, passes its events on
+ *   intake.c   moves frames of ECUs from their ports into the inbox of the bus
+ *   core.c     advances the bus, with its inputs, to a tick
+ *   links.c    detaches and attaches nodes with their interfaces
+ *   go_over.c  changes to another configuration
+ *   engine.c   start and stop; wake-ups
  */
 #ifndef CANWIRE_ENGINE_CORE_H
 #define CANWIRE_ENGINE_CORE_H
@@ -28,125 +28,127 @@ typedef struct port_watch {
     engine *engine;
 } port_watch;
 
-/* The interfaces of the nodes, as far as is known. */
+/* The known interfaces of the nodes. */
 typedef struct engine_links {
     linkwatch *watch;
     report_link state[CW_NODES_MAX];
-    bool awaited;       /* there is a list of interfaces to come */
-    uint64_t mentioned; /* nodes whose interface has come up in the list that is being read */
-    uint64_t vcans;     /* nodes whose interface is a vcan, as far as is known */
-    bool told_uncounted; /* that frames without loopback cannot be counted has been logged */
-    uint64_t refused;   /* nodes whose interface is there but could not be opened */
-    ev_timer retry;     /* of these, and of a list that could not be had */
-    bool told_small;    /* that the kernel keeps a port short of room has been logged */
+    bool awaited;       /* a list of interfaces is pending */
+    uint64_t mentioned; /* nodes whose interface is in the list that is being read */
+    uint64_t vcans;     /* nodes whose interface is known to be a vcan */
+    bool told_uncounted; /* the log says that frames without loopback cannot be counted */
+    uint64_t refused;   /* nodes whose interface exists but could not be opened */
+    ev_timer retry;     /* of these, and of a list that failed */
+    bool told_small;    /* the log says that the kernel grants a port too little room */
 } engine_links;
 
 struct engine {
     struct ev_loop *loop;
-    void (*wake)(engine *e); /* brings the bus up to now and arms the timer: engine_update() */
-    /* ... as the callback of a port that can be read */
+    void (*wake)(engine *e); /* advances the bus to the present and arms the timer:
+                                engine_update() */
+    /* ... as the callback of a readable port */
     void (*on_port)(struct ev_loop *loop, ev_io *io, int events);
     live *live;
-    const cfg *config; /* what is in effect */
+    const cfg *config; /* the configuration in effect */
     engine_observer *observer;
     void *observer_user;
     engine_bit_observer *bit_observer;
     void *bit_user;
-    unsigned calm_bits; /* that were shown to it since the last event */
+    unsigned calm_bits; /* bits shown to it since the last event */
     engine_changed *changed;
     void *changed_user;
     setup now;
     conserve books;
     catchup catchup;
-    uint64_t catch_up_ticks; /* how far the bus may fall behind */
+    uint64_t catch_up_ticks; /* largest lag of the bus */
     engine_links links;
     inputs inputs; /* of now.bus */
-    uint64_t released; /* tick: what was to be released up to then has been */
-    reload *next; /* what it is to go over to, or NULL */
+    uint64_t released; /* tick up to which releases have been handed in */
+    reload *next; /* the next configuration, or NULL */
     port_watch watches[CW_NODES_MAX];
     uint64_t pushed_back; /* nodes whose port is not read, since their queue is full */
-    cw_frame overflowed[CW_NODES_MAX]; /* as report_node has it */
+    cw_frame overflowed[CW_NODES_MAX]; /* see report_node */
     uint64_t arrived[CW_NODES_MAX]; /* tick of the last frame from each node's port */
     ev_io timer;
-    wake_alarm alarm; /* behind it */
-    int64_t deadline_ns; /* CLOCK_MONOTONIC: when this wake-up is to give others their turn */
-    uint64_t looked_at;  /* work of the bus when the clock was looked at for that */
-    int64_t due_ns; /* CLOCK_MONOTONIC: what the timer is armed for; INT64_MAX: nothing */
+    wake_alarm alarm; /* of the timer */
+    int64_t deadline_ns; /* CLOCK_MONOTONIC: time at which this wake-up must end */
+    uint64_t looked_at;  /* work of the bus at the last reading of the clock */
+    int64_t due_ns; /* CLOCK_MONOTONIC: the time of the timer; INT64_MAX: none */
     pacing_duty duty;
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     engine_clock clock;
-    bool failed; /* it can no longer wake up in time */
+    bool failed; /* it cannot wake up in time any more */
     bool stopping;
     uint64_t stop_tick; /* no later than this ... */
-    int64_t stop_ns;    /* ... and CLOCK_MONOTONIC than this */
+    int64_t stop_ns;    /* ... and, by CLOCK_MONOTONIC, than this */
     port_frame batch[PORT_BATCH];
     uint64_t frames_read; /* from all ports */
 };
 
-#define BOUNDARY_BITS 1000u /* to wait for the end of a frame */
+#define BOUNDARY_BITS 1000u /* limit of the wait for the end of a frame */
 
 /* ---- advance.c ------------------------------------------------------------------------------- */
 
-/* An event to whom it concerns beside the ECUs. */
+/* Passes an event to all but the ECUs. */
 void engine_tell(engine *e, const cw_event *event);
 
-/* All events of the bus so far to whom they concern; user: the engine. */
+/* Passes all pending events of the bus on; user: the engine. */
 void engine_handle_events(void *user);
 
-/* From now on the wake-up may last for as long as one may. */
+/* Starts the time limit of a wake-up. */
 void engine_start_turn(engine *e);
 
-/* Whether this wake-up has lasted for long enough. */
+/* Returns true when this wake-up has lasted for long enough. */
 bool engine_turn_is_over(const engine *e);
 
-/* The bus up to a tick, with its events; false when the time of this wake-up is over before. */
+/* Advances the bus to a tick, with its events; returns false when the time of this wake-up ends
+ * before. */
 bool engine_advance(engine *e, uint64_t tick);
 
 /* ---- intake.c -------------------------------------------------------------------------------- */
 
-/* Reads what waits at the ports of all nodes that have room. */
+/* Reads waiting frames from the ports of all nodes that have room. */
 void engine_read_ports(engine *e, const clock_pair *now);
 
-/* What has waited for room comes in as soon as there is some. */
+/* Reads frames that have waited for room as soon as there is some. */
 void engine_read_pushed_back(engine *e);
 
-/* Hands in what still waits at a port, whether there is room for it or not. */
+/* Hands in all frames that wait at a port, even without room in the queue. */
 void engine_read_rest(engine *e, unsigned node);
 
-/* The first frame of the inbox comes up at the latest in the bit that holds its tick. False when
- * the time of this wake-up is over before. */
+/* Makes room in the inbox, whose first frame leaves at the latest in the bit that holds its tick.
+ * Returns false when the time of this wake-up ends before. */
 bool engine_make_room(engine *e);
 
-/* Do nothing where there is no port, or it is so already. */
+/* Start and stop watching a port; a missing port, and one in that state already, are allowed. */
 void engine_watch_port(engine *e, unsigned node);
 void engine_unwatch_port(engine *e, unsigned node);
 
 /* ---- core.c ---------------------------------------------------------------------------------- */
 
-/* Releases and bus up to a tick. Returns the tick that was reached; it is an earlier one when there
- * is so much to be done that the time of this wake-up is over. */
+/* Runs releases and bus up to a tick. Returns the tick that was reached, an earlier one when the
+ * time of this wake-up is too short. */
 uint64_t engine_run_to(engine *e, uint64_t tick);
 
-/* Takes what it needs at each wake-up from the configuration. */
+/* Takes the values for each wake-up from the configuration. */
 void engine_read_limits(engine *e);
 
 /* ---- links.c --------------------------------------------------------------------------------- */
 
-/* Opens the ports of all nodes. False after logging what is wrong. */
+/* Opens the ports of all nodes. Returns false after logging the reasons. */
 bool engine_open_ports(engine *e);
 
-/* Watches the interfaces from now on. False after logging why not. */
+/* Watches the interfaces from now on. Returns false after logging the reason. */
 bool engine_watch_links(engine *e);
 
 void engine_unwatch_links(engine *e);
 
-/* After a change of the configuration: links by old node become links by new node. */
+/* Adapts to a changed configuration: links by old node become links by new node. */
 void engine_carry_links_over(engine *e, const reload *r);
 
 /* ---- go_over.c ------------------------------------------------------------------------------- */
 
-/* Bit by bit up to now, until a frame ends or the time of this wake-up is over; then over to the
- * next configuration, if there is one. */
+/* Advances bit by bit to the present, until a frame ends or the time of this wake-up does. A
+ * pending configuration takes over at that end of a frame. */
 void engine_run_to_boundary(engine *e, uint64_t now);
 
 #endif

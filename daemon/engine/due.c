@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * due.c - when the first thing comes that anybody outside of the bus can see.
+ * due.c - finds the tick of the next event that is visible outside of the bus.
  */
 #include "engine/due.h"
 
@@ -11,14 +11,14 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* M7: receivers have a frame at the end of the last but one of its bits, which begin with the first
- * whole bit. */
+/* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one;
+ * bits begin with the first whole one. */
 static uint64_t reception(const cfg *config, uint64_t tick, unsigned bits)
 {
     return cw_after(cw_rate_next_bit(config->rate, tick), cw_rate_ticks(config->rate, bits - 1));
 }
 
-/* Whether the node will surely put the frame into its queue: nothing is told of it then. */
+/* Returns true when the node will surely queue the frame, which causes no event. */
 static bool will_queue(const cw_bus *bus, unsigned node, const cw_frame *frame)
 {
     unsigned room = cw_node_room(bus, node);
@@ -35,7 +35,7 @@ uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config
     const cw_frame *frame = release_first(plan, &node);
     if (!frame || !will_queue(bus, node, frame))
         return release;
-    /* it is the next one on the bus if nothing is under way and none comes up with it */
+    /* it is the next frame on the bus if no other one is under way or comes with it */
     bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 &&
                  release_is_alone(plan, release + cw_rate_ticks(config->rate, 2));
     unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;

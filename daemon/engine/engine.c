@@ -2,9 +2,9 @@
  *
  * engine.c - the bus in real time.
  *
- * At each wake-up, by a port or by the timer: read all ports, hand in what arrived at its arrival
- * time, advance the bus to now, deliver. So a late wake-up delays a delivery but does not shift
- * the bus.
+ * Each wake-up, by a port or by the timer, reads all ports and hands in frames at their arrival
+ * times. It then advances the bus to the present and delivers. So a late wake-up delays a delivery
+ * but does not shift the bus.
  */
 #include "engine/core.h"
 
@@ -23,13 +23,14 @@
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
 
-/* When something happens next if no port has news; CW_NEVER: the bus rests, nothing is planned. */
+/* Returns the tick of the next event without input from ports. CW_NEVER: the bus rests, nothing is
+ * planned. */
 static uint64_t next_tick(const engine *e)
 {
     return due_tick(e->now.bus, e->now.plan, e->config);
 }
 
-/* Reading the CPU time is a system call, so only who spins does it. */
+/* Reading the CPU time is a system call, so only `spin` does it. */
 static bool may_spin(engine *e)
 {
     return e->config->pacing == CFG_PACING_SPIN &&
@@ -47,7 +48,8 @@ static int64_t next_wake_ns(engine *e)
     return tick_ns < wake_ns ? tick_ns : wake_ns;
 }
 
-/* A bus that would go on now and then, when somebody asks for its state, must not seem to run. */
+/* Ends the loop. A bus without a timer would advance only when somebody asks for its state; it must
+ * not seem to run. */
 static void fail(engine *e, const char *what, const char *why)
 {
     if (!e->failed)
@@ -56,7 +58,8 @@ static void fail(engine *e, const char *what, const char *why)
     ev_break(e->loop, EVBREAK_ALL);
 }
 
-/* libev has given up a descriptor since the kernel does not take it, and calls once more. */
+/* Handles a descriptor that the kernel cannot watch: libev stops the watcher and calls once
+ * more. */
 static bool is_watched(engine *e, int events, const char *what)
 {
     if (events & EV_ERROR)
@@ -81,8 +84,8 @@ static void arm_timer(engine *e)
         fail(e, "timer", strerror(errno));
 }
 
-/* A timer that is due has been set for a little earlier, to be up in time. One that was not, or
- * rings for another reason, finds nothing to wait for. */
+/* Waits in a busy loop for the moment of the timer, which `spin` sets a little early. It returns at
+ * once when nothing is due so soon. */
 static void spin(const engine *e)
 {
     if (e->config->pacing != CFG_PACING_SPIN ||
@@ -92,7 +95,8 @@ static void spin(const engine *e)
         continue;
 }
 
-/* From the first frame after a pause on ports are looked at once a tick, until a tick has none. */
+/* Reads ports once a tick from now on, until a tick has no frame. The first frame after a pause
+ * starts this. */
 static void start_ticking(engine *e)
 {
     e->ticking = true;
@@ -111,11 +115,12 @@ static void stop_ticking(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
-/* When the bus is too far behind, bus time stands still for what it has missed, and what has
- * arrived meanwhile comes as much earlier. */
+/* Skips time when the bus is too far behind: bus time stands still, and frames that have arrived
+ * meanwhile move forward with it. */
 static void skip_missed_time(engine *e)
 {
-    int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* goes on while the machine is suspended */
+    int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* this clock goes on while the machine is
+                                                   suspended */
     int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
     uint64_t now = clock_tick(&e->clock, now_ns);
     uint64_t excess = catchup_excess(next_tick(e), now, e->catch_up_ticks);
@@ -132,8 +137,8 @@ static void skip_missed_time(engine *e)
     catchup_log(&e->catchup, now_ns);
 }
 
-/* Up to now, in slices and not for longer than WAKE_MAX_NS: a bus that is too much for this machine
- * falls behind, but keeps no signal and no statistics waiting. */
+/* Advances to the present in slices, for WAKE_MAX_NS at most. A bus that is too much for this
+ * machine falls behind, but does not delay signals and statistics. */
 static void catch_up(engine *e, uint64_t now)
 {
     uint64_t tick;
@@ -149,8 +154,8 @@ static bool may_stop(const engine *e)
     return cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick;
 }
 
-/* Bit by bit up to now, so that the bus stops where the frame ends; or by the clock, when this
- * machine cannot keep up with the bus. */
+/* Advances bit by bit to the present, so that the bus stops at the end of the frame. On a machine
+ * that is too slow the clock ends it. */
 static void run_out(engine *e, uint64_t now)
 {
     while (!may_stop(e) && cw_bus_tick_after(e->now.bus, 1) <= now)
@@ -174,7 +179,7 @@ static void wake(engine *e)
         run_out(e, now);
     } else {
         engine_read_ports(e, &clocks);
-        engine_start_turn(e); /* whatever the ports took, the bus has time of its own */
+        engine_start_turn(e); /* the bus has a time limit of its own, independent of the ports */
         engine_run_to_boundary(e, now);
         if (!e->next || !engine_turn_is_over(e))
             catch_up(e, now);
@@ -265,7 +270,7 @@ void engine_stop(engine *e)
 {
     if (e->stopping)
         return;
-    wake(e); /* what has arrived up to now still counts */
+    wake(e); /* frames that have arrived up to now still count */
     e->stopping = true;
     e->ticking = false;
     catchup_log(&e->catchup, INT64_MAX);
@@ -328,7 +333,7 @@ void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user)
 {
     e->bit_observer = observer;
     e->bit_user = user;
-    e->calm_bits = 0; /* who is new sees how things are */
+    e->calm_bits = 0; /* a new observer sees the present state first */
     if (!observer)
         cw_bus_set_watching(e->now.bus, false);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * go_over.c - the running bus goes over to another configuration.
+ * go_over.c - changes the running bus to another configuration.
  */
 #include "engine/core.h"
 
@@ -8,7 +8,7 @@
 
 #include <inttypes.h>
 
-/* Nodes that are no more lose what they had to send. */
+/* Logs the frames that removed nodes still had to send. */
 static void log_removed(const engine *e)
 {
     cw_node_stats stats;
@@ -30,7 +30,8 @@ static void keep_ports(setup *old, reload *r)
     }
 }
 
-/* Every port ends with its old node and begins with its new one, which may be the same. */
+/* Moves the counts: every port ends with its old node and begins with its new one, perhaps the
+ * same. */
 static void carry_books_over(engine *e, const reload *r)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -76,8 +77,8 @@ static void go_over(engine *e)
     reload_free(r);
 }
 
-/* Up to now bit by bit until a frame ends; then over to the next configuration. With too much to
- * release it gets there in several wake-ups. */
+/* Advances bit by bit to the present until a frame ends; then changes to the pending configuration.
+ * Many releases may need several wake-ups. */
 void engine_run_to_boundary(engine *e, uint64_t now)
 {
     while (e->next) {

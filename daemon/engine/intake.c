@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * intake.c - what ECUs write, from their ports into the inbox of the bus.
+ * intake.c - moves frames of ECUs from their ports into the inbox of the bus.
  */
 #include "engine/core.h"
 
@@ -10,9 +10,9 @@
 
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
 
-/* When a frame arrived, on the bus. Somebody may have set the clock: a time stamp from the
- * future is now, one from before the last wake-up the bus itself takes for now, and the frames
- * of a port come in the order in which they are read. */
+/* Returns the arrival of a frame in bus time. Somebody may have set the clock: a time stamp from
+ * the future counts as now. The bus itself moves one from before the last wake-up to now. The
+ * frames of a port keep the order in which they are read. */
 static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
                              const clock_pair *now)
 {
@@ -25,8 +25,8 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
     return e->arrived[node];
 }
 
-/* The first frame of the inbox comes up at the latest in the bit that holds its tick. False when
- * the time of this wake-up is over before. */
+/* The first frame of the inbox leaves at the latest in the bit that holds its tick. Returns false
+ * when the time of this wake-up ends before. */
 bool engine_make_room(engine *e)
 {
     const uint64_t bit = cw_rate_ticks(e->config->rate, 1);
@@ -38,11 +38,13 @@ static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_
     e->frames_read += count;
     for (unsigned i = 0; i < count; i++) {
         uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
-        (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for it */
+        (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for the
+                                                                          frame */
     }
 }
 
-/* For how many frames there is room in the inbox, up to a batch, once the bus has made some. */
+/* Returns the number of frames that the inbox has room for, up to a batch, after the bus has made
+ * some. */
 static unsigned inbox_room(engine *e)
 {
     while (cw_bus_inbox_room(e->now.bus) < PORT_BATCH && engine_make_room(e))
@@ -51,7 +53,8 @@ static unsigned inbox_room(engine *e)
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
-/* How many frames a port's node takes at once; 0: its queue is full, and they wait. */
+/* Returns the number of frames that a port's node takes at once; 0: its queue is full, and they
+ * wait. */
 static unsigned node_room(const engine *e, unsigned node, bool waits)
 {
     unsigned room = waits ? cw_node_room(e->now.bus, node) : PORT_BATCH;
@@ -70,8 +73,8 @@ static void tell_failure(const engine *e, unsigned node)
         log_node_info(name, "its port can be read again");
 }
 
-/* Returns whether its node has room for more. When the bus is so far behind that the inbox is full,
- * what waits there waits on; all ports are looked at again soon. */
+/* Reads a port. Returns true when its node has room for more. With a full inbox, on a bus far
+ * behind, frames stay in the port; all ports are read again soon. */
 static bool read_port(engine *e, unsigned node, const clock_pair *now, bool waits)
 {
     bool more = true;
@@ -98,8 +101,8 @@ void engine_read_rest(engine *e, unsigned node)
                          "what its ECU has written last is lost: the bus is too far behind");
 }
 
-/* A port that waits for room in its node's queue is not watched, or it would wake the loop for
- * ever; the bus makes room, and is looked after until then. */
+/* Reads a port. A port that waits for room in its node's queue is not watched, or it would wake the
+ * loop for ever. The bus makes room, and is checked until then. */
 static void read_or_push_back(engine *e, unsigned node, const clock_pair *now)
 {
     const uint64_t bit = UINT64_C(1) << node;
@@ -123,7 +126,7 @@ void engine_read_ports(engine *e, const clock_pair *now)
             read_or_push_back(e, i, now);
 }
 
-/* What has waited for room comes in as soon as there is some. */
+/* Reads frames that have waited for room as soon as there is some. */
 void engine_read_pushed_back(engine *e)
 {
     clock_pair now = clock_read();

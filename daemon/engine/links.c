@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * links.c - nodes leave the bus and come back with their interfaces.
+ * links.c - detaches nodes from the bus and attaches them again with their interfaces.
  *
- * A configuration names interfaces, so names count: an interface that is renamed is gone, and what
- * gets its name takes its place, as it would at the next start. An interface that is made anew is
- * another one and needs another socket. Ports that are no interfaces stay as they are.
+ * A configuration names interfaces, so names count: a renamed interface is gone. Another one that
+ * gets its name replaces it, as at the next start. A new interface of the same name needs another
+ * socket. Ports that are no interfaces stay as they are.
  */
 #include "engine/core.h"
 
@@ -17,7 +17,7 @@
 #include <net/if.h>
 #include <string.h>
 
-#define RETRY_S 1.0 /* of interfaces that are there but cannot be opened, and of lists */
+#define RETRY_S 1.0 /* of interfaces that exist but cannot be opened, and of lists */
 
 static uint64_t bit_of(unsigned node)
 {
@@ -33,7 +33,7 @@ static const char *const link_words[] = {
 
 /* ---- Nodes and the bus ----------------------------------------------------------------------- */
 
-/* The bus has been brought up to now. */
+/* Changes the link of a node. The bus has been advanced to the present. */
 static void set_link(engine *e, unsigned node, report_link state)
 {
     const cfg_node *config = &e->config->nodes[node];
@@ -47,7 +47,7 @@ static void set_link(engine *e, unsigned node, report_link state)
     inputs_attach(&e->inputs, node, state == REPORT_LINK_UP);
 }
 
-/* What the ECU has written up to now still counts. */
+/* Closes the port of a node after reading its last frames, which still count. */
 static void lose_port(engine *e, unsigned node)
 {
     if (e->now.ports[node]) {
@@ -71,7 +71,7 @@ static void start_retrying(engine *e, unsigned node, const char *error)
     ev_timer_again(e->loop, &e->links.retry);
 }
 
-/* Once is enough: the limit is the machine's. */
+/* Logs a small buffer once: the limit is the machine's. */
 static void tell_small_buffer(engine *e, unsigned node)
 {
     const port *p = e->now.ports[node];
@@ -99,7 +99,7 @@ static void gain_port(engine *e, unsigned node)
     tell_small_buffer(e, node);
 }
 
-/* ---- What rtnetlink says --------------------------------------------------------------------- */
+/* ---- Reports of rtnetlink -------------------------------------------------------------------- */
 
 static bool has_index(const engine *e, unsigned node, unsigned index)
 {
@@ -120,8 +120,7 @@ static bool is_news(const engine *e, unsigned node, unsigned index, const char *
     return has_index(e, node, index);
 }
 
-/* First of all those that had an interface that is another's now: it can be opened once at a
- * time. */
+/* Closes ports of nodes that had this interface under another name: it can be opened only once. */
 static void lose_other_names(engine *e, unsigned index, const char *name)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -139,7 +138,7 @@ static void take_interface(engine *e, unsigned node, unsigned index, report_link
         set_link(e, node, state);
 }
 
-/* Only of a vcan its counters tell what was sent without loopback. */
+/* Notes the kind of an interface: only the counters of a vcan show frames sent without loopback. */
 static void note_kind(engine *e, const char *name, bool vcan)
 {
     for (unsigned i = 0; i < e->config->node_count; i++) {
@@ -162,7 +161,7 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
     }
     if (!news || e->stopping)
         return;
-    e->wake(e); /* nodes may have got other places by that */
+    e->wake(e); /* this may move nodes to other places */
     lose_other_names(e, index, name);
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (has_name(e, i, name))
@@ -208,7 +207,7 @@ static void on_listed(void *user)
     e->wake(e);
 }
 
-/* Until there is another list, nodes are where they were. */
+/* Keeps the nodes unchanged until the next list. */
 static void on_failed(void *user)
 {
     engine *e = user;
@@ -239,8 +238,8 @@ static bool open_port(engine *e, unsigned node)
     return e->now.ports[node] != NULL;
 }
 
-/* Of several canwired that are started at once, one gets the first port and so all others: who has
- * been refused takes no more, and names what is missing. */
+/* Opens the port of a node, or names a missing one. Of several canwired that start at once, the one
+ * with the first port gets all others. The refused ones open no more ports. */
 static bool open_or_name_port(engine *e, unsigned node, bool good)
 {
     const cfg_node *config = &e->config->nodes[node];
@@ -250,7 +249,7 @@ static bool open_or_name_port(engine *e, unsigned node, bool good)
     return false;
 }
 
-/* All are taken for up until the first list of interfaces says what is. */
+/* All interfaces count as up until the first list reports them. */
 bool engine_open_ports(engine *e)
 {
     bool good = true;
@@ -307,7 +306,7 @@ void engine_carry_links_over(engine *e, const reload *r)
     report_link before[CW_NODES_MAX];
     memcpy(before, e->links.state, sizeof before);
     e->links.refused = 0;
-    e->links.vcans = 0; /* the list that is asked for below tells again */
+    e->links.vcans = 0; /* the list that is asked for below sets it again */
     for (unsigned i = 0; i < e->config->node_count; i++) {
         report_link state = link_after(e, r, before, i);
         e->links.state[i] = state;

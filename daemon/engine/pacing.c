@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pacing.c - when the daemon wakes up for what is due, and how much of a processor it may burn for
- * it.
+ * pacing.c - decides when the daemon wakes up, and how much processor time `spin` may use.
  */
 #include "engine/pacing.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * reload.c - from one configuration to the next while the bus runs: what is prepared beforehand.
+ * reload.c - prepares another configuration while the bus runs.
  */
 #include "engine/reload.h"
 
@@ -14,7 +14,7 @@
 
 /* ---- Setups ---------------------------------------------------------------------------------- */
 
-/* About the files that are replayed. */
+/* Reports about replayed files. */
 static void tell(void *user, bool failed, const char *text)
 {
     (void)user;
@@ -40,14 +40,14 @@ void setup_free(setup *s)
     *s = (setup){.memory = NULL};
 }
 
-/* ---- What cannot change ---------------------------------------------------------------------- */
+/* ---- Fixed settings -------------------------------------------------------------------------- */
 
 static bool same_text(const char *a, const char *b)
 {
     return a == b || (a && b && strcmp(a, b) == 0);
 }
 
-/* What is missing in the file is told at its beginning. */
+/* Prints the place of a setting; a missing one has the beginning of the file. */
 static void print_place(FILE *errors, const cfg *config, cfg_place place)
 {
     fprintf(errors, "%s:%d:%d: ", config->file, place.line ? place.line : 1,
@@ -112,14 +112,15 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
     return r->setup.ports[i] != NULL;
 }
 
-/* An interface is opened once, so a port that a reload under way has opened is lent. */
+/* Returns the port of a pending reload: an interface is opened once, so that its port is
+ * borrowed. */
 static port *borrow_port(const reload *pending, const char *interface)
 {
     uint8_t node = pending ? find_port(pending->config, interface) : CW_NO_NODE;
     return node == CW_NO_NODE ? NULL : pending->setup.ports[node];
 }
 
-/* Ports that were borrowed are kept, or given back. */
+/* Keeps borrowed ports, or returns them. */
 static void settle_borrowed(reload *r, reload *pending, bool keep)
 {
     for (unsigned i = 0; pending && i < CW_NODES_MAX; i++)
@@ -131,8 +132,8 @@ static void settle_borrowed(reload *r, reload *pending, bool keep)
             }
 }
 
-/* A port goes on whatever its node is called: a second socket on an interface would take what the
- * first one writes for frames of the ECU. */
+/* Matches nodes and ports. A port stays open even if its node gets another name. A second socket on
+ * an interface would mistake frames of the first one for frames of the ECU. */
 static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *errors)
 {
     bool good = true;
@@ -178,7 +179,7 @@ bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
     return good;
 }
 
-/* Without any memory that could be lacking: the books would be lost. */
+/* Allocates no memory: a failure would lose the counts. */
 void reload_remap(void *array, size_t size, const uint8_t from[CW_NODES_MAX])
 {
     unsigned char *elements = array;

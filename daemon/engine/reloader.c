@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * reloader.c - reads the configuration again beside the bus, whenever somebody asks for it.
+ * reloader.c - reads the configuration again beside the bus, on request.
  */
 #include "engine/reloader.h"
 
@@ -10,13 +10,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define BUSY_S 0.1 /* what works for so long does not hang */
+#define BUSY_S 0.1 /* a thread that has used so much processor time does not hang */
 #define WHY_MAX 140
 
-/* So many rounds may be given up while their threads still hang; after that there is no other. */
+/* Limit of rounds that were given up while their threads still hang; then no other round begins. */
 #define LEFT_MAX 4u
 
-/* What a thread works on. */
+/* The task of a thread. */
 typedef struct reading {
     char *file;
     fileuses others;
@@ -33,8 +33,8 @@ struct reloader {
     void *user;
     aside *aside;   /* NULL: nothing is being read */
     char *file;     /* that is being read */
-    char *next;     /* that is to be read then; NULL: none */
-    uint64_t round; /* that is being read, or was the last one */
+    char *next;     /* to be read next; NULL: none */
+    uint64_t round; /* being read, or the last one */
 };
 
 /* ---- In the thread --------------------------------------------------------------------------- */
@@ -57,7 +57,7 @@ static void free_reading(void *task)
     free(t);
 }
 
-/* All of it is the thread's own: it may still be there when nothing else is. */
+/* Makes the task. All of it belongs to the thread, which may outlive everything else. */
 static reading *make_reading(const char *file, const fileuses *others)
 {
     reading *t = calloc(1, sizeof *t);
@@ -119,7 +119,7 @@ static void on_late(void *user, double busy_s)
 static const aside_calls reading_calls = {
     .work = read_config, .drop = free_reading, .done = on_done, .late = on_late};
 
-/* Begins the next round. Takes the name over. False after writing why not. */
+/* Begins the next round and takes over the name. Returns false after writing the reason. */
 static bool begin(reloader *r, char *file, FILE *errors)
 {
     free(r->file);
@@ -146,7 +146,7 @@ static bool begin(reloader *r, char *file, FILE *errors)
     return false;
 }
 
-/* Over to the round that has been asked for meanwhile. */
+/* Begins the round that has been requested meanwhile. */
 static void go_on(reloader *r)
 {
     char *text = NULL;
@@ -169,7 +169,7 @@ static void go_on(reloader *r)
     free(text);
 }
 
-/* ---- For the others -------------------------------------------------------------------------- */
+/* ---- Public functions ------------------------------------------------------------------------ */
 
 reloader *reloader_new(struct ev_loop *loop, const fileuses *others, const reloader_calls *calls,
                        void *user)

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * reloader.h - reads the configuration again beside the bus, whenever somebody asks for it.
+ * reloader.h - reads the configuration again beside the bus, on request.
  *
- * Reloads are in rounds. Who asks while a round is being read gets the next one, since the file may
- * have changed after it was read; all of them get the same one. A round that takes too long is
- * given up.
+ * Reloads are in rounds. Requests during a round share the next one, since the file may have
+ * changed after it was read. A round that takes too long is given up.
  */
 #ifndef CANWIRE_ENGINE_RELOADER_H
 #define CANWIRE_ENGINE_RELOADER_H
@@ -18,27 +17,29 @@
 typedef struct reloader reloader;
 
 typedef struct reloader_calls {
-    /* A round begins to be read. */
+    /* Reports the beginning of a round. */
     void (*begins)(void *user);
-    /* It has been read; r is the callee's. False, with nothing changed, after writing why. */
+    /* Takes over the result r of a round. Returns false, with nothing changed, after writing the
+     * reason. */
     bool (*take)(void *user, reload *r, FILE *errors);
-    /* It is over. errors: NULL, or a line per error, that may be written to. */
+    /* Reports the end of a round. errors: NULL, or a line per error, in a text that may be
+     * modified. */
     void (*over)(void *user, uint64_t round, char *errors);
 } reloader_calls;
 
-/* Nothing is read yet. others: files that canwired has besides those of the configuration, which
- * none may write. They and the calls must live longer. NULL when there is no memory. */
+/* Makes a reloader. others: further files of canwired, which no configuration may write. They and
+ * the calls must live longer. Returns NULL without memory. */
 reloader *reloader_new(struct ev_loop *loop, const fileuses *others, const reloader_calls *calls,
                        void *user);
 
-/* Asks for a reload of a file. Returns the round in which it will be; over() tells, later. 0 after
- * writing why there is none. */
+/* Requests a reload of a file. Returns its round, whose end over() reports later. Returns 0 after
+ * writing the reason. */
 uint64_t reloader_ask(reloader *r, const char *file, FILE *errors);
 
-/* Whether anything is being read or is to be. */
+/* Returns true while a round is being read or is requested. */
 bool reloader_is_busy(const reloader *r);
 
-/* Ends all rounds, with an error, and leaves alone what hangs. NULL is fine. */
+/* Ends all rounds, with an error, and leaves threads that hang. NULL is allowed. */
 void reloader_free(reloader *r);
 
 #endif

@@ -12,7 +12,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#define SOCKETS_FILE "/proc/self/net/unix" /* what the abstract namespace holds, among others */
+#define SOCKETS_FILE "/proc/self/net/unix" /* list of the abstract namespace, among others */
 #define LINE_BYTES 512
 #define NAME_BYTES 108 /* of sun_path, with a 0 before the name; numbers and texts are shorter */
 #define PREFIX_BYTES 32
@@ -36,7 +36,7 @@ static int bind_name(const char *name)
     return -1;
 }
 
-/* The owner's own words, behind the prefix of its name; false when they are not to be found. */
+/* Finds the owner's text behind the prefix of its name; returns false when there is none. */
 static bool find_owner(char out[NAME_BYTES], const char *prefix)
 {
     char line[LINE_BYTES];
@@ -54,7 +54,7 @@ static bool find_owner(char out[NAME_BYTES], const char *prefix)
     return found;
 }
 
-/* The owner's words are PID/BUS. */
+/* Writes the reason from the owner's text, PID/BUS. */
 static void explain_owner(char *error, size_t size, const char *prefix)
 {
     char owner[NAME_BYTES];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * links.c - network interfaces, through rtnetlink: to look at, to make and to remove.
+ * links.c - finds, makes and removes network interfaces through rtnetlink.
  */
 #include "port/links.h"
 
@@ -15,7 +15,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define REQUEST_BYTES 1024u /* more than the longest one */
+#define REQUEST_BYTES 1024u /* more than the longest one needs */
 #define REPLY_BYTES 65536u  /* the kernel sends no larger part of a dump */
 #define ERROR_BYTES 200u
 
@@ -36,16 +36,16 @@ typedef struct request {
     char attributes[REQUEST_BYTES];
 } request;
 
-/* What to do with the messages that answer a request. */
+/* The receiver of the messages that answer a request. */
 typedef struct listener {
     links_visitor *visit;
     void *user;
-    bool done; /* it wants no more */
+    bool done; /* it needs no more messages */
 } listener;
 
 /* ---- Requests -------------------------------------------------------------------------------- */
 
-/* The flags include what ends the answer: NLM_F_ACK or NLM_F_DUMP. */
+/* Makes a request. The flags include the one that ends the answer: NLM_F_ACK or NLM_F_DUMP. */
 static request make_request(uint16_t type, uint16_t flags)
 {
     return (request){
@@ -56,7 +56,7 @@ static request make_request(uint16_t type, uint16_t flags)
     };
 }
 
-/* Room for more at the end of a request. */
+/* Adds bytes to the end of a request. */
 static void *extend(request *r, size_t size)
 {
     size_t end = NLMSG_ALIGN(r->header.nlmsg_len);
@@ -66,8 +66,8 @@ static void *extend(request *r, size_t size)
     return (char *)r + end;
 }
 
-/* By bytes: the request is an array of characters to the compiler, which may forget what is written
- * into it as something else. */
+/* Copies a header by bytes: the compiler treats the request as an array of characters and may
+ * discard writes of other types. */
 static char *put_head(char *to, size_t size, unsigned short type)
 {
     const struct rtattr head = {.rta_len = (unsigned short)RTA_LENGTH(size), .rta_type = type};
@@ -87,7 +87,7 @@ static void put_text(request *r, unsigned short type, const char *text)
     put(r, type, text, strlen(text) + 1);
 }
 
-/* Where an attribute begins that others are in. */
+/* The beginning of an attribute that contains others. */
 typedef struct nesting {
     char *at;
     unsigned short type;
@@ -112,13 +112,13 @@ static void copy_text(char *out, size_t size, const struct rtattr *attribute)
                    (const char *)RTA_DATA(attribute));
 }
 
-/* The attributes in a piece of memory. */
+/* Attributes in a piece of memory. */
 typedef struct attributes {
     char *first;
     size_t size;
 } attributes;
 
-/* Takes the first one off, NULL at the end. */
+/* Takes the first attribute; returns NULL at the end. */
 static struct rtattr *take_attribute(attributes *in)
 {
     struct rtattr *a = (struct rtattr *)in->first;
@@ -156,7 +156,7 @@ static void read_link(link_info *out, struct nlmsghdr *message)
     }
 }
 
-/* The kernel's own words, where it has some, follow the error. */
+/* Reads an error, and the kernel's text behind it, if there is one. */
 static int read_error(links *l, struct nlmsghdr *message)
 {
     const struct nlmsgerr *reply = NLMSG_DATA(message);
@@ -183,7 +183,7 @@ static int fail(links *l, int number)
     return number;
 }
 
-/* Takes one message; -1: there is more to come, else how the request ended. */
+/* Takes one message. Returns -1 before the end, else the result of the request. */
 static int take(links *l, listener *to, struct nlmsghdr *message)
 {
     link_info info;
@@ -219,7 +219,7 @@ static int receive(links *l, listener *to)
     }
 }
 
-/* Sends a request and reads what answers it, to the end. */
+/* Sends a request and reads its whole answer. */
 static int ask(links *l, request *r, links_visitor *visit, void *user)
 {
     listener to = {.visit = visit, .user = user};
@@ -243,7 +243,7 @@ links *links_open(void)
         free(l);
         return NULL;
     }
-    (void)setsockopt(l->fd, SOL_NETLINK, NETLINK_EXT_ACK, &on, sizeof on); /* for its words */
+    (void)setsockopt(l->fd, SOL_NETLINK, NETLINK_EXT_ACK, &on, sizeof on); /* for its error texts */
     return l;
 }
 
@@ -281,7 +281,7 @@ static void put_mtu(request *r)
     put(r, IFLA_MTU, &mtu, sizeof mtu);
 }
 
-/* A request for a new interface that is up. */
+/* Makes a request for a new interface that is up. */
 static request make_new(const char *name)
 {
     request r = make_request(RTM_NEWLINK, NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL);
@@ -301,8 +301,8 @@ int links_make_vcan(links *l, const char *name)
     return ask(l, &r, NULL, NULL);
 }
 
-/* The kernel sets only the first of a pair up, the second is not there yet by then. So the peer is
- * the first, and the one of this namespace, which can be set up later, the second. */
+/* Makes a pair. The kernel sets only the first one up, since the second does not exist then. So the
+ * peer is the first. The second is in this namespace, where it can be set up later. */
 int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd)
 {
     request r = make_new(peer);

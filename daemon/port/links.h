@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * links.h - network interfaces, through rtnetlink: to look at, to make and to remove.
+ * links.h - finds, makes and removes network interfaces through rtnetlink.
  *
- * Functions return 0 or an errno; what the kernel says to it is in links_error(). All but looking
- * needs CAP_NET_ADMIN.
+ * Functions return 0 or an errno; links_error() has the kernel's text. All functions that change
+ * interfaces need CAP_NET_ADMIN.
  */
 #ifndef CANWIRE_PORT_LINKS_H
 #define CANWIRE_PORT_LINKS_H
@@ -14,52 +14,53 @@
 #include <stdint.h>
 
 #define LINKS_KIND_BYTES 16u
-#define LINKS_ALIAS_BYTES 256u /* with the final 0; the kernel takes no more */
+#define LINKS_ALIAS_BYTES 256u /* with the final 0; the kernel's limit */
 
-/* Of the interfaces that are made: the bus is classical, so the kernel refuses CAN FD frames. It
- * can be changed only while an interface is down. */
+/* MTU of new interfaces: the bus is classical, so the kernel must refuse CAN FD frames. The MTU can
+ * change only while an interface is down. */
 #define LINKS_MTU CAN_MTU
 
 typedef struct links links;
 
 typedef struct link_info {
     char name[IF_NAMESIZE];
-    char kind[LINKS_KIND_BYTES];   /* vcan, vxcan, ...; empty for hardware without */
+    char kind[LINKS_KIND_BYTES];   /* vcan, vxcan, ...; empty for most hardware */
     char alias[LINKS_ALIAS_BYTES]; /* empty: none */
     uint32_t mtu;
     bool up;
 } link_info;
 
-/* NULL with errno set. */
+/* Opens a socket. Returns NULL with errno set. */
 links *links_open(void);
 
-/* NULL is fine. */
+/* Closes it. NULL is allowed. */
 void links_close(links *l);
 
-/* ENODEV: there is none of this name. */
+/* Finds an interface. ENODEV: there is none of this name. */
 int links_find(links *l, link_info *info, const char *name);
 
-/* Calls back for each interface until it returns false; it must not use l. */
+/* Receives each interface until it returns false; it must not use l. */
 typedef bool links_visitor(void *user, const link_info *info);
 int links_each(links *l, links_visitor *visit, void *user);
 
-/* A vcan interface, up, with LINKS_MTU. */
+/* Makes a vcan interface with LINKS_MTU and sets it up. */
 int links_make_vcan(links *l, const char *name);
 
-/* A pair of vxcan interfaces with LINKS_MTU; the peer is up and in the namespace of a file, or -1:
- * in this one. */
+/* Makes a pair of vxcan interfaces with LINKS_MTU. The peer is up, in the namespace of netns_fd,
+ * -1: in this one. */
 int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd);
 
-/* Sets an interface up and gives it an alias, NULL: as it is. */
+/* Sets an interface up and gives it an alias; NULL keeps the alias. */
 int links_set(links *l, const char *name, const char *alias);
 
-/* A vxcan's peer goes with it. */
+/* Removes an interface, and with it the peer of a vxcan. */
 int links_remove(links *l, const char *name);
 
-/* Why the last call failed, for people. */
+/* Returns the reason of the last failure as a text. */
 const char *links_error(const links *l);
 
-/* Whether the kernel was asked then and its answer could not be read: it may have been done. */
+/* Returns true when the kernel's answer to that call could not be read: the change may have
+ * happened. */
 bool links_unanswered(const links *l);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * linkwatch.c - tells what becomes of network interfaces, as rtnetlink does.
+ * linkwatch.c - reports changes of network interfaces, through rtnetlink.
  */
 #include "port/linkwatch.h"
 
@@ -16,7 +16,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define MESSAGE_BYTES 32768u /* the kernel makes lists in pieces of up to this */
+#define MESSAGE_BYTES 32768u /* limit of the kernel for a piece of a list */
 #define READS_MAX 64u        /* at one wake-up */
 #define UP_FLAGS ((unsigned)IFF_UP | 0x10000u) /* IFF_LOWER_UP, which net/if.h does not have */
 
@@ -27,8 +27,8 @@ struct linkwatch {
     void *user;
     int fd;
     bool listing;    /* a list is being read */
-    bool incomplete; /* ... and does not tell all, so that another one is to follow */
-    bool failing;    /* the last one could not be had, as has been logged */
+    bool incomplete; /* ... and is incomplete, so that another one must follow */
+    bool failing;    /* the last list failed, which has been logged */
     alignas(struct nlmsghdr) char buffer[MESSAGE_BYTES];
 };
 
@@ -55,9 +55,9 @@ void linkwatch_list(linkwatch *w)
                    .nlmsg_flags = NLM_F_REQUEST | NLM_F_DUMP},
         .info = {.ifi_family = AF_UNSPEC},
     };
-    ev_io_start(w->loop, &w->io); /* it may have been given up */
+    ev_io_start(w->loop, &w->io); /* libev may have stopped it */
     w->incomplete = w->listing;
-    if (w->listing) /* the kernel makes one at a time */
+    if (w->listing) /* the kernel makes one list at a time */
         return;
     w->listing = send(w->fd, &request, sizeof request, 0) >= 0;
     if (w->listing)
@@ -68,7 +68,7 @@ void linkwatch_list(linkwatch *w)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* The first one of a type among the attributes from one place to another, or NULL. */
+/* Returns the first attribute of a type between two places, or NULL. */
 static const struct rtattr *find(unsigned short type, const char *attribute, const char *end)
 {
     while (end - attribute >= (ptrdiff_t)sizeof(struct rtattr)) {
@@ -89,7 +89,7 @@ static const struct rtattr *find_in(unsigned short type, const struct nlmsghdr *
                 (const char *)header + header->nlmsg_len);
 }
 
-/* A text with its final 0, or "". */
+/* Returns a text with its final 0, or "". */
 static const char *text_of(const struct rtattr *a)
 {
     bool text = a && RTA_PAYLOAD(a) > 0 && memchr(RTA_DATA(a), '\0', RTA_PAYLOAD(a));
@@ -107,7 +107,7 @@ static const char *kind_of(const struct nlmsghdr *header)
 static void take_link(linkwatch *w, const struct nlmsghdr *header)
 {
     const struct ifinfomsg *info = NLMSG_DATA(header);
-    if (info->ifi_family != AF_UNSPEC || info->ifi_index <= 0) /* bridges tell of ports, too */
+    if (info->ifi_family != AF_UNSPEC || info->ifi_index <= 0) /* bridges report ports, too */
         return;
     const char *name = text_of(find_in(IFLA_IFNAME, header));
     if (header->nlmsg_type == RTM_DELLINK)
@@ -117,7 +117,7 @@ static void take_link(linkwatch *w, const struct nlmsghdr *header)
                        (info->ifi_flags & UP_FLAGS) == UP_FLAGS);
 }
 
-/* What NLMSG_DONE and NLMSG_ERROR begin with: 0, or the negative number of an error. */
+/* Returns the error of NLMSG_DONE or NLMSG_ERROR: 0, or a negative number. */
 static int error_of(const struct nlmsghdr *header)
 {
     int error = 0;
@@ -129,7 +129,7 @@ static int error_of(const struct nlmsghdr *header)
 static void take_end(linkwatch *w, const struct nlmsghdr *header)
 {
     int error = error_of(header);
-    if (!w->listing) /* it has broken off before */
+    if (!w->listing) /* the list has failed before */
         return;
     if (error < 0) {
         fail(w, -error);
@@ -148,7 +148,7 @@ static void take_messages(linkwatch *w, size_t size)
     unsigned left = (unsigned)size;
     for (struct nlmsghdr *h = (struct nlmsghdr *)w->buffer; NLMSG_OK(h, left);
          h = NLMSG_NEXT(h, left)) {
-        if (h->nlmsg_flags & NLM_F_DUMP_INTR) /* links have changed while it was made */
+        if (h->nlmsg_flags & NLM_F_DUMP_INTR) /* links have changed while the list was made */
             w->incomplete = true;
         if (h->nlmsg_type == NLMSG_DONE || h->nlmsg_type == NLMSG_ERROR)
             take_end(w, h);
@@ -161,7 +161,7 @@ static void on_message(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     linkwatch *w = io->data;
-    if (events & EV_ERROR) { /* libev has given it up since the kernel does not take it */
+    if (events & EV_ERROR) { /* libev has stopped it, since the kernel does not accept it */
         fail(w, ENOMEM);
         return;
     }
@@ -171,12 +171,12 @@ static void on_message(struct ev_loop *loop, ev_io *io, int events)
         struct msghdr message = {.msg_name = &from, .msg_namelen = sizeof from,
                                  .msg_iov = &vector, .msg_iovlen = 1};
         ssize_t size = recvmsg(w->fd, &message, MSG_DONTWAIT);
-        if (size < 0 && errno == ENOBUFS) { /* the kernel had no room for some */
+        if (size < 0 && errno == ENOBUFS) { /* the kernel had no room for some messages */
             log_warning("messages about interfaces were lost, all are listed anew");
             linkwatch_list(w);
         } else if (size < 0 && errno != EINTR) {
             return;
-        } else if (size > 0 && from.nl_pid == 0) { /* of the kernel */
+        } else if (size > 0 && from.nl_pid == 0) { /* from the kernel */
             take_messages(w, (size_t)size);
         }
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * linkwatch.h - tells what becomes of network interfaces, as rtnetlink does. Needs no capability.
+ * linkwatch.h - reports changes of network interfaces, through rtnetlink. It needs no capability.
  */
 #ifndef CANWIRE_PORT_LINKWATCH_H
 #define CANWIRE_PORT_LINKWATCH_H
@@ -10,29 +10,30 @@
 
 typedef struct linkwatch linkwatch;
 
-/* All are called from the loop. */
+/* The callbacks; all are called from the loop. */
 typedef struct linkwatch_calls {
-    /* An interface is there, perhaps with another name or state than before. up: it can carry
-     * frames, which a vxcan does only when its peer is up, too. kind: as `ip link` has it, such as
-     * "vcan"; "" where there is none. */
+    /* Reports an interface, perhaps with another name or state than before. up: it can carry
+     * frames; a vxcan needs a peer that is up, too. kind: as in `ip link`, such as "vcan"; ""
+     * without a kind. */
     void (*seen)(void *user, unsigned index, const char *name, const char *kind, bool up);
     void (*gone)(void *user, unsigned index);
-    /* All interfaces of a list that was asked for have been seen. */
+    /* Reports the end of a requested list of all interfaces. */
     void (*listed)(void *user);
-    /* Such a list begins. */
+    /* Reports the beginning of such a list. */
     void (*listing)(void *user);
-    /* There is no such list, or no more of it: what it has not told of may be there all the same.
-     * Why has been logged. The user is to ask again, some time later. */
+    /* Reports that a list failed or broke off, for a reason that has been logged. Interfaces that
+     * were not reported may exist. The user asks again some time later. */
     void (*failed)(void *user);
 } linkwatch_calls;
 
-/* Asks for a first list. `calls` and `user` must live longer. NULL after logging why. */
+/* Starts and asks for a first list. `calls` and `user` must live longer. Returns NULL after logging
+ * the reason. */
 linkwatch *linkwatch_start(struct ev_loop *loop, const linkwatch_calls *calls, void *user);
 
-/* NULL is fine. */
+/* Stops. NULL is allowed. */
 void linkwatch_stop(linkwatch *w);
 
-/* Asks for a list of all interfaces. It is asked for by itself after messages were lost. */
+/* Asks for a list of all interfaces. This happens automatically after messages were lost. */
 void linkwatch_list(linkwatch *w);
 
 #endif

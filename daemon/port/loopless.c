@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * loopless.c - finds frames that never come: those sent on a vcan without loopback.
+ * loopless.c - counts frames that nobody receives: those sent on a vcan without loopback.
  */
 #include "port/loopless.h"
 
@@ -35,20 +35,20 @@ static bool read_counts(counts *c, const cfg *config)
         return false;
     while (netdev_next(&n, in))
         note(c, config, &n);
-    int error = ferror(in) ? errno : 0; /* what was read up to there is not all */
+    int error = ferror(in) ? errno : 0; /* the counters read so far are incomplete */
     (void)fclose(in);
     errno = error;
     return error == 0;
 }
 
-/* What has the name may be another interface than that of the port by now. */
+/* Returns true when the interface of that name is still the one of the port. */
 static bool is_the_same(const cfg *config, const port *p, unsigned node)
 {
     return if_nametoindex(config->nodes[node].port) == port_index(p);
 }
 
-/* Frames go on being counted meanwhile. With what was sent before and what was received after it,
- * the difference is never too large, the other way round never too small. */
+/* Compares counters, which go on counting meanwhile. Frames sent before, less frames received after
+ * them, are never too many; the reverse is never too few. */
 bool loopless_look(const cfg *config, port *const ports[], uint64_t vcans)
 {
     counts before = {.seen = {false}};

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * loopless.h - finds frames that never come: a vcan gives what a program sends without loopback
- * (CAN_RAW_LOOPBACK 0, cangen -x) to nobody, and no error to the program.
+ * loopless.h - counts frames that nobody receives. A vcan drops frames that a program sends without
+ * loopback (CAN_RAW_LOOPBACK 0, cangen -x), and reports no error.
  *
- * A vcan counts each frame that it is given as sent, and as received only when it is looped back
- * (drivers/net/can/vcan.c). So the difference is what nobody has got; whose frames the others are,
- * and what becomes of them, makes no difference.
+ * A vcan counts each frame as sent, and as received only when it is looped back
+ * (drivers/net/can/vcan.c). So the difference is the number of dropped frames. It does not depend
+ * on the senders and receivers of the other frames.
  */
 #ifndef CANWIRE_PORT_LOOPLESS_H
 #define CANWIRE_PORT_LOOPLESS_H
@@ -13,9 +13,9 @@
 #include "config/config.h"
 #include "port/port.h"
 
-/* Looks at the interfaces of all nodes and counts for their ports what is new since each was
- * opened (port_count_loopless()). vcans: the nodes whose ports are such; no others are counted.
- * False with errno set when the kernel does not tell. */
+/* Counts new dropped frames of the ports of all nodes (port_count_loopless()). vcans: the nodes
+ * with vcan ports; others are not counted. Returns false with errno set when the kernel has no
+ * counters. */
 bool loopless_look(const cfg *config, port *const ports[], uint64_t vcans);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * netdev.c - how many packets network interfaces have carried, as /proc/net/dev has it.
+ * netdev.c - reads the packet counters of network interfaces from /proc/net/dev.
  */
 #include "port/netdev.h"
 
@@ -8,7 +8,8 @@
 
 #define LINE_BYTES 512 /* a name and 16 numbers */
 
-/* Not /proc/net: that is missing where /proc shows nothing but processes (ProcSubset=pid). */
+/* Opens the counters, not as /proc/net/dev: that is missing where /proc shows nothing but processes
+ * (ProcSubset=pid). */
 FILE *netdev_open(void)
 {
     return fopen("/proc/self/net/dev", "re");
@@ -28,7 +29,7 @@ bool netdev_next(netdev_counters *out, FILE *in)
 {
     char line[LINE_BYTES];
     while (fgets(line, sizeof line, in))
-        if (read_line(out, line)) /* two lines of titles are none */
+        if (read_line(out, line)) /* two lines of titles have no counters */
             return true;
     return false;
 }

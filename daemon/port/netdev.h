@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * netdev.h - how many packets network interfaces have carried, as /proc/net/dev has it.
+ * netdev.h - reads the packet counters of network interfaces from /proc/net/dev.
  *
- * rtnetlink tells the same, but whoever asks it waits for all that changes the network at the
- * time; this does not.
+ * rtnetlink has the same counters, but a request waits for all changes of the network in progress;
+ * this file does not wait.
  */
 #ifndef CANWIRE_PORT_NETDEV_H
 #define CANWIRE_PORT_NETDEV_H
@@ -19,10 +19,11 @@ typedef struct netdev_counters {
     uint64_t sent;
 } netdev_counters;
 
-/* The interfaces of this process's network namespace. NULL with errno set; to be closed. */
+/* Opens the counters of this process's network namespace, to be closed. Returns NULL with errno
+ * set. */
 FILE *netdev_open(void);
 
-/* The next one; false: there are no more. */
+/* Reads the next interface; returns false at the end. */
 bool netdev_next(netdev_counters *out, FILE *in);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * port.c - what all kinds of ports do alike: frames from and to SocketCAN's form, and counting.
+ * port.c - the shared functions of all kinds of ports: conversion of frames, and counting.
  */
 #include "port/kind.h"
 
@@ -60,7 +60,8 @@ int port_fd(const port *p)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Where it cannot be the DLC of eight bytes it is what programs left there, as for Linux. */
+/* Returns the DLC. A len8_dlc that cannot be the DLC of eight bytes is garbage of programs; Linux
+ * ignores it, too. */
 static uint8_t dlc_of(const struct can_frame *in)
 {
     bool raw = in->len == CAN_MAX_DLEN && in->len8_dlc > CAN_MAX_DLEN &&
@@ -68,9 +69,9 @@ static uint8_t dlc_of(const struct can_frame *in)
     return raw ? in->len8_dlc : in->len;
 }
 
-/* The kernel lets an 11-bit identifier above 7FF through: the value is kept, so that the bus sees
- * that it is invalid. What programs left behind the data is not for the bus: rules that change a
- * frame would show it. */
+/* Converts a frame. The kernel accepts an 11-bit identifier above 7FF: the value is kept, so that
+ * the bus sees an invalid frame. Bytes that programs left behind the data are dropped: rules that
+ * change a frame would show them. */
 static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t size)
 {
     *out = (cw_frame){.id = in->can_id & CAN_EFF_MASK};
@@ -79,7 +80,7 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
     if (in->can_id & CAN_RTR_FLAG)
         out->flags |= CW_FRAME_REMOTE;
     if (size == CANFD_MTU) {
-        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever the data */
+        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever its data */
         return;
     }
     struct can_frame classic;
@@ -90,15 +91,15 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
 
 void port_count_drops(port *p, uint32_t drops)
 {
-    int32_t news = (int32_t)(drops - p->drops); /* what comes with frames may be older */
+    int32_t news = (int32_t)(drops - p->drops); /* data that comes with frames may be older */
     if (news <= 0)
         return;
     p->drops = drops;
     p->stats.kernel_dropped += (uint32_t)news;
 }
 
-/* What the kernel says beside a message: when it arrived, 0 when it does not tell, and how many
- * were dropped before it. */
+/* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
+ * dropped before it. */
 static int64_t take_control(port *p, struct msghdr *header)
 {
     int64_t arrival_ns = 0;
@@ -116,7 +117,7 @@ static int64_t take_control(port *p, struct msghdr *header)
     return arrival_ns;
 }
 
-/* Raw CAN sockets give nothing else. */
+/* Returns true for a frame; raw CAN sockets have no other messages. */
 static bool is_frame(const port_messages *m, unsigned i)
 {
     const struct mmsghdr *header = &m->headers[i];
@@ -124,7 +125,7 @@ static bool is_frame(const port_messages *m, unsigned i)
     return (classic || header->msg_len == CANFD_MTU) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
 }
 
-/* Whether a message is a frame for the bus; if so it is put into *out. */
+/* Returns true when a message is a frame for the bus, and copies it to *out. */
 static bool take_message(port *p, port_frame *out, unsigned i)
 {
     struct mmsghdr *m = &p->messages.headers[i];
@@ -144,7 +145,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     return true;
 }
 
-/* A link that is down and an ECU that has gone are told elsewhere. */
+/* Notes a failed read. A link that is down and an ECU that has gone are reported elsewhere. */
 static void note_read(port *p, int received)
 {
     const int error = received < 0 ? errno : 0;

@@ -9,12 +9,13 @@
 #include "trace/errframe.h"
 
 #define PORT_BATCH 64          /* frames of one read */
-#define PORT_ERROR_TEXT_MAX 300 /* a path and why, as pathsocket.h has it */
-#define PORT_BUFFER_BYTES (8 << 20) /* that a port asks for, for frames that wait to be read */
+#define PORT_ERROR_TEXT_MAX 300 /* a path and the reason, as in pathsocket.h */
+#define PORT_BUFFER_BYTES (8 << 20) /* requested for frames that wait to be read */
 
 typedef struct port port;
 
-/* A frame that an ECU wrote. It may be invalid (cw_frame_valid()): the bus counts it as such. */
+/* A frame that an ECU wrote. It may be invalid (cw_frame_valid()): the bus then counts it as
+ * such. */
 typedef struct port_frame {
     cw_frame frame;
     int64_t realtime_ns; /* CLOCK_REALTIME of arrival; 0: unknown */
@@ -34,50 +35,52 @@ typedef struct port_stats {
     uint64_t errors_unheard; /* error frames for an ECU that was not connected */
     uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
     uint64_t malformed;      /* messages of an ECU that are no frames */
-    uint64_t connected;      /* how often an ECU connected */
+    uint64_t connected;      /* number of connections of an ECU */
     uint64_t refused;        /* connections refused since an ECU was connected already */
     uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
-    uint64_t pushed_back;    /* how often it was not read for a while: the node's queue was full */
+    uint64_t pushed_back;    /* number of times that reading paused: the node's queue was full */
 } port_stats;
 
 void port_close(port *p);
 
-/* Of the interface that it was opened on, which may have another name or be gone by now; 0 where
- * there is none. */
+/* Returns the index of the interface that the port was opened on. That may have another name or be
+ * gone by now. Returns 0 without an interface. */
 unsigned port_index(const port *p);
 
-/* What the kernel has granted of PORT_BUFFER_BYTES, as net.core.rmem_max counts: when it is full,
- * more is dropped. All of it where an ECU waits instead. */
+/* Returns the part of PORT_BUFFER_BYTES that the kernel has granted, in the unit of
+ * net.core.rmem_max. A full buffer drops frames. All of it counts as granted for a port whose ECU
+ * waits instead. */
 unsigned port_buffer_bytes(const port *p);
 
-/* Readable when frames wait. */
+/* Returns a descriptor that is readable when frames wait. */
 int port_fd(const port *p);
 
-/* Reads up to max frames that wait, from 1 to PORT_BATCH. Returns how many were put into frames;
- * *more tells whether to read again. */
+/* Reads up to max waiting frames, from 1 to PORT_BATCH. Returns the number of frames; *more: read
+ * again. */
 unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
 
-/* Whether reading has begun to fail, *error an errno, or has ceased to, *error 0, since this was
- * asked last. That an interface is down or gone, or an ECU, is not meant. */
+/* Returns true when reading has begun to fail, *error an errno, or works again, *error 0, since the
+ * last call. An interface that is down or gone, and an ECU that has gone, do not count. */
 bool port_read_news(port *p, int *error);
 
-/* So many frames have been sent on its interface without loopback since that was made, at least and
- * at most. Counts those since it was opened; the first call begins with the most, so that none from
- * before counts. counting: else only that is done. */
+/* Takes the numbers of frames that were sent without loopback on its interface since that was made,
+ * at least and at most. Counts those since the port was opened; the first call begins with the
+ * upper limit, so that no older frame counts. counting: false only sets the beginning. */
 void port_count_loopless(port *p, int64_t least, int64_t most, bool counting);
 
-/* Counts that it is not read for a while, since its node's queue is full. */
+/* Counts a pause of reading, since the node's queue is full. */
 void port_pushed_back(port *p);
 
-/* Writes a classical frame. False, and counted, when the kernel does not take it. */
+/* Writes a classical frame. Returns false, and counts the failure, when the kernel does not take
+ * it. */
 bool port_write(port *p, const cw_frame *frame);
 
-/* Writes an error frame, as a driver would give it to the ECU's programs. A storm of minor ones is
- * limited (errframe_limit_pass()); what is left out is counted. tick: bus time of the event. */
+/* Writes an error frame, as a driver gives it to the ECU's programs. Storms of minor ones are
+ * limited (errframe_limit_pass()); left-out frames are counted. tick: bus time of the event. */
 bool port_write_error(port *p, const errframe *frame, uint64_t tick);
 
-/* Writes an error frame (CRTL RX_OVERFLOW) when more frames of the ECU are known to have been
- * lost in the kernel, ten times a second at most. tick: bus time. */
+/* Writes an error frame (CRTL RX_OVERFLOW) when the kernel has lost more frames of the ECU, ten
+ * times a second at most. tick: bus time. */
 void port_tell_overflow(port *p, uint64_t tick);
 
 void port_get_stats(port *p, port_stats *stats);

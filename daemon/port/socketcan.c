@@ -2,8 +2,8 @@
  *
  * socketcan.c - a port on a raw CAN socket.
  *
- * What the socket reads is what the ECU's programs wrote: its own frames the kernel does not loop
- * back to it, and port.c passes over those flagged as confirmed all the same.
+ * The socket reads frames of the ECU's programs. The kernel does not loop back the socket's own
+ * frames; port.c skips any that are flagged as confirmed.
  */
 #include "port/kinds.h"
 
@@ -35,8 +35,8 @@ static bool set_option(int fd, int level, int option, int value)
     return setsockopt(fd, level, option, &value, sizeof value) == 0;
 }
 
-/* Without CAP_NET_ADMIN no more than net.core.rmem_max is granted. The kernel doubles it, for what
- * it keeps beside a frame, and tells the double. */
+/* Asks for a buffer. Without CAP_NET_ADMIN the kernel grants net.core.rmem_max at most. It doubles
+ * the number for its own data, and returns the double. */
 static void ask_for_room(port *p)
 {
     int granted = 0;
@@ -69,7 +69,7 @@ static bool bind_to(port *p, const char *interface)
     return bind(p->fd, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
-/* found: there is such an interface. */
+/* Explains a failure. found: the interface exists. */
 static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool found, int number)
 {
     const char *remedy = "";
@@ -97,7 +97,7 @@ static void close_socket(port *p)
 static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     int received = port_receive(p, p->fd, max);
-    /* what has happened to the interface is told once; frames may wait behind it */
+    /* an error of the interface is reported only once; frames may wait behind it */
     bool error = received < 0 && errno != EAGAIN && errno != EINTR;
     *more = received == (int)max || error;
     return port_take(p, frames, received);
@@ -123,8 +123,8 @@ static const port_kind socketcan = {.close = close_socket,
                                     .count = count_drops,
                                     .control_bytes = PORT_CONTROL_BYTES};
 
-/* The kernel also finds an interface by its alternative names. It tells of changes only by the
- * name itself, so that a node with another one would be off the bus at once. */
+/* Returns true for the main name of an interface. The kernel also finds alternative names, but
+ * reports changes only by the main name. A node with another name would leave the bus at once. */
 static bool is_own_name(const port *p, const char *interface, char error[PORT_ERROR_TEXT_MAX])
 {
     char name[IF_NAMESIZE];
@@ -145,7 +145,7 @@ static bool claim_interface(socketcan_port *s, const char *interface, const char
     return false;
 }
 
-/* With a larger MTU than that of classical frames the kernel takes CAN FD frames, too. */
+/* Warns of an MTU above that of classical frames: the kernel then accepts CAN FD frames, too. */
 static void warn_of_fd(const port *p, const char *interface)
 {
     struct ifreq request = {.ifr_mtu = 0};

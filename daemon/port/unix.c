@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * unix.c - a port on a Unix socket whose messages are struct can_frame: for ECUs that are no
- * SocketCAN programs (emulators, test rigs), and where the kernel has no CAN.
+ * unix.c - a port on a Unix socket whose messages are struct can_frame. It is for ECUs that are no
+ * SocketCAN programs (emulators, test rigs), and for kernels without CAN.
  *
- * The ECU connects to a path, one at a time, or has the other end of a socket that canwired
- * inherited. While none is connected the node stays on the bus, as it does on a vcan interface that
- * nobody has opened. The file descriptor of the port is an epoll set, which stays the same when
- * ECUs come and go.
+ * One ECU at a time connects to a path, or has the other end of a socket that canwired inherited.
+ * Without an ECU the node stays on the bus, as on a vcan interface without programs. The file
+ * descriptor of the port is an epoll set, which stays the same when ECUs come and go.
  */
 #include "port/kinds.h"
 
@@ -22,14 +21,14 @@
 #include <unistd.h>
 
 #define BACKLOG 8
-#define ACCEPTS_MAX 16u /* at one read */
+#define ACCEPTS_MAX 16u /* in one read */
 #define SEND_BUFFER_BYTES (8 << 20)
 
 typedef struct port_unix {
     port base;
     pathsocket listener; /* its fd is -1 for a socket that was inherited */
     int ecu;             /* -1: none is connected */
-    bool deaf;           /* the listener is not watched: accept() failed for want of resources */
+    bool deaf;           /* the listener is not watched: accept() failed without resources */
 } port_unix;
 
 static port_unix *own(port *p)
@@ -45,7 +44,8 @@ static bool watch(const port *p, int fd)
     return epoll_ctl(p->fd, EPOLL_CTL_ADD, fd, &event) == 0;
 }
 
-/* What cannot be accepted now would wake the loop for ever; it is tried again at each read. */
+/* Stops or resumes watching the listener. A connection that cannot be accepted now would wake the
+ * loop for ever; each read tries again. */
 static void set_deaf(port *p, bool deaf)
 {
     port_unix *u = own(p);
@@ -55,8 +55,8 @@ static void set_deaf(port *p, bool deaf)
         u->deaf = !watch(p, u->listener.fd);
 }
 
-/* Room for frames that the ECU has not read yet, as far as the kernel allows; time stamps for those
- * that it sends. */
+/* Asks for room for frames that the ECU has not read yet, as far as the kernel allows, and for time
+ * stamps of its frames. */
 static bool prepare(int fd)
 {
     const int room = SEND_BUFFER_BYTES, on = 1;
@@ -74,15 +74,15 @@ static bool connect_ecu(port *p, int fd)
     return true;
 }
 
-/* With its socket it leaves the epoll set. */
+/* Disconnects the ECU; closing its socket removes it from the epoll set. */
 static void disconnect_ecu(port *p)
 {
     (void)close(own(p)->ecu);
     own(p)->ecu = -1;
 }
 
-/* The first one that waits is the ECU, when there is none; behind an ECU they see at once that the
- * place is taken. */
+/* Accepts waiting connections. The first one becomes the ECU, if there is none. The others are
+ * closed at once, since the place is taken. */
 static void accept_waiting(port *p)
 {
     port_unix *u = own(p);
@@ -94,7 +94,7 @@ static void accept_waiting(port *p)
         }
         if (u->ecu < 0 && connect_ecu(p, fd)) {
             set_deaf(p, false);
-            return; /* it may have gone by now: that is seen first, and the next one comes in */
+            return; /* it may have gone by now: the next read sees that and accepts the next one */
         }
         p->stats.refused++;
         (void)close(fd);
@@ -103,7 +103,8 @@ static void accept_waiting(port *p)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* What there is behind the last message: nothing, where a message has at least its time stamp. */
+/* Returns true for the end behind the last message. It is empty, while a message has at least its
+ * time stamp. */
 static bool is_end(const struct mmsghdr *m)
 {
     return m->msg_len == 0 && m->msg_hdr.msg_controllen == 0;
@@ -117,8 +118,8 @@ static int messages_before_end(const port *p, int received)
     return count;
 }
 
-/* Of the ECU. That it has gone without having read all is told once; what it sent waits behind
- * it. */
+/* Receives messages of the ECU. The kernel reports once that the ECU has gone with unread frames;
+ * its own frames wait behind that report. */
 static int receive(port *p, unsigned max)
 {
     int received = port_receive(p, own(p)->ecu, max);
@@ -126,10 +127,10 @@ static int receive(port *p, unsigned max)
     return told ? port_receive(p, own(p)->ecu, max) : received;
 }
 
-/* What waits at the port. To ask for it costs least: accept4() makes a socket before it finds that
- * there is nobody. */
+/* Pending input of a port. Asking first is cheapest: accept4() makes a socket before it finds no
+ * connection. */
 typedef struct waiting {
-    bool frames; /* or the news that the ECU has gone */
+    bool frames; /* or the end of the ECU's connection */
     bool ecus;   /* that have connected */
 } waiting;
 
@@ -153,7 +154,7 @@ static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max
     *more = false;
     if (found.ecus && (own(p)->ecu < 0 || own(p)->deaf)) {
         accept_waiting(p);
-        found.frames = true; /* of the new one, perhaps */
+        found.frames = true; /* perhaps of the new one */
     }
     if (own(p)->ecu < 0)
         return 0;
@@ -164,11 +165,12 @@ static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max
         accept_waiting(p);
     else if (!nothing && (count < received || received < 0))
         disconnect_ecu(p);
-    *more = count == (int)max || own(p)->ecu < 0; /* another one may wait for the place */
+    *more = count == (int)max || own(p)->ecu < 0; /* another ECU may wait for the place */
     return port_take(p, frames, count);
 }
 
-/* What an ECU that has gone wrote before is still to be read, so that it stays connected here. */
+/* Sends a frame. An ECU that has gone stays connected here, since its earlier frames are still
+ * unread. */
 static port_sent send_frame(port *p, const struct can_frame *frame)
 {
     if (own(p)->ecu < 0)
@@ -223,7 +225,8 @@ port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX])
     return NULL;
 }
 
-/* NULL when it is such a socket, else why not. What the daemon itself opens is closed on exec. */
+/* Returns NULL for a usable inherited socket, else the reason. Descriptors that the daemon itself
+ * opens are closed on exec. */
 static const char *explain_unfit(int fd)
 {
     int domain = 0, type = 0;
