@@ -26,34 +26,34 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STATUS_PERIOD_S 1.0 /* of the line in `systemctl status` */
-#define TROUBLE_BYTES 300   /* of what it says about nodes and about a refused reload, each */
+#define STATUS_PERIOD_S 1.0 /* period of the line in `systemctl status` */
+#define TROUBLE_BYTES 300   /* of its texts about nodes and about a refused reload, each */
 
 typedef struct service {
     live *live;
-    const cfg *config; /* what is in effect */
+    const cfg *config; /* the configuration in effect */
     publisher *publisher;
     engine *engine;
     control *control;
     recordings *recordings;
     journal *journal;
-    int inherited;  /* the control socket that the service manager has opened, or -1 */
+    int inherited;  /* the control socket of the service manager, or -1 */
     fileuses files; /* besides those that the configuration names */
     notifier *notifier;
     watchdog watchdog;
     losses losses;
     reloader *reloader;
-    uint64_t hangups[2];         /* rounds of reloads that SIGHUP has asked for */
-    char refused[TROUBLE_BYTES]; /* why the last reload was refused, or empty */
+    uint64_t hangups[2];         /* rounds of reloads that SIGHUP has requested */
+    char refused[TROUBLE_BYTES]; /* reason of the last refused reload, or empty */
     bool stopping;
-    bool stopping_told; /* to who has asked for a reload by SIGHUP */
+    bool stopping_told; /* to senders of SIGHUP */
     ev_signal terminate;
     ev_signal interrupt;
     ev_signal hangup;
     ev_timer statistics;
     ev_timer status;
     ev_async nudge; /* see check_nudges() */
-    unsigned seconds; /* that it has not come */
+    unsigned seconds; /* seconds without it */
     bool failed;
     struct ev_loop *loop;
 } service;
@@ -110,13 +110,13 @@ static void on_bit(void *user, const cw_bus *bus)
     recordings_bit(s->recordings, bus);
 }
 
-/* Whether bits are wanted changes with the recordings. */
+/* Observes bits only while a recording wants them. */
 static void observe_bits(service *s)
 {
     engine_observe_bits(s->engine, recordings_want_bits(s->recordings) ? on_bit : NULL, s);
 }
 
-/* A recording has begun or ended, see recordings_told. */
+/* Reports a recording that has begun or ended, see recordings_told. */
 static void on_recording(void *user, const char *file, const char *why)
 {
     service *s = user;
@@ -141,7 +141,7 @@ static json_t *show_journal(void *user)
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
-/* One log line per line of the errors. */
+/* Logs each line of the errors. */
 static void log_lines(char *text)
 {
     char *rest = text;
@@ -149,7 +149,7 @@ static void log_lines(char *text)
         log_error("%s", line);
 }
 
-/* The service manager is told when the bus has gone over, or now that it does not. */
+/* Notifies the service manager. on_change(), or the refusal of the reload, ends this state. */
 static void on_reading(void *user)
 {
     service *s = user;
@@ -169,14 +169,15 @@ static void note_refusal(service *s, const char *why)
                    why);
 }
 
-/* After all messages: who waits for the end of a reload finds them in the journal. */
+/* Ends a refusal after all its messages: a program that waits for the end finds them in the
+ * journal. */
 static void end_refusal(service *s)
 {
     if (!reloader_is_busy(s->reloader) && !s->stopping)
         notify_ready(s->notifier);
 }
 
-/* That the end comes first is no error, and is told once. */
+/* Logs a refusal. One because canwired is stopping is no error, and is logged once. */
 static void log_refusal(service *s, char *errors)
 {
     if (s->stopping) {
@@ -189,7 +190,7 @@ static void log_refusal(service *s, char *errors)
     log_error("reload: nothing was changed");
 }
 
-/* A round of reloads is over: those who have asked for it are told. */
+/* Reports the end of a round of reloads to all that have requested it. */
 static void on_round(void *user, uint64_t round, char *errors)
 {
     service *s = user;
@@ -206,14 +207,14 @@ static void on_round(void *user, uint64_t round, char *errors)
 static const reloader_calls reload_calls = {
     .begins = on_reading, .take = take_reload, .over = on_round};
 
-/* The round, or 0 after writing why there is none. */
+/* Returns the round, or 0 after writing the reason. */
 static uint64_t ask_for_reload(void *user, FILE *errors)
 {
     service *s = user;
     return reloader_ask(s->reloader, s->config->file, errors);
 }
 
-/* There are two rounds at most, see reloader.h. */
+/* Requests a reload; there are two rounds at most, see reloader.h. */
 static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
@@ -235,7 +236,7 @@ static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
     free(text);
 }
 
-/* A request at the control socket: its client is told the errors. */
+/* Handles a request at the control socket, whose client gets the errors. */
 static uint64_t on_reload_request(void *user, FILE *errors)
 {
     service *s = user;
@@ -252,7 +253,7 @@ static double seconds(cfg_time time, cw_rate rate)
     return (double)text_time_ticks(time, rate) / CW_CLOCK_HZ;
 }
 
-/* The bus has gone over to another configuration. */
+/* Adapts to another configuration of the bus. */
 static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 {
     service *s = user;
@@ -297,7 +298,7 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     publish_files(s);
 }
 
-/* What is wrong with a node, NULL: nothing. */
+/* Returns the problem of a node, or NULL. */
 static const char *trouble_of(const service *s, unsigned node, report_link link)
 {
     cw_node_stats stats;
@@ -311,7 +312,7 @@ static const char *trouble_of(const service *s, unsigned node, report_link link)
     return cw_state_name(stats.state);
 }
 
-/* ", engine bus-off" and so on, as far as there is room. */
+/* Prints ", engine bus-off" and so on, as far as there is room. */
 static void print_trouble(char out[TROUBLE_BYTES], const service *s, const report *beyond)
 {
     size_t used = 0;
@@ -350,8 +351,9 @@ static void tell_status(service *s)
                   journal_is_broken(s->journal) ? ", journal broken" : "", s->refused);
 }
 
-/* Signals and news of other threads come by a pipe of libev's own. When the kernel does not watch
- * it, as when a user's watches are used up, libev tells nobody, and SIGTERM would be of no use. */
+/* Ends canwired when signals cannot arrive. Signals and reports of other threads use a pipe of
+ * libev. When the kernel refuses to watch it, for instance when the user's watches are used up,
+ * libev reports nothing and SIGTERM has no effect. */
 static void check_nudges(service *s)
 {
     if (!ev_is_active(&s->nudge))
@@ -365,7 +367,7 @@ static void check_nudges(service *s)
     ev_break(s->loop, EVBREAK_ALL);
 }
 
-/* One is enough: it is watched from then on. */
+/* Stops after the first call, since the pipe is watched from then on. */
 static void on_nudge(struct ev_loop *loop, ev_async *watcher, int events)
 {
     (void)events;
@@ -382,8 +384,8 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start and end --------------------------------------------------------------------------- */
 
-/* Before anything is made that is to be taken away again: what comes meanwhile is seen to when the
- * loop runs. */
+/* Handles signals before anything is made that must be removed again. The loop handles earlier
+ * signals when it runs. */
 static void start_signals(service *s, struct ev_loop *loop)
 {
     ev_signal_init(&s->terminate, on_signal, SIGTERM);
@@ -433,7 +435,7 @@ static bool start_journal(service *s, const options *o)
     return true;
 }
 
-/* Before ports are opened, which may be inherited as well. */
+/* Takes the inherited socket before ports are opened, which may be inherited as well. */
 static bool take_inherited(service *s)
 {
     char error[ACTIVATION_ERROR_MAX];
@@ -443,7 +445,7 @@ static bool take_inherited(service *s)
     return false;
 }
 
-/* Where the configuration says, or where the service manager listens already. */
+/* Starts the control socket at the configured path, or at the socket of the service manager. */
 static bool start_control(service *s, struct ev_loop *loop)
 {
     if (!s->config->control && s->inherited < 0)
@@ -485,8 +487,8 @@ static bool start(service *s, struct ev_loop *loop, const options *o)
         return false;
     engine_observe(s->engine, on_event, s);
     observe_bits(s);
-    /* Last: it puts another file in the place of the one there, which must not happen when the
-     * same bus runs already and this one is refused. Up to here nothing has been put in. */
+    /* The journal starts last, since it replaces an existing file. This must not happen when the
+     * same bus is running and this one is refused. The bus has had no inputs up to here. */
     return !o->journal || start_journal(s, o);
 }
 
@@ -501,7 +503,7 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     tell_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
-    if (!engine_has_failed(s->engine)) /* what breaks a loop breaks none that is still to run */
+    if (!engine_has_failed(s->engine)) /* ev_break() has no effect on a loop that has not started */
         ev_run(loop, 0);
     engine_count_loopless(s->engine);
     report beyond;
@@ -533,7 +535,7 @@ static bool read_journal_files(options *o, const char *text)
     return false;
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Reads the options. Returns -1 to go on, else the exit status. */
 static int parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {{"config", required_argument, NULL, 'c'},
@@ -572,7 +574,8 @@ static int parse_options(options *o, int argc, char **argv)
     return !o->config || optind != argc || (files && !o->journal) ? refuse_usage() : -1;
 }
 
-/* No file is opened for writing before it is known to have no other use. */
+/* Loads the configuration. No file is opened for writing before it is known to have no other
+ * use. */
 static cfg *load_checked(const char *file, const fileuses *others, FILE *errors)
 {
     cfg *config = cfg_load_regular(file, errors);
@@ -613,7 +616,7 @@ static live *load(const char *file, const fileuses *others)
     return NULL;
 }
 
-/* libev's answer to either would be abort(). */
+/* Ends the program without memory; libev would call abort(). */
 static void *allocate(void *memory, long size)
 {
     if (size == 0) {
@@ -651,10 +654,10 @@ int main(int argc, char **argv)
     int status = parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
-    /* A log that nobody reads any more, or an LCM server that is gone, is no reason to end. */
+    /* A log without a reader, or a lost LCM server, must not end the program. */
     (void)signal(SIGPIPE, SIG_IGN);
     service s = {.live = NULL};
-    if (o.journal) /* the keeper looks at all of these, however many it keeps */
+    if (o.journal) /* the keeper examines all of these, however many it keeps */
         fileuses_add(&s.files, &(fileuse){.what = "--journal", .path = o.journal, .written = true,
                                           .older = JOURNAL_FILES_MAX});
     s.live = load(o.config, &s.files);

@@ -11,8 +11,8 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one;
- * bits begin with the first whole one. */
+/* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one.
+ * Its bits begin with the first whole bit. */
 static uint64_t reception(const cfg *config, uint64_t tick, unsigned bits)
 {
     return cw_after(cw_rate_next_bit(config->rate, tick), cw_rate_ticks(config->rate, bits - 1));

@@ -18,7 +18,8 @@ static void free_names(char **names, int count)
     free(names);
 }
 
-/* sd_listen_fds() closes all on exec; a port that was inherited is known by not being so. */
+/* Keeps the other sockets open on exec, which sd_listen_fds() has changed: that distinguishes
+ * inherited ports. */
 static void leave_alone(int count, int taken)
 {
     for (int fd = SD_LISTEN_FDS_START; fd < SD_LISTEN_FDS_START + count; fd++)

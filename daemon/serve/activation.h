@@ -9,10 +9,10 @@
 
 #define ACTIVATION_ERROR_MAX 200
 
-/* Looks among the sockets that were passed ($LISTEN_FDS, $LISTEN_FDNAMES) for the one of this name,
- * which must be a Unix stream socket that listens; *fd is then the caller's, else -1. The others
- * stay as they are: they may be ports (fd:NUMBER). To be called once. False after writing to error
- * what is wrong. */
+/* Finds the passed socket ($LISTEN_FDS, $LISTEN_FDNAMES) of this name, which must be a listening
+ * Unix stream socket. The caller then owns *fd, which is -1 otherwise. Other sockets stay
+ * unchanged: they may be ports (fd:NUMBER). Call it once. Returns false after writing the problem
+ * to error. */
 bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]);
 
 #endif

@@ -21,12 +21,12 @@
 /* A client that gets events. */
 typedef struct watcher {
     uint32_t kinds; /* 1u << cw_event_kind, REQUEST_WATCH_RECORD */
-    uint64_t lost;  /* lines that it has not got and has not been told of */
+    uint64_t lost;  /* lines that were lost and not yet reported to the client */
 } watcher;
 
-/* A client that waits for a reload; the bus does not. */
+/* A client that waits for a reload, while the bus goes on. */
 typedef struct waiter {
-    json_t *reply; /* NULL: it does not */
+    json_t *reply; /* NULL: it does not wait */
     uint64_t round;
 } waiter;
 
@@ -36,7 +36,7 @@ struct control {
     server *server;
     watcher watchers[SERVER_CLIENTS_MAX];
     waiter waiters[SERVER_CLIENTS_MAX];
-    uint32_t kinds; /* that any of them wants */
+    uint32_t kinds; /* the kinds that any watcher wants */
     FILE *stream;   /* writes into text */
     char *text;
     size_t text_length;
@@ -60,7 +60,7 @@ static void write_json(server_client *client, const json_t *value)
         return;
     }
     size_t length = strlen(text);
-    text[length] = '\n'; /* the final 0 is not needed any more */
+    text[length] = '\n'; /* replaces the final 0 */
     server_write(client, text, length + 1);
     free(text);
 }
@@ -107,7 +107,7 @@ void control_reloaded(control *c, uint64_t round, const char *errors)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* Tells a watcher what it has lost, in its place among the events. */
+/* Reports lost lines to a watcher, in their place among the events. */
 static void write_lost(watcher *w, server_client *client)
 {
     char line[LOST_LINE_MAX];
@@ -116,8 +116,8 @@ static void write_lost(watcher *w, server_client *client)
     server_write(client, line, (size_t)length);
 }
 
-/* Once events are lost there is to be some room before they are written again, so that a slow
- * reader gets stretches of events rather than one here and there. */
+/* Returns the room that an event needs. After a loss it is much more, so that a slow reader gets
+ * stretches of events rather than single ones. */
 static size_t room_needed(const watcher *w, size_t length)
 {
     return w->lost > 0 ? SERVER_STREAM_MAX / 2 + length : length;
@@ -136,7 +136,7 @@ static void write_event(control *c, unsigned number, unsigned lines)
     server_write(client, c->text, c->text_length);
 }
 
-/* Formats an event once for all; returns the number of its lines. */
+/* Formats an event once for all watchers; returns the number of its lines. */
 static unsigned format_event(control *c, const cw_event *event)
 {
     rewind(c->stream);
@@ -158,7 +158,8 @@ void control_event(void *self, const cw_event *event)
             write_event(c, i, lines);
 }
 
-/* "t", "event", "file", "state" and perhaps "why" as a line in c->text; false without memory. */
+/* Writes a line with "t", "event", "file", "state" and perhaps "why" to c->text; returns false
+ * without memory. */
 static bool format_recording(control *c, const char *file, const char *why)
 {
     char time[TIME_TEXT_MAX];

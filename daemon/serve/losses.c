@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * losses.c - says in the log what was lost since the last look, for nothing is dropped silently,
- * and who went bus-off.
+ * losses.c - logs losses since the last call, since no loss is silent, and nodes that went bus-off.
  */
 #include "serve/losses.h"
 
@@ -17,7 +16,7 @@
 #define LINE_BYTES 600
 #define REMEDY_BYTES 260
 
-/* By kind of loss; NULL: not logged. */
+/* The texts by kind of loss; NULL: not logged. */
 static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_QUEUE_FULL] = "dropped, queue full",
     [CW_DROP_LISTEN_ONLY] = "dropped, listen-only",
@@ -51,14 +50,14 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 7] = interface->loopless;
 }
 
-/* "" where the node's program can do nothing about it. */
+/* Returns "" where the node's program cannot change anything. */
 static const char *waiting_remedy(const cfg_node *node)
 {
     bool possible = node->port && !portname_is_interface(node->port);
     return possible && node->when_full == CFG_WHEN_FULL_DROP ? ", or waits (when-full: wait)" : "";
 }
 
-/* For a full queue, since more room is not all that helps; "" for anything else. */
+/* Prints remedies for a full queue, since more room is not the only one; "" for other losses. */
 static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *node,
                          const cw_frame *overflowed)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * notify.c - tells the service manager how the daemon is (sd_notify(3)), without waiting for it.
+ * notify.c - reports the daemon's state to the service manager (sd_notify(3)) without waiting.
  */
 #include "serve/notify.h"
 
@@ -26,12 +26,12 @@
 
 struct notifier {
     struct ev_loop *loop;
-    ev_timer retry; /* runs while something waits */
+    ev_timer retry; /* runs while messages are pending */
     int fd;
-    bool failed; /* this has been logged */
+    bool failed; /* the failure has been logged */
     struct sockaddr_un address;
     socklen_t address_length;
-    /* what waits */
+    /* pending messages */
     char states[STATES_MAX][STATE_BYTES];
     unsigned state_count;
     bool alive;
@@ -40,7 +40,7 @@ struct notifier {
 
 static void on_retry(struct ev_loop *loop, ev_timer *timer, int events);
 
-/* A path, or with '@' a name in the abstract namespace. */
+/* Sets the address: a path, or with '@' a name in the abstract namespace. */
 static bool set_address(notifier *n, const char *path)
 {
     size_t length = strlen(path);
@@ -79,7 +79,8 @@ notifier *notify_open(struct ev_loop *loop)
     return n;
 }
 
-/* False: there is no room for it now. What cannot be sent at all is given up. */
+/* Sends a text. Returns false when there is no room now. A text that can never be sent is
+ * dropped. */
 static bool send_text(notifier *n, const char *text)
 {
     if (sendto(n->fd, text, strlen(text), MSG_DONTWAIT | MSG_NOSIGNAL,
@@ -99,7 +100,7 @@ static void drop_first_state(notifier *n)
     memmove(n->states[0], n->states[1], n->state_count * sizeof n->states[0]);
 }
 
-/* Whether nothing waits any more. */
+/* Returns true when no message is pending any more. */
 static bool send_all(notifier *n)
 {
     while (n->state_count > 0) {
@@ -141,7 +142,8 @@ void notify_close(notifier *n)
     free(n);
 }
 
-/* Only the last one tells how things are: of too many the first is not missed. */
+/* Adds a state. When there are too many, the first one is dropped: only the last one is the present
+ * state. */
 static void add_state(notifier *n, const char *state)
 {
     if (!n)

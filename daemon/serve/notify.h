@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * notify.h - tells the service manager how the daemon is (sd_notify(3)), without waiting for it.
+ * notify.h - reports the daemon's state to the service manager (sd_notify(3)) without waiting.
  *
- * sd_notify() waits while the manager is too busy to read, and a bus must not. Here a message for
- * which there is no room is kept and tried again: of the states the last few in their order, of
- * status texts and signs of life the last one.
+ * sd_notify() waits while the manager is too busy to read, and a bus must not. Here a message
+ * without room is kept and sent later. The last few states are kept in order, and the last status
+ * text and watchdog message.
  */
 #ifndef CANWIRE_SERVE_NOTIFY_H
 #define CANWIRE_SERVE_NOTIFY_H
@@ -13,26 +13,26 @@
 
 typedef struct notifier notifier;
 
-/* NULL when nobody wants to be told (no $NOTIFY_SOCKET), or it cannot be done, which is logged.
- * All functions take NULL. */
+/* Opens the notifier. Returns NULL without $NOTIFY_SOCKET, or after logging an error. All functions
+ * accept NULL. */
 notifier *notify_open(struct ev_loop *loop);
 
-/* Tries once more to send what is left. */
+/* Tries once more to send pending messages, and closes the notifier. */
 void notify_close(notifier *n);
 
-/* READY=1: started, or done with reloading, in any way. */
+/* Sends READY=1: started, or finished with reloading, with any result. */
 void notify_ready(notifier *n);
 
-/* RELOADING=1, with the time. notify_ready() has to follow. */
+/* Sends RELOADING=1 with the time. notify_ready() has to follow. */
 void notify_reloading(notifier *n);
 
-/* STOPPING=1 */
+/* Sends STOPPING=1. */
 void notify_stopping(notifier *n);
 
-/* WATCHDOG=1 */
+/* Sends WATCHDOG=1. */
 void notify_alive(notifier *n);
 
-/* STATUS=, a line of at most 1000 bytes. */
+/* Sends STATUS=, a line of at most 1000 bytes. */
 void notify_status(notifier *n, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * publish.c - statistics and events over LCM, without ever holding up the bus.
+ * publish.c - statistics and events over LCM, without ever delaying the bus.
  */
 #include "serve/publish.h"
 
@@ -27,29 +27,29 @@
 
 #define REMEDY "ip link set lo up && ip route add 224.0.0.0/4 dev lo"
 #define QUEUE_MESSAGES 4096
-#define QUEUE_EVENTS 3072 /* of them; a storm of events leaves room for statistics */
+#define QUEUE_EVENTS 3072 /* of the messages; a storm of events leaves room for statistics */
 #define RETRY_S 2
-#define LINGER_S 1  /* at the end, for what is queued */
-#define GIVE_UP_S 2 /* then the thread hangs in liblcm and is left behind */
-#define WARNING_S 10 /* between two warnings that messages get lost */
+#define LINGER_S 1  /* at the end, for queued messages */
+#define GIVE_UP_S 2 /* the thread then hangs in liblcm and is left */
+#define WARNING_S 10 /* between two warnings about lost messages */
 #define CHANNEL_MAX 64
 
-/* Messages that could not be sent, one after the other. */
+/* A period in which messages cannot be sent. */
 typedef struct outage {
     uint64_t lost;
     bool warned;
-    struct timespec next_warning; /* not before this; CLOCK_MONOTONIC */
+    struct timespec next_warning; /* the earliest time, CLOCK_MONOTONIC */
 } outage;
 
 typedef struct message {
-    const char *channel; /* lives in the publisher */
+    const char *channel; /* a text in the publisher */
     void *data;
     unsigned size;
 } message;
 
 struct publisher {
     const cfg *config;
-    char *url; /* the thread's: the configuration may change */
+    char *url; /* of the thread: the configuration may change */
     char channel_bus[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
@@ -78,13 +78,13 @@ static void free_message(message *m)
     m->data = NULL;
 }
 
-/* Host and port of "udpm://HOST:PORT?..." */
+/* Splits host and port off "udpm://HOST:PORT?..." */
 static bool split_url(const char *url, char host[64], char service[16])
 {
     return sscanf(url, "udpm://%63[^:]:%15[0-9]", host, service) == 2;
 }
 
-/* liblcm prints a page of help when there is no multicast route; so look before. */
+/* Returns true when there is a multicast route. liblcm prints a page of help without one. */
 static bool has_route(const char *url)
 {
     char host[64];
@@ -117,7 +117,7 @@ static lcm_t *try_connect(const publisher *p, bool *warned)
     return lcm;
 }
 
-/* Takes the next message, waiting for one. False: stop. With the lock held. */
+/* Takes the next message, after waiting for one. Returns false to stop. The lock is held. */
 static bool next_message(publisher *p, message *out)
 {
     while (p->count == 0 && !p->stopping)
@@ -130,7 +130,7 @@ static bool next_message(publisher *p, message *out)
     return true;
 }
 
-/* Says when messages begin to get lost, and when they come through again. */
+/* Logs the beginning and the end of an outage. */
 static void note_sent(const publisher *p, outage *o, bool good)
 {
     o->lost += !good;
@@ -148,7 +148,7 @@ static void note_sent(const publisher *p, outage *o, bool good)
     o->warned = false;
 }
 
-/* Waits a while, dropping what comes, and adds how much that was. False: stop. */
+/* Waits a while, dropping new messages, and adds their number. Returns false to stop. */
 static bool wait_without_lcm(publisher *p, uint64_t *lost)
 {
     struct timespec until = thread_in_seconds(RETRY_S);
@@ -167,7 +167,8 @@ static bool wait_without_lcm(publisher *p, uint64_t *lost)
     return !stop;
 }
 
-/* liblcm writes lines of its own when it fails, so not message after message. */
+/* Sends messages. liblcm writes lines of its own about failures, so a failure pauses the
+ * sending. */
 static void send_all(publisher *p, lcm_t *lcm)
 {
     message m;
@@ -192,7 +193,7 @@ static void *run(void *argument)
 {
     publisher *p = argument;
     bool warned = false;
-    uint64_t lost = 0; /* the warning has said so */
+    uint64_t lost = 0; /* the warning has reported it */
     lcm_t *lcm = try_connect(p, &warned);
     while (!lcm && wait_without_lcm(p, &lost))
         lcm = try_connect(p, &warned);
@@ -245,7 +246,7 @@ publisher *publisher_start(const cfg *config)
     return p;
 }
 
-/* Whether the thread has ended: a server that stalls holds it for ever. */
+/* Returns true when the thread has ended: a server that stalls blocks it for ever. */
 static bool wait_for_thread(const publisher *p)
 {
     struct timespec until = thread_in_seconds(GIVE_UP_S);
@@ -278,7 +279,7 @@ void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])
     reload_remap(p->last_tx_bits, sizeof p->last_tx_bits[0], from);
 }
 
-/* Takes over data, which may be NULL when there was no memory. */
+/* Takes over data, which may be NULL without memory. */
 static void enqueue(publisher *p, const char *channel, void *data, int size)
 {
     unsigned limit = channel == p->channel_event ? QUEUE_EVENTS : QUEUE_MESSAGES;
@@ -431,7 +432,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
     p->last_bus = stats;
 }
 
-/* Only read when encoded; "" when it is not there. */
+/* Returns a text that is only read while encoding; "" for a missing one. */
 static char *text_of(const json_t *object, const char *key)
 {
     const char *text = json_string_value(json_object_get(object, key));
@@ -467,7 +468,7 @@ void publisher_files(publisher *p, const char *kind, const json_t *files)
         publish_file(p, kind, json_array_get(files, i));
 }
 
-/* Splits the lines that output_event() wrote: one a node, in the order of the nodes. */
+/* Splits the lines of output_event(), one for each node, in the order of the nodes. */
 static void publish_lines(publisher *p, const cw_event *event, char *text)
 {
     char none[] = "";
@@ -494,7 +495,7 @@ void publisher_event(publisher *p, const cw_event *event)
         return;
     rewind(p->event_stream);
     output_event(p->event_stream, p->config, event);
-    (void)fputc('\0', p->event_stream); /* behind it is what longer events have left */
+    (void)fputc('\0', p->event_stream); /* text of longer, earlier events follows it */
     if (fflush(p->event_stream) == 0 && p->event_size > 0)
         publish_lines(p, event, p->event_text);
 }

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * publish.h - statistics and events over LCM, without ever holding up the bus.
+ * publish.h - statistics and events over LCM, without ever delaying the bus.
  *
- * Messages are encoded by the caller's thread and put into a bounded queue; a thread of its own
- * talks to liblcm, which may block, fail at start (no multicast route) or print help. What does not
- * fit into the queue, or cannot be sent, is dropped and counted.
+ * The caller's thread encodes messages and puts them into a bounded queue. Another thread calls
+ * liblcm, which may block, fail at start (no multicast route) or print help. Messages that do not
+ * fit into the queue, or cannot be sent, are dropped and counted.
  */
 #ifndef CANWIRE_SERVE_PUBLISH_H
 #define CANWIRE_SERVE_PUBLISH_H
@@ -16,23 +16,23 @@
 
 typedef struct publisher publisher;
 
-/* Starts the thread. NULL when there is no memory or no thread. The config must live longer. */
+/* Starts the thread. The config must live longer. Returns NULL without memory or a thread. */
 publisher *publisher_start(const cfg *config);
 
-/* Sends what is queued, waiting a second at most, and ends the thread. One that hangs in liblcm is
- * left behind with its memory, for the process to end: another second later. NULL is fine. */
+/* Sends queued messages, waiting a second at most, and ends the thread. After another second a
+ * thread that hangs in liblcm is left with its memory. NULL is allowed. */
 void publisher_stop(publisher *p);
 
-/* The configuration has changed: nodes have other places. */
+/* Adapts to a changed configuration, in which nodes have other places. */
 void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
 
 /* Queues one BUS message and a NODE message for every node. */
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 
-/* Queues a FILE message for each file, of what journal_to_json() or recordings_json() says. */
+/* Queues a FILE message for each file in the result of journal_to_json() or recordings_json(). */
 void publisher_files(publisher *p, const char *kind, const json_t *files);
 
-/* Queues an EVENT message for every node that it concerns, if events of its kind are wanted. */
+/* Queues an EVENT message for every node concerned, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);
 
 #endif

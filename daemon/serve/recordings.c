@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * recordings.c - the recordings of a running bus, as `record` in its configuration says.
+ * recordings.c - the recordings of a running bus, by `record` in its configuration.
  *
- * An entry that is taken away still has to be written to its end, which nobody waits for. Until
- * then its file is not free: a new entry for it waits.
+ * A removed entry is still written to its end, but the bus does not wait for that. Its file is in
+ * use until then, and a new entry for the file waits.
  */
 #include "serve/recordings.h"
 
@@ -16,17 +16,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* At the end, for a disk that is slow: all recordings together. With CLOSE_S of journal.c and
+/* The time at the end for a slow disk, for all recordings together. With CLOSE_S of journal.c and
  * GIVE_UP_S of publish.c it is less than TimeoutStopSec of canwired@.service. */
 #define PATIENCE_S 4
 
 typedef struct entry {
-    struct entry *next; /* of those that are ending */
+    struct entry *next; /* of the entries that are ending */
     cfg_record what;    /* the file is a copy */
     recorder *recorder; /* NULL: it has not begun, or has ended */
-    bool open;          /* its file has been opened; told */
+    bool open;          /* its file has been opened, which has been reported */
     int error;          /* the errno that has ended it */
-    bool waits;         /* for its file */
+    bool waits;         /* its file is still in use */
     recorder_stats stats; /* of the recorder that has ended */
     uint64_t lost_told;
 } entry;
@@ -65,7 +65,7 @@ static void free_entry(entry *e)
     free(e);
 }
 
-/* In the thread of a recording whose file has been opened, or that has ended. */
+/* Runs in the thread of a recording whose file has been opened, or that has ended. */
 static void on_news_of_thread(void *user)
 {
     recordings *all = user;
@@ -92,7 +92,7 @@ static void log_not_begun(const recordings *all, const entry *e)
               e->what.place.column, e->what.file, spool_explain(e->error));
 }
 
-/* At the start of the bus, which waits for the disk. */
+/* Begins an entry at the start of the bus, which waits for the disk. */
 static void begin_first(recordings *all, entry *e, const cw_bus *bus)
 {
     e->recorder = recorder_start(&e->what, all->config, bus, on_news_of_thread, all, &e->error);
@@ -108,7 +108,7 @@ static void tell(const recordings *all, const entry *e)
         all->told(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
 }
 
-/* While the bus runs: it is told when the file is open, or why it cannot be. */
+/* Begins an entry while the bus runs. The opened file, or the failure, is reported later. */
 static void begin_later(recordings *all, entry *e, const cw_bus *bus)
 {
     e->waits = !is_free(all, e->what.file);
@@ -142,8 +142,7 @@ static void log_lost(entry *e)
     e->lost_told = stats.lost;
 }
 
-/* The recorder of an entry that has ended by itself. Without a file all is lost that was to be in
- * it. */
+/* Ends an entry whose recorder has stopped by itself. Without a file all its entries are lost. */
 static void note_error(const recordings *all, entry *e)
 {
     e->error = recorder_error(e->recorder);
@@ -159,7 +158,7 @@ static void note_error(const recordings *all, entry *e)
     e->recorder = NULL;
 }
 
-/* ---- What the threads tell ------------------------------------------------------------------- */
+/* ---- Reports of the threads ------------------------------------------------------------------ */
 
 static void reap_ending(recordings *all)
 {
@@ -196,7 +195,7 @@ static void on_news(struct ev_loop *loop, ev_async *news, int events)
     }
 }
 
-/* Entries whose file has become free. */
+/* Begins entries whose file has become free. */
 static void begin_waiting(recordings *all, const cw_bus *bus)
 {
     for (size_t i = 0; i < all->count; i++)
@@ -254,7 +253,7 @@ static void end(recordings *all, entry *e)
     all->ending = e;
 }
 
-/* Takes the entry of before that records the same into the same file, or returns NULL. */
+/* Takes the old entry that records the same into the same file; returns NULL without one. */
 static entry *take_old(entry **old, size_t count, const cfg_record *what)
 {
     for (size_t i = 0; i < count; i++) {
@@ -317,7 +316,7 @@ void recordings_stop(recordings *all)
 {
     if (!all)
         return;
-    for (size_t i = 0; i < all->count; i++) /* first all, so that none waits for another */
+    for (size_t i = 0; i < all->count; i++) /* ends all first, so that none waits for another */
         if (all->entries[i]->recorder)
             recorder_end(all->entries[i]->recorder);
     const struct timespec until = thread_in_seconds(PATIENCE_S);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * recordings.h - the recordings of a running bus, as `record` in its configuration says.
+ * recordings.h - the recordings of a running bus, by `record` in its configuration.
  */
 #ifndef CANWIRE_SERVE_RECORDINGS_H
 #define CANWIRE_SERVE_RECORDINGS_H
@@ -12,32 +12,32 @@
 
 typedef struct recordings recordings;
 
-/* Is told when a recording has ended because it cannot go on, and when one begins after the start;
- * why is NULL then. */
+/* Reports a recording that cannot go on, with the reason, and one that begins after the start;
+ * `why` is then NULL. */
 typedef void recordings_told(void *user, const char *file, const char *why);
 
-/* Begins the recordings of a configuration, which must stay where it is, also when it changes. NULL
- * after logging what is wrong; a full disk is no reason not to start. */
+/* Begins the recordings of a configuration, which must stay in place, also when it changes. Returns
+ * NULL after logging the problem; a full disk does not prevent the start. */
 recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
                              recordings_told *told, void *user);
 
-/* Waits a few seconds for what is still to be written. NULL is fine. */
+/* Waits a few seconds for pending writes. NULL is allowed. */
 void recordings_stop(recordings *all);
 
-/* Each event with its time in nanoseconds since 1970, and each bit, if they are wanted. */
+/* Take each event with its time in nanoseconds since 1970, and each bit, if they are wanted. */
 void recordings_event(recordings *all, const cw_event *event, uint64_t time_ns);
 void recordings_bit(recordings *all, const cw_bus *bus);
 bool recordings_want_bits(const recordings *all);
 
-/* The configuration has changed: entries that are gone end, new ones begin, those that have ended
- * because of an error are tried again; the others go on. */
+/* Adapts to a changed configuration. Removed entries end, new ones begin, and those that ended with
+ * an error are tried again. The others go on. */
 void recordings_reload(recordings *all, const cw_bus *bus);
 
-/* Begins what has waited for its file, logs what has been left out since the last time; to be
- * called once a second or so. */
+/* Begins entries whose file has become free, and logs entries that were left out since the last
+ * call; call it about once a second. */
 void recordings_update(recordings *all, const cw_bus *bus);
 
-/* As config/control.md tells. To be released by the caller. */
+/* Returns the object of config/control.md, to be released by the caller. */
 json_t *recordings_json(const recordings *all);
 
 #endif

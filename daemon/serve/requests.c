@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * requests.c - what can be asked for at the control socket.
+ * requests.c - the requests at the control socket.
  *
- * A request is an object with `request`, perhaps `id`, and the keys that the table at the end names
- * for it. Each has a function that fills in the reply or refuses.
+ * A request is an object with `request`, perhaps `id`, and the keys of the table at the end. Each
+ * has a function that fills in the reply or refuses.
  */
 #include "serve/requests.h"
 
@@ -44,7 +44,7 @@ typedef struct request_kind {
 
 /* ---- Replies --------------------------------------------------------------------------------- */
 
-/* Always false, for the caller to return. */
+/* Returns false, for the caller to return. */
 static bool __attribute__((format(printf, 2, 3))) refuse(request *r, const char *format, ...)
 {
     char text[ERROR_TEXT_MAX];
@@ -64,7 +64,7 @@ static bool refuse_at(request *r, const char *error, int line, int column)
     return false;
 }
 
-/* The numbers of NAME:LINE:COLUMN: message. NAME may have colons of its own. */
+/* Puts the numbers of NAME:LINE:COLUMN: message. NAME may contain colons. */
 static void put_position(json_t *reply, const char *message)
 {
     for (const char *colon = strchr(message, ':'); colon; colon = strchr(colon + 1, ':')) {
@@ -87,7 +87,7 @@ static json_t *lines_of(const char *text)
     return lines;
 }
 
-/* With what a loader wrote, a line per error. */
+/* Refuses with the text of a loader, a line per error. */
 static bool refuse_lines(request *r, const char *text)
 {
     json_t *errors = lines_of(text);
@@ -100,13 +100,13 @@ static bool refuse_lines(request *r, const char *text)
 
 /* ---- Arguments ------------------------------------------------------------------------------- */
 
-/* NULL when it is not given. */
+/* Returns NULL for a missing key. */
 static const char *text_of(const request *r, const char *key)
 {
     return json_string_value(json_object_get(r->asked, key));
 }
 
-/* The node that `node` names. */
+/* Finds the node that `node` names. */
 static bool find_node(request *r, unsigned *node)
 {
     const cfg *config = live_config(r->world->config);
@@ -121,14 +121,14 @@ static bool find_node(request *r, unsigned *node)
                   guess.best ? guess.best : "", guess.best ? "'?)" : "");
 }
 
-/* The rule that `rule` names. */
+/* Finds the rule that `rule` names. */
 static bool find_rule(request *r, unsigned *rule)
 {
     const char *name = text_of(r, "rule");
     return live_find(r->world->config, rule, name) || refuse(r, "there is no rule '%.80s'", name);
 }
 
-/* ---- Looking --------------------------------------------------------------------------------- */
+/* ---- State ----------------------------------------------------------------------------------- */
 
 static bool run_status(request *r)
 {
@@ -151,7 +151,7 @@ static bool run_faults(request *r)
     return true;
 }
 
-/* The kind of events that a word names, or 0. */
+/* Returns the kind of events that a word names, or 0. */
 static uint32_t kind_of(const char *word)
 {
     for (unsigned kind = 0; word && kind < CW_EVENT_COUNT; kind++)
@@ -240,7 +240,7 @@ static void clear_rule(request *r, json_t *cleared, unsigned index)
     inputs_clear(r->inputs, index);
 }
 
-/* One rule, or all, or all that were injected. */
+/* Clears one rule, or all, or all injected ones. */
 static bool run_clear(request *r)
 {
     live *config = r->world->config;
@@ -312,7 +312,7 @@ static bool run_set(request *r)
 
 /* ---- Configuration --------------------------------------------------------------------------- */
 
-/* False for the time being: see request_reloaded(). */
+/* Returns false for the time being: see request_reloaded(). */
 static bool run_reload(request *r)
 {
     char *errors = NULL;
@@ -341,7 +341,7 @@ void request_reloaded(json_t *reply, const char *errors)
     free(text);
 }
 
-/* ---- Understanding --------------------------------------------------------------------------- */
+/* ---- Parsing --------------------------------------------------------------------------------- */
 
 static const request_kind kinds[] = {
     {"status", run_status, false, {{NULL, JSON_NULL, false}}},
@@ -357,8 +357,8 @@ static const request_kind kinds[] = {
 
 #define KINDS (sizeof kinds / sizeof kinds[0])
 
-/* Looks at a line without parsing it: whether it is too deep or has too many values. Returns what
- * is wrong, with *at, or NULL. */
+/* Checks the depth and the number of values of a line without parsing it. Returns the problem, with
+ * its place in *at, or NULL. */
 static const char *check_shape(const char *line, size_t length, size_t *at)
 {
     unsigned depth = 0, values = 0;
@@ -384,7 +384,7 @@ static const char *check_shape(const char *line, size_t length, size_t *at)
     return NULL;
 }
 
-/* The request as an object, or NULL after refusing. */
+/* Returns the request as an object, or NULL after refusing. */
 static json_t *parse(request *r, const char *line, size_t length)
 {
     json_error_t error;
@@ -405,7 +405,7 @@ static json_t *parse(request *r, const char *line, size_t length)
     return NULL;
 }
 
-/* The id goes back as it came. */
+/* Copies the id to the reply unchanged. */
 static bool take_id(request *r)
 {
     json_t *id = json_object_get(r->asked, "id");
@@ -442,7 +442,7 @@ static const request_key *find_key(const request_kind *kind, const char *name)
     return NULL;
 }
 
-/* JSON_TRUE stands for both. */
+/* Checks the type of a value; JSON_TRUE stands for both truth values. */
 static bool has_type(const json_t *value, json_type type)
 {
     return json_typeof(value) == type || (type == JSON_TRUE && json_is_false(value));
@@ -454,7 +454,8 @@ static bool check_keys(request *r, const request_kind *kind)
                                         [JSON_ARRAY] = "a list",
                                         [JSON_STRING] = "a text",
                                         [JSON_TRUE] = "true or false"};
-    json_t *members = (json_t *)(uintptr_t)r->asked; /* the iterator takes no const */
+    json_t *members = (json_t *)(uintptr_t)r->asked; /* the iterator does not accept a const
+                                                        object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
         const char *name = json_object_iter_key(i);
         const request_key *key = find_key(kind, name);
@@ -490,7 +491,7 @@ json_t *request_answer(const request_world *world, request_result *result, const
                        size_t length)
 {
     request r = {.world = world, .result = result, .reply = json_object()};
-    put_bool(r.reply, "ok", false); /* its place in the reply is at the beginning */
+    put_bool(r.reply, "ok", false); /* keeps its place at the beginning of the reply */
     json_t *asked = parse(&r, line, length);
     r.asked = asked;
     if (asked)

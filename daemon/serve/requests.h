@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * requests.h - what can be asked for at the control socket.
+ * requests.h - the requests at the control socket.
  */
 #ifndef CANWIRE_SERVE_REQUESTS_H
 #define CANWIRE_SERVE_REQUESTS_H
@@ -11,16 +11,16 @@
 
 #include <jansson.h>
 
-#define REQUEST_BYTES_MAX (1u << 16) /* of all but inject, which has the whole line */
+#define REQUEST_BYTES_MAX (1u << 16) /* of all requests but inject, which has the whole line */
 #define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
-#define REQUEST_WATCH_RECORD (1u << 31) /* a kind of event beside those of the bus: record */
-#define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing costs next to nothing */
+#define REQUEST_WATCH_RECORD (1u << 31) /* a kind of event besides those of the bus: record */
+#define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing is cheap */
 
-/* Begins a reload, of which request_reloaded() is to tell later. Returns its round, or 0 after
- * writing why there is none. */
+/* Begins a reload, whose end is reported by request_reloaded(). Returns its round, or 0 after
+ * writing the reason. */
 typedef uint64_t request_reload(void *user, FILE *errors);
 
-/* What requests work on. */
+/* The objects that requests act on. */
 typedef struct request_world {
     live *config;
     engine *engine;
@@ -28,20 +28,19 @@ typedef struct request_world {
     request_reload *reload; /* or NULL */
     void *reload_user;
     json_t *(*recordings)(void *user); /* for the status; or NULL */
-    json_t *(*journal)(void *user);    /* the same; it may return NULL */
+    json_t *(*journal)(void *user);    /* in the same way; it may return NULL */
     void *files_user;
 } request_world;
 
-/* What a request did beyond its reply. */
+/* The effects of a request beyond its reply. */
 typedef struct request_result {
     bool watch_changed;
-    /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants to see from now
-     * on */
+    /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants from now on */
     uint32_t watch;
-    uint64_t round; /* of a reload; not 0: the reply is not complete before it is over */
+    uint64_t round; /* of a reload; not 0: the reply is complete when the round has ended */
 } request_result;
 
-/* Carries out a request, a line of JSON; returns the reply, to be released by the caller. *result
+/* Carries out a request, a line of JSON. Returns the reply, to be released by the caller. *result
  * starts all zero. */
 json_t *request_answer(const request_world *world, request_result *result, const char *line,
                        size_t length);

@@ -2,9 +2,10 @@
  *
  * server.c - a Unix stream socket with many clients that write lines and get lines.
  *
- * Lines are not handled where they are read but in turns, one turn before each wait of the loop: a
- * line of each client, until TURN_MAX_S have gone. While lines wait an idle watcher keeps the loop
- * from waiting. So neither many lines nor many clients hold up the bus, and all get their share.
+ * Lines are not handled where they are read but in turns, one turn before each wait of the loop. A
+ * turn handles a line of each client, for TURN_MAX_S at most. While lines wait, an idle watcher
+ * keeps the loop from waiting. So neither many lines nor many clients delay the bus, and all get
+ * their share.
  */
 #include "serve/server.h"
 
@@ -22,16 +23,16 @@
 #include <unistd.h>
 
 #define BACKLOG 64
-#define ACCEPTS_MAX 16    /* at one wake-up */
-#define READ_BYTES 65536u /* at one wake-up */
+#define ACCEPTS_MAX 16    /* in one wake-up */
+#define READ_BYTES 65536u /* in one wake-up */
 #define TURN_MAX_S 0.002
-#define PAUSE_S 1.0        /* after accept() failed for want of resources */
-#define LOG_LINES_PER_S 10 /* about clients, who must not fill the log */
-#define FAREWELL_MS 500    /* for all clients to read what waits for them, at the end */
+#define PAUSE_S 1.0        /* after accept() failed without resources */
+#define LOG_LINES_PER_S 10 /* about clients, which must not fill the log */
+#define FAREWELL_MS 500    /* for all clients to read pending output, at the end */
 
 struct server_client {
     server *server;
-    int fd; /* -1: nobody */
+    int fd; /* -1: the place is free */
     ev_io reader;
     ev_io writer;
     buffer in;
@@ -41,10 +42,11 @@ struct server_client {
     bool held;       /* no line is handled before server_go_on() */
     bool end;        /* the client will write no more */
     bool doomed;     /* to be disconnected */
-    bool stays;      /* also when it says nothing */
+    bool stays;      /* keeps its place without sending lines */
     uid_t user;
-    ev_tstamp heard; /* when its last line came, or itself */
-    ev_tstamp took;  /* while something waits for it: when it last took of that, or it began */
+    ev_tstamp heard; /* time of its last line, or of its connection */
+    ev_tstamp took;  /* while output is pending: last time that the client took some, or when it
+                        began */
 };
 
 struct server {
@@ -65,7 +67,7 @@ struct server {
 
 /* ---- Log ------------------------------------------------------------------------------------- */
 
-/* Whether a line about a client may be logged. */
+/* Returns true when a line about a client may be logged. */
 static bool may_log(server *s)
 {
     ev_tstamp now = ev_now(s->loop);
@@ -99,7 +101,7 @@ static void tell_dismissed(server *s, const char *whom)
         log_warning("control: %s is disconnected", whom);
 }
 
-/* Nothing can be written any more: the client has gone, or what is wrong is here. */
+/* Marks a client for disconnecting: it has gone, or an error prevents writing. */
 static void doom(server_client *c, int error)
 {
     if (!c->doomed && error != EPIPE && error != ECONNRESET)
@@ -107,7 +109,7 @@ static void doom(server_client *c, int error)
     c->doomed = true;
 }
 
-/* Writes what the socket takes. */
+/* Writes as much as the socket takes. */
 static void flush(server_client *c)
 {
     while (buffer_length(&c->out) > 0) {
@@ -124,13 +126,13 @@ static void flush(server_client *c)
     }
 }
 
-/* It has written all that it will, and has got all replies. */
+/* Returns true when the client will write no more and has got all replies. */
 static bool is_done_with(const server_client *c)
 {
     return c->end && !c->line_waits && !c->held && buffer_length(&c->out) == 0;
 }
 
-/* libev has given up the socket since the kernel does not take it, and calls once more. */
+/* Handles a socket that the kernel cannot watch: libev stops the watcher and calls once more. */
 static bool is_watched(server_client *c, int events)
 {
     if (!(events & EV_ERROR))
@@ -166,7 +168,8 @@ void server_write(server_client *client, const char *text, size_t length)
                                             : "out of memory, a client");
         client->doomed = true;
     }
-    ev_io_start(client->server->loop, &client->writer); /* it also sees to the doomed */
+    ev_io_start(client->server->loop, &client->writer); /* the writer also disconnects doomed
+                                                           clients */
 }
 
 size_t server_room(const server_client *client)
@@ -177,7 +180,7 @@ size_t server_room(const server_client *client)
 
 /* ---- Input ----------------------------------------------------------------------------------- */
 
-/* Tells a client why it is disconnected, if it has room for that. */
+/* Reports to a client why it is disconnected, if it has room for that. */
 static void dismiss(server_client *c, const char *why)
 {
     server_write(c, why, strlen(why));
@@ -185,7 +188,7 @@ static void dismiss(server_client *c, const char *why)
     close_client(c);
 }
 
-/* Looks for the end of a line in what has come since the last look. */
+/* Searches new bytes for the end of a line. */
 static void find_line(server_client *c)
 {
     size_t length = buffer_length(&c->in);
@@ -197,7 +200,8 @@ static void find_line(server_client *c)
     c->searched = end ? (size_t)(end - start) : length;
 }
 
-/* After bytes have come or gone. While a line waits no more is read: the client has to wait. */
+/* Updates the client after bytes have come or gone. While a line waits no more is read: the client
+ * has to wait. */
 static void look_at_input(server_client *c)
 {
     server *s = c->server;
@@ -297,7 +301,7 @@ static void on_turn(struct ev_loop *loop, ev_prepare *watcher, int events)
     ev_idle_stop(loop, &s->busy);
 }
 
-/* That it is there is enough. */
+/* Does nothing: the watcher only has to exist. */
 static void on_busy(struct ev_loop *loop, ev_idle *watcher, int events)
 {
     (void)loop;
@@ -323,7 +327,7 @@ static unsigned count_free(const server *s)
     return count;
 }
 
-/* Places that are kept for others than this user: one for root and one for the daemon's own user,
+/* Counts places that are kept for other users: one for root and one for the daemon's own user,
  * until they have one. */
 static unsigned count_kept(const server *s, uid_t user)
 {
@@ -344,7 +348,8 @@ static bool may_come(const server *s, uid_t user)
     return has_quota(s, user) && count_free(s) > count_kept(s, user);
 }
 
-/* Since when it has done nothing: first of all it has to read what waits for it. */
+/* Returns the time since which the client is idle. A client has to read its pending output
+ * first. */
 static ev_tstamp idle_since(const server_client *c)
 {
     return buffer_length(&c->out) > 0 ? c->took : c->heard;
@@ -358,7 +363,7 @@ static bool is_idle(const server_client *c)
     return c->server->now(c->server->loop) - idle_since(c) >= SERVER_IDLE_S;
 }
 
-/* The client that has said or taken nothing for longest, if that is too long; NULL: none. */
+/* Returns the client that has been idle for longest, if that is too long; NULL: none. */
 static server_client *find_idle(server *s, bool of_user, uid_t user)
 {
     server_client *found = NULL;
@@ -371,7 +376,7 @@ static server_client *find_idle(server *s, bool of_user, uid_t user)
     return found;
 }
 
-/* A client that is idle gives its place away when it is needed, and not before. */
+/* Disconnects an idle client when its place is needed, and not before. */
 static void make_room(server *s, uid_t user)
 {
     server_client *idle = find_idle(s, !has_quota(s, user), user);
@@ -405,7 +410,7 @@ static void refuse(server *s, int fd)
     (void)close(fd);
 }
 
-/* Who connected, not who has the descriptor now. */
+/* Returns the process that connected, which need not be the present owner of the descriptor. */
 static bool get_peer(struct ucred *peer, int fd)
 {
     socklen_t size = sizeof *peer;
@@ -432,7 +437,7 @@ static void admit(server *s, int fd)
     refuse(s, fd);
 }
 
-/* Without resources the socket would stay readable and the loop spin. */
+/* Pauses accepting: without resources the socket would stay readable and the loop spin. */
 static void pause_accepting(server *s, const char *why)
 {
     if (may_log(s))
@@ -482,7 +487,7 @@ static void prepare_watchers(server *s)
     s->turn.data = s;
 }
 
-/* False after logging why. */
+/* Opens the socket. Returns false after logging the reason. */
 static bool open_socket(server *s, const char *path, int inherited)
 {
     char error[PATHSOCKET_ERROR_MAX];
@@ -525,7 +530,7 @@ static int64_t monotonic_ms(void)
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
-/* The clients for whom something waits, that their socket may take. */
+/* Finds the clients with pending output. */
 static nfds_t find_writable(const server *s, struct pollfd sockets[SERVER_CLIENTS_MAX],
                             unsigned clients[SERVER_CLIENTS_MAX])
 {
@@ -540,7 +545,7 @@ static nfds_t find_writable(const server *s, struct pollfd sockets[SERVER_CLIENT
     return count;
 }
 
-/* Whoever reads gets the last news; nobody is waited for longer than FAREWELL_MS. */
+/* Writes pending output to clients that read, for FAREWELL_MS at most. */
 static void write_last_news(server *s)
 {
     struct pollfd sockets[SERVER_CLIENTS_MAX];

@@ -2,13 +2,12 @@
  *
  * server.h - a Unix stream socket with many clients that write lines and get lines.
  *
- * It knows nothing of what the lines say. Whatever clients do, it never waits for one of them,
- * but for a moment at its end, and never works on them for longer than a few milliseconds before
- * the loop turns to the bus again.
+ * It does not interpret the lines. Whatever clients do, it never waits for one of them, but for a
+ * moment at its end. It works for a few milliseconds at most before the loop returns to the bus.
  *
- * No user keeps the others out: one user has a part of the places at most, one is kept for root and
- * one for the daemon's own user, and who says nothing, or does not read what it is told, makes room
- * for who comes.
+ * No user can exclude the others. One user has a part of the places at most; one place is kept for
+ * root and one for the daemon's own user. A client that sends nothing, or does not read, makes room
+ * for new ones.
  */
 #ifndef CANWIRE_SERVE_SERVER_H
 #define CANWIRE_SERVE_SERVER_H
@@ -18,61 +17,62 @@
 #include <stddef.h>
 
 #define SERVER_CLIENTS_MAX 64        /* at a time; a further one gets an error line */
-#define SERVER_USER_MAX 48           /* of these of one user */
-#define SERVER_IDLE_S 60.0           /* without a line, or with something unread of which nothing is
-                                        taken; then a client's place may go to another */
+#define SERVER_USER_MAX 48           /* of these, for one user */
+#define SERVER_IDLE_S 60.0           /* without a line, or without reading pending output; then a
+                                        client's place may go to another */
 #define SERVER_LINE_MAX (1u << 18)   /* bytes of a line, without its end */
-#define SERVER_OUTPUT_MAX (1u << 20) /* bytes that wait for a client; then it is disconnected */
-#define SERVER_STREAM_MAX (1u << 18) /* bytes that wait, beyond which no news are added */
+#define SERVER_OUTPUT_MAX (1u << 20) /* pending bytes of a client; then it is disconnected */
+#define SERVER_STREAM_MAX (1u << 18) /* pending bytes, beyond which no events are added */
 
 typedef struct server server;
 typedef struct server_client server_client;
 
-/* What the server tells; it must not be stopped from here. */
+/* The callbacks of the server; they must not stop it. */
 typedef struct server_calls {
-    /* A line, without its end but with a 0 behind it, that may be written to. */
+    /* Handles a line, without its end but with a 0 behind it; the line may be modified. */
     void (*line)(void *user, server_client *client, char *line, size_t length);
-    /* Nothing waits for this client any more. */
+    /* Reports that a client has read all pending output. */
     void (*drained)(void *user, server_client *client);
     void (*closed)(void *user, unsigned client);
-    /* What a client is told that is refused or disconnected: a line with its end. */
+    /* The texts for clients that are refused or disconnected: a line with its end. */
     const char *too_many;
     const char *too_quiet;
     const char *too_long;
 } server_calls;
 
-/* Listens at path, with mode 0660 and the group `canwire` where there is one. A socket that nobody
- * listens at is replaced. inherited: a socket that listens already, at this path or, with path
- * NULL, at any; -1: none. `calls` and `user` must live longer. NULL after logging why. */
+/* Listens at path, with mode 0660 and the group `canwire` if it exists. A socket at which no
+ * program listens is replaced. inherited: a socket that listens already, at this path or, with path
+ * NULL, at any; -1: none. `calls` and `user` must live longer. Returns NULL after logging the
+ * reason. */
 server *server_start(struct ev_loop *loop, const char *path, int inherited,
                      const server_calls *calls, void *user);
 
-/* Disconnects all and removes the socket, if it is still ours and was not inherited. Clients get
- * half a second, all together, to read what waits for them. NULL is fine. */
+/* Disconnects all clients. Removes the socket, if it is still its own and was not inherited. All
+ * clients together get half a second to read pending output. NULL is allowed. */
 void server_stop(server *s);
 
-/* What time it is, in seconds; ev_now() to begin with. For tests. */
+/* Replaces the clock, in seconds, for tests; it is ev_now() at first. */
 typedef ev_tstamp server_clock(struct ev_loop *loop);
 void server_set_clock(server *s, server_clock *now);
 
-/* Whether the client keeps its place also when it says nothing, as one that listens does; it has to
- * read what it is told. */
+/* Sets if the client keeps its place without sending lines, as a watcher does; it has to read its
+ * output. */
 void server_keep(server_client *client, bool stays);
 
-/* 0 to SERVER_CLIENTS_MAX - 1, free again when the client is closed. */
+/* Returns 0 to SERVER_CLIENTS_MAX - 1; the number is free again when the client is closed. */
 unsigned server_client_number(const server_client *client);
 
-/* The client of a number, or NULL. */
+/* Returns the client of a number, or NULL. */
 server_client *server_client_at(server *s, unsigned number);
 
-/* Bytes that may be added before SERVER_STREAM_MAX wait for the client. */
+/* Returns the bytes that fit before SERVER_STREAM_MAX are pending for the client. */
 size_t server_room(const server_client *client);
 
-/* The client has to wait for a reply: its next line is not handled before server_go_on(). */
+/* Makes the client wait for a reply: its next line is not handled before server_go_on(). */
 void server_hold(server_client *client);
 void server_go_on(server_client *client);
 
-/* Writes to the client, now or when it reads. A client for which too much waits already is
+/* Writes to the client, now or when it reads. A client with too much pending output is
  * disconnected. */
 void server_write(server_client *client, const char *text, size_t length);
 

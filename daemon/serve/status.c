@@ -20,7 +20,7 @@ void status_count(status_errors *errors, const cw_event *event)
         counters[i] += event->nodes >> i & 1u;
 }
 
-/* NULL: null. */
+/* The names of link states; NULL: null. */
 static const char *const link_names[] = {
     [REPORT_NO_LINK] = NULL,
     [REPORT_LINK_UP] = "up",
@@ -33,7 +33,7 @@ static const char *const when_full_names[] = {
     [CFG_WHEN_FULL_WAIT] = "wait",
 };
 
-/* What went on between the node and its ECU. */
+/* Returns the counters between the node and its ECU. */
 static json_t *interface_json(const port_stats *stats)
 {
     json_t *object = json_object();
@@ -86,7 +86,7 @@ static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyo
     return object;
 }
 
-/* What it reads besides its file. */
+/* Returns the files that the configuration reads besides its own. */
 static json_t *reads_json(const cfg *config)
 {
     json_t *array = json_array();

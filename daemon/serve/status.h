@@ -20,19 +20,19 @@ typedef struct status_errors {
 /* Counts an event if it is an error. */
 void status_count(status_errors *errors, const cw_event *event);
 
-/* The bus, its nodes and their interfaces, as config/control.md tells. To be released by the
+/* Returns the bus, its nodes and their interfaces as in config/control.md, to be released by the
  * caller. */
 json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors);
 
-/* The rules that are on the bus. To be released by the caller. */
+/* Returns the rules of the bus, to be released by the caller. */
 json_t *status_faults(const live *rules, const cw_bus *bus);
 
-/* Prints what status_json() made as `ip -details -statistics link show` prints CAN devices. What
- * is missing counts as 0. */
+/* Prints the result of status_json() as `ip -details -statistics link show` prints CAN devices. A
+ * missing value counts as 0. */
 void status_print(FILE *out, const json_t *status);
 
-/* Prints what status_faults() made as a table. */
+/* Prints the result of status_faults() as a table. */
 void status_print_faults(FILE *out, const json_t *faults);
 
 #endif

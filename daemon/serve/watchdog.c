@@ -6,7 +6,7 @@
 
 #include <systemd/sd-daemon.h>
 
-#define FEEDS 3.0 /* in the time that the manager waits, so that it can do without one */
+#define FEEDS 3.0 /* in the manager's time limit, so that one may fail */
 
 bool watchdog_advanced(watchdog *w, uint64_t tick)
 {

@@ -2,8 +2,8 @@
  *
  * watchdog.h - feeds the service manager's watchdog as long as the bus advances.
  *
- * That the event loop turns is not enough: the bus is brought up to now and must have got further
- * since the last feeding. A bus that rests does, one that hangs or whose clock stands does not.
+ * A running event loop is not enough: the bus is advanced to the present and must have moved since
+ * the last feeding. A resting bus moves; one that hangs, or whose clock stands still, does not.
  */
 #ifndef CANWIRE_SERVE_WATCHDOG_H
 #define CANWIRE_SERVE_WATCHDOG_H
@@ -15,14 +15,14 @@ typedef struct watchdog {
     ev_timer timer;
     engine *engine;
     notifier *notifier;
-    uint64_t fed_tick; /* bus time when it was fed last */
+    uint64_t fed_tick; /* bus time at the last feeding */
 } watchdog;
 
-/* Starts when the service manager asks for it ($WATCHDOG_USEC); what is given must live longer.
- * Called in vain otherwise. */
+/* Starts when the service manager asks for it ($WATCHDOG_USEC), and does nothing otherwise. The
+ * arguments must live longer. */
 void watchdog_start(watchdog *w, struct ev_loop *loop, engine *bus, notifier *manager);
 
-/* Whether a bus at this bus time has advanced since the last time that it had. */
+/* Returns true when the bus time has advanced since the last time that it did. */
 bool watchdog_advanced(watchdog *w, uint64_t tick);
 
 #endif
