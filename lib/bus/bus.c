@@ -37,7 +37,7 @@ static void run_due(cw_bus *bus)
         bus->work += bus->rules.awake_count;
         if (bus->news || bus->rules.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
             cw_wake_controllers(bus);
-        cw_rules_run_due(bus);
+        cw_rules_run_due(&bus->rules);
         run_due_nodes(bus);
         if (bus->news)
             tell_news(bus);
@@ -100,7 +100,7 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
         if (CW_CHECKED)
             cw_assert_bus(bus);
         more = cw_wire_fits_bit(&bus->time, tick);
-        if (more && bus->work + bus->ring.count >= enough && cw_now(bus) > begin)
+        if (more && cw_bus_work(bus) + bus->ring.count >= enough && cw_now(bus) > begin)
             return CW_AGAIN;
     }
     return CW_OK;
@@ -109,7 +109,7 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
 static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
 {
     const unsigned events = bus->ring.count;
-    cw_status status = go_to(bus, tick, cw_after(bus->work + events, work));
+    cw_status status = go_to(bus, tick, cw_after(cw_bus_work(bus) + events, work));
     bus->work += bus->ring.count - events;
     cw_count_clean_bits(bus);
     return status;
@@ -127,7 +127,7 @@ cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work)
 
 uint64_t cw_bus_work(const cw_bus *bus)
 {
-    return bus->work;
+    return bus->work + bus->rules.work;
 }
 
 void cw_bus_set_stepping(cw_bus *bus, bool stepping)

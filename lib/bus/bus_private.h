@@ -4,6 +4,7 @@
  *
  *   bus.c      time: what is due, which step comes next; memory.c the caller's memory
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
+ *   rules.c    what rules see of the bus and have it do; control.c topology.c what they do to nodes
  *   ring.c     the ring of events; commit.c makes events and statistics of reports
  *   status.c   what can be read; view.c the last bit, for traces
  *   takeover.c a bus goes on as another one
@@ -16,6 +17,7 @@
 #define CANWIRE_BUS_PRIVATE_H
 
 #include "canwire.h"
+#include "format/bitset.h"
 #include "step/arbiter.h"
 #include "step/outlook.h"
 #include "rule/rule.h"
@@ -23,9 +25,6 @@
 #include "bus/queue.h"
 #include "bus/stats.h"
 #include "time/wire.h"
-
-#define CW_COPIES_MAX 16u   /* that a rule can make of one frame */
-#define CW_HELD_FRAMES 256u /* frames that rules can hold back at a time, all nodes together */
 
 typedef struct bus_node {
     cw_mac mac;
@@ -65,24 +64,6 @@ typedef struct event_ring {
     uint64_t newest_tick; /* of the last event in it */
     uint64_t enough; /* room for the worst bit there can be, whatever waits at present */
 } event_ring;
-
-/* A frame that a host rule holds back. */
-typedef struct held_frame {
-    uint64_t due;    /* tick, or CW_NEVER while it waits for others to pass */
-    uint32_t behind; /* frames of that node and side still to pass */
-    uint16_t rule;
-    uint8_t node;
-    cw_side side;
-    cw_frame frame;
-    frame_origin origin;
-} held_frame;
-
-/* The first flag of one kind since the last SOF of a transmitter. */
-typedef struct flag_watch {
-    bool now;        /* some node is in such a flag in the present bit */
-    bool over;       /* the first flag of this attempt has ended */
-    uint64_t length; /* bits of it so far, the present one not included */
-} flag_watch;
 
 /* What of cw_bit_view is known only while the bit is simulated. */
 typedef struct bit_note {
@@ -137,8 +118,6 @@ struct cw_bus {
     cw_bus_stats stats;
     inbox inbox;
     event_ring ring;
-    held_frame *held;
-    unsigned held_count;
     uint64_t all;       /* nodes */
     uint64_t followers; /* nodes that are where `common` is, see step/shared.c */
     uint64_t waiting;   /* nodes with frames in their queues */
@@ -153,25 +132,12 @@ struct cw_bus {
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
     bool news; /* a rule or a setting has changed something at a controller */
-    uint64_t seed;
-    uint64_t driven; /* of the bit in progress, see cw_levels */
     cw_event unwanted_event; /* written to when nobody wants it */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     cw_rule_set rules;
     bit_note note;
 };
-
-static inline uint64_t cw_node_bit(unsigned i)
-{
-    return UINT64_C(1) << i;
-}
-
-/* Of a set that is not empty. */
-static inline unsigned cw_lowest_node(uint64_t nodes)
-{
-    return (unsigned)__builtin_ctzll(nodes);
-}
 
 /* The present tick. */
 static inline uint64_t cw_now(const cw_bus *bus)
@@ -190,11 +156,6 @@ static inline uint64_t cw_bit_end(const cw_bus *bus)
 static inline uint64_t cw_leap_tick(const cw_bus *bus, unsigned n)
 {
     return cw_wire_tick(&bus->time, (uint64_t)n - bus->leap.at);
-}
-
-static inline uint64_t cw_least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
 }
 
 /* ---- step/arbiter.c -------------------------------------------------------------------------- */
@@ -236,7 +197,7 @@ static inline bool cw_wants_event(const cw_bus *bus, cw_event_kind kind)
 /* At the present tick, with the node's counters. */
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
 
-/* A hit of a rule. */
+/* A hit of a rule that is not quiet. */
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
 
 /* side: where the frame was going, onto the bus or to the host. */
@@ -246,18 +207,17 @@ void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *fram
 /* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
 
-/* What rules that are looked at in every bit touch; mostly there is none. */
-static inline unsigned cw_rules_touch(const cw_bus *bus)
-{
-    return bus->rules.awake_count ? cw_rules_touch_now(bus) : 0;
-}
+/* ---- rules.c, control.c, topology.c ---------------------------------------------------------- */
 
-/* An event that rules may wait for. */
-static inline void cw_rules_error(cw_bus *bus, unsigned node, const cw_event *event)
-{
-    if (bus->rules.error_rules || bus->rules.off)
-        cw_rules_error_now(bus, node, event);
-}
+/* The rules get to know the bus, whose nodes are there. */
+void cw_link_rules(cw_bus *bus, uint64_t seed);
+
+/* What a rule does to the controllers that it names, at once. */
+void cw_control_nodes(cw_bus *bus, const cw_rule *rule);
+
+/* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
+ * rules and the hosts say; and undoes it. */
+void cw_apply_topology(cw_bus *bus);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
 
@@ -335,6 +295,9 @@ void cw_step_bit(cw_bus *bus);
  * sent. */
 void cw_offer_first(bus_node *node);
 void cw_offer_slot(bus_node *node, uint16_t slot);
+
+/* A node begins to transmit the frame of its offered slot; rules may make its CRC wrong. */
+void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* The levels of the bit in progress, from what is driven. */
 void cw_find_levels(cw_bus *bus, cw_levels *levels);
@@ -435,7 +398,7 @@ cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, 
 /* Whether a frame may be more to its receivers than an event. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
-    return bus->rules.host_rules || bus->rules.reply_rules || bus->held_count;
+    return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count;
 }
 
 /* Followers have received a frame in this bit, and nobody else has anything to tell. Returns

@@ -51,7 +51,7 @@ void cw_tell_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
     e->lost_bit = bit;
     e->frame = offered_slot(&bus->nodes[i])->frame;
-    cw_rules_error(bus, i, e);
+    cw_rules_error(&bus->rules, i, e);
 }
 
 static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
@@ -59,7 +59,7 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
     e->error = *error;
     bus->nodes[i].stats.errors[error->type]++;
-    cw_rules_error(bus, i, e);
+    cw_rules_error(&bus->rules, i, e);
 }
 
 /* A frame accepted with a content that none of its transmitters sent (section 6 of RULES.md). */
@@ -118,9 +118,9 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
         bus->stats.undetected_errors++;
     }
     const frame_origin origin = find_origin(bus, i);
-    if (cw_rules_hand_out(bus, i, &frame, &origin))
+    if (cw_rules_hand_out(&bus->rules, i, &frame, &origin))
         cw_push_rx(bus, i, &frame, &origin);
-    cw_rules_passed(bus, i, CW_SIDE_RX, cw_now(bus));
+    cw_rules_passed(&bus->rules, i, CW_SIDE_RX, cw_now(bus));
 }
 
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes)
@@ -167,7 +167,7 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
         if (n->restart_ticks)
             cw_schedule_restart(bus, i, cw_automatic_restart(bus, i));
     }
-    cw_rules_error(bus, i, e);
+    cw_rules_error(&bus->rules, i, e);
 }
 
 void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)

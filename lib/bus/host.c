@@ -110,7 +110,7 @@ static bool is_next(const cw_bus *bus)
 {
     return bus->inbox.count == 0 && bus->rules.next_due > cw_now(bus) &&
            bus->next_restart > cw_now(bus) && !bus->news && bus->rules.host_rules == 0 &&
-           bus->rules.traffic_rules == 0 && bus->held_count == 0;
+           bus->rules.traffic_rules == 0 && bus->rules.held_count == 0;
 }
 
 /* Such a frame needs no place in the inbox. False, with nothing done, when it does: or when it
@@ -157,7 +157,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
                  cw_mac_state(&n->mac) != CW_STATE_BUS_OFF;
     if (!takes)
         return CW_QUEUE_MAX;
-    cw_rules_count_held(bus, i, &held, &rx_held);
+    cw_rules_count_held(&bus->rules, i, &held, &rx_held);
     uint32_t used = n->queue.count + n->inbox + held;
     return used < n->queue_limit ? n->queue_limit - used : 0;
 }
@@ -193,9 +193,9 @@ static void take_first(cw_bus *bus)
     find_next(box);
     bus->nodes[entry.node].inbox--;
     bus->nodes[entry.node].stats.handed_in++;
-    if (cw_rules_hand_in(bus, entry.node, &entry.frame, entry.at_tick))
+    if (cw_rules_hand_in(&bus->rules, entry.node, &entry.frame, entry.at_tick))
         cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
-    cw_rules_passed(bus, entry.node, CW_SIDE_TX, entry.at_tick);
+    cw_rules_passed(&bus->rules, entry.node, CW_SIDE_TX, entry.at_tick);
 }
 
 void cw_take_inbox(cw_bus *bus, uint64_t tick)
@@ -225,14 +225,14 @@ static void flush_inbox(cw_bus *bus, unsigned i)
 static void flush_held(cw_bus *bus, unsigned i)
 {
     unsigned kept = 0;
-    for (unsigned k = 0; k < bus->held_count; k++) {
-        held_frame held = bus->held[k];
+    for (unsigned k = 0; k < bus->rules.held_count; k++) {
+        held_frame held = bus->rules.held[k];
         if (held.node != i)
-            bus->held[kept++] = held;
+            bus->rules.held[kept++] = held;
         else
             cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, cw_now(bus));
     }
-    bus->held_count = kept;
+    bus->rules.held_count = kept;
 }
 
 cw_status cw_node_flush(cw_bus *bus, unsigned i)
@@ -253,7 +253,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     flush_queue(bus, i, CW_DROP_REMOVED);
     flush_inbox(bus, i);
     flush_held(bus, i);
-    cw_rules_apply_topology(bus);
+    cw_apply_topology(bus);
     return CW_OK;
 }
 
@@ -283,7 +283,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
     cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
-    cw_rules_apply_topology(bus);
+    cw_apply_topology(bus);
     bus->news = true;
     return CW_OK;
 }
@@ -329,7 +329,7 @@ static void restart(cw_bus *bus, unsigned i)
         return;
     flush_queue(bus, i, CW_DROP_BUS_OFF);
     n->stats.restarts++;
-    cw_rules_error(bus, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
+    cw_rules_error(&bus->rules, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
 }
 
 void cw_find_next_restart(cw_bus *bus)

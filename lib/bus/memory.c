@@ -71,10 +71,11 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
     cw_rule_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
     uint16_t *wildcards = carve(a, capacity, sizeof *wildcards);
     uint16_t *awake = carve(a, capacity, sizeof *awake);
+    held_frame *held = carve(a, CW_HELD_FRAMES, sizeof *held);
     if (set)
         *set = (cw_rule_set){.rules = rules, .keys = keys, .wildcards = wildcards,
-                             .awake = awake, .capacity = (unsigned)capacity, .stale = true,
-                             .next_due = CW_NEVER};
+                             .awake = awake, .held = held, .capacity = (unsigned)capacity,
+                             .stale = true, .next_due = CW_NEVER};
 }
 
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)
@@ -83,13 +84,11 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_bus *bus = carve(a, 1, sizeof *bus);
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
     inbox_entry *entries = carve(a, c->inbox, sizeof *entries);
-    held_frame *held = carve(a, CW_HELD_FRAMES, sizeof *held);
     cw_event *ring = carve(a, events, sizeof *ring);
     if (bus) {
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         bus->nodes = nodes;
-        bus->held = held;
         bus->inbox = (inbox){.entries = entries, .capacity = c->inbox, .next = CW_NEVER};
         bus->ring = (event_ring){.events = ring, .capacity = events};
     }
@@ -125,7 +124,6 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
     bus->node_count = config->node_count;
     bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
-    bus->seed = config->seed;
     bus->next_restart = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
@@ -134,6 +132,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(&bus->nodes[i], &config->nodes[i]);
+    cw_link_rules(bus, config->seed);
     cw_ring_find_enough(bus);
     for (unsigned i = 0; i < config->rule_count; i++) {
         unsigned index;

@@ -31,7 +31,7 @@ void cw_ring_find_enough(cw_bus *bus)
 
 bool cw_ring_has_room_now(const cw_bus *bus)
 {
-    uint64_t worst = worst_bit(bus, bus->queued, bus->inbox.count, bus->held_count);
+    uint64_t worst = worst_bit(bus, bus->queued, bus->inbox.count, bus->rules.held_count);
     uint64_t room = bus->ring.capacity - bus->ring.count;
     /* rules on the host side may want more than there is at all; then the ring is emptied first,
      * and what does not fit even so is counted as lost */
@@ -185,8 +185,6 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
 {
-    if (bus->rules.rules[rule].rule.quiet)
-        return;
     const cw_event event = {.kind = CW_EVENT_FAULT,
                             .tick = tick,
                             .rule = (uint16_t)rule,

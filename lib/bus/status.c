@@ -24,7 +24,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 
 size_t cw_bus_pending(const cw_bus *bus)
 {
-    return (size_t)bus->queued + bus->inbox.count + bus->held_count;
+    return (size_t)bus->queued + bus->inbox.count + bus->rules.held_count;
 }
 
 bool cw_bus_idle(const cw_bus *bus)
@@ -97,7 +97,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
     if (unknown || (!bus->leap.active && is_orphaned(bus)))
         bits = cw_least(bits, LOOK_AGAIN_BITS);
     const unsigned acts = CW_TOUCH_MORE | CW_TOUCH_QUEUES | CW_TOUCH_AT_RANDOM;
-    const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(bus) & acts);
+    const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(&bus->rules) & acts);
     if (bus->rules.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
     uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
@@ -110,7 +110,7 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
     *stats = bus->stats;
     stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
-    stats->pending = (uint32_t)(bus->queued + bus->held_count);
+    stats->pending = (uint32_t)(bus->queued + bus->rules.held_count);
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
 }
 
@@ -124,7 +124,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     stats->arbitration_lost -= cw_losses_ahead(bus) >> i & 1u;
     stats->inbox = n->inbox;
     stats->queue = n->queue.count;
-    cw_rules_count_held(bus, i, &stats->held, &stats->rx_held);
+    cw_rules_count_held(&bus->rules, i, &stats->held, &stats->rx_held);
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
     stats->state = cw_mac_state(&n->mac);

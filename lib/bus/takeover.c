@@ -93,16 +93,16 @@ static uint64_t renumber(uint64_t nodes, const uint8_t *to)
 /* What rules held back goes on its way: those rules are no more. */
 static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
-    for (unsigned i = 0; i < old->held_count; i++) {
-        held_frame h = old->held[i];
+    for (unsigned i = 0; i < old->rules.held_count; i++) {
+        held_frame h = old->rules.held[i];
         if (to[h.node] == CW_NO_NODE)
             continue;
         h.node = to[h.node];
         h.origin.from = renumber(h.origin.from, to);
         h.due = cw_now(bus);
-        bus->held[bus->held_count++] = h;
+        bus->rules.held[bus->rules.held_count++] = h;
     }
-    if (bus->held_count)
+    if (bus->rules.held_count)
         cw_rules_set_due(&bus->rules, cw_now(bus));
 }
 
@@ -145,7 +145,8 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->stepping = old->stepping;
     bus->watching = old->watching;
     bus->wanted = old->wanted;
-    bus->work = old->work;
+    bus->work = cw_bus_work(old);
+    bus->rules.work = 0;
     bus->recessive_bits = old->recessive_bits;
     bus->load = old->load;
     bus->stats = old->stats;
@@ -161,7 +162,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (old->removed & cw_node_bit(from[i]))
             bus->removed |= cw_node_bit(i);
     }
-    cw_rules_apply_topology(bus);
+    cw_apply_topology(bus);
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bitset.h - small bit sets of up to 192 bits, for the wire bits of a frame.
+ * bitset.h - small bit sets: of up to 192 bits for the wire bits of a frame, words for nodes.
  */
 #ifndef CANWIRE_FORMAT_BITSET_H
 #define CANWIRE_FORMAT_BITSET_H
@@ -13,6 +13,17 @@
 static inline bool cw_bitset_get(const uint64_t set[CW_BIT_WORDS], unsigned n)
 {
     return (set[n / 64] >> (n % 64)) & 1u;
+}
+
+static inline uint64_t cw_node_bit(unsigned i)
+{
+    return UINT64_C(1) << i;
+}
+
+/* Of a set that is not empty. */
+static inline unsigned cw_lowest_node(uint64_t nodes)
+{
+    return (unsigned)__builtin_ctzll(nodes);
 }
 
 /* Members of a word. */

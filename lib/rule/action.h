@@ -11,6 +11,7 @@
 
 #include <stddef.h>
 
+struct cw_rule_set;
 struct cw_rule_state;
 struct cw_passing;
 
@@ -39,15 +40,16 @@ typedef struct cw_action_range {
 
 #define CW_ACTION_RANGES 2u
 
+#define CW_COPIES_MAX 16u /* that a rule can make of one frame */
+
 /* Levels, for nodes that the rule concerns: what it makes of them in the bit in progress. */
-typedef void cw_level_action(cw_bus *bus, struct cw_rule_state *state, uint64_t *levels,
+typedef void cw_level_action(struct cw_rule_set *set, struct cw_rule_state *state, uint64_t *levels,
                              uint64_t nodes);
-/* Once, to the controller of each of the rule's nodes. */
-typedef void cw_control_action(cw_bus *bus, unsigned node, const cw_rule *rule);
 /* To a frame that comes by. Returns true when it goes on. */
-typedef bool cw_host_action(cw_bus *bus, const cw_rule *rule, const struct cw_passing *passing);
+typedef bool cw_host_action(struct cw_rule_set *set, const cw_rule *rule,
+                            const struct cw_passing *passing);
 /* What the rule owes at the present tick. */
-typedef void cw_traffic_action(cw_bus *bus, unsigned rule);
+typedef void cw_traffic_action(struct cw_rule_set *set, unsigned rule);
 
 typedef struct cw_action_row {
     const char *name;
@@ -56,7 +58,6 @@ typedef struct cw_action_row {
     cw_action_range ranges[CW_ACTION_RANGES];
     union { /* by kind; NULL: another file asks for the action itself */
         cw_level_action *levels;     /* CW_KIND_POSITION, CW_KIND_LEVEL */
-        cw_control_action *control;  /* CW_KIND_CONTROL */
         cw_host_action *host;        /* CW_KIND_HOST */
         cw_traffic_action *traffic;  /* CW_KIND_TRAFFIC */
     };
@@ -66,9 +67,6 @@ extern const cw_action_row cw_actions[CW_ACTION_COUNT];
 
 /* level.c, noise.c */
 cw_level_action cw_flip, cw_force, cw_glitch, cw_hold_level, cw_flip_at_random;
-/* control.c */
-cw_control_action cw_go_bus_off, cw_send_error_flag, cw_restart, cw_put_counters, cw_overload,
-    cw_change_settings;
 /* host.c */
 cw_host_action cw_drop_frame, cw_delay_frame, cw_copy_frame, cw_let_overtake, cw_change_frame;
 /* traffic.c */

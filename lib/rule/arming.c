@@ -6,16 +6,16 @@
 
 #include <string.h>
 
-bool cw_rule_add_arming(cw_bus *bus, unsigned rule, uint64_t tick)
+bool cw_rule_add_arming(cw_rule_set *set, unsigned rule, uint64_t tick)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     if (s->armings == CW_ARMINGS_MAX)
         return false;
     unsigned place = s->armings++;
     for (; place > 0 && s->arm_at[place - 1] > tick; place--)
         s->arm_at[place] = s->arm_at[place - 1];
     s->arm_at[place] = tick;
-    cw_rules_set_due(&bus->rules, tick);
+    cw_rules_set_due(set, tick);
     return true;
 }
 
@@ -38,14 +38,14 @@ uint64_t cw_rule_next_arming(const cw_rule_state *s)
 }
 
 /* Rules that come after this one are armed, at once or later. */
-void cw_rule_arm_followers(cw_bus *bus, unsigned rule, uint64_t told)
+void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told)
 {
-    if (bus->rules.after_rules == 0)
+    if (set->after_rules == 0)
         return;
-    bus->work += 1 + bus->rules.count / CW_RULES_OF_A_PIECE;
-    for (unsigned i = 0; i < bus->rules.count; i++) {
-        const cw_rule_state *s = cw_rule_at(bus, i);
+    set->work += 1 + set->count / CW_RULES_OF_A_PIECE;
+    for (unsigned i = 0; i < set->count; i++) {
+        const cw_rule_state *s = cw_rule_at(set, i);
         if (s->used && s->rule.has_after && s->rule.after == rule)
-            (void)cw_rule_add_arming(bus, i, cw_after(told, s->rule.after_delay));
+            (void)cw_rule_add_arming(set, i, cw_after(told, s->rule.after_delay));
     }
 }

@@ -6,23 +6,22 @@
 
 #include "rule/list.h"
 
-void cw_rule_wake(cw_bus *bus, unsigned rule)
+void cw_rule_wake(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     if (s->awake)
         return;
     s->awake = true;
-    cw_list_add(bus->rules.awake, &bus->rules.awake_count, rule);
+    cw_list_add(set->awake, &set->awake_count, rule);
 }
 
-void cw_rules_fall_asleep(cw_bus *bus)
+void cw_rules_fall_asleep(cw_rule_set *set)
 {
-    cw_rule_set *set = &bus->rules;
     unsigned kept = 0;
     for (unsigned i = 0; i < set->awake_count; i++) {
         unsigned rule = set->awake[i];
-        cw_rule_state *s = cw_rule_at(bus, rule);
-        cw_rule_unbind_ended(bus, s);
+        cw_rule_state *s = cw_rule_at(set, rule);
+        cw_rule_unbind_ended(set, s);
         s->awake = s->used && cw_rule_needs_bits(s);
         if (s->awake)
             set->awake[kept++] = (uint16_t)rule;
@@ -30,88 +29,95 @@ void cw_rules_fall_asleep(cw_bus *bus)
     set->awake_count = kept;
 }
 
-static uint64_t window_end(const cw_bus *bus, const cw_rule *rule)
+static uint64_t window_end(const cw_rule_set *set, const cw_rule *rule)
 {
     if (rule->for_ticks)
-        return cw_after(cw_now(bus), rule->for_ticks);
+        return cw_after(cw_rules_now(set), rule->for_ticks);
     return rule->trigger == CW_TRIGGER_TIME ? rule->time_end : CW_NEVER;
 }
 
-void cw_rule_end_action(cw_bus *bus, unsigned rule)
+void cw_rule_end_action(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     s->active = false;
     s->scope = 0;
     s->bound = 0;
     s->bits_left = 0;
     s->to_act = false;
     s->active_until = CW_NEVER;
-    cw_rule_let_go(bus, rule);
+    cw_rule_let_go(set, rule);
     if (cw_rule_is(s, CW_REWIRES))
-        cw_rules_apply_topology(bus);
+        cw_rules_rewire(set);
 }
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
-void cw_rule_begin_window(cw_bus *bus, unsigned rule, uint64_t scope)
+void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     s->for_attempt = cw_rule_is(s, CW_FOR_ATTEMPT) && s->rule.trigger == CW_TRIGGER_FRAME &&
                      s->rule.for_ticks == 0;
     s->scope = s->for_attempt ? s->scope | scope : 0;
     s->active = true;
-    s->active_until = window_end(bus, &s->rule);
+    s->active_until = window_end(set, &s->rule);
     s->dominant_bits = 0;
-    s->next_at = s->rule.action == CW_ACTION_SEND ? cw_now(bus) : CW_NEVER;
-    s->busy_base = cw_busy_bits_so_far(bus);
-    s->bits_base = cw_bits_so_far(bus);
-    cw_rules_set_due(&bus->rules, s->active_until);
-    cw_rules_set_due(&bus->rules, s->next_at);
+    s->next_at = s->rule.action == CW_ACTION_SEND ? cw_rules_now(set) : CW_NEVER;
+    s->bits_base = set->bus.effects->bits(set->bus.self, &s->busy_base);
+    cw_rules_set_due(set, s->active_until);
+    cw_rules_set_due(set, s->next_at);
     if (cw_rule_needs_bits(s))
-        cw_rule_wake(bus, rule);
-    bus->rules.rewired = bus->rules.rewired || cw_rule_is(s, CW_REWIRES);
+        cw_rule_wake(set, rule);
+    set->rewired = set->rewired || cw_rule_is(s, CW_REWIRES);
 }
 
-void cw_rule_act(cw_bus *bus, unsigned rule)
+/* What it does once to the controllers that it names. */
+static void command(cw_rule_set *set, const cw_rule *rule)
 {
-    if (cw_rule_is(cw_rule_at(bus, rule), CW_LASTS))
-        cw_rule_begin_window(bus, rule, 0);
+    set->bus.effects->control(set->bus.self, rule);
+    if (rule->nodes & set->off)
+        set->rewired = true; /* out of bus-off is not back on the bus */
+}
+
+void cw_rule_act(cw_rule_set *set, unsigned rule)
+{
+    if (cw_rule_is(cw_rule_at(set, rule), CW_LASTS))
+        cw_rule_begin_window(set, rule, 0);
     else
-        cw_rule_command(bus, rule);
+        command(set, &cw_rule_at(set, rule)->rule);
 }
 
 /* Whether a rule that is no position action begins to act. The hits of noise are the bits that it
  * flips, so its begin is none. */
-bool cw_rule_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
 {
-    if (cw_rule_is(cw_rule_at(bus, rule), CW_RANDOM_BITS))
-        return cw_rule_takes_match(bus, rule, start, told);
-    return cw_rule_match(bus, rule, start, told);
+    if (cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))
+        return cw_rule_takes_match(set, rule, start, told);
+    return cw_rule_match(set, rule, start, told);
 }
 
 /* The rule has a hit and acts when this bit has been settled. */
-void cw_rule_act_later(cw_bus *bus, unsigned rule, uint64_t tick)
+void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick)
 {
-    cw_rule_at(bus, rule)->to_act = true;
-    cw_rules_set_due(&bus->rules, tick);
+    cw_rule_at(set, rule)->to_act = true;
+    cw_rules_set_due(set, tick);
 }
 
-void cw_rule_fire(cw_bus *bus, unsigned rule)
+void cw_rule_fire(cw_rule_set *set, unsigned rule)
 {
-    if (!cw_rule_begins(bus, rule, cw_now(bus), cw_now(bus)))
+    if (!cw_rule_begins(set, rule, cw_rules_now(set), cw_rules_now(set)))
         return;
-    if (!cw_rule_is(cw_rule_at(bus, rule), CW_RANDOM_BITS))
-        cw_push_fault(bus, rule, cw_now(bus));
-    cw_rule_act(bus, rule);
+    if (!cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))
+        cw_rule_tell_hit(set, rule, cw_rules_now(set));
+    cw_rule_act(set, rule);
 }
 
-void cw_rules_emit(cw_bus *bus)
+void cw_rules_emit(cw_rule_set *set)
 {
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        cw_rule_state *s = cw_rule_at(bus, bus->rules.awake[i]);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_rule_state *s = cw_rule_at(set, set->awake[i]);
         if (s->hit_now)
-            cw_push_fault(bus, bus->rules.awake[i], cw_now(bus));
+            cw_rule_tell_hit(set, set->awake[i], cw_rules_now(set));
         s->hit_now = false;
     }
-    cw_rules_fall_asleep(bus);
+    cw_rules_fall_asleep(set);
 }

@@ -4,63 +4,63 @@
  */
 #include "rule/private.h"
 
-static void arm(cw_bus *bus, unsigned rule)
+static void arm(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
-    cw_rule_take_arming(s, cw_now(bus));
+    cw_rule_state *s = cw_rule_at(set, rule);
+    cw_rule_take_arming(s, cw_rules_now(set));
     if (s->rule.trigger == CW_TRIGGER_ARMED)
-        cw_rule_fire(bus, rule);
+        cw_rule_fire(set, rule);
 }
 
 /* One rule at the present tick; returns whether anything was due. */
-static bool run_rule(cw_bus *bus, unsigned rule)
+static bool run_rule(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
-    bool ends = s->active && s->active_until <= cw_now(bus);
+    cw_rule_state *s = cw_rule_at(set, rule);
+    bool ends = s->active && s->active_until <= cw_rules_now(set);
     bool acts = s->to_act;
-    bool fires = s->fire_at <= cw_now(bus);
-    bool arms = cw_rule_next_arming(s) <= cw_now(bus);
+    bool fires = s->fire_at <= cw_rules_now(set);
+    bool arms = cw_rule_next_arming(s) <= cw_rules_now(set);
     if (ends)
-        cw_rule_end_action(bus, rule);
+        cw_rule_end_action(set, rule);
     s->to_act = false;
     if (acts)
-        cw_rule_act(bus, rule);
+        cw_rule_act(set, rule);
     if (fires) {
         s->fire_at = CW_NEVER;
-        cw_rule_fire(bus, rule);
+        cw_rule_fire(set, rule);
     }
     if (arms)
-        arm(bus, rule);
+        arm(set, rule);
     return ends || acts || fires || arms;
 }
 
-static void find_next_due(cw_bus *bus)
+static void find_next_due(cw_rule_set *set)
 {
     uint64_t next = CW_NEVER;
-    for (unsigned rule = 0; rule < bus->rules.count; rule++) {
-        const cw_rule_state *s = cw_rule_at(bus, rule);
+    for (unsigned rule = 0; rule < set->count; rule++) {
+        const cw_rule_state *s = cw_rule_at(set, rule);
         if (!s->used)
             continue;
         next = cw_least(next, cw_least(s->fire_at, cw_rule_next_arming(s)));
         if (s->active)
             next = cw_least(next, cw_least(s->active_until, s->next_at));
     }
-    bus->rules.next_due = cw_least(next, cw_rules_next_held(bus));
+    set->next_due = cw_least(next, cw_rules_next_held(set));
 }
 
 /* Until nothing is due any more: rules may arm each other at the same tick, each one once. */
-static void run_rules(cw_bus *bus)
+static void run_rules(cw_rule_set *set)
 {
     bool again = true;
     while (again) {
         again = false;
-        bus->work += 1 + bus->rules.count / CW_RULES_OF_A_PIECE;
-        for (unsigned rule = 0; rule < bus->rules.count; rule++)
-            if (cw_rule_at(bus, rule)->used)
-                again = run_rule(bus, rule) || again;
+        set->work += 1 + set->count / CW_RULES_OF_A_PIECE;
+        for (unsigned rule = 0; rule < set->count; rule++)
+            if (cw_rule_at(set, rule)->used)
+                again = run_rule(set, rule) || again;
     }
-    if (bus->rules.rewired)
-        cw_rules_apply_topology(bus);
+    if (set->rewired)
+        cw_rules_rewire(set);
 }
 
 static bool is_traffic(const cw_rule_state *s)
@@ -70,34 +70,34 @@ static bool is_traffic(const cw_rule_state *s)
 
 /* One node after the other: a drop of an earlier one would have to go before all events of later
  * ones, of which there may be thousands. To the queues it is all the same. */
-static void run_traffic(cw_bus *bus)
+static void run_traffic(cw_rule_set *set)
 {
     uint64_t nodes = 0;
-    for (unsigned rule = 0; rule < bus->rules.count; rule++)
-        if (is_traffic(cw_rule_at(bus, rule)))
-            nodes |= cw_node_bit(cw_rule_at(bus, rule)->rule.node);
+    for (unsigned rule = 0; rule < set->count; rule++)
+        if (is_traffic(cw_rule_at(set, rule)))
+            nodes |= cw_node_bit(cw_rule_at(set, rule)->rule.node);
     for (; nodes; nodes &= nodes - 1)
-        for (unsigned rule = 0; rule < bus->rules.count; rule++)
-            if (cw_rule_at(bus, rule)->rule.node == cw_lowest_node(nodes) &&
-                is_traffic(cw_rule_at(bus, rule)))
-                cw_rule_at(bus, rule)->does->traffic(bus, rule);
+        for (unsigned rule = 0; rule < set->count; rule++)
+            if (cw_rule_at(set, rule)->rule.node == cw_lowest_node(nodes) &&
+                is_traffic(cw_rule_at(set, rule)))
+                cw_rule_at(set, rule)->does->traffic(set, rule);
 }
 
-void cw_rules_run_due(cw_bus *bus)
+void cw_rules_run_due(cw_rule_set *set)
 {
-    if (bus->rules.next_due > cw_now(bus) && bus->rules.awake_count == 0)
+    if (set->next_due > cw_rules_now(set) && set->awake_count == 0)
         return;
-    bool due = bus->rules.next_due <= cw_now(bus);
+    bool due = set->next_due <= cw_rules_now(set);
     if (due) {
-        run_rules(bus);
-        cw_rules_release_held(bus);
+        run_rules(set);
+        cw_rules_release_held(set);
     }
     if (due)
-        run_traffic(bus);
-    bool steady = !due && bus->rules.traffic_rules > 0;
-    for (unsigned i = 0; steady && i < bus->rules.awake_count; i++)
-        if (is_traffic(cw_rule_at(bus, bus->rules.awake[i])))
-            cw_rule_at(bus, bus->rules.awake[i])->does->traffic(bus, bus->rules.awake[i]);
+        run_traffic(set);
+    bool steady = !due && set->traffic_rules > 0;
+    for (unsigned i = 0; steady && i < set->awake_count; i++)
+        if (is_traffic(cw_rule_at(set, set->awake[i])))
+            cw_rule_at(set, set->awake[i])->does->traffic(set, set->awake[i]);
     if (due)
-        find_next_due(bus);
+        find_next_due(set);
 }

@@ -31,27 +31,27 @@ static uint32_t error_class(const cw_event *e)
 }
 
 /* One rule and errors of these classes. The same error at several nodes is one match. */
-static void match_error(cw_bus *bus, unsigned rule, unsigned node, uint32_t classes)
+static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t classes)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     const cw_rule *r = &s->rule;
     if (!s->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
-        !cw_rule_names(r->from, cw_node_bit(node)) || s->error_at == cw_now(bus))
+        !cw_rule_names(r->from, cw_node_bit(node)) || s->error_at == cw_rules_now(set))
         return;
-    s->error_at = cw_now(bus);
-    if (!cw_rule_begins(bus, rule, cw_now(bus), cw_now(bus)))
+    s->error_at = cw_rules_now(set);
+    if (!cw_rule_begins(set, rule, cw_rules_now(set), cw_rules_now(set)))
         return;
     if (!cw_rule_is(s, CW_RANDOM_BITS))
-        cw_push_fault(bus, rule, cw_now(bus));
-    cw_rule_act_later(bus, rule, cw_now(bus));
+        cw_rule_tell_hit(set, rule, cw_rules_now(set));
+    cw_rule_act_later(set, rule, cw_rules_now(set));
 }
 
 /* The event lies in the ring, which moves when a fault is told: look at it before. */
-void cw_rules_error_now(cw_bus *bus, unsigned node, const cw_event *event)
+void cw_rules_error_now(cw_rule_set *set, unsigned node, const cw_event *event)
 {
     uint32_t classes = error_class(event);
-    if (event->kind == CW_EVENT_STATE && bus->rules.off)
-        cw_rules_apply_topology(bus); /* out of bus-off is not back on the bus */
-    for (unsigned rule = 0; bus->rules.error_rules && rule < bus->rules.count; rule++)
-        match_error(bus, rule, node, classes);
+    if (event->kind == CW_EVENT_STATE && set->off)
+        cw_rules_rewire(set); /* out of bus-off is not back on the bus */
+    for (unsigned rule = 0; set->error_rules && rule < set->count; rule++)
+        match_error(set, rule, node, classes);
 }

@@ -9,90 +9,95 @@
 
 /* ---- Frames held back ------------------------------------------------------------------------ */
 
-static bool hold(cw_bus *bus, const held_frame *frame)
+static bool hold(cw_rule_set *set, const held_frame *frame)
 {
-    if (bus->held_count == CW_HELD_FRAMES)
+    if (set->held_count == CW_HELD_FRAMES)
         return false;
-    bus->held[bus->held_count++] = *frame;
-    cw_rules_set_due(&bus->rules, frame->due);
+    set->held[set->held_count++] = *frame;
+    cw_rules_set_due(set, frame->due);
     return true;
 }
 
-static void deliver_held(cw_bus *bus, const held_frame *h, uint64_t tick)
+static void queue(const cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t tick)
+{
+    set->bus.effects->queue(set->bus.self, node, frame, tick, 0);
+}
+
+static void deliver_held(cw_rule_set *set, const held_frame *h, uint64_t tick)
 {
     if (h->side == CW_SIDE_TX)
-        cw_queue_frame(bus, h->node, &h->frame, tick, 0);
+        queue(set, h->node, &h->frame, tick);
     else
-        cw_push_rx(bus, h->node, &h->frame, &h->origin);
+        set->bus.effects->hand_out(set->bus.self, h->node, &h->frame, &h->origin);
 }
 
 /* Those that are due by now, in the order in which they were held back. */
-static void release(cw_bus *bus, uint64_t tick)
+static void release(cw_rule_set *set, uint64_t tick)
 {
     unsigned kept = 0;
-    for (unsigned i = 0; i < bus->held_count; i++) {
-        held_frame h = bus->held[i];
-        if (h.due <= cw_now(bus))
-            deliver_held(bus, &h, tick);
+    for (unsigned i = 0; i < set->held_count; i++) {
+        held_frame h = set->held[i];
+        if (h.due <= cw_rules_now(set))
+            deliver_held(set, &h, tick);
         else
-            bus->held[kept++] = h;
+            set->held[kept++] = h;
     }
-    bus->held_count = kept;
+    set->held_count = kept;
 }
 
-void cw_rules_release_held(cw_bus *bus)
+void cw_rules_release_held(cw_rule_set *set)
 {
-    release(bus, cw_now(bus));
+    release(set, cw_rules_now(set));
 }
 
-uint64_t cw_rules_next_held(const cw_bus *bus)
+uint64_t cw_rules_next_held(const cw_rule_set *set)
 {
     uint64_t next = CW_NEVER;
-    for (unsigned i = 0; i < bus->held_count; i++)
-        next = cw_least(next, bus->held[i].due);
+    for (unsigned i = 0; i < set->held_count; i++)
+        next = cw_least(next, set->held[i].due);
     return next;
 }
 
-void cw_rules_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx)
+void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, uint32_t *rx)
 {
     *tx = 0;
     *rx = 0;
-    for (unsigned i = 0; i < bus->held_count; i++) {
-        const held_frame *h = &bus->held[i];
+    for (unsigned i = 0; i < set->held_count; i++) {
+        const held_frame *h = &set->held[i];
         if (h->node == node)
             (*(h->side == CW_SIDE_TX ? tx : rx))++;
     }
 }
 
-void cw_rule_let_go(cw_bus *bus, unsigned rule)
+void cw_rule_let_go(cw_rule_set *set, unsigned rule)
 {
-    for (unsigned i = 0; i < bus->held_count; i++) {
-        if (bus->held[i].rule != rule)
+    for (unsigned i = 0; i < set->held_count; i++) {
+        if (set->held[i].rule != rule)
             continue;
-        bus->held[i].due = cw_now(bus);
-        cw_rules_set_due(&bus->rules, cw_now(bus));
+        set->held[i].due = cw_rules_now(set);
+        cw_rules_set_due(set, cw_rules_now(set));
     }
 }
 
-void cw_rules_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick)
+void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tick)
 {
     bool due = false;
-    for (unsigned i = 0; i < bus->held_count; i++) {
-        held_frame *h = &bus->held[i];
+    for (unsigned i = 0; i < set->held_count; i++) {
+        held_frame *h = &set->held[i];
         if (h->node != node || h->side != side || h->behind == 0 || --h->behind > 0)
             continue;
-        h->due = cw_now(bus);
+        h->due = cw_rules_now(set);
         due = true;
     }
     if (due)
-        release(bus, tick);
+        release(set, tick);
 }
 
 /* ---- Actions --------------------------------------------------------------------------------- */
 
-bool cw_change_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+bool cw_change_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
-    (void)bus;
+    (void)set;
     const cw_change *c = &rule->change;
     cw_frame *frame = p->frame;
     if (c->set_id) {
@@ -109,62 +114,60 @@ bool cw_change_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
     return true;
 }
 
-bool cw_copy_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+bool cw_copy_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
-    cw_node_stats *stats = &bus->nodes[p->node].stats;
+    const cw_rule_effects *effects = set->bus.effects;
     for (unsigned i = 0; i < rule->number; i++) {
-        if (rule->side == CW_SIDE_TX) {
-            stats->made_by_rules++;
-            cw_queue_frame(bus, p->node, p->frame, p->tick, 0);
-        } else {
-            stats->rx_made_by_rules++;
-            cw_push_rx(bus, p->node, p->frame, p->origin);
-        }
+        effects->count_made(set->bus.self, p->node, rule->side);
+        if (rule->side == CW_SIDE_TX)
+            queue(set, p->node, p->frame, p->tick);
+        else
+            effects->hand_out(set->bus.self, p->node, p->frame, p->origin);
     }
     return true;
 }
 
-bool cw_drop_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+bool cw_drop_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
-    cw_push_drop(bus, p->node, rule->side, p->frame, CW_DROP_FAULT, p->tick);
+    set->bus.effects->drop(set->bus.self, p->node, rule->side, p->frame, p->tick);
     return false;
 }
 
-static bool hold_back(cw_bus *bus, const cw_rule *rule, const cw_passing *p, uint64_t due,
+static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p, uint64_t due,
                       uint32_t behind)
 {
     const held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
                           .node = (uint8_t)p->node, .side = rule->side, .frame = *p->frame,
                           .origin = *p->origin};
-    return !hold(bus, &h);
+    return !hold(set, &h);
 }
 
-bool cw_delay_frame(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+bool cw_delay_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
-    return hold_back(bus, rule, p, cw_after(p->tick, rule->for_ticks), 0);
+    return hold_back(set, rule, p, cw_after(p->tick, rule->for_ticks), 0);
 }
 
-bool cw_let_overtake(cw_bus *bus, const cw_rule *rule, const cw_passing *p)
+bool cw_let_overtake(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     return rule->number == 0 ||
-           hold_back(bus, rule, p, CW_NEVER, rule->number + 1); /* itself comes by first */
+           hold_back(set, rule, p, CW_NEVER, rule->number + 1); /* itself comes by first */
 }
 
 /* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
-static bool is_hit(cw_bus *bus, unsigned rule, cw_side side, uint64_t tick)
+static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
 {
-    cw_rule_state *s = &bus->rules.rules[rule];
+    cw_rule_state *s = &set->rules[rule];
     bool decided = side == CW_SIDE_RX && s->rx_tick == tick;
     if (!decided) {
         s->rx_tick = tick;
-        s->rx_hit = cw_rule_match(bus, rule, tick, tick);
+        s->rx_hit = cw_rule_match(set, rule, tick, tick);
     }
     if (s->rx_hit && !decided)
-        cw_push_fault(bus, rule, tick);
+        cw_rule_tell_hit(set, rule, tick);
     return s->rx_hit;
 }
 
-static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
+static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
                       const frame_origin *origin)
 {
     const cw_frame original = *frame;
@@ -172,16 +175,16 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
     uint64_t from = side == CW_SIDE_TX ? self : origin->from;
     cw_candidates c;
     unsigned rule;
-    cw_candidates_begin(&c, bus, &original);
-    while (cw_candidates_next(&c, &rule, bus)) {
-        const cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_candidates_begin(&c, set, &original);
+    while (cw_candidates_next(&c, &rule, set)) {
+        const cw_rule_state *s = cw_rule_at(set, rule);
         const cw_rule *r = &s->rule;
         if (s->does->kind != CW_KIND_HOST || r->side != side || !cw_rule_names(r->from, from) ||
-            !cw_rule_names(r->at, self) || !is_hit(bus, rule, side, tick))
+            !cw_rule_names(r->at, self) || !is_hit(set, rule, side, tick))
             continue;
         const cw_passing p = {.frame = frame, .rule = rule, .node = node, .tick = tick,
                               .origin = origin};
-        if (!s->does->host(bus, r, &p))
+        if (!s->does->host(set, r, &p))
             return false;
     }
     return true;
@@ -189,44 +192,44 @@ static bool run_rules(cw_bus *bus, unsigned node, cw_frame *frame, cw_side side,
 
 /* ---- Replies --------------------------------------------------------------------------------- */
 
-static void reply(cw_bus *bus, unsigned rule, unsigned node)
+static void reply(cw_rule_set *set, unsigned rule, unsigned node)
 {
-    const cw_rule *r = &bus->rules.rules[rule].rule;
-    const held_frame h = {.due = cw_after(cw_now(bus), r->for_ticks), .rule = (uint16_t)rule,
+    const cw_rule *r = &set->rules[rule].rule;
+    const held_frame h = {.due = cw_after(cw_rules_now(set), r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
-    cw_push_fault(bus, rule, cw_now(bus));
-    bus->nodes[node].stats.made_by_rules++;
-    if (!hold(bus, &h))
-        cw_queue_frame(bus, node, &h.frame, cw_now(bus), 0);
+    cw_rule_tell_hit(set, rule, cw_rules_now(set));
+    set->bus.effects->count_made(set->bus.self, node, CW_SIDE_TX);
+    if (!hold(set, &h))
+        queue(set, node, &h.frame, cw_rules_now(set));
 }
 
-static void answer(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from)
+static void answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t from)
 {
     cw_candidates c;
     unsigned rule;
-    if (bus->rules.reply_rules == 0)
+    if (set->reply_rules == 0)
         return;
-    cw_candidates_begin(&c, bus, frame);
-    while (cw_candidates_next(&c, &rule, bus)) {
-        const cw_rule *r = &bus->rules.rules[rule].rule;
+    cw_candidates_begin(&c, set, frame);
+    while (cw_candidates_next(&c, &rule, set)) {
+        const cw_rule *r = &set->rules[rule].rule;
         if (r->action == CW_ACTION_REPLY && r->node == node &&
             cw_rule_names(r->from, from) &&
-            cw_rule_match(bus, rule, cw_now(bus), cw_now(bus)))
-            reply(bus, rule, node);
+            cw_rule_match(set, rule, cw_rules_now(set), cw_rules_now(set)))
+            reply(set, rule, node);
     }
 }
 
 /* ---- Frames that come by --------------------------------------------------------------------- */
 
-bool cw_rules_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick)
+bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t tick)
 {
     static const frame_origin none = {.from = 0};
-    return bus->rules.host_rules == 0 || run_rules(bus, node, frame, CW_SIDE_TX, tick, &none);
+    return set->host_rules == 0 || run_rules(set, node, frame, CW_SIDE_TX, tick, &none);
 }
 
-bool cw_rules_hand_out(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin)
+bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame, const frame_origin *origin)
 {
-    answer(bus, node, frame, origin->from);
-    return bus->rules.host_rules == 0 ||
-           run_rules(bus, node, frame, CW_SIDE_RX, cw_now(bus), origin);
+    answer(set, node, frame, origin->from);
+    return set->host_rules == 0 ||
+           run_rules(set, node, frame, CW_SIDE_RX, cw_rules_now(set), origin);
 }

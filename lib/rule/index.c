@@ -218,9 +218,8 @@ static void add_run(cw_candidates *c, const cw_rule_set *set, unsigned class)
         c->runs[c->run_count++] = run;
 }
 
-void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame)
+void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame)
 {
-    const cw_rule_set *set = &bus->rules;
     c->frame = frame;
     c->id = can_id(frame);
     c->run_count = 0;
@@ -251,9 +250,8 @@ static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set)
     return next != UINT_MAX;
 }
 
-bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus)
+bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_rule_set *set)
 {
-    const cw_rule_set *set = &bus->rules;
     while (next_rule(c, rule, set)) {
         const cw_rule *r = &set->rules[*rule].rule;
         if (id_matches(c->id, r->filters, r->filter_count) &&

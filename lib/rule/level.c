@@ -8,9 +8,9 @@
 
 #define ALL_NODES UINT64_MAX
 
-static cw_rule_state *awake_rule(cw_bus *bus, unsigned i)
+static cw_rule_state *awake_rule(cw_rule_set *set, unsigned i)
 {
-    return &bus->rules.rules[bus->rules.awake[i]];
+    return &set->rules[set->awake[i]];
 }
 
 static void set_level(uint64_t *levels, uint64_t nodes, bool level)
@@ -32,30 +32,28 @@ static bool stuck_tx_level(cw_rule_state *s, cw_rate rate)
     return timed_out ? CW_RECESSIVE : CW_DOMINANT;
 }
 
-void cw_rules_change_driven(cw_bus *bus, cw_levels *levels)
+void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
 {
-    for (unsigned i = 0; bus->rules.line_rules && i < bus->rules.awake_count; i++) {
-        cw_rule_state *s = awake_rule(bus, i);
+    for (unsigned i = 0; set->line_rules && i < set->awake_count; i++) {
+        cw_rule_state *s = awake_rule(set, i);
         bool stuck = s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
         if (stuck)
             set_level(&levels->driven, cw_node_bit(s->rule.node),
-                      stuck_tx_level(s, cw_wire_rate(&bus->time)));
+                      stuck_tx_level(s, cw_wire_rate(set->bus.time)));
     }
-    if (bus->rules.rewired)
-        cw_rules_apply_topology(bus);
-    set_level(&levels->driven, bus->rules.off, CW_RECESSIVE);
+    set_level(&levels->driven, set->off, CW_RECESSIVE);
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
 
 /* In a field that all nodes are in: the transmitter's own count. The first bit of a delimiter is
  * known by the wire: nobody sends a flag any more. */
-static bool at_own_place(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac)
+static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
     cw_place place = cw_mac_place(mac);
     bool delimiter = rule->field == CW_FIELD_ERROR_DELIMITER ||
                      rule->field == CW_FIELD_OVERLOAD_DELIMITER;
-    if (delimiter && place.index == 0 && bus->driven != ALL_NODES)
+    if (delimiter && place.index == 0 && set->driven != ALL_NODES)
         return false;
     return place.field == rule->field && place.index == rule->index;
 }
@@ -66,19 +64,19 @@ static bool in_flag(const flag_watch *flag, unsigned index)
 }
 
 /* Whether the bit in progress is the named one, seen from a transmitter the rule is bound to. */
-static bool is_reached(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac)
+static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
     unsigned n;
     switch (rule->field) {
     case CW_FIELD_ERROR_FLAG:
-        return in_flag(&bus->error_flag, rule->index);
+        return in_flag(set->bus.error_flag, rule->index);
     case CW_FIELD_OVERLOAD_FLAG:
-        return in_flag(&bus->overload_flag, rule->index);
+        return in_flag(set->bus.overload_flag, rule->index);
     case CW_FIELD_INTERMISSION:
     case CW_FIELD_SUSPEND:
     case CW_FIELD_ERROR_DELIMITER:
     case CW_FIELD_OVERLOAD_DELIMITER:
-        return at_own_place(bus, rule, mac);
+        return at_own_place(set, rule, mac);
     case CW_FIELD_NONE:
     case CW_FIELD_SOF:
     case CW_FIELD_ID:
@@ -103,11 +101,11 @@ static bool is_reached(const cw_bus *bus, const cw_rule *rule, const cw_mac *mac
 }
 
 /* The nodes that share a wire with this one. */
-static uint64_t wire_of(const cw_bus *bus, unsigned node)
+static uint64_t wire_of(const cw_rule_set *set, unsigned node)
 {
-    for (unsigned g = 0; g < bus->group_count; g++)
-        if (bus->groups[g] & cw_node_bit(node))
-            return bus->groups[g];
+    for (unsigned g = 0; g < *set->bus.wire_count; g++)
+        if (set->bus.wires[g] & cw_node_bit(node))
+            return set->bus.wires[g];
     return cw_node_bit(node);
 }
 
@@ -117,10 +115,10 @@ static bool is_in_frame(cw_field field)
     return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;
 }
 
-void cw_rule_unbind_ended(const cw_bus *bus, cw_rule_state *s)
+void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *s)
 {
     for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
-        const cw_mac *mac = &bus->nodes[cw_lowest_node(rest)].mac;
+        const cw_mac *mac = set->bus.macs[cw_lowest_node(rest)];
         bool ended = mac->role != CW_ROLE_TRANSMITTER ||
                      (is_in_frame(s->rule.field) && !cw_mac_is_sending(mac));
         if (ended)
@@ -129,65 +127,65 @@ void cw_rule_unbind_ended(const cw_bus *bus, cw_rule_state *s)
 }
 
 /* The wires on which the named bit is reached, as nodes. */
-static uint64_t wires_reached(const cw_bus *bus, cw_rule_state *s)
+static uint64_t wires_reached(const cw_rule_set *set, cw_rule_state *s)
 {
     uint64_t reached = 0;
-    cw_rule_unbind_ended(bus, s);
+    cw_rule_unbind_ended(set, s);
     for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
         unsigned node = cw_lowest_node(rest);
-        if (is_reached(bus, &s->rule, &bus->nodes[node].mac))
-            reached |= wire_of(bus, node);
+        if (is_reached(set, &s->rule, set->bus.macs[node]))
+            reached |= wire_of(set, node);
     }
     return reached;
 }
 
 /* Only FORCE may last for a time. */
-static uint64_t action_bits(const cw_bus *bus, const cw_rule *rule)
+static uint64_t action_bits(const cw_rule_set *set, const cw_rule *rule)
 {
     if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
         return rule->bits;
-    return cw_rate_bits_begun(cw_wire_rate(&bus->time), rule->for_ticks);
+    return cw_rate_bits_begun(cw_wire_rate(set->bus.time), rule->for_ticks);
 }
 
 /* A new hit while an action is under way begins it again. */
-static void look_for_position(cw_bus *bus, unsigned rule, cw_rule_state *s)
+static void look_for_position(cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
-    uint64_t wires = wires_reached(bus, s);
-    if (wires == 0 || !cw_rule_match(bus, rule, cw_now(bus), cw_bit_end(bus)))
+    uint64_t wires = wires_reached(set, s);
+    if (wires == 0 || !cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))
         return;
     s->hit_now = true;
     if (s->rule.at == 0)
         s->on_wire = wires; /* a bit of that wire alone */
     s->bits_done = 0;
-    s->bits_left = action_bits(bus, &s->rule);
+    s->bits_left = action_bits(set, &s->rule);
 }
 
 /* ---- Effects on what is sampled -------------------------------------------------------------- */
 
-void cw_flip(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
+void cw_flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
-    (void)bus;
+    (void)set;
     (void)s;
     *levels ^= nodes;
 }
 
-void cw_force(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
+void cw_force(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
-    (void)bus;
+    (void)set;
     set_level(levels, nodes, s->rule.level);
 }
 
-void cw_glitch(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
+void cw_glitch(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
-    (void)bus;
+    (void)set;
     const uint64_t i = s->bits_done;
     if (s->rule.pattern_mask >> i & 1u)
         set_level(levels, nodes, s->rule.pattern_level >> i & 1u);
 }
 
-void cw_hold_level(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
+void cw_hold_level(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
-    (void)bus;
+    (void)set;
     set_level(levels, nodes, s->rule.level);
 }
 
@@ -212,13 +210,13 @@ static inline bool acts_now(const cw_rule_state *s)
 }
 
 /* Actions for one transmission end with it. */
-static void check_scope(cw_bus *bus, unsigned rule, cw_rule_state *s)
+static void check_scope(cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     for (uint64_t rest = s->scope; rest; rest &= rest - 1)
-        if (!cw_mac_is_sending(&bus->nodes[cw_lowest_node(rest)].mac))
+        if (!cw_mac_is_sending(set->bus.macs[cw_lowest_node(rest)]))
             s->scope &= ~cw_node_bit(cw_lowest_node(rest));
     if (s->scope == 0)
-        cw_rule_end_action(bus, rule);
+        cw_rule_end_action(set, rule);
 }
 
 /* What rules are about to do in a bit. */
@@ -228,12 +226,12 @@ typedef struct bit_plan {
     uint64_t bits;  /* not 0: bits of positions are counted */
 } bit_plan;
 
-static inline void plan_rule(bit_plan *plan, cw_bus *bus, unsigned rule, cw_rule_state *s)
+static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     if (s->for_attempt && s->active)
-        check_scope(bus, rule, s);
+        check_scope(set, rule, s);
     if (s->bound)
-        look_for_position(bus, rule, s);
+        look_for_position(set, rule, s);
     if (!acts_now(s))
         return;
     plan->wire |= s->on_wire;
@@ -241,47 +239,46 @@ static inline void plan_rule(bit_plan *plan, cw_bus *bus, unsigned rule, cw_rule
     plan->bits |= s->bits_left;
 }
 
-static void change_wire(cw_bus *bus, uint64_t *levels)
+static void change_wire(cw_rule_set *set, uint64_t *levels)
 {
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        cw_rule_state *s = awake_rule(bus, i);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_rule_state *s = awake_rule(set, i);
         if (s->on_wire && acts_now(s))
-            s->does->levels(bus, s, levels, s->on_wire);
+            s->does->levels(set, s, levels, s->on_wire);
     }
 }
 
-static void change_samples(cw_bus *bus, uint64_t *levels)
+static void change_samples(cw_rule_set *set, uint64_t *levels)
 {
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        cw_rule_state *s = awake_rule(bus, i);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_rule_state *s = awake_rule(set, i);
         if (s->at_nodes && acts_now(s))
-            s->does->levels(bus, s, levels, s->at_nodes);
+            s->does->levels(set, s, levels, s->at_nodes);
     }
 }
 
-static void count_bits(cw_bus *bus)
+static void count_bits(cw_rule_set *set)
 {
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        cw_rule_state *s = awake_rule(bus, i);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        cw_rule_state *s = awake_rule(set, i);
         s->bits_done += s->bits_left > 0;
         s->bits_left -= s->bits_left > 0;
     }
 }
 
-void cw_rules_change_sampled(cw_bus *bus, cw_levels *levels)
+void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels)
 {
-    const cw_rule_set *set = &bus->rules;
     bit_plan plan = {.wire = 0};
+    set->driven = levels->driven;
     for (unsigned i = 0; i < set->awake_count; i++)
-        plan_rule(&plan, bus, set->awake[i], awake_rule(bus, i));
+        plan_rule(&plan, set, set->awake[i], awake_rule(set, i));
     if (plan.wire)
-        change_wire(bus, &levels->sampled);
+        change_wire(set, &levels->sampled);
     levels->wire = levels->sampled;
-    bus->wire = levels->wire == ALL_NODES;
     if (plan.nodes)
-        change_samples(bus, &levels->sampled);
+        change_samples(set, &levels->sampled);
     if (plan.bits)
-        count_bits(bus);
+        count_bits(set);
 }
 
 bool cw_rule_needs_bits(const cw_rule_state *s)

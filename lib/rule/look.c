@@ -14,16 +14,11 @@
 
 /* ---- Rules and the frames that wait ---------------------------------------------------------- */
 
-static const cw_frame *next_frame(const bus_node *n)
-{
-    return &n->queue.slots[cw_queue_first(&n->queue)].frame;
-}
-
 /* The next rule on the wire for a frame of that node; false when there are no more. */
-static bool next_rule(cw_candidates *c, unsigned *rule, const cw_bus *bus, unsigned node)
+static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set, unsigned node)
 {
-    while (cw_candidates_next(c, rule, bus)) {
-        const cw_rule_state *s = &bus->rules.rules[*rule];
+    while (cw_candidates_next(c, rule, set)) {
+        const cw_rule_state *s = &set->rules[*rule];
         if (cw_rule_acts_on_wire(s) && cw_rule_names(s->rule.from, cw_node_bit(node)) &&
             !cw_rule_is_over(s))
             return true;
@@ -87,61 +82,53 @@ static void note_watch(cw_rule_set *set, unsigned node, cw_watch w)
 }
 
 /* After rules have changed. */
-static void watch_anew(cw_bus *bus)
+static void watch_anew(cw_rule_set *set)
 {
-    cw_rule_set *set = &bus->rules;
     set->stale = false;
     find_usual(set);
-    set->always_known = set->has_usual && set->key_count == 0 ? bus->all : 0;
+    set->always_known = set->has_usual && set->key_count == 0 ? set->bus.all : 0;
     set->known = set->always_known;
     set->unusual = 0;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; i < set->bus.node_count; i++)
         note_watch(set, i, set->usual);
 }
 
-static cw_watch watch_closely(const cw_bus *bus, unsigned node, const cw_frame *frame)
+static cw_watch watch_closely(const cw_rule_set *set, unsigned node, const cw_frame *frame)
 {
     cw_watch w = {.rule = CW_NO_RULE};
     unsigned rule;
     cw_candidates c;
-    cw_candidates_begin(&c, bus, frame);
-    while (next_rule(&c, &rule, bus, node))
-        add_watcher(&w, &bus->rules, rule);
+    cw_candidates_begin(&c, set, frame);
+    while (next_rule(&c, &rule, set, node))
+        add_watcher(&w, set, rule);
     return w;
 }
 
-static void watch(cw_bus *bus, unsigned node)
+uint64_t cw_rules_unknown(cw_rule_set *set, uint64_t nodes)
 {
-    cw_rule_set *set = &bus->rules;
-    const cw_frame *frame = next_frame(&bus->nodes[node]);
-    const uint64_t self = cw_node_bit(node);
-    bool usual = set->has_usual && !cw_rules_may_wait(set, frame);
-    if (usual && !(set->unusual & self))
-        return; /* as it was */
-    note_watch(set, node, usual ? set->usual : watch_closely(bus, node, frame));
-    set->unusual = usual ? set->unusual & ~self : set->unusual | self;
+    if (set->stale)
+        watch_anew(set);
+    return nodes & ~set->known;
 }
 
-uint64_t cw_rules_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame)
 {
-    cw_rule_set *set = &bus->rules;
-    if (set->key_count + set->wildcard_count == 0)
-        return 0;
-    if (set->stale)
-        watch_anew(bus);
-    for (uint64_t rest = nodes & ~set->known; rest; rest &= rest - 1)
-        watch(bus, cw_lowest_node(rest));
-    set->known |= nodes;
-    return nodes & (set->early | (set->watched & cw_node_bit(winner)));
+    const uint64_t self = cw_node_bit(node);
+    bool usual = set->has_usual && !cw_rules_may_wait(set, frame);
+    set->known |= self;
+    if (usual && !(set->unusual & self))
+        return; /* as it was */
+    note_watch(set, node, usual ? set->usual : watch_closely(set, node, frame));
+    set->unusual = usual ? set->unusual & ~self : set->unusual | self;
 }
 
 /* ---- Rules that act at once ------------------------------------------------------------------ */
 
 /* Its time is not within the longest frame from now on. */
-static bool is_out_of_time(const cw_bus *bus, const cw_rule *r)
+static bool is_out_of_time(const cw_rule_set *set, const cw_rule *r)
 {
-    uint64_t end = cw_wire_tick_or_never(&bus->time, CW_BITS_MAX);
-    return r->time_end <= cw_now(bus) || r->time_begin >= end;
+    uint64_t end = cw_wire_tick_or_never(set->bus.time, CW_BITS_MAX);
+    return r->time_end <= cw_rules_now(set) || r->time_begin >= end;
 }
 
 static bool has_later_position(const cw_rule_state *s)
@@ -151,140 +138,117 @@ static bool has_later_position(const cw_rule_state *s)
     return cw_rule_is(s, CW_HAS_POSITION) && !sof;
 }
 
-bool cw_rules_act_at_start(const cw_bus *bus, uint64_t nodes)
+bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame *frame)
 {
-    for (uint64_t rest = nodes & bus->rules.early; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        unsigned rule;
-        cw_candidates c;
-        cw_candidates_begin(&c, bus, next_frame(&bus->nodes[i]));
-        while (next_rule(&c, &rule, bus, i)) {
-            const cw_rule_state *s = &bus->rules.rules[rule];
-            if (!has_later_position(s) && !is_out_of_time(bus, &s->rule))
-                return true;
-        }
+    unsigned rule;
+    cw_candidates c;
+    cw_candidates_begin(&c, set, frame);
+    while (next_rule(&c, &rule, set, node)) {
+        const cw_rule_state *s = &set->rules[rule];
+        if (!has_later_position(s) && !is_out_of_time(set, &s->rule))
+            return true;
     }
     return false;
 }
 
 /* ---- Bits that rules look at ----------------------------------------------------------------- */
 
-/* The wire bit of a node's transmission that a rule looks at; false when that bit does not come. */
-static bool find_bit(const cw_bus *bus, unsigned *n, const cw_rule *r, unsigned node)
+/* The wire bit of a transmission that a rule looks at; false when that bit does not come. */
+static bool find_bit(const cw_frame_view *view, unsigned *n, const cw_rule *r)
 {
-    const cw_leap *leap = &bus->leap;
-    bool loser = node != leap->node;
     if (r->field >= CW_FIELD_ERROR_FLAG && r->field <= CW_FIELD_OVERLOAD_DELIMITER)
         return false; /* not in a clean frame */
     if (r->field == CW_FIELD_INTERMISSION || r->field == CW_FIELD_SUSPEND) {
-        *n = leap->length;
-        return !loser;
+        *n = view->length;
+        return view->last >= view->length;
     }
-    if (!leap->bits)
-        return cw_frame_find(&leap->frame, n, r->field, r->index);
-    return cw_bits_find(&bus->nodes[node].mac.tx, n, r->field, r->index) &&
-           (!loser || *n <= leap->lost_at[node]);
+    if (!view->bits)
+        return cw_frame_find(view->frame, n, r->field, r->index);
+    return cw_bits_find(view->bits, n, r->field, r->index) && *n <= view->last;
 }
 
-/* The look of one rule at a node's transmission, unless it lies before `from` or behind one that
- * has been found. */
-static void add_look(cw_look *look, const cw_bus *bus, unsigned rule, unsigned node, unsigned from)
+/* The look of one rule at a transmission, unless it lies before `from` or behind one that has been
+ * found. */
+static void add_look(cw_look *look, const cw_rule_set *set, unsigned rule,
+                     const cw_frame_view *view, unsigned from)
 {
-    const cw_rule_state *s = &bus->rules.rules[rule];
+    const cw_rule_state *s = &set->rules[rule];
     const cw_rule *r = &s->rule;
     unsigned n;
-    if (!cw_rule_is(s, CW_HAS_POSITION) || is_out_of_time(bus, r) ||
-        !find_bit(bus, &n, r, node) || n < from || n > look->bit)
+    if (!cw_rule_is(s, CW_HAS_POSITION) || is_out_of_time(set, r) || !find_bit(view, &n, r) ||
+        n < from || n > look->bit)
         return;
     bool another = n == look->bit && look->rule != rule;
     look->rule = another ? CW_SEVERAL_RULES : (uint16_t)rule;
     look->bit = (uint16_t)n;
 }
 
-static void add_all_looks(cw_look *look, const cw_bus *bus, unsigned node, unsigned from)
+void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
+                        unsigned from)
 {
-    const bus_node *n = &bus->nodes[node];
-    unsigned rule;
+    unsigned rule = set->watcher[view->node];
     cw_candidates c;
-    cw_candidates_begin(&c, bus, &n->queue.slots[n->offered_slot].frame);
-    while (next_rule(&c, &rule, bus, node))
-        add_look(look, bus, rule, node, from);
-}
-
-/* One rule has one bit in one transmission. */
-static bool was_last_look(const cw_bus *bus, unsigned from)
-{
-    uint64_t watched = bus->leap.watched;
-    return from > 0 && (watched & (watched - 1)) == 0 &&
-           bus->rules.watcher[cw_lowest_node(watched)] != CW_SEVERAL_RULES;
-}
-
-static void add_bound_looks(cw_look *look, const cw_bus *bus, unsigned from)
-{
-    const cw_rule_set *set = &bus->rules;
-    const unsigned node = bus->leap.node;
-    for (unsigned i = 0; i < set->awake_count; i++)
-        if (set->rules[set->awake[i]].bound & cw_node_bit(node))
-            add_look(look, bus, set->awake[i], node, from);
-}
-
-cw_look cw_rules_next_look(const cw_bus *bus, unsigned from)
-{
-    const cw_leap *leap = &bus->leap;
-    cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = leap->bits != NULL};
-    if (leap->bound)
-        add_bound_looks(&look, bus, from);
-    if (leap->watched == 0 || was_last_look(bus, from))
-        return look;
-    for (uint64_t rest = leap->watched; rest; rest &= rest - 1) {
-        unsigned i = cw_lowest_node(rest);
-        unsigned rule = bus->rules.watcher[i];
-        if (rule == CW_SEVERAL_RULES)
-            add_all_looks(&look, bus, i, from);
-        else
-            add_look(&look, bus, rule, i, from);
+    if (rule != CW_SEVERAL_RULES) {
+        add_look(look, set, rule, view, from);
+        return;
     }
-    return look;
+    cw_candidates_begin(&c, set, view->frame);
+    while (next_rule(&c, &rule, set, view->node))
+        add_look(look, set, rule, view, from);
+}
+
+void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
+                              unsigned from)
+{
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (set->rules[set->awake[i]].bound & cw_node_bit(view->node))
+            add_look(look, set, set->awake[i], view, from);
 }
 
 /* ---- What has been looked at is consumed ----------------------------------------------------- */
 
-/* A look whose bit is known. */
-static bool consume_bit(cw_bus *bus, cw_look look)
+/* The tick at which a bit of the frame begins. */
+static uint64_t tick_of(const cw_rule_set *set, const cw_frame_view *view, unsigned n)
 {
-    const cw_leap *leap = &bus->leap;
-    if (look.bit >= leap->length || look.rule == CW_SEVERAL_RULES)
+    return cw_wire_tick(set->bus.time, (uint64_t)n - view->at);
+}
+
+/* A look whose bit is known. */
+static bool consume_bit(cw_rule_set *set, const cw_look *look, const cw_frame_view *view)
+{
+    if (look->bit >= view->length || look->rule == CW_SEVERAL_RULES)
         return false;
-    return cw_rule_passes_over(bus, look.rule, cw_leap_tick(bus, look.bit),
-                               cw_leap_tick(bus, look.bit + 1u));
+    return cw_rule_passes_over(set, look->rule, tick_of(set, view, look->bit),
+                               tick_of(set, view, look->bit + 1u));
 }
 
 /* One at some bit of a frame which begins now, or has begun, and which is sent to its end. */
-static bool consume_frame(cw_bus *bus, cw_look look, const cw_frame *frame)
+static bool consume_frame(cw_rule_set *set, const cw_look *look, const cw_frame_view *view)
 {
-    const cw_rule *r = &bus->rules.rules[look.rule].rule;
-    uint64_t end = cw_wire_tick(&bus->time, bus->leap.length);
+    const cw_rule *r = &set->rules[look->rule].rule;
+    uint64_t end = cw_wire_tick(set->bus.time, view->length);
     unsigned n;
-    if (r->time_begin > cw_now(bus) || r->time_end < end)
+    if (r->time_begin > cw_rules_now(set) || r->time_end < end)
         return false; /* it depends on the bit */
-    return !cw_frame_find(frame, &n, r->field, r->index) ||
-           cw_rule_passes_over(bus, look.rule, cw_now(bus), cw_bit_end(bus));
+    return !cw_frame_find(view->frame, &n, r->field, r->index) ||
+           cw_rule_passes_over(set, look->rule, cw_rules_now(set), cw_rules_bit_end(set));
 }
 
-bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_frame *frame)
+bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
+                      const cw_frame_view *view)
 {
     if (bits > 0)
-        cw_noise_pass(bus, bits);
+        cw_noise_pass(set, bits);
     if (!look)
         return true;
-    return look->exact ? consume_bit(bus, *look) : consume_frame(bus, *look, frame);
+    return look->exact ? consume_bit(set, look, view) : consume_frame(set, look, view);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
-static const cw_rule_state *awake_rule(const cw_bus *bus, unsigned i)
+static const cw_rule_state *awake_rule(const cw_rule_set *set, unsigned i)
 {
-    return &bus->rules.rules[bus->rules.awake[i]];
+    return &set->rules[set->awake[i]];
 }
 
 /* Nothing of it but that it is active. */
@@ -309,35 +273,35 @@ static inline unsigned touch_of(const cw_rule_state *s)
     return touch | CW_TOUCH_MORE; /* one that is over falls asleep with a single bit */
 }
 
-unsigned cw_rules_touch_now(const cw_bus *bus)
+unsigned cw_rules_touch_now(const cw_rule_set *set)
 {
     unsigned touch = 0;
-    for (unsigned i = 0; i < bus->rules.awake_count; i++)
-        touch |= touch_of(awake_rule(bus, i));
+    for (unsigned i = 0; i < set->awake_count; i++)
+        touch |= touch_of(awake_rule(set, i));
     return touch;
 }
 
-uint64_t cw_rules_keep_quiet(const cw_bus *bus, uint64_t bits, bool busy)
+uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy)
 {
-    return cw_noise_free(bus, cw_traffic_free(bus, bits, busy));
+    return cw_noise_free(set, cw_traffic_free(set, bits, busy));
 }
 
-uint64_t cw_rules_stuck_lines(const cw_bus *bus)
+uint64_t cw_rules_stuck_lines(const cw_rule_set *set)
 {
     uint64_t nodes = 0;
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        const cw_rule_state *s = awake_rule(bus, i);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const cw_rule_state *s = awake_rule(set, i);
         if (s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX)
             nodes |= cw_node_bit(s->rule.node);
     }
     return nodes;
 }
 
-bool cw_rules_look_at_next(const cw_bus *bus, unsigned node)
+bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node)
 {
-    const cw_mac *m = &bus->nodes[node].mac;
-    for (unsigned i = 0; i < bus->rules.awake_count; i++) {
-        const cw_rule_state *s = awake_rule(bus, i);
+    const cw_mac *m = set->bus.macs[node];
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const cw_rule_state *s = awake_rule(set, i);
         if ((s->bound & cw_node_bit(node)) &&
             cw_bits_is_at(&m->tx, m->tx_next, s->rule.field, s->rule.index))
             return true;
@@ -345,9 +309,9 @@ bool cw_rules_look_at_next(const cw_bus *bus, unsigned node)
     return false;
 }
 
-void cw_rules_unbind(cw_bus *bus)
+void cw_rules_unbind(cw_rule_set *set)
 {
-    for (unsigned i = 0; i < bus->rules.awake_count; i++)
-        bus->rules.rules[bus->rules.awake[i]].bound = 0;
-    cw_rules_fall_asleep(bus);
+    for (unsigned i = 0; i < set->awake_count; i++)
+        set->rules[set->awake[i]].bound = 0;
+    cw_rules_fall_asleep(set);
 }

@@ -16,9 +16,9 @@
 #define DRAWS_OF_A_PIECE 64u    /* of work */
 
 /* One draw for the wire, or one for each node. */
-static unsigned draws_of_bit(const cw_bus *bus, const cw_rule_state *s)
+static unsigned draws_of_bit(const cw_rule_set *set, const cw_rule_state *s)
 {
-    return s->rule.at == 0 ? 1 : cw_count_bits(s->rule.at & bus->all);
+    return s->rule.at == 0 ? 1 : cw_count_bits(s->rule.at & set->bus.all);
 }
 
 static bool draw(const cw_rule *r, cw_prng *prng)
@@ -27,32 +27,32 @@ static bool draw(const cw_rule *r, cw_prng *prng)
 }
 
 /* The draws of one bit; the nodes whose level is flipped. */
-static inline uint64_t draw_bit(const cw_bus *bus, const cw_rule *r, cw_prng *prng)
+static inline uint64_t draw_bit(const cw_rule_set *set, const cw_rule *r, cw_prng *prng)
 {
     uint64_t flipped = 0;
     if (r->at == 0)
         return draw(r, prng) ? UINT64_MAX : 0;
-    for (uint64_t rest = r->at & bus->all; rest; rest &= rest - 1)
+    for (uint64_t rest = r->at & set->bus.all; rest; rest &= rest - 1)
         if (draw(r, prng))
             flipped |= rest & (~rest + 1);
     return flipped;
 }
 
-static void flip(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
+static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
 {
     *levels ^= flipped;
     s->hit_now = true;
-    cw_rule_count_hit(bus, cw_rule_index(bus, s), cw_bit_end(bus));
+    cw_rule_count_hit(set, cw_rule_index(set, s), cw_rules_bit_end(set));
     if (cw_rule_is_over(s))
-        cw_rule_end_action(bus, cw_rule_index(bus, s));
+        cw_rule_end_action(set, cw_rule_index(set, s));
 }
 
-void cw_flip_at_random(cw_bus *bus, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
+void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)nodes; /* those that it draws */
-    const uint64_t flipped = draw_bit(bus, &s->rule, &s->prng);
+    const uint64_t flipped = draw_bit(set, &s->rule, &s->prng);
     if (flipped)
-        flip(bus, s, levels, flipped);
+        flip(set, s, levels, flipped);
 }
 
 /* ---- Looking ahead --------------------------------------------------------------------------- */
@@ -65,55 +65,53 @@ static bool is_steady_noise(const cw_rule_state *s)
 
 /* The first bit that a rule flips, of so many behind those that have been looked at; else the
  * number of them. */
-static uint64_t first_flip(const cw_bus *bus, const cw_rule_state *s, uint64_t from, uint64_t bits)
+static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint64_t from,
+                           uint64_t bits)
 {
     cw_prng prng = s->prng;
-    cw_prng_skip(&prng, from * draws_of_bit(bus, s));
+    cw_prng_skip(&prng, from * draws_of_bit(set, s));
     for (uint64_t i = 0; i < bits; i++)
-        if (draw_bit(bus, &s->rule, &prng))
+        if (draw_bit(set, &s->rule, &prng))
             return i;
     return bits;
 }
 
 /* The same for all rules. */
-static uint64_t first_flip_of_any(const cw_bus *bus, uint64_t from, uint64_t bits)
+static uint64_t first_flip_of_any(const cw_rule_set *set, uint64_t from, uint64_t bits)
 {
-    const cw_rule_set *set = &bus->rules;
     for (unsigned i = 0; bits > 0 && i < set->awake_count; i++) {
         const cw_rule_state *s = &set->rules[set->awake[i]];
         if (is_steady_noise(s))
-            bits = first_flip(bus, s, from, bits);
+            bits = first_flip(set, s, from, bits);
     }
     return bits;
 }
 
 /* Looks further each time, so that a rule which seldom flips a bit is not asked for many of them
  * when another one flips the next. */
-uint64_t cw_noise_free(const cw_bus *bus, uint64_t bits)
+uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits)
 {
-    const cw_rule_set *set = &bus->rules;
     if (set->noise_rules == 0)
         return bits;
-    const uint64_t most = LOOK_AHEAD_DRAWS / ((uint64_t)set->noise_rules * bus->node_count);
+    const uint64_t most = LOOK_AHEAD_DRAWS / ((uint64_t)set->noise_rules * set->bus.node_count);
     bits = cw_least(bits, cw_least(most, LOOK_AHEAD_BITS));
     for (uint64_t from = 0, piece = FIRST_LOOK_BITS; from < bits; from += piece, piece *= 2) {
         const uint64_t asked = cw_least(piece, bits - from);
-        const uint64_t free = first_flip_of_any(bus, from, asked);
+        const uint64_t free = first_flip_of_any(set, from, asked);
         if (free < asked)
             return from + free;
     }
     return bits;
 }
 
-void cw_noise_pass(cw_bus *bus, uint64_t bits)
+void cw_noise_pass(cw_rule_set *set, uint64_t bits)
 {
-    cw_rule_set *set = &bus->rules;
     for (unsigned i = 0; set->noise_rules && i < set->awake_count; i++) {
         cw_rule_state *s = &set->rules[set->awake[i]];
         if (!is_steady_noise(s))
             continue;
-        const uint64_t draws = bits * draws_of_bit(bus, s);
+        const uint64_t draws = bits * draws_of_bit(set, s);
         cw_prng_skip(&s->prng, draws);
-        bus->work += draws / DRAWS_OF_A_PIECE;
+        set->work += draws / DRAWS_OF_A_PIECE;
     }
 }

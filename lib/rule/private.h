@@ -5,18 +5,30 @@
 #ifndef CANWIRE_RULE_PRIVATE_H
 #define CANWIRE_RULE_PRIVATE_H
 
-#include "bus/bus_private.h"
+#include "mac/mac.h"
+#include "rule/rule.h"
 
 #define CW_RULES_OF_A_PIECE 16u /* of work: rules that are looked at and have nothing to do */
 
-static inline cw_rule_state *cw_rule_at(cw_bus *bus, unsigned rule)
+static inline cw_rule_state *cw_rule_at(cw_rule_set *set, unsigned rule)
 {
-    return &bus->rules.rules[rule];
+    return &set->rules[rule];
 }
 
-static inline unsigned cw_rule_index(const cw_bus *bus, const cw_rule_state *state)
+/* The present tick, and the one at which the bit ends that begins now. */
+static inline uint64_t cw_rules_now(const cw_rule_set *set)
 {
-    return (unsigned)(state - bus->rules.rules);
+    return cw_wire_now(set->bus.time);
+}
+
+static inline uint64_t cw_rules_bit_end(const cw_rule_set *set)
+{
+    return cw_wire_bit_end(set->bus.time);
+}
+
+static inline unsigned cw_rule_index(const cw_rule_set *set, const cw_rule_state *state)
+{
+    return (unsigned)(state - set->rules);
 }
 
 /* ---- Actions --------------------------------------------------------------------------------- */
@@ -42,9 +54,22 @@ typedef struct cw_passing {
     const frame_origin *origin;
 } cw_passing;
 
+/* ---- What the bus does ----------------------------------------------------------------------- */
+
+static inline void cw_rule_tell_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
+{
+    if (!set->rules[rule].rule.quiet)
+        set->bus.effects->tell_hit(set->bus.self, rule, tick);
+}
+
+static inline void cw_rules_rewire(const cw_rule_set *set)
+{
+    set->bus.effects->rewire(set->bus.self);
+}
+
 /* ---- valid.c --------------------------------------------------------------------------------- */
 
-bool cw_rule_valid(const cw_bus *bus, const cw_rule *rule);
+bool cw_rule_valid(const cw_rule_set *set, const cw_rule *rule);
 
 /* ---- index.c --------------------------------------------------------------------------------- */
 
@@ -70,8 +95,8 @@ typedef struct cw_candidates {
  * look at a table tells. */
 bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame);
 
-void cw_candidates_begin(cw_candidates *c, const cw_bus *bus, const cw_frame *frame);
-bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_bus *bus);
+void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame);
+bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_rule_set *set);
 
 /* Whether two sets of nodes meet; an empty first set names all. */
 static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
@@ -84,20 +109,20 @@ static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
 /* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
  * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
  * the bit in progress began; told: tick of the event. */
-bool cw_rule_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* A hit without a match: a bit flipped by noise. */
-void cw_rule_count_hit(cw_bus *bus, unsigned rule, uint64_t told);
+void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told);
 
 bool cw_rule_is_over(const cw_rule_state *state);
 
 /* As cw_rule_match(), up to the hit itself: a match that is none is counted, a hit is not. */
-bool cw_rule_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
  * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
  * the same. */
-bool cw_rule_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
 
@@ -108,7 +133,7 @@ static inline bool cw_rule_needs_arming(const cw_rule *rule)
 }
 
 /* False: so many armings are under way already that this one is lost. */
-bool cw_rule_add_arming(cw_bus *bus, unsigned rule, uint64_t tick);
+bool cw_rule_add_arming(cw_rule_set *set, unsigned rule, uint64_t tick);
 
 /* When the next arming of a rule takes place; CW_NEVER. */
 uint64_t cw_rule_next_arming(const cw_rule_state *state);
@@ -117,32 +142,30 @@ uint64_t cw_rule_next_arming(const cw_rule_state *state);
 void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 
 /* Rules that come after this one are armed, at once or later. */
-void cw_rule_arm_followers(cw_bus *bus, unsigned rule, uint64_t told);
+void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told);
 
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
 /* Whether a rule that is no position action begins to act: its match is a hit. */
-bool cw_rule_begins(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* The rule acts from now on, for its time or once. */
-void cw_rule_act(cw_bus *bus, unsigned rule);
+void cw_rule_act(cw_rule_set *set, unsigned rule);
 
 /* The same at that tick, when the bit in progress has been settled. */
-void cw_rule_act_later(cw_bus *bus, unsigned rule, uint64_t tick);
+void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick);
 
 /* An action that lasts begins; of one that lasts for a transmission, scope has the transmitters. */
-void cw_rule_begin_window(cw_bus *bus, unsigned rule, uint64_t scope);
+void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope);
 
 /* A match comes at the present tick, between two bits: the rule acts if it is a hit. */
-void cw_rule_fire(cw_bus *bus, unsigned rule);
-
-void cw_rule_end_action(cw_bus *bus, unsigned rule);
+void cw_rule_fire(cw_rule_set *set, unsigned rule);
 
 /* Puts a rule into the list of those that are looked at in every bit. */
-void cw_rule_wake(cw_bus *bus, unsigned rule);
+void cw_rule_wake(cw_rule_set *set, unsigned rule);
 
 /* Takes rules that have nothing to do any more out of the awake list. */
-void cw_rules_fall_asleep(cw_bus *bus);
+void cw_rules_fall_asleep(cw_rule_set *set);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
@@ -151,33 +174,30 @@ void cw_rule_aim(cw_rule_state *state);
 
 /* Bits to come, no more than that many, that noise leaves alone: a look at draws, which changes
  * nothing. Noise for a transmission is left out. */
-uint64_t cw_noise_free(const cw_bus *bus, uint64_t bits);
+uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits);
 
 /* Such bits have passed. */
-void cw_noise_pass(cw_bus *bus, uint64_t bits);
+void cw_noise_pass(cw_rule_set *set, uint64_t bits);
 
 /* A transmission is over for a rule when its node has become a receiver or is idle, or when what
  * comes is no frame bit any more and the rule's bit is one. */
-void cw_rule_unbind_ended(const cw_bus *bus, cw_rule_state *state);
+void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
 
 /* Whether the rule has to be looked at in the next bit. */
 bool cw_rule_needs_bits(const cw_rule_state *state);
 
-/* ---- control.c, host.c, traffic.c ------------------------------------------------------------ */
-
-/* What a rule does once to the controllers that it names. */
-void cw_rule_command(cw_bus *bus, unsigned rule);
+/* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
 /* Frames that were held back and are due now. */
-void cw_rules_release_held(cw_bus *bus);
+void cw_rules_release_held(cw_rule_set *set);
 
 /* Frames that a rule, which ends, holds back. */
-void cw_rule_let_go(cw_bus *bus, unsigned rule);
+void cw_rule_let_go(cw_rule_set *set, unsigned rule);
 
-uint64_t cw_rules_next_held(const cw_bus *bus);
+uint64_t cw_rules_next_held(const cw_rule_set *set);
 
 /* Bits to come, no more than that many, before whose end traffic rules send nothing as long as no
  * frame leaves a queue. busy: all these bits are. */
-uint64_t cw_traffic_free(const cw_bus *bus, uint64_t bits, bool busy);
+uint64_t cw_traffic_free(const cw_rule_set *set, uint64_t bits, bool busy);
 
 #endif

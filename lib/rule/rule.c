@@ -9,36 +9,37 @@ bool cw_rule_is_over(const cw_rule_state *s)
     return s->rule.count != 0 && s->hits >= s->rule.count;
 }
 
-static bool states_match(const cw_bus *bus, const cw_rule *rule)
+static bool states_match(const cw_rule_set *set, const cw_rule *rule)
 {
     for (uint64_t rest = rule->state_nodes; rest; rest &= rest - 1) {
-        unsigned state = 1u << cw_mac_state(&bus->nodes[cw_lowest_node(rest)].mac);
+        unsigned state = 1u << cw_mac_state(set->bus.macs[cw_lowest_node(rest)]);
         if (!(rule->state_mask & state))
             return false;
     }
     return true;
 }
 
-static bool is_gated(const cw_bus *bus, const cw_rule_state *s, uint64_t start)
+static bool is_gated(const cw_rule_set *set, const cw_rule_state *s, uint64_t start)
 {
     const cw_rule *r = &s->rule;
     return start < r->time_begin || start >= r->time_end || cw_rule_is_over(s) ||
-           (cw_rule_needs_arming(r) && s->armed == 0) || !states_match(bus, r);
+           (cw_rule_needs_arming(r) && s->armed == 0) || !states_match(set, r);
 }
 
-void cw_rule_count_hit(cw_bus *bus, unsigned rule, uint64_t told)
+void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
+    cw_rule_state *s = cw_rule_at(set, rule);
     s->hits++;
     s->last_hit = told;
-    bus->rules.stale = bus->rules.stale || cw_rule_is_over(s);
-    cw_rule_arm_followers(bus, rule, told);
+    set->stale = set->stale || cw_rule_is_over(s);
+    cw_rule_arm_followers(set, rule, told);
 }
 
 /* A match comes. Whether it is its turn, so that only chance can still make it none. */
-static inline bool count_match(const cw_bus *bus, cw_rule_state *s, uint64_t start, uint64_t told)
+static inline bool count_match(const cw_rule_set *set, cw_rule_state *s, uint64_t start,
+                               uint64_t told)
 {
-    if (is_gated(bus, s, start))
+    if (is_gated(set, s, start))
         return false;
     s->matches++;
     if (s->rule.hold_off > 0 && s->hits > 0 && told - s->last_hit < s->rule.hold_off)
@@ -56,10 +57,10 @@ static bool draw_match(cw_rule_state *s)
     return cw_prng_next(&s->prng) < s->rule.probability;
 }
 
-bool cw_rule_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
-    if (!count_match(bus, s, start, told))
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (!count_match(set, s, start, told))
         return false;
     s->to_pass = s->rule.every - 1;
     if (!draw_match(s))
@@ -70,10 +71,10 @@ bool cw_rule_takes_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t to
     return true;
 }
 
-bool cw_rule_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
-    if (!count_match(bus, s, start, told))
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (!count_match(set, s, start, told))
         return true;
     const cw_prng before = s->prng;
     if (draw_match(s)) {
@@ -85,10 +86,10 @@ bool cw_rule_passes_over(cw_bus *bus, unsigned rule, uint64_t start, uint64_t to
     return true;
 }
 
-bool cw_rule_match(cw_bus *bus, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
 {
-    if (!cw_rule_takes_match(bus, rule, start, told))
+    if (!cw_rule_takes_match(set, rule, start, told))
         return false;
-    cw_rule_count_hit(bus, rule, told);
+    cw_rule_count_hit(set, rule, told);
     return true;
 }

@@ -12,17 +12,26 @@
  * What it does then:
  *   begin.c        actions begin and end
  *   level.c noise.c topology.c  levels of bits, and who is on which wire
- *   control.c      controllers
  *   host.c         frames on the host side
  *   traffic.c      frames that rules send
- * What follows on the bus is the controllers' affair.
+ * What rules do to controllers, queues and events, the bus does for them (cw_rule_effects). What
+ * follows on the bus is the controllers' affair.
  */
 #ifndef CANWIRE_RULE_H
 #define CANWIRE_RULE_H
 
 #include "canwire.h"
+#include "format/bitset.h"
 #include "rule/action.h"
 #include "rule/prng.h"
+#include "time/wire.h"
+
+/* The first flag of one kind since the last SOF of a transmitter. */
+typedef struct flag_watch {
+    bool now;        /* some node is in such a flag in the present bit */
+    bool over;       /* the first flag of this attempt has ended */
+    uint64_t length; /* bits of it so far, the present one not included */
+} flag_watch;
 
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
@@ -70,6 +79,62 @@ typedef struct frame_origin {
     uint64_t handed_in;
 } frame_origin;
 
+/* A frame that a host rule holds back. */
+typedef struct held_frame {
+    uint64_t due;    /* tick, or CW_NEVER while it waits for others to pass */
+    uint32_t behind; /* frames of that node and side still to pass */
+    uint16_t rule;
+    uint8_t node;
+    cw_side side;
+    cw_frame frame;
+    frame_origin origin;
+} held_frame;
+
+#define CW_HELD_FRAMES 256u /* all nodes together */
+
+/* ---- The bus that rules are on --------------------------------------------------------------- */
+
+/* What rules have the bus do. Each is done before it returns: rules that come later, at the same
+ * tick, look at what it has done, such as the state of a node. None has rules do anything. */
+typedef struct cw_rule_effects {
+    /* A rule has had its hit at a tick; for events. */
+    void (*tell_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
+    /* What a rule of CW_KIND_CONTROL does to the controllers of its nodes. */
+    void (*control)(cw_bus *bus, const cw_rule *rule);
+    /* A rule on topology or acknowledging has begun or ended: see cw_rules_find_topology(). */
+    void (*rewire)(cw_bus *bus);
+    /* A frame goes to the queue of a node. source: 0, or the rule's index plus 1 when it is its
+     * traffic; the bus counts such frames in and out of `outstanding`. */
+    void (*queue)(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
+                  unsigned source);
+    /* A frame goes to a node's host. */
+    void (*hand_out)(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+    /* A frame that was going onto the bus or to the host is lost. */
+    void (*drop)(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, uint64_t tick);
+    /* A frame is there that no host has handed in, or that came off no wire. */
+    void (*count_made)(cw_bus *bus, unsigned node, cw_side side);
+    /* Questions of traffic rules: whether a node's queue takes a frame now, and the bits so far. */
+    bool (*can_take)(const cw_bus *bus, unsigned node);
+    uint64_t (*bits)(const cw_bus *bus, uint64_t *busy);
+} cw_rule_effects;
+
+/* What rules see of the bus. It is set when the bus is made; nothing in it is theirs to change. */
+typedef struct cw_rule_bus {
+    const cw_wire_time *time;
+    const cw_mac *macs[CW_NODES_MAX]; /* of each node; while it follows others it looks idle */
+    unsigned node_count;
+    uint64_t all; /* nodes */
+    uint64_t seed;
+    const flag_watch *error_flag;
+    const flag_watch *overload_flag;
+    const uint64_t *wires; /* sets of nodes that share one ... */
+    const unsigned *wire_count;
+    const cw_rule_effects *effects;
+    cw_bus *self; /* for them */
+} cw_rule_bus;
+
+/* ---- Rules in use ---------------------------------------------------------------------------- */
+
 /* What rules want of a frame that waits to be sent. */
 typedef struct cw_watch {
     uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
@@ -98,12 +163,17 @@ typedef struct cw_id_class {
 #define CW_ID_HASH_BITS 12u
 
 typedef struct cw_rule_set {
+    cw_rule_bus bus;
     cw_rule_state *rules;
     uint8_t id_classes[1u << CW_ID_HASH_BITS]; /* by hash: the classes with such keys, as bits */
     cw_id_class classes[CW_ID_CLASSES];
     cw_rule_key *keys;     /* of frame rules, sorted by class, identifier and rule */
     uint16_t *wildcards;    /* frame rules that have none */
     uint16_t *awake;        /* sorted */
+    held_frame *held;       /* CW_HELD_FRAMES of them */
+    unsigned held_count;
+    uint64_t work;          /* see cw_bus_work() */
+    uint64_t driven;        /* of the bit in progress, see cw_levels */
     unsigned capacity;
     unsigned count;         /* places in use or used before */
     unsigned class_count;   /* in use or used before */
@@ -141,13 +211,43 @@ typedef struct cw_levels {
     uint64_t sampled;
 } cw_levels;
 
+/* ---- add.c, begin.c -------------------------------------------------------------------------- */
+
+static inline bool cw_rules_has(const cw_rule_set *set, unsigned rule)
+{
+    return rule < set->count && set->rules[rule].used;
+}
+
+/* CW_OK, and where there is a place for it; CW_INVALID, CW_FULL. Settings are left out: the bus
+ * knows whether its nodes can have them. */
+cw_status cw_rules_may_add(const cw_rule_set *set, unsigned *place, const cw_rule *rule);
+
+/* The rule may be added there; its name is not kept. */
+void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule);
+
+/* Ends what it does; its place is free then. */
+void cw_rules_remove(cw_rule_set *set, unsigned rule);
+
+/* By hand. False: it cannot be, or too many armings are under way. */
+bool cw_rules_arm(cw_rule_set *set, unsigned rule);
+
+cw_rule_stats cw_rules_get_stats(const cw_rule_set *set, unsigned rule);
+
+void cw_rule_end_action(cw_rule_set *set, unsigned rule);
+
 /* ---- bind.c, error.c, due.c ------------------------------------------------------------------ */
 
-/* A node begins to transmit what is in its offered slot. */
-void cw_rules_bind(cw_bus *bus, unsigned node, const cw_frame *frame);
+/* A node begins to transmit a frame. Returns whether a bit of its CRC is to be inverted. */
+bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame);
 
 /* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
-void cw_rules_error_now(cw_bus *bus, unsigned node, const cw_event *event);
+void cw_rules_error_now(cw_rule_set *set, unsigned node, const cw_event *event);
+
+static inline void cw_rules_error(cw_rule_set *set, unsigned node, const cw_event *event)
+{
+    if (set->error_rules || set->off)
+        cw_rules_error_now(set, node, event);
+}
 
 /* Something of some rule is due at that tick. */
 static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
@@ -157,17 +257,41 @@ static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
 }
 
 /* Rules, armings, traffic and ends of actions that are due now. */
-void cw_rules_run_due(cw_bus *bus);
+void cw_rules_run_due(cw_rule_set *set);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
 
-/* Those of some nodes whose next frame a rule waits for, to act on the wire; of the losers among
- * them only those where it may do so before they lose. */
-uint64_t cw_rules_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
+/* Whether some rule waits for frames. If none does, no frame needs to be compared. */
+static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
+{
+    return set->key_count + set->wildcard_count > 0;
+}
 
-/* Whether some rule may act at or before the SOF of the next frames of these nodes. */
-bool cw_rules_act_at_start(const cw_bus *bus, uint64_t nodes);
+/* Those of some nodes whose next frame has not been compared with the rules yet; and one is. */
+uint64_t cw_rules_unknown(cw_rule_set *set, uint64_t nodes);
+void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame);
 
+/* Those of some nodes for whose next frame a rule waits, to act on the wire; of the losers among
+ * them only those where it may do so before they lose. All have been compared. */
+static inline uint64_t cw_rules_watched(const cw_rule_set *set, uint64_t nodes, unsigned winner)
+{
+    return nodes & (set->early | (set->watched & cw_node_bit(winner)));
+}
+
+/* Whether some rule may act at or before the SOF of the next frame of a node. */
+bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame *frame);
+
+/* A transmission, as rules look at it. */
+typedef struct cw_frame_view {
+    const cw_frame *frame;
+    const cw_bits *bits; /* NULL: not encoded */
+    uint8_t node;        /* the transmitter */
+    uint16_t at;         /* bits that have passed */
+    uint16_t length;     /* of the frame that wins arbitration, SOF to EOF */
+    uint16_t last;       /* the bit with which this one loses it; CW_NOT_LOST */
+} cw_frame_view;
+
+#define CW_NOT_LOST UINT16_MAX
 #define CW_NO_LOOK UINT16_MAX
 
 /* The next bit of a frame that a rule looks at. */
@@ -177,9 +301,19 @@ typedef struct cw_look {
     bool exact;    /* false: the bit is there or behind, where is known when the frame is encoded */
 } cw_look;
 
-/* Three questions, which change nothing. First: of the frame that is on its way in a frame step,
- * from bit `from` on. */
-cw_look cw_rules_next_look(const cw_bus *bus, unsigned from);
+/* Three questions, which change nothing. First: the next bit, from one on, at which a rule looks in
+ * a transmission that is watched, or to which it is bound. *look has that of other transmissions,
+ * or none. */
+void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
+                        unsigned from);
+void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
+                              unsigned from);
+
+/* Whether it is only one bit of the watched transmission of a node. */
+static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
+{
+    return set->watcher[node] != CW_SEVERAL_RULES;
+}
 
 /* Second: what rules that are looked at in every bit touch. */
 #define CW_TOUCH_LEVELS 0x01u      /* levels, other than by noise that goes on and on */
@@ -190,18 +324,25 @@ cw_look cw_rules_next_look(const cw_bus *bus, unsigned from);
 #define CW_TOUCH_DOMINANT 0x20u    /* dominant bits of a node: nothing as long as there are none */
 #define CW_TOUCH_MORE 0x40u        /* or they have anything else to do in the next bit */
 
-unsigned cw_rules_touch_now(const cw_bus *bus);
+unsigned cw_rules_touch_now(const cw_rule_set *set);
+
+/* Mostly there is none. */
+static inline unsigned cw_rules_touch(const cw_rule_set *set)
+{
+    return set->awake_count ? cw_rules_touch_now(set) : 0;
+}
 
 /* Third: bits to come, no more than that many, that noise leaves alone and before whose end no
  * traffic rule sends, as long as no frame leaves a queue. busy: all these bits are. */
-uint64_t cw_rules_keep_quiet(const cw_bus *bus, uint64_t bits, bool busy);
+uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 
 /* And the call that takes note. So many bits pass that rules keep quiet: their draws are consumed.
  * A look (or NULL) that lies in or behind them is decided: true when it is no hit, and the match is
  * counted. False: it is a hit, or not to be told before its bit comes; nothing of the look is
- * consumed. frame: for looks that are not exact, when nothing can keep the node from sending all of
- * it. */
-bool cw_rules_consume(cw_bus *bus, uint64_t bits, const cw_look *look, const cw_frame *frame);
+ * consumed. With a look that is not exact, nothing may keep the node from sending all of the frame.
+ */
+bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
+                      const cw_frame_view *view);
 
 /* Whether the stop for the frame of a node may be found roughly: not behind the bit that a rule
  * looks at, but without the bits of the frame. Mostly nobody needs more. */
@@ -211,42 +352,48 @@ static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 }
 
 /* No transmission is under way any more. */
-void cw_rules_unbind(cw_bus *bus);
+void cw_rules_unbind(cw_rule_set *set);
 
 /* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */
-bool cw_rules_look_at_next(const cw_bus *bus, unsigned node);
+bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node);
 
 /* The nodes whose lines to the bus are stuck. */
-uint64_t cw_rules_stuck_lines(const cw_bus *bus);
+uint64_t cw_rules_stuck_lines(const cw_rule_set *set);
 
 /* ---- level.c, noise.c, topology.c ------------------------------------------------------------ */
 
 /* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
-void cw_rules_change_driven(cw_bus *bus, cw_levels *levels);
+void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels);
 
 /* Levels that nodes see, from those of their wires. */
-void cw_rules_change_sampled(cw_bus *bus, cw_levels *levels);
+void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
 
 /* Hits of the bit that has ended. */
-void cw_rules_emit(cw_bus *bus);
+void cw_rules_emit(cw_rule_set *set);
 
-/* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
- * rules and the hosts say; and undoes it. */
-void cw_rules_apply_topology(cw_bus *bus);
+/* Who is on which wire, and who acknowledges, as the active rules say. */
+typedef struct cw_topology {
+    uint64_t off;    /* nodes that are cut off */
+    uint64_t no_ack; /* nodes that do not acknowledge */
+    uint64_t wires[CW_NODES_MAX]; /* sets of nodes */
+    unsigned wire_count;
+} cw_topology;
+
+void cw_rules_find_topology(const cw_rule_set *set, cw_topology *topology);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
 /* A frame on its way from a host to its queue. Returns true when it goes on, perhaps changed. */
-bool cw_rules_hand_in(cw_bus *bus, unsigned node, cw_frame *frame, uint64_t tick);
+bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t tick);
 
 /* The same for a frame on its way to a host. */
-bool cw_rules_hand_out(cw_bus *bus, unsigned node, cw_frame *frame,
+bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
                        const frame_origin *origin);
 
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
-void cw_rules_passed(cw_bus *bus, unsigned node, cw_side side, uint64_t tick);
+void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tick);
 
 /* How many frames of a node rules hold back on each side. */
-void cw_rules_count_held(const cw_bus *bus, unsigned node, uint32_t *tx, uint32_t *rx);
+void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, uint32_t *rx);
 
 #endif

@@ -8,44 +8,50 @@
 #define LOAD_ID_FIRST 0x600u /* random identifiers stay out of the way of usual traffic */
 #define LOAD_ID_COUNT 0x1F0u
 
-static void send(cw_bus *bus, unsigned rule, const cw_frame *frame)
+static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
 {
-    unsigned node = bus->rules.rules[rule].rule.node;
-    bus->work++;
-    bus->nodes[node].stats.made_by_rules++;
-    cw_queue_frame(bus, node, frame, cw_now(bus), rule + 1);
+    const cw_rule_effects *effects = set->bus.effects;
+    unsigned node = set->rules[rule].rule.node;
+    set->work++;
+    effects->count_made(set->bus.self, node, CW_SIDE_TX);
+    effects->queue(set->bus.self, node, frame, cw_rules_now(set), rule + 1);
+}
+
+/* Bits, and busy ones, since its load began. */
+static uint64_t bits_of_load(const cw_rule_set *set, const cw_rule_state *s, uint64_t *busy)
+{
+    uint64_t bits = set->bus.effects->bits(set->bus.self, busy);
+    *busy -= s->busy_base;
+    return bits - s->bits_base;
 }
 
 /* A node that cannot take anything is not asked in every bit. */
-static bool can_take(const cw_bus *bus, const cw_rule_state *s)
+static bool can_take(const cw_rule_set *set, const cw_rule_state *s)
 {
-    const bus_node *n = &bus->nodes[s->rule.node];
-    return s->outstanding == 0 && cw_node_attached(bus, s->rule.node) &&
-           !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
-           cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
+    return s->outstanding == 0 && set->bus.effects->can_take(set->bus.self, s->rule.node);
 }
 
-void cw_send_periodically(cw_bus *bus, unsigned rule)
+void cw_send_periodically(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = &bus->rules.rules[rule];
-    if (s->next_at > cw_now(bus))
+    cw_rule_state *s = &set->rules[rule];
+    if (s->next_at > cw_rules_now(set))
         return;
-    send(bus, rule, &s->rule.frame);
+    send(set, rule, &s->rule.frame);
     if (s->rule.period_ticks == 0) {
         s->active = false;
         return;
     }
-    uint64_t passed = (cw_now(bus) - s->next_at) / s->rule.period_ticks;
+    uint64_t passed = (cw_rules_now(set) - s->next_at) / s->rule.period_ticks;
     s->next_at += passed * s->rule.period_ticks; /* below a bit time it is one frame a bit */
     s->next_at = cw_after(s->next_at, s->rule.period_ticks);
-    cw_rules_set_due(&bus->rules, s->next_at);
+    cw_rules_set_due(set, s->next_at);
 }
 
-void cw_babble(cw_bus *bus, unsigned rule)
+void cw_babble(cw_rule_set *set, unsigned rule)
 {
-    const cw_rule_state *s = cw_rule_at(bus, rule);
-    if (can_take(bus, s))
-        send(bus, rule, &s->rule.frame);
+    const cw_rule_state *s = cw_rule_at(set, rule);
+    if (can_take(set, s))
+        send(set, rule, &s->rule.frame);
 }
 
 static cw_frame random_frame(cw_prng *prng)
@@ -60,42 +66,42 @@ static cw_frame random_frame(cw_prng *prng)
 }
 
 /* All traffic counts: the generator fills up what is missing to its target. */
-void cw_fill_up(cw_bus *bus, unsigned rule)
+void cw_fill_up(cw_rule_set *set, unsigned rule)
 {
-    cw_rule_state *s = cw_rule_at(bus, rule);
-    if (!can_take(bus, s))
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (!can_take(set, s))
         return;
-    uint64_t busy = cw_busy_bits_so_far(bus) - s->busy_base;
-    uint64_t bits = cw_bits_so_far(bus) - s->bits_base;
+    uint64_t busy;
+    uint64_t bits = bits_of_load(set, s, &busy);
     if (busy * 1000 > bits * s->rule.load_permille)
         return;
     const cw_frame frame = random_frame(&s->prng);
-    send(bus, rule, &frame);
+    send(set, rule, &frame);
 }
 
 /* Idle bits after which the load has fallen to its target, at least one: the present tick has been
  * looked at. */
-static uint64_t bits_to_target(const cw_bus *bus, const cw_rule_state *s)
+static uint64_t bits_to_target(const cw_rule_set *set, const cw_rule_state *s)
 {
     const uint64_t permille = s->rule.load_permille;
-    uint64_t busy = (cw_busy_bits_so_far(bus) - s->busy_base) * 1000;
-    uint64_t target = (cw_bits_so_far(bus) - s->bits_base) * permille;
+    uint64_t busy;
+    uint64_t target = bits_of_load(set, s, &busy) * permille;
+    busy *= 1000;
     if (busy <= target)
         return 1;
     return permille ? (busy - target + permille - 1) / permille : CW_QUIET_FOREVER;
 }
 
-uint64_t cw_traffic_free(const cw_bus *bus, uint64_t bits, bool busy)
+uint64_t cw_traffic_free(const cw_rule_set *set, uint64_t bits, bool busy)
 {
-    const cw_rule_set *set = &bus->rules;
     for (unsigned i = 0; set->traffic_rules && i < set->awake_count; i++) {
         const cw_rule_state *s = &set->rules[set->awake[i]];
-        if (!s->active || !cw_rule_is(s, CW_STEADY_TRAFFIC) || !can_take(bus, s))
+        if (!s->active || !cw_rule_is(s, CW_STEADY_TRAFFIC) || !can_take(set, s))
             continue;
         if (s->rule.action == CW_ACTION_BABBLE)
             bits = cw_least(bits, 1);
         else if (!busy)
-            bits = cw_least(bits, bits_to_target(bus, s));
+            bits = cw_least(bits, bits_to_target(set, s));
     }
     return bits;
 }

@@ -6,9 +6,9 @@
 
 #include <string.h>
 
-static bool nodes_exist(const cw_bus *bus, uint64_t nodes)
+static bool nodes_exist(const cw_rule_set *set, uint64_t nodes)
 {
-    return bus->node_count == CW_NODES_MAX || nodes >> bus->node_count == 0;
+    return set->bus.node_count == CW_NODES_MAX || nodes >> set->bus.node_count == 0;
 }
 
 /* Values that have no meaning at all. */
@@ -58,20 +58,12 @@ static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
     return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
 }
 
-static bool settings_fit(const cw_bus *bus, const cw_rule *r)
-{
-    for (unsigned i = 0; r->action == CW_ACTION_SET && i < bus->node_count; i++)
-        if ((r->nodes & cw_node_bit(i)) && !cw_settings_valid(&bus->nodes[i], &r->settings))
-            return false;
-    return true;
-}
-
-/* The rule that it comes after may be added later. */
-bool cw_rule_valid(const cw_bus *bus, const cw_rule *r)
+/* The rule that it comes after may be added later. Whether settings fit, the nodes know. */
+bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
 {
     return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
            numbers_in_range(r, &cw_actions[r->action]) &&
-           nodes_exist(bus, r->from | r->at | r->nodes | r->state_nodes) &&
-           r->node < bus->node_count && settings_fit(bus, r) &&
-           (!r->has_after || r->after < bus->rules.capacity);
+           nodes_exist(set, r->from | r->at | r->nodes | r->state_nodes) &&
+           r->node < set->bus.node_count &&
+           (!r->has_after || r->after < set->capacity);
 }

@@ -8,6 +8,8 @@
  */
 #include "bus/bus_private.h"
 
+#include "format/bits.h"
+
 #include <assert.h>
 
 /* ---- One bit: drive -------------------------------------------------------------------------- */
@@ -29,6 +31,16 @@ void cw_offer_slot(bus_node *n, uint16_t slot)
     (void)status;
 }
 
+void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame)
+{
+    bus_node *n = &bus->nodes[i];
+    const bool wrong_crc = cw_rules_bind(&bus->rules, i, frame);
+    if (n->wrong_crc == wrong_crc)
+        return;
+    n->wrong_crc = wrong_crc;
+    (void)cw_bits_encode_crc(&n->mac.tx, frame, wrong_crc ? 1 : 0);
+}
+
 static void note_start(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
@@ -40,7 +52,7 @@ static void note_start(cw_bus *bus, unsigned i)
         return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    cw_rules_bind(bus, i, &slot->frame);
+    cw_bind_rules(bus, i, &slot->frame);
 }
 
 /* The levels that all nodes put onto their wires; recessive beyond the last node. */
@@ -183,13 +195,15 @@ static void end_bit(cw_bus *bus)
 
 void cw_find_levels(cw_bus *bus, cw_levels *levels)
 {
-    if (bus->rules.awake_count)
-        cw_rules_change_driven(bus, levels);
-    bus->driven = levels->driven;
+    if (bus->rules.awake_count) {
+        if (bus->rules.rewired)
+            cw_apply_topology(bus);
+        cw_rules_change_driven(&bus->rules, levels);
+    }
     levels->clean = levels->wire = levels->sampled = wired_and(bus, levels->driven);
-    bus->wire = levels->sampled == UINT64_MAX;
     if (bus->rules.awake_count)
-        cw_rules_change_sampled(bus, levels);
+        cw_rules_change_sampled(&bus->rules, levels);
+    bus->wire = levels->wire == UINT64_MAX;
 }
 
 static void finish_bit(cw_bus *bus, const cw_levels *levels)
@@ -199,7 +213,7 @@ static void finish_bit(cw_bus *bus, const cw_levels *levels)
     sample_all(bus, levels->sampled, &reports);
     end_bit(bus);
     if (bus->rules.awake_count)
-        cw_rules_emit(bus);
+        cw_rules_emit(&bus->rules);
     if (reports.news)
         commit(bus, &reports);
     if (!bus->stepping)

@@ -130,7 +130,7 @@ static void pass(cw_bus *bus, unsigned bits)
     move(bus, bits);
     count_bits(bus, bits);
     if (bus->rules.awake_count && !bus->leap.at_work)
-        (void)cw_rules_consume(bus, bits, NULL, NULL);
+        (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
 }
 
 /* Where it ends at the latest. */
@@ -162,7 +162,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
         bits = (unsigned)cw_wire_bits_until(&bus->time, due);
     if (bus->rules.awake_count == 0)
         return bits;
-    return (unsigned)cw_rules_keep_quiet(bus, bits, true);
+    return (unsigned)cw_rules_keep_quiet(&bus->rules, bits, true);
 }
 
 static void end_slot(cw_bus *bus)
@@ -170,7 +170,7 @@ static void end_slot(cw_bus *bus)
     bus->leap.active = false;
     bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
     if (bus->rules.awake_count)
-        cw_rules_unbind(bus);
+        cw_rules_unbind(&bus->rules);
 }
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
@@ -259,7 +259,7 @@ static void leap_over(cw_bus *bus)
     count_bits(bus, bits);
     leap->hidden = 0; /* from here on all losses come to pass */
     if (bus->rules.awake_count)
-        (void)cw_rules_consume(bus, bits, NULL, NULL);
+        (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     while (leap->undecided) {
         leap->at = (uint16_t)pass_to(bus, leap->at, leap->next_loss + 1u);
         cw_losses_tell(bus);
@@ -281,13 +281,13 @@ static bool rules_let_pass(cw_bus *bus)
 {
     cw_leap *leap = &bus->leap;
     if (leap->look.bit != CW_NO_LOOK && !leap->look.exact) {
-        if (cw_rules_consume(bus, 0, &leap->look, &leap->frame))
+        if (cw_leap_consume_look(bus))
             leap->look.bit = CW_NO_LOOK;
         return leap->look.bit == CW_NO_LOOK;
     }
     while (leap->look.bit != CW_NO_LOOK && goes_straight_to_look(bus) &&
-           cw_rules_consume(bus, 0, &leap->look, NULL))
-        leap->look = cw_rules_next_look(bus, leap->look.bit + 1u);
+           cw_leap_consume_look(bus))
+        leap->look = cw_leap_next_look(bus, leap->look.bit + 1u);
     return leap->look.bit == CW_NO_LOOK;
 }
 
@@ -315,8 +315,9 @@ static bool can_leap_over(cw_bus *bus, uint64_t tick)
 static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
 {
     const cw_look look = {.rule = bus->rules.watcher[winner]};
+    const cw_frame_view view = {.frame = frame, .length = bus->leap.length};
     return cw_rules_stop_roughly(&bus->rules, winner) &&
-           cw_rules_consume(bus, 0, &look, frame);
+           cw_rules_consume(&bus->rules, 0, &look, &view);
 }
 
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
@@ -350,7 +351,7 @@ static void find_bits(cw_bus *bus)
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
     bus->leap.bits = &n->mac.tx;
-    bus->leap.look = cw_rules_next_look(bus, 0);
+    bus->leap.look = cw_leap_next_look(bus, 0);
 }
 
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
@@ -361,10 +362,10 @@ static void look_at_stop(cw_bus *bus)
         return;
     }
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
-    if (!cw_leap_is_noise_free(bus, 1) || !cw_rules_consume(bus, 0, &bus->leap.look, NULL))
+    if (!cw_leap_is_noise_free(bus, 1) || !cw_leap_consume_look(bus))
         cw_wake_controllers(bus);
     else
-        bus->leap.look = cw_rules_next_look(bus, bus->leap.at + 1u);
+        bus->leap.look = cw_leap_next_look(bus, bus->leap.at + 1u);
 }
 
 /* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just

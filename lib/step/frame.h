@@ -34,10 +34,33 @@ static inline const cw_bits *cw_leap_bits(const cw_bus *bus, cw_bits *room)
     return room;
 }
 
+/* Those of some nodes for whose next frame a rule waits, see cw_rules_watched(). */
+uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
+
+/* Whether some rule may act at or before the SOF of the next frames of watched nodes. */
+bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes);
+
+/* The next bit of the frame on its way, from one on, at which a rule looks. */
+cw_look cw_leap_next_look(const cw_bus *bus, unsigned from);
+
+/* The frame on its way, as rules look at it. */
+static inline cw_frame_view cw_leap_view(const cw_leap *leap)
+{
+    return (cw_frame_view){.frame = &leap->frame, .bits = leap->bits, .node = leap->node,
+                           .at = leap->at, .length = leap->length, .last = CW_NOT_LOST};
+}
+
+/* Whether rules let its look pass: it is no hit, and the match is counted. */
+static inline bool cw_leap_consume_look(cw_bus *bus)
+{
+    const cw_frame_view view = cw_leap_view(&bus->leap);
+    return cw_rules_consume(&bus->rules, 0, &bus->leap.look, &view);
+}
+
 /* Whether noise leaves so many bits to come alone. */
 static inline bool cw_leap_is_noise_free(const cw_bus *bus, unsigned bits)
 {
-    return bus->rules.awake_count == 0 || cw_rules_keep_quiet(bus, bits, true) == bits;
+    return bus->rules.awake_count == 0 || cw_rules_keep_quiet(&bus->rules, bits, true) == bits;
 }
 
 /* ---- losses.c -------------------------------------------------------------------------------- */

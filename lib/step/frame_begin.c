@@ -18,9 +18,10 @@ static bool can_begin(cw_bus *bus)
     if (!bus->outlook.valid)
         cw_outlook_find(bus);
     if (bus->outlook.calm && bus->rules.awake_count)
-        cw_rules_unbind(bus);
+        cw_rules_unbind(&bus->rules);
     if (bus->rules.awake_count &&
-        ((cw_rules_touch_now(bus) & CW_TOUCH_CONTROLLERS) || !cw_leap_is_noise_free(bus, 1)))
+        ((cw_rules_touch_now(&bus->rules) & CW_TOUCH_CONTROLLERS) ||
+         !cw_leap_is_noise_free(bus, 1)))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
     return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
@@ -77,7 +78,7 @@ static bool hides_losses(cw_bus *bus)
     const cw_leap *leap = &bus->leap;
     unsigned bits = cw_leap_arbitration_bits(bus);
     return leap->look.bit >= bits &&
-           !(leap->at_work && (cw_rules_stuck_lines(bus) & leap->contenders)) &&
+           !(leap->at_work && (cw_rules_stuck_lines(&bus->rules) & leap->contenders)) &&
            is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
            !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
 }
@@ -107,7 +108,7 @@ void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     leap->hidden = 0;
     leap->next_loss = UINT8_MAX;
     leap->bound = false;
-    leap->at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
+    leap->at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
     leap->at = 0;
     leap->look.bit = CW_NO_LOOK;
     leap->listeners = bus->outlook.listeners;
@@ -122,7 +123,7 @@ static void start_transmissions(cw_bus *bus)
     const uint64_t self = cw_node_bit(leap->node);
     const uint64_t watched = leap->watched;
     if (watched == self)
-        leap->look = cw_rules_next_look(bus, 0);
+        leap->look = cw_leap_next_look(bus, 0);
     bool hidden = (watched & ~self) == 0 && hides_losses(bus);
     if (leap->contenders == self || hidden) {
         cw_losses_hide(bus);
@@ -132,7 +133,7 @@ static void start_transmissions(cw_bus *bus)
     for (uint64_t rest = watched & ~self; rest; rest &= rest - 1)
         encode(&bus->nodes[cw_lowest_node(rest)]);
     if (watched)
-        leap->look = cw_rules_next_look(bus, 0);
+        leap->look = cw_leap_next_look(bus, 0);
 }
 
 bool cw_leap_begin(cw_bus *bus, uint64_t tick)
@@ -146,9 +147,9 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
         !is_leapable(bus, contenders, winner))
         return false;
-    uint64_t watched = cw_rules_watched(bus, contenders, winner);
-    bool at_work = cw_rules_touch(bus) & CW_TOUCH_LEVELS;
-    if (watched && (at_work || cw_rules_act_at_start(bus, watched)))
+    uint64_t watched = cw_find_watched(bus, contenders, winner);
+    bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
+    if (watched && (at_work || cw_rules_act_first(bus, watched)))
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);

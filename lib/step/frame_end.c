@@ -34,10 +34,10 @@ static void bind_rules(cw_bus *bus)
     for (uint64_t rest = leap->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];
-        cw_rules_bind(bus, i, &n->queue.slots[n->offered_slot].frame);
+        cw_bind_rules(bus, i, &n->queue.slots[n->offered_slot].frame);
     }
     if (watched & cw_node_bit(leap->node))
-        cw_rules_bind(bus, leap->node, &leap->frame);
+        cw_bind_rules(bus, leap->node, &leap->frame);
 }
 
 /* Before the first bit nobody has seen anything. */

@@ -86,10 +86,10 @@ static bool rules_allow_it(cw_bus *bus, unsigned sender)
         return false;
     if (bus->rules.awake_count == 0)
         return true;
-    const unsigned touch = cw_rules_touch_now(bus);
+    const unsigned touch = cw_rules_touch_now(&bus->rules);
     bool at_work = (touch & CW_TOUCH_FRAME) && (touch & CW_TOUCH_LEVELS);
-    return !at_work && !(touch & CW_TOUCH_CONTROLLERS) && !cw_rules_look_at_next(bus, sender) &&
-           cw_leap_is_noise_free(bus, 1);
+    return !at_work && !(touch & CW_TOUCH_CONTROLLERS) &&
+           !cw_rules_look_at_next(&bus->rules, sender) && cw_leap_is_noise_free(bus, 1);
 }
 
 /* ---- Going on -------------------------------------------------------------------------------- */
@@ -132,7 +132,7 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
     cw_outlook_find(bus);
     cw_leap_prepare(bus, sender, senders);
     take_over(bus, sender);
-    bus->leap.look = cw_rules_next_look(bus, bus->leap.at);
+    bus->leap.look = cw_leap_next_look(bus, bus->leap.at);
     cw_leap_on(bus, tick);
     return true;
 }

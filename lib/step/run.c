@@ -50,7 +50,7 @@ static uint64_t bits_up_to_inbox(const cw_bus *bus)
 
 uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
 {
-    const unsigned touch = cw_rules_touch(bus);
+    const unsigned touch = cw_rules_touch(&bus->rules);
     if ((touch & CW_TOUCH_MORE) || (level == CW_DOMINANT && (touch & CW_TOUCH_DOMINANT)))
         return 0;
     uint64_t bits = steady_bits(bus, level);
@@ -62,7 +62,7 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
     bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
     if (bus->rules.awake_count == 0)
         return bits;
-    return cw_rules_keep_quiet(bus, bits, false);
+    return cw_rules_keep_quiet(&bus->rules, bits, false);
 }
 
 /* ---- Going ----------------------------------------------------------------------------------- */
@@ -79,7 +79,7 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
 {
     cw_watch_wire(bus, bits);
     if (bus->rules.awake_count)
-        (void)cw_rules_consume(bus, bits, NULL, NULL);
+        (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     if (bus->followers)
         skip(bus, &bus->common, bits, level);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {

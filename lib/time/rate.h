@@ -15,6 +15,12 @@
 
 #define CW_BITS_FOREVER UINT64_MAX /* bits that do not end */
 
+/* Of ticks or bits. */
+static inline uint64_t cw_least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
 static inline bool cw_rate_equal(cw_rate a, cw_rate b)
 {
     return a.bit_ticks == b.bit_ticks;

@@ -101,8 +101,8 @@ static void a_change_reaches_all_bytes(void **state)
 static uint64_t held_at(const rig *r, unsigned node, cw_side side)
 {
     uint64_t n = 0;
-    for (unsigned i = 0; i < r->bus->held_count; i++)
-        n += r->bus->held[i].node == node && r->bus->held[i].side == side;
+    for (unsigned i = 0; i < r->bus->rules.held_count; i++)
+        n += r->bus->rules.held[i].node == node && r->bus->rules.held[i].side == side;
     return n;
 }
 

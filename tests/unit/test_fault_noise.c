@@ -104,11 +104,12 @@ static void questions_change_nothing(void **state)
     rig *asked = noisy_rig(), *left_alone = noisy_rig();
     for (unsigned i = 1; i <= 400; i++) {
         const uint64_t before = hits(asked, 0) + hits(asked, 1);
-        const unsigned touch = cw_rules_touch(asked->bus);
-        const uint64_t quiet = cw_rules_keep_quiet(asked->bus, 4096, false);
+        const unsigned touch = cw_rules_touch(&asked->bus->rules);
+        const uint64_t quiet = cw_rules_keep_quiet(&asked->bus->rules, 4096, false);
         assert_true(touch == 0 || (touch & CW_TOUCH_AT_RANDOM) || (touch & CW_TOUCH_MORE));
-        assert_int_equal(cw_rules_keep_quiet(asked->bus, 4096, false), quiet);
-        assert_int_equal(cw_rules_keep_quiet(asked->bus, 10, false), quiet < 10 ? quiet : 10);
+        assert_int_equal(cw_rules_keep_quiet(&asked->bus->rules, 4096, false), quiet);
+        assert_int_equal(cw_rules_keep_quiet(&asked->bus->rules, 10, false),
+                         quiet < 10 ? quiet : 10);
         rig_run_bits(asked, 10 * i);
         rig_run_bits(left_alone, 10 * i);
         if (touch == CW_TOUCH_AT_RANDOM)

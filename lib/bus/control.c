@@ -2,11 +2,11 @@
  *
  * control.c - what fault rules do to controllers, at once.
  */
-#include "rule/private.h"
+#include "bus/bus_private.h"
 
 #include "mac/confinement.h"
 
-void cw_send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     bus_node *n = &bus->nodes[i];
@@ -25,7 +25,7 @@ static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
         (void)cw_mac_withdraw(mac);
 }
 
-void cw_put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     cw_mac *mac = cw_own_mac(bus, i);
     unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
@@ -33,37 +33,45 @@ void cw_put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
     set_counters(mac, tec, rec);
 }
 
-void cw_go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     cw_mac *mac = cw_own_mac(bus, i);
     set_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
 }
 
-void cw_restart(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     if (cw_own_mac(bus, i)->phase == CW_MAC_BUS_OFF)
         cw_schedule_restart(bus, i, cw_now(bus));
 }
 
-void cw_overload(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void overload(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)cw_mac_request_overload(cw_own_mac(bus, i), rule->number);
 }
 
-void cw_change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
+static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)cw_node_set(bus, i, &rule->settings);
 }
 
-void cw_rule_command(cw_bus *bus, unsigned rule)
+typedef void control_action(cw_bus *bus, unsigned node, const cw_rule *rule);
+
+static control_action *const actions[CW_ACTION_COUNT] = {
+    [CW_ACTION_BUS_OFF] = go_bus_off,
+    [CW_ACTION_ERROR_FLAG] = send_error_flag,
+    [CW_ACTION_RESTART] = restart,
+    [CW_ACTION_COUNTERS] = put_counters,
+    [CW_ACTION_OVERLOAD] = overload,
+    [CW_ACTION_SET] = change_settings,
+};
+
+void cw_control_nodes(cw_bus *bus, const cw_rule *rule)
 {
-    const cw_rule_state *s = cw_rule_at(bus, rule);
-    for (uint64_t rest = s->rule.nodes & bus->all; rest; rest &= rest - 1)
-        if (s->does->control)
-            s->does->control(bus, cw_lowest_node(rest), &s->rule);
-    if (s->rule.nodes & bus->rules.off)
-        bus->rules.rewired = true; /* out of bus-off is not back on the bus */
+    control_action *act = actions[rule->action];
+    for (uint64_t rest = act ? rule->nodes & bus->all : 0; rest; rest &= rest - 1)
+        act(bus, cw_lowest_node(rest), rule);
     bus->news = true;
 }

@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rules.c - the rules of a bus: how they come and go, what they see of it, what they have it do.
+ */
+#include "bus/bus_private.h"
+
+/* ---- What rules have the bus do -------------------------------------------------------------- */
+
+static void drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, uint64_t tick)
+{
+    cw_push_drop(bus, i, side, frame, CW_DROP_FAULT, tick);
+}
+
+static void count_made(cw_bus *bus, unsigned i, cw_side side)
+{
+    cw_node_stats *stats = &bus->nodes[i].stats;
+    if (side == CW_SIDE_TX)
+        stats->made_by_rules++;
+    else
+        stats->rx_made_by_rules++;
+}
+
+static bool can_take(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    return cw_node_attached(bus, i) && !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
+           cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
+}
+
+static uint64_t bits_so_far(const cw_bus *bus, uint64_t *busy)
+{
+    *busy = cw_busy_bits_so_far(bus);
+    return cw_bits_so_far(bus);
+}
+
+void cw_link_rules(cw_bus *bus, uint64_t seed)
+{
+    static const cw_rule_effects effects = {
+        .tell_hit = cw_push_fault,
+        .control = cw_control_nodes,
+        .rewire = cw_apply_topology,
+        .queue = cw_queue_frame,
+        .hand_out = cw_push_rx,
+        .drop = drop,
+        .count_made = count_made,
+        .can_take = can_take,
+        .bits = bits_so_far,
+    };
+    bus->rules.bus = (cw_rule_bus){.time = &bus->time,
+                                   .node_count = bus->node_count,
+                                   .all = bus->all,
+                                   .seed = seed,
+                                   .error_flag = &bus->error_flag,
+                                   .overload_flag = &bus->overload_flag,
+                                   .wires = bus->groups,
+                                   .wire_count = &bus->group_count,
+                                   .effects = &effects,
+                                   .self = bus};
+    for (unsigned i = 0; i < bus->node_count; i++)
+        bus->rules.bus.macs[i] = &bus->nodes[i].mac;
+}
+
+/* ---- Rules come and go ----------------------------------------------------------------------- */
+
+static bool settings_fit(const cw_bus *bus, const cw_rule *r)
+{
+    for (unsigned i = 0; r->action == CW_ACTION_SET && i < bus->node_count; i++)
+        if ((r->nodes & cw_node_bit(i)) && !cw_settings_valid(&bus->nodes[i], &r->settings))
+            return false;
+    return true;
+}
+
+cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
+{
+    unsigned place;
+    cw_status status = settings_fit(bus, rule) ? cw_rules_may_add(&bus->rules, &place, rule)
+                                               : CW_INVALID;
+    if (status != CW_OK)
+        return status;
+    cw_wake_controllers(bus); /* it went by the rules that there were */
+    cw_rules_add(&bus->rules, place, rule);
+    cw_ring_find_enough(bus);
+    *index = place;
+    return CW_OK;
+}
+
+cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
+{
+    if (!cw_rules_has(&bus->rules, index))
+        return CW_INVALID;
+    cw_wake_controllers(bus);
+    cw_rule_end_action(&bus->rules, index);
+    return CW_OK;
+}
+
+/* Frames of its traffic that still wait must not be taken for those of a later rule. */
+static void disown_frames(cw_bus *bus, unsigned rule)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_queue *q = &bus->nodes[i].queue;
+        for (unsigned k = 0; k < q->count; k++)
+            if (q->slots[cw_queue_nth(q, k)].source == rule + 1)
+                q->slots[cw_queue_nth(q, k)].source = 0;
+    }
+}
+
+cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
+{
+    if (!cw_rules_has(&bus->rules, index))
+        return CW_INVALID;
+    cw_wake_controllers(bus);
+    disown_frames(bus, index);
+    cw_rules_remove(&bus->rules, index);
+    cw_ring_find_enough(bus);
+    return CW_OK;
+}
+
+cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
+{
+    if (!cw_rules_has(&bus->rules, index))
+        return CW_INVALID;
+    return cw_rules_arm(&bus->rules, index) ? CW_OK : CW_REFUSED;
+}
+
+cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)
+{
+    if (!cw_rules_has(&bus->rules, rule))
+        return CW_INVALID;
+    *stats = cw_rules_get_stats(&bus->rules, rule);
+    return CW_OK;
+}

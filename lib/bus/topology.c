@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * topology.c - who is on which wire, and who acknowledges, by rules and hosts.
+ */
+#include "bus/bus_private.h"
+
+#include <string.h>
+
+static void put_node(cw_bus *bus, unsigned i, const cw_topology *topology)
+{
+    uint64_t self = cw_node_bit(i);
+    bool goes = (topology->off & self) && cw_mac_is_on_bus(cw_mac_of(bus, i));
+    bool comes = (bus->rules.off & ~topology->off & self) != 0;
+    bool silent = (topology->no_ack & self) != 0;
+    if (!goes && !comes && silent == bus->nodes[i].mac.no_ack)
+        return; /* so that a change at one node does not disturb the others */
+    cw_mac *m = cw_own_mac(bus, i);
+    m->no_ack = silent;
+    if (goes)
+        cw_mac_disconnect(m);
+    if (comes)
+        cw_mac_reconnect(m);
+}
+
+void cw_apply_topology(cw_bus *bus)
+{
+    cw_topology topology;
+    cw_rules_find_topology(&bus->rules, &topology);
+    topology.off |= bus->detached;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        put_node(bus, i, &topology);
+    bus->rules.off = topology.off;
+    bus->rules.rewired = false;
+    memcpy(bus->groups, topology.wires, topology.wire_count * sizeof bus->groups[0]);
+    bus->group_count = topology.wire_count;
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * frame_look.c - what rules look at in the frames that wait, and in those of a frame step.
+ */
+#include "step/frame.h"
+
+/* ---- Frames that wait ------------------------------------------------------------------------ */
+
+static const cw_frame *next_frame(const cw_bus *bus, unsigned i)
+{
+    const cw_queue *q = &bus->nodes[i].queue;
+    return &q->slots[cw_queue_first(q)].frame;
+}
+
+uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+{
+    if (!cw_rules_wait_for_frames(&bus->rules))
+        return 0;
+    for (uint64_t rest = cw_rules_unknown(&bus->rules, nodes); rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_rules_watch(&bus->rules, i, next_frame(bus, i));
+    }
+    return cw_rules_watched(&bus->rules, nodes, winner);
+}
+
+bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
+{
+    for (uint64_t rest = nodes & bus->rules.early; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        if (cw_rules_act_at_start(&bus->rules, i, next_frame(bus, i)))
+            return true;
+    }
+    return false;
+}
+
+/* ---- The frame on its way -------------------------------------------------------------------- */
+
+/* That of one who has begun with the winner, whose bits are there. */
+static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    return (cw_frame_view){.frame = &n->queue.slots[n->offered_slot].frame,
+                           .bits = &n->mac.tx,
+                           .node = (uint8_t)i,
+                           .at = bus->leap.at,
+                           .length = bus->leap.length,
+                           .last = bus->leap.lost_at[i]};
+}
+
+cw_look cw_leap_next_look(const cw_bus *bus, unsigned from)
+{
+    const cw_leap *leap = &bus->leap;
+    const uint64_t self = cw_node_bit(leap->node);
+    const cw_frame_view view = cw_leap_view(leap);
+    cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = leap->bits != NULL};
+    if (leap->bound)
+        cw_rules_add_bound_looks(&bus->rules, &look, &view, from);
+    if (from > 0 && leap->watched == self && cw_rules_look_once(&bus->rules, leap->node))
+        return look; /* it was the last one */
+    if (leap->watched & self)
+        cw_rules_add_looks(&bus->rules, &look, &view, from);
+    for (uint64_t rest = leap->watched & ~self; rest; rest &= rest - 1) {
+        const cw_frame_view loser = view_loser(bus, cw_lowest_node(rest));
+        cw_rules_add_looks(&bus->rules, &look, &loser, from);
+    }
+    return look;
+}
