@@ -22,7 +22,8 @@ OPTIMISE_mutant := -O0
 OPTIMISE_san := -O1 -g $(CHECKED) -fsanitize=address,undefined -fno-sanitize-recover=undefined \
   -fno-omit-frame-pointer
 OPTIMISE_cover := -O0 -g --coverage
-# Work is counted in basic blocks (tests/world): those of the source, without all the inlining.
+# The world tests count work in basic blocks (tests/world). These flags keep the blocks of the
+# source, without most of the inlining.
 OPTIMISE_world := -O1 -g -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
 OPTIMISE_worldsan := $(OPTIMISE_world) -fsanitize=address,undefined \
   -fno-sanitize-recover=undefined
@@ -32,15 +33,15 @@ ifeq ($(OPTIMISE_$(VARIANT)),)
 $(error VARIANT is debug, release or san)
 endif
 
-# What Debian's packages have, for programs that strangers' files and clients reach. Only where
-# there is an optimizer (_FORTIFY_SOURCE needs it) and no sanitizer, which has all of this better.
+# Debian's options for programs that read files and clients of strangers. They need an optimizer
+# (_FORTIFY_SOURCE), and a sanitizer does all of this better.
 ifeq ($(VARIANT),release)
 HARDEN := -D_FORTIFY_SOURCE=2 -fstack-protector-strong -fstack-clash-protection -fPIE \
   -Wformat -Werror=format-security
 HARDEN += $(if $(filter x86_64% i%86%,$(shell $(CC) -dumpmachine)),-fcf-protection)
 HARDEN_LINK := -pie -Wl,-z,relro -Wl,-z,now
-# The engine is exempt from what costs instructions in each function (2 to 3 % of a frame): it reads
-# no files and no sockets, its arrays are of fixed size, and it calls nothing but mem*.
+# The engine is exempt from options that cost instructions in each function (2 to 3 % of a frame).
+# It reads no files and no sockets, its arrays are of fixed size, and it calls only mem*.
 LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 
@@ -65,7 +66,7 @@ UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
 
 objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
-# What is done goes by in a short line each; V=1 shows the commands, make -s nothing.
+# Each step prints a short line; V=1 shows the commands, make -s nothing.
 tell = $(if $(filter 1,$(V)),,@$(if $(findstring s,$(filter-out --%,$(firstword -$(MAKEFLAGS)))),,\
   printf '%-4s %s\n' $(1) $(2);))
 link = $(call tell,LD,$@) $(CC) $(ALL_CFLAGS) $(1) $(HARDEN_LINK) $(LDFLAGS) -o $@ $^
@@ -93,7 +94,7 @@ all: ## install what the build needs, then build canwired and canwire
 
 build: $(DAEMON) $(TOOL) ## canwired and canwire alone, with what is installed
 
-# The compiler is asked only where ccache has no answer; the first time sets up what is missing.
+# The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
 	@test -d build/debug || scripts/install-deps build test
 	@$(MAKE) --no-print-directory -j"$$(nproc)" VARIANT=debug BUILD=build/debug \
@@ -108,13 +109,13 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@$(MAKE) --no-print-directory build
 	@scripts/demo
 
-bench: ## what canwire costs, in ns and instructions, beside others; build/bench.json
+bench: ## measure the cost of canwire, in ns and instructions, beside others; build/bench.json
 	@scripts/install-deps build bench
 	@scripts/venv
 	@$(MAKE) --no-print-directory build $(BUILD)/bench $(BUILD)/bench_realtime
 	@scripts/bench --build $(BUILD)
 
-check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; what the library needs
+check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; needs of the library
 	@scripts/install-deps all
 	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES)
 	@scripts/check build/check/libcanwire.a
@@ -128,11 +129,11 @@ fuzz: ## look for inputs that break parsers, ports, controller or bus, for FUZZ=
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-run
 
-fuzz-merge: ## what `make fuzz` has found goes into tests/fuzz/corpus, as far as it is new
+fuzz-merge: ## add new findings of `make fuzz` to tests/fuzz/corpus
 	@scripts/install-deps build test
 	@$(MAKE) --no-print-directory VARIANT=fuzz CC=clang BUILD=build/fuzz fuzz-merge-run
 
-# Another SEED each time; it is told, and with it the same actions come again.
+# A run prints its SEED, which repeats the same actions; each run takes another one.
 SOAK ?= 10m
 SEED ?= $(shell date +%s)
 soak: ## 10^9 bits of random scenarios, SOAK=10m of random trouble for canwired under ASan/UBSan
@@ -150,7 +151,7 @@ calls: ## every call of the C library fails, at all places, with every error; ha
 	  tests/calls/test_calls_daemon.py
 
 # Seeds of the simulated world: FIRST..LAST, or one; `world 7 --trace` shows each call. The nightly
-# run is SEEDS=1..10000; 200 of them are in `make test`.
+# run is SEEDS=1..10000, and `make test` runs 200 of them.
 SEEDS ?= 1..200
 WORLD_VARIANT ?= world
 WORLD_BUILD = VARIANT=$(WORLD_VARIANT) BUILD=build/$(WORLD_VARIANT)
@@ -159,10 +160,10 @@ world: ## canwired in simulated worlds (clocks, disk, sockets, signals), SEEDS=1
 	@$(MAKE) --no-print-directory -s -j2 $(WORLD_BUILD) build/$(WORLD_VARIANT)/world
 	@scripts/world build/$(WORLD_VARIANT)/world '$(SEEDS)'
 
-world-night: ## the same under ASan and UBSan, 10000 seeds, those that fail are listed
+world-night: ## the same under ASan and UBSan, 10000 seeds; lists those that fail
 	@$(MAKE) --no-print-directory world SEEDS=1..10000 WORLD_VARIANT=worldsan
 
-world-proof: ## that the simulated world finds what was repaired: with each repair taken out again
+world-proof: ## the simulated world finds each repaired bug when the repair is removed
 	@scripts/install-deps build test
 	@scripts/world-proof
 
@@ -180,14 +181,14 @@ INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR
 install: build man ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
 	@$(INSTALL_FILES) install
 
-uninstall: ## removes exactly what install has put there
+uninstall: ## remove exactly the files that install has put there
 	@$(INSTALL_FILES) uninstall
 
 deb: ## a Debian package in build/deb
 	@scripts/install-deps build deb
 	@scripts/deb $(VERSION)
 
-clean: ## remove everything that was built, the guest's image included
+clean: ## remove all built files, the guest's image included
 	rm -rf build
 
 help: ## this list
@@ -196,11 +197,11 @@ help: ## this list
 	@echo "Variables: V=1 (show commands), VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR," \
 	  "SYSCONFDIR, UNITDIR"
 
-# What scripts/test runs: unit tests of one variant and compiler.
-# Bits of the differential test: fewer where each costs more.
+# scripts/test runs these targets: unit tests of one variant and compiler. The differential test
+# takes fewer bits where each costs more.
 DIFFERENTIAL_BITS := $(if $(filter release,$(VARIANT)),10000000,4000000)
 
-# Of the configurations with something missing: all, or where each costs more a part of them.
+# The configurations with something missing: all, or a part where each costs more.
 MUTANTS_EVERY := $(if $(filter release,$(VARIANT)),1,7)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
@@ -216,7 +217,7 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	  $(BUILD)/bench --check || status=1; \
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
 
-# Of the unit tests all but those that take seconds each.
+# The unit tests without those that take seconds each.
 DEV_SLOW := test_format test_fault_leap test_journal test_journal_check test_journal_keep \
   test_journal_play test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
@@ -226,14 +227,14 @@ $(BUILD)/%.passed: $(BUILD)/% $(TOOL)
 	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }
 	@touch $@
 
-# Inputs to begin with: those of the target, with what was found once, and files for users.
+# The initial inputs: those of the target, with earlier findings, and files for users.
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
 FUZZ_SEEDS_fuzz_trace := tests/traces
 FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
 fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 
-# Bytes of an input at most; those of the longest one to begin with where there is no number. Those
-# of fuzz_config include files that are no configurations: with their length it would be slow.
+# Limits of an input in bytes; without one the longest initial input decides. The initial inputs of
+# fuzz_config include other files, whose length would make it slow.
 FUZZ_BYTES_fuzz_bus := 1000
 FUZZ_BYTES_fuzz_config := 8000
 FUZZ_BYTES_fuzz_control := 4000
@@ -245,7 +246,7 @@ FUZZ_BYTES_fuzz_reload := 5000
 FUZZ_BYTES_fuzz_trace := 4000
 fuzz_bytes = $(if $(FUZZ_BYTES_$(1)),-max_len=$(FUZZ_BYTES_$(1)))
 
-# What was found is left in build/fuzz/found/NAME, an input that breaks something beside it.
+# Runs each target; findings, inputs that break something, go to build/fuzz/found/NAME.
 FUZZ_EACH = $(shell expr $(FUZZ) / $(words $(FUZZ_TARGETS)) + 1)
 fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	@$(foreach target,$(FUZZ_TARGETS),echo "== $(target)" && mkdir -p $(BUILD)/found/$(target) && \
@@ -260,14 +261,14 @@ fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	  tests/fuzz/corpus/$(target:fuzz_%=%) $(BUILD)/found/$(target) \
 	  $(FUZZ_SEEDS_$(target)) &&) true
 
-# What scripts/mutate builds and runs for each changed controller.
+# The tests that scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
   test_fault_match test_fault_level test_prng test_format test_time) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
 
-# The same for changed short cuts (scripts/mutate --short-cuts).
+# In the same way for changed fast paths (scripts/mutate --short-cuts).
 mutant-short-cuts: $(DIFFERENTIAL)
 mutant-short-cuts-run:
 	@$(DIFFERENTIAL) --no-shrink --bits 5000000
@@ -300,7 +301,7 @@ $(DIFFERENTIAL): $(call objects,$(wildcard tests/differential/*.c)) $(LIB)
 $(MUTANTS): $(call objects,$(wildcard tests/mutants/*.c)) $(PARTS) $(LIB)
 	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
-# All that runs the scenarios of the differential test, but for what compares.
+# The objects that run the scenarios of the differential test, without those that compare.
 DIGEST_PARTS := $(filter-out \
   $(addprefix tests/differential/,main.c coverage.c compare.c show.c shrink.c), \
   $(wildcard tests/differential/*.c))
@@ -308,7 +309,7 @@ $(BUILD)/digest: $(call objects,tests/determinism/digest.c $(DIGEST_PARTS)) $(LI
 	$(call link,$(LINK_PLAIN))
 
 # canwired in a simulated world: its code and libev's call seam_NAME for each NAME in `calls`, and
-# its own work is counted. What else it calls must be known to be of no concern (check-calls).
+# its own work is counted. All other calls must be on the list of harmless ones (check-calls).
 WORLD := $(BUILD)/world
 LIBEV_ARCHIVE := $(shell $(CC) -print-file-name=libev.a)
 WORLD_PROGRAMS := $(call objects,$(DAEMON_SOURCES) daemon/cli/main.c $(PARTS_SOURCES)) \
@@ -356,8 +357,8 @@ $(BUILD)/fuzz_%: $(FUZZ_OBJECTS)
 $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
-# The engine is optimised for speed; and as one, where gcc links a program, since it is small
-# functions in many files.
+# The engine is optimised for speed. gcc links it as a whole, since it is small functions in many
+# files.
 ifeq ($(VARIANT),release)
 LIB_FLAGS := -O3
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
@@ -366,7 +367,7 @@ ifeq ($(IS_GCC),yes)
 INLINING := --param max-inline-insns-auto=200 --param inline-unit-growth=300
 LIB_FLAGS += -flto -ffat-lto-objects $(INLINING)
 LINK_LTO := -flto=auto $(INLINING)
-LINK_PLAIN := -fno-use-linker-plugin # tests take the engine's other code: they link faster
+LINK_PLAIN := -fno-use-linker-plugin # tests use the engine's separate objects: they link faster
 endif
 
 LIB_COMPILE = $(CC) $(ALL_CFLAGS) $(LIB_FLAGS) $(LIB_EXEMPT) -c -o $@ $<
@@ -379,7 +380,7 @@ $(BUILD)/lib/format/tables.o: $(GEN)/lib/format/tables.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(LIB_COMPILE)
 
-# What follows from the table of frame parts; a program of this machine works it out.
+# A program of this machine generates tables from the table of frame parts.
 FORMAT_SOURCES := lib/format/generate/main.c lib/format/parts.c lib/format/frame.c
 $(GEN)/lib/format/generate: $(FORMAT_SOURCES) $(wildcard lib/format/*.h) lib/canwire.h
 	@mkdir -p $(@D)
@@ -395,13 +396,13 @@ $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -c -o $@ $<
 
-# Newer versions of cmocka have other names for what older ones know, too.
+# Newer versions of cmocka have other names for the functions of older ones.
 $(BUILD)/tests/%.o: tests/%.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations \
 	  -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
 
-# Generated code is not held to our warnings.
+# Generated code is not compiled with our warnings.
 $(BUILD)/gen/%.o: $(GEN)/%.c
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(filter-out $(WARNINGS),$(ALL_CFLAGS)) -I$(GEN) -c -o $@ $<

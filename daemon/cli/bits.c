@@ -23,7 +23,7 @@
 #define GAP 1           /* columns between fields */
 #define PARTS_MAX 24    /* an extended frame with 8 bytes has 20 */
 #define CELL_MAX 32     /* bytes of a label or value with its final 0 */
-#define BASE_ID_BITS 11 /* of an extended identifier that stand before SRR */
+#define BASE_ID_BITS 11 /* bits of an extended identifier before SRR */
 
 #define COLOUR_LABEL "\033[36m"
 #define COLOUR_STUFF "\033[1;31m"
@@ -135,7 +135,8 @@ static int refuse_usage(const char *message, const char *argument)
     return CLI_USAGE;
 }
 
-/* getopt knows a wrong letter, which may stand in a group, or else the whole argument. */
+/* Complains about an option: getopt reports a wrong letter, which may be part of a group, or else
+ * the whole argument. */
 static int refuse_option(char **argv)
 {
     char letter[] = {'-', (char)optopt, '\0'};
@@ -144,7 +145,7 @@ static int refuse_option(char **argv)
     return refuse_usage("wrong option ", is_letter ? letter : argv[optind - 1]);
 }
 
-/* The frame is the one argument that is no option. */
+/* Takes the frame, the only argument that is no option. */
 static int take_frame(options *out, int argc, char **argv)
 {
     if (out->help) {
@@ -196,7 +197,7 @@ static void print_raw(const cw_bits *bits)
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Whether wire bit n, which is not bit 0, begins a new part. */
+/* Returns true when wire bit n, which is not bit 0, begins a new part. */
 static bool begins_part(const cw_bits *bits, unsigned n)
 {
     cw_place here = cw_bits_place(bits, n);
@@ -208,7 +209,7 @@ static bool begins_part(const cw_bits *bits, unsigned n)
     return here.field == CW_FIELD_DATA && here.index / 8 != before.index / 8;
 }
 
-/* The halves of an extended identifier and the bytes of data need an index to be told apart. */
+/* Labels a part; the halves of an extended identifier and the bytes of data need an index. */
 static void label_part(part *out, const cw_bits *bits)
 {
     cw_place place = cw_bits_place(bits, out->first);
@@ -231,7 +232,7 @@ static bool has_value(cw_field field)
            field == CW_FIELD_CRC;
 }
 
-/* What the bits say without the stuff bits. */
+/* Writes the value of the bits without the stuff bits. */
 static void value_part(part *out, const cw_bits *bits)
 {
     unsigned long value = 0;
@@ -279,7 +280,7 @@ static void split_into_parts(display *out)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* COLUMNS wins, then the terminal. */
+/* Returns the width; COLUMNS takes precedence over the terminal. */
 static unsigned display_columns(void)
 {
     const char *wish = getenv("COLUMNS");
@@ -307,7 +308,7 @@ static bool display_colour(void)
            (terminal == NULL || strcmp(terminal, "dumb") != 0);
 }
 
-/* The part after the last one that fits into a row with the first. */
+/* Returns the part behind the last one that fits into a row with the first. */
 static unsigned row_end(const display *shown, unsigned first)
 {
     unsigned used = GUTTER + shown->parts[first].width;
@@ -360,7 +361,7 @@ static unsigned print_levels(const display *shown, const part *which)
     return which->count;
 }
 
-/* Ends with the last mark, so that lines have no blanks at their end. */
+/* Stops at the last mark, so that lines have no trailing blanks. */
 static unsigned print_marks(const display *shown, const part *which)
 {
     unsigned column = 0;
@@ -375,7 +376,7 @@ static unsigned print_marks(const display *shown, const part *which)
     return column;
 }
 
-/* What one part has on a line; returns the columns used. */
+/* Prints the cell of one part on a line; returns the columns used. */
 static unsigned print_cell(const display *shown, const part *which, line_kind kind)
 {
     switch (kind) {
@@ -412,7 +413,7 @@ static bool line_is_empty(const display *shown, unsigned first, unsigned end, li
 static void print_line(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
     static const char *const labels[] = {"field", "bit", "level", "stuff", "hex"};
-    unsigned start = GUTTER; /* column where the part begins */
+    unsigned start = GUTTER; /* column at which the part begins */
     unsigned column = print_text(shown, COLOUR_LABEL, labels[kind]);
 
     for (unsigned i = first; i < end; i++) {
@@ -480,7 +481,7 @@ static unsigned count_stuff_bits(const cw_bits *bits)
     return count;
 }
 
-/* SOF to the end of EOF. */
+/* Prints the duration from SOF to the end of EOF. */
 static void print_duration(unsigned length)
 {
     printf("duration    %u us at 1 Mbit/s, %u at 500 kbit/s, %u at 250, %u at 125\n", length,

@@ -39,7 +39,7 @@ int cli_check(int argc, char **argv)
     bool journal = false;
     int option;
 
-    optind = 0; /* start anew, whoever used getopt before */
+    optind = 0; /* starts anew after earlier calls of getopt */
     while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         if (option == 'h') {
             fputs(usage, stdout);
@@ -85,7 +85,7 @@ static void print_summary(const cfg *config)
     puts(")");
 }
 
-/* Reads a file that is replayed to its end, and says what would become of it. */
+/* Reads the file of a replay to its end, and reports the result. */
 static bool check_replay(const cfg_node *node, const cfg_traffic *traffic)
 {
     char note[REPLAY_NOTE_MAX];

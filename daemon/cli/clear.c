@@ -15,7 +15,7 @@ static const char clear_help[] =
 static const char fire_help[] =
     "Lets a rule with `manual: yes` act once, as if its `after` had hit.\n\n";
 
-/* Says how many rules there were. */
+/* Clears rules and prints their number. */
 static int clear_many(const char *bus, json_t *request)
 {
     json_t *reply = client_ask_once(bus, request);

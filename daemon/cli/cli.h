@@ -10,8 +10,8 @@
 
 enum cli_exit {
     CLI_OK = 0,
-    CLI_BAD_INPUT = 1, /* a value or a file that is bad, or what the bus refuses */
-    CLI_USAGE = 2,     /* a command line that has not the form of the usage line */
+    CLI_BAD_INPUT = 1, /* a bad value or file, or a refusal of the bus */
+    CLI_USAGE = 2,     /* a command line that does not match the usage line */
     CLI_EXPECTATION = 3, /* sim: an expectation of the configuration failed */
 };
 

@@ -20,9 +20,9 @@
 #define FOLDER_DEFAULT "/run/canwire"
 #define PATIENCE_S 30 /* for a reply */
 
-#define MESSAGE_BYTES 16384 /* of one; a longer one is cut */
+#define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
 
-/* The texts of a bus, and names that are in them, may be anything. */
+/* Makes a text printable: texts of a bus, and names in them, may contain any characters. */
 static void print_plain(char *text)
 {
     plain_make(text, '?');
@@ -83,7 +83,7 @@ static void complain_unreachable(const client *c, const char *path, int error)
         complain(c, "%s: %s", path, strerror(error));
 }
 
-/* A canwired that is stopped or hangs must not make us hang. */
+/* Limits the wait for a canwired that is stopped or hangs. */
 static void set_patience(int fd, int seconds)
 {
     const struct timeval patience = {.tv_sec = seconds};
@@ -125,7 +125,8 @@ void client_close(client *c)
 
 /* ---- Asking ---------------------------------------------------------------------------------- */
 
-/* What cannot be sent may have been answered already: the reply then says why. */
+/* Sends a text. A connection that the bus has closed is no error here, since its reply has the
+ * reason. */
 static bool send_all(const client *c, const char *text, size_t length)
 {
     for (size_t sent = 0; sent < length;) {
@@ -173,7 +174,7 @@ bool client_tell_end(const client *c)
     return c->error == 0;
 }
 
-/* Messages of the loader stand for themselves: they name file, line and column. */
+/* Prints a refusal. Messages of the loader stay unchanged: they name file, line and column. */
 static void print_refusal(const client *c, const json_t *reply)
 {
     const json_t *errors = json_object_get(reply, "errors");

@@ -11,41 +11,41 @@
 #include <stdio.h>
 
 typedef struct client {
-    const char *bus; /* as the user named it */
+    const char *bus; /* as given by the user */
     int fd;
     FILE *in;
-    char *line; /* the last one that was read */
+    char *line; /* the last line that was read */
     size_t line_size;
-    int error; /* the errno that client_next() has ended with, 0: the bus has ended */
+    int error; /* the errno that ended client_next(), 0: the bus has ended */
 } client;
 
-/* Where sockets of buses are: /run/canwire, or $CANWIRE_RUN. */
+/* Returns the folder of the sockets of buses: /run/canwire, or $CANWIRE_RUN. */
 const char *client_folder(void);
 
-/* Connects to a bus: its name, or the path of its socket, which has a '/'. False after a message.
- * The name must live longer. */
+/* Connects to a bus: its name, or the path of its socket, which contains a '/'. The name must live
+ * longer. Returns false after a message. */
 bool client_open(client *c, const char *bus);
 
-/* Sends a request, which it takes, and waits for the reply. NULL after a message when it is
- * refused or does not come; else to be released by the caller. */
+/* Sends a request, takes it over, and waits for the reply, which the caller releases. Returns NULL
+ * after a message when it is refused or does not come. */
 json_t *client_ask(client *c, json_t *request);
 
-/* The next line that the bus sends, however long that takes. NULL at the end, which is not always
- * that of the bus. */
+/* Returns the next line of the bus, however long that takes. Returns NULL at the end, of the bus or
+ * of the connection. */
 const char *client_next(client *c);
 
-/* Says that it has ended, or what has. False: it was not the bus. */
+/* Reports that the bus has ended, or the error. Returns false when the bus has not ended. */
 bool client_tell_end(const client *c);
 
 void client_close(client *c);
 
-/* All of it for a single request. */
+/* Connects, asks and closes for a single request. */
 json_t *client_ask_once(const char *bus, json_t *request);
 
-/* The same where the reply says nothing more: returns the exit status. */
+/* Does the same for a reply without content: returns the exit status. */
 int client_tell(const char *bus, json_t *request);
 
-/* A request of that name. */
+/* Makes a request of that name. */
 json_t *client_request(const char *name);
 
 #endif

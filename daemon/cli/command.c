@@ -9,7 +9,7 @@
 #include <getopt.h>
 #include <stdio.h>
 
-#define OPTION_BASE 256 /* of getopt's values for our options, beyond all letters */
+#define OPTION_BASE 256 /* first value of our options for getopt, beyond all letters */
 
 static void print_help(const command *c)
 {
@@ -53,7 +53,7 @@ int command_parse(const command *c, int *first, int argc, char **argv)
     struct option known[COMMAND_FLAGS_MAX + 2];
     int value;
     fill_in(known, c);
-    optind = 0; /* start anew, whoever used getopt before */
+    optind = 0; /* starts anew after earlier calls of getopt */
     while ((value = getopt_long(argc, argv, c->options_first ? "+h" : "h", known, NULL)) != -1) {
         if (value == 'h') {
             print_help(c);

@@ -11,19 +11,19 @@
 
 #define COMMAND_FLAGS_MAX 4
 
-/* An option: a flag, or with `text` one that takes an argument and may be given again. */
+/* An option: a flag, or with `text` one that takes an argument and may be repeated. */
 typedef struct command_option {
     const char *name;
     bool *flag;
-    bool (*text)(void *user, const char *argument); /* false: a bad value, told */
+    bool (*text)(void *user, const char *argument); /* false: a bad value, after a message */
 } command_option;
 
 typedef struct command {
     const char *usage;  /* "canwire NAME ARGUMENTS" */
-    const char *help;   /* what it does, and its options */
+    const char *help;   /* its purpose, and its options */
     int words_min;      /* arguments that are no options */
     int words_max;      /* -1: any number */
-    bool options_first; /* what follows the first word is no option, whatever it begins with */
+    bool options_first; /* the options end at the first word, whatever follows */
     command_option options[COMMAND_FLAGS_MAX + 1];
     void *user; /* for the options */
 } command;

@@ -28,14 +28,14 @@ static const char help[] =
     "Options come before BUS. Errors are told as FILE:LINE:COLUMN: message.\n"
     "\n";
 
-/* What is sent. */
+/* The text that is sent. */
 typedef struct injection {
     const char *name; /* of the text, for messages */
     buffer text;
-    buffer with; /* lines for the end of the text */
+    buffer with; /* lines to append to the text */
 } injection;
 
-/* False after a message. */
+/* Returns false after a message. */
 static bool append(buffer *to, const char *bytes, size_t count)
 {
     bool good = buffer_append(to, bytes, count);
@@ -44,7 +44,7 @@ static bool append(buffer *to, const char *bytes, size_t count)
     return good;
 }
 
-/* KEY=VALUE becomes a line of the map `with`. */
+/* Turns KEY=VALUE into a line of the map `with`. */
 static bool add_parameter(void *user, const char *argument)
 {
     injection *in = user;
@@ -60,7 +60,7 @@ static bool add_parameter(void *user, const char *argument)
            append(&in->with, "\n", 1);
 }
 
-/* Up to what is too much; the bus would refuse it anyway. */
+/* Reads the text, or as much as exceeds the limit; the bus then refuses it. */
 static bool read_all(buffer *text, FILE *in)
 {
     while (buffer_length(text) <= TEXT_MAX) {
@@ -95,7 +95,7 @@ static bool file_exists(const char *word)
     return strcmp(word, "-") == 0 || stat(word, &found) == 0;
 }
 
-/* Without any of what YAML of rules has, it must be the name of a file. */
+/* Returns true for the name of a file: a word without any character of rules in YAML. */
 static bool looks_like_file(const char *word)
 {
     return strpbrk(word, ":{[\n") == NULL;

@@ -50,7 +50,7 @@ int main(int argc, char **argv)
     return finish(run_tool(argc, argv));
 }
 
-/* Output that could not be written (a full disk) is not success. */
+/* Returns the exit status; output that could not be written (a full disk) is an error. */
 static int finish(int status)
 {
     if (fflush(stdout) == 0 && !ferror(stdout)) {
@@ -103,10 +103,10 @@ static int refuse_command(const char *name)
     return CLI_USAGE;
 }
 
-/* getopt begins its messages with argv[0]. */
+/* Runs a command; getopt begins its messages with argv[0]. */
 static int run_command(const command *c, int argc, char **argv)
 {
-    static char name[NAME_MAX_BYTES]; /* argv lives on */
+    static char name[NAME_MAX_BYTES]; /* argv outlives this call */
 
     (void)snprintf(name, sizeof name, "canwire %s", c->name);
     argv[0] = name;

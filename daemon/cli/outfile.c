@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * outfile.c - a file that is written to: what it had stays until there is something to write.
+ * outfile.c - an output file, which keeps its old content until the first output.
  */
 #include "cli/outfile.h"
 
@@ -24,7 +24,7 @@ static bool complain(const outfile *self, const char *why, const char *program)
     return false;
 }
 
-/* Returns a file descriptor, or -1. */
+/* Opens the file without changing it. Returns a file descriptor, or -1. */
 static int open_as_it_is(outfile *self)
 {
     int fd = open(self->name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, MODE);
@@ -34,10 +34,11 @@ static int open_as_it_is(outfile *self)
     return fd;
 }
 
-/* A terminal has its lines at once. Without memory stdio's own buffer does, too. */
+/* Makes the buffer larger, but not that of a terminal, which must show lines at once. Without
+ * memory stdio's own buffer stays. */
 static void enlarge_buffer(outfile *self)
 {
-    static char of_stdout[BUFFER_BYTES]; /* which lives on */
+    static char of_stdout[BUFFER_BYTES]; /* outlives this call */
     if (isatty(fileno(self->stream)))
         return;
     if (self->stream != stdout)
@@ -47,7 +48,8 @@ static void enlarge_buffer(outfile *self)
         (void)setvbuf(self->stream, buffer, _IOFBF, BUFFER_BYTES);
 }
 
-/* A pipe or a terminal is for many. */
+/* Returns true when another program writes the file. Pipes and terminals may have several
+ * writers. */
 static bool is_busy(int fd)
 {
     struct stat status;
@@ -77,7 +79,8 @@ bool outfile_open(outfile *self, const char *name, const char *program)
     return good;
 }
 
-/* What cannot be cut, a pipe or a terminal, has nothing to lose. */
+/* Empties the file at the first call. A pipe or a terminal cannot be cut, and has no old
+ * content. */
 FILE *outfile_begin(outfile *self)
 {
     if (self->stream && self->stream != stdout && !self->begun)
@@ -86,7 +89,7 @@ FILE *outfile_begin(outfile *self)
     return self->stream;
 }
 
-/* There has been nothing to write: what was not there before goes again. */
+/* Removes a file that was made, but never written to. */
 static bool remove_again(const outfile *self, const char *program)
 {
     char why[REASON_BYTES];

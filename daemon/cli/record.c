@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * record.c - canwire record: writes what happens on a bus into a file of the user's.
+ * record.c - canwire record: records the events of a bus in a file of the user.
  *
  * The daemon may not write where the user may, so events come over the control socket and the file
  * is written here.
@@ -21,7 +21,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define PATIENCE_S 3600u /* at the end, for what is still to be written */
+#define PATIENCE_S 3600u /* at the end, for pending writes */
 
 static const char help[] =
     "Writes what happens on a bus into FILE until you press Ctrl-C: every frame, in a capture\n"
@@ -36,11 +36,11 @@ static const char help[] =
 typedef struct recording {
     cfg_record what;
     bool has_format;
-    cfg config; /* nodes of the bus, as far as recorders look at them */
+    cfg config; /* nodes of the bus, with the members that recorders use */
     client bus;
     recorder *recorder;
     uint64_t epoch_ns; /* CLOCK_REALTIME at bus time 0 */
-    uint64_t lost;     /* events that did not get here */
+    uint64_t lost;     /* events that were lost on the way */
 } recording;
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -75,7 +75,7 @@ static bool take_files(void *user, const char *text)
     return good;
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Chooses the format. Returns -1 to go on, else the exit status. */
 static int settle_format(recording *r)
 {
     if (strcmp(r->what.file, "-") == 0) {
@@ -118,7 +118,7 @@ static char *copy_of(const json_t *text)
     return json_is_string(text) ? strdup(json_string_value(text)) : NULL;
 }
 
-/* Names and ports of the nodes. False after a message. */
+/* Takes names and ports of the nodes. Returns false after a message. */
 static bool take_nodes(recording *r, const json_t *status)
 {
     const json_t *nodes = json_object_get(status, "nodes");
@@ -140,7 +140,8 @@ static bool take_nodes(recording *r, const json_t *status)
     return good;
 }
 
-/* Before the file is begun: whether it is none of the bus. False after a message. */
+/* Asks for the status and, before the file is begun, checks that the bus does not use the file.
+ * Returns false after a message. */
 static bool ask_status(recording *r, bool first)
 {
     json_t *reply = client_ask_once(r->bus.bus, client_request("status"));
@@ -150,7 +151,7 @@ static bool ask_status(recording *r, bool first)
     return good;
 }
 
-/* False after a message. */
+/* Returns false after a message. */
 static bool begin_watch(recording *r)
 {
     static const char *const kinds[] = {"tx",    "skip", "error", "state", "restart",
@@ -177,7 +178,7 @@ static void take_lost(recording *r, json_int_t count)
                 count);
 }
 
-/* A reload may have changed the nodes. */
+/* Reads the event again with new nodes, since a reload may have changed them. */
 static event_read_result look_again(recording *r, cw_event *event, uint64_t *time_ns,
                                     const json_t *line)
 {
@@ -214,7 +215,7 @@ static void take_line(recording *r, const char *text)
 static volatile sig_atomic_t interrupted;
 static int bus_fd = -1;
 
-/* No more comes; what is on its way is still taken. */
+/* Stops the events; those on their way are still taken. */
 static void on_signal(int number)
 {
     int error = errno;

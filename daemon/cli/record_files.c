@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * record_files.c - what canwire record writes is none of the bus' own files.
+ * record_files.c - checks that canwire record does not write to a file of the bus.
  *
- * canwired names its files as it was told them, so a path may begin where canwired was started.
- * Where that is only canwired's own user and root can see. Nobody else may replace its files,
- * unless he may write to their folders.
+ * canwired reports its files under their given names, so a path may be relative to the folder in
+ * which canwired was started. Only canwired's own user and root can see that folder. Other users
+ * cannot replace its files, unless they may write to their folders.
  */
 #include "cli/record_files.h"
 
@@ -24,7 +24,7 @@ typedef struct bus_files {
     fileuses uses;
     char **paths; /* of the uses, to be freed */
     size_t count;
-    char folder[PATH_MAX]; /* in which canwired runs; empty: not known */
+    char folder[PATH_MAX]; /* in which canwired runs; empty: unknown */
 } bus_files;
 
 static void find_folder(char folder[PATH_MAX], const json_t *status)
@@ -36,7 +36,7 @@ static void find_folder(char folder[PATH_MAX], const json_t *status)
     folder[length > 0 ? length : 0] = '\0';
 }
 
-/* As this process can open it, to be freed. */
+/* Returns the path by which this process can open the file, to be freed. */
 static char *make_path(const bus_files *files, const char *name)
 {
     char *path = NULL;
@@ -45,7 +45,7 @@ static char *make_path(const bus_files *files, const char *name)
     return asprintf(&path, "%s/%s", files->folder, name) < 0 ? NULL : path;
 }
 
-/* Where what is called so in the status is; NULL: it has no such name, or there is no memory. */
+/* Returns the path of a name in the status. Returns NULL for a missing name, and without memory. */
 static const char *keep_path(bus_files *files, const char *name)
 {
     if (!name)
@@ -57,7 +57,7 @@ static const char *keep_path(bus_files *files, const char *name)
     return path;
 }
 
-/* Nothing where there is no name. */
+/* Adds a file under a name, if there is one. */
 static void add_name(bus_files *files, const json_t *name, fileuse use)
 {
     use.path = keep_path(files, json_string_value(name));
@@ -65,7 +65,7 @@ static void add_name(bus_files *files, const json_t *name, fileuse use)
         fileuses_add(&files->uses, &use);
 }
 
-/* The file that an object of the status names. */
+/* Adds the file that an object of the status names. */
 static void add_file(bus_files *files, const json_t *object, fileuse use)
 {
     add_name(files, json_object_get(object, "file"), use);
@@ -86,7 +86,7 @@ static void add_port(bus_files *files, const json_t *node)
         add_socket(files, port.path, "the bus' port");
 }
 
-/* "record" with the files that it is rotated to. */
+/* Adds a "record" with its rotated files. */
 static void add_recording(bus_files *files, const json_t *recording)
 {
     const json_int_t kept = json_integer_value(json_object_get(recording, "files"));
@@ -114,7 +114,8 @@ static void add_files(bus_files *files, const json_t *status)
              (fileuse){.what = "the bus' journal", .written = true});
 }
 
-/* How many it can name at most: beside these the configuration, the journal and the socket. */
+/* Returns the largest number of names: besides these the configuration, the journal and the
+ * socket. */
 static size_t count_names(const json_t *status)
 {
     return json_array_size(json_object_get(status, "recordings")) +

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * record_files.h - what canwire record writes is none of the bus' own files.
+ * record_files.h - checks that canwire record does not write to a file of the bus.
  */
 #ifndef CANWIRE_CLI_RECORD_FILES_H
 #define CANWIRE_CLI_RECORD_FILES_H
@@ -10,8 +10,8 @@
 #include <jansson.h>
 #include <stdbool.h>
 
-/* Compares a recording with the files that the status of a bus names: its configuration, recordings
- * and journal. False after messages that name both. */
+/* Compares a recording with the files in the status of a bus: its configuration, recordings and
+ * journal. Returns false after messages that name both. */
 bool record_check_files(const cfg_record *what, const json_t *status);
 
 #endif

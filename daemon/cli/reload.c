@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * reload.c - canwire reload: a bus goes over to what its configuration says now.
+ * reload.c - canwire reload: makes a bus read its configuration again.
  *
- * A service manager knows the file and the process of a bus, and wants to hear of a refusal: that
- * is what --config and --pid are for.
+ * A service manager knows the file and the process of a bus, and needs the result. It uses --config
+ * and --pid.
  */
 #include "base/plain.h"
 #include "cli/client.h"
@@ -60,7 +60,7 @@ static bool take_pid(void *user, const char *text)
 
 /* ---- By control socket ----------------------------------------------------------------------- */
 
-/* With a path that is another bus's by mistake that one would be reloaded. */
+/* Returns true for the expected process: a wrong path would reload another bus. */
 static bool is_process(const client *c, pid_t pid)
 {
     struct ucred peer = {.pid = 0};
@@ -88,8 +88,8 @@ static int ask(const char *control, pid_t pid)
 
 /* ---- By signal ------------------------------------------------------------------------------- */
 
-/* canwired tells it as well, but maybe later than systemd sees that this process has ended: the
- * reload would be over before it has begun. */
+/* Reports the reload to the service manager. canwired's own report may come after this process has
+ * ended, when systemd would take the reload for finished. */
 static void tell_service_manager(void)
 {
     static const char text[] = "RELOADING=1";

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * restart.c - canwire restart: gets a node out of bus-off.
+ * restart.c - canwire restart: restarts a node that is bus-off.
  */
 #include "base/jsonput.h"
 #include "cli/client.h"

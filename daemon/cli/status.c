@@ -43,7 +43,7 @@ static int show_one(const char *bus, bool json)
     return CLI_OK;
 }
 
-/* Asks all sockets that there are; false when one did not answer. */
+/* Asks all existing sockets; returns false when one did not answer. */
 static bool ask_all(json_t *list, const glob_t *found)
 {
     bool good = true;

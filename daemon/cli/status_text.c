@@ -12,9 +12,9 @@
 
 #define UPPER_MAX 32
 #define NS_PER_S 1000000000
-#define LAG_SHOWN_MS 100 /* less is usual on a busy machine */
+#define LAG_SHOWN_MS 100 /* a smaller lag is usual on a busy machine */
 
-/* Columns of numbers under their names, as `ip` has for re-started, bus-errors ... */
+/* Columns of numbers under their names, as `ip` prints them for re-started, bus-errors ... */
 typedef struct column {
     const char *title;
     const char *key;
@@ -28,7 +28,7 @@ static intmax_t number(const json_t *object, const char *key)
     return (intmax_t)json_integer_value(json_object_get(object, key));
 }
 
-/* Returns "" when there is none. A bus may send any text: it is made plain in place, which keeps
+/* Returns "" for a missing text. A bus may send any text: it is made plain in place, which keeps
  * its length. */
 static const char *text(const json_t *object, const char *key)
 {
@@ -51,13 +51,13 @@ static const char *upper(char out[UPPER_MAX], const char *word)
 static intmax_t sum(const json_t *object)
 {
     intmax_t total = 0;
-    json_t *members = (json_t *)(uintptr_t)object; /* the iterator takes no const */
+    json_t *members = (json_t *)(uintptr_t)object; /* the iterator does not accept a const object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
         total += (intmax_t)json_integer_value(json_object_iter_value(i));
     return total;
 }
 
-/* Only where the bus has not kept up with real time. */
+/* Prints the lag and the skipped time of a bus, if there is any. */
 static void print_pace(FILE *out, const json_t *bus)
 {
     intmax_t lag_ms = number(bus, "lag_ns") / 1000000;
@@ -82,12 +82,13 @@ static void print_bus(FILE *out, const json_t *bus)
     print_pace(out, bus);
 }
 
-/* "<LISTEN-ONLY,ONE-SHOT> ", or nothing. */
+/* Prints "<LISTEN-ONLY,ONE-SHOT> ", or nothing. */
 static void print_modes(FILE *out, const json_t *settings)
 {
     const char *before = "<";
     char flag[UPPER_MAX];
-    json_t *members = (json_t *)(uintptr_t)settings; /* the iterator takes no const */
+    json_t *members = (json_t *)(uintptr_t)settings; /* the iterator does not accept a const
+                                                        object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
         if (!json_is_true(json_object_iter_value(i)))
             continue;
@@ -98,7 +99,7 @@ static void print_modes(FILE *out, const json_t *settings)
         fputs("> ", out);
 }
 
-/* Whether the interface is there and up, or the node has none. */
+/* Returns true when the interface exists and is up, or the node has none. */
 static bool has_link(const json_t *node)
 {
     const char *link = text(node, "link");
@@ -118,7 +119,7 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
 }
 
-/* Of column i and what stands under it; the last one ends the line. */
+/* Returns the width of column i, of its name and its number; the last column ends the line. */
 static int column_width(const column *columns, size_t count, size_t i)
 {
     int width = (int)strlen(columns[i].title);
@@ -169,8 +170,8 @@ static void print_counters(FILE *out, const json_t *node)
     print_columns(out, json_object_get(node, "dropped"), drops, COUNT_OF(drops));
 }
 
-/* What a driver's link statistics would count. What the ECU's interface lost on the way to the
- * node counts as dropped by it. */
+/* Prints the link statistics of a driver. Frames that the ECU's interface lost on the way to the
+ * node count as dropped by the interface. */
 static void print_traffic(FILE *out, const json_t *node)
 {
     const json_t *interface = json_object_get(node, "interface");
@@ -186,7 +187,7 @@ static void print_traffic(FILE *out, const json_t *node)
             0, 0);
 }
 
-/* Where a program has spoken to nobody. */
+/* Prints frames that reached no receiver. */
 static void print_loopless(FILE *out, const json_t *node)
 {
     intmax_t frames = number(json_object_get(node, "interface"), "loopless");
@@ -195,7 +196,7 @@ static void print_loopless(FILE *out, const json_t *node)
                 frames);
 }
 
-/* Where frames may wait that nobody can read. */
+/* Prints failed reads; frames may wait there unread. */
 static void print_read_failed(FILE *out, const json_t *node)
 {
     intmax_t times = number(json_object_get(node, "interface"), "read_failed");
@@ -204,7 +205,7 @@ static void print_read_failed(FILE *out, const json_t *node)
                 times == 1 ? "" : "s");
 }
 
-/* Where programs wait for room in the queue, in place of losing frames. */
+/* Prints pauses in which programs wait for room in the queue instead of losing frames. */
 static void print_push_back(FILE *out, const json_t *node)
 {
     bool now = json_is_true(json_object_get(node, "pushing_back"));

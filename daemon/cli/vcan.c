@@ -2,8 +2,8 @@
  *
  * vcan.c - canwire vcan: makes and removes the interfaces of a configuration.
  *
- * What it has made is known by its alias, "canwire FILE", so that it removes that and no more,
- * whatever has become of the file. The alias also tells the peer: another peer, another pair.
+ * An alias, "canwire FILE", marks its interfaces. So it removes these and no others, even if the
+ * file has changed. The alias also contains the peer: a different peer needs another pair.
  */
 #include "cli/cli.h"
 
@@ -21,8 +21,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#define NETNS_FOLDER "/run/netns/" /* where `ip netns` keeps them */
-#define OWNER_MAX 160u             /* so that an alias also has room for the peer */
+#define NETNS_FOLDER "/run/netns/" /* the folder of `ip netns` */
+#define OWNER_MAX 160u             /* leaves room for the peer in an alias */
 #define PEER_BYTES 96u             /* ": NAME in NETNS" */
 
 static const char usage[] = "usage: canwire vcan up|down FILE\n";
@@ -54,7 +54,7 @@ static const struct option options[] = {
     {NULL, 0, NULL, 0},
 };
 
-/* What has to be done about the port of a node. */
+/* The step that the port of a node needs. */
 typedef enum step { STEP_NONE = 0, STEP_SET_UP, STEP_MAKE, STEP_REPLACE } step;
 
 typedef struct plan {
@@ -71,7 +71,7 @@ int cli_vcan(int argc, char **argv)
 {
     int option;
 
-    optind = 0; /* start anew, whoever used getopt before */
+    optind = 0; /* starts anew after earlier calls of getopt */
     while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         if (option == 'h') {
             fputs(usage, stdout);
@@ -88,7 +88,7 @@ int cli_vcan(int argc, char **argv)
     return CLI_USAGE;
 }
 
-/* Begins a message, and ends it with what the kernel or the system says. */
+/* Complains with a message and the reason from the kernel or the system. */
 static bool complain(const char *what, const char *why)
 {
     plain_print(stderr, "canwire vcan: %s: %s\n", what, why);
@@ -114,9 +114,9 @@ static bool complain_link(const plan *p, const char *verb, const char *name, int
     return false;
 }
 
-/* ---- Who has made an interface --------------------------------------------------------------- */
+/* ---- Ownership ------------------------------------------------------------------------------- */
 
-/* FILE from the root on; what it is a link to does not matter, and it need not be there. */
+/* Resolves FILE to an absolute path. Symbolic links stay, and the file need not exist. */
 static bool resolve(char out[PATH_MAX], const char *file)
 {
     char folder[PATH_MAX];
@@ -159,7 +159,7 @@ static bool is_ours(const char *owner, const link_info *info)
 
 /* ---- Up -------------------------------------------------------------------------------------- */
 
-/* What is to be done about an interface that is there. */
+/* Decides the step for an existing interface. */
 static bool judge(step *out, const plan *p, const cfg_node *node, const link_info *info)
 {
     char alias[LINKS_ALIAS_BYTES];
@@ -176,7 +176,7 @@ static bool judge(step *out, const plan *p, const cfg_node *node, const link_inf
     return true;
 }
 
-/* An interface in use is not taken down for it. */
+/* Warns only: an interface in use is not set down to change its MTU. */
 static void warn_of_fd(const cfg_node *node, const link_info *info)
 {
     if (info->mtu <= LINKS_MTU)
@@ -197,7 +197,7 @@ static int open_netns(const cfg_node *node)
     return open(path, O_RDONLY | O_CLOEXEC);
 }
 
-/* Looks, and changes nothing. */
+/* Plans the steps of a port without changing anything. */
 static bool plan_port(plan *p, size_t i)
 {
     const cfg_node *node = &p->config->nodes[i];
@@ -227,7 +227,7 @@ static int make_pair(plan *p, const cfg_node *node)
 {
     int fd = node->netns ? open_netns(node) : -1;
     if (node->netns && fd < 0)
-        return errno; /* gone since it was looked at */
+        return errno; /* it has gone since the plan */
     int number = links_make_vxcan(p->links, node->port, node->peer, fd);
 
     if (fd >= 0)
@@ -245,7 +245,7 @@ static bool make(plan *p, size_t i)
     print_peer(peer, node);
     if (number != 0) {
         char name[IF_NAMESIZE + PEER_BYTES];
-        p->made[i] = links_unanswered(p->links); /* it may be there, and without its alias */
+        p->made[i] = links_unanswered(p->links); /* it may exist, without its alias */
         (void)snprintf(name, sizeof name, "%s%s", node->port, peer);
         return complain_link(p, "make", name, number);
     }
@@ -274,7 +274,7 @@ static bool carry_out(plan *p, size_t i)
     return number == 0 || complain_link(p, "set up", port, number);
 }
 
-/* What stays would be taken for somebody else's if it has no alias yet. */
+/* Removes new interfaces again. One without an alias would seem to belong to somebody else. */
 static void take_back(plan *p)
 {
     for (size_t i = 0; i < p->config->node_count; i++) {
@@ -328,7 +328,7 @@ static bool collect(void *user, const link_info *info)
     return true;
 }
 
-/* All that can be removed. */
+/* Removes all interfaces that it can. */
 static bool bring_down(const plan *p)
 {
     name_list list = {.owner = p->owner};
@@ -341,7 +341,7 @@ static bool bring_down(const plan *p)
         number = links_remove(p->links, list.names[i]);
         if (number == 0)
             printf("removed %s\n", list.names[i]);
-        else if (number != ENODEV) /* the other end of one that was removed */
+        else if (number != ENODEV) /* the other end of a removed one */
             good = complain_link(p, "remove", list.names[i], number);
     }
     free(list.names);

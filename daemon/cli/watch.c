@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * watch.c - canwire watch: what happens on a bus, while it happens.
+ * watch.c - canwire watch: prints the events of a bus as they happen.
  */
 #include "base/jsonput.h"
 #include "base/plain.h"
@@ -22,7 +22,7 @@ static const char help[] =
     "      --json   lines of JSON, as the bus sends them, on a terminal, too\n"
     "      --text   the table, not only on a terminal\n";
 
-/* The members that a line of text begins with, in columns. */
+/* The columns at the beginning of a line of text. */
 #define NODE_WIDTH 16
 #define KIND_WIDTH 16
 
@@ -41,7 +41,7 @@ static bool is_column(const char *key)
     return strcmp(key, "t") == 0 || strcmp(key, "node") == 0 || strcmp(key, "event") == 0;
 }
 
-/* Time, node and kind in columns, then what else there is, by name; a frame needs none. */
+/* Prints time, node and kind in columns, then the other members by name; a frame has no name. */
 static void print_event(json_t *event)
 {
     const char *node = json_string_value(json_object_get(event, "node"));
@@ -76,7 +76,7 @@ static void print_line(const char *line)
     json_decref(event);
 }
 
-/* Until the bus ends, which is no success: it was to be watched. */
+/* Prints events until the bus ends. That is an error: the bus was to be watched. */
 static int show_events(client *c, bool json)
 {
     const char *line;
@@ -92,7 +92,7 @@ static int show_events(client *c, bool json)
     return CLI_BAD_INPUT;
 }
 
-/* A watch of the kinds that are named, separated by blanks or commas. */
+/* Makes a watch request for the named kinds; blanks or commas separate them. */
 static json_t *make_request(char **words, int count)
 {
     json_t *request = client_request("watch");

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * expect.c - judges a run by what its configuration expects of it.
+ * expect.c - judges a run by the expectations of its configuration.
  */
 #include "cli/sim/expect.h"
 
@@ -11,11 +11,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* In the same order as cfg_percentile. */
+/* The percentiles in the order of cfg_percentile. */
 static const unsigned percents[CFG_PERCENTILES] = {50, 90, 95, 99};
 
-/* What has been found about one expectation. Where each node counts for itself, by node; else all
- * in place 0. */
+/* The findings about one expectation: by node where each node counts on its own, else all at index
+ * 0. */
 typedef struct tally {
     uint64_t count[CW_NODES_MAX];
     uint64_t first[CW_NODES_MAX];     /* tick, when count is not 0 */
@@ -70,7 +70,7 @@ static bool matches_frame(const cw_rule *when, const cw_frame *frame)
     return cw_frame_matches(frame, when->filters, when->filter_count) && matches_data(when, frame);
 }
 
-/* At receivers when some are named, else at the sender when it is done. */
+/* Returns true for a delivery: at the named receivers, else at the sender when it is done. */
 static bool is_delivery(const cfg_expect *e, const cw_event *event)
 {
     return event->kind == (e->to ? CW_EVENT_RX : CW_EVENT_TX) &&
@@ -78,7 +78,7 @@ static bool is_delivery(const cfg_expect *e, const cw_event *event)
            matches_frame(&e->when, &event->frame);
 }
 
-/* Whether an event is one of those that an expectation is about, whichever node it concerns. */
+/* Returns true when an expectation is about this event, whichever node it concerns. */
 static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *event)
 {
     switch (e->kind) {
@@ -152,7 +152,7 @@ void expect_event(expect *x, const cw_event *event)
     }
 }
 
-/* ---- What is wanted, in words ---------------------------------------------------------------- */
+/* ---- Expectations as text -------------------------------------------------------------------- */
 
 static void write_span(FILE *out, const char *before, uint64_t ticks)
 {
@@ -169,7 +169,7 @@ static void write_nodes(FILE *out, const cfg *config, const char *before, uint64
     }
 }
 
-/* Returns the last number. */
+/* Writes the limits; returns the last number. */
 static uint64_t write_limits(FILE *out, const cfg_expect *e)
 {
     if (e->min == e->max)
@@ -215,7 +215,7 @@ static void write_window(FILE *out, const cw_rule *when)
         write_span(out, when->time_begin > 0 ? " to " : " before ", when->time_end);
 }
 
-/* Words of a set, in brackets. */
+/* Writes the words of a set, in brackets. */
 static void write_words(FILE *out, uint32_t set, unsigned size, const char *(*name)(unsigned))
 {
     const char *before = " (";
@@ -337,7 +337,7 @@ static void write_wanted(FILE *out, const cfg *config, const cfg_expect *e)
     write_window(out, &e->when);
 }
 
-/* ---- What was found -------------------------------------------------------------------------- */
+/* ---- Results --------------------------------------------------------------------------------- */
 
 /* Judges one place of a tally. */
 static bool is_met_at(const cfg_expect *e, const tally *t, unsigned place)
@@ -375,7 +375,7 @@ static bool judge_counts(FILE *out, const cfg *config, const cfg_expect *e, cons
     return met;
 }
 
-/* Rounded down. */
+/* Writes a share, rounded down. */
 static void write_share(FILE *out, uint64_t part, uint64_t all, uint64_t limit)
 {
     uint64_t permille = part * 1000 / all;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * expect.h - judges a run by what its configuration expects of it.
+ * expect.h - judges a run by the expectations of its configuration.
  *
- * Fed with the events of the bus. Memory depends on the number of expectations alone.
+ * It takes the events of the bus. Its memory depends only on the number of expectations.
  */
 #ifndef CANWIRE_CLI_SIM_EXPECT_H
 #define CANWIRE_CLI_SIM_EXPECT_H
@@ -12,18 +12,18 @@
 
 typedef struct expect expect;
 
-/* Begins to judge by config->expects; the configuration must live longer. `start` is what the bus
- * has counted up to now. NULL: no memory. */
+/* Begins to judge by config->expects; the configuration must live longer. `start` has the
+ * statistics of the bus up to now. Returns NULL without memory. */
 expect *expect_start(const cfg *config, const cw_bus_stats *start);
 
-/* Every event, in order. */
+/* Takes every event, in order. */
 void expect_event(expect *x, const cw_event *event);
 
-/* Adds the outcome of each expectation to a report; the run is over, the bus is where it ended.
- * False when there is no memory. */
+/* Adds the result of each expectation to a report; the run has ended with this bus. Returns false
+ * without memory. */
 bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus);
 
-/* NULL is fine. */
+/* Frees it. NULL is allowed. */
 void expect_free(expect *x);
 
 #endif

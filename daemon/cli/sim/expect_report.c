@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * expect_report.c - outcomes of expectations, as text and as JUnit XML.
+ * expect_report.c - results of expectations, as text and as JUnit XML.
  */
 #include "cli/sim/expect_report.h"
 
@@ -60,7 +60,8 @@ void expect_report_text(FILE *out, const expect_report *report)
 
 /* ---- JUnit XML ------------------------------------------------------------------------------- */
 
-/* What UTF-8 of a code point that XML does not allow begins with: U+FFFE and U+FFFF. */
+/* Returns true for a character that XML does not allow: a control character, or the UTF-8 of U+FFFE
+ * or U+FFFF. */
 static bool is_forbidden(const char *text)
 {
     return (unsigned char)text[0] < ' ' || strncmp(text, "\xEF\xBF\xBE", 3) == 0 ||
@@ -102,8 +103,8 @@ static void write_attribute(FILE *out, const char *name, const char *value)
     fputc('"', out);
 }
 
-/* In seconds; more than three decimals are not taken by all readers. To the nearest millisecond,
- * but what took time is never shown as having taken none. */
+/* Writes a time in seconds with three decimals, since some readers accept no more. It is rounded to
+ * the nearest millisecond, but a time above 0 is never shown as 0. */
 static void write_time(FILE *out, uint64_t ticks)
 {
     const uint64_t ms_ticks = CW_CLOCK_HZ / 1000u;
@@ -113,7 +114,7 @@ static void write_time(FILE *out, uint64_t ticks)
     fprintf(out, " time=\"%" PRIu64 ".%03" PRIu64 "\"", ms / 1000u, ms % 1000u);
 }
 
-/* What makes a name different from those of other cases. */
+/* Writes a suffix that makes a name different from other cases. */
 static void write_which(FILE *out, const expect_report *report, const expect_outcome *o)
 {
     size_t before = 0; /* in the same configuration */

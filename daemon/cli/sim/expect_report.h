@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * expect_report.h - outcomes of expectations, as text and as JUnit XML.
+ * expect_report.h - results of expectations, as text and as JUnit XML.
  */
 #ifndef CANWIRE_CLI_SIM_EXPECT_REPORT_H
 #define CANWIRE_CLI_SIM_EXPECT_REPORT_H
@@ -11,11 +11,11 @@
 #include <stdio.h>
 
 typedef struct expect_outcome {
-    char *name;   /* own ones, never NULL */
-    char *wanted; /* in words */
+    char *name;   /* owned, never NULL */
+    char *wanted; /* the expectation as text */
     char *got;
     bool met;
-    uint64_t ticks; /* of bus time that it looked at */
+    uint64_t ticks; /* of bus time that it covers */
     unsigned configuration; /* of the run, counted from 1; set by expect_report_add() */
 } expect_outcome;
 
@@ -24,21 +24,21 @@ typedef struct expect_report {
     expect_outcome *outcomes;
     size_t count;
     size_t failed;
-    unsigned configuration; /* which one is judged now; for the caller to count */
+    unsigned configuration; /* number of the present one, counted by the caller */
 } expect_report;
 
-/* Takes the texts of the outcome over. name NULL: what is wanted is its name. False, with the texts
- * freed, when one of them is NULL or there is no memory. */
+/* Takes over the texts of the result. Without a name the text of the expectation is the name.
+ * Returns false, with the texts freed, when one is NULL or memory is short. */
 bool expect_report_add(expect_report *report, expect_outcome outcome);
 
 void expect_report_free(expect_report *report);
 
-/* A line per expectation and one with the sum. */
+/* Writes a line per expectation and one with the sum. */
 void expect_report_text(FILE *out, const expect_report *report);
 
-/* One suite with a test case per expectation, as Jenkins and others read it; their names are
- * different: what several configurations expect has their number behind it. Times are bus time;
- * ticks is that of the whole run. `bus` names the suite and the class of its cases. */
+/* Writes one suite with a test case per expectation, for Jenkins and others. All names are
+ * different: expectations of several configurations have a number. Times are bus time; ticks is the
+ * time of the whole run. `bus` names the suite and the class of its cases. */
 void expect_report_junit(FILE *out, const expect_report *report, const char *bus, uint64_t ticks);
 
 #endif

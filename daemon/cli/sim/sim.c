@@ -47,7 +47,7 @@ typedef struct sim_options {
 } sim_options;
 
 typedef struct sim {
-    cfg *config; /* NULL with a journal, whose own is that of the run */
+    cfg *config; /* NULL with a journal, whose own configuration the run has */
     sim_journal journal;
     sim_run run;
     outfile out[OUT_COUNT];
@@ -99,7 +99,7 @@ static const char help[] =
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-/* Traffic that does not end by itself, or NULL. */
+/* Returns traffic that does not end by itself, or NULL. */
 static const cfg_traffic *find_endless(const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
@@ -113,7 +113,7 @@ static bool set_until(sim *s, const time_option *o)
 {
     const cfg_traffic *endless = s->journal.player ? NULL : find_endless(s->config);
     if (o->text) {
-        /* the last tick whose time, truncated to nanoseconds as in events, is not after TIME */
+        /* the last tick whose time in events, truncated to nanoseconds, is not after TIME */
         const cfg_time beyond = {.ns = 1};
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->rate) - 1;
     } else if (endless && !s->awaited.text) {
@@ -191,7 +191,7 @@ static bool wants_output(const sim_options *o)
     return any;
 }
 
-/* A run without outputs prints a summary. */
+/* Adds the outputs; a run without outputs prints a summary. */
 static void add_outputs(fileuses *all, const sim_options *o)
 {
     static const char *const names[OUT_COUNT] = {
@@ -210,8 +210,8 @@ static void add_outputs(fileuses *all, const sim_options *o)
         fileuses_add(all, &(fileuse){.what = "", .path = "-", .written = true});
 }
 
-/* None may be in the place of what is read, or of another one. The journal has the configuration in
- * it, and all that was replayed. */
+/* Checks that no output is an input or another output. The journal contains the configuration, and
+ * all replayed frames. */
 static bool check_files(const sim *s, const sim_options *o)
 {
     fileuses all = {.count = 0};
@@ -236,14 +236,14 @@ static bool open_outputs(sim *s, const sim_options *o)
     return good;
 }
 
-/* Tick at which the run ends if nothing fails, CW_NEVER: that is not known yet. */
+/* Returns the tick at which the run ends if nothing fails, CW_NEVER: not known yet. */
 static uint64_t known_end(const sim *s, const sim_options *o)
 {
     return o->until_event || o->journal ? CW_NEVER : s->run.until;
 }
 
-/* Finds out first where an awaited event comes, since only there care has to be taken; not for the
- * reference, which takes it all the time. */
+/* Finds the tick of an awaited event first, since only the part from there on needs care. The
+ * reference run is careful all the time. */
 static void look_ahead(sim *s, const sim_options *o, bool progress)
 {
     sim_scout scout = {.journal = o->journal, .run = &s->run, .progress = progress};
@@ -251,8 +251,8 @@ static void look_ahead(sim *s, const sim_options *o, bool progress)
         sim_scout_go(&scout, &s->awaited);
 }
 
-/* Those that are written while the bus runs. An awaited event has been looked for before, which may
- * take long and be interrupted: until then they are as they were. */
+/* Begins outputs that are written while the bus runs. The search for an awaited event has ended; it
+ * may take long or be interrupted, and leaves the files unchanged. */
 static void begin_outputs(sim *s)
 {
     (void)outfile_begin(&s->out[OUT_EVENTS]);
@@ -262,8 +262,8 @@ static void begin_outputs(sim *s)
     sim_trace_begin(&s->trace);
 }
 
-/* The trace is behind what else looks on: what has to do with events comes before what has to do
- * with bits. No output is touched until all is known to be possible. */
+/* Sets up the run. The trace is the last sink, since events come before bits. No output is changed
+ * until the run is known to be possible. */
 static bool set_up(sim *s, const sim_options *o)
 {
     if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
@@ -319,8 +319,8 @@ static bool can_be_shared(const char *file)
     return stat(file, &found) == 0 && !S_ISREG(found.st_mode);
 }
 
-/* Two outputs in one file would overwrite each other; on standard output they come in turn, and
- * what is no file (/dev/null) takes all. The one that stands there twice, or NULL. */
+/* Returns an output that is given twice, or NULL. Two outputs in one file would overwrite each
+ * other. Standard output takes them in turn, and a device (/dev/null) takes all. */
 static const char *shared_output(const sim_options *o)
 {
     for (size_t i = 0; i < OUT_COUNT; i++)
@@ -331,7 +331,7 @@ static const char *shared_output(const sim_options *o)
     return NULL;
 }
 
-/* Says what is wrong; returns the exit status. */
+/* Complains; returns the exit status. */
 static int refuse(const char *what, const char *why)
 {
     plain_print(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
@@ -358,9 +358,9 @@ static bool take_seed(sim_options *o, const char *text)
     return false;
 }
 
-#define OPTION_OUTPUT 256 /* of getopt's values: the first output */
+#define OPTION_OUTPUT 256 /* first value of the outputs for getopt */
 
-/* False after a message, when the value is bad. */
+/* Returns false after a message about a bad value. */
 static bool take_option(sim_options *o, int option)
 {
     if (option >= OPTION_OUTPUT)
@@ -382,7 +382,7 @@ static bool take_option(sim_options *o, int option)
     return true;
 }
 
-/* What does not go together. Returns -1 to go on, else the exit status. */
+/* Checks combinations of options. Returns -1 to go on, else the exit status. */
 static int check_options(const sim_options *o)
 {
     const char *shared = shared_output(o);

@@ -26,7 +26,7 @@ static void pass_on(void *user, const cw_event *event)
     sim_pass_on(j->run, event);
 }
 
-/* Whether nodes are the same, in the same places. */
+/* Returns true when the nodes are the same, in the same places. */
 static bool same_nodes(const cfg *config, const cfg *next, const uint8_t *from)
 {
     bool same = config->node_count == next->node_count;

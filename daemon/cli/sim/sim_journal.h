@@ -11,24 +11,25 @@
 #include "cli/sim/sim_until.h"
 #include "run/journal_play.h"
 
-/* Those that look on and have to know of another configuration. */
+/* A run and its observers, which must know of other configurations. */
 typedef struct sim_journal {
     journal_player *player; /* NULL: there is no journal */
     FILE *errors;           /* for messages */
     sim_run *run;
-    sim_judge *judge; /* NULL: nobody judges, traces, writes */
+    sim_judge *judge; /* NULL: no judge, no trace, no output */
     sim_trace *trace;
     outfile *pcapng;
     sim_until *awaited;
 } sim_journal;
 
-/* Opens a journal and the run. All but the player is to be set. False after a message. */
+/* Opens a journal and the run; all members but the player are set. Returns false after a
+ * message. */
 bool sim_journal_open(sim_journal *j, const char *file);
 
 void sim_journal_close(sim_journal *j);
 
-/* Runs to the end of the journal, or of the run. False after a message, when it cannot be
- * understood or when this is not the run that it tells of. */
+/* Runs to the end of the journal, or of the run. Returns false after a message, when the journal
+ * cannot be understood or this run differs from it. */
 bool sim_journal_go(sim_journal *j);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_judge.c - judges a run of `canwire sim` by what its configuration expects, and reports.
+ * sim_judge.c - judges a run of `canwire sim` by its expectations, and reports.
  */
 #include "cli/sim/sim_judge.h"
 

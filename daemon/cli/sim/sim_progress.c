@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_progress.c - one line on a terminal that tells how far a long run has come.
+ * sim_progress.c - shows the progress of a long run in one line on a terminal.
  */
 #include "cli/sim/sim_progress.h"
 
@@ -12,13 +12,13 @@
 #include <time.h>
 #include <unistd.h>
 
-#define LOOK_TICKS (CW_CLOCK_HZ / 100u) /* bus time between two looks at the clock */
+#define LOOK_TICKS (CW_CLOCK_HZ / 100u) /* bus time between two readings of the clock */
 #define FIRST_NS INT64_C(1000000000)
 #define PERIOD_NS INT64_C(250000000)
 #define LINE_MAX_BYTES 192
-#define COLUMNS_DEFAULT 80 /* of a terminal that does not tell */
+#define COLUMNS_DEFAULT 80 /* of a terminal of unknown width */
 #define CLOCK_MAX 32
-#define AWAITED_MAX 32 /* letters of the event that the run waits for */
+#define AWAITED_MAX 32 /* letters of an awaited event */
 
 static int64_t wall_ns(void)
 {
@@ -44,7 +44,7 @@ bool sim_progress_is_due(sim_progress *p, uint64_t now)
     return wall_ns() >= p->next_ns;
 }
 
-/* "1:02:03" or "2:03" */
+/* Prints "1:02:03" or "2:03". */
 static void print_clock(char *out, size_t size, double seconds)
 {
     uint64_t s = (uint64_t)seconds;
@@ -55,7 +55,7 @@ static void print_clock(char *out, size_t size, double seconds)
         snprintf(out, size, "%u:%02u", (unsigned)(s / 60), (unsigned)(s % 60));
 }
 
-/* Three digits that say something, without an exponent. */
+/* Prints three significant digits without an exponent. */
 static void print_factor(FILE *out, double factor)
 {
     double unit = 1;
@@ -69,19 +69,19 @@ static void print_factor(FILE *out, double factor)
         fprintf(out, "%.3g", factor);
 }
 
-/* What a line may tell, least important first: on a narrow terminal they are left out in turn, the
+/* The details of a line, least important first. On a narrow terminal they are left out in turn, the
  * bus time last. */
 typedef enum detail {
     DETAIL_AWAITED = 0,
     DETAIL_FRAMES,
     DETAIL_SPEED,
-    DETAIL_UNIT, /* the word for what is counted */
+    DETAIL_UNIT, /* the unit of the first number */
     DETAIL_LEFT,
     DETAIL_END,
     DETAIL_COUNT
 } detail;
 
-/* What there is to tell. */
+/* The data of a line. */
 typedef struct news {
     const cw_bus_stats *stats;
     uint64_t end;  /* CW_NEVER: unknown */
@@ -103,7 +103,7 @@ static void print_awaited(FILE *out, const char *awaited)
             strlen(awaited) > AWAITED_MAX ? "..." : "");
 }
 
-/* Details from `first` on. */
+/* Prints the details from `first` on. */
 static void print_details(FILE *out, const news *n, detail first)
 {
     const double done = (double)n->stats->ticks / CW_CLOCK_HZ;
@@ -126,7 +126,7 @@ static void print_details(FILE *out, const news *n, detail first)
         print_awaited(out, n->awaited);
 }
 
-/* Returns whether the line fits; only whole ones are of use. */
+/* Prints a line. Returns true when all of it fits; only whole lines are used. */
 static bool print_line(char line[LINE_MAX_BYTES], size_t room, const news *n, detail first)
 {
     char *text = NULL;
@@ -142,7 +142,7 @@ static bool print_line(char line[LINE_MAX_BYTES], size_t room, const news *n, de
     return good;
 }
 
-/* Characters of a line that do not make it wrap. */
+/* Returns the number of characters of a line that does not wrap. */
 static size_t terminal_room(void)
 {
     struct winsize window;
@@ -152,7 +152,8 @@ static size_t terminal_room(void)
     return columns < LINE_MAX_BYTES ? columns - 1 : LINE_MAX_BYTES - 1;
 }
 
-/* The line stays where it is; what comes then begins below it. SA_RESETHAND. */
+/* Ends the line, so that later output begins below it. SA_RESETHAND makes the next signal end the
+ * program. */
 static void end_line(int signal)
 {
     ssize_t written = write(STDERR_FILENO, "\n", 1);

@@ -12,13 +12,13 @@
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
 #define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
-#define SLICE_WORK 20000u /* of the bus between two looks at what has happened: some ms */
-#define CALM_BITS 3 /* that are shown from an event on: of what it tells the last is over */
+#define SLICE_WORK 20000u /* of the bus between two looks at its events: some ms */
+#define CALM_BITS 3 /* shown after an event: its last effect is visible by then */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-/* About the files that are replayed. */
+/* Reports about replayed files. */
 static void tell(void *user, bool failed, const char *text)
 {
     sim_run *s = user;
@@ -120,7 +120,7 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* Where the run is careful, it is expected to end. */
+/* Estimates the end: a run that is careful from a tick on is expected to end there. */
 static uint64_t guess_end(const sim_run *s, uint64_t now)
 {
     uint64_t known = s->careful_from > now ? least(s->until, s->careful_from) : s->until;
@@ -144,7 +144,7 @@ static void advance_bus(sim_run *s, uint64_t tick)
     } while (status != CW_OK && !s->stopped);
 }
 
-/* Start of the first bit from now on that a sink wants, or CW_NEVER. */
+/* Returns the start of the first bit from now on that a sink wants, or CW_NEVER. */
 static uint64_t wanted_from(const sim_run *s, const sim_sink *sink)
 {
     const uint64_t now = cw_bus_now(s->bus);
@@ -153,7 +153,7 @@ static uint64_t wanted_from(const sim_run *s, const sim_sink *sink)
     return over ? CW_NEVER : start;
 }
 
-/* ... that any sink wants. */
+/* Returns the same for all sinks. */
 static uint64_t next_wanted(const sim_run *s)
 {
     uint64_t start = CW_NEVER;
@@ -169,8 +169,8 @@ static void set_watching(sim_run *s, bool watching)
     s->watching = watching;
 }
 
-/* Up to which tick there is nothing to be seen, for sinks that want no more than changes. What an
- * event has to do with is seen in its bit or in the next one, and is over in the one behind it. */
+/* Returns the tick up to which nothing visible changes, for sinks that want only changes. An event
+ * is visible in its bit or in the next one, and no more in the one behind it. */
 static uint64_t quiet_until(sim_run *s, uint64_t tick)
 {
     const uint64_t now = cw_bus_now(s->bus);
@@ -188,11 +188,11 @@ static uint64_t quiet_until(sim_run *s, uint64_t tick)
     return cw_bus_quiet_until(s->bus, tick);
 }
 
-/* One bit, which may have been wanted. */
+/* Advances by one bit, which a sink may want. */
 static void advance_bit(sim_run *s)
 {
     uint64_t start = cw_bus_now(s->bus);
-    uint32_t wanted = 0; /* of which sinks */
+    uint32_t wanted = 0; /* sinks that want the bit */
     for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
         unsigned i = (unsigned)__builtin_ctz(rest);
         wanted |= (uint32_t)(wanted_from(s, &s->sinks[i]) == start) << i;
@@ -205,13 +205,13 @@ static void advance_bit(sim_run *s)
     s->calm_bits++;
 }
 
-/* The run is to end now, whatever is still to come. */
+/* Returns true when the run must end now, whatever is pending. */
 static bool is_over(const sim_run *s)
 {
     return s->stopped || release_failed(s->plan);
 }
 
-/* How far the bus may go until a file that is replayed as fast as possible looks for its turn. */
+/* Returns the limit of one step: a replay at full speed must be asked for its next frame there. */
 static uint64_t next_look(const sim_run *s)
 {
     if (!release_is_fast(s->plan))
@@ -221,8 +221,8 @@ static uint64_t next_look(const sim_run *s)
     return release_look_at(s->plan, s->bus);
 }
 
-/* Bits that nobody looks at are left to the bus, which may skip them. Ends early when a file
- * that is replayed as fast as possible has its turn. */
+/* Advances to a tick. Bits that no sink wants are left to the bus, which may skip them. Ends early
+ * when a replay at full speed may send. */
 static void advance(sim_run *s, uint64_t tick)
 {
     while (!is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
@@ -233,7 +233,7 @@ static void advance(sim_run *s, uint64_t tick)
         if (now)
             wanted = quiet_until(s, end);
         else
-            s->calm_bits = 0; /* the first one that is wanted is to be shown */
+            s->calm_bits = 0; /* the first wanted bit must be shown */
         now = wanted == cw_bus_now(s->bus);
         set_watching(s, now);
         if (now || cw_bus_now(s->bus) >= s->careful_from)
@@ -250,7 +250,7 @@ static void advance(sim_run *s, uint64_t tick)
         advance_bus(s, tick);
 }
 
-/* When a run to the end of the traffic gives up waiting for something to happen. */
+/* Returns the end of the wait for activity in a run to the end of the traffic. */
 static uint64_t quiet_end(const sim_run *s)
 {
     if (s->until != CW_NEVER)
@@ -258,21 +258,22 @@ static uint64_t quiet_end(const sim_run *s)
     return s->last_activity + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
 }
 
-/* Hands in all releases of one tick, which the bus has not reached, so that their events come among
- * the others of that tick. */
+/* Hands in all releases of one tick, which the bus has not reached yet, so that their events keep
+ * their order within that tick. */
 static void hand_in_due(sim_run *s, uint64_t tick)
 {
     while (!is_over(s) && release_next_tick(s->plan) == tick) {
         unsigned node;
         bool frame = release_first(s->plan, &node) != NULL;
-        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit it comes up in */
+        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit in which it
+                                                            leaves */
             advance(s, cw_bus_inbox_first(s->bus) + cw_rate_ticks(s->config->rate, 1) - 1);
         else if (frame)
             s->last_activity = tick;
     }
 }
 
-/* Up to the last release; false when the run is over before. */
+/* Runs up to the last release; returns false when the run ends before. */
 static bool run_releases(sim_run *s)
 {
     release_look(s->plan, s->bus);
@@ -284,7 +285,7 @@ static bool run_releases(sim_run *s)
             return true;
         if ((fast ? least(tick, bit_end) : tick) > s->until)
             break;
-        /* a tx on the way moves the end of the quiet time, so it is asked for again */
+        /* a tx on the way moves the end of the wait, which is computed again */
         uint64_t target = least(least(tick - 1, s->until), quiet_end(s));
         if (bit_end < tick && target < bit_end)
             return false;
@@ -303,7 +304,7 @@ static bool traffic_is_over(const sim_run *s)
     return cw_bus_pending(s->bus) == 0 && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
 }
 
-/* Bit by bit, so that the run ends in the very bit that the documentation names. */
+/* Advances bit by bit, so that the run ends in exactly the documented bit. */
 static void run_out(sim_run *s)
 {
     while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
@@ -313,11 +314,13 @@ static void run_out(sim_run *s)
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
-    if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* amid a bit, which has to be run */
+    if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* it is in the middle of a bit,
+                                                                  which has to be run */
         advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
-/* Lost arbitrations cost most where nodes are many, and few look at them. */
+/* Returns the events that sinks want. Lost arbitrations cost most with many nodes, and few sinks
+ * want them. */
 static uint32_t wanted_events(const sim_run *s)
 {
     uint32_t kinds = 1u << CW_EVENT_TX;

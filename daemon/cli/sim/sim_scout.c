@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_scout.c - runs a bus a first time, with no output, to find where an awaited event comes.
+ * sim_scout.c - runs a bus a first time, without output, to find the tick of an awaited event.
  */
 #include "cli/sim/sim_scout.h"
 
@@ -9,17 +9,18 @@
 #include <stdio.h>
 #include <sys/stat.h>
 
-/* A drop has the time at which its frame was handed in, which is not the end of a bit. */
+/* A drop has the time at which its frame was handed in, which is no end of a bit. */
 #define CAREFUL_BITS 2u
 
-/* A pipe is empty the second time. Files that are replayed are none. */
+/* Returns true for a regular file: a pipe is empty the second time. Files of replays are
+ * regular. */
 static bool can_be_read_again(const char *file)
 {
     struct stat status;
     return stat(file, &status) == 0 && S_ISREG(status.st_mode);
 }
 
-/* Runs ahead of its events: once the awaited one has been seen the bus may be anywhere. */
+/* Prepares a run that is ahead of its events: the bus may be anywhere after the awaited one. */
 static bool prepare(sim_run *ahead, sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     if (!sim_until_start(found, awaited->text, ahead))
@@ -37,7 +38,7 @@ static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awai
     sim_run ahead;
     bool good = sim_open(&ahead, s->run->config, true) && prepare(&ahead, found, s, awaited);
     if (good)
-        (void)sim_go(&ahead); /* what fails here does so again */
+        (void)sim_go(&ahead); /* an error occurs again in the real run */
     sim_close(&ahead);
     return good;
 }
@@ -66,7 +67,7 @@ void sim_scout_go(const sim_scout *s, sim_until *awaited)
         return;
     if (!(s->journal ? run_journal(&found, s, awaited) : run_file(&found, s, awaited)))
         return;
-    awaited->warns = false; /* it has done so */
+    awaited->warns = false; /* it has warned already */
     if (!found.happened)
         sim_be_careful(s->run, CW_NEVER);
     else

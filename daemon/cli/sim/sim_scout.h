@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_scout.h - runs a bus a first time, with no output, to find where an awaited event comes.
+ * sim_scout.h - runs a bus a first time, without output, to find the tick of an awaited event.
  *
- * A bus that must not run ahead of its events costs many times as much as one that may, so that
- * twice at full speed is far less than once with care.
+ * A bus that must not run ahead of its events is many times slower. So two runs at full speed take
+ * less time than one careful run.
  */
 #ifndef CANWIRE_CLI_SIM_SIM_SCOUT_H
 #define CANWIRE_CLI_SIM_SIM_SCOUT_H
@@ -13,12 +13,12 @@
 
 typedef struct sim_scout {
     const char *journal; /* that drives the run; NULL: its configuration does */
-    sim_run *run;        /* ready to go */
-    bool progress;       /* is wanted */
+    sim_run *run;        /* ready to start */
+    bool progress;       /* show the progress */
 } sim_scout;
 
-/* Makes the run careful only where the event comes, if it comes. Where that cannot be found out,
- * because the journal is a pipe or memory is short, all stays as it is. */
+/* Makes the run careful only at the event, if that comes. The run does not change when the search
+ * is impossible: the journal is a pipe, or memory is short. */
 void sim_scout_go(const sim_scout *s, sim_until *awaited);
 
 #endif

@@ -27,9 +27,9 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
     return false;
 }
 
-/* ---- Looking on ------------------------------------------------------------------------------ */
+/* ---- Observing ------------------------------------------------------------------------------- */
 
-/* Between two bits, at the start of the window. */
+/* Begins the outputs between two bits, at the start of the window. */
 static void begin(sim_trace *self, const cw_bus *bus)
 {
     self->begun = true;
@@ -41,8 +41,8 @@ static void begin(sim_trace *self, const cw_bus *bus)
         (self->vcd_out->stream && !self->vcd) || (self->svg_out->stream && !self->svg);
 }
 
-/* At the very start of the window only what acts from then on; that comes before the bit has been
- * passed on which ends there. */
+/* Returns true for an event of the window. At its very start only rules that act from then on
+ * belong to it; their events come before the bit that ends there. */
 static bool is_inside(const sim_trace *self, const cw_event *event)
 {
     const cfg *config = self->run->config;
@@ -75,7 +75,8 @@ static void take_bit(void *user, const cw_bus *bus)
         return;
     if (!self->begun)
         begin(self, bus);
-    if (bit.end <= self->from || self->no_memory) /* it was to see what the window begins with */
+    if (bit.end <= self->from || self->no_memory) /* it was needed to see the state before the
+                                                     window */
         return;
     if (self->vcd)
         vcd_bit(self->vcd, &bit);
@@ -93,8 +94,8 @@ static bool fits_picture(uint64_t bits, const char *program)
     return bits <= SVG_BITS_MAX;
 }
 
-/* Bits of the window that the run is sure to have, as far as its end is known; where it is not, all
- * bits that overlap with a window that has an end. */
+/* Returns the bits of the window that the run is sure to have, as far as its end is known.
+ * Otherwise it returns all bits that overlap with a window that has an end. */
 static uint64_t known_bits(const sim_trace *self, uint64_t end, cw_rate rate)
 {
     uint64_t from = cw_rate_bits(rate, self->from);
@@ -105,7 +106,7 @@ static uint64_t known_bits(const sim_trace *self, uint64_t end, cw_rate rate)
     return bits > from ? bits - from : 0;
 }
 
-/* What is known before the run, so that no output is touched for it. */
+/* Checks the facts known before the run, so that no output is changed in vain. */
 static bool is_possible(const sim_trace *self, uint64_t end, cw_rate rate,
                         const char *program)
 {

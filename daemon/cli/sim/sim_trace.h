@@ -18,7 +18,7 @@ typedef struct time_option {
 
 typedef struct sim_trace {
     const sim_run *run; /* not owned */
-    outfile *vcd_out;   /* not owned; one that is not open is not wanted */
+    outfile *vcd_out;   /* not owned; an output that is not open is not wanted */
     outfile *svg_out;
     uint64_t from; /* ticks; bits that overlap with the window are in it */
     uint64_t to;   /* CW_NEVER: to the end of the run */
@@ -30,28 +30,28 @@ typedef struct sim_trace {
     svg *svg;
 } sim_trace;
 
-/* Sets the window; either end may be NULL. False after a message that begins with `program`, when
- * there is nothing between them. */
+/* Sets the window; either end may be NULL. Returns false after a message that begins with `program`
+ * when the window is empty. */
 bool sim_trace_window(sim_trace *self, const time_option *from, const time_option *to,
                       const cfg *config, const char *program);
 
-/* Makes it look on; the outputs and the window are set. `end` is the tick at which the run ends,
- * CW_NEVER when that is not known. False after a message, when the window is too long for a picture
- * or the run ends before it begins. */
+/* Makes it observe; the outputs and the window are set. `end` is the tick at which the run ends,
+ * CW_NEVER: unknown. Returns false after a message when the window is too long for a picture or
+ * begins after the run. */
 bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *program);
 
-/* Right before the run: begins the outputs whose window starts with it. */
+/* Begins the outputs whose window starts with the run; call it right before the run. */
 void sim_trace_begin(sim_trace *self);
 
-/* After the run: ends the outputs, which are then to be closed. False after a message, when there
- * is nothing in the window, or too much for a picture. */
+/* Ends the outputs after the run; they must then be closed. Returns false after a message when the
+ * window is empty or too long for a picture. */
 bool sim_trace_finish(sim_trace *self, const char *program);
 
-/* The run goes over to other nodes: what has been begun ends here, with a message; what has not
- * will show those nodes. */
+/* Handles a change to other nodes. Outputs that have begun end here, with a message; others will
+ * show the new nodes. */
 void sim_trace_leave(sim_trace *self, const char *program);
 
-/* Frees what is left, in any case. */
+/* Frees the rest, in any case. */
 void sim_trace_close(sim_trace *self);
 
 #endif

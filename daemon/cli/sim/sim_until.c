@@ -16,10 +16,10 @@ static const char expected[] =
     "arbitration-lost, state, link), a state (error-active, error-warning, error-passive, "
     "bus-off), tx:FILTER or the like for frames, fault[:RULE], or skip";
 
-/* Events of the bus, not of a node. */
+/* Events of the bus, which have no node. */
 #define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)
 
-/* Events with a frame: a filter may follow. */
+/* Events with a frame; a filter may follow them. */
 #define FRAME_KINDS                                                                                \
     (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP | 1u << CW_EVENT_ARBITRATION_LOST)
 
@@ -35,7 +35,7 @@ static bool same(const char *word, size_t length, const char *name)
     return strlen(name) == length && strncmp(word, name, length) == 0;
 }
 
-/* The kind or the state that a word is; false when it is none. */
+/* Finds the kind or the state for a word; returns false for other words. */
 static bool find_kind(sim_until *u, const char *word, size_t length)
 {
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
@@ -64,7 +64,7 @@ static int find_node(const cfg *config, const char *word, size_t length)
     return -1;
 }
 
-/* Nodes or rules, as far as they have names. */
+/* Complains about an unknown node or rule, and lists the named ones. */
 static bool fail_unknown(sim_until *u, const char *what, const char *word, size_t length)
 {
     const cfg *config = u->run->config;
@@ -113,7 +113,7 @@ static bool fail_behind(const sim_until *u, const char *which)
     return false;
 }
 
-/* What stands behind the kind: which rule, or which frames. */
+/* Reads the part behind the kind: a rule, or filters of frames. */
 static bool read_which(sim_until *u, const char *which)
 {
     if (u->kinds & 1u << CW_EVENT_FAULT)
@@ -125,7 +125,7 @@ static bool read_which(sim_until *u, const char *which)
     return !problem || fail(u, problem);
 }
 
-/* "KIND" or "KIND:WHICH" */
+/* Reads "KIND" or "KIND:WHICH". */
 static bool read_kind(sim_until *u, const char *text)
 {
     size_t length = strcspn(text, ":");
@@ -134,7 +134,8 @@ static bool read_kind(sim_until *u, const char *text)
     return text[length] == '\0' || read_which(u, text + length + 1);
 }
 
-/* A node first, if an event follows and the word is no event itself, or if there is such a node. */
+/* Reads an event. The word before a ':' is a node if an event follows and it is no event itself, or
+ * if such a node exists. */
 static bool read_event(sim_until *u, const char *text)
 {
     size_t length = strcspn(text, ":");

@@ -8,7 +8,7 @@
 #include "cli/sim/sim_run.h"
 
 typedef struct sim_until {
-    const char *text; /* as it was written, NULL: no event is waited for */
+    const char *text; /* the text of the user, NULL: no event is awaited */
     sim_run *run;
     uint64_t nodes;                         /* of any of these */
     uint32_t kinds;                         /* 1u << cw_event_kind */
@@ -21,19 +21,19 @@ typedef struct sim_until {
     bool warns;        /* see sim_until_warn() */
 } sim_until;
 
-/* Reads what is waited for and adds the sink that stops the run, which is careful from the start
- * on. NULL as text: nothing is done. False after a message to standard error. */
+/* Reads the awaited event and adds the sink that stops the run, which is careful from the start. It
+ * does nothing for NULL as text. Returns false after a message to standard error. */
 bool sim_until_start(sim_until *u, const char *text, sim_run *run);
 
-/* The run has no other end: when the event has not come after 10 s of bus time, that is said, once,
- * on standard error. */
+/* Warns once, on standard error, when the event has not come after 10 s of bus time. Use it for a
+ * run without another end. */
 void sim_until_warn(sim_until *u);
 
-/* The run has another configuration. What is waited for is what the text says there; it does not
- * happen when there is no such node or rule. */
+/* Adapts to another configuration, in which the text has a new meaning. The event cannot come there
+ * without its node or rule. */
 void sim_until_change(sim_until *u);
 
-/* Says on standard error when it did not happen. */
+/* Reports on standard error that the event did not come. */
 void sim_until_finish(const sim_until *u);
 
 #endif

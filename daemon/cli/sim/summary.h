@@ -7,7 +7,7 @@
 
 #include "config/config.h"
 
-/* Bus time, load and one line a node. */
+/* Prints bus time, load and one line for each node. */
 void summary_print(FILE *out, const cfg *config, const cw_bus *bus);
 
 #endif

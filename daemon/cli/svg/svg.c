@@ -2,8 +2,8 @@
  *
  * svg.c - a picture of some bits of a bus, for reports: levels, fields, errors, faults.
  *
- * Colours and sizes are attributes, not a style sheet, because word processors know no more. The
- * classes of elements are for those who read the file.
+ * Colours and sizes are attributes, since word processors do not support style sheets. The classes
+ * of elements are for readers of the file.
  */
 #include "cli/svg/svg.h"
 
@@ -14,10 +14,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define BITS_FIRST 256   /* room to begin with */
+#define BITS_FIRST 256   /* initial capacity */
 #define LETTERS_TURNED 3 /* of a label on its side */
 #define CAPTION_MAX 160
-#define WIRE_NAMES_MAX 128 /* bytes with the final 0; more than there is ever room for */
+#define WIRE_NAMES_MAX 128 /* bytes with the final 0; more than any row has room for */
 #define ELLIPSIS "\xE2\x80\xA6"
 
 struct svg {
@@ -33,7 +33,7 @@ struct svg {
     } before[CW_NODES_MAX]; /* at the start */
 };
 
-/* A picture that is being drawn. */
+/* The state of drawing a picture. */
 typedef struct pen {
     FILE *out;
     const svg *svg;
@@ -122,7 +122,7 @@ static void put_escaped(FILE *out, const char *text)
     }
 }
 
-/* attributes: all but the place, with a blank before them. */
+/* Writes a text. attributes: all but the place, beginning with a blank. */
 static void put_text(const pen *p, int x, int y, const char *attributes, const char *text)
 {
     fprintf(p->out, "<text x=\"%d\" y=\"%d\"%s>", x, y, attributes);
@@ -146,7 +146,7 @@ static int bit_x(const pen *p, size_t bit)
     return svg_layout_x(&p->layout, p->row, bit);
 }
 
-/* Microseconds, with what is below them as far as it is not 0. */
+/* Prints microseconds, with a fraction unless that is 0. */
 static void print_us(char out[SVG_LABEL_MAX], uint64_t tick)
 {
     uint64_t ns = text_ticks_ns(tick);
@@ -161,7 +161,7 @@ static void print_us(char out[SVG_LABEL_MAX], uint64_t tick)
 
 /* ---- Axis ------------------------------------------------------------------------------------ */
 
-/* A number beside the start of a bit, unless it would go beyond the row. */
+/* Writes a number at the start of a bit, unless it would exceed the row. */
 static void put_number(const pen *p, size_t bit, int y, const char *text)
 {
     int x = bit_x(p, bit);
@@ -191,7 +191,7 @@ static void draw_ticks(const pen *p, int y)
     }
 }
 
-/* Bus time and number of the bit since the start of the bus. */
+/* Draws bus time and the number of the bit since the start of the bus. */
 static void draw_axis(pen *p)
 {
     const int y = p->y + SVG_AXIS - 6;
@@ -206,7 +206,7 @@ static void draw_axis(pen *p)
 
 /* ---- Levels ---------------------------------------------------------------------------------- */
 
-/* Of one lane in one bit. */
+/* The level of one lane in one bit. */
 typedef enum level { LEVEL_NONE = 0, LEVEL_DOMINANT, LEVEL_RECESSIVE } level;
 
 typedef level level_of(const cw_bit_view *bit, unsigned which);
@@ -231,7 +231,7 @@ static level sampled_level(const cw_bit_view *bit, unsigned node)
     return is_away(&bit->nodes[node]) ? LEVEL_NONE : as_level(bit->sampled, node);
 }
 
-/* The nodes of a wire. */
+/* Returns the nodes of a wire. */
 static uint64_t wire_nodes(const cw_bit_view *bit, unsigned wire)
 {
     uint64_t nodes = 0;
@@ -249,7 +249,7 @@ static level wire_level(const cw_bit_view *bit, unsigned wire)
     return (bit->wire & nodes) == nodes ? LEVEL_RECESSIVE : LEVEL_DOMINANT;
 }
 
-/* A line through all bits of the row, recessive high; top is that of the lane. */
+/* Draws a line through all bits of the row, recessive high; top is that of the lane. */
 static void draw_wave(const pen *p, int top, level_of *of, unsigned which, const char *attributes)
 {
     level before = LEVEL_NONE;
@@ -269,7 +269,7 @@ static void draw_wave(const pen *p, int top, level_of *of, unsigned which, const
     fputs("\"/>\n", p->out);
 }
 
-/* Cells of a lane in which faults have changed the level. */
+/* Marks bits of a lane in which faults have changed the level. */
 static void draw_faults(const pen *p, int top, bool (*is_faulty)(const cw_bit_view *, unsigned),
                         unsigned which)
 {
@@ -306,7 +306,7 @@ static void draw_digits(const pen *p, unsigned wire)
     fputs("</g>\n", p->out);
 }
 
-/* Names of the nodes on a wire, as far as there is room. */
+/* Prints names of the nodes on a wire, as far as there is room. */
 static void print_wire_nodes(char out[WIRE_NAMES_MAX], const pen *p, unsigned wire)
 {
     const cw_bit_view *bit = &p->svg->bits[p->row->first];
@@ -343,7 +343,7 @@ static void draw_wire(pen *p, unsigned wire)
 
 /* ---- Fields ---------------------------------------------------------------------------------- */
 
-/* The longest stretch of a part without stuff bits. */
+/* Finds the longest run of a part without stuff bits. */
 static void find_space(const svg *s, unsigned node, size_t *first, size_t *end)
 {
     size_t start = *first;
@@ -360,8 +360,8 @@ static void find_space(const svg *s, unsigned node, size_t *first, size_t *end)
     }
 }
 
-/* On its side where there is no room for it else, as in single bits. No value where the node
- * becomes a receiver amid the part. */
+/* Draws a label, turned by 90 degrees where it has no room otherwise, as in single bits. It omits
+ * the value when the node becomes a receiver in the middle of the part. */
 static void draw_label(const pen *p, unsigned node, size_t first, size_t end)
 {
     const svg *s = p->svg;
@@ -400,15 +400,15 @@ static void draw_stuff(const pen *p, unsigned node, size_t first, size_t end)
     }
 }
 
-/* A colour, or what it is half-way to white: not see-through, since lines run below. */
+/* Returns a colour, or its mix with white: a transparent one would show the lines below. */
 static unsigned long colour(const char *fill, bool half)
 {
     unsigned long rgb = strtoul(fill + 1, NULL, 16);
     return half ? (rgb >> 1 & 0x7F7F7F) + 0x808080 : rgb;
 }
 
-/* What a node is in for some bits of a row; a transmitter's fields are stronger than those of who
- * follows. */
+/* Draws the part of a node in some bits of a row. The fields of a transmitter have a stronger
+ * colour than those of a receiver. */
 static void draw_part(const pen *p, unsigned node, size_t first, size_t end)
 {
     const cw_bit_view *bit = &p->svg->bits[first];
@@ -454,7 +454,7 @@ static bool in_lane(const pen *p, const placed_note *n, unsigned lane)
     return n->note->node == lane && bit >= p->row->first && bit < p->row->end;
 }
 
-/* The white behind it keeps lines of others out of the text. */
+/* Draws a text with white behind it, which keeps lines of other notes out of it. */
 static void draw_note_text(const pen *p, const placed_note *n, int y)
 {
     char text[NOTE_TEXT_MAX + sizeof ELLIPSIS];
@@ -470,7 +470,7 @@ static void draw_note_text(const pen *p, const placed_note *n, int y)
     fputs("</text>\n", p->out);
 }
 
-/* Below the waves of a node, at the end of the bit. */
+/* Draws notes below the waves of a node, at the end of the bit. */
 static void draw_node_notes(const pen *p, unsigned node, int top)
 {
     for (size_t i = 0; i < p->layout.note_count; i++) {
@@ -486,7 +486,7 @@ static void draw_node_notes(const pen *p, unsigned node, int top)
     }
 }
 
-/* Above the wire: a hand that points to the bit, and a line through all lanes. */
+/* Draws hits above the wire: a hand that points to the bit, and a line through all lanes. */
 static void draw_hits(pen *p)
 {
     const int bottom = p->y + svg_layout_faults(p->row);
@@ -516,7 +516,7 @@ static void draw_hits(pen *p)
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* Left of the lane, as it is at the start of the row. */
+/* Draws the name left of the lane, valid at the start of the row. */
 static void draw_node_name(const pen *p, unsigned node)
 {
     const char *name = p->svg->config->nodes[node].name;
@@ -565,7 +565,7 @@ static void draw_row(pen *p)
     fputs("</g>\n", p->out);
 }
 
-/* `to` is where the picture was to end. */
+/* Draws the title; `to` is the requested end of the picture. */
 static void draw_title(const pen *p, uint64_t to)
 {
     const cfg *config = p->svg->config;

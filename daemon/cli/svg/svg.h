@@ -13,26 +13,26 @@
 
 typedef struct svg svg;
 
-/* Begins a picture of the bits that are still to come on a bus, between two bits. config must stay
- * as it is. NULL when there is no memory. */
+/* Begins a picture of the later bits of a bus, between two bits. config must not change. Returns
+ * NULL without memory. */
 svg *svg_new(const cfg *config, const cw_bus *bus);
 
-/* Each event, before the bit at whose end it came. False when there is no memory. */
+/* Takes each event, before the bit at whose end it came. Returns false without memory. */
 bool svg_event(svg *self, const cw_event *event);
 
-/* Each bit, in order. Those beyond SVG_BITS_MAX are counted, not kept. False when there is no
+/* Takes each bit, in order. Bits beyond SVG_BITS_MAX are counted, not kept. Returns false without
  * memory. */
 bool svg_bit(svg *self, const cw_bit_view *bit);
 
-/* Bits taken so far. */
+/* Returns the number of bits so far. */
 size_t svg_count(const svg *self);
 
-/* Draws what was kept, at least one bit. It was to go up to the tick `to`, CW_NEVER: to the end;
- * the caption tells when it does not. False when there is no memory; else the caller looks at
- * ferror(out). */
+/* Draws the kept bits, at least one. The requested end is the tick `to`, CW_NEVER: the end of the
+ * run; the caption reports an earlier end. Returns false without memory; otherwise the caller
+ * checks ferror(out). */
 bool svg_write(FILE *out, const svg *self, uint64_t to);
 
-/* NULL is fine. */
+/* Frees the picture. NULL is allowed. */
 void svg_free(svg *self);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_layout.c - where things of a picture go: rows of bits, lanes of nodes, notes beside them.
+ * svg_layout.c - the layout of a picture: rows of bits, lanes of nodes, notes beside them.
  */
 #include "cli/svg/svg_layout.h"
 
@@ -44,7 +44,7 @@ int svg_layout_node(const svg_row *row, unsigned node)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* As wide as the longest name needs. */
+/* Returns the width of the longest name. */
 static int find_labels(const cfg *config)
 {
     int width = SVG_LABELS_MIN;
@@ -56,7 +56,7 @@ static int find_labels(const cfg *config)
     return width;
 }
 
-/* As many as are needed, all of about the same length. */
+/* Makes as many rows as needed, all of about the same length. */
 static bool make_rows(svg_layout *self, const cw_bit_view *bits, size_t count)
 {
     const size_t most = SVG_AREA / SVG_BIT_MIN;
@@ -86,7 +86,7 @@ static bool make_rows(svg_layout *self, const cw_bit_view *bits, size_t count)
 typedef struct shelf {
     placed_note **notes;
     size_t count;
-    int *left; /* of what has its place in each level so far */
+    int *left; /* left edge of the placed notes of each level */
     unsigned levels;
 } shelf;
 
@@ -118,8 +118,8 @@ static void cut_to(placed_note *n, int room)
         n->letters = room / SVG_LETTER;
 }
 
-/* Which side of its line each text is on. Those of the last notes are on the left when they would
- * leave the picture, and those that would then be in the way of such a line. Returns the first. */
+/* Chooses the side of its line for each text. Texts of the last notes are on the left when they
+ * would exceed the picture or be in the way of such a line. Returns the first of these notes. */
 static size_t choose_sides(const shelf *on, int left, int right)
 {
     int limit = right;
@@ -153,7 +153,7 @@ static void join(placed_note *n, const placed_note *neighbour)
     n->joined = neighbour->x;
 }
 
-/* Left edge of all that is in a level, or goes through it to one behind. */
+/* Returns the left edge of all notes in a level, or with lines through it to one behind. */
 static int left_of(const shelf *on, unsigned level)
 {
     int left = INT_MAX;
@@ -162,8 +162,8 @@ static int left_of(const shelf *on, unsigned level)
     return left;
 }
 
-/* From right to left, each as near to the lane as it can be: so the line from a note to its bit
- * crosses no text. */
+/* Places notes from right to left, each as near to the lane as possible. So the line from a note to
+ * its bit crosses no text. */
 static void place_behind(shelf *on, size_t end)
 {
     for (size_t i = end; i-- > 0;) {
@@ -180,7 +180,7 @@ static void place_behind(shelf *on, size_t end)
     }
 }
 
-/* From left to right, each behind all that it or its line would touch. */
+/* Places notes from left to right, each behind all notes that it or its line would touch. */
 static void place_before(shelf *on, size_t first)
 {
     for (size_t i = first; i < on->count; i++) {
@@ -224,7 +224,7 @@ static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
     return good;
 }
 
-/* ---- All together ---------------------------------------------------------------------------- */
+/* ---- The whole layout ------------------------------------------------------------------------ */
 
 static void stack_rows(svg_layout *self, size_t node_count)
 {

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_layout.h - where things of a picture go: rows of bits, lanes of nodes, notes beside them.
+ * svg_layout.h - the layout of a picture: rows of bits, lanes of nodes, notes beside them.
  */
 #ifndef CANWIRE_CLI_SVG_SVG_LAYOUT_H
 #define CANWIRE_CLI_SVG_SVG_LAYOUT_H
 
 #include "cli/svg/svg_notes.h"
 
-/* All in pixels. */
+/* All sizes are in pixels. */
 #define SVG_MARGIN 14
 #define SVG_LABELS_MIN 98 /* names of lanes, left of the bits */
 #define SVG_AREA 720      /* at most, for the bits of a row */
@@ -23,23 +23,23 @@
 #define SVG_GAP 12 /* below a lane */
 #define SVG_ROW_GAP 26
 #define SVG_LEGEND 26
-#define SVG_LETTER 6 /* width of a letter of a note, at most on average */
+#define SVG_LETTER 6 /* average width of a letter of a note, at most */
 
-/* Names of nodes, which are as long as they like, are of letters that have one width. */
+/* Names of nodes, which can be long, use a font of fixed width. */
 #define SVG_NAME_FONT " font-family=\"'DejaVu Sans Mono','Liberation Mono',Menlo,monospace\""
 #define SVG_NAME_SIZE 11
 #define SVG_NAME_SIZE_SMALL 9
-#define SVG_NAME_PERMILLE 603 /* width of a letter, of the size */
+#define SVG_NAME_PERMILLE 603 /* width of a letter, in permille of the font size */
 
-/* A note that has its place. Level 0 is nearest to the lane. */
+/* A note with its place. Level 0 is nearest to the lane. */
 typedef struct placed_note {
     const note *note;
     unsigned level;
     int x;       /* of the bit's end or middle */
     int text;    /* left edge of its text */
     int letters; /* that there is room for, or all */
-    bool before; /* the text is left of x: it would run out of the picture else */
-    bool same;   /* the text is that of a neighbour: not written again */
+    bool before; /* the text is left of x: it would exceed the picture otherwise */
+    bool same;   /* the text equals that of a neighbour and is not repeated */
     int joined;  /* same: x of the neighbour */
 } placed_note;
 
@@ -54,31 +54,32 @@ typedef struct svg_row {
 
 typedef struct svg_layout {
     int bit;    /* width of one */
-    int labels; /* width of what is left of the bits */
+    int labels; /* width of the labels left of the bits */
     int width;
     int height;
     size_t row_count;
     svg_row *rows;
     size_t note_count;
-    placed_note *notes; /* as in the list that they were made from, less those out of sight */
+    placed_note *notes; /* in the order of the list that they were made from, without invisible
+                           ones */
 } svg_layout;
 
-/* Lays out `count` bits. False when there is no memory. To be freed in either case. */
+/* Lays out `count` bits. Returns false without memory. The layout must be freed in either case. */
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
                      size_t count);
 
 void svg_layout_free(svg_layout *self);
 
-/* How many letters of names fit into the labels in this size. */
+/* Returns the number of letters of a name that fit into a label in this size. */
 int svg_layout_letters(const svg_layout *self, int size);
 
-/* Width of the text of a note. */
+/* Returns the width of the text of a note. */
 int svg_layout_text(const placed_note *n);
 
-/* Left edge of a bit of a row. */
+/* Returns the left edge of a bit of a row. */
 int svg_layout_x(const svg_layout *self, const svg_row *row, size_t bit);
 
-/* Heights of a lane with its gap. */
+/* Return heights of a lane with its gap. */
 int svg_layout_faults(const svg_row *row);
 int svg_layout_wire(void);
 int svg_layout_node(const svg_row *row, unsigned node);

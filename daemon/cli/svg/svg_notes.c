@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_notes.c - what is written beside the levels of a picture: events of nodes, hits of rules.
+ * svg_notes.c - the notes beside the levels of a picture: events of nodes, hits of rules.
  */
 #include "cli/svg/svg_notes.h"
 
@@ -36,7 +36,7 @@ size_t note_bit(const note *self)
     return self->node == NOTE_OF_BUS ? self->half / 2 : self->half / 2 - 1;
 }
 
-/* Behind those of the same lane that stand before it. */
+/* Adds a note behind the earlier notes of the same lane. */
 static bool add_note(note_list *self, const note *added)
 {
     if (self->count == self->capacity) {
@@ -54,7 +54,7 @@ static bool add_note(note_list *self, const note *added)
     return true;
 }
 
-/* Adds to the text of a note, behind a comma. */
+/* Appends to the text of a note, after a comma. */
 static void append(note *self, note_kind kind, const char *text)
 {
     size_t used = strlen(self->text);
@@ -74,7 +74,8 @@ static void append_frame(note *self, note_kind kind, const char *what, const cw_
     append(self, kind, text);
 }
 
-/* Error, state and counters that only move are seen at the bit itself. */
+/* Appends an event. An error, a state and a change of counters alone are visible at the bit
+ * itself. */
 static void append_event(note *self, const cw_event *event)
 {
     char text[64];
@@ -114,7 +115,7 @@ static void append_event(note *self, const cw_event *event)
     }
 }
 
-/* Half bits from the start of the picture, a bit that has begun counted as a whole one. */
+/* Returns half bits from the start of the picture; a bit that has begun counts as a whole one. */
 static size_t half_at_end(const note_list *self, uint64_t tick)
 {
     return 2 * (size_t)cw_rate_bits_begun(self->config->rate, tick - self->start);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_notes.h - what is written beside the levels of a picture: events of nodes, hits of rules.
+ * svg_notes.h - the notes beside the levels of a picture: events of nodes, hits of rules.
  */
 #ifndef CANWIRE_CLI_SVG_SVG_NOTES_H
 #define CANWIRE_CLI_SVG_SVG_NOTES_H
@@ -10,7 +10,8 @@
 #define NOTE_TEXT_MAX 160 /* bytes with the final 0; longer text is cut off with ... */
 #define NOTE_OF_BUS CW_NODES_MAX
 
-/* The more important ones last: they give the colour where several things happen at once. */
+/* Kinds of notes, the more important ones last. The last one decides the colour of several
+ * simultaneous events. */
 typedef enum note_kind {
     NOTE_COUNTERS = 0,
     NOTE_FRAME, /* sent, received */
@@ -22,22 +23,22 @@ typedef enum note_kind {
     NOTE_KIND_COUNT
 } note_kind;
 
-/* Hits of rules stand amid a bit, or at the start of one; all else at the end of one. */
+/* A note. Hits of rules stand in the middle of a bit, or at its start; all others at its end. */
 typedef struct note {
-    size_t half;   /* where: half bits from the start of the picture */
+    size_t half;   /* place in half bits from the start of the picture */
     unsigned node; /* number, or NOTE_OF_BUS */
     note_kind kind;
     char text[NOTE_TEXT_MAX];
 } note;
 
-/* Each lane's in the order of time. */
+/* The notes of all lanes, each in the order of time. */
 typedef struct note_list {
     const cfg *config;
     note *list;
     size_t count;
     size_t capacity;
     uint64_t start;             /* tick of the picture */
-    note pending[CW_NODES_MAX]; /* of the bit to come; empty text: none */
+    note pending[CW_NODES_MAX]; /* for the next bit; empty text: none */
     struct {
         cw_state state;
         uint16_t tec;
@@ -45,16 +46,16 @@ typedef struct note_list {
     } before[CW_NODES_MAX]; /* at its start */
 } note_list;
 
-/* Between two bits. */
+/* Initialises the notes, between two bits. */
 void notes_init(note_list *self, const cfg *config, const cw_bus *bus);
 
-/* Each event, before the bit at whose end it came. False when there is no memory. */
+/* Takes each event, before the bit at whose end it came. Returns false without memory. */
 bool notes_event(note_list *self, const cw_event *event);
 
-/* Each bit, in order. False when there is no memory. */
+/* Takes each bit, in order. Returns false without memory. */
 bool notes_bit(note_list *self, const cw_bit_view *bit);
 
-/* The bit, counted from the start of the picture, that a note belongs to. */
+/* Returns the bit of a note, counted from the start of the picture. */
 size_t note_bit(const note *self);
 
 void notes_free(note_list *self);

@@ -39,7 +39,7 @@ static const svg_style *field_style(cw_field field)
     return &styles[field];
 }
 
-/* Where no field says it. */
+/* Returns the style of a phase without a field. */
 static const svg_style *phase_style(cw_mac_phase phase)
 {
     static const svg_style styles[CW_MAC_PHASE_COUNT] = {
@@ -66,8 +66,8 @@ const svg_style *svg_part_style(const bit_part *part)
     return by_phase ? phase_style(part->phase) : field_style(part->field);
 }
 
-/* Bits of a part that begins with this place, and how many hexadecimal digits they make; 0 digits
- * for parts without a value. */
+/* Returns the bits of a part that begins at this place, and its number of hexadecimal digits; 0
+ * digits for parts without a value. */
 static unsigned value_bits(const cw_place *place, unsigned *digits)
 {
     unsigned bits = 0;
@@ -92,8 +92,8 @@ bool svg_same_part(const cw_bit_view *bits, unsigned node, size_t bit)
     return bit_part_same(&before, &here);
 }
 
-/* What the node takes the whole part for that bit `first` is in; false when not all of it is in the
- * picture, or an error cut it off. */
+/* Prints the node's value of the part that contains bit `first`. Returns false when the picture
+ * lacks some of its bits, or an error cut it off. */
 static bool part_value(char out[VALUE_MAX], const cw_bit_view *bits, size_t count, unsigned node,
                        size_t first)
 {
@@ -113,7 +113,7 @@ static bool part_value(char out[VALUE_MAX], const cw_bit_view *bits, size_t coun
     return wanted > 0 && seen == wanted;
 }
 
-/* Writes a label; returns whether it is short enough. */
+/* Writes a label; returns true when it is short enough. */
 static bool try_label(char out[SVG_LABEL_MAX], int letters, const char *begin, const char *end)
 {
     snprintf(out, SVG_LABEL_MAX, "%s%s%s", begin, *begin && *end ? " " : "", end);

@@ -28,12 +28,12 @@ typedef struct svg_style {
 
 const svg_style *svg_part_style(const bit_part *part);
 
-/* Whether a node is in the same part in a bit as in the one before, bit > 0. */
+/* Returns true when a node is in the same part in a bit as in the one before, bit > 0. */
 bool svg_same_part(const cw_bit_view *bits, unsigned node, size_t bit);
 
-/* The longest label that fits into so many letters; empty when none does. It is for the part that
- * bit `first` of `count` is in. With a value: identifier, DLC, data and CRC have it in hexadecimal,
- * as the node takes it, where the whole part is there. */
+/* Writes the longest label of at most so many letters, or an empty text, for the part that contains
+ * bit `first` of `count`. Identifier, DLC, data and CRC have the node's value in hexadecimal, if
+ * the whole part is visible. */
 void svg_label(char out[SVG_LABEL_MAX], const cw_bit_view *bits, size_t count, unsigned node,
                size_t first, int letters, bool with_value);
 
