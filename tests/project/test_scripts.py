@@ -53,6 +53,51 @@ def test_check_looks_at_files_that_are_not_in_git(tmp_path):
     assert found[SHELL][0] == "FAILED" and "In tests/a.sh line 2:" in found[SHELL][1]
 
 
+# ---- words -----------------------------------------------------------------------------------
+
+LONG = "One two three four five six seven eight nine ten eleven twelve " * 2 + "and one more."
+
+
+def words(root, name, text):
+    """Returns the complaints of scripts/words about one file."""
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    done = subprocess.run([copy_script("words", root), path], capture_output=True, text=True,
+                          check=False, timeout=60)
+    assert done.returncode == (1 if done.stderr else 0)
+    return done.stderr
+
+
+@pytest.mark.parametrize("name, text, complaint", [
+    ("daemon/a.c", f"int a;\n/* {LONG} */\n", "daemon/a.c:2: 27 words: One two"),
+    ("daemon/a.c", "/* Whether a node is on the bus. */", 'opens with "Whether"'),
+    ("daemon/a.c", "int a; /* what is kept */", 'opens with "what"'),
+    ("daemon/a.h", "/* Returns a tick. Where no clock is, 0. */", 'opens with "Where"'),
+    ("daemon/a.c", "/* Returns the crowd of a bit. */", '"crowd" is a metaphor'),
+    ("tests/a.py", 'def f():\n    """Which node it is."""\n', 'tests/a.py:2: opens with "Which"'),
+    ("tests/a.py", "A = 1  # how many there are\n", 'tests/a.py:1: opens with "how"'),
+    ("scripts/a", "#!/bin/bash\n# What it makes.\n", 'scripts/a:2: opens with "What"'),
+    ("Makefile", "all: ## what there is\n", 'Makefile:1: opens with "what"'),
+    ("README.md", f"# Title\n\n* {LONG}\n", "README.md:3: 27 words"),
+])
+def test_words_finds_comments_that_are_no_plain_sentences(tmp_path, name, text, complaint):
+    assert complaint in words(tmp_path, name, text)
+
+
+@pytest.mark.parametrize("name, text", [
+    ("daemon/a.c", "/* Returns true when a node is on the bus. What is that? A node is: */"),
+    ("daemon/a.c", 'const char *a = "/* What it is. */";'),
+    ("daemon/a.c", f"/* The columns:\n *\n *   name   {LONG}\n */"),
+    ("tests/a.py", f'A = "# What it is."\nB = """{LONG}"""\n'),
+    ("scripts/a", '#!/bin/bash\necho "# What it is" ${#1}\n'),
+    ("README.md", f"What it is:\n\n    {LONG}\n\n| {LONG} |\n"),
+    ("config/a.yaml", "# What it is.\n"),
+])
+def test_words_accepts_plain_sentences_and_all_that_is_no_sentence(tmp_path, name, text):
+    assert words(tmp_path, name, text) == ""
+
+
 # ---- soak ------------------------------------------------------------------------------------
 
 NOTE = 'echo $$ >"$0.new" && mv "$0.new" "$0.pid" && '  # its process, in one go
