@@ -4,31 +4,6 @@
  */
 #include "rule/private.h"
 
-#include "rule/list.h"
-
-void cw_rule_wake(cw_rule_set *set, unsigned rule)
-{
-    cw_rule_state *s = cw_rule_at(set, rule);
-    if (s->awake)
-        return;
-    s->awake = true;
-    cw_list_add(set->awake, &set->awake_count, rule);
-}
-
-void cw_rules_fall_asleep(cw_rule_set *set)
-{
-    unsigned kept = 0;
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        unsigned rule = set->awake[i];
-        cw_rule_state *s = cw_rule_at(set, rule);
-        cw_rule_unbind_ended(set, s);
-        s->awake = s->used && cw_rule_needs_bits(s);
-        if (s->awake)
-            set->awake[kept++] = (uint16_t)rule;
-    }
-    set->awake_count = kept;
-}
-
 static uint64_t window_end(const cw_rule_set *set, const cw_rule *rule)
 {
     if (rule->for_ticks)

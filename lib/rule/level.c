@@ -109,23 +109,6 @@ static uint64_t wire_of(const cw_rule_set *set, unsigned node)
     return cw_node_bit(node);
 }
 
-/* Bits that an error takes away for good. */
-static bool is_in_frame(cw_field field)
-{
-    return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;
-}
-
-void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *s)
-{
-    for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
-        const cw_mac *mac = set->bus.macs[cw_lowest_node(rest)];
-        bool ended = mac->role != CW_ROLE_TRANSMITTER ||
-                     (is_in_frame(s->rule.field) && !cw_mac_is_sending(mac));
-        if (ended)
-            s->bound &= ~(rest & (~rest + 1));
-    }
-}
-
 /* The wires on which the named bit is reached, as nodes. */
 static uint64_t wires_reached(const cw_rule_set *set, cw_rule_state *s)
 {
@@ -279,10 +262,4 @@ void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels)
         change_samples(set, &levels->sampled);
     if (plan.bits)
         count_bits(set);
-}
-
-bool cw_rule_needs_bits(const cw_rule_state *s)
-{
-    bool window = cw_rule_is(s, CW_EACH_BIT) || s->for_attempt;
-    return s->bound != 0 || s->bits_left != 0 || s->hit_now || (s->active && window);
 }

@@ -308,10 +308,3 @@ bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node)
     }
     return false;
 }
-
-void cw_rules_unbind(cw_rule_set *set)
-{
-    for (unsigned i = 0; i < set->awake_count; i++)
-        set->rules[set->awake[i]].bound = 0;
-    cw_rules_fall_asleep(set);
-}

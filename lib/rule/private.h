@@ -144,6 +144,21 @@ void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 /* Rules that come after this one are armed, at once or later. */
 void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told);
 
+/* ---- awake.c --------------------------------------------------------------------------------- */
+
+/* Puts a rule into the list of those that are looked at in every bit. */
+void cw_rule_wake(cw_rule_set *set, unsigned rule);
+
+/* Takes rules that have nothing to do any more out of it. */
+void cw_rules_fall_asleep(cw_rule_set *set);
+
+/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
+ * comes is no frame bit any more and the rule's bit is one. */
+void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
+
+/* Whether the rule has to be looked at in the next bit. */
+bool cw_rule_needs_bits(const cw_rule_state *state);
+
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
 /* Whether a rule that is no position action begins to act: its match is a hit. */
@@ -161,12 +176,6 @@ void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope);
 /* A match comes at the present tick, between two bits: the rule acts if it is a hit. */
 void cw_rule_fire(cw_rule_set *set, unsigned rule);
 
-/* Puts a rule into the list of those that are looked at in every bit. */
-void cw_rule_wake(cw_rule_set *set, unsigned rule);
-
-/* Takes rules that have nothing to do any more out of the awake list. */
-void cw_rules_fall_asleep(cw_rule_set *set);
-
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
 /* Whose levels a new rule changes; where it has a position, its hit says it again. */
@@ -178,13 +187,6 @@ uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits);
 
 /* Such bits have passed. */
 void cw_noise_pass(cw_rule_set *set, uint64_t bits);
-
-/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
- * comes is no frame bit any more and the rule's bit is one. */
-void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
-
-/* Whether the rule has to be looked at in the next bit. */
-bool cw_rule_needs_bits(const cw_rule_state *state);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 

@@ -10,7 +10,7 @@
  *   bind.c error.c due.c  transmissions, errors and times that rules wait for
  *   look.c         what rules want of a frame that is leapt over
  * What it does then:
- *   begin.c        actions begin and end
+ *   begin.c        actions begin and end; awake.c those that are looked at in every bit
  *   level.c noise.c topology.c  levels of bits, and who is on which wire
  *   host.c         frames on the host side
  *   traffic.c      frames that rules send
@@ -259,6 +259,11 @@ static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
 /* Rules, armings, traffic and ends of actions that are due now. */
 void cw_rules_run_due(cw_rule_set *set);
 
+/* ---- awake.c --------------------------------------------------------------------------------- */
+
+/* No transmission is under way any more. */
+void cw_rules_unbind(cw_rule_set *set);
+
 /* ---- look.c ---------------------------------------------------------------------------------- */
 
 /* Whether some rule waits for frames. If none does, no frame needs to be compared. */
@@ -350,9 +355,6 @@ static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 {
     return set->rough >> node & 1u;
 }
-
-/* No transmission is under way any more. */
-void cw_rules_unbind(cw_rule_set *set);
 
 /* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */
 bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node);
