@@ -70,11 +70,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         cw_step_bit(bus);
         return;
     }
-    if (bus->leap.active) {
-        cw_leap_on(bus, tick);
-        return;
-    }
-    if (cw_leap_begin(bus, tick) || cw_leap_resume(bus, tick))
+    if (cw_leap_go(bus, tick))
         return;
     bool level = cw_held_level(bus);
     uint64_t bits = cw_run_reach(bus, level, tick);

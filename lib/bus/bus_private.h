@@ -322,15 +322,11 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
 
 /* ---- step/frame*.c --------------------------------------------------------------------------- */
 
-/* Begins to leap over the frame that comes next and goes as far as the end of it, the next moment
- * at which something happens, or tick. False: nothing is done, bits are to be simulated singly. */
-bool cw_leap_begin(cw_bus *bus, uint64_t tick);
-
-/* The same amid a frame that has begun bit by bit. */
-bool cw_leap_resume(cw_bus *bus, uint64_t tick);
-
-/* Goes on in a leap; at least one bit lies before tick. */
-void cw_leap_on(cw_bus *bus, uint64_t tick);
+/* Goes on with the frame step that is under way, or begins one: with the frame that comes next, or
+ * amid one that has begun bit by bit. Goes as far as the end of the frame, the next moment at which
+ * something happens, or tick; at least one bit lies before tick. False, with nothing done: bits are
+ * to be simulated singly. */
+bool cw_leap_go(cw_bus *bus, uint64_t tick);
 
 /* Ends the frame step that is under way, if there is one: puts all controllers where they are by
  * now. Public calls do so before they do anything to a controller, and time does before rules and

@@ -381,7 +381,7 @@ void cw_leap_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_
         cw_losses_show(bus, cw_node_bit(i)); /* while the frame that it has begun with goes first */
 }
 
-void cw_leap_on(cw_bus *bus, uint64_t tick)
+static void go_on(cw_bus *bus, uint64_t tick)
 {
     cw_leap *leap = &bus->leap;
     if (leap->broken || leap->at == end_of(leap)) {
@@ -410,6 +410,16 @@ void cw_leap_on(cw_bus *bus, uint64_t tick)
     run_moment(bus);
     if (leap->at == leap->length + CW_INTERMISSION_BITS)
         end_slot(bus);
+}
+
+/* A step that begins has begun when the caller can do something. */
+bool cw_leap_go(cw_bus *bus, uint64_t tick)
+{
+    if (!bus->leap.active && !cw_leap_begin(bus, tick) && !cw_leap_resume(bus))
+        return false;
+    if (bus->leap.active) /* else it went to its end at once */
+        go_on(bus, tick);
+    return true;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */

@@ -11,6 +11,13 @@
 #include "format/layout.h"
 #include "format/parts.h"
 
+/* Begins with the frame that comes next, or takes it in one go (cw_leap_whole()). False, with nothing
+ * done: it cannot be. */
+bool cw_leap_begin(cw_bus *bus, uint64_t tick);
+
+/* Begins amid a frame that has begun bit by bit. False, with nothing done: it cannot be. */
+bool cw_leap_resume(cw_bus *bus);
+
 /* A node's frame with its intermission in one go, without its bits; nobody sees more of it than its
  * end. False, with nothing done: it cannot be. */
 bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick);

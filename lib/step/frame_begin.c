@@ -163,6 +163,5 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     bool rough = watched == cw_node_bit(winner) && cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || bus->leap.at_work);
     start_transmissions(bus);
-    cw_leap_on(bus, tick); /* so that it has begun when the caller can do something */
     return true;
 }

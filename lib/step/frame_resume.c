@@ -118,7 +118,7 @@ static void take_over(cw_bus *bus, unsigned sender)
     leap->bound = true;
 }
 
-bool cw_leap_resume(cw_bus *bus, uint64_t tick)
+bool cw_leap_resume(cw_bus *bus)
 {
     const uint64_t senders = find_senders(bus);
     if (senders == 0 || (senders & (senders - 1)))
@@ -133,6 +133,5 @@ bool cw_leap_resume(cw_bus *bus, uint64_t tick)
     cw_leap_prepare(bus, sender, senders);
     take_over(bus, sender);
     bus->leap.look = cw_leap_next_look(bus, bus->leap.at);
-    cw_leap_on(bus, tick);
     return true;
 }
