@@ -30,7 +30,7 @@ PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
 FLOOD_ID = "7F0"
 FLOOD = ["cangen", PORTS["dash"], "-I", FLOOD_ID, "-L", "8", "-g", "1", "-c", "8"]
 PATIENCE_S = 40
-CONTENTION_ATTEMPTS = 10  # on a busy machine writing may take longer than the bus is busy
+CONTENTION_ATTEMPTS = 10  # on a busy machine writing may take longer than the transmission
 CONTENTION_MAX_S = 0.02
 
 
@@ -46,7 +46,7 @@ class Frame(NamedTuple):
 
 
 class Write(NamedTuple):
-    """A frame, and when which ECU wrote it."""
+    """A frame with the ECU and the time of its writing."""
 
     time: float
     text: str
@@ -58,7 +58,7 @@ class Write(NamedTuple):
 
 
 class Checks:
-    """What the demo claims; it fails when one does not hold."""
+    """A claim of the demo, which fails when one does not hold."""
 
     def __init__(self):
         self.done, self.failed, self.skipped = 0, [], []
@@ -88,7 +88,7 @@ def heading(number, text):
 
 
 class Programs:
-    """Everything that is started; ended with the demo."""
+    """The programs of the demo; they end with it."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -106,7 +106,7 @@ class Programs:
 
 
 class Candump:
-    """A candump on an interface, and what it printed."""
+    """A candump on an interface, and its output."""
 
     def __init__(self, programs, interface):
         self.log = programs.folder / interface
@@ -120,7 +120,7 @@ class Candump:
         return self.log.stat().st_size
 
     def take(self):
-        """The frames since the last call."""
+        """Returns the frames since the last call."""
         with self.log.open() as log:
             log.seek(self.read_bytes)
             lines = log.read().splitlines()
@@ -129,7 +129,7 @@ class Candump:
 
 
 class LoadMeter:
-    """canbusload on an interface; remembers when it printed which line."""
+    """canbusload on an interface; keeps the time of each line."""
 
     def __init__(self, programs, interface):
         command = ["stdbuf", "-oL", "canbusload", "-e", f"{interface}@{BITRATE}"]
@@ -172,7 +172,8 @@ class Subscriber:
             self.events.append(self.types.event_t.decode(data))
 
     def load(self, begin, end):
-        """Percent of busy bits between two moments, and the share of real time that the bus ran."""
+        """Returns the percentage of busy bits between two moments, and the share of real time in
+        which the bus ran."""
         during = [m for m in self.bus if begin <= m.utime_us / 1e6 <= end]
         if len(during) < 2:
             return None
@@ -202,7 +203,7 @@ class Demo:
         self.phases = []  # (name, begin, end) for the loads
 
     def settle(self):
-        """Waits until the bus and all candumps have come to rest."""
+        """Waits until the bus and all candumps are idle."""
 
         def quiet():
             before = [d.size() for d in self.dumps.values()], len(self.statistics.bus)
@@ -240,7 +241,7 @@ class Demo:
             self.checks.skip(claim, "this machine writes them more slowly than the bus sends them")
 
     def contend(self):
-        """What was written, and what was on the bus."""
+        """Shows written frames and the frames on the bus."""
         play(self.programs, CONTENTION_LOG, "engine", "brakes", "dash").wait()
         self.settle()
         dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
@@ -295,8 +296,8 @@ class Demo:
         print("   (in brackets: written by itself)")
 
     def check_counts(self, counts, name, dropped):
-        """All others got what was written, but for what did not fit into the sender's queue. That
-        is the flood, and on a machine that is too slow for the bus perhaps more."""
+        """All others must have arrived, unless the sender's queue was full. The flood loses frames,
+        and a machine that is too slow for the bus may lose more."""
         for identifier, sender in self.sender.items():
             written = counts[sender][identifier]
             got = {counts[ecu][identifier] for ecu in PORTS if ecu != sender}
@@ -363,7 +364,7 @@ def read_log(path):
 
 
 def log_frame(line):
-    """ECU and frame of a line of a log."""
+    """Returns ECU and frame of a line of a log."""
     _, ecu, frame = line.split()
     return ecu, frame
 
@@ -375,7 +376,7 @@ def play(programs, log, *ecus):
 
 
 def arbitration_key(frame):
-    """The bits of the identifier as arbitration sees them."""
+    """Returns the bits of the identifier as arbitration compares them."""
     identifier = frame.partition("#")[0]
     number = int(identifier, 16)
     if len(identifier) == 8:
