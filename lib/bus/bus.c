@@ -29,7 +29,8 @@ static void run_due_nodes(cw_bus *bus)
 }
 
 /* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
- * has, nothing is left to be told of this tick. A leap goes on when nothing but frames come. */
+ * has, nothing is left to be told of this tick. A frame step goes on when nothing but
+ * frames come. */
 static void run_due(cw_bus *bus)
 {
     cw_count_clean_bits(bus);
@@ -70,7 +71,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         cw_step_bit(bus);
         return;
     }
-    if (cw_leap_go(bus, tick))
+    if (cw_frame_step_go(bus, tick))
         return;
     bool level = cw_held_level(bus);
     uint64_t bits = cw_run_reach(bus, level, tick);

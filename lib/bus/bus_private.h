@@ -80,27 +80,27 @@ typedef struct bit_note {
 } bit_note;
 
 /* A clean frame on its way, see step/frame.c. */
-typedef struct cw_leap {
+typedef struct cw_frame_step {
     bool active;
     bool broken;          /* it must end with the bit in progress */
     bool at_work;         /* rules act on the levels of its bits */
     bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */
-    uint8_t tail;         /* last bits of frame and intermission that are not leapt over */
+    uint8_t tail;         /* last bits, up to the intermission, that go by singly */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
     cw_look look;         /* the next one of a rule, at which single bits go on if it is a hit */
     uint16_t length;      /* SOF to EOF */
-    const cw_bits *bits;  /* NULL: not encoded, see cw_leap_bits() */
+    const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
     cw_frame frame;       /* what they are of; the queue may have another one there at the end */
     uint64_t listeners;
     uint64_t contenders;  /* nodes that began to transmit */
-    uint64_t watched;     /* of these, those whose bits rules look at before the leap is over */
+    uint64_t watched;     /* of these, those whose bits rules look at before the step ends */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
     uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
     uint8_t next_loss;    /* the first lost_at of those that are undecided */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
-} cw_leap;
+} cw_frame_step;
 
 struct cw_bus {
     cw_wire_time time;
@@ -125,7 +125,7 @@ struct cw_bus {
     uint64_t removed;   /* of these, those that have been flushed: for good */
     cw_mac common;
     cw_outlook outlook;
-    cw_leap leap;
+    cw_frame_step frame_step;
     cw_arbiter arbiter;
     uint32_t wanted;    /* kinds of events, as bits */
     bool wire; /* level of the last bit, all wires together */
@@ -151,11 +151,11 @@ static inline uint64_t cw_bit_end(const cw_bus *bus)
     return cw_wire_bit_end(&bus->time);
 }
 
-/* In a leap: the tick at which bit n of the frame on the wire begins, n not before leap.at. Bits of
+/* In a frame step: the tick at which bit n of the frame begins, n not before its `at`. Bits of
  * the intermission go on behind those of the frame. */
-static inline uint64_t cw_leap_tick(const cw_bus *bus, unsigned n)
+static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 {
-    return cw_wire_tick(&bus->time, (uint64_t)n - bus->leap.at);
+    return cw_wire_tick(&bus->time, (uint64_t)n - bus->frame_step.at);
 }
 
 /* ---- step/arbiter.c -------------------------------------------------------------------------- */
@@ -326,22 +326,22 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
  * amid one that has begun bit by bit. Goes as far as the end of the frame, the next moment at which
  * something happens, or tick; at least one bit lies before tick. False, with nothing done: bits are
  * to be simulated singly. */
-bool cw_leap_go(cw_bus *bus, uint64_t tick);
+bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
 /* Ends the frame step that is under way, if there is one: puts all controllers where they are by
  * now. Public calls do so before they do anything to a controller, and time does before rules and
  * restarts that are due; nobody else. */
 void cw_wake_controllers(cw_bus *bus);
 
-/* In a leap a node is about to get a frame to send. */
-void cw_leap_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
+/* In a frame step a node is about to get a frame to send. */
+void cw_frame_step_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
 
 /* Returns the nodes whose losses have been counted beforehand and have not come to pass. */
 uint64_t cw_losses_ahead(const cw_bus *bus);
 
-/* In a leap: recessive bits up to now, and bits until the next event. */
-uint64_t cw_leap_recessive_bits(const cw_bus *bus);
-uint64_t cw_leap_horizon(const cw_bus *bus);
+/* In a frame step: recessive bits up to now, and bits until the next event. */
+uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
+uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
 /* ---- step/shared.c --------------------------------------------------------------------------- */
 

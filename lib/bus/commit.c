@@ -83,8 +83,8 @@ static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
 {
     uint64_t self = cw_node_bit(receiver);
     uint64_t nodes = 0;
-    if (bus->leap.active)
-        return cw_node_bit(bus->leap.node);
+    if (bus->frame_step.active)
+        return cw_node_bit(bus->frame_step.node);
     if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
         return self;
     for (unsigned i = 0; i < bus->node_count; i++) {

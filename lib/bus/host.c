@@ -51,8 +51,8 @@ static void enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
 
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
-    if (bus->leap.active)
-        cw_leap_frame_comes(bus, i, frame, tick);
+    if (bus->frame_step.active)
+        cw_frame_step_frame_comes(bus, i, frame, tick);
     cw_share_lost(bus, i);
     cw_drop why = refusal(bus, i, frame);
     if (why != CW_DROP_COUNT) {
@@ -119,8 +119,8 @@ static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     if (!is_next(bus) || refusal(bus, i, frame) != CW_DROP_COUNT)
         return false;
-    if (bus->leap.active)
-        cw_leap_frame_comes(bus, i, frame, cw_now(bus));
+    if (bus->frame_step.active)
+        cw_frame_step_frame_comes(bus, i, frame, cw_now(bus));
     cw_share_lost(bus, i);
     bus->nodes[i].stats.handed_in++;
     enqueue(bus, i, frame, cw_now(bus), 0);

@@ -98,14 +98,14 @@ static void assert_followers(const cw_bus *bus)
 /* In a frame step the controllers rest, and the frame is where it can be. */
 static void assert_frame(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    if (!leap->active)
+    const cw_frame_step *step = &bus->frame_step;
+    if (!step->active)
         return;
     assert(!bus->stepping && bus->group_count == 1);
-    assert(leap->at < leap->length + CW_INTERMISSION_BITS && leap->node < bus->node_count);
-    assert(is_subset(leap->undecided, leap->contenders));
-    assert(is_subset(leap->contenders, leap->listeners) && is_subset(leap->listeners, bus->all));
-    assert(leap->contenders >> leap->node & 1u);
+    assert(step->at < step->length + CW_INTERMISSION_BITS && step->node < bus->node_count);
+    assert(is_subset(step->undecided, step->contenders));
+    assert(is_subset(step->contenders, step->listeners) && is_subset(step->listeners, bus->all));
+    assert(step->contenders >> step->node & 1u);
     for (uint64_t rest = bus->all & ~bus->outlook.away; rest; rest &= rest - 1)
         assert(bus->nodes[cw_lowest_node(rest)].mac.phase == CW_MAC_IDLE);
 }

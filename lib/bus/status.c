@@ -19,7 +19,7 @@ uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits)
 
 uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 {
-    return bus->leap.active ? cw_leap_recessive_bits(bus) : bus->recessive_bits;
+    return bus->frame_step.active ? cw_frame_step_recessive_bits(bus) : bus->recessive_bits;
 }
 
 size_t cw_bus_pending(const cw_bus *bus)
@@ -29,7 +29,7 @@ size_t cw_bus_pending(const cw_bus *bus)
 
 bool cw_bus_idle(const cw_bus *bus)
 {
-    if (bus->leap.active)
+    if (bus->frame_step.active)
         return false;
     bool busy = bus->followers && cw_mac_is_busy(&bus->common);
     for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
@@ -61,8 +61,8 @@ static bool is_orphaned(const cw_bus *bus)
 static uint64_t horizon(const cw_bus *bus)
 {
     uint64_t bits = CW_QUIET_FOREVER;
-    if (bus->leap.active)
-        return cw_leap_horizon(bus);
+    if (bus->frame_step.active)
+        return cw_frame_step_horizon(bus);
     if (bus->followers)
         bits = cw_mac_horizon(&bus->common, (bus->waiting & bus->followers) != 0);
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
@@ -79,13 +79,14 @@ static bool comes_to_rest(const cw_mac *m)
     return !cw_mac_is_busy(m) || (m->phase == CW_MAC_INTERMISSION && m->overloads_wanted == 0);
 }
 
-/* Whether all of them do, after a frame. In a leap the ends of its frame are known. */
+/* Whether all of them do, after a frame. In a frame step the ends of its frame are
+ * known. */
 static bool bus_comes_to_rest(const cw_bus *bus)
 {
     bool rests = !bus->followers || comes_to_rest(&bus->common);
     for (uint64_t rest = bus->all & ~bus->followers; rests && rest; rest &= rest - 1)
         rests = comes_to_rest(&bus->nodes[cw_lowest_node(rest)].mac);
-    return rests || bus->leap.active;
+    return rests || bus->frame_step.active;
 }
 
 uint64_t cw_bus_next(const cw_bus *bus)
@@ -94,7 +95,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
         return cw_now(bus);
     uint64_t bits = horizon(bus);
     bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);
-    if (unknown || (!bus->leap.active && is_orphaned(bus)))
+    if (unknown || (!bus->frame_step.active && is_orphaned(bus)))
         bits = cw_least(bits, LOOK_AGAIN_BITS);
     const unsigned acts = CW_TOUCH_MORE | CW_TOUCH_QUEUES | CW_TOUCH_AT_RANDOM;
     const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(&bus->rules) & acts);

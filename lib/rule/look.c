@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * look.c - what fault rules want of a frame that could be leapt over.
+ * look.c - the bits of a frame that rules look at in a frame step.
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
- * a hit. So a leap goes up to that bit, and over it when the rule passes over the match. No rule is
- * bound to a transmission before single bits go on; those that are bound already stay so in a leap
- * that resumes one. Rules that hold a level for a time need the levels of all bits, but no
+ * a hit. So the step goes up to that bit, and over it when the rule passes over the match. No rule
+ * is bound to a transmission before single bits go on. Those that are bound already stay so in a
+ * step that resumes one. Rules that hold a level for a time need the levels of all bits, but no
  * controllers.
  */
 #include "rule/private.h"

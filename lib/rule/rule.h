@@ -8,7 +8,7 @@
  *   rule.c         whether a match becomes a hit; prng.c by chance
  *   arming.c       rules that come after others, or by hand
  *   bind.c error.c due.c  transmissions, errors and times that rules wait for
- *   look.c         what rules want of a frame that is leapt over
+ *   look.c         the bits of a frame that rules look at in a frame step
  * What it does then:
  *   begin.c        actions begin and end; awake.c those that are looked at in every bit
  *   level.c noise.c topology.c  levels of bits, and who is on which wire

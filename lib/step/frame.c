@@ -8,11 +8,11 @@
  * fault rule wants to look at a bit, or somebody does something to a node, they are put where they
  * would be by then (frame_end.c), and single bits go on from there.
  *
- * When nobody can see more of a frame than its end, its length is all that is needed: it is leapt
- * over in one go, without its bits (cw_leap_whole()).
+ * When nobody can see more of a frame than its end, its length is all that is needed: it goes
+ * by in one go, without its bits (cw_frame_step_whole()).
  *
  * Rules that act on levels in every bit do so on those that the frame says. As long as nobody sees
- * a difference, the leap goes on, bit by bit but without controllers.
+ * a difference, the step goes on, bit by bit but without controllers.
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */
@@ -25,7 +25,7 @@
 /* R8, at the ACK slot. */
 static void lower_counters(cw_bus *bus)
 {
-    uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->leap.node);
+    uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->frame_step.node);
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_mac *m = &bus->nodes[i].mac;
@@ -47,18 +47,18 @@ static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
 
 static inline void receive_at_once(cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    const bus_node *n = &bus->nodes[leap->node];
+    const cw_frame_step *step = &bus->frame_step;
+    const bus_node *n = &bus->nodes[step->node];
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
-    cw_event *e = cw_receive_together(bus, leap->node, leap->listeners & ~cw_node_bit(leap->node),
+    cw_event *e = cw_receive_together(bus, step->node, step->listeners & ~cw_node_bit(step->node),
                                       slot->bytes);
     copy_received(&e->frame, &slot->frame, slot->bytes);
 }
 
 static void receive(cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    const bus_node *n = &bus->nodes[leap->node];
+    const cw_frame_step *step = &bus->frame_step;
+    const bus_node *n = &bus->nodes[step->node];
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     cw_frame frame;
     if (!cw_host_side_acts(bus)) {
@@ -66,46 +66,46 @@ static void receive(cw_bus *bus)
         return;
     }
     copy_received(&frame, &slot->frame, slot->bytes);
-    for (uint64_t rest = leap->listeners & ~cw_node_bit(leap->node); rest; rest &= rest - 1)
+    for (uint64_t rest = step->listeners & ~cw_node_bit(step->node); rest; rest &= rest - 1)
         cw_receive(bus, cw_lowest_node(rest), &frame);
 }
 
 static void finish_transmission(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    cw_mac *m = &bus->nodes[leap->node].mac;
+    cw_frame_step *step = &bus->frame_step;
+    cw_mac *m = &bus->nodes[step->node].mac;
     m->offered = false;
     cw_confinement_tx_success(&m->confinement);
     m->told_state = m->confinement.state;
-    cw_commit_sent(bus, leap->node, leap->length);
-    cw_tell_state(bus, leap->node);
+    cw_commit_sent(bus, step->node, step->length);
+    cw_tell_state(bus, step->node);
 }
 
 /* What happens at the end of the bit that has just passed. */
 static void run_moment(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    if (leap->undecided && leap->next_loss + 1u == leap->at)
+    cw_frame_step *step = &bus->frame_step;
+    if (step->undecided && step->next_loss + 1u == step->at)
         cw_losses_tell(bus);
-    if (leap->at == leap->length - CW_AFTER_ACK_BITS)
+    if (step->at == step->length - CW_AFTER_ACK_BITS)
         lower_counters(bus);
-    else if (leap->at == leap->length - CW_AFTER_ACCEPT_BITS)
+    else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
         receive(bus);
-    else if (leap->at == leap->length)
+    else if (step->at == step->length)
         finish_transmission(bus);
 }
 
 static unsigned next_moment(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    unsigned loss = leap->undecided ? leap->next_loss + 1u : CW_NO_LOOK;
-    unsigned next = leap->length + CW_INTERMISSION_BITS;
-    if (leap->at < leap->length)
-        next = leap->length;
-    if (leap->at < leap->length - CW_AFTER_ACCEPT_BITS)
-        next = leap->length - CW_AFTER_ACCEPT_BITS;
-    if (leap->at < leap->length - CW_AFTER_ACK_BITS && bus->outlook.counting)
-        next = leap->length - CW_AFTER_ACK_BITS;
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned loss = step->undecided ? step->next_loss + 1u : CW_NO_LOOK;
+    unsigned next = step->length + CW_INTERMISSION_BITS;
+    if (step->at < step->length)
+        next = step->length;
+    if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
+        next = step->length - CW_AFTER_ACCEPT_BITS;
+    if (step->at < step->length - CW_AFTER_ACK_BITS && bus->outlook.counting)
+        next = step->length - CW_AFTER_ACK_BITS;
     return loss < next ? loss : next;
 }
 
@@ -121,7 +121,7 @@ static void count_bits(cw_bus *bus, unsigned bits)
 
 static void move(cw_bus *bus, unsigned bits)
 {
-    bus->leap.at = (uint16_t)(bus->leap.at + bits);
+    bus->frame_step.at = (uint16_t)(bus->frame_step.at + bits);
     cw_wire_pass(&bus->time, bits);
 }
 
@@ -129,14 +129,14 @@ static void pass(cw_bus *bus, unsigned bits)
 {
     move(bus, bits);
     count_bits(bus, bits);
-    if (bus->rules.awake_count && !bus->leap.at_work)
+    if (bus->rules.awake_count && !bus->frame_step.at_work)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
 }
 
 /* Where it ends at the latest. */
-static unsigned end_of(const cw_leap *leap)
+static unsigned end_of(const cw_frame_step *step)
 {
-    return leap->length + CW_INTERMISSION_BITS - leap->tail;
+    return step->length + CW_INTERMISSION_BITS - step->tail;
 }
 
 /* Whole bits up to a tick, no more than that many. */
@@ -150,11 +150,11 @@ static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
  * happens or comes in, or after which something is due. */
 static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
-    const cw_leap *leap = &bus->leap;
-    unsigned bits = next_moment(bus) - leap->at;
-    bits = (unsigned)cw_least(bits, end_of(leap) - (uint64_t)leap->at);
-    if (leap->look.bit != CW_NO_LOOK)
-        bits = (unsigned)cw_least(bits, (uint64_t)leap->look.bit - leap->at);
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned bits = next_moment(bus) - step->at;
+    bits = (unsigned)cw_least(bits, end_of(step) - (uint64_t)step->at);
+    if (step->look.bit != CW_NO_LOOK)
+        bits = (unsigned)cw_least(bits, (uint64_t)step->look.bit - step->at);
     bits = bits_up_to(bus, tick, bits);
     uint64_t due = cw_least(bus->next_restart, bus->rules.next_due);
     due = cw_least(due, cw_inbox_first(bus));
@@ -167,7 +167,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 
 static void end_slot(cw_bus *bus)
 {
-    bus->leap.active = false;
+    bus->frame_step.active = false;
     bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
     if (bus->rules.awake_count)
         cw_rules_unbind(&bus->rules);
@@ -179,14 +179,14 @@ static void end_slot(cw_bus *bus)
  * which makes no difference to the wire (see hides_losses()). */
 static uint64_t find_drivers(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    uint64_t drivers = cw_node_bit(leap->node);
-    if (leap->at == leap->length - CW_AFTER_ACK_BITS - 1)
+    const cw_frame_step *step = &bus->frame_step;
+    uint64_t drivers = cw_node_bit(step->node);
+    if (step->at == step->length - CW_AFTER_ACK_BITS - 1)
         return bus->outlook.acknowledgers & ~drivers;
-    if (leap->at >= leap->length || cw_bits_level(leap->bits, leap->at))
+    if (step->at >= step->length || cw_bits_level(step->bits, step->at))
         return 0;
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1)
-        if (leap->lost_at[cw_lowest_node(rest)] != leap->at)
+    for (uint64_t rest = step->undecided; rest; rest &= rest - 1)
+        if (step->lost_at[cw_lowest_node(rest)] != step->at)
             drivers |= rest & (~rest + 1);
     return drivers;
 }
@@ -198,11 +198,12 @@ static bool stands_rules(cw_bus *bus, cw_levels *levels)
     const uint64_t expected = drivers ? 0 : UINT64_MAX;
     levels->driven = ~drivers;
     cw_find_levels(bus, levels);
-    return levels->wire == expected && ((levels->sampled ^ expected) & bus->leap.listeners) == 0;
+    return levels->wire == expected &&
+           ((levels->sampled ^ expected) & bus->frame_step.listeners) == 0;
 }
 
 /* Passes all but the last of some bits, each with what rules do to it. When they change a bit, be
- * it the last one, the controllers take it as it is, the leap is over, and it returns false. */
+ * it the last one, the controllers take it as it is, the step ends, and it returns false. */
 static bool pass_under_rules(cw_bus *bus, unsigned bits)
 {
     cw_levels levels;
@@ -234,7 +235,7 @@ static inline unsigned pass_to(cw_bus *bus, unsigned from, unsigned to)
 /* The moments behind arbitration, from a bit on. */
 static inline void go_to_end(cw_bus *bus, unsigned at)
 {
-    const unsigned length = bus->leap.length;
+    const unsigned length = bus->frame_step.length;
     if (bus->outlook.counting && at < length - CW_AFTER_ACK_BITS) {
         at = pass_to(bus, at, length - CW_AFTER_ACK_BITS);
         lower_counters(bus);
@@ -252,90 +253,90 @@ static inline void go_to_end(cw_bus *bus, unsigned at)
 }
 
 /* To the end, where nothing comes in between but frames for the queues. */
-static void leap_over(cw_bus *bus)
+static void go_straight_to_end(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    const unsigned bits = leap->length + CW_INTERMISSION_BITS - leap->at;
+    cw_frame_step *step = &bus->frame_step;
+    const unsigned bits = step->length + CW_INTERMISSION_BITS - step->at;
     count_bits(bus, bits);
-    leap->hidden = 0; /* from here on all losses come to pass */
+    step->hidden = 0; /* from here on all losses come to pass */
     if (bus->rules.awake_count)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
-    while (leap->undecided) {
-        leap->at = (uint16_t)pass_to(bus, leap->at, leap->next_loss + 1u);
+    while (step->undecided) {
+        step->at = (uint16_t)pass_to(bus, step->at, step->next_loss + 1u);
         cw_losses_tell(bus);
     }
-    go_to_end(bus, leap->at);
+    go_to_end(bus, step->at);
 }
 
-/* Whether nothing happens up to the end of the bit at which the leap stops. */
+/* Returns true when nothing happens up to the end of the bit at which the step stops. */
 static bool goes_straight_to_look(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    return leap->look.bit < next_moment(bus) &&
-           cw_inbox_first(bus) >= cw_leap_tick(bus, leap->look.bit + 1u);
+    const cw_frame_step *step = &bus->frame_step;
+    return step->look.bit < next_moment(bus) &&
+           cw_inbox_first(bus) >= cw_frame_step_tick(bus, step->look.bit + 1u);
 }
 
 /* Rules are asked in advance, as far as nobody can see that before it is time; one with a rough
  * stop only when that is all. False when something is left to be asked, or is a hit. */
 static bool rules_let_pass(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    if (leap->look.bit != CW_NO_LOOK && !leap->look.exact) {
-        if (cw_leap_consume_look(bus))
-            leap->look.bit = CW_NO_LOOK;
-        return leap->look.bit == CW_NO_LOOK;
+    cw_frame_step *step = &bus->frame_step;
+    if (step->look.bit != CW_NO_LOOK && !step->look.exact) {
+        if (cw_frame_step_consume_look(bus))
+            step->look.bit = CW_NO_LOOK;
+        return step->look.bit == CW_NO_LOOK;
     }
-    while (leap->look.bit != CW_NO_LOOK && goes_straight_to_look(bus) &&
-           cw_leap_consume_look(bus))
-        leap->look = cw_leap_next_look(bus, leap->look.bit + 1u);
-    return leap->look.bit == CW_NO_LOOK;
+    while (step->look.bit != CW_NO_LOOK && goes_straight_to_look(bus) &&
+           cw_frame_step_consume_look(bus))
+        step->look = cw_frame_step_next_look(bus, step->look.bit + 1u);
+    return step->look.bit == CW_NO_LOOK;
 }
 
 /* Whether nothing but frames for the queues comes in before that tick. Those for nodes in loopback
  * are sent at once (M15). */
 static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
-    bool loopback = (bus->leap.listeners | bus->outlook.away) != bus->all;
+    bool loopback = (bus->frame_step.listeners | bus->outlook.away) != bus->all;
     return bus->next_restart >= tick && bus->rules.next_due >= tick &&
            (!loopback || cw_inbox_first(bus) >= tick);
 }
 
-static bool can_leap_over(cw_bus *bus, uint64_t tick)
+static bool can_go_to_end(cw_bus *bus, uint64_t tick)
 {
-    const cw_leap *leap = &bus->leap;
-    const unsigned end = leap->length + CW_INTERMISSION_BITS;
-    const unsigned bits = end - leap->at;
+    const cw_frame_step *step = &bus->frame_step;
+    const unsigned end = step->length + CW_INTERMISSION_BITS;
+    const unsigned bits = end - step->at;
     bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* follows a frame */
-    return cw_wire_fits(&bus->time, bits, tick) && leap->tail == 0 && !leap->at_work && !traffic &&
+    return cw_wire_fits(&bus->time, bits, tick) && step->tail == 0 && !step->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
-           is_undisturbed_until(bus, cw_leap_tick(bus, end)) && cw_leap_is_noise_free(bus, bits) &&
-           rules_let_pass(bus);
+           is_undisturbed_until(bus, cw_frame_step_tick(bus, end)) &&
+           cw_frame_step_is_noise_free(bus, bits) && rules_let_pass(bus);
 }
 
 static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
 {
     const cw_look look = {.rule = bus->rules.watcher[winner]};
-    const cw_frame_view view = {.frame = frame, .length = bus->leap.length};
+    const cw_frame_view view = {.frame = frame, .length = bus->frame_step.length};
     return cw_rules_stop_roughly(&bus->rules, winner) &&
            cw_rules_consume(&bus->rules, 0, &look, &view);
 }
 
-bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
+bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
-    cw_leap *leap = &bus->leap;
+    cw_frame_step *step = &bus->frame_step;
     bus_node *n = &bus->nodes[winner];
     const uint16_t slot = cw_queue_first(&n->queue);
-    leap->listeners = bus->outlook.listeners;
-    leap->length = n->queue.slots[slot].wire_bits;
-    const unsigned bits = leap->length + CW_INTERMISSION_BITS;
+    step->listeners = bus->outlook.listeners;
+    step->length = n->queue.slots[slot].wire_bits;
+    const unsigned bits = step->length + CW_INTERMISSION_BITS;
     if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
         cw_host_side_acts(bus) || !is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
-        (leap->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
+        (step->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */
-    leap->node = (uint8_t)winner;
-    leap->contenders = contenders;
+    step->node = (uint8_t)winner;
+    step->contenders = contenders;
     cw_losses_hide(bus);
     bus->clean_bits += bits;
     go_to_end(bus, 0);
@@ -344,56 +345,56 @@ bool cw_leap_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t t
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
 
-/* Where the leap stops roughly it is time to find out where it stops. */
+/* The step stops somewhere near: it is time to find the very bit. */
 static void find_bits(cw_bus *bus)
 {
-    bus_node *n = &bus->nodes[bus->leap.node];
+    bus_node *n = &bus->nodes[bus->frame_step.node];
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
-    bus->leap.bits = &n->mac.tx;
-    bus->leap.look = cw_leap_next_look(bus, 0);
+    bus->frame_step.bits = &n->mac.tx;
+    bus->frame_step.look = cw_frame_step_next_look(bus, 0);
 }
 
 /* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
-    if (!bus->leap.bits) {
+    if (!bus->frame_step.bits) {
         find_bits(bus);
         return;
     }
     /* noise first: what lets the bit pass has counted it, so it has to be passed then */
-    if (!cw_leap_is_noise_free(bus, 1) || !cw_leap_consume_look(bus))
+    if (!cw_frame_step_is_noise_free(bus, 1) || !cw_frame_step_consume_look(bus))
         cw_wake_controllers(bus);
     else
-        bus->leap.look = cw_leap_next_look(bus, bus->leap.at + 1u);
+        bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
 /* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
  * begun (M6). */
-void cw_leap_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
+void cw_frame_step_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
-    cw_leap *leap = &bus->leap;
+    cw_frame_step *step = &bus->frame_step;
     const bus_node *n = &bus->nodes[i];
     bool loopback = n->mac.modes & CW_MODE_LOOPBACK;
-    bool may_join = leap->at == 1 && tick <= cw_now(bus);
-    leap->broken = leap->broken || loopback || may_join;
-    if ((leap->hidden >> i & 1u) && cw_queue_goes_first(&n->queue, frame))
+    bool may_join = step->at == 1 && tick <= cw_now(bus);
+    step->broken = step->broken || loopback || may_join;
+    if ((step->hidden >> i & 1u) && cw_queue_goes_first(&n->queue, frame))
         cw_losses_show(bus, cw_node_bit(i)); /* while the frame that it has begun with goes first */
 }
 
 static void go_on(cw_bus *bus, uint64_t tick)
 {
-    cw_leap *leap = &bus->leap;
-    if (leap->broken || leap->at == end_of(leap)) {
+    cw_frame_step *step = &bus->frame_step;
+    if (step->broken || step->at == end_of(step)) {
         cw_wake_controllers(bus);
         return;
     }
-    if (leap->at == leap->look.bit) {
+    if (step->at == step->look.bit) {
         look_at_stop(bus);
         return;
     }
-    if (can_leap_over(bus, tick)) {
-        leap_over(bus);
+    if (can_go_to_end(bus, tick)) {
+        go_straight_to_end(bus);
         return;
     }
     unsigned bits = bits_to_go(bus, tick);
@@ -401,61 +402,61 @@ static void go_on(cw_bus *bus, uint64_t tick)
         cw_wake_controllers(bus);
         return;
     }
-    if (!leap->at_work)
+    if (!step->at_work)
         pass(bus, bits - 1);
     else if (!pass_under_rules(bus, bits))
         return;
     cw_take_inbox_before(bus, cw_bit_end(bus));
     pass(bus, 1);
     run_moment(bus);
-    if (leap->at == leap->length + CW_INTERMISSION_BITS)
+    if (step->at == step->length + CW_INTERMISSION_BITS)
         end_slot(bus);
 }
 
 /* A step that begins has begun when the caller can do something. */
-bool cw_leap_go(cw_bus *bus, uint64_t tick)
+bool cw_frame_step_go(cw_bus *bus, uint64_t tick)
 {
-    if (!bus->leap.active && !cw_leap_begin(bus, tick) && !cw_leap_resume(bus))
+    if (!bus->frame_step.active && !cw_frame_step_begin(bus, tick) && !cw_frame_step_resume(bus))
         return false;
-    if (bus->leap.active) /* else it went to its end at once */
+    if (bus->frame_step.active) /* else it went to its end at once */
         go_on(bus, tick);
     return true;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-uint64_t cw_leap_recessive_bits(const cw_bus *bus)
+uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    unsigned n = leap->at;
-    if (n > leap->length - CW_AFTER_ACK_BITS)
-        return n - (leap->length - CW_AFTER_ACK_BITS);
-    if (n == leap->length - CW_AFTER_ACK_BITS)
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned n = step->at;
+    if (n > step->length - CW_AFTER_ACK_BITS)
+        return n - (step->length - CW_AFTER_ACK_BITS);
+    if (n == step->length - CW_AFTER_ACK_BITS)
         return 0;
     cw_bits room;
-    const cw_bits *bits = cw_leap_bits(bus, &room);
+    const cw_bits *bits = cw_frame_step_bits(bus, &room);
     while (n > 0 && cw_bits_level(bits, n - 1))
         n--;
-    return leap->at - n;
+    return step->at - n;
 }
 
 /* As if no rule had a hit. */
 static uint64_t clean_horizon(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    if (leap->broken)
+    const cw_frame_step *step = &bus->frame_step;
+    if (step->broken)
         return 1; /* what comes then is another frame's */
-    if (leap->at < leap->length - CW_AFTER_ACCEPT_BITS)
-        return leap->length - CW_AFTER_ACCEPT_BITS - leap->at;
-    if (leap->at < leap->length)
-        return leap->length - leap->at;
+    if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
+        return step->length - CW_AFTER_ACCEPT_BITS - step->at;
+    if (step->at < step->length)
+        return step->length - step->at;
     return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
 }
 
-uint64_t cw_leap_horizon(const cw_bus *bus)
+uint64_t cw_frame_step_horizon(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
+    const cw_frame_step *step = &bus->frame_step;
     uint64_t bits = clean_horizon(bus);
-    return leap->look.bit == CW_NO_LOOK ? bits
-                                        : cw_least(bits, leap->look.bit + 1u - leap->at);
+    return step->look.bit == CW_NO_LOOK ? bits
+                                        : cw_least(bits, step->look.bit + 1u - step->at);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_begin.c - whether the frame that comes next can be leapt over, and its start.
+ * frame_begin.c - decides whether the frame that comes next can be a step, and begins it.
  */
 #include "step/frame.h"
 
@@ -21,13 +21,13 @@ static bool can_begin(cw_bus *bus)
         cw_rules_unbind(&bus->rules);
     if (bus->rules.awake_count &&
         ((cw_rules_touch_now(&bus->rules) & CW_TOUCH_CONTROLLERS) ||
-         !cw_leap_is_noise_free(bus, 1)))
+         !cw_frame_step_is_noise_free(bus, 1)))
         return false;
     /* a frame that comes during the SOF may join it (M6) */
     return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
 }
 
-/* Rules on errors and states see nothing of a leap in which there are none. */
+/* Rules on errors and states see nothing of a frame without any. */
 static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     bool several = (contenders & (contenders - 1)) != 0;
@@ -35,7 +35,7 @@ static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned
            (several || bus->outlook.counting || bus->nodes[winner].mac.confinement.tec > 0);
 }
 
-static bool is_leapable(const cw_bus *bus, uint64_t contenders, unsigned winner)
+static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     const cw_outlook *outlook = &bus->outlook;
     uint64_t self = cw_node_bit(winner);
@@ -75,57 +75,58 @@ static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
  * line in the hands of a rule, the winner's level is that of the wire. */
 static bool hides_losses(cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
-    unsigned bits = cw_leap_arbitration_bits(bus);
-    return leap->look.bit >= bits &&
-           !(leap->at_work && (cw_rules_stuck_lines(&bus->rules) & leap->contenders)) &&
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned bits = cw_frame_step_arbitration_bits(bus);
+    return step->look.bit >= bits &&
+           !(step->at_work && (cw_rules_stuck_lines(&bus->rules) & step->contenders)) &&
            is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
-           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && cw_leap_is_noise_free(bus, bits);
+           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) &&
+           cw_frame_step_is_noise_free(bus, bits);
 }
 
 /* Its bits are found only when they are needed. */
 static void choose_frame(cw_bus *bus, bool bits)
 {
-    cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
+    cw_frame_step *step = &bus->frame_step;
+    bus_node *n = &bus->nodes[step->node];
     if (bits)
         encode(n);
     else
         cw_losses_pin_frame(n);
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
-    leap->bits = bits ? &n->mac.tx : NULL;
-    leap->length = slot->wire_bits;
-    leap->frame = slot->frame;
+    step->bits = bits ? &n->mac.tx : NULL;
+    step->length = slot->wire_bits;
+    step->frame = slot->frame;
 }
 
-void cw_leap_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
+void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
 {
-    cw_leap *leap = &bus->leap;
-    leap->active = true;
-    leap->node = (uint8_t)winner;
-    leap->tail = (uint8_t)find_tail(bus, winner);
-    leap->broken = false;
-    leap->hidden = 0;
-    leap->next_loss = UINT8_MAX;
-    leap->bound = false;
-    leap->at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
-    leap->at = 0;
-    leap->look.bit = CW_NO_LOOK;
-    leap->listeners = bus->outlook.listeners;
-    leap->contenders = contenders;
-    leap->undecided = 0;
+    cw_frame_step *step = &bus->frame_step;
+    step->active = true;
+    step->node = (uint8_t)winner;
+    step->tail = (uint8_t)find_tail(bus, winner);
+    step->broken = false;
+    step->hidden = 0;
+    step->next_loss = UINT8_MAX;
+    step->bound = false;
+    step->at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
+    step->at = 0;
+    step->look.bit = CW_NO_LOOK;
+    step->listeners = bus->outlook.listeners;
+    step->contenders = contenders;
+    step->undecided = 0;
 }
 
 /* All begin to transmit; rules look at the frames of those that are watched. */
 static void start_transmissions(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    const uint64_t self = cw_node_bit(leap->node);
-    const uint64_t watched = leap->watched;
+    cw_frame_step *step = &bus->frame_step;
+    const uint64_t self = cw_node_bit(step->node);
+    const uint64_t watched = step->watched;
     if (watched == self)
-        leap->look = cw_leap_next_look(bus, 0);
+        step->look = cw_frame_step_next_look(bus, 0);
     bool hidden = (watched & ~self) == 0 && hides_losses(bus);
-    if (leap->contenders == self || hidden) {
+    if (step->contenders == self || hidden) {
         cw_losses_hide(bus);
         return;
     }
@@ -133,10 +134,10 @@ static void start_transmissions(cw_bus *bus)
     for (uint64_t rest = watched & ~self; rest; rest &= rest - 1)
         encode(&bus->nodes[cw_lowest_node(rest)]);
     if (watched)
-        leap->look = cw_leap_next_look(bus, 0);
+        step->look = cw_frame_step_next_look(bus, 0);
 }
 
-bool cw_leap_begin(cw_bus *bus, uint64_t tick)
+bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
     if (!can_begin(bus))
@@ -145,7 +146,7 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     uint64_t contenders = bus->waiting & bus->outlook.senders;
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
-        !is_leapable(bus, contenders, winner))
+        !suits_step(bus, contenders, winner))
         return false;
     uint64_t watched = cw_find_watched(bus, contenders, winner);
     bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
@@ -155,13 +156,13 @@ bool cw_leap_begin(cw_bus *bus, uint64_t tick)
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    bus->leap.watched = watched;
+    bus->frame_step.watched = watched;
     bool whole = !(watched & losers) && !losses_seen && find_tail(bus, winner) == 0;
-    if (whole && cw_leap_whole(bus, winner, contenders, tick))
+    if (whole && cw_frame_step_whole(bus, winner, contenders, tick))
         return true;
-    cw_leap_prepare(bus, winner, contenders);
+    cw_frame_step_prepare(bus, winner, contenders);
     bool rough = watched == cw_node_bit(winner) && cw_rules_stop_roughly(&bus->rules, winner);
-    choose_frame(bus, (watched && !rough) || losses_seen || bus->leap.at_work);
+    choose_frame(bus, (watched && !rough) || losses_seen || bus->frame_step.at_work);
     start_transmissions(bus);
     return true;
 }

@@ -42,24 +42,24 @@ static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
     return (cw_frame_view){.frame = &n->queue.slots[n->offered_slot].frame,
                            .bits = &n->mac.tx,
                            .node = (uint8_t)i,
-                           .at = bus->leap.at,
-                           .length = bus->leap.length,
-                           .last = bus->leap.lost_at[i]};
+                           .at = bus->frame_step.at,
+                           .length = bus->frame_step.length,
+                           .last = bus->frame_step.lost_at[i]};
 }
 
-cw_look cw_leap_next_look(const cw_bus *bus, unsigned from)
+cw_look cw_frame_step_next_look(const cw_bus *bus, unsigned from)
 {
-    const cw_leap *leap = &bus->leap;
-    const uint64_t self = cw_node_bit(leap->node);
-    const cw_frame_view view = cw_leap_view(leap);
-    cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = leap->bits != NULL};
-    if (leap->bound)
+    const cw_frame_step *step = &bus->frame_step;
+    const uint64_t self = cw_node_bit(step->node);
+    const cw_frame_view view = cw_frame_step_view(step);
+    cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = step->bits != NULL};
+    if (step->bound)
         cw_rules_add_bound_looks(&bus->rules, &look, &view, from);
-    if (from > 0 && leap->watched == self && cw_rules_look_once(&bus->rules, leap->node))
+    if (from > 0 && step->watched == self && cw_rules_look_once(&bus->rules, step->node))
         return look; /* it was the last one */
-    if (leap->watched & self)
+    if (step->watched & self)
         cw_rules_add_looks(&bus->rules, &look, &view, from);
-    for (uint64_t rest = leap->watched & ~self; rest; rest &= rest - 1) {
+    for (uint64_t rest = step->watched & ~self; rest; rest &= rest - 1) {
         const cw_frame_view loser = view_loser(bus, cw_lowest_node(rest));
         cw_rules_add_looks(&bus->rules, &look, &loser, from);
     }

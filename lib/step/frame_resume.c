@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_resume.c - a frame that has begun bit by bit goes on as a leap, as soon as it is clear who
+ * frame_resume.c - a frame that has begun bit by bit goes on as a step, as soon as it is clear who
  * sends it and all others read it as it is.
  */
 #include "step/frame.h"
@@ -79,7 +79,7 @@ static bool nobody_has_plans(const cw_bus *bus)
     return true;
 }
 
-/* Rules that are bound see of a leap only the bits at which it stops. */
+/* Rules that are bound see only the bits at which the step stops. */
 static bool rules_allow_it(cw_bus *bus, unsigned sender)
 {
     if (bus->rules.error_rules > 0)
@@ -89,12 +89,12 @@ static bool rules_allow_it(cw_bus *bus, unsigned sender)
     const unsigned touch = cw_rules_touch_now(&bus->rules);
     bool at_work = (touch & CW_TOUCH_FRAME) && (touch & CW_TOUCH_LEVELS);
     return !at_work && !(touch & CW_TOUCH_CONTROLLERS) &&
-           !cw_rules_look_at_next(&bus->rules, sender) && cw_leap_is_noise_free(bus, 1);
+           !cw_rules_look_at_next(&bus->rules, sender) && cw_frame_step_is_noise_free(bus, 1);
 }
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
-/* In a leap the controllers are idle. */
+/* In a frame step the controllers are idle. */
 static void put_to_rest(cw_bus *bus)
 {
     if (bus->followers)
@@ -108,17 +108,17 @@ static void put_to_rest(cw_bus *bus)
 
 static void take_over(cw_bus *bus, unsigned sender)
 {
-    cw_leap *leap = &bus->leap;
+    cw_frame_step *step = &bus->frame_step;
     const bus_node *n = &bus->nodes[sender];
-    leap->at = n->mac.tx_next;
-    leap->length = n->mac.tx.length;
-    leap->bits = &n->mac.tx;
-    leap->frame = n->queue.slots[n->offered_slot].frame;
-    leap->watched = 0;
-    leap->bound = true;
+    step->at = n->mac.tx_next;
+    step->length = n->mac.tx.length;
+    step->bits = &n->mac.tx;
+    step->frame = n->queue.slots[n->offered_slot].frame;
+    step->watched = 0;
+    step->bound = true;
 }
 
-bool cw_leap_resume(cw_bus *bus)
+bool cw_frame_step_resume(cw_bus *bus)
 {
     const uint64_t senders = find_senders(bus);
     if (senders == 0 || (senders & (senders - 1)))
@@ -130,8 +130,8 @@ bool cw_leap_resume(cw_bus *bus)
         return false;
     put_to_rest(bus);
     cw_outlook_find(bus);
-    cw_leap_prepare(bus, sender, senders);
+    cw_frame_step_prepare(bus, sender, senders);
     take_over(bus, sender);
-    bus->leap.look = cw_leap_next_look(bus, bus->leap.at);
+    bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at);
     return true;
 }

@@ -19,29 +19,29 @@ typedef struct victor {
 
 static void find_victor(victor *v, const cw_bus *bus)
 {
-    v->bits = cw_leap_bits(bus, &v->room);
-    v->key = cw_arbitration_key(&bus->leap.frame);
+    v->bits = cw_frame_step_bits(bus, &v->room);
+    v->key = cw_arbitration_key(&bus->frame_step.frame);
 }
 
-/* Returns the bit in which a contender loses, as the SJA1000 counts. Its first frame is the one that
- * it has begun with. */
+/* Returns the bit in which a contender loses, as the SJA1000 counts. Its first frame is the one
+ * that it has begun with. */
 static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
 {
     const cw_queue *q = &bus->nodes[i].queue;
     return (unsigned)__builtin_clz(cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) ^ v->key);
 }
 
-static void note_loss(cw_leap *leap, unsigned i)
+static void note_loss(cw_frame_step *step, unsigned i)
 {
-    if (leap->lost_at[i] < leap->next_loss)
-        leap->next_loss = leap->lost_at[i];
+    if (step->lost_at[i] < step->next_loss)
+        step->next_loss = step->lost_at[i];
 }
 
 static void find_loss(cw_bus *bus, unsigned i, const victor *v)
 {
-    cw_leap *leap = &bus->leap;
-    leap->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
-    leap->lost_at[i] = (uint8_t)cw_bits_wire_index(v->bits, 1u + leap->lost_bit[i]);
+    cw_frame_step *step = &bus->frame_step;
+    step->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
+    step->lost_at[i] = (uint8_t)cw_bits_wire_index(v->bits, 1u + step->lost_bit[i]);
     cw_losses_pin_frame(&bus->nodes[i]);
 }
 
@@ -61,71 +61,71 @@ static void begin_attempt(cw_bus *bus, unsigned i)
     n->queue.slots[n->offered_slot].tried = true;
 }
 
-static uint64_t losers(const cw_leap *leap)
+static uint64_t losers(const cw_frame_step *step)
 {
-    return leap->contenders & ~cw_node_bit(leap->node);
+    return step->contenders & ~cw_node_bit(step->node);
 }
 
 void cw_losses_begin(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
+    cw_frame_step *step = &bus->frame_step;
     victor v;
     find_victor(&v, bus);
-    leap->undecided = losers(leap);
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
+    step->undecided = losers(step);
+    for (uint64_t rest = step->undecided; rest; rest &= rest - 1) {
         find_loss(bus, cw_lowest_node(rest), &v);
-        note_loss(leap, cw_lowest_node(rest));
+        note_loss(step, cw_lowest_node(rest));
         begin_attempt(bus, cw_lowest_node(rest));
     }
-    begin_attempt(bus, leap->node);
+    begin_attempt(bus, step->node);
 }
 
 void cw_losses_hide(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    bus_node *n = &bus->nodes[leap->node];
-    cw_set_contenders(bus, leap->contenders);
-    begin_attempt(bus, leap->node);
+    cw_frame_step *step = &bus->frame_step;
+    bus_node *n = &bus->nodes[step->node];
+    cw_set_contenders(bus, step->contenders);
+    begin_attempt(bus, step->node);
     bus->arbiter.lost++;
     n->lost_before = bus->arbiter.lost;
     bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
-    leap->undecided = 0;
-    leap->hidden = losers(leap);
+    step->undecided = 0;
+    step->hidden = losers(step);
 }
 
 void cw_losses_show(cw_bus *bus, uint64_t nodes)
 {
-    cw_leap *leap = &bus->leap;
-    uint64_t shown = leap->hidden & nodes;
-    leap->hidden &= ~nodes;
-    if (shown == 0 || leap->at >= cw_leap_arbitration_bits(bus))
+    cw_frame_step *step = &bus->frame_step;
+    uint64_t shown = step->hidden & nodes;
+    step->hidden &= ~nodes;
+    if (shown == 0 || step->at >= cw_frame_step_arbitration_bits(bus))
         return;
     victor v;
     find_victor(&v, bus);
     for (; shown; shown &= shown - 1) {
         unsigned i = cw_lowest_node(shown);
         find_loss(bus, i, &v);
-        if (leap->lost_at[i] < leap->at)
+        if (step->lost_at[i] < step->at)
             continue;
         cw_share_lost(bus, i);
         bus->nodes[i].stats.arbitration_lost--;
         bus->stats.arbitration_lost--;
-        leap->undecided |= cw_node_bit(i);
-        note_loss(leap, i);
+        step->undecided |= cw_node_bit(i);
+        note_loss(step, i);
     }
 }
 
 uint64_t cw_losses_ahead(const cw_bus *bus)
 {
-    const cw_leap *leap = &bus->leap;
+    const cw_frame_step *step = &bus->frame_step;
     uint64_t ahead = 0;
-    if (!leap->active || leap->at >= cw_leap_arbitration_bits(bus))
+    if (!step->active || step->at >= cw_frame_step_arbitration_bits(bus))
         return 0;
     victor v;
     find_victor(&v, bus);
-    for (uint64_t rest = leap->hidden; rest; rest &= rest - 1) {
+    for (uint64_t rest = step->hidden; rest; rest &= rest - 1) {
         unsigned bit = find_lost_bit(bus, cw_lowest_node(rest), &v);
-        if (cw_bits_wire_index(v.bits, 1u + bit) >= leap->at)
+        if (cw_bits_wire_index(v.bits, 1u + bit) >= step->at)
             ahead |= rest & (~rest + 1);
     }
     return ahead;
@@ -133,15 +133,15 @@ uint64_t cw_losses_ahead(const cw_bus *bus)
 
 void cw_losses_tell(cw_bus *bus)
 {
-    cw_leap *leap = &bus->leap;
-    leap->next_loss = UINT8_MAX;
-    for (uint64_t rest = leap->undecided; rest; rest &= rest - 1) {
+    cw_frame_step *step = &bus->frame_step;
+    step->next_loss = UINT8_MAX;
+    for (uint64_t rest = step->undecided; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        if (leap->lost_at[i] + 1u == leap->at) {
-            leap->undecided &= ~cw_node_bit(i);
-            cw_tell_arbitration_lost(bus, i, leap->lost_bit[i]);
+        if (step->lost_at[i] + 1u == step->at) {
+            step->undecided &= ~cw_node_bit(i);
+            cw_tell_arbitration_lost(bus, i, step->lost_bit[i]);
         } else {
-            note_loss(leap, i);
+            note_loss(step, i);
         }
     }
 }

@@ -30,7 +30,7 @@ void cw_leave(cw_bus *bus, uint64_t nodes)
 
 cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
 {
-    assert(!bus->leap.active);
+    assert(!bus->frame_step.active);
     bus->outlook.valid = false;
     cw_leave(bus, cw_node_bit(i));
     return &bus->nodes[i].mac;

@@ -135,7 +135,7 @@ static void a_lonely_node_becomes_passive_and_never_bus_off(void **state)
 
 /* ---- What comes next ------------------------------------------------------------------------- */
 
-/* A node in loopback sends while another's frame, which is the longer one, is leapt over. */
+/* A node in loopback sends while another's frame, which is the longer one, goes by in one step. */
 static void nothing_happens_before_the_next_event(void **state)
 {
     (void)state;

@@ -87,7 +87,7 @@ static void follower(cw_bus *bus)
 }
 static void frame(cw_bus *bus)
 {
-    bus->leap.contenders = 0;
+    bus->frame_step.contenders = 0;
 }
 static void resting(cw_bus *bus)
 {
@@ -114,7 +114,7 @@ static void each_is_asserted(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof spoil / sizeof spoil[0]; i++) {
         rig *r = busy_bus();
-        assert_true(r->bus->leap.active && r->bus->ring.count > 1);
+        assert_true(r->bus->frame_step.active && r->bus->ring.count > 1);
         assert_false(is_refused(r->bus));
         spoil[i](r->bus);
         if (!is_refused(r->bus))

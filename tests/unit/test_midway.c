@@ -84,7 +84,7 @@ static void a_rule_stops_that_a_loser_has_not_met(rig *r)
     disturb(r, 26, CW_ACTION_DISCONNECT, NODE(0));
 }
 
-/* bit[0] is the SOF, which no leap may have begun with. */
+/* bit[0] is the SOF, which no frame step may have begun with. */
 static void a_rule_on_the_first_bit_by_its_number(rig *r)
 {
     cw_rule flip = flip_of("flip", CW_FIELD_BIT, 0, NODE(0));
@@ -361,13 +361,13 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
         a_node_goes_amid_its_flag, a_frame_that_comes_sets_off_a_stuck_wire,
         a_frame_that_comes_sets_off_a_partition};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
-        rig *leaping = run(stories[i], false);
+        rig *fast = run(stories[i], false);
         rig *stepping = run(stories[i], true);
         assert_in_range(rig_count(stepping, CW_EVENT_TX, -1) +
                         rig_count(stepping, CW_EVENT_ERROR, -1), 1, SIZE_MAX);
-        rig_assert_same_events(leaping, stepping);
-        assert_same_stats(leaping, stepping);
-        rig_free(leaping);
+        rig_assert_same_events(fast, stepping);
+        assert_same_stats(fast, stepping);
+        rig_free(fast);
         rig_free(stepping);
     }
 }

@@ -151,14 +151,14 @@ static void a_frame_tells_when_its_bits_begin(void **state)
     rig_send(r, 0, &frame, 20 * BIT);
     for (unsigned n = 1; n < 40; n++) {
         rig_run_bits(r, 20 + n);
-        if (!r->bus->leap.active)
+        if (!r->bus->frame_step.active)
             continue;
-        const unsigned at = r->bus->leap.at;
-        assert_int_equal(cw_leap_tick(r->bus, at), cw_now(r->bus));
-        for (unsigned bit = at; bit < r->bus->leap.length; bit++)
-            assert_int_equal(cw_leap_tick(r->bus, bit), (20 + bit) * BIT);
+        const unsigned at = r->bus->frame_step.at;
+        assert_int_equal(cw_frame_step_tick(r->bus, at), cw_now(r->bus));
+        for (unsigned bit = at; bit < r->bus->frame_step.length; bit++)
+            assert_int_equal(cw_frame_step_tick(r->bus, bit), (20 + bit) * BIT);
     }
-    assert_true(r->bus->leap.active);
+    assert_true(r->bus->frame_step.active);
     rig_free(r);
 }
 

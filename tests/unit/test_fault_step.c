@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_fault_leap.c - fault rules on a bus that leaps over frames: the same matches, hits and
+ * test_fault_step.c - fault rules on a bus that takes frames in steps: the same matches, hits and
  * events as bit by bit, however time is advanced.
  */
 #include "rules.h"
@@ -88,7 +88,7 @@ static void matches_count_with_their_bits(void **state)
     }
 }
 
-/* A frame that comes in the first bit of another one ends the leap over it (M6), which goes on
+/* A frame that comes in the first bit of another one ends the frame step (M6), which goes on
  * later: up to the bits of the rules that are bound by then. */
 static rig *run_joined_frames(unsigned every, bool stepping)
 {
@@ -111,7 +111,7 @@ static rig *run_joined_frames(unsigned every, bool stepping)
     return r;
 }
 
-static void a_leap_that_goes_on_stops_for_bound_rules(void **state)
+static void a_step_that_goes_on_stops_for_bound_rules(void **state)
 {
     (void)state;
     for (unsigned every = 1; every < 4; every++) {
@@ -374,10 +374,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(matches_count_with_their_bits),
-        cmocka_unit_test(a_leap_that_goes_on_stops_for_bound_rules),
+        cmocka_unit_test(a_step_that_goes_on_stops_for_bound_rules),
         cmocka_unit_test(the_trace_does_not_depend_on_the_pace),
         cmocka_unit_test(events_are_in_order),
         cmocka_unit_test(a_load_counts_the_bits_of_clean_frames),
     };
-    return cmocka_run_group_tests_name("fault_leap", tests, NULL, NULL);
+    return cmocka_run_group_tests_name("fault_step", tests, NULL, NULL);
 }
