@@ -23,7 +23,7 @@
 #define LINE_SIZE 2000
 #define TICKS_PER_S UINT64_C(80000000)
 
-/* What a load said, to be freed; NULL when it was good. */
+/* Returns the messages of a load, to be freed; NULL when it was good. */
 static inline char *errors_of(const char *file)
 {
     char *text = NULL;

@@ -27,8 +27,8 @@ static inline int disk_watch(const char *file)
     return watch;
 }
 
-/* Waits for a change since the last call. The thread that makes it takes note of it a moment later,
- * and nothing tells of that moment: so the caller gets another look without a change, too. */
+/* Waits for a change since the last call. The thread that makes a change notes it a moment later,
+ * without an event. So the call also returns once without a change. */
 static inline void disk_wait(int watch)
 {
     struct pollfd changed = {.fd = watch, .events = POLLIN};

@@ -266,7 +266,7 @@ static inline journal_outcome play(char **events, char **messages)
 
 /* ---- Damage ---------------------------------------------------------------------------------- */
 
-/* What `canwire check --journal` says of a text. */
+/* Takes the messages of `canwire check --journal` about a text. */
 static inline bool check_text(const char *text, size_t size, char **messages)
 {
     record errors;

@@ -20,7 +20,7 @@
 typedef struct model {
     char plain[MODEL_BITS_MAX]; /* SOF to the last CRC bit, without stuff bits */
     char wire[MODEL_BITS_MAX];  /* SOF to EOF with them, ACK slot recessive */
-    unsigned at[MODEL_BITS_MAX]; /* where plain[i] stands in wire[] */
+    unsigned at[MODEL_BITS_MAX]; /* index of plain[i] in wire[] */
     unsigned length;             /* of wire[] */
     unsigned stuffed;            /* bits of wire[] up to the last CRC (stuff) bit */
 } model;
@@ -79,7 +79,7 @@ static inline void model_put_arbitration(char *text, const cw_frame *f, model_le
     model_put_level(text, levels.r0);
 }
 
-/* Whether the last five bits of the text are equal. */
+/* Returns true when the last five bits of the text are equal. */
 static inline bool model_run_of_five(const char *text, size_t length)
 {
     return length >= 5 && (strncmp(text + length - 5, "00000", 5) == 0 ||

@@ -63,7 +63,7 @@ static void what_it_is_set_to_is_not_set_again(void **state)
     alarm_close(&a);
 }
 
-/* What has rung can be set to the same moment again. */
+/* An alarm that has rung can be set to the same moment again. */
 static void it_rings_each_time(void **state)
 {
     (void)state;

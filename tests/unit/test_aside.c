@@ -336,7 +336,7 @@ static void reloads_come_in_rounds(void **state)
     assert_int_equal(aside_left(), 0);
 }
 
-/* What helps against a disk that hangs does not help against too much work. */
+/* The remedy for a disk that hangs does not help against too much work. */
 static void a_reload_that_is_given_up_says_what_helps(void **state)
 {
     static const struct {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_attach.c - a node whose host takes it off the bus and puts it on again: what becomes of its
- * frames and its state, and of the others.
+ * test_attach.c - a node whose host takes it off the bus and puts it on again. The tests check its
+ * frames, its state and the other nodes.
  */
 #include "rig.h"
 

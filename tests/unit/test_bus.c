@@ -264,8 +264,8 @@ static void the_same_run_gives_the_same_events(void **state)
     rig_free(b);
 }
 
-/* Fault-free traffic without contention: next() is never later than the next event, and asking it
- * again and again gets through to each event within its bit. */
+/* Sends fault-free traffic without arbitration. next() is never later than the next event, and
+ * repeated calls find each event within its bit. */
 static void next_is_never_too_late(void **state)
 {
     (void)state;
@@ -470,8 +470,8 @@ static void listen_only_hears_all_and_drives_nothing(void **state)
     rig_free(r);
 }
 
-/* The sender stays without ACK. It spoils its own frame by an active flag in the ACK delimiter;
- * once it is passive its flag is recessive, and the listener, seeing an ACK, takes the frame. */
+/* The sender gets no ACK. It spoils its own frame by an active flag in the ACK delimiter. Once it
+ * is passive its flag is recessive, and the listener, seeing an ACK, takes the frame. */
 static void a_listener_does_not_acknowledge(void **state)
 {
     (void)state;
@@ -618,8 +618,8 @@ static void an_advance_stops_after_some_work(void **state)
 
 /* ---- Time in which nothing happens ----------------------------------------------------------- */
 
-/* The work of a bus up to a second that is far away: a restart, a rule, a frame in the inbox are
- * still to come, noise is over, a node is off. */
+/* Returns the work of a bus up to a distant second. A restart, a rule and a frame in the inbox are
+ * pending, noise has ended, and a node is off. */
 static uint64_t work_of_idle_seconds(uint64_t seconds)
 {
     const uint64_t end = seconds * CW_CLOCK_HZ;

@@ -52,8 +52,8 @@ static void good_files_are_accepted(void **state)
     check_good("config/example.yaml");
 }
 
-/* Whether a line is PATH:EXPECTED, where EXPECTED may stop in the middle of the message. It may
- * also name a file of its own. */
+/* Returns true for a line PATH:EXPECTED, where EXPECTED may stop in the middle of the message. It
+ * may also name a file of its own. */
 static bool fits(const char *line, const char *path, const char *expected)
 {
     size_t length = strlen(path);

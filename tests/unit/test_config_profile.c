@@ -100,7 +100,7 @@ static void bad_texts_are_refused(void **state)
     }
 }
 
-/* What comes after a later rule is moved behind it; running rules keep their index. */
+/* A rule that comes after a later one is moved behind it; running rules keep their index. */
 static void injected_rules_come_in_an_order_that_can_be_added(void **state)
 {
     static const char text[] =

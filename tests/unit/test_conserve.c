@@ -60,7 +60,7 @@ static void balance_through_exchanges_of_ports(void **state)
     assert_true(conserve_balances(&c, r->bus, 0, &a));
     rig_run_bits(r, 200);
     assert_false(conserve_balances(&c, r->bus, 1, &b));
-    b.stats.written++; /* what it has received */
+    b.stats.written++; /* the frame that it has received */
     assert_true(conserve_balances(&c, r->bus, 1, &b));
 
     /* each node gets the other's port, and its counters begin there */

@@ -193,8 +193,8 @@ static void sixty_four_nodes_drain_in_identifier_order(void **state)
     rig_free(r);
 }
 
-/* Whoever reads statistics within arbitration sees the losses that have come to pass, though no event
- * tells of them and the bus goes there in one call. */
+/* Statistics within arbitration show the losses so far. They come without an event, and the bus
+ * runs there in one call. */
 static void statistics_show_no_loss_beforehand(void **state)
 {
     (void)state;

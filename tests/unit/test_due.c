@@ -65,7 +65,7 @@ static void end(sleeper *s)
     cfg_free(s->config);
 }
 
-/* What ends a frame is seen at its very tick: the engine was not late by itself. */
+/* The end of a frame is visible at its very tick: the engine was not late by itself. */
 static void look_at_events(sleeper *s, uint64_t now)
 {
     cw_event event;
@@ -102,7 +102,7 @@ static void a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end(void **state)
                       "  - { name: b }\n");
     run(&s, CW_CLOCK_HZ);
     assert_int_equal(s.frames, 100);
-    assert_int_equal(s.wakes, 200); /* where the receivers have it, and where the sender is done */
+    assert_int_equal(s.wakes, 200); /* at the reception and at the end of the frame */
     end(&s);
 }
 
@@ -130,7 +130,7 @@ static void no_frame_is_seen_late(void **state)
     end(&s);
 }
 
-/* What is dropped is told at once. */
+/* A drop is reported at once. */
 static void a_release_that_is_dropped_is_due_at_its_tick(void **state)
 {
     (void)state;

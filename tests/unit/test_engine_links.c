@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_engine_links.c - which nodes are on the bus, by what rtnetlink says of interfaces, with a
- * kernel, ports and a bus that are only as much as that needs.
+ * test_engine_links.c - nodes join and leave the bus by the reports of rtnetlink about interfaces.
+ * Kernel, ports and bus are minimal fakes.
  */
 #include "config/portname.h"
 #include "engine/core.h"
@@ -136,7 +136,7 @@ static struct {
     unsigned opened; /* so far */
     bool attached[NODES];
     unsigned reloads; /* that are ready, one for each update */
-    unsigned short_bytes; /* what ports that are asked lack of the room they should have */
+    unsigned short_bytes; /* missing room of a port that is asked */
 } bus;
 
 static unsigned index_of(const char *name)
@@ -317,7 +317,7 @@ static void who_is_not_in_the_list_leaves_and_comes_back(void **state)
     end(e);
 }
 
-/* Nothing in the list is news, so it is its end that brings the bus up to now. */
+/* The list has no changes, so only its end advances the bus to the present. */
 static void a_reload_that_is_over_in_the_end_of_a_list(void **state)
 {
     (void)state;
@@ -334,7 +334,7 @@ static void a_reload_that_is_over_in_the_end_of_a_list(void **state)
     end(e);
 }
 
-/* What has changed by then is seen in the list that the reload asks for. */
+/* The list that the reload asks for shows changes up to then. */
 static void an_interface_that_goes_during_such_a_reload(void **state)
 {
     (void)state;
@@ -357,7 +357,7 @@ static void ring(engine *e)
     ev_invoke(e->loop, &e->links.retry, EV_TIMER);
 }
 
-/* How a list can end that says nothing of the interfaces which it has not told of. */
+/* A list can end without reporting all interfaces. */
 static void a_list_that_fails_is_asked_for_again(void **state)
 {
     (void)state;
@@ -402,7 +402,7 @@ static void a_list_that_cannot_be_asked_for(void **state)
     end(e);
 }
 
-/* What comes after a list has been given up is not another one's. */
+/* Messages after a failed list do not belong to another one. */
 static void an_end_without_a_list(void **state)
 {
     (void)state;

@@ -26,8 +26,8 @@
 #define RULES 1000u
 #define LOOKS_MAX 40u /* in one call, with reading clocks and arming the timer */
 
-/* Between two looks: what the engine allows itself, and the bit in which that was used up: for
- * each rule its hit, its frame, the event of that and its place in the ring. */
+/* Limit of the work between two readings of the clock: the engine's own limit and the bit that
+ * exceeds it. Each rule has its hit, its frame, the event of that and its place in the ring. */
 #define WORK_MAX (256u + 8u * RULES)
 
 /* ---- The clock ------------------------------------------------------------------------------- */
@@ -155,7 +155,7 @@ static void rules_that_send_faster_than_the_bus(void **state)
     }
 }
 
-/* What a bus cannot send is dropped and counted, each frame, and takes no memory. */
+/* Frames that a bus cannot send are dropped and counted, each of them, and take no memory. */
 static void what_is_too_much_is_counted(void **state)
 {
     (void)state;

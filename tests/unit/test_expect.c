@@ -2,8 +2,8 @@
  *
  * test_expect.c - what is made of events by expectations, and how it is reported.
  *
- * Each case is one expectation as it stands in a configuration, on a run that is written down as
- * events; each has its outcome in words.
+ * Each case is one expectation of a configuration, on a run given as events. Each has its result as
+ * text.
  */
 #include "cli/sim/expect.h"
 
@@ -320,7 +320,7 @@ static void the_text_has_a_line_for_each(void **state)
     expect_report_free(&report);
 }
 
-/* What XML does not allow is replaced, what it takes for its own is escaped. */
+/* Characters that XML does not allow are replaced, and its special characters are escaped. */
 static void junit_is_good_xml(void **state)
 {
     (void)state;

@@ -3,8 +3,8 @@
  * test_fault.c - fault rules that come and go while the bus runs, are refused, are fired by hand or
  * by each other, and end.
  *
- * What each action and each condition does is in tests/scenarios; here and in the other tests of
- * fault rules is what a scenario cannot show.
+ * tests/scenarios has each action and each condition. The tests here and in the other files about
+ * fault rules cover effects that a scenario cannot show.
  */
 #include "rules.h"
 
@@ -196,7 +196,7 @@ static void bad_rules_are_refused(void **state)
     rig_free(r);
 }
 
-/* What the table of actions says of each one is what the bus makes of its rules. */
+/* The bus treats each action as its row in the table of actions says. */
 static void each_action_is_what_its_row_says(void **state)
 {
     (void)state;
@@ -378,7 +378,7 @@ static void a_ring_of_rules_goes_round_once_in_a_bit(void **state)
 
 /* ---- Alone ----------------------------------------------------------------------------------- */
 
-/* What begins with a frame and lasts for a time ends when it is over, with no other rule about. */
+/* An action that begins with a frame and lasts for a time ends in time, without any other rule. */
 static void what_begins_with_a_frame_ends_in_time(void **state)
 {
     (void)state;

@@ -9,7 +9,7 @@
 
 /* ---- Frames of rules that are cleared -------------------------------------------------------- */
 
-/* What a cleared rule has put into a queue is sent, and is not taken for that of its successor. */
+/* Frames of a cleared rule in a queue are sent, and do not count as frames of its successor. */
 static void check_frames_of_a_cleared_rule(uint8_t node)
 {
     rig *r = rig_new(2);
@@ -123,7 +123,7 @@ static void check_sender(const rig *r, uint64_t copies)
     assert_true(cw_node_stats_balance(&s));
 }
 
-/* What node 0 has sent, and what its receiver, node 1, has got of it. */
+/* Compares the frames of node 0 with those of its receiver, node 1. */
 static void check_receiver(const rig *r, uint64_t copies)
 {
     const cw_node_stats s = rig_stats(r, 1);

@@ -15,8 +15,8 @@ typedef struct flip_case {
     int wire;  /* wire bit, or -1: never */
 } flip_case;
 
-/* Where the rule hits a frame for the first time; observed at a listener, so that nothing follows
- * from it. */
+/* Checks the bit of the first hit in a frame; a listener observes it, so that nothing follows from
+ * it. */
 static void check_position(const cw_frame *f, const flip_case *c)
 {
     model m = model_encode(f);
@@ -213,8 +213,8 @@ static void a_flip_at_a_node_undoes_one_of_the_wire(void **state)
     rig_free(r);
 }
 
-/* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c);
- * each further one is a bit of its flag sampled recessive: a bit error with REC +8 (R5). */
+/* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c).
+ * Each further one is a bit of its flag sampled recessive: a bit error with REC +8 (R5). */
 static void a_flip_of_many_bits(void **state)
 {
     (void)state;
@@ -358,7 +358,7 @@ static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
     rig_free(r);
 }
 
-/* What a single node sees is not on the wire. */
+/* A level that a single node sees is not on the wire. */
 static void a_stuck_rx_is_not_on_the_wire(void **state)
 {
     (void)state;

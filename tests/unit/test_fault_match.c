@@ -336,8 +336,8 @@ static void rules_on_one_frame_act_in_their_order(void **state)
 #define SHAPES 48u
 #define SHAPED_FRAMES 64u
 
-/* More sorts of masks than the index has classes; some take base frames alone, some both sorts,
- * some remote frames, some all but what they name. */
+/* More kinds of masks than the index has classes. Some match only base frames, some both formats,
+ * some remote frames, and some all but the named ones. */
 static cw_filter shaped_filter(unsigned i)
 {
     static const uint32_t masks[] = {0x800007FF, 0x800007FE, 0x9FFFFFFF, 0x000007FF, 0x80000000,

@@ -46,8 +46,8 @@ static void assert_same_matches(const rig *fast, const rig *reference)
     }
 }
 
-/* Whoever looks finds the matches of the bits that have passed, be it amid a frame or because the
- * ring of events is full, whatever the rules let pass. */
+/* Matches of past bits are visible in the middle of a frame and with a full ring of events,
+ * whatever the rules let pass. */
 static void matches_count_with_their_bits(void **state)
 {
     (void)state;
@@ -88,8 +88,8 @@ static void matches_count_with_their_bits(void **state)
     }
 }
 
-/* A frame that comes in the first bit of another one ends the frame step (M6), which goes on
- * later: up to the bits of the rules that are bound by then. */
+/* A frame that comes in the first bit of another one ends the frame step over it (M6). The frame step
+ * goes on later, up to the bits of the rules that are bound by then. */
 static rig *run_joined_frames(unsigned every, bool stepping)
 {
     rig *r = rig_new(3);

@@ -57,7 +57,7 @@ static void check_bitwise(const cw_frame *f, uint16_t inverted)
     assert_int_equal(bits.extended, expected.extended);
 }
 
-/* What is behind the data field must not count. */
+/* Bytes behind the data field must not count. */
 static void random_frames_encode_as_bit_by_bit(void **state)
 {
     (void)state;

@@ -135,7 +135,7 @@ static void a_full_inbox_refuses_until_the_bus_has_gone_on(void **state)
     rig_free(r);
 }
 
-/* What is on its way into the queue counts, too; a node that takes nothing has room for all. */
+/* Frames on their way into the queue count, too; a node that takes no frames has room for all. */
 static void the_room_in_a_queue_is_known(void **state)
 {
     (void)state;
@@ -191,8 +191,8 @@ static void a_frame_for_never_holds_its_place(void **state)
     rig_free(r);
 }
 
-/* b's frame has waited less than c's; brought forward they come in that order, at once or as much
- * earlier, and their delay counts from then. */
+/* b's frame has waited less than c's. After cw_bus_bring_forward() they come in that order, at once
+ * or earlier by as much, and their delay counts from then. */
 static void what_waits_in_the_inbox_is_brought_forward(void **state)
 {
     (void)state;
@@ -220,7 +220,7 @@ static void what_waits_in_the_inbox_is_brought_forward(void **state)
     rig_free(r);
 }
 
-/* Though node 1's frame stands before node 0's, and node 2 restarts at that tick: both begin at
+/* Node 1's frame stands before node 0's, and node 2 restarts at that tick. Still both begin at
  * once, which node 1 in loopback does not hide. */
 static void frames_brought_forward_come_with_a_restart(void **state)
 {
@@ -246,8 +246,8 @@ static void frames_brought_forward_come_with_a_restart(void **state)
     rig_free(r);
 }
 
-/* What canwire.h says of CW_FULL: advance to cw_bus_inbox_first(), call again. A tick that is the
- * end of a bit comes up there. */
+/* Follows canwire.h about CW_FULL: advance to cw_bus_inbox_first(), call again. A tick at the end
+ * of a bit leaves the inbox there. */
 static void a_hand_in_at_the_end_of_a_bit_comes_up_there(void **state)
 {
     (void)state;
@@ -364,8 +364,8 @@ static void restart_ms_runs_from_bus_off(void **state)
     }
 }
 
-/* Frames that come with a restart, at the end of a bit in which others come, have come up by then:
- * nodes act in their order at that end, whatever came to other nodes before it. */
+/* Frames that come with a restart, at the end of a bit in which others come, have left the inbox by
+ * then. Nodes act in their order at that end, whatever came to other nodes before it. */
 static void frames_come_up_beside_a_restart(void **state)
 {
     (void)state;
@@ -380,8 +380,8 @@ static void frames_come_up_beside_a_restart(void **state)
     rig_free(r);
 }
 
-/* R12: between two frames that follow each other lie exactly eleven recessive bits, from the ACK
- * delimiter to the end of intermission: one group a frame. */
+/* R12: exactly eleven recessive bits lie between two consecutive frames, from the ACK delimiter to
+ * the end of intermission. They are one group per frame. */
 static void recovery_under_full_load_takes_128_frames(void **state)
 {
     (void)state;

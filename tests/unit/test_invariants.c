@@ -24,7 +24,7 @@ static rig *busy_bus(void)
     return r;
 }
 
-/* Whether a process ends that asserts the invariants of this bus. */
+/* Returns true when a process that asserts the invariants of this bus ends. */
 static bool is_refused(const cw_bus *bus)
 {
     int status;

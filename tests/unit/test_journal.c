@@ -49,7 +49,7 @@ static int journal_without_room(void)
     host h;
     host_begin(&h, 1);
     if (!freopen("/dev/null", "we", stderr) || setrlimit(RLIMIT_FSIZE, &limit) != 0)
-        return 2; /* what is logged may go to a file that is larger already */
+        return 2; /* the log may go to a file that is larger already */
     unlink(path_of("journal"));
     journal *full = journal_start(path_of("journal"), 2, live_config(h.live), error);
     inputs_observe(&h.inputs, journal_input, full);
@@ -105,7 +105,7 @@ static bool wait_for_state(journal *j, host *h, const char *wanted)
     return is;
 }
 
-/* Whether what is broken says so from the last line on that is in the file. */
+/* Returns true when a broken journal reports its break behind the last line of the file. */
 static bool tells_where_it_breaks(const journal *j)
 {
     struct stat there;

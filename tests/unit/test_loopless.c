@@ -62,7 +62,7 @@ static void close_nothing(port *p)
     free(p);
 }
 
-/* What can be told for certain: none from before, none that may still be looped back. */
+/* Only certain frames count: none from before, and none that may still be looped back. */
 static void only_what_is_certain_counts(void **state)
 {
     static const port_kind kind = {.close = close_nothing};

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors. What it
- * does on the wire is in tests/conformance.
+ * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors.
+ * tests/conformance has its behaviour on the wire.
  */
 #include "mac/confinement.h"
 #include "mac/mac.h"
@@ -175,7 +175,7 @@ static void bus_off_stays_bus_off_when_disconnected(void **state)
     assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
 }
 
-/* What is told of the offers of a controller, bit by bit: once for each. */
+/* Checks the reports about the offers of a controller, bit by bit: one for each. */
 static void an_offer_ends_once(void **state)
 {
     (void)state;

@@ -116,7 +116,7 @@ static void a_wrong_crc_once(rig *r)
     rig_send(r, 2, &frame, 300 * BIT);
 }
 
-/* Whether it has a rule to wait for or not, a frame for now is in the queue that is flushed. */
+/* A frame for now is in the queue that is flushed, with or without a rule to wait for. */
 static void a_frame_for_now_of_a_node_that_goes(rig *r)
 {
     cw_rule never = flip_of("never", CW_FIELD_ACK_SLOT, 0, NODE(0));
@@ -229,9 +229,8 @@ static void a_deaf_node_that_sends(rig *r)
     stick(r, CW_LINE_RX, 1, CW_RECESSIVE, 12, 60);
 }
 
-/* The pattern begins behind the frame of node 2, and those of nodes 0 and 1 come right after it:
- * it changes one bit of the arbitration that both are in, the one that decides it, or a later
- * one. */
+/* The pattern begins behind the frame of node 2, and the frames of nodes 0 and 1 follow at once. It
+ * changes one bit of their arbitration: the one that decides it, or a later one. */
 static void change_after_node_2(rig *r, unsigned bit)
 {
     const cw_frame third = rig_frame(0x080, 0, 0);

@@ -394,8 +394,8 @@ static void stats_of_the_bus_are_those_of_the_library(void **state)
     json_decref(root);
 }
 
-/* The CRC is 1(0)00111... on the wire, so crc[3] is wire bit 56, bus bit 11 + 56 = 67; flipped it
- * is the fourth dominant bit in a row. The sender's flag is 68 to 73; its second bit is the sixth
+/* The CRC is 1(0)00111... on the wire, so crc[3] is wire bit 56, bus bit 11 + 56 = 67. Flipped, it
+ * is the fourth dominant bit in a row. The sender's flag is 68 to 73. Its second bit is the sixth
  * dominant one, the receivers' stuff error, and their flag is 70 to 75. Delimiter to 83,
  * intermission to 86; the second attempt takes the 78 bits from 87 to 164: 165 bits of 2 us. */
 static void stats_of_the_nodes_are_those_of_the_library(void **state)

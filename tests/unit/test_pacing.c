@@ -47,7 +47,7 @@ static unsigned run_with_load(int64_t other_work_ns)
     while (now_ns < end_ns) {
         bool spins = pacing_may_spin(&duty, now_ns, cpu_ns);
         int64_t ran = (spins ? PACING_SPIN_NS : 0) + other_work_ns;
-        now_ns += PACING_SPIN_NS + other_work_ns; /* what it does not burn it sleeps */
+        now_ns += PACING_SPIN_NS + other_work_ns; /* the rest of the time it sleeps */
         cpu_ns += ran;
         ran_ns += ran;
     }

@@ -26,7 +26,7 @@ static char vcan0[] = "vcan0";
 static cfg_node nodes[] = {{.name = engine, .port = vcan0}, {.name = load}};
 static const cfg config = {.bitrate_bps = 500000, .node_count = 2, .nodes = nodes};
 
-/* What was written, as text in hexadecimal; to be freed. */
+/* Returns the written bytes as hexadecimal text, to be freed. */
 static char *hexadecimal(const unsigned char *bytes, size_t size)
 {
     char *text = calloc(2 * size + 1, 1);

@@ -522,7 +522,7 @@ static void what_a_slow_ecu_has_no_room_for_is_counted(void **state)
     close(ecu);
 }
 
-/* What cannot be accepted must not keep the loop awake, and is accepted later. */
+/* A connection that cannot be accepted must not keep the loop awake, and is accepted later. */
 static void running_out_of_descriptors_is_got_over(void **state)
 {
     fixture *f = *state;
@@ -601,7 +601,7 @@ static port *open_fd(int fd, char error[PORT_ERROR_TEXT_MAX])
     return port_open(name, "bus", error);
 }
 
-/* What the daemon itself has opened is none of them: it is closed on exec. */
+/* Sockets of the daemon itself do not count: they are closed on exec. */
 static void only_inherited_connected_sockets_are_taken(void **state)
 {
     (void)state;
@@ -756,8 +756,8 @@ static void ecus_exchange_frames_through_the_engine(void **state)
         exchange_frames(f->folder, pacings[i]);
 }
 
-/* A frame starts when it was written, whenever the engine wakes up: two that were written 3 ms
- * apart are so on the bus, also when the engine sees both at once. */
+/* A frame starts at the time of its writing, whenever the engine wakes up. Two frames written 3 ms
+ * apart are so on the bus, also when the engine reads both at once. */
 static void pacing_does_not_shift_the_bus(void **state)
 {
     fixture *f = *state;

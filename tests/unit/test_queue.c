@@ -93,7 +93,7 @@ static void a_full_queue_takes_nothing(void **state)
         assert_int_equal(take(&b), mark);
 }
 
-/* What the model keeps of a frame: arbitration text, number of its put. */
+/* The model's entry for a frame: arbitration text, number of its put. */
 typedef struct entry {
     char text[MODEL_BITS_MAX];
     unsigned number;
@@ -128,7 +128,7 @@ static unsigned slow_first(const slow_queue *q)
     return best;
 }
 
-/* Which slot it went into: the one whose hand-in time is the number of this put. */
+/* Returns the slot whose hand-in time is the number of this put. */
 static uint16_t find_slot(const bench *b, unsigned number)
 {
     for (uint16_t i = 0; i < b->queue.count; i++)

@@ -3,7 +3,7 @@
  * test_recorder.c - recordings: files that are rotated, entries that stay whole, errors that end
  * them; and the queue to the disk under them.
  *
- * A limit of file size stands for a full disk: a write then gets some of the bytes into the file,
+ * A limit of file size stands for a full disk. A write then gets some of the bytes into the file,
  * and the next one fails.
  */
 #include "base/number.h"

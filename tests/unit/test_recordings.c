@@ -35,7 +35,7 @@ static struct {
     bool last_ended; /* the file of the last recording has been closed */
 } disk = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
 
-/* What the main thread has waited for. */
+/* The waits of the main thread. */
 static struct {
     unsigned count;
     unsigned timeouts;

@@ -20,7 +20,7 @@ static struct {
     size_t yaml_nodes; /* that were looked at */
 } work;
 
-/* What libyaml reads of the texts of rules. */
+/* Counts the work of libyaml on the texts of rules. */
 int yaml_parser_parse(yaml_parser_t *parser, yaml_event_t *event)
 {
     static int (*real)(yaml_parser_t *, yaml_event_t *);
@@ -114,7 +114,7 @@ static void status_tells_of_bus_and_nodes(void **state)
     close(fd);
 }
 
-/* What `canwire status` prints, in the layout of iproute2. */
+/* Checks the output of `canwire status`, in the layout of iproute2. */
 static void status_prints_as_ip_does(void **state)
 {
     rig *r = *state;
@@ -144,7 +144,7 @@ static void status_prints_as_ip_does(void **state)
                                     "    TX:  bytes packets errors dropped carrier collsns\n"));
 }
 
-/* What is not there must not end the tool. */
+/* Missing members must not end the tool. */
 static void status_prints_what_is_no_status(void **state)
 {
     (void)state;
@@ -476,7 +476,7 @@ static char *add_times(char *at, unsigned count, const char *format)
     return at;
 }
 
-/* What many rules have in common is read for each of them, but not when it is wrong. */
+/* A part that many rules share is read for each of them, but not when it is wrong. */
 static void aliases_of_what_is_wrong_make_little_work(void **state)
 {
     static const struct {

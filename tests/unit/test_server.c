@@ -14,8 +14,8 @@
 
 /* ---- What is done between two looks at the bus ----------------------------------------------- */
 
-/* Where it counts, the clock goes on by a step at each look at it, so that the number of looks is
- * the time: nothing here depends on the machine. */
+/* The clock of these tests advances by a step at each reading. So the number of readings is the
+ * time, and nothing depends on the machine. */
 #define STEP_S 0.001
 
 static struct {
@@ -291,7 +291,7 @@ static void expect_line(const hall *h, int fd, const char *expected)
     assert_string_equal(line, expected);
 }
 
-/* Whether the client is served. */
+/* Checks that the client is served. */
 static void expect_echo(const hall *h, int fd)
 {
     send_text(h->rig, fd, "hello\n");
@@ -323,7 +323,7 @@ static void close_all(const hall *h, const int *fds, unsigned count)
 
 #define STRANGER 1234u
 #define FRIEND 1235u
-#define DAEMON_USER 1236u /* who is not root, for once */
+#define DAEMON_USER 1236u /* a user other than root */
 
 static bool needs_root(void)
 {
@@ -343,8 +343,8 @@ static void send_what_fits(int fd, const char *text, size_t *at)
         *at += (size_t)count;
 }
 
-/* A crowd that sends this, again and again; returns when so many lines were handled, or bytes
- * read. No turn of the loop may do much. */
+/* Many clients send this text repeatedly; the function returns after so many handled lines, or
+ * bytes read. No turn of the loop may do much. */
 static void hold_up(hall *h, const char *text, unsigned lines, size_t bytes)
 {
     int fds[CROWD];
@@ -420,7 +420,7 @@ static void one_user_has_a_part_of_the_places(void **state)
     close_hall(&h);
 }
 
-/* Which user the daemon is it sees when a client comes. */
+/* The server finds the daemon's user when a client comes. */
 static int come_to(const hall *h, uid_t user, uid_t daemon_user)
 {
     assert_int_equal(seteuid(user), 0);
@@ -481,7 +481,7 @@ static void who_says_nothing_makes_room(void **state)
     assert_null(next_line(h.rig, fds[3]));
     hall_time_s += 10 * SERVER_IDLE_S;
     close(come(&h, STRANGER));
-    expect_echo(&h, fds[1]); /* who watches keeps its place */
+    expect_echo(&h, fds[1]); /* a watcher keeps its place */
     expect_echo(&h, friend); /* of others nobody goes for it */
     close(late);
     close(friend);
@@ -513,7 +513,7 @@ static void read_some(const hall *h, int fd)
     }
 }
 
-/* Reads on to the end of the connection, or until nothing more comes. Whether it has ended. */
+/* Reads on to the end of the connection, or until nothing more comes. Returns true at the end. */
 static bool read_to_end(const hall *h, int fd)
 {
     static char bytes[65536];

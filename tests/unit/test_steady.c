@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_steady.c - a controller that takes several bits at once is where it comes by taking them one
- * by one, and did neither drive nor report anything new in them.
+ * test_steady.c - a controller that takes several bits at once reaches the same state as one by
+ * one. It neither drives nor reports anything new in them.
  */
 #include "mac/mac.h"
 
@@ -23,7 +23,7 @@ static uint64_t draw(uint64_t *state)
     return *state >> 24;
 }
 
-/* What of a controller goes on into the next bit. */
+/* Compares all that a controller carries into the next bit. */
 static void assert_same(const cw_mac *a, const cw_mac *b)
 {
     assert_int_equal(a->phase, b->phase);
@@ -41,7 +41,7 @@ static void assert_same(const cw_mac *a, const cw_mac *b)
         assert_true(cw_mac_same_point(a, b));
 }
 
-/* How many of so many bits of a level the controller takes steadily. */
+/* Takes so many bits of a level one by one, all of them steadily; returns their number. */
 static uint64_t take_one_by_one(cw_mac *m, bool level, uint64_t bits)
 {
     const bool holds = cw_mac_holds_wire(m);

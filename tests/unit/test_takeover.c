@@ -133,9 +133,9 @@ static void settings_are_the_new_ones_when_taking_over(void **state)
     rig_free(r);
 }
 
-/* A passive flag of the transmitter around the end of the CRC: when what is left of that is
- * recessive, the receivers take the frame all the same, and nobody is left who sends it. On another
- * wire others may send. */
+/* Forces a passive flag of the transmitter around the end of the CRC. When the rest of the flag is
+ * recessive, the receivers still take the frame, and no node sends it any more. On another wire
+ * others may send. */
 static unsigned run_frames_that_are_left(bool partitioned)
 {
     unsigned taken = 0;

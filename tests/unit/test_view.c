@@ -86,8 +86,8 @@ static void assert_same_bit(const cw_bit_view *a, const cw_bit_view *b)
     }
 }
 
-/* Noise, a node that goes bus-off and comes back, one whose counters are set while nothing is on
- * the bus, and a frame from time to time. */
+/* Makes a bus with noise and a frame from time to time. One node goes bus-off and comes back; the
+ * counters of another are set while the bus is idle. */
 static rig *make_troubled_bus(void)
 {
     static const cw_rule troubles[] = {
