@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Calls of the C library that fail in a program (failing_calls.c): where there are some, a plan in
-which all of them fail, one after the other, and orders for it.
+"""Calls of the C library that fail in a program (failing_calls.c): their sites, a plan in which
+each of them fails, and orders for it.
 """
 
 import concurrent.futures
@@ -21,7 +21,7 @@ with open(CANWIRE, "rb") as program_file:
     SANITIZED = b"__asan_init" in program_file.read()
 EVERY = 11 if SANITIZED and not FULL else 1
 WORKERS = os.cpu_count() or 1
-SLOW_S = 5  # what takes longer is printed
+SLOW_S = 5  # longer runs are printed
 
 MAGIC = 0x4641494C
 FILE_BYTES = 1 << 20
@@ -33,7 +33,7 @@ PARTLY = "partly"
 # The library is the first one, before that of AddressSanitizer.
 SANITIZERS = {"ASAN_OPTIONS": "detect_leaks=1:verify_asan_link_order=0"}
 
-# What each call may fail with. The first is what the short pass takes, and all from then on.
+# Errors of each call. The short pass takes the first one, and then all from then on.
 DISK = ("ENOSPC", "EIO", "EINTR", PARTLY)
 NEW = ("EMFILE", "EACCES", "ENOMEM")
 ERRORS = {
@@ -65,7 +65,7 @@ PASSING = ("EINTR", "EAGAIN", PARTLY)  # from then on they would mean that nothi
 
 @dataclass(frozen=True)
 class Site:
-    """Where a program calls, and how often it did."""
+    """A site of calls in a program, and their number."""
     site: int
     caller: int
     group: str
@@ -116,11 +116,11 @@ class Calls:
         self.order(True, each)
 
     def failed(self):
-        """How many have failed."""
+        """Returns the number of failed calls."""
         return ORDER.unpack_from(self.memory)[10]
 
     def sites(self):
-        """What was listed."""
+        """Returns the listed sites."""
         *_, count, left_out = ORDER.unpack_from(self.memory)
         assert left_out == 0, "there is no room for so many sites"
         names = {bit: name for name, bit in GROUPS.items()}
@@ -149,7 +149,7 @@ def build_library():
 
 @dataclass(frozen=True)
 class Try:
-    """What is to fail in a run: a site at its so-manieth time, once or from then on."""
+    """The failure of a run: a call of a site by its number, once or from then on."""
     site: Site
     error: str
     number: int = 1
@@ -161,8 +161,9 @@ class Try:
 
 
 def plan(sites):
-    """Each site fails once with the first of its errors and, but for most of the memory, from then
-    on; memory also at the site's last call. In full with all errors, and at more calls."""
+    """Plans the failures. Each site fails once with the first of its errors and, but for most of
+    the memory, from then on. Memory also fails at the site's last call. The full plan takes all
+    errors, and more calls."""
     tries = []
     for i, site in enumerate(sites):
         errors = site.errors()

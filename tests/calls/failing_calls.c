@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * failing_calls.c - to be preloaded: calls of the C library that fail when they are told to.
+ * failing_calls.c - to be preloaded: calls of the C library that fail by order.
  *
  * The file $FAIL, which both sides map, begins with an order (struct order; tests/calls/failing.py
- * writes it): which call is the first to fail, with which errno, and whether all of its kind do
- * from then on. A call is known by its site, which is the function, and who calls it from where,
- * and by its number at this site: a number among all calls would change with threads and time. The
+ * writes it). The order names the first call to fail and its errno, and says if all of its kind
+ * fail from then on. The site of a call is the function with its callers. A call is known by its
+ * site and its number there, since a number among all calls would change with threads and time. The
  * sites that were passed are listed behind the order.
  *
- * Counted is what the program itself calls, and in its name libc, libyaml, libev, jansson and
- * liblcm; no memory of glib, which ends a program that is out of it. What libc calls inside of
- * itself cannot be replaced: a stream fails as a whole, with what it would tell of its file.
+ * Calls of the program count, and those of libc, libyaml, libev, jansson and liblcm for it. Memory
+ * of glib does not count: glib ends a program without memory. Calls inside of libc cannot be
+ * replaced: a stream fails as a whole, with the errors of its file.
  */
 #ifdef _FORTIFY_SOURCE
 #undef _FORTIFY_SOURCE
@@ -51,7 +51,7 @@
 #define NAME_BYTES 24
 #define FRAMES 8u
 
-enum kind { /* what fails together from then on */
+enum kind { /* kinds of calls that fail together from then on */
             MEMORY = 1 << 0,
             DESCRIPTOR = 1 << 1, /* a new one */
             WRITE = 1 << 2,      /* a file */
@@ -226,8 +226,9 @@ static void list_site(const char *name, unsigned group, uint64_t caller, uint64_
 typedef enum outcome { GOOD, BAD, PART } outcome;
 
 static bool started;
-static bool over;             /* what counts the coverage at the end needs its memory */
-static __thread bool outside; /* what asserts in the C library that there is memory */
+static bool over;             /* the program has ended; the count of the coverage needs its
+                                 memory */
+static __thread bool outside; /* in a function of the C library that asserts its memory */
 
 static void end(void)
 {

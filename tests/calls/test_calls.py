@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Whatever call of the C library fails, nothing breaks, and nothing is lost in silence.
+"""No failing call of the C library breaks anything or loses anything in silence.
 
-Each program is run once to list the sites where it calls (failing.py), then once more for each
-site: its call fails once, and in another run with all of its kind from then on. After each:
+Each program is run once to list its sites of calls (failing.py). Then it is run for each site,
+whose call fails once, and again with all of its kind failing from then on. After each:
 
 * no crash, and with sanitizers neither an error nor a leak;
 * everything is as without the failure, or a message that there was not before says what is not;
@@ -53,7 +53,7 @@ def fixture_library():
 
 
 class Outcome:
-    """What a run has left behind: status, standard output, messages, files."""
+    """The results of a run: status, standard output, messages, files."""
 
     def __init__(self, folder, words, environment, outputs):
         for name in outputs:
@@ -71,7 +71,7 @@ class Outcome:
         return (self.status, self.stdout, self.files) == (good.status, good.stdout, good.files)
 
     def wrong(self, good, silent):
-        """What must not be, or None; silent: nothing can be said."""
+        """Returns a violation, or None; silent: no message is possible."""
         text = "\n".join(self.messages)
         if self.status < 0 or "Sanitizer" in text or "runtime error" in text:
             return f"it crashes: {self.status}"
@@ -108,7 +108,7 @@ class Program:
         return good, self.calls.sites()
 
     def attempt(self, each, good):
-        """What was wrong, and whether the call was reached."""
+        """Returns the violation, and True when the call was reached."""
         self.calls.fail(each)
         outcome = self.run()
         wrong = outcome.wrong(good, each.site.group == "tell")

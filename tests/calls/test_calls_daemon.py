@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Whatever call of the C library fails in a canwired, nothing breaks, nothing is lost in silence.
+"""No failing call of the C library breaks a canwired or loses anything in silence.
 
-As test_calls.py does for programs that come to an end: one scenario (start, two ECUs, a rule, a
-setting, a reload, recordings, a journal, a watch, the end) is run once for each site where canwired
-calls, in which the call fails once, or with all of its kind from then on. Whatever was asked for is
-then done, or refused and not done at all, or canwired ends with a message and status 1. The books
-of frames balance in any case; by them is known what there is to be at the ECUs, in the recordings,
-the journal and at a watch. What is not there is told by a message that there is not without the
-failure, by a counter, or by the end of the connection.
+test_calls.py has programs that end by themselves. Here a scenario runs once for each site of calls
+of canwired. It has a start, two ECUs, a rule, a setting, a reload, recordings, a journal, a watch
+and an end. The call fails once, or with all of its kind from then on. Each request is then done, or
+refused and not done at all, or canwired ends with a message and status 1. The counts of frames
+balance in any case. They give the frames expected at the ECUs, in the recordings, in the journal
+and at a watch. A missing frame is reported by an additional message, by a counter, or by the end of
+the connection.
 """
 
 import contextlib
@@ -56,7 +56,7 @@ def frame(identifier, number):
 
 
 def is_cut(connection):
-    """Whether its other end is closed."""
+    """Returns True when the other end is closed."""
     poll = select.poll()
     poll.register(connection, select.POLLRDHUP)
     return bool(poll.poll(0))
@@ -153,7 +153,8 @@ class Run:
                 self.calls.order(False)
 
     def ask_for(self, what):
-        """What a request that changes nothing tells, tried again where the connection ends."""
+        """Returns the reply to a request that changes nothing; asks again when the connection
+        ends."""
         for _ in range(5):
             reply = self.ask(what)
             if reply and reply["ok"]:
@@ -220,7 +221,7 @@ class Run:
         return None if faults is None else {rule["name"] for rule in faults}
 
     def watch_frames(self, watch):
-        """What has happened so far has been written to it, or will be before the end."""
+        """Waits until the watch has all events so far, or its end."""
         wanted = self.node("engine")["tx_frames"] if self.status else 0
         with answered("watch"):
             while self.watched.count(b'"frame":"100#') < wanted and b'"lost"' not in self.watched:
@@ -287,7 +288,7 @@ class Run:
         return next(node for node in self.status["nodes"] if node["name"] == name)
 
     def missing(self):
-        """What is not where it is to be by the books of canwired, and not told there."""
+        """Yields missing frames, by the counts of canwired, that no message reports."""
         tx_frames = sum(node["tx_frames"] for node in self.status["nodes"])
         told = {each["file"].rsplit("/")[-1]: each["state"] != "recording" or each["lost"] > 0
                 for each in self.status["recordings"]}
@@ -312,7 +313,7 @@ class Run:
             yield "the journal is not whole"
 
     def wrong(self, good, site):
-        """What must not be, or None, when calls at a site have failed."""
+        """Returns a violation, or None, when calls at a site have failed."""
         text = "\n".join(self.messages)
         if site.call == "epoll_ctl" and LIBEV_GIVES_UP in text:
             return None

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * bench.h - the test bench: one stand-alone controller ("the node") faces scripts that play the
- * rest of the bus and say, bit by bit, what the node drives and reports.
+ * bench.h - the test bench. One stand-alone controller ("the node") faces scripts that play the
+ * rest of the bus. They say, bit by bit, what the node drives and reports.
  *
  * A script is one elementary test: a new node that has seen 11 recessive bits, then tokens:
  *
@@ -32,10 +32,10 @@
  *     init=M      as first token: a node that still integrates
  *     away        the node is gone: no closing check
  *
- * {a|b|c} makes a script of each alternative; several of them go in step. What is not written
- * must not happen: the level, the report, the counters, the state and, in frames, the place and
- * the role are compared in every bit. At the end the node must take part in one more frame.
- * Counters move by themselves in < and > at the bits that R7 and R8 name.
+ * {a|b|c} makes a script of each alternative; several of them go in step. Nothing else may happen.
+ * The level, the report, the counters, the state and, in frames, the place and the role are
+ * compared in every bit. At the end the node must take part in one more frame. Counters move by
+ * themselves in < and > at the bits that R7 and R8 name.
  */
 #ifndef BENCH_H
 #define BENCH_H
@@ -92,7 +92,7 @@ void bench_set_verbose(bool verbose);
 
 uint32_t bench_random(void);
 
-/* Whether two frames have the same content. */
+/* Returns true when two frames have the same content. */
 bool bench_same_frame(const cw_frame *a, const cw_frame *b);
 
 #endif

@@ -12,7 +12,7 @@
 
 typedef struct net_node {
     const char *frames; /* to be sent, separated by blanks; NULL: no such node */
-    const char *log;   /* what it must report: lostN TYPE:POSITION:ROLE:FLAG ovl tol rx:F tx drop */
+    const char *log;   /* expected reports: lostN TYPE:POSITION:ROLE:FLAG ovl tol rx:F tx drop */
     unsigned tec, rec; /* at the end */
     unsigned tec_before, rec_before;
     unsigned modes;
@@ -24,7 +24,7 @@ typedef struct net_case {
     net_node node[NET_NODES_MAX];
     const char *flip_frame; /* NULL: no disturbance; else a bit of the first attempt is inverted */
     const char *flip_at;
-    int flip_node; /* what this node samples, or NET_ALL */
+    int flip_node; /* the node whose samples change, or NET_ALL */
 } net_case;
 
 /* Runs the case as one elementary test. */

@@ -15,7 +15,7 @@
 #define PASSIVE_LIMIT 128u
 #define BUS_OFF_LIMIT 256u
 
-/* What the node has to report in one bit. */
+/* The expected reports of the node in one bit. */
 typedef struct expect {
     uint16_t what;
     unsigned lost_bit;
@@ -43,7 +43,7 @@ typedef struct player {
     unsigned bit;
     char history[3][HISTORY + 1]; /* bench, node, bus */
     char why[WHY_MAX];            /* empty: nothing has failed yet */
-    const char *token;            /* where we are in the script */
+    const char *token;            /* present place in the script */
     bool verbose;
 } player;
 

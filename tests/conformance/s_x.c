@@ -278,7 +278,7 @@ static const test_case cases[] = {
     {"X10", "*123#R5/123#55 r3 >123#R5 r3", NULL},
     {"X10", "*048C1234#R1/048C1234#55 r3 >048C1234#R1 r3", NULL},
     /* O1 a: the flag starts in the first bit of the intermission; two in a row. */
-    /* Where the bits outside frames stand. */
+    /* Positions of the bits outside frames. */
     {"X10",
      RX_ERROR "D(at errflag0) D4 D(at errflag5) r(at errdel0) r6 r(at errdel7) "
               "r(at int0) r r(at int2) r(at none)",

@@ -150,7 +150,7 @@ static bool acknowledges(const player *b)
     return b->sender == BY_BENCH && !b->wire.crc_wrong;
 }
 
-/* What happens by itself in bit n of the present frame when nothing disturbs it. */
+/* Returns the undisturbed behaviour in bit n of the present frame. */
 static expect expect_of(const player *b, unsigned n)
 {
     const wire_bit *bit = &b->wire.bit[n];

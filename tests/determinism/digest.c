@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * digest.c - one number for all that random scenarios give, to be the same for each compiler,
+ * digest.c - one number for all results of random scenarios. It must be the same for each compiler,
  * optimisation and width of a machine word.
  *
  * usage: digest [BITS [SEED]]
  *
- * The scenarios are those of the differential test, of the seeds from SEED on until BITS have gone
- * by; events, statistics and states are hashed in place of being compared. Prints a line for each
+ * The scenarios are those of the differential test, with the seeds from SEED on, for BITS bits in
+ * all. Events, statistics and states are hashed instead of compared. It prints a line for each
  * scenario.
  */
 #include "../differential/differential.h"
@@ -53,7 +53,7 @@ void diff_cover_event(diff_coverage *c, const cw_event *e, const cw_rule *rule)
         add(e->frame.data[i]);
 }
 
-/* Whether the two buses of a run are the same is the matter of the differential test. */
+/* The differential test compares the two buses of a run; this program does not. */
 bool diff_same_event(const cw_event *a, const cw_event *b)
 {
     (void)a;

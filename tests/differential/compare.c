@@ -7,7 +7,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-/* Where the differences of one comparison are noted. */
+/* The state of one comparison. */
 typedef struct comparison {
     FILE *out; /* NULL: nothing is written */
     const char *of;

@@ -110,7 +110,8 @@ static const char *mark_name(unsigned i)
 static void fill_tables(table tables[TABLES], const diff_coverage *c)
 {
     const table all[TABLES] = {
-        {"events", c->events, 0, CW_EVENT_SKIP, event_name}, /* which only hosts make */
+        {"events", c->events, 0, CW_EVENT_SKIP, event_name}, /* all but the kind that only hosts
+                                                                make */
         {"faults", c->actions, 0, CW_ACTION_COUNT, action_name},
         {"positions", c->fields, CW_FIELD_SOF, CW_FIELD_COUNT, field_name},
         {"triggers", c->triggers, 0, CW_TRIGGER_ERROR + 1, trigger_name},

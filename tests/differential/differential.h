@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * differential.h - two buses that are told the same: one steps every node through every bit, the
- * other takes all its short cuts. Nothing that can be read from them may differ.
+ * differential.h - two buses with the same inputs. One steps every node through every bit, the
+ * other takes all its fast paths. No readable state may differ.
  *
  * A scenario is data: configurations, rules, and operations at ticks. It is made from a seed
- * (generate.c, rules.c), run on both buses (run.c, compare.c), and made smaller while it still
- * fails (shrink.c), until a person can read it (show.c). Only the public header is used.
+ * (generate.c, rules.c) and run on both buses (run.c, compare.c). A failing one is made smaller
+ * (shrink.c), until a person can read it (show.c). Only the public header is used.
  */
 #ifndef CANWIRE_DIFFERENTIAL_H
 #define CANWIRE_DIFFERENTIAL_H
@@ -87,7 +87,7 @@ typedef struct diff_op {
     };
 } diff_op;
 
-/* How a bus is brought to the tick of the next operation. */
+/* Ways to bring a bus to the tick of the next operation. */
 typedef enum diff_slicing {
     DIFF_WHOLE = 0, /* in one call */
     DIFF_BITS,      /* bit by bit */
@@ -133,7 +133,7 @@ const char *diff_style_name(unsigned style);
 /* Makes the scenario of a seed. Free it with diff_scenario_free(). */
 void diff_generate(diff_scenario *s, uint64_t seed);
 
-/* What scenarios are made from. */
+/* The source of scenarios. */
 typedef struct diff_maker {
     diff_random random;
     uint64_t bit;   /* ticks */
@@ -198,16 +198,16 @@ const char *diff_op_name(diff_op_kind kind);
 
 /* ---- run.c, compare.c ------------------------------------------------------------------------ */
 
-/* What is wrong and where. */
+/* The first difference and its place. */
 typedef struct diff_verdict {
     bool differs;
     uint64_t tick;
 } diff_verdict;
 
-/* Runs a scenario on both buses. What differs is written to out, unless it is NULL. */
+/* Runs a scenario on both buses. Differences are written to out, unless it is NULL. */
 void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *out);
 
-/* Whether two events are the same in all that is defined. */
+/* Returns true when two events are the same in all defined members. */
 bool diff_same_event(const cw_event *a, const cw_event *b);
 
 /* Compares all that can be read of two buses at the same tick, writing what differs. */
@@ -227,8 +227,8 @@ void diff_ledger_event(diff_ledger *l, const cw_event *e);
 void diff_ledger_take_over(diff_ledger *l, const uint8_t *from, unsigned node_count);
 void diff_ledger_close(diff_ledger *l);
 
-/* Whether the bus counts what was told; at the end, with all nodes flushed, whether each frame was
- * told of once. Writes what is not. All events have been taken. */
+/* Return true when the bus counts all reported frames; the second one, with all nodes flushed, when
+ * each frame was reported once. They write differences. All events have been taken. */
 bool diff_ledger_check(const diff_ledger *l, const cw_bus *bus, FILE *out);
 bool diff_ledger_check_end(const diff_ledger *l, const cw_bus *bus, FILE *out);
 

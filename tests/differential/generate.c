@@ -140,7 +140,7 @@ static void add_plan_rule(generator *g, diff_plan *plan)
         (diff_rule){.rule = diff_random_rule(&g->maker), .name = g->names++ % DIFF_NAMES};
 }
 
-/* What brings about the fields that are seldom seen: suspend, overload frames. */
+/* Adds rules that cause the rare fields: suspend, overload frames. */
 static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
 {
     static const cw_rule helpers[] = {
@@ -177,8 +177,8 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
     }
 }
 
-/* A line that is stuck for a while, mostly so that the other nodes can do without it; or levels
- * forced from one frame on for so long that the next ones have begun. */
+/* Makes a line stuck for a while, mostly so that the other nodes can go on without it. Or it forces
+ * levels from one frame on for so long that the next ones have begun. */
 static void add_line_rule(generator *g, diff_plan *plan)
 {
     diff_maker *m = &g->maker;
@@ -204,7 +204,7 @@ static void add_line_rule(generator *g, diff_plan *plan)
     }
 }
 
-/* Whether the library takes the configuration. */
+/* Returns true when the library accepts the configuration. */
 static bool is_accepted(diff_plan *plan)
 {
     cw_rule rules[DIFF_RULES_MAX];

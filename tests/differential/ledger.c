@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * ledger.c - what becomes of each frame that is handed in: one event, sent or dropped, and only
- * one; or it is still there.
+ * ledger.c - checks each frame that is handed in. It has exactly one event, sent or dropped, or is
+ * still in a queue.
  *
- * At the end of a scenario all nodes are flushed, so that nothing is there any more. Where no rule
- * makes frames or changes them, each frame is accounted for by itself; else only their number is.
+ * At the end of a scenario all nodes are flushed, so that no queue has a frame. Each frame counts
+ * by itself when no rule makes or changes frames; otherwise only their number counts.
  */
 #include "differential.h"
 
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* How many of these were handed in and not told of yet. */
+/* The number of these frames that were handed in and not reported yet. */
 typedef struct entry {
     cw_frame frame;
     int64_t open;
@@ -35,7 +35,7 @@ struct diff_ledger {
 
 /* ---- Begin and end --------------------------------------------------------------------------- */
 
-/* Whether what a node sends and drops is what was handed in at it. */
+/* Returns true when a node sends and drops only frames that were handed in at it. */
 static bool leaves_frames_alone(const cw_rule *r)
 {
     const cw_action_kind kind = cw_action_kind_of(r->action);

@@ -41,7 +41,7 @@ typedef struct options {
 /* Seen by parent and child. */
 typedef struct shared {
     uint64_t seed; /* of the present scenario */
-    uint64_t tick; /* where it differs */
+    uint64_t tick; /* tick of the difference */
     diff_coverage coverage;
 } shared;
 

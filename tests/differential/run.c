@@ -2,8 +2,8 @@
  *
  * run.c - a scenario on two buses, the fast one and the reference.
  *
- * Both are brought to the tick of an operation in slices of their own, their events are taken and
- * compared, then both are told the same.
+ * Both advance to the tick of an operation in slices of their own. Their events are taken and
+ * compared, then both get the same operation.
  */
 #include "differential.h"
 
@@ -177,8 +177,8 @@ static bool is_foreseeable(const cw_event *e)
     return e->kind == CW_EVENT_RX || e->kind == CW_EVENT_TX || e->kind == CW_EVENT_RESTART;
 }
 
-/* Frames and restarts do not come before the tick that cw_bus_next() has told, unless something
- * unforeseen happens; when it has told that the bus rests, nothing comes. */
+/* Checks that frames and restarts do not come before the tick of cw_bus_next(), unless something
+ * unforeseen happens. Nothing comes when it has reported a resting bus. */
 static void check_next(pair *p, const side *s, size_t from, uint64_t next)
 {
     const uint32_t unforeseen = ~(1u << CW_EVENT_ARBITRATION_LOST);
@@ -449,8 +449,8 @@ static void operate(pair *p, const diff_op *op)
     }
 }
 
-/* A frame for later changes nothing yet. All else may make events at the present tick, whose place
- * among those of the same tick depends on which have been taken: all of them have. */
+/* Returns true for a frame for later, which changes nothing yet. All other operations may cause
+ * events at the present tick, whose order depends on the events already taken: all have been. */
 static bool is_for_later(const pair *p, const diff_op *op)
 {
     return op->kind == DIFF_SEND && op->send.at_tick > cw_bus_now(p->reference.bus);
@@ -481,7 +481,7 @@ static bool flush_all(side *s)
     return true;
 }
 
-/* What has become of each frame. */
+/* Checks the event of each frame. */
 static void settle_ledger(pair *p)
 {
     bool flushed = flush_all(&p->fast);

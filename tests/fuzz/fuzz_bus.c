@@ -105,7 +105,7 @@ static void read_change(cw_change *c, fuzz_input *in)
     c->set_mask[7] = fuzz_u8(in);
 }
 
-/* What belongs to some kinds of actions only. */
+/* Reads members that belong to some kinds of actions only. */
 static void read_details(cw_rule *r, fuzz_input *in, uint32_t bit_ticks)
 {
     if (r->action == CW_ACTION_SET)
@@ -207,7 +207,7 @@ static void same(const pair *p)
     REQUIRE(cw_bus_recessive_bits(p->whole.bus) == cw_bus_recessive_bits(p->bitwise.bus));
 }
 
-/* What settings and the like have dropped. */
+/* Takes drops that settings and similar calls have caused. */
 static void poll(pair *p)
 {
     fuzz_bus_poll(&p->whole);

@@ -2,8 +2,8 @@
  *
  * fuzz_config.c - files that are configurations or profiles; and the bus that comes of them.
  *
- * The input is written to a file in a folder beside which the profiles of tests and users are found
- * under the names that the seeds use.
+ * The input is written to a file in a folder. The profiles of tests and users are beside it, under
+ * the names that the seeds use.
  */
 #include "fuzz.h"
 

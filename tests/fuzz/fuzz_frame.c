@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * fuzz_frame.c - the readers of text.h: what they accept is in range and prints as it was read; and
- * a frame goes over the wire as it is.
+ * fuzz_frame.c - the readers of frametext.h and number.h. Accepted values are in range and print as
+ * they were read, and a frame passes the wire unchanged.
  */
 #include "fuzz.h"
 
@@ -40,7 +40,7 @@ static void send_over_wire(const cw_frame *frame)
     REQUIRE(received == 1 && cw_frame_equal(cw_mac_received(&mac), frame));
 }
 
-/* What is printed must be read as the same frame, and printed the same. */
+/* Reads the printed text again, which must give the same frame and the same text. */
 static void print_and_read(const cw_frame *frame)
 {
     char printed[FRAME_TEXT_MAX];

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * fuzz_mac.c - one controller and a bench that stops at nothing: any levels, any commands, at any
- * time. State, counters, phase and reports must agree after every bit.
+ * fuzz_mac.c - one controller and a bench with any levels and any commands, at any time. State,
+ * counters, phase and reports must agree after every bit.
  *
  * Input: mode byte, warning limit, then operations. A byte below 0x80 is seven bits of a bus that
- * others may only pull dominant; below 0xC0 six bits of any level; above that a command.
+ * others may only pull dominant. A byte below 0xC0 is six bits of any level; above that it is a
+ * command.
  */
 #include "fuzz.h"
 
@@ -268,7 +269,7 @@ static void command(bench *b, unsigned what)
         for (unsigned i = 0; i < 128 * 11; i++)
             bit(b, CW_RECESSIVE, false);
         break;
-    case 10: /* what the bench lets pass: the controller alone, with an ACK now and then */
+    case 10: /* the bench is silent: the controller alone, with an ACK now and then */
         for (unsigned i = fuzz_u8(&b->in); i > 0; i--)
             bit(b, cw_mac_place(&b->mac).field != CW_FIELD_ACK_SLOT, false);
         break;

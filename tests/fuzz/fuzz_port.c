@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * fuzz_port.c - whatever ECUs write into their ports, and what the bus makes of it.
+ * fuzz_port.c - messages of any kind from ECUs to their ports, and the reactions of the bus.
  *
- * Two nodes of a bus have ports: "ecu" a Unix socket with a hostile program at its other end, "can"
- * a port whose messages are made up as the kernel gives them from a raw CAN socket. Each message is
- * a frame for the bus, the one that was written, or counted under its reason; what goes out is a
- * frame of linux/can.h that says the same; and the books of ports and bus agree.
+ * Two nodes of a bus have ports. "ecu" has a Unix socket with a hostile program at its other end.
+ * "can" has a port with made-up messages in the form of a raw CAN socket. Each message is the
+ * written frame for the bus, or is counted under its reason. Each output is the same frame in the
+ * form of linux/can.h. The counts of ports and bus agree.
  *
  * Input: the kind of socket, modes of the nodes, then operations until it is used up (operate()).
  * The first files in corpus/port were put together by hand, one for each thing that a program may
@@ -51,7 +51,7 @@ typedef struct message {
     uint32_t losses; /* of the kernel so far, as it tells with the message */
 } message;
 
-/* What is to be found in the counters. */
+/* The expected counters. */
 typedef struct counts {
     uint64_t read;
     uint64_t malformed;
@@ -82,7 +82,7 @@ typedef struct rig {
     int program; /* the ECU's end; -1: it has none */
     bool at_path;
     struct sockaddr_un address;
-    struct can_frame captured; /* what the port "can" has sent last */
+    struct can_frame captured; /* the last frame sent by the port "can" */
     port_sent verdict;         /* on what it sends */
 } rig;
 
@@ -225,7 +225,7 @@ static const port_kind made_up = {.close = close_made_up,
                                   .send = capture,
                                   .control_bytes = PORT_CONTROL_BYTES};
 
-/* What came in goes out the same; what does not count in it is gone. */
+/* Writes the frame back: its content is the same, and meaningless bytes are gone. */
 static void send_back(rig *r, const cw_frame *frame, const message *m)
 {
     side *s = &r->sides[CAN];
@@ -275,7 +275,7 @@ static void check_counters(const side *s)
     REQUIRE(errors >= want->errors_out && errors - want->errors_out <= want->overflow_tells);
 }
 
-/* What the loop of a daemon would wake for. */
+/* Returns true when a port would wake the loop of a daemon. */
 static bool is_readable(const port *p)
 {
     struct pollfd wait = {.fd = port_fd(p), .events = POLLIN};
@@ -413,7 +413,8 @@ static void come(rig *r)
     read_all(r, ECU);
 }
 
-/* Whether the kernel takes it. passed: file descriptors with it, which nobody has asked for. */
+/* Returns true when the kernel takes the message. passed: number of unrequested file descriptors
+ * with it. */
 static bool send_message(const rig *r, const message *m, unsigned passed)
 {
     _Alignas(struct cmsghdr) char control[CMSG_SPACE(FDS_PASSED_MAX * sizeof(int))] = {0};
@@ -438,7 +439,8 @@ static void write_messages(rig *r, unsigned count, unsigned passed)
             keep(s, &m);
 }
 
-/* What it reads it may write again: that is a frame, or an error frame that is ignored. */
+/* Reads messages of the port, and may write them back: each is a frame, or an error frame that is
+ * ignored. */
 static void take_messages(rig *r, unsigned count, bool echo)
 {
     message m = {.arrival_ns = -1};
@@ -470,7 +472,7 @@ static void leave(rig *r, unsigned how)
     hang_up(r);
 }
 
-/* What the port "can" is told next of what it sends; and about losses. */
+/* Sets the result of the next frames of the port "can", and reports losses. */
 static void tell(rig *r, unsigned how)
 {
     side *s = &r->sides[CAN];

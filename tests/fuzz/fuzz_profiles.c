@@ -62,7 +62,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                               .text = parts[i].text, .size = parts[i].size};
     char *messages = load(&config, files, count);
     check_messages(messages, files, count);
-    /* what it keeps of the files is what it was read from */
+    /* the files that the configuration keeps give the same configuration */
     const cfg_file *kept = config ? config->files : files;
     char *repeated = load(&again, kept, config ? config->file_count : count);
     REQUIRE(strcmp(messages, repeated) == 0);

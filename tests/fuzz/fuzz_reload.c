@@ -3,10 +3,10 @@
  * fuzz_reload.c - a bus that runs and goes over to one configuration after the other, with frames,
  * rules, settings and vanishing interfaces in between.
  *
- * Input: behind lines "=== HEAD" what is to be done. A name with a point in it begins a file, which
- * replaces one of that name; "reload" lets the bus go over to what bus.yaml is then (the first time
- * it starts with it); "inject" adds rules; other heads stand for themselves, and their text is
- * numbers. Two buses do the same, one bit by bit: their events must be the same.
+ * Input: operations behind lines "=== HEAD". A name that contains a point begins a file, which
+ * replaces one of that name. "reload" changes the bus to the present bus.yaml (the first time it
+ * starts with it). "inject" adds rules. Other heads are operations, and their text is numbers. Two
+ * buses do the same, one bit by bit: their events must be the same.
  */
 #include "fuzz.h"
 
@@ -95,7 +95,7 @@ static void start(world *w, cfg *config)
     inputs_init(&w->inputs, w->live, bus, drain, w);
 }
 
-/* What cannot change while a bus runs is refused elsewhere. */
+/* Changes the configuration; settings that cannot change are refused elsewhere. */
 static void go_over(world *w, cfg *config)
 {
     uint8_t from[CW_NODES_MAX];

@@ -49,7 +49,7 @@ static void open_bus(fuzz_bus *b, const cfg *config)
     REQUIRE(fuzz_bus_open(b, &bus_config));
 }
 
-/* What the loader takes the bus must take too. */
+/* The bus must accept all rules that the loader accepts. */
 static void add_rules(fuzz_bus *b, const cfg_rules *rules, size_t base)
 {
     unsigned index[RULES_MAX];

@@ -8,7 +8,7 @@
 
 static const char mark[] = "=== ";
 
-/* Where the next "=== " at the beginning of a line is, or the end. */
+/* Returns the next "=== " at the beginning of a line, or the end. */
 static const char *find_mark(const char *from, const char *end)
 {
     while (from < end) {

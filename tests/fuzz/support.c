@@ -115,7 +115,7 @@ bool fuzz_bus_open(fuzz_bus *b, const cw_bus_config *config)
     return b->bus != NULL;
 }
 
-/* Whether each node of the old bus goes on. */
+/* Returns true when each node of the old bus goes on. */
 static bool all_go_on(unsigned old_nodes, const uint8_t *from, unsigned nodes)
 {
     uint64_t kept = 0;

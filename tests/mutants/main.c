@@ -4,10 +4,10 @@
  *
  * usage: mutants [--every N]
  *
- * Runs at the top of the source tree. Whatever is missing, a configuration is refused with a place,
- * or it is good, can be run, and a running bus goes over to it and back. With --every N only each
- * N-th mutant is tried. The files of a process that dies are told with what was missing. Prints at
- * last "N passed, N failed".
+ * It runs at the top of the source tree. Whatever is missing, a configuration is refused with a
+ * place, or it is valid and can be run. A running bus can then change to it and back. With --every
+ * N only each N-th mutant is tried. A message about a process that dies names its files and the
+ * missing part. The last line is "N passed, N failed".
  */
 #include "mutants.h"
 
@@ -31,7 +31,7 @@
 #define SECONDS_MAX 300u /* for a file; with sanitizers on a busy machine */
 #define MIN_GOOD 1000    /* mutants that are to be good, so that it is known that they are run */
 
-/* What a process that tries a file leaves behind, however it ends. */
+/* The results of a process that tries a file, however it ends. */
 typedef struct progress {
     char what[WHAT_BYTES];
     unsigned tried;

@@ -18,7 +18,7 @@ typedef void mutant_taker(void *user, const char *text, size_t size, const char 
  * time. */
 void mutants_of(const char *text, size_t size, mutant_taker *take, void *user);
 
-/* What a configuration is put through. */
+/* The test of a configuration. */
 typedef struct trial {
     const char *config;  /* path of the configuration */
     const char *mutated; /* path of the file that changes: the configuration, or its profile */

@@ -185,7 +185,8 @@ static void go_over(world *w, reload *r)
     reload_free(r);
 }
 
-/* Whether the bus has gone over. What cannot change while it runs is refused. */
+/* Returns true when the bus has changed its configuration. Changes that are impossible at run time
+ * are refused. */
 static bool reload_world(const trial *t, world *w)
 {
     messages m;

@@ -2,9 +2,9 @@
  *
  * ecus.c - the ECUs of all buses, in one thread.
  *
- * To keep a bus at 100 % load an ECU has WINDOW frames under way: it sends another one when one of
- * its frames comes to the ECU of the next node. Frames are numbered; every ECU looks whether what
- * it gets of each other one is the next frame.
+ * To keep a bus at 100 % load an ECU has WINDOW frames under way. It sends another one when one of
+ * its frames reaches the ECU of the next node. Frames are numbered; every ECU checks the order of
+ * the frames of each other one.
  */
 #include "realtime.h"
 

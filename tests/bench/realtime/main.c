@@ -25,7 +25,7 @@
 #define TURNS 5u
 #define START_S 30 /* for a process to be ready */
 
-/* What is measured in turns. */
+/* A kind of measurement; all kinds run in turns. */
 typedef struct kind {
     const char *name;
     const char *pacing; /* NULL: a bare timer */
@@ -42,7 +42,7 @@ static const char usage[] = "usage: bench_realtime [--check | --fifo]    prints 
                             "  --check   in a short time\n"
                             "  --fifo    with real-time priority\n";
 
-/* How long to measure. */
+/* The durations of the measurement. */
 typedef struct plan {
     unsigned turns;
     int64_t turn_ns;
@@ -207,8 +207,8 @@ static void measure_lateness(const plan *p)
 
 /* ---- Many buses ------------------------------------------------------------------------------ */
 
-/* What the ECUs sent the buses sent, and every ECU got what the others of its bus sent, in
- * order. */
+/* Returns true when the buses sent all frames of the ECUs, and every ECU got those of the others on
+ * its bus, in order. */
 static bool counts_agree(const rt_ecu *ecus, const rt_result *results, unsigned buses)
 {
     bool good = true;

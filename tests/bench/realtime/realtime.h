@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * realtime.h - the daemon's engine in real time, on sockets: one process a bus, all on one
- * processor, and the ECUs of all of them in another process.
+ * realtime.h - the daemon's engine in real time, on sockets. Each bus is a process, all on one
+ * processor, and the ECUs of all buses are another process.
  */
 #ifndef CANWIRE_BENCH_REALTIME_H
 #define CANWIRE_BENCH_REALTIME_H
@@ -19,7 +19,7 @@
 #define RT_ENGINE_CPU 0   /* the buses' processor; the ECUs are on the others */
 #define RT_NS_PER_S INT64_C(1000000000)
 
-/* What a process measures, in memory that it shares with its parent. */
+/* The results of a process, in memory that it shares with its parent. */
 typedef struct rt_result {
     sem_t ready;
     bool good;             /* false: it could not be started, or frames are unaccounted for */
@@ -63,7 +63,7 @@ typedef struct rt_bus_options {
     const char *folder; /* its ports are sockets there, see rt_port_path(); NULL: inherited ones */
 } rt_bus_options;
 
-/* Where the ECU of a node connects. */
+/* Prints the path at which the ECU of a node connects. */
 void rt_port_path(char path[RT_PATH_MAX], const char *folder, unsigned node);
 
 /* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed

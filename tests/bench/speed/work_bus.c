@@ -30,7 +30,7 @@ static cw_rule flip_every(const char *name, unsigned every)
                      .probability = UINT64_MAX, .field = CW_FIELD_CRC, .index = 3, .bits = 1};
 }
 
-/* wild: for this identifier and its neighbour. */
+/* Makes a rule for this identifier, or with a wildcard for its neighbour, too. */
 static cw_rule flip_id(const char *name, unsigned number, bool wild)
 {
     cw_rule r = flip_every(name, 1);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * work_mix.c - the periodic traffic of a car: eight ECUs, 88 messages of 1 to 8 bytes, each 2 to
- * 100 times a second; the bus carries 4096 frames a second.
+ * work_mix.c - the periodic traffic of a car. Eight ECUs send 88 messages of 1 to 8 bytes, each 2
+ * to 100 times a second; the bus carries 4096 frames a second.
  */
 #include "works.h"
 
