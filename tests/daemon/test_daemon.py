@@ -265,7 +265,7 @@ class LcmServer:
 
     def close(self):
         if self.client:
-            with contextlib.suppress(OSError):  # what was not read goes with it
+            with contextlib.suppress(OSError):  # unread messages go with it
                 self.client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             self.client.close()
         self.listener.close()
@@ -292,7 +292,8 @@ def wait_frames(bus, count):
 
 
 def unsent_bytes(port):
-    """What the kernel has of a connection to a port here that the other side has not taken."""
+    """Returns the kernel's count of bytes on a connection to a port here that the other side has
+    not taken."""
     lines = [line.split() for line in open("/proc/net/tcp", encoding="ascii")]
     server = f"{socket.inet_aton(HOST)[::-1].hex().upper()}:{port:04X}"
     return sum(int(words[4].split(":")[0], 16) for words in lines if words[2] == server)
@@ -437,7 +438,8 @@ def test_messages_of_the_tool_have_no_control_characters(canwired):
 
 def test_the_messages_of_a_refused_reload_come_before_its_end_is_told(canwired, tmp_path,
                                                                       monkeypatch):
-    """Who waits for READY=1 finds them: while they cannot be written it is not told."""
+    """A program that waits for READY=1 finds the messages: it is not sent while they cannot be
+    written."""
     out, into = os.pipe()
     with (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager,
           os.fdopen(out, "rb") as errors):

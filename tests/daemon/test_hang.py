@@ -272,7 +272,7 @@ def test_a_reload_that_takes_too_long_is_given_up(bus):
         told = running.canwire("reload", "./day.sock", status=1)
         assert "takes longer than 10 s and is given up" in told
         running.carries_frames()
-    running.canwire("reload", "./day.sock")  # what the first one brings is not wanted any more
+    running.canwire("reload", "./day.sock")  # the result of the first one is not wanted any more
     wait_until(lambda: "configuration reloaded" in running.log.read_text(), "the reload")
     assert running.stop().count("configuration reloaded") == 1
 
@@ -307,7 +307,7 @@ def test_the_bus_goes_on_while_a_recording_waits_for_its_file(bus):
     log = running.stop()
     assert log.count("record disk/data/a.log: begun") == 1
     first, second = running.folder / "disk/data/a.log.1", running.folder / "disk/data/a.log"
-    assert len(first.read_text().splitlines()) == FRAMES  # what came meanwhile
+    assert len(first.read_text().splitlines()) == FRAMES  # frames that came meanwhile
     assert len(second.read_text().splitlines()) >= FRAMES
 
 

@@ -66,7 +66,7 @@ class Ecu:
         return thread
 
     def fill(self):
-        """How many frames it can write until it would have to wait."""
+        """Returns the number of frames that it can write without waiting."""
         count = 0
         try:
             while True:
@@ -86,7 +86,7 @@ class Ecu:
 
 
 def by_identifier(frames):
-    """What the bus keeps: the order of frames with one identifier."""
+    """Returns the order that the bus keeps: that of frames with one identifier."""
     numbers = defaultdict(list)
     for identifier, number in frames:
         numbers[identifier].append(number)
@@ -171,7 +171,7 @@ def test_a_program_that_does_not_want_to_wait_is_told(rig):
     written = r.engine.fill()
     wait_until(lambda: r.nodes()["engine"]["pushing_back"], "the push-back")
     assert "and does now\n" in r.run("status", "./push.sock")
-    written += r.engine.fill()  # what has been read meanwhile
+    written += r.engine.fill()  # frames that were read meanwhile
     node = r.nodes()["engine"]
     assert node["queue"] == 16 and node["interface"]["read"] < written
     assert node["dropped"]["queue-full"] == 0
@@ -218,7 +218,8 @@ def test_dropping_can_be_asked_for_and_names_what_helps(rig):
 
 
 def test_nobody_waits_for_a_node_that_takes_nothing(rig):
-    """What a bus-off or listen-only node is given is dropped, so a full queue is no reason."""
+    """A bus-off or listen-only node drops all its frames, so a full queue does not pause
+    reading."""
     r = rig(bitrate=10000)
     sender = r.engine.send_in_background([(0x123, number) for number in range(2000)])
     wait_until(lambda: r.nodes()["engine"]["pushing_back"], "the push-back")
@@ -307,7 +308,7 @@ SKIPS = 150
 
 
 def transfer(sender, receiver, size):
-    """What a long ISO-TP transfer does: blocks of eight, each after the other's word."""
+    """Runs a long ISO-TP transfer: blocks of eight, each after an answer of the other side."""
     numbers = iter(range(size))
     for block in range(size // 8):
         sender.send([(0x7E0, next(numbers)) for _ in range(8)])

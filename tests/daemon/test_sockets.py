@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Sockets at paths, of the control socket and of ports: one canwired each, whatever others do.
 
-What others do comes at exactly the moment that is meant (between_calls.c), and at random.
+Actions of others come at exactly the intended moment (between_calls.c), and at random.
 """
 
 import contextlib
@@ -66,7 +66,7 @@ def is_up(log):
 
 
 def settle(process, log):
-    """Whether it runs, when it is known."""
+    """Returns True when it runs; waits until that is known."""
     wait_until(lambda: is_up(log) or process.poll() is not None, "a start or an end")
     return process.poll() is None
 

@@ -117,7 +117,8 @@ class Source(NamedTuple):
 
 
 def predict(sources):
-    """What a bus carries: the frames in their order, and the bit after the last intermission."""
+    """Returns the traffic of a bus: the frames in their order, and the bit after the last
+    intermission."""
     sources = sorted(sources, key=lambda s: priority(s.frame))
     slots = [slot_bits(s.frame) for s in sources]
     nodes = [[i for i, s in enumerate(sources) if s.node == n] for n in {s.node for s in sources}]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What the tests on real vcan share: interfaces, a running canwired, CAN sockets, LCM.
+"""The shared parts of the tests on real vcan: interfaces, a running canwired, CAN sockets, LCM.
 
-Run with: scripts/guest -- build/venv/bin/python -m pytest tests/kernel
-Where there is no AF_CAN the tests fail; they are never skipped.
+Run with: scripts/guest -- build/venv/bin/python -m pytest tests/kernel The tests fail without
+AF_CAN; they are never skipped.
 """
 
 import contextlib
@@ -82,7 +82,7 @@ class CanSocket:
         self.socket.send(packed)
 
     def drain(self):
-        """What waits to be read."""
+        """Returns the frames that wait to be read."""
         frames = []
         try:
             while True:
@@ -231,8 +231,8 @@ LCM_URL = "udpm://239.255.76.67:7667?ttl=0"
 
 
 def make_room_for_lcm():
-    """At sockets of this process that listen to LCM_URL: those of liblcm have room for some 160
-    messages, and a bus that catches up has more events than that at once."""
+    """Enlarges the buffers of this process's sockets for LCM_URL. Those of liblcm have room for
+    some 160 messages, and a bus that catches up has more events than that at once."""
     port = int(re.search(r":(\d+)\?", LCM_URL)[1])
     for entry in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(FileNotFoundError):  # closed by now, as that of iterdir()

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * frozen_clock.c - to be preloaded: while the file $FROZEN exists, the monotonic clock stands for
- * the program itself, and goes on for its libraries, the event loop among them.
+ * frozen_clock.c - to be preloaded. While the file $FROZEN exists, the monotonic clock stands still
+ * for the program itself. It goes on for its libraries, including the event loop.
  */
 #include <dlfcn.h>
 #include <stdlib.h>

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Transport protocols as programs use them, for the tests of stacks over canwired.
 
-The protocols have timers of their own: in the kernel 1 s for a flow control or the next
-consecutive frame, which cannot be changed. On a machine that stands still for longer a transfer
-fails although nothing is lost. So a transfer is tried again, a few times, and what must hold
-each time is counted: no frame was dropped or lost by the way.
+The protocols have timers of their own. The kernel's timer for a flow control or the next
+consecutive frame is fixed at 1 s. On a machine that stands still for longer a transfer fails
+although nothing is lost. So a transfer is tried again a few times. The tests check each time that
+no frame was dropped or lost on the way.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ REQUEST, RESPONSE = 0x7E0, 0x7E8
 TRIES = 6
 PATIENCE_S = 30  # for one transfer; the protocol gives up much earlier
 STOPPED = {errno.ECOMM, errno.ETIMEDOUT, errno.EILSEQ, errno.EBADMSG, errno.EPROTO, errno.ENODATA,
-           errno.ECONNRESET}  # what the kernel's protocols say when a transfer has failed
+           errno.ECONNRESET}  # errors of the kernel's protocols for a failed transfer
 
 
 def payload(size, seed=0):
@@ -37,7 +37,7 @@ class Failed(Exception):
 
 
 class IsotpSocket:
-    """Kernel ISO-TP. What it asks of the other side: block size and STmin."""
+    """Kernel ISO-TP, with the block size and STmin that it requests from the other side."""
 
     def __init__(self, interface, rx, tx, block_size=0, stmin=0):
         self.socket = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
@@ -58,7 +58,7 @@ class IsotpSocket:
             return self.socket.recv(5000)  # whole: a message
 
     def drain(self):
-        """What a transfer that has failed has left behind."""
+        """Discards the rest of a failed transfer."""
         self.socket.setblocking(False)
         while True:
             try:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Whatever call for an interface fails, nothing breaks, and nothing is lost in silence.
+"""No failing call for an interface breaks anything or loses anything in silence.
 
-As tests/calls/test_calls.py and test_calls_daemon.py there, for what only a kernel with CAN has:
-raw sockets, claims of interfaces, netlink. Each site of these calls fails once and, in another run,
-with all of its kind from then on; the latter for one site of each call in each source file.
+These tests follow tests/calls/test_calls.py and test_calls_daemon.py, for calls that need a kernel
+with CAN: raw sockets, claims of interfaces, netlink. Each site of these calls fails once. In
+another run one site of each call in each source file fails with all of its kind from then on.
 """
 
 import fcntl
@@ -26,7 +26,7 @@ from test_vcan import CANWIRE, PEERS, enter, netns, rig  # pylint: disable=unuse
 FILES = ("socketcan.c", "port.c", "claim.c", "linkwatch.c", "netdev.c", "links.c", "loopless.c",
          "vcan.c")
 GROUPS = {"descriptor", "socket", "traffic", "close", "read"}
-# What the kernel may say; a link that is down or gone would be told in another way, too.
+# Possible errors of the kernel. A link that is down or gone would be reported in another way, too.
 ERRORS = {"socket": "EMFILE", "fopen": "EMFILE", "open": "EACCES", "openat": "EACCES",
           "bind": "ENOMEM", "setsockopt": "ENOMEM", "getsockopt": "ENOBUFS", "ioctl": "ENODEV",
           "send": "ENOBUFS", "recv": "ENOBUFS", "recvmsg": "ENOBUFS", "recvmmsg": "ENOMEM",
@@ -54,9 +54,9 @@ def callers_of(program, sites):
 
 
 def tries_of(program, sites):
-    """Each call in one of FILES once, and one of each call and file from then on. Of sites with the
-    same two callers the one that was called most often stands for all, but none that a timer has
-    called: a run may be over before. The same calls are made at start and end, too."""
+    """Selects each call in one of FILES once, and one of each call and file from then on. The most
+    frequent one stands for all sites with the same two callers. Sites called by a timer are left
+    out, since a run may end before. The same calls are made at start and end, too."""
     functions, files = callers_of(program, sites)
     callers, lasting, tries = set(), set(), []
     for site in sorted(sites, key=lambda s: -s.count):
@@ -179,7 +179,7 @@ class Run:
         self.wait(lambda: self.receive() == self.sent)
 
     def receive(self):
-        """How many have come up to now."""
+        """Returns the number of frames so far."""
         try:
             while self.ecus[1].socket.recv(CLASSIC.size):
                 self.received += 1
@@ -189,7 +189,7 @@ class Run:
             return self.receive()
 
     def receive_rest(self):
-        """What it has written is there in the end: it passes through the kernel on its own."""
+        """Waits for the frames of the daemon, which pass through the kernel on their own."""
         interface = self.status and self.status["gearbox"]["interface"]
         written, deadline = interface["written"] if interface else 0, time.monotonic() + PATIENCE_S
         while self.receive() < written and time.monotonic() < deadline:
@@ -206,7 +206,7 @@ class Run:
         wait_until(settled, "what is to come, or a message")
 
     def ask(self):
-        """The nodes' status. Where its own calls for that fail, too, they are good from then on."""
+        """Returns the nodes' status. Its own calls may fail, too; they work from then on."""
         for _ in range(5):
             if self.has_ended():
                 raise Ended
@@ -220,7 +220,8 @@ class Run:
         raise AssertionError("it does not answer")
 
     def listens(self):
-        """Where it cannot notify anybody any more, for these calls fail, too."""
+        """Returns True when canwired still listens; it may be unable to notify, since these calls
+        fail, too."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
             return client.connect_ex(str(self.control)) == 0
 
@@ -239,7 +240,7 @@ class Run:
     # ---- What there is in the end
 
     def wrong(self):
-        """What must not be, or None."""
+        """Returns a violation, or None."""
         if self.returned < 0:
             return f"it crashes: {self.returned}"
         if self.status is None:
@@ -317,7 +318,7 @@ def interfaces():
 
 @pytest.mark.parametrize("verb", ["up", "down"])
 def test_canwire_vcan(verb, rig, netns, calls):  # pylint: disable=redefined-outer-name
-    """What has failed is told, and doing it again without failures does it."""
+    """A failure is reported, and another call without failures repairs it."""
     netns("ecu1", "ecu2")
     rig.file.write_text(PEERS + "  - { name: d, port: v4 }\n")
     none = interfaces()

@@ -217,7 +217,7 @@ def test_the_tool_says_what_is_wrong(control, tmp_path):
     left.bind(str(tmp_path / "left.sock"))
     left.close()
     assert "(is canwired@left running?)" in control.tool("restart", "left", "x", status=1)
-    both = control.tool("status", status=1)  # what can be shown is shown
+    both = control.tool("status", status=1)  # shows all that is possible
     assert "left.sock" in both and "powertrain: bitrate" in both
     for words in (["set", "powertrain", "engine"], ["clear"], ["set", "a", "b", "c"], ["watch"]):
         assert "canwire" in control.tool(*words, status=2)
@@ -375,8 +375,8 @@ def stamps_of(end, count):
 
 @pytest.mark.parametrize("attack", [None, *ATTACKS], ids=lambda a: a.__name__ if a else "nobody")
 def test_hostile_clients_never_stall_the_bus(attack, control, ecus):
-    """How much work one of them makes between two looks at the bus is for tests/unit; here a
-    canwired that a watchdog would end."""
+    """tests/unit checks the work of a client between two looks at the bus. This test checks that no
+    watchdog would end canwired."""
     engine, gearbox = ecus
     gearbox.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     frames = 3000

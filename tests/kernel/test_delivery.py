@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What reaches whom, and in which order, on real vcan."""
+"""The receivers of each frame, and the order of frames, on real vcan."""
 
 import random
 import select

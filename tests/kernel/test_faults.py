@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Faults on real vcan, as users see them: can-utils and python-can at the ECUs, canwire in a shell.
 
-What candump -L prints is compared as it is. A frame of the lowest priority that arrives after all
-others shows that nothing else is to come.
+The output of candump -L is compared unchanged. A frame of the lowest priority that arrives after
+all others shows that nothing else is to come.
 """
 
 import json
@@ -37,7 +37,7 @@ def bit_error(tec, location):
 
 
 def to_bus_off_and_back(rec=0):
-    """What a driver tells of a transmitter that fails each time, and is restarted."""
+    """Returns the error frames of a driver whose transmitter fails each time, and is restarted."""
     return [state(TX_WARNING, 96, rec), state(TX_PASSIVE, 128, rec), BUSOFF, RESTARTED,
             state(ACTIVE, 0, 0)]
 
@@ -266,8 +266,8 @@ def test_a_spoofed_identifier_gives_its_sender_bit_errors(car):
                    "do: { send: 123#00, as: gearbox } }")
     c.send("engine", "123#FF")
     c.settle()
-    # both win the arbitration, the first data bit is recessive for the engine only; until both are
-    # error-passive each destroys the frame of the other one
+    # Both win the arbitration, and the first data bit is recessive for the engine only. Until both
+    # are error-passive, each destroys the frame of the other one.
     wanted = [bit_error(tec, location=0x0A) for tec in range(8, 137, 8)]
     wanted.insert(wanted.index(bit_error(96, 0x0A)) + 1, state(TX_WARNING, 96, 0))
     wanted.insert(wanted.index(bit_error(128, 0x0A)) + 1, state(TX_PASSIVE, 128, 0))
@@ -310,8 +310,8 @@ def test_a_suppressed_ack_on_a_bus_of_two(car):
     engine = c.shell.wait_node("engine", lambda n: n["tx_frames"] == 1, "the acknowledgement")
     gearbox = c.shell.nodes()["gearbox"]
     assert engine["bus_off"] == 0 and engine["tec"] == 127
-    # an active error flag destroys the frame for the receiver, too; after a passive one, which
-    # nobody sees, it has a frame without error, again and again
+    # An active error flag destroys the frame for the receiver, too. After a passive one, which no
+    # node sees, it has a frame without error, again and again.
     copies = engine["errors"]["ack"] - ACTIVE_ATTEMPTS + 1
     assert gearbox["errors"]["form"] == gearbox["bus_errors"] == ACTIVE_ATTEMPTS
     assert gearbox["rx_frames"] == copies

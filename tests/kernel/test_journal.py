@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What canwired --journal has written down, canwire sim --journal runs again: the same events, to
-the byte, whatever the timing was.
+"""canwire sim --journal repeats the run that canwired --journal has recorded. The events are the
+same, to the byte, whatever the timing was.
 
 The live events are those of `canwire watch --json`, which begins before anything happens.
 """
@@ -68,7 +68,7 @@ class Night:
         self.shell.run(words[0], "faults", *words[1:])
 
     def events(self):
-        """What was watched, when it has ended."""
+        """Returns the watched events at their end."""
         self.watch.wait(PATIENCE_S)
         text = self.live.read_text()
         assert '"lost"' not in text, "watching was too slow for this"
@@ -88,7 +88,7 @@ def again(journal, *options, status=0):
 
 
 def from_hello(replayed, live):
-    """What was replayed from the first event on that was watched, and that, as lines."""
+    """Returns the replayed events from the first watched one on, and the watched ones, as lines."""
     replayed, live = replayed.splitlines(), live.splitlines()
     return replayed[replayed.index(live[0]):], live
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a Python program that subscribes to LCM learns about a bus."""
+"""The messages about a bus for a Python program that subscribes to LCM."""
 
 import json
 import signal

@@ -85,7 +85,7 @@ def test_runs_without_multicast_route_and_finds_it_later(
     no_multicast()  # the route is back
     messages = listen("pair")
     bus = messages.wait_bus(lambda m: m.frames == 1, "statistics")
-    assert bus.events_dropped > 0  # what could not be published in the meantime
+    assert bus.events_dropped > 0  # events that could not be published in the meantime
     assert daemon.stop().count("warning") == 1
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What runs full, is missing or is taken already: said clearly, counted, and never the end."""
+"""Full, missing and occupied resources are reported clearly and counted, and never end canwired."""
 
 import re
 import signal
@@ -42,7 +42,8 @@ def stop(daemon, bus="limits"):
 
 
 def room_without_capability():
-    """What the kernel grants such a process, or more, of the 8 MiB that canwired asks for."""
+    """Returns the kernel's grant for such a process, or more, of the 8 MiB that canwired asks
+    for."""
     with socket.socket() as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
         return s.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
@@ -66,7 +67,7 @@ def test_too_little_room_is_told_once(vcan, canwired, words):
 
 
 def test_an_interface_that_takes_no_more(vcan, canwired, can_socket):
-    """What the daemon writes to the gearbox has to wait there, until there is no room."""
+    """Frames to the gearbox have to wait there, until there is no room."""
     count = 3000
     vcan(3)
     subprocess.run("tc qdisc add dev vcan1 root tbf rate 8kbit burst 1540 limit 1000".split(),

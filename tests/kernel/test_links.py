@@ -110,7 +110,7 @@ def bus(canwired):
 
 # ---- One node leaves and comes back --------------------------------------------------------------
 
-# How the interface of the dash goes, what its link is then, how it comes back.
+# Ways in which the interface of the dash goes, its link then, and ways back.
 WAYS = {
     "down": (["link set vcan2 down"], "down", ["link set vcan2 up"]),
     "deleted": (["link del vcan2"], "missing",
@@ -255,7 +255,7 @@ TOGGLES = 10
 
 
 def write_until_refused(ecu, wanted):
-    """How many an ECU could write until its interface was gone."""
+    """Returns the number of frames that an ECU could write until its interface was gone."""
     for i, frame in enumerate(wanted):
         try:
             ecu.send(frame)

@@ -17,7 +17,7 @@ BUS = """
 bus: { name: told, bitrate: 500000 }
 nodes: [ { name: a, port: vcan0 }, { name: b } ]
 """
-# what systemd does: the variable names the file that standard error is
+# as systemd does: the variable names the file of standard error
 AS_SERVICE = ["sh", "-c", 'JOURNAL_STREAM=$(stat -Lc %d:%i /proc/self/fd/2) exec "$@"', "sh"]
 
 

@@ -162,7 +162,7 @@ def test_the_direction_that_programs_see(canwired, can_socket, tmp_path, vxcan, 
 
 
 def test_the_counters_are_readable_in_the_service(tmp_path):
-    """Where /proc shows nothing but processes."""
+    """Counts interfaces where /proc shows only processes."""
     script = ('mount -t proc -o subset=pid,hidepid=invisible proc "$1" && '
               'grep -c : "$1/self/net/dev"')
     run = subprocess.run(["unshare", "-m", "sh", "-c", script, "sh", tmp_path], check=True,

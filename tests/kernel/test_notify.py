@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What canwired tells its service manager, and that it does not wait for it."""
+"""canwired reports to its service manager, and does not wait for it."""
 
 import signal
 import subprocess
@@ -89,7 +89,7 @@ def test_the_watchdog_is_not_fed_by_a_bus_that_stands(vcan, canwired, frozen_clo
     daemon = canwired(PAIR, WATCHDOG_USEC=WATCHDOG_US, **environment)
     wait_more(daemon, "WATCHDOG=1", 2)
     file.touch()
-    wait_more(daemon, "STATUS=", 1)  # what was fed before has come by now
+    wait_more(daemon, "STATUS=", 1)  # earlier messages have arrived by now
     fed = count(daemon, "WATCHDOG=1")
     wait_more(daemon, "STATUS=", 3)  # its loop is alive
     assert count(daemon, "WATCHDOG=1") == fed

@@ -204,7 +204,8 @@ RENAMINGS = 20
 
 
 def test_renaming_under_load_makes_no_echo(vcan, rig, can_socket):
-    """What the bus delivers to a port while it changes hands is no frame of the ECU."""
+    """Frames that the bus delivers to a port during a change of its node are not frames of the
+    ECU."""
     vcan(2)
     names = [GEARBOX, GEARBOX.replace("gearbox", "transmission")]
     texts = [bus(load("100#01, every: 150us"), ENGINE, name) for name in names]
@@ -427,7 +428,7 @@ def test_a_reload_takes_the_place_of_one_under_way(vcan, rig, can_socket):
     dash = can_socket("vcan2")
     assert len(dash.receive(3)) >= 3
     assert r.nodes()["load"]["tx_frames"] > before
-    # how many of a burst meet within a frame is up to the machine; see test_engine_reload.c
+    # the machine decides how many of a burst meet within a frame; see test_engine_reload.c
     assert 2 <= r.daemon.stop().count(RELOADED) <= 1 + BURST
 
 
@@ -527,7 +528,7 @@ def ask_by_file(r, *words, status=0):
 
 
 def test_a_bus_is_found_by_its_file(vcan, rig):
-    """What it refuses ends with 1, and another process at the socket is not asked."""
+    """A refused reload ends with 1, and another process at the socket is not asked."""
     vcan(3)
     r = rig(GOOD)
     pid = str(r.daemon.process.pid)

@@ -61,8 +61,8 @@ def test_kernel_isotp(rig, kernel_isotp, block_size):
     r.stop()
 
 
-# A node that nobody asks holds the bus for so long, once in a message of each direction: what is
-# written meanwhile is more than a short queue holds on any machine.
+# A node that no program uses occupies the bus for this time, once in a message of each direction.
+# Frames written meanwhile exceed a short queue on any machine.
 HELD = """  - {{ name: idiot }}
 faults:
   - {{ name: there, when: {{ frame: "7E0", skip: 100, count: 1 }}, do: {babble} }}
@@ -71,8 +71,8 @@ faults:
 
 
 def test_kernel_isotp_with_a_short_queue(rig, kernel_isotp):
-    """What a small controller would do, and the log says what to do about it; with blocks that the
-    queue can hold it works."""
+    """The queue of a small controller overflows, and the log has the remedy. Blocks that the queue
+    can hold work."""
     r = rig(client=", queue: 16", more=HELD)
     client, server = kernel_isotp()
     break_off(client, server, lambda: r.nodes()["client"]["dropped"]["queue-full"] > 0)
@@ -157,7 +157,7 @@ CONFIG = {**udsoncan.configs.default_client_config, "request_timeout": 60, "p2_t
 
 
 def answer(request):
-    """What an ECU says to the few services that it has."""
+    """Returns the answer of an ECU to the few services that it has."""
     if request[0] == 0x3E:
         return bytes([0x7E, request[1]])
     if request[0] == 0x22:

@@ -47,8 +47,8 @@ def test_noise_is_not_seen(rig, kernel_isotp):
 
 
 def test_an_ecu_that_is_cut_off_for_half_a_second(rig, kernel_isotp):
-    """Nobody acknowledges meanwhile, so the frame is repeated until the ECU is back, and the
-    transfer goes on: less than the second after which ISO-TP gives up."""
+    """No node acknowledges meanwhile, so the frame is repeated until the ECU is back. Then the
+    transfer goes on, before ISO-TP gives up after a second."""
     r = rig(more=rule("cut", "{ disconnect: server, for: 500ms }"))
     exchange(*kernel_isotp())
     client = r.nodes()["client"]
@@ -58,8 +58,8 @@ def test_an_ecu_that_is_cut_off_for_half_a_second(rig, kernel_isotp):
 
 
 def test_an_ecu_that_is_cut_off_for_two_seconds(rig, kernel_isotp):
-    """ISO-TP gives up. What is left of the transfer comes late and does no harm; the next goes
-    through."""
+    """ISO-TP gives up. The rest of the transfer comes late and does no harm; the next one
+    succeeds."""
     r = rig(more=rule("cut", "{ disconnect: server, for: 2s }"))
     client, server = kernel_isotp()
     break_off(client, server, lambda: r.nodes()["client"]["errors"]["ack"] > 0)
@@ -101,8 +101,9 @@ def test_a_server_that_goes_bus_off(rig, kernel_isotp, restart_ms):
 
 
 def test_transfers_go_on_after_canwired_was_stopped(vcan, canwired, kernel_isotp):
-    """Stopped for 1.1 s in the middle of long transfers, twice, with something due, so that the bus
-    skips the time: what was under way may fail, later ones do not, and nothing is lost."""
+    """The daemon is stopped for 1.1 s in the middle of long transfers, twice, with something due,
+    so that the bus skips the time. Transfers under way may fail, later ones do not, and nothing is
+    lost."""
     vcan(2)
     load = '  - { name: load, traffic: [ { send: "100#", every: 5ms } ] }\n'
     r = Rig(canwired(bus_text(more=load + "catch-up: 50ms\n")), "stacks")

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """The same file and seed give the same bytes: with each compiler, optimisation and machine word.
 
-`canwire sim` is built by gcc without and with all optimisation, and by clang; all that it writes is
+`canwire sim` is built by gcc without and with all optimisation, and by clang. All its outputs are
 compared, for each of the scenarios and for a large random one. The library alone is also built for
 32 bits: tests/determinism/digest.c runs random scenarios of the differential test and hashes all
-that comes out of them.
+their results.
 """
 
 import os

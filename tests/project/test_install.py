@@ -56,7 +56,7 @@ def tree(root):
 
 
 def populate(root):
-    """What a system has before: files of others, and folders with nothing in them."""
+    """Makes the earlier state of a system: files of others, and empty folders."""
     for name in ("usr/bin/other", "usr/share/man/man1/other.1", "usr/share/doc/other/README"):
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)

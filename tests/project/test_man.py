@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What --help, man pages and completion tell is the same, and the pages are well formed."""
+"""--help, man pages and completion agree, and the pages are well formed."""
 
 import json
 import os

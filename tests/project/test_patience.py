@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """No test depends on how busy the machine is.
 
-Whatever a test waits for it looks for again and again, with a limit that is no measure of speed; a
-stream is read until all is there. What looks otherwise has a word on its line: `# no wait: ...` for
-a pause that may be as long as it likes without anything else to come of it, `# whole: ...` for what
-one call reads as a whole, and `# poll: ...` for a short limit within a loop.
+A test that waits for an event checks for it again and again, with a limit that is no measure of
+speed. A stream is read to its end. An exception has a word on its line. `# no wait: ...` marks a
+pause whose length does not matter. `# whole: ...` marks data that one call reads as a whole. `#
+poll: ...` marks a short limit within a loop.
 """
 
 import ast

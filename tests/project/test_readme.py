@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What README.md and the pages beside it show is true: their YAML, output, links and length."""
+"""README.md and the pages beside it are true: their YAML, output, links and length."""
 
 import os
 import pathlib

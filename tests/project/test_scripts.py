@@ -113,7 +113,7 @@ class Soak:
         self.process = subprocess.Popen(  # pylint: disable=consider-using-with
             [copy_script("soak", root), "1s", "7", self.programs[1], "canwired"],
             stdout=subprocess.PIPE, text=True, start_new_session=True,
-            # what starts these tests in the background may have it ignored
+            # a program that starts these tests in the background may have it ignored
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
@@ -267,6 +267,6 @@ def test_all_tests_that_are_stopped_leave_nothing_behind(all_tests, tmp_path, nu
         time.sleep(0.02)
     one.process.send_signal(number)
     assert one.end()[0] == 128 + number
-    while any(runs(int(file.read_text())) for file in files):  # who has inherited them buries them
+    while any(runs(int(file.read_text())) for file in files):  # their new parent reaps them
         assert time.monotonic() < deadline, "they go on"
         time.sleep(0.02)

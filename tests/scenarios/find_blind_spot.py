@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Looks for frames in which two wrong bits go undetected (protocol digest, section 6).
 
-A flip that makes five equal bits turns the data bit behind them into a stuff bit; one that takes
-five equal bits apart turns their stuff bit into data. When both happen, what lies between is
-shifted by one bit, and for one frame in some thousands the CRC polynomial divides that difference.
-Prints frames as `canwire sim` takes them, the two wire bits (bit[N] of a fault rule) and what
-receivers then read; the first one takes about a minute.
+A flip that makes five equal bits turns the data bit behind them into a stuff bit. One that
+separates five equal bits turns their stuff bit into data. When both happen, the bits between are
+shifted by one bit. For one frame in some thousands the CRC polynomial divides that difference. The
+output has frames in the form of `canwire sim`, the two wire bits (bit[N] of a fault rule) and the
+frames of receivers. The first one takes about a minute.
 
     find_blind_spot.py [HOW_MANY [SEED]]
 """

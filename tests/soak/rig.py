@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a soak acts on: interfaces, a canwired with sanitizers, ECUs and clients at its socket."""
+"""The objects of a soak: interfaces, a canwired with sanitizers, ECUs and clients at its socket."""
 
 import collections
 import json
@@ -27,8 +27,8 @@ KEPT = 12  # clients, readers: then the oldest goes
 SMALL_BUFFER = 4096  # of readers that do not read
 CAN_RAW_ERR_FILTER = 2  # not in every Python
 SANITIZERS = {
-    # freed memory is kept back to find uses of it: a little, so that memory in use can be told
-    # the runtime does not come first: heap.c does
+    # ASan keeps freed memory to find uses of it, but only a little, so that the memory in use is
+    # visible. heap.c comes before the runtime.
     "ASAN_OPTIONS": "detect_leaks=1:quarantine_size_mb=4:thread_local_quarantine_size_kb=64"
                     ":verify_asan_link_order=0",
     "UBSAN_OPTIONS": "print_stacktrace=1",
@@ -37,7 +37,7 @@ ECU_ENDS = {name: name for name in INTERFACES} | {"vx0": "vx0e"}
 
 
 class Trouble(Exception):
-    """What must not be."""
+    """A violation."""
 
 
 class Client:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What the soak does, as a function of its seed alone: an endless list of random actions.
+"""The actions of the soak, as a function of its seed alone: an endless random list.
 
-Nothing here looks at the bus, the clock or the machine. So the same seed is the same schedule, and
-what an action finds when its time has come (a rule that is gone, an interface that is away) does
-not change those after it.
+Nothing here looks at the bus, the clock or the machine. So the same seed is the same schedule. The
+state that an action finds (a missing rule, a missing interface) does not change later actions.
 """
 
 import json
@@ -33,7 +32,7 @@ class Action(NamedTuple):
         return f"{self.pause_s:.3f} {self.name} {json.dumps(self.arguments)}"
 
 
-# How often each comes; at first there is one of each, in any order.
+# Frequencies of the actions; at first there is one of each, in any order.
 WEIGHTS = {
     "burst": 40, "garbage_frames": 5, "reader": 4, "unix_ecu": 6,
     "inject": 16, "bad_inject": 3, "clear": 6, "clear_all": 2, "fire": 3, "rules_shown": 1,
@@ -102,7 +101,8 @@ class Schedule:
                 "seed": self.random.randrange(1 << 32)}
 
     def garbage_frames(self):
-        """What is no frame for a classical bus: error frames, FD frames, bad identifiers."""
+        """Writes objects that are no frames for a classical bus: error frames, FD frames, bad
+        identifiers."""
         return {"port": self.random.choice((*INTERFACES, UNIX)),
                 "count": self.random.randint(1, 30), "seed": self.random.randrange(1 << 32)}
 
@@ -336,7 +336,7 @@ class Schedule:
 
 
 def base_config():
-    """What the soak begins with and comes back to."""
+    """Returns the initial configuration, to which the soak returns."""
     nodes = [{"name": name, "port": port, "restart-ms": 100} for name, port in PORTS.items()]
     nodes[0]["berr-reporting"] = True
     nodes[0]["lost-arbitration-reporting"] = True

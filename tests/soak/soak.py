@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Random traffic, faults, commands and mishaps for a canwired with sanitizers, for minutes or days.
 
-Run with: scripts/guest -t 900 -- build/venv/bin/python tests/soak/soak.py --time 10m
-(`make soak` does so.) The actions follow from the seed (schedule.py). All the time canwired must
-live, answer, and have no frame unaccounted for; twice everything calms down, and then each ECU must
-reach each other, and canwired hold as much memory and as many files the second time as the first.
-In the end it is stopped in the middle of it all.
+Run with: scripts/guest -t 900 -- build/venv/bin/python tests/soak/soak.py --time 10m (`make soak`
+does so.) The actions follow from the seed (schedule.py). All the time canwired must live, answer,
+and have no frame unaccounted for. Twice the traffic stops; then each ECU must reach each other.
+canwired must hold as much memory and as many files the second time as the first. In the end it is
+stopped under full traffic.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from schedule import PORTS, WEIGHTS, Schedule
 from canbits import CLASSIC, Frame  # of tests/kernel
 
 HEAP_SLACK_KIB = 128
-# What ASan keeps back and does not give back, its records of stacks: they grow less and less.
+# ASan keeps some memory for good, its records of stacks, which grow more and more slowly.
 MEMORY_SLACK_KIB = 32768
 WARM_UP = 2 * len(WEIGHTS)  # actions before memory is measured; each kind is among them
 CHECK_EACH = 4  # actions
@@ -49,7 +49,7 @@ def read_time(text):
 
 
 def check_node(node):
-    """What the node itself says, and what can be added up from outside."""
+    """Checks the node's own result, and the sums that others can compute."""
     dropped, rx_dropped = (sum(node[key].values()) for key in ("dropped", "rx_dropped"))
     came = node["handed_in"] + node["made_by_rules"]
     went = node["tx_frames"] + node["queue"] + node["held"] + dropped
@@ -69,7 +69,7 @@ def check_status(status, before):
 
 
 def check_text(text):
-    """What canwired wrote."""
+    """Checks the messages of canwired."""
     for report in REPORTS:
         if report in text:
             raise Trouble(f"canwired reports: {report}")
@@ -109,7 +109,7 @@ class Soak:
         return time.monotonic() - self.begin
 
     def part(self):
-        """How much of the run is over, 0 to 1."""
+        """Returns the completed part of the run, 0 to 1."""
         return self.done / self.limit if self.limit else self.elapsed() / self.seconds
 
     def act(self):

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * hanging_disk.c - to be preloaded: while there is a file $HANG, whoever opens or reads a file
- * whose path has the text in it that $HANG holds waits, as for a network file system that does not
- * answer. Then there is also a file $HANG.waits.
+ * hanging_disk.c - to be preloaded. While a file $HANG exists, a call that opens or reads a file
+ * waits if the path contains the text in $HANG. So a network file system behaves that does not
+ * answer. A file $HANG.waits exists during the wait.
  */
 #define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>
@@ -29,7 +29,7 @@ static __attribute__((constructor)) void find(void)
     real_read = (read_function *)dlsym(RTLD_NEXT, "read");
 }
 
-/* Whether $HANG says so of a path. */
+/* Returns true when $HANG selects a path. */
 static bool hangs(const char *flag, const char *path)
 {
     char text[PATH_MAX] = "";
@@ -80,7 +80,7 @@ int open(const char *path, int flags, ...)
     return real_open(path, flags, mode);
 }
 
-/* What hardened programs call. */
+/* The function that hardened programs call. */
 int __open_2(const char *path, int flags);
 int __open_2(const char *path, int flags)
 {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of `canwire sim` and its relatives share: the tool and canwired, run to their end.
+"""The shared parts of the tests of `canwire sim` and its relatives: the tool and canwired, run to
+their end.
 
 CANWIRE is the tool, by default build/release/canwire; canwired is the one beside it.
 """
@@ -30,7 +31,7 @@ def canwire(*arguments, status=0, cwd=None):
 
 
 def answer(folder, *arguments, status=0):
-    """What the tool says: on standard error when it is to fail."""
+    """Returns the output of the tool: that on standard error when it is to fail."""
     result = canwire(*arguments, status=status, cwd=folder)
     return result.stdout if status == 0 else result.stderr
 
@@ -48,13 +49,13 @@ def stats(*arguments):
 
 
 def raw(frame):
-    """What `canwire bits` says, with the ACK that another node gives."""
+    """Returns the bits of `canwire bits`, with the ACK of another node."""
     bits = canwire("bits", frame, "--raw").stdout.strip()
     return bits[:-9] + "0" + bits[-8:]
 
 
 def listens(path):
-    """Whether somebody listens at a socket; its file is there a moment before."""
+    """Returns True when a program listens at a socket, whose file exists a moment before."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         return client.connect_ex(str(path)) == 0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests under a real systemd share: canwire installed, and buses as units.
+"""The shared parts of the tests under a real systemd: canwire installed, and buses as units.
 
 Run with: make build man deb
           scripts/guest --systemd -- build/venv/bin/python -m pytest tests/systemd
@@ -81,7 +81,7 @@ class Bus:
         self.config.write_text(text)
 
     def carries(self):
-        """Whether a frame gets from one ECU to the other."""
+        """Returns True when a frame gets from one ECU to the other."""
         with can_socket(f"{self.name}0") as a, can_socket(f"{self.name}1") as b:
             a.send(FRAME.pack())
             return Frame.unpack(b.recv(16)) == FRAME  # whole: a frame
@@ -99,7 +99,7 @@ class Bus:
         return json.loads(run("canwire", "status", self.name, "--json"))
 
     def messages(self, *matches):
-        """What the journal has of canwired, as dicts of fields."""
+        """Returns the messages of canwired in the journal, as dicts of fields."""
         run("journalctl", "--sync")
         text = run("journalctl", "-o", "json", "--no-pager", f"_SYSTEMD_UNIT={self.unit}", *matches)
         return [json.loads(line) for line in text.splitlines()]

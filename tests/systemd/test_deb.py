@@ -10,9 +10,9 @@ import pytest
 
 from conftest import PAIR, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, Bus, run, systemctl
 
-ELSEWHERE = ["/etc", "/run", "/var"]  # where a package may leave what it does not list
+ELSEWHERE = ["/etc", "/run", "/var"]  # folders in which a package may leave unlisted files
 NOT_OURS = ["/run/systemd", "/run/log", "/run/lock", "/var/lib/dpkg", "/var/lib/apt", "/var/cache",
-            "/var/log", "/var/backups"]  # what systemd and dpkg keep of their own
+            "/var/log", "/var/backups"]  # files of systemd and dpkg
 
 
 @pytest.fixture(scope="module", name="package")

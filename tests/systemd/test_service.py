@@ -17,7 +17,7 @@ from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_
 EXPOSURE_MAX = 1.5  # of 10
 WATCHDOG = "[Service]\nWatchdogSec=4s\n"  # the tests need not wait for so long
 PROBE = Path("/run/probe.py")
-PROBED = Path("/run/canwire/probed")  # what it found
+PROBED = Path("/run/canwire/probed")  # findings of the probe
 
 
 @pytest.fixture(scope="module", autouse=True)

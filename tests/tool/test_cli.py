@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Wrong command lines: a wrong form ends with status 2, a bad value or file with 1.
 
-One table over all subcommands of canwire, and canwired. What a bus that runs refuses is tested with
-one, in tests/kernel/test_control.py. Needs no CAN in the kernel.
+One table over all subcommands of canwire, and canwired. tests/kernel/test_control.py tests the
+refusals of a running bus. Needs no CAN in the kernel.
 """
 
 import fcntl
@@ -210,7 +210,7 @@ def test_letters_of_options_may_stand_together():
 
 
 def on_terminal(*words, columns, **environment):
-    """What canwire writes to a terminal of that width."""
+    """Returns the output of canwire on a terminal of that width."""
     outside, inside = pty.openpty()
     fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("4H", 24, columns, 0, 0))
     environment = {k: v for k, v in os.environ.items()
@@ -329,7 +329,7 @@ def test_no_bus_at_all(tmp_path):
     assert (result.returncode, result.stderr) == (0, f"canwire: no bus in {tmp_path}\n")
 
 
-CONTROLS = "\x1b[31m\x9b\x7f"  # what a terminal obeys
+CONTROLS = "\x1b[31m\x9b\x7f"  # characters that a terminal obeys
 
 
 @pytest.mark.parametrize("words", [

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""`expect` in a scenario: what `canwire sim` says of it, as text, JUnit XML and exit status.
+"""`expect` in a scenario: the report of `canwire sim`, as text, JUnit XML and exit status.
 
-Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire. What each kind of
-expectation makes of events is in tests/unit/test_expect.c.
+Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire.
+tests/unit/test_expect.c has the effects of events on each kind of expectation.
 """
 
 import re

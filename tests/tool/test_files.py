@@ -229,7 +229,7 @@ def test_no_recording_is_another(folder, records, named):
     assert not (folder / "a.log").exists()
 
 
-# What is recorded, and the socket, or its lock, that would go with it.
+# The recording, and the socket, or its lock, that has the same file.
 SOCKETS = {
     "control, rotated": ("file: rec.log, files: 3", "control: rec.log.1",
                          ["record rec.log, which is rotated to rec.log.1,", "control rec.log.1 "]),

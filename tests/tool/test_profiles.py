@@ -29,7 +29,7 @@ profiles: [ {{ file: {file}, with: {{ {parameters} }} }} ]
 
 
 class Run:
-    """What a simulation told."""
+    """The report of a simulation."""
 
     def __init__(self, events, stats):
         self.events = events

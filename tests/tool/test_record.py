@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """`record` in canwired and `canwire record`: what ends up in the files, and who can read them.
 
-Nodes have traffic of their own here, so this needs no CAN in the kernel; recordings of real ECUs, a
-full disk and load are in tests/kernel/test_record.py. CANWIRE and CANWIRED are the programs.
+Nodes have traffic of their own here, so these tests need no CAN in the kernel. Recordings of real
+ECUs, a full disk and load are in tests/kernel/test_record.py. CANWIRE and CANWIRED are the
+programs.
 """
 
 import json

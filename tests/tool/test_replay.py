@@ -369,7 +369,7 @@ def test_a_bad_line_ends_the_run_with_its_place(write, tmp_path):
 
 PCAPNG_HEAD = bytes.fromhex("0a0d0d0a1c0000004d3c2b1a01000000ffffffffffffffff1c000000")
 
-# What a recording is, the place of what is wrong in it, and what is said there.
+# Bad recordings, the place of the error in each, and its message.
 BAD_RECORDINGS = {
     "candump": (b"(1.0) a 123#\n(1.1) a 1234#\n", ":2:9: ", "3 hexadecimal digits"),
     "candump time": (b"(1.0 a 123#\n", ":1:1: ", "(1436509052.249713)"),
@@ -464,7 +464,7 @@ faults:
   - { name: bits, when: { frame: 124, count: 40 }, do: { flip: crc-delimiter, at: [tx] } }
 """
 
-AWAITED = [  # what is awaited, the event that the run ends with
+AWAITED = [  # awaited event, event at the end of the run
     ("error", {"event": "error", "node": "tx", "role": "tx"}),
     ("c:error", {"event": "error", "node": "c"}),
     ("tx:error-passive", {"event": "state", "node": "tx", "state": "error-passive"}),
@@ -661,7 +661,7 @@ def slow_run(path, tmp_path, stderr, first=0):
     process = subprocess.Popen(
         [CANWIRE, "sim", path, "--until", "3s", "--events", tmp_path / "events"],
         stdout=subprocess.PIPE, stderr=stderr,
-        # where tests run in the background SIGINT is ignored, and a child would inherit that
+        # SIGINT is ignored for tests in the background, and a child would inherit that
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     threading.Timer(1.5, reader.proceed.set).start()  # nothing is told in the first second
     return process, reader

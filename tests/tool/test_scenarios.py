@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Scenarios: a configuration each, and the exact events that `canwire sim` must give for it.
 
-The traces in tests/scenarios were worked out from the protocol digest by counting bits, not copied
-from the tool; the comment at the top of each YAML file says why they are right. A line
-`# arguments: ...` in it is given to `canwire sim`. Needs no CAN in the kernel. CANWIRE is the tool,
-by default build/release/canwire.
+The traces in tests/scenarios follow from the protocol digest by counting bits; they are not copied
+from the tool. The comment at the top of each YAML file gives the reasons. A line `# arguments: ...`
+in it is given to `canwire sim`. Needs no CAN in the kernel. CANWIRE is the tool, by default
+build/release/canwire.
 """
 
 import difflib
@@ -77,7 +77,7 @@ def scenario(name):
     return path, *arguments_of(path)
 
 
-# What the statistics say of a scenario: (scenario, node or None for the bus, key, value).
+# Expected statistics of scenarios: (scenario, node or None for the bus, key, value).
 COUNTED = [
     ("blind-spot-seed", None, "undetected_errors", 2),
     ("blind-spot-seed", "b", "undetected_errors", 1),

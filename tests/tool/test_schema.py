@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: MIT
 """The JSON schema for editors and the loader (`canwire check`) agree.
 
-On all files of tests/config, config and config/profiles, and on thousands of files that differ from
-the good ones in one place. What only the loader can know (names that do not exist, duplicates) is
-listed in SEMANTIC; a bad file with nothing else in it says "only the loader" in a comment.
+They agree on all files of tests/config, config and config/profiles, and on thousands of files that
+differ from the good ones in one place. SEMANTIC lists errors that only the loader can find (missing
+names, duplicates). A bad file with no other errors says "only the loader" in a comment.
 
-Scalars are read as the loader does, which does not care for quotes: a number is what is written as
-one (a decimal integer without sign and leading 0). So a pattern of the schema is held against what
-is written, numbers included, and `on` is no boolean as it was in YAML 1.1.
+Scalars are read as by the loader, which ignores quotes. A number is any decimal integer without
+sign and leading 0. So a pattern of the schema applies to the written text, numbers included, and
+`on` is no boolean as it was in YAML 1.1.
 """
 
 import json
@@ -30,7 +30,7 @@ SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())
 MUTANTS_MAX = 250  # of one file; drawn with a fixed seed
 DEPTH_MAX = 40
 
-# What the loader finds and the schema cannot.
+# Errors that the loader finds and the schema cannot.
 SEMANTIC = [
     "there is no node", "there is no rule", "duplicate", "cannot come after itself",
     "is too long for one",
@@ -182,7 +182,8 @@ def text_node(text):
 def places(node):
     """Each change that can be made in a tree: the list of a node, and what it becomes.
 
-    What a parameter stands for only the loader knows, so that their values stay as they are."""
+    Only the loader knows the meaning of a parameter, so that values of parameters stay
+    unchanged."""
     if isinstance(node, yaml.MappingNode):
         yield from map_changes(node)
         for i, (key, value) in enumerate(node.value):

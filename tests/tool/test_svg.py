@@ -179,7 +179,7 @@ def test_states_and_passive_flags(write):
         "TEC 124, error-warning", "bit error, TEC 132, error-passive", "bit error, TEC 140"]
     assert "passive error flag" in shown.texts("label", "a")
     assert shown.fields("a").count("suspend") >= 2  # one may go over the end of a row
-    assert "error-passive" in shown.text  # where a row begins so
+    assert "error-passive" in shown.text  # at the beginning of a row
     assert len(shown.classed("fault", shown.classed("wire")[0])) == 1
     assert shown.hits()[1] == ["weak", "hit", "hit"]
 

@@ -341,7 +341,7 @@ def test_sigrok_decodes_the_wire(write, tmp_path):
 
 
 def sigrok_levels(path, line):
-    """What sigrok takes from a dump, a level for each unit of it."""
+    """Returns the levels that sigrok reads from a dump, one for each unit."""
     shown = subprocess.run(["sigrok-cli", "-l", "1", "-i", str(path), "-C", line, "-O", "csv"],
                            capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
     return "".join(level for level in shown.splitlines() if level in ("0", "1"))

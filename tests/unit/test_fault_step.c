@@ -88,8 +88,8 @@ static void matches_count_with_their_bits(void **state)
     }
 }
 
-/* A frame that comes in the first bit of another one ends the frame step over it (M6). The frame step
- * goes on later, up to the bits of the rules that are bound by then. */
+/* A frame that comes in the first bit of another one ends the frame step over it (M6). The frame
+ * step goes on later, up to the bits of the rules that are bound by then. */
 static rig *run_joined_frames(unsigned every, bool stepping)
 {
     rig *r = rig_new(3);

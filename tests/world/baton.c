@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 #define ACTORS_MAX 64u
-#define CALL_NS 300             /* what a call costs beside its work */
+#define CALL_NS 300             /* cost of a call besides its work */
 #define LONG_WORK_NS (200 * MS) /* without a call: too much for a bus in real time */
 #define REAL_PATIENCE_S 120     /* for a life that does not give the baton back */
 #define SLICE_NS (1 * MS)       /* of a processor, when others want it, too */
@@ -367,7 +367,7 @@ static int64_t task_time(const world_task *t)
     return ns;
 }
 
-/* Who has the baton keeps it no longer than until others have been waiting for a while. */
+/* A task keeps the baton no longer than until others have been waiting for a while. */
 static void set_limit(const world_task *t)
 {
     world->others_ns = NEVER;
@@ -405,7 +405,7 @@ static void give_baton(world_task *t)
         life_reap(t->life);
 }
 
-/* Who comes first; of those whose time has come any. */
+/* Finds the next task or actor; of several whose time has come, any. */
 static int64_t find_next(world_task **task, actor **who)
 {
     int64_t first_ns = NEVER;

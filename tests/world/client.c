@@ -84,7 +84,7 @@ static void ask(client *c, const char *line)
 
 /* ---- Watching -------------------------------------------------------------------------------- */
 
-/* Whether the other end has gone. */
+/* Returns true when the other end has gone. */
 static bool read_into(client *c, text *t)
 {
     char piece[65536];

@@ -27,7 +27,7 @@ static void log_name(char out[32], int life)
 
 /* ---- Start ----------------------------------------------------------------------------------- */
 
-/* What it would get from the service manager, and nothing of the world's own. */
+/* Gives the process only the settings of a service manager, and nothing of the world. */
 static void prepare_process(int life)
 {
     char name[32];
@@ -202,7 +202,7 @@ unsigned file_number(uint64_t identity)
     return i;
 }
 
-/* What was not synced may be on the disk or not. */
+/* Cuts a file: data that was not synced may be on the disk or not. */
 static void cut_file(const char *name)
 {
     struct stat s;

@@ -86,7 +86,7 @@ static void run_story(void)
     world_run(world->now_ns + the_story.length_ns);
     operator_quiet();
     ecus_quiet();
-    world_run(world->now_ns + QUIET_NS / 2); /* what is on its way arrives */
+    world_run(world->now_ns + QUIET_NS / 2); /* data on its way arrives */
     clients_quiet();
     world_run(world->now_ns + QUIET_NS);
     ecus_drain();
@@ -121,7 +121,7 @@ static uint64_t run_seed(unsigned long long seed, const options *o)
     return world->digest;
 }
 
-/* Whether all was right. */
+/* Returns true when the run had no violation. */
 static bool try_seed(unsigned long long seed, const options *o, const char *program)
 {
     uint64_t digest = run_seed(seed, o);

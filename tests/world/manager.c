@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * manager.c - the service manager: starts canwired, starts it again when it fails, listens to what
- * it says of itself, and does not wait for ever for its end.
+ * manager.c - the service manager. It starts canwired, and again after a failure. It reads the
+ * messages of canwired about its state, and does not wait for ever for its end.
  */
 #include "world.h"
 

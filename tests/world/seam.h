@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * seam.h - what the parts of the seam share: the calls of canwired (and of libev) that do not go to
- * the C library but to seam_NAME here. Makefile renames them, from the list in `calls`.
+ * seam.h - the shared part of the seam. Some calls of canwired (and of libev) do not go to the C
+ * library but to seam_NAME here. Makefile renames them, from the list in `calls`.
  */
 #ifndef CANWIRE_TESTS_WORLD_SEAM_H
 #define CANWIRE_TESTS_WORLD_SEAM_H
@@ -28,7 +28,7 @@ typedef struct seam_fd {
     char path[64];  /* of FD_FILE, below WORLD_ROOT */
 } seam_fd;
 
-/* What is known of a file descriptor of this life. */
+/* Return the data of a file descriptor of this life. */
 seam_fd *seam_fd_of(int fd);
 int seam_new_fd(int fd, fd_kind kind); /* returns fd */
 

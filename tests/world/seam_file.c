@@ -76,8 +76,8 @@ static void complain_of_wait(const char *path, const char *call)
         world_complain("the thread of the bus waits in %s(%s)", call, path);
 }
 
-/* A reader of a FIFO waits for somebody who writes, even across signals whose actions say
- * SA_RESTART; and so does a call on a mount that does not answer. */
+/* Waits for a disk. A reader of a FIFO waits for a writer, even across signals whose actions say
+ * SA_RESTART. So does a call on a mount that does not answer. */
 static void wait_for_disk(const char *path, const char *call)
 {
     world_my_life()->disk_failed = true;
@@ -311,8 +311,8 @@ SEAM(int, close, int fd)
         return result;                                                                             \
     } while (0)
 
-/* Inodes in the order in which they were seen: those of the kernel differ from run to run, and the
- * work of who sorts by them with them. */
+/* Numbers inodes in the order of their first use. The kernel's numbers differ from run to run, and
+ * so would the work of a program that sorts by them. */
 static void number_inode(int result, int folder, const char *path, struct stat *s, int flags)
 {
     if (world_inside && result == 0)

@@ -23,8 +23,8 @@ typedef struct own_address {
     socklen_t size;
 } own_address;
 
-/* A path below WORLD_ROOT is one in the folder of the world; a name in the abstract namespace gets
- * the folder before it, for that namespace belongs to all. */
+/* Converts an address. A path below WORLD_ROOT is one in the folder of the world. A name in the
+ * abstract namespace, which all programs share, gets the folder as a prefix. */
 static void to_own(own_address *own, const struct sockaddr *address, socklen_t size)
 {
     const struct sockaddr_un *un = (const struct sockaddr_un *)address;
@@ -205,7 +205,7 @@ SEAM(ssize_t, send, int fd, const void *bytes, size_t size, int flags)
     return count_sent(fd, bytes, size, send(fd, bytes, size, flags));
 }
 
-/* What it says to the service manager counts from now on. */
+/* Notes messages to the service manager, which count from now on. */
 static void note_state(const char *text, size_t size)
 {
     static const char ready[] = "READY=1", stopping[] = "STOPPING=1";

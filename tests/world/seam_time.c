@@ -132,7 +132,7 @@ int64_t seam_ring_timers(void)
 
 /* ---- Waiting --------------------------------------------------------------------------------- */
 
-/* How much CPU time the event loop has taken since it waited last. */
+/* Measures the CPU time of the event loop since its last wait. */
 static void end_turn(void)
 {
     world_task *t = world_me();
@@ -143,7 +143,7 @@ static void end_turn(void)
     t->turn_cpu_ns = t->cpu_ns;
 }
 
-/* Which of several comes first says nobody. */
+/* Shuffles events: the kernel does not define the order of several. */
 static void shuffle(struct epoll_event *events, int count)
 {
     for (int i = count - 1; i > 0; i--) {

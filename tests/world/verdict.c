@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * verdict.c - whether all was right: how lives ended, what they left behind, that their journals
- * run again to the byte, and that frames are conserved, as seen from outside.
+ * verdict.c - checks all results: the ends of lives, their files, and their journals, whose runs
+ * must be equal to the byte. Frames must be conserved, as seen from outside.
  */
 #include "resim.h"
 #include "world.h"
@@ -102,7 +102,7 @@ static size_t line_length(const char *at)
     return length + (at[length] == '\n');
 }
 
-/* What the simulation does not have: the daemon's own words. */
+/* Returns true for messages of the daemon that the simulation lacks. */
 static bool is_foreign(const char *line)
 {
     return strncmp(line, "{\"ok\"", 5) == 0 || strncmp(line, "{\"lost\"", 7) == 0 ||
@@ -127,8 +127,8 @@ static const char *next_watched(const char **at, size_t *length, bool *gap)
     return NULL;
 }
 
-/* What was watched is found in the events of the journal, line by line: first anywhere, then, where
- * nothing was lost, at once. A journal that breaks off has no more to compare with. */
+/* Finds the watched lines in the events of the journal: the first anywhere, the next ones, without
+ * a loss, directly behind it. A journal that breaks off has no more lines to compare. */
 static void compare_watched(const resim *run, int life, bool whole)
 {
     size_t size, length;

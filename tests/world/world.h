@@ -3,10 +3,10 @@
  * world.h - a world for canwired: its clocks, disk, sockets, signals, threads and service manager,
  * in virtual time, from a seed.
  *
- * canwired's own code runs unchanged; only what it calls of the C library is ours (`calls`). Files
- * and Unix sockets are the kernel's own, in a folder of the world, since what they do when two
- * daemons meet must be what Linux does; what is ours is when something happens, how late, how much
- * of it, and what is refused.
+ * canwired's own code runs unchanged; only its calls of the C library are ours (`calls`). Files and
+ * Unix sockets are the kernel's own, in a folder of the world, since they must behave as in Linux
+ * when two daemons meet. The world decides the time of each operation, its delay, its size, and
+ * refusals.
  *
  * Each life of a daemon is a process, forked from the world. One task (a thread of a life, or the
  * world itself) runs at a time: it holds the baton, and gives it back at calls. All that is drawn
@@ -29,7 +29,7 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-#define WORLD_ROOT "/world/" /* what daemons see; it is the folder that the world stands in */
+#define WORLD_ROOT "/world/" /* root of the daemons' paths; it is the folder of the world */
 #define TASKS_MAX 96u
 #define LIVES_MAX 24u
 #define CONNECTIONS_MAX 1024u
@@ -43,7 +43,7 @@
 
 typedef enum task_state { TASK_NONE, TASK_READY, TASK_BLOCKED, TASK_DONE } task_state;
 
-/* What a task is blocked in. */
+/* The reason why a task is blocked. */
 typedef enum wait_kind {
     WAIT_FD,   /* any of its file descriptors: others poke it */
     WAIT_LOCK, /* a mutex or a condition: `object` */
@@ -87,7 +87,7 @@ typedef struct world_life {
     int64_t longest_turn_ns;  /* CPU time of its event loop between two waits */
     uint64_t journal;         /* its file, see file_identity() */
     uint64_t log_read;        /* bytes of its log that the world has seen */
-    char complaint[200];      /* what the seam itself found wrong */
+    char complaint[200];      /* violation that the seam itself found */
 } world_life;
 
 /* Of an ECU or client, by the name that its socket has. */
@@ -130,7 +130,7 @@ typedef struct world_state {
     uint64_t digest;   /* of the trace */
     uint64_t calls;
     atomic_int back;
-    /* how the machine is */
+    /* the state of the machine */
     unsigned work_ps;            /* picoseconds a piece of work (a basic block) */
     unsigned preempt_permille;   /* at a call */
     unsigned late_us;            /* wake-ups, at most, most of the time */
@@ -269,7 +269,7 @@ void clients_drain(void);
 void operator_add(void);
 void operator_quiet(void);
 
-/* What they have seen. */
+/* The frames that they have seen. */
 typedef struct ecu_seen {
     uint64_t sent; /* in this connection to this life */
     uint64_t received;
@@ -283,8 +283,8 @@ typedef struct ecu_seen {
 const ecu_seen *ecu_seen_of(unsigned ecu, int life);
 const char *client_watched(int life, size_t *size); /* lines of JSON */
 
-/* The last status of a life that was asked for and given while all was quiet, or NULL; and how many
- * frames each ECU had got when it was asked for and when it came. */
+/* The last status of a life that was requested and given while all was quiet, or NULL. It has the
+ * number of frames that each ECU had got at the request and at the reply. */
 typedef struct quiet_status {
     char *text;
     uint64_t before[ECUS_MAX];
