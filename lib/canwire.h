@@ -31,19 +31,19 @@
 #define CW_RULE_FILTERS_MAX 8      /* frame filters of one rule */
 #define CW_RULE_NAME_MAX 64        /* bytes of a rule name that count, the rest is ignored */
 #define CW_CLOCK_HZ 80000000u      /* one tick is 1 / 80 MHz = 12.5 ns */
-#define CW_NEVER UINT64_MAX        /* a tick that does not come */
+#define CW_NEVER UINT64_MAX        /* a tick that never comes */
 
 typedef enum cw_status {
     CW_OK = 0,
     CW_FULL,     /* no room: poll events (advance) or advance the bus (send), then call again */
     CW_INVALID,  /* an argument is outside its documented range; nothing was changed */
     CW_REFUSED,  /* not possible in the present state; nothing was changed */
-    CW_AGAIN,    /* stopped before the end, for others to have their turn: call again */
+    CW_AGAIN,    /* stopped early, so that others get their turn: call again */
 } cw_status;
 
 /* ---- Bits and time --------------------------------------------------------------------------- */
 
-/* How long bits are. Only the functions here, and lib/time, look into it: all others ask them. */
+/* The length of bits. Only the functions here and lib/time read its field; all others call them. */
 typedef struct cw_rate {
     uint32_t bit_ticks;
 } cw_rate;
@@ -54,44 +54,46 @@ static inline cw_rate cw_rate_of(uint32_t bit_ticks)
     return (cw_rate){.bit_ticks = bit_ticks};
 }
 
-/* How long so many bits last. The product must fit into 64 bits. */
+/* Returns the ticks that so many bits last. The product must fit into 64 bits. */
 static inline uint64_t cw_rate_ticks(cw_rate rate, uint64_t bits)
 {
     return bits * rate.bit_ticks;
 }
 
-/* The same for any number of bits; CW_NEVER for more than there is time for. */
+/* Returns the same for any number of bits, and CW_NEVER beyond the end of time. */
 static inline uint64_t cw_rate_ticks_or_never(cw_rate rate, uint64_t bits)
 {
     uint64_t ticks;
     return __builtin_mul_overflow(bits, rate.bit_ticks, &ticks) ? CW_NEVER : ticks;
 }
 
-/* The whole bits in so many ticks. */
+/* Returns the number of whole bits in so many ticks. */
 static inline uint64_t cw_rate_bits(cw_rate rate, uint64_t ticks)
 {
     return ticks / rate.bit_ticks;
 }
 
-/* The bits that begin in so many ticks, of which the first one begins with them. */
+/* Returns the number of bits that begin in so many ticks, the first of them at the first tick. */
 static inline uint64_t cw_rate_bits_begun(cw_rate rate, uint64_t ticks)
 {
     return ticks / rate.bit_ticks + (ticks % rate.bit_ticks != 0);
 }
 
-/* The tick at which the bit begins that holds a tick. The first bit of a bus begins at tick 0. */
+/* Returns the tick at which the bit begins that contains a tick. The first bit of a bus begins at
+ * tick 0. */
 static inline uint64_t cw_rate_bit_begin(cw_rate rate, uint64_t tick)
 {
     return tick - tick % rate.bit_ticks;
 }
 
-/* The first tick at or after another at which a bit begins; CW_NEVER beyond the end of time. */
+/* Returns the first tick at or after another at which a bit begins; CW_NEVER beyond the end of
+ * time. */
 static inline uint64_t cw_rate_next_bit(cw_rate rate, uint64_t tick)
 {
     return cw_rate_ticks_or_never(rate, cw_rate_bits_begun(rate, tick));
 }
 
-/* So many ticks after another; what would be beyond the end of time does not come. */
+/* Returns the tick that is so many ticks after another; CW_NEVER beyond the end of time. */
 static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
 {
     return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
@@ -112,19 +114,21 @@ typedef struct cw_frame {
     uint8_t data[CW_FRAME_DATA_MAX]; /* the first cw_frame_length() bytes count */
 } cw_frame;
 
-/* Bytes in the data field: 0 for a remote frame, 8 for DLC 9..15 (F3, F4). */
+/* Returns the bytes in the data field: 0 for a remote frame, 8 for DLC 9..15 (F3, F4). */
 unsigned cw_frame_length(const cw_frame *frame);
 
-/* Whether the frame can go onto a classical bus: identifier in range, DLC <= 15, no FD flag. */
+/* Returns true when a classical bus can carry the frame: identifier in range, DLC <= 15, no FD
+ * flag. */
 bool cw_frame_valid(const cw_frame *frame);
 
-/* Whether the two frames are the same on the wire: id, format, remote, DLC and the data bytes. */
+/* Returns true when both frames are the same on the wire: id, format, remote, DLC and data
+ * bytes. */
 bool cw_frame_equal(const cw_frame *a, const cw_frame *b);
 
 /* ---- Random numbers -------------------------------------------------------------------------- */
 
-/* Number n of the stream that a name has under a seed, as fault rules have theirs: a stream depends
- * on nothing else. At most CW_RULE_NAME_MAX bytes of the name count. */
+/* Returns number n of the random stream that belongs to a name under a seed. Fault rules have such
+ * streams. A stream depends on nothing else. At most CW_RULE_NAME_MAX bytes of the name count. */
 uint64_t cw_random(uint64_t seed, const char *name, uint64_t n);
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -156,19 +160,20 @@ typedef enum cw_field {
     CW_FIELD_COUNT
 } cw_field;
 
-/* The name used in events and fault rules ("ack-delimiter"), a constant string. */
+/* Returns the name used in events and fault rules ("ack-delimiter"), a constant string. */
 const char *cw_field_name(cw_field field);
 
-/* Bits of the field where it is longest; 0 where the field has no end of its own: flags and
- * delimiters, and what counts stuff bits or all bits. */
+/* Returns the most bits that the field can have. Returns 0 for flags and their delimiters, which
+ * have no end of their own, and for CW_FIELD_STUFF and CW_FIELD_BIT. */
 unsigned cw_field_bits(cw_field field);
 
-/* Where a bit stands. A stuff bit has the field and index of the bit before it (F7). */
+/* The place of a bit. A stuff bit has the field and index of the bit before it (F7). */
 typedef struct cw_place {
     cw_field field;
     uint8_t index;
     bool stuff;
-    bool extended; /* surely in an extended frame: as transmitter from its SRR, else after IDE */
+    bool extended; /* known to be in an extended frame: as transmitter from its SRR, else after
+                      IDE */
 } cw_place;
 
 /* ---- Wire bits of a frame -------------------------------------------------------------------- */
@@ -187,17 +192,17 @@ typedef struct cw_bits {
 /* Encodes a frame (F1..F7). Returns CW_INVALID, leaving *bits alone, when !cw_frame_valid(). */
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame);
 
-/* The length alone, in a third of the time: bits->length after cw_bits_encode(), SOF to EOF with
- * stuff bits; 0 when !cw_frame_valid(). */
+/* Returns the length alone, in a third of the time. It equals bits->length after cw_bits_encode():
+ * SOF to EOF with stuff bits. Returns 0 when !cw_frame_valid(). */
 unsigned cw_frame_wire_bits(const cw_frame *frame);
 
-/* Level of wire bit n, n < bits->length. */
+/* Returns the level of wire bit n, n < bits->length. */
 bool cw_bits_level(const cw_bits *bits, unsigned n);
 
-/* Field, index and stuff flag of wire bit n, n < bits->length. */
+/* Returns field, index and stuff flag of wire bit n, n < bits->length. */
 cw_place cw_bits_place(const cw_bits *bits, unsigned n);
 
-/* Whether wire bit n stands at (field, index), where CW_FIELD_STUFF and CW_FIELD_BIT count as
+/* Returns true when wire bit n stands at (field, index). CW_FIELD_STUFF and CW_FIELD_BIT count as
  * described at cw_field. A stuff bit stands at no other field. */
 bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned index);
 
@@ -218,7 +223,7 @@ typedef enum cw_flag { CW_FLAG_NONE = 0, CW_FLAG_ACTIVE, CW_FLAG_PASSIVE } cw_fl
  * intermission and suspend (R3), until idle or the next SOF. */
 typedef enum cw_role { CW_ROLE_NONE = 0, CW_ROLE_RECEIVER, CW_ROLE_TRANSMITTER } cw_role;
 
-/* The states that Linux shows, from the larger of TEC and REC (R9..R13). */
+/* The states as Linux shows them, from the larger of TEC and REC (R9..R13). */
 typedef enum cw_state {
     CW_STATE_ERROR_ACTIVE = 0,
     CW_STATE_ERROR_WARNING, /* at or above the warning limit; still error active on the wire */
@@ -266,12 +271,12 @@ const char *cw_drop_name(cw_drop why);              /* "queue-full" .. "link-dow
  *     bool own = cw_mac_drive(&mac);               what the controller puts on the wire
  *     cw_mac_sample(&mac, level, &report);         what the wire carried, at the sample point
  *
- * in turn, exactly once each; normally level = own AND what the bench drives, but any level may be
- * sampled. A transmission is offered with cw_mac_offer() before the cw_mac_drive() of the bit in
- * which it may start: the SOF when the controller is idle, or the first identifier bit right after
- * a foreign SOF that it may join (M6). Frames, errors and counters are read from the report and by
- * the functions below. After cw_mac_init() the controller integrates (M10): eleven recessive bits,
- * then it is idle. */
+ * in turn, exactly once each. Normally level = own AND the level that the bench drives, but any
+ * level may be sampled. Offer a transmission with cw_mac_offer() before the cw_mac_drive() of the
+ * bit in which it may start. An idle controller starts with the SOF. Right after a foreign SOF that
+ * it may join (M6), a controller starts with the first identifier bit. Read frames, errors and
+ * counters from the report and by the functions below. After cw_mac_init() the controller
+ * integrates (M10): after eleven recessive bits it is idle. */
 
 typedef enum cw_mac_phase {
     CW_MAC_OFF = 0,        /* disconnected: neither drives nor samples */
@@ -292,7 +297,7 @@ typedef enum cw_mac_phase {
     CW_MAC_PHASE_COUNT
 } cw_mac_phase;
 
-/* Fault confinement: the counters and what follows from them (section 5 of RULES.md). */
+/* Fault confinement: the counters and the state that follows from them (section 5 of RULES.md). */
 typedef struct cw_confinement {
     uint16_t tec;
     uint16_t rec;
@@ -332,7 +337,7 @@ typedef struct cw_mac {
     cw_bits tx;
 } cw_mac;
 
-/* What happened in one bit: a set of CW_REPORT_* and the details. */
+/* The report of one bit: a set of CW_REPORT_* and the details. */
 #define CW_REPORT_STARTED 0x01u          /* own transmission began with this bit */
 #define CW_REPORT_ARBITRATION_LOST 0x02u /* lost_bit is valid (M2) */
 #define CW_REPORT_ERROR 0x04u            /* error is valid */
@@ -354,19 +359,20 @@ typedef struct cw_mac_report {
 /* Starts a controller: integrating, TEC = REC = 0. warning_limit 1..255, usually 96 (R13). */
 void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
 
-/* Offers a frame for transmission; it is kept through lost arbitration, errors, disconnection and
- * changes of modes until reported as CW_REPORT_TX or CW_REPORT_DROPPED, once and one of them,
- * unless it is withdrawn or replaced: an offer that is not on the wire may be. Bus-off drops it.
- * CW_INVALID: bad frame. CW_REFUSED: being sent just now, or listen-only, or bus-off. */
+/* Offers a frame for transmission. The offer stays through lost arbitration, errors, disconnection
+ * and changes of modes. It ends with exactly one report, CW_REPORT_TX or CW_REPORT_DROPPED, unless
+ * it is withdrawn or replaced first. An offer that is not on the wire can be withdrawn or replaced.
+ * Bus-off drops the offer. CW_INVALID: bad frame. CW_REFUSED: the frame is being sent, or the
+ * controller is listen-only or bus-off. */
 cw_status cw_mac_offer(cw_mac *mac, const cw_frame *frame);
 
 /* Takes the offer back. CW_REFUSED when it is being sent just now. */
 cw_status cw_mac_withdraw(cw_mac *mac);
 
-/* Begins a bit; returns the level put onto the wire. */
+/* Begins a bit. Returns the level that the controller puts onto the wire. */
 bool cw_mac_drive(cw_mac *mac);
 
-/* Ends the bit with the level seen; *report is overwritten. */
+/* Ends the bit with the level of the wire and overwrites *report. */
 void cw_mac_sample(cw_mac *mac, bool level, cw_mac_report *report);
 
 /* Asks for one or two overload frames, sent from the next expected intermission on (O1 a).
@@ -376,9 +382,9 @@ cw_status cw_mac_request_overload(cw_mac *mac, unsigned frames);
 /* Asks to leave bus-off (R12). CW_REFUSED when the controller is not bus-off or already counting.*/
 cw_status cw_mac_request_restart(cw_mac *mac);
 
-/* Presets the counters; TEC 0..263, REC 0..255; a TEC above 255 is bus-off (R10), a TEC below 256
- * ends a bus-off. CW_INVALID outside. The next report tells a changed state, and what becomes of
- * an offer by it. */
+/* Presets the counters: TEC 0..263, REC 0..255. A TEC above 255 is bus-off (R10), a TEC below 256
+ * ends a bus-off. CW_INVALID: out of range. The next report has a changed state, and the drop of an
+ * offer that follows from it. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
 
 /* Changes the modes. When listen-only or loopback changes, a controller on the bus leaves it and
@@ -386,18 +392,20 @@ cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
 void cw_mac_set_modes(cw_mac *mac, unsigned modes);
 
 /* Takes the controller off the bus at once, as if its line was cut: it neither drives nor samples,
- * and counts nothing. What it was sending stays offered and is sent anew when it is back. Nothing
- * happens to one that is bus-off: it stays so, and goes on with its recovery. One that becomes
- * bus-off by cw_mac_set_counters() meanwhile, or leaves it, is no longer disconnected. */
+ * and counts nothing. A frame that it was sending stays offered and is sent anew after
+ * cw_mac_reconnect(). Nothing happens to a controller in bus-off: it stays so, and continues its
+ * recovery. A controller that cw_mac_set_counters() meanwhile puts into bus-off, or takes out of
+ * it, is no longer disconnected. */
 void cw_mac_disconnect(cw_mac *mac);
 
-/* Back on the bus after cw_mac_disconnect(): it integrates (M10). Else nothing happens. */
+/* Puts the controller back on the bus after cw_mac_disconnect(): it integrates (M10). Otherwise
+ * nothing happens. */
 void cw_mac_reconnect(cw_mac *mac);
 
-/* Whether an offer made now would be used by the next cw_mac_drive(). */
+/* Returns true when the next cw_mac_drive() would use an offer made now. */
 bool cw_mac_can_start(const cw_mac *mac);
 
-/* Whether the own frame is on the wire just now: transmitter, SOF to EOF. */
+/* Returns true while the own frame is on the wire: the controller is transmitter, SOF to EOF. */
 bool cw_mac_is_sending(const cw_mac *mac);
 
 unsigned cw_mac_tec(const cw_mac *mac);
@@ -406,11 +414,12 @@ cw_state cw_mac_state(const cw_mac *mac);
 cw_mac_phase cw_mac_get_phase(const cw_mac *mac);
 cw_role cw_mac_role(const cw_mac *mac);
 
-/* Where the next bit to be sampled stands, as this controller counts; CW_FIELD_NONE when idle,
- * integrating or off. Between cw_mac_drive() and cw_mac_sample(): the bit in progress. */
+/* Returns the place of the next bit to be sampled, as this controller counts; CW_FIELD_NONE when
+ * idle, integrating or off. Between cw_mac_drive() and cw_mac_sample() that is the bit in
+ * progress. */
 cw_place cw_mac_place(const cw_mac *mac);
 
-/* The frame last received, valid after CW_REPORT_RX until the next SOF. */
+/* Returns the frame last received, valid from CW_REPORT_RX until the next SOF. */
 const cw_frame *cw_mac_received(const cw_mac *mac);
 
 /* ---- Fault rules ----------------------------------------------------------------------------- */
@@ -426,30 +435,30 @@ typedef struct cw_filter {
     bool inverted;
 } cw_filter;
 
-/* Whether one of the filters matches the frame; with none of them any frame does. */
+/* Returns true when one of the filters matches the frame. Without filters every frame matches. */
 bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count);
 
-/* What a rule waits for. With `has_after` or `manual` it is also to be armed: each hit of rule
+/* The trigger of a rule. With `has_after` or `manual` the rule must also be armed: each hit of rule
  * `after` (after_delay later) and each cw_bus_fire_rule() arms it for one hit. */
 typedef enum cw_trigger {
     CW_TRIGGER_FRAME = 0, /* frames that match; see cw_action for the moment */
     CW_TRIGGER_TIME,      /* once, the first bit that starts at or after time_begin */
-    CW_TRIGGER_ARMED,     /* nothing else: it acts when it is armed */
+    CW_TRIGGER_ARMED,     /* arming alone: the rule acts when it is armed */
     CW_TRIGGER_ERROR,     /* errors of `from` whose class is in error_mask */
 } cw_trigger;
 
-/* What a rule does. The moment of a frame trigger: bit actions when their position is reached;
- * host actions when a node is handed the frame or gets it; REPLY when `node` receives it; all
- * others when a transmission of the frame begins. */
+/* The action of a rule. With a frame trigger, bit actions act when their position is reached, and
+ * host actions when a node is handed the frame or gets it. REPLY acts when `node` receives the
+ * frame. All others act when a transmission of the frame begins. */
 typedef enum cw_action {
-    /* Levels. FLIP, FORCE and GLITCH have a position and so a frame trigger. The others last for
-     * for_ticks; 0: till cleared, but NOISE and NO_ACK with a frame trigger for that
-     * transmission: */
+    /* Levels. FLIP, FORCE and GLITCH have a position and so need a frame trigger. The others last
+     * for for_ticks. 0 means until the rule is cleared; but NOISE and NO_ACK with a frame trigger
+     * then last for that transmission: */
     CW_ACTION_FLIP = 0,   /* inverts `bits` wire bits from (field, index) on */
     CW_ACTION_FORCE,      /* sets them to `level`; for_ticks, when set, instead of bits */
     CW_ACTION_GLITCH,     /* pattern of `bits` bits from there on */
     CW_ACTION_STUCK,      /* `level` on `line` of the wire or of `node` */
-    CW_ACTION_NOISE,      /* flips each bit with error_rate, for each node of `at` by itself */
+    CW_ACTION_NOISE,      /* flips each bit with error_rate, independently for each node of `at` */
     CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
     CW_ACTION_DISCONNECT, /* nodes of `nodes` neither drive nor sample */
     CW_ACTION_PARTITION,  /* group[] gives each node's wire */
@@ -461,11 +470,11 @@ typedef enum cw_action {
     CW_ACTION_COUNTERS,   /* tec, rec; CW_KEEP leaves one alone */
     CW_ACTION_OVERLOAD,   /* asks for `number` overload frames */
     CW_ACTION_SET,        /* `settings` */
-    /* On the host side of the matching frame; with CW_SIDE_TX where it is handed in at a node of
-     * `from`, with CW_SIDE_RX where a node of `at` (0: any) gets it: */
+    /* On the host side of the matching frame. With CW_SIDE_TX they act where a node of `from` is
+     * handed the frame, with CW_SIDE_RX where a node of `at` (0: any) gets it: */
     CW_ACTION_DROP,
     CW_ACTION_DELAY,     /* by for_ticks */
-    CW_ACTION_DUPLICATE, /* `number` more */
+    CW_ACTION_DUPLICATE, /* `number` more copies */
     CW_ACTION_REORDER,   /* behind the next `number` frames of that node and side */
     CW_ACTION_CHANGE,    /* `change` */
     /* Traffic of `node`: */
@@ -476,7 +485,7 @@ typedef enum cw_action {
     CW_ACTION_COUNT
 } cw_action;
 
-/* What an action acts on. */
+/* The kinds of actions, by the object that they act on. */
 typedef enum cw_action_kind {
     CW_KIND_POSITION = 0, /* bits of a frame, from a position on */
     CW_KIND_LEVEL,        /* levels, wires or acknowledging, for a time */
@@ -485,11 +494,11 @@ typedef enum cw_action_kind {
     CW_KIND_TRAFFIC,      /* frames that a node sends */
 } cw_action_kind;
 
-/* "flip", "no-ack", as in configurations. */
+/* Returns the name used in configurations: "flip", "no-ack". */
 const char *cw_action_name(cw_action action);
 cw_action_kind cw_action_kind_of(cw_action action);
 
-/* Whether only rules with CW_TRIGGER_FRAME can have that action. */
+/* Returns true when only rules with CW_TRIGGER_FRAME can have that action. */
 bool cw_action_needs_frame(cw_action action);
 
 typedef enum cw_line { CW_LINE_WIRE = 0, CW_LINE_TX, CW_LINE_RX } cw_line;
@@ -517,8 +526,8 @@ typedef struct cw_settings {
     uint64_t restart_ticks;
 } cw_settings;
 
-/* A change of a frame's content; the CRC is right for what comes out. First `set`, then `and`,
- * `or`, `xor`, on the data bytes; length and identifier as given. */
+/* A change of a frame's content. The CRC is right for the changed frame. `set` applies first, then
+ * `and`, `or` and `xor`, to the data bytes. Length and identifier become the given ones. */
 typedef struct cw_change {
     bool set_id;
     bool set_dlc;
@@ -533,7 +542,7 @@ typedef struct cw_change {
 } cw_change;
 
 typedef struct cw_rule {
-    const char *name; /* distinct; with the seed it gives the rule's random stream. Not kept */
+    const char *name; /* distinct; with the seed it gives the rule's random stream; not kept */
 
     /* when */
     cw_trigger trigger;
@@ -557,7 +566,8 @@ typedef struct cw_rule {
     uint32_t count;        /* hits until the rule ends; 0: no end */
     uint64_t probability;  /* of 2^64, drawn per match; UINT64_MAX: always */
     uint64_t hold_off;     /* ticks after a hit in which matches are passed over */
-    bool quiet;            /* no fault but traffic of a node: hits are neither told nor counted */
+    bool quiet;            /* traffic of a node, not a fault: hits are neither reported nor
+                              counted */
 
     /* do */
     cw_action action;
@@ -565,9 +575,9 @@ typedef struct cw_rule {
     uint16_t index;
     uint16_t bits;  /* wire bits from there on, at least 1 */
     uint64_t for_ticks;
-    uint64_t at;    /* nodes whose samples change; 0: the wire, so everybody's */
-    uint64_t nodes; /* whom a controller action concerns */
-    uint8_t node;   /* whose traffic, or whose line */
+    uint64_t at;    /* nodes whose samples change; 0: the wire, so all samples */
+    uint64_t nodes; /* the nodes of a controller action */
+    uint8_t node;   /* the node of the traffic, or of the line */
     bool level;
     cw_line line;
     cw_side side;
@@ -592,10 +602,11 @@ typedef struct cw_bus cw_bus; /* lives in memory of the caller, see cw_bus_size(
 
 typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
-    cw_order order;         /* which of the pending frames goes first (M1) */
+    cw_order order;         /* the order in which pending frames go (M1) */
     uint16_t queue;         /* frames waiting or being sent, 1..CW_QUEUE_MAX */
-    uint16_t queue_room;    /* what `queue` can be set to later, at most CW_QUEUE_MAX; there is room
-                               in any case for `queue` and what the configuration's rules set */
+    uint16_t queue_room;    /* the most that `queue` can be set to later, at most CW_QUEUE_MAX;
+                               there is always room for `queue` and for the settings by the
+                               configuration's rules */
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
 } cw_node_config;
@@ -612,7 +623,7 @@ typedef struct cw_bus_config {
     const cw_rule *rules;        /* rule_count of them; not kept */
 } cw_bus_config;
 
-/* In the order in which events of one node at one tick come; faults before all nodes. */
+/* Events of one node at one tick come in this order; faults come before all nodes. */
 typedef enum cw_event_kind {
     CW_EVENT_FAULT = 0,
     CW_EVENT_LINK, /* the host has put the node on the bus or taken it off */
@@ -633,7 +644,7 @@ const char *cw_event_name(cw_event_kind kind);
 
 typedef struct cw_event {
     uint64_t tick;  /* end of the bit, or when a dropped frame was handed in */
-    uint64_t nodes; /* whom it concerns; several only for RX of the same frame; 0: the bus */
+    uint64_t nodes; /* nodes that it concerns; several only for RX of the same frame; 0: the bus */
     cw_event_kind kind;
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
     uint16_t rec;
@@ -646,164 +657,168 @@ typedef struct cw_event {
     uint8_t lost_bit; /* ARBITRATION_LOST */
     bool up;        /* LINK */
     cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
-    uint64_t from;  /* RX, TX: who sent it; several when their frames were the same on the wire;
-                       0: a node that cw_bus_take_over() has left behind */
+    uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
+                       node that cw_bus_take_over() has left behind */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
-    uint64_t ticks; /* SKIP: how long */
+    uint64_t ticks; /* SKIP: the time skipped */
 } cw_event;
 
-/* Bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented ranges. */
+/* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
+ * ranges. */
 size_t cw_bus_size(const cw_bus_config *config);
 
 /* Sets up a bus at tick 0 in memory of cw_bus_size() bytes, aligned as malloc aligns. The memory
- * stays the caller's; throwing it away ends the bus. NULL when the configuration is invalid. */
+ * stays the caller's; throwing it away ends the bus. Returns NULL when the configuration is
+ * invalid. */
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 
 #define CW_NO_NODE UINT8_MAX
 
-/* Goes on where another bus is: time, statistics, and for each node i the state, counters and
- * frames of the old bus's node from[i] (CW_NO_NODE: a new node, it integrates), with the
- * settings of the new one. Rules start anew; frames that old rules held back go on their way.
- * The new bus must be at tick 0 and the events of the old one taken; the old one may be thrown
- * away afterwards. Frames of nodes that are no more are lost: see cw_node_flush(); frames for
- * which a smaller queue has no room are dropped with an event. What has been flushed stays off the
- * bus. CW_INVALID, with nothing changed: another bit rate, no such node, one that is named twice,
- * an inbox too small for what waits. */
+/* Continues an old bus: takes over its time and statistics. Node i gets the state, counters and
+ * frames of the old node from[i], with its own new settings. With CW_NO_NODE it is a new node,
+ * which integrates. Rules start anew; frames that old rules held back are released. The new bus
+ * must be at tick 0, and the events of the old one must have been taken. The old bus may be thrown
+ * away afterwards. Frames of nodes that the new bus does not have are lost: see cw_node_flush().
+ * Frames for which a smaller queue has no room are dropped with an event. Flushed nodes stay off
+ * the bus. CW_INVALID, with nothing changed: another bit rate, no such node, a node that is named
+ * twice, an inbox too small for the frames that wait. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
-/* Drops all frames of a node with events (CW_DROP_REMOVED), those that come later, too; it leaves
- * the bus for good, whatever rules and hosts do. CW_FULL: poll events, then call again. CW_INVALID:
- * no such node. */
+/* Drops all frames of a node with events (CW_DROP_REMOVED), later ones too. The node leaves the bus
+ * for good, whatever rules and hosts do. CW_FULL: poll events, then call again. CW_INVALID: no such
+ * node. */
 cw_status cw_node_flush(cw_bus *bus, unsigned node);
 
-/* Tick up to which the bus has been simulated: always the end of a bit. */
+/* Returns the tick up to which the bus has been simulated. It is always the end of a bit. */
 uint64_t cw_bus_now(const cw_bus *bus);
 
-/* The tick at which so many bits to come will have passed. */
+/* Returns the tick at which so many bits to come will have passed. */
 uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
-/* Hands a frame to a node at a tick; before cw_bus_now() it counts as now. It takes part in the
- * first bit that starts at or after at_tick, and is dropped with an event when the node cannot
- * take it (queue full, bus-off, listen-only, bad frame). One for CW_NEVER never comes up: it holds
- * its place in the inbox, and counts as pending, until cw_node_flush(). CW_FULL: the inbox is full;
- * advance the bus to one bit after cw_bus_inbox_first(), by when that frame has come up, and call
- * again. CW_INVALID: no such node. */
+/* Hands a frame to a node at a tick. A tick before cw_bus_now() counts as now. The frame takes part
+ * in the first bit that starts at or after at_tick. It is dropped with an event when the node
+ * cannot take it (queue full, bus-off, listen-only, bad frame). A frame for CW_NEVER never becomes
+ * due: it keeps its place in the inbox, and counts as pending, until cw_node_flush(). CW_FULL: the
+ * inbox is full. Advance the bus to one bit after cw_bus_inbox_first(), since that frame is due by
+ * then, and call again. CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
-/* How many frames a node can be handed in now of which none is dropped for want of room in its
- * queue; those that have not come up yet and those that rules hold back count as queued.
- * CW_QUEUE_MAX while it takes none at all, and drops them for that (bus-off, listen-only, off the
- * bus), and where there is no such node. Rules may fill its queue, too, before they come up. */
+/* Returns how many frames a node can be handed now without a drop for want of room in its queue.
+ * Frames that are not due yet and frames that rules hold back count as queued. Returns CW_QUEUE_MAX
+ * while the node takes no frames and so drops all of them (bus-off, listen-only, off the bus).
+ * Returns the same when there is no such node. Rules may fill the queue, too, before the frames
+ * become due. */
 unsigned cw_node_room(const cw_bus *bus, unsigned node);
 
-/* How many frames for later the inbox still takes. */
+/* Returns how many frames for later the inbox still takes. */
 unsigned cw_bus_inbox_room(const cw_bus *bus);
 
-/* Frames that have not come up yet come so many ticks earlier, but not before cw_bus_now(), in the
- * order in which they would have; those for CW_NEVER stay. For a bus whose time stood still while
- * that of its hosts went on. */
+/* Brings frames that are not due yet forward by so many ticks, but not before cw_bus_now(). Their
+ * order stays, and so do frames for CW_NEVER. This is for a bus whose time stood still while the
+ * time of its hosts went on. */
 void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks);
 
-/* Tick of the earliest frame that was handed in and has not come up yet, or CW_NEVER. */
+/* Returns the tick of the earliest frame that was handed in and is not due yet, or CW_NEVER. */
 uint64_t cw_bus_inbox_first(const cw_bus *bus);
 
-/* The earliest tick at which an event is to be expected if nothing is put in: the next end of a
- * frame, restart, release from the inbox; CW_NEVER when the bus rests. Errors, lost arbitrations,
- * overload frames, hits of rules and new states on the way may have come earlier, and drops that
- * follow from them: their tick tells. */
+/* Returns the earliest tick at which an event can be expected if nothing is put in. That is the
+ * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. Errors,
+ * lost arbitrations, overload frames, hits of rules and new states may come before, and drops that
+ * follow from them. Their events carry the tick. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
- * might not hold another bit; poll, then call again. Nothing is lost. */
+ * might not hold the events of another bit; poll, then call again. Nothing is lost. */
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
 
-/* The same, but stops early, CW_AGAIN, when it has done that much work since the call, and at least
- * one bit: a bit is not divided, whatever rules do in it. Call again to go on; into which pieces an
- * advance is cut changes nothing. For whoever looks at a clock meanwhile: how much work lies before
- * a tick cannot be told beforehand, and with rules that send faster than the bus there is no end.
- */
+/* Does the same, but stops early with CW_AGAIN after that much work since the call, and after at
+ * least one bit. A bit is not divided, whatever rules do in it. Call again to continue. The results
+ * do not depend on where an advance stops. This is for callers that watch a clock, since the work
+ * before a tick is not known beforehand. With rules that send faster than the bus it has no end. */
 cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work);
 
-/* The work done so far, in pieces that take about the same time, below a microsecond: single bits
- * and what is done in one go instead of them, rules that were looked at, frames of rules, events.
+/* Returns the work done so far, in units that take about the same time, below a microsecond. Units
+ * are single bits, steps that replace bits, rules that were looked at, frames of rules, and events.
  * Time in which nothing happens costs nothing. */
 uint64_t cw_bus_work(const cw_bus *bus);
 
 /* Simulates every node in every bit and skips nothing, from the next bit on. The results are the
- * same; it is the reference. Off after cw_bus_init(). */
+ * same; this mode is the reference. It is off after cw_bus_init(). */
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
 
-/* Simulates each bit by itself, from the next bit on, for who looks at single bits by
- * cw_bus_get_bit(); nodes that do the same are simulated together. Off after cw_bus_init(). */
+/* Simulates each bit by itself, from the next bit on, for callers of cw_bus_get_bit(). Nodes that
+ * do the same are simulated together. This mode is off after cw_bus_init(). */
 void cw_bus_set_watching(cw_bus *bus, bool watching);
 
-/* How far the bus may go, at most to tick, without anything to be seen: all bits up to there are
- * as the last one, of an idle bus, and so is one more behind them. cw_bus_now() when the next bit
- * is to be looked at, and when the last one was not simulated by itself. */
+/* Returns how far the bus may go, at most to tick, with nothing to be seen. All bits up to there
+ * are the same as the last one, of an idle bus, and so is one more bit. Returns cw_bus_now() when
+ * the next bit must be looked at, or when the last one was not simulated by itself. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
 
-/* Which kinds of events are kept for cw_bus_poll(), as bits 1u << cw_event_kind; the others only
- * count in the statistics. All of them after cw_bus_init(). Leaving out lost arbitrations makes
- * a bus with many busy nodes faster. */
+/* Selects the kinds of events that are kept for cw_bus_poll(), as bits 1u << cw_event_kind. The
+ * others only count in the statistics. All kinds are kept after cw_bus_init(). Without lost
+ * arbitrations a bus with many busy nodes is faster. */
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 
-/* Takes the oldest event; false when there is none. */
+/* Takes the oldest event. Returns false when there is none. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 
-/* The oldest events where they lie, *count of them in a row; 0: there are none. They stay as they
- * are until they are taken, time goes on, or something is done to a node or a rule; frames may be
- * handed in. */
+/* Returns the oldest events in place, *count of them in a row; 0: there are none. They stay as they
+ * are until they are taken, time goes on, or a call changes a node or a rule. Frames may be handed
+ * in. */
 const cw_event *cw_bus_peek(const cw_bus *bus, unsigned *count);
 
-/* Takes so many of the events of cw_bus_peek(); there may be more behind them. */
+/* Takes so many of the events of cw_bus_peek(); more may follow them. */
 void cw_bus_take(cw_bus *bus, unsigned count);
 
 /* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on
- * again. Off it neither drives nor samples; its frames, those that come later too, are dropped
- * with events (CW_DROP_LINK_DOWN), and its counters are reset, which ends a bus-off. Put on it
- * integrates. Frames that rules hold back stay. All nodes are on at first; nothing happens when
- * it is so already. CW_FULL: poll events, then call again. CW_INVALID: no such node. CW_REFUSED:
- * it has been flushed. */
+ * again. A node that is off neither drives nor samples. Its frames, later ones too, are dropped
+ * with events (CW_DROP_LINK_DOWN). Its counters are reset, which ends a bus-off. A node that is put
+ * on integrates. Frames that rules hold back stay. All nodes are on at first. Nothing happens when
+ * the node is already as requested. CW_FULL: poll events, then call again. CW_INVALID: no such
+ * node. CW_REFUSED: it has been flushed. */
 cw_status cw_node_attach(cw_bus *bus, unsigned node, bool on);
 
-/* Whether a node is on; false also when it has been flushed, or there is no such node. */
+/* Returns true when a node is on; false also when it has been flushed, or there is no such node. */
 bool cw_node_attached(const cw_bus *bus, unsigned node);
 
-/* Restart by hand (R12). CW_REFUSED when not bus-off, already restarting or restart_ticks != 0. */
+/* Restarts a node by hand (R12). CW_REFUSED: it is not bus-off, already restarting, or has
+ * restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);
 
-/* Adds a rule while the bus runs; *index is where it is counted. CW_FULL: no room for it.
- * CW_INVALID: it names nodes, rules or values that do not exist. */
+/* Adds a rule while the bus runs; *index is its index in calls, events and statistics. CW_FULL: no
+ * room for it. CW_INVALID: it names nodes, rules or values that do not exist. */
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule);
 
-/* Ends what a rule is doing and takes the rule away; its index may be used again. Frames that it
- * holds back go on their way. CW_INVALID: no such rule. */
+/* Ends the action of a rule and removes the rule; its index may be used again. Frames that it holds
+ * back are released. CW_INVALID: no such rule. */
 cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index);
 
-/* Ends what a rule is doing, but leaves the rule in place: what it has counted stays, and it acts
- * again when it matches again; one that had no end of its own (CW_NEVER) can so be ended and fired
- * again. Frames that it holds back go on their way. CW_INVALID: no such rule. */
+/* Ends the action of a rule, but keeps the rule and its counts. The rule acts again when it matches
+ * again. A rule that had no end of its own (CW_NEVER) can so be ended and fired again. Frames that
+ * it holds back are released. CW_INVALID: no such rule. */
 cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
 
-/* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual or
- * over. */
+/* Arms a rule by hand, as a hit of its `after` would. CW_REFUSED: the rule is not manual, or is
+ * finished. */
 cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index);
 
 /* Changes settings of a node at the next bit. A node whose listen-only or loopback changes leaves
- * the bus and integrates again (M10); its queue stays, but a listen-only node drops it. CW_INVALID:
+ * the bus and integrates again (M10). Its queue stays, but a listen-only node drops it. CW_INVALID:
  * a value is out of range, or there is no room for such a queue (cw_node_config.queue_room). */
 cw_status cw_node_set(cw_bus *bus, unsigned node, const cw_settings *settings);
 
-/* All settings as they are now. */
+/* Reads all settings as they are now. */
 cw_status cw_node_get_settings(const cw_bus *bus, unsigned node, cw_settings *settings);
 
-/* Consecutive recessive bits on the wire up to now. */
+/* Returns the number of consecutive recessive bits on the wire up to now. */
 uint64_t cw_bus_recessive_bits(const cw_bus *bus);
 
-/* Whether no frame is on the wire or being signalled on: all nodes idle, suspended or away. */
+/* Returns true when the wire carries no frame and no error signalling: all nodes are idle,
+ * suspended or away. */
 bool cw_bus_idle(const cw_bus *bus);
 
-/* Frames in all queues and the inbox, and those that rules hold back. */
+/* Returns the number of frames in all queues and the inbox, and of those that rules hold back. */
 size_t cw_bus_pending(const cw_bus *bus);
 
 /* ---- The last bit, for traces ---------------------------------------------------------------- */
@@ -819,32 +834,33 @@ typedef struct cw_bit_node {
     uint16_t rec;
 } cw_bit_node;
 
-/* A bit of bus time. In the sets of levels bit i is node i's, 1 where it is recessive, also beyond
- * the last node; in the sets of faults it is 1 where rules changed the level in this bit. */
+/* A bit of bus time. In the sets of levels bit i is 1 where the level of node i is recessive, and 1
+ * beyond the last node. In the sets of faults it is 1 where rules changed the level in this bit. */
 typedef struct cw_bit_view {
     uint64_t start;       /* ticks */
     uint64_t end;
-    uint64_t driven;      /* what each node puts onto its wire */
-    uint64_t wire;        /* what the wire that it is on carries */
-    uint64_t sampled;     /* what its controller takes; its own bits in loopback (M11, M15) */
+    uint64_t driven;      /* the level that each node puts onto its wire */
+    uint64_t wire;        /* the level of the wire that it is on */
+    uint64_t sampled;     /* the level that its controller takes; its own bits in loopback (M11,
+                             M15) */
     uint64_t tx_faults;   /* between controller and wire: driven is changed */
     uint64_t wire_faults; /* wire is not the wired-AND of what is driven */
     uint64_t rx_faults;   /* between wire and controller */
-    uint64_t alike;       /* nodes whose place, phase and role are the same, as far as that is known
-                             beforehand */
+    uint64_t alike;       /* nodes whose place, phase and role are known beforehand to be the
+                             same */
     unsigned node_count;
     unsigned wire_count;
     cw_bit_node nodes[CW_NODES_MAX]; /* the first node_count */
 } cw_bit_view;
 
-/* The bit that ended at cw_bus_now(). CW_REFUSED, leaving *view alone, when it was not simulated by
- * itself: see cw_bus_set_watching(). */
+/* Reads the bit that ended at cw_bus_now(). CW_REFUSED, leaving *view alone: the bit was not
+ * simulated by itself, see cw_bus_set_watching(). */
 cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view);
 
 /* ---- Statistics: counted since tick 0, read by value ----------------------------------------- */
 
-/* Transmit delay, hand-in to end of frame. Bucket b counts delays of
- * cw_delay_bucket_ticks(b) <= delay < cw_delay_bucket_ticks(b + 1): four buckets an octave. */
+/* Transmit delay, from hand-in to end of frame. Bucket b counts delays of cw_delay_bucket_ticks(b)
+ * <= delay < cw_delay_bucket_ticks(b + 1): four buckets an octave. */
 #define CW_DELAY_BUCKETS 128
 
 typedef struct cw_delay {
@@ -855,15 +871,15 @@ typedef struct cw_delay {
     uint32_t bucket[CW_DELAY_BUCKETS];
 } cw_delay;
 
-/* Lower edge of a bucket in ticks. */
+/* Returns the lower edge of a bucket in ticks. */
 uint64_t cw_delay_bucket_ticks(unsigned bucket);
 
-/* The delay that permille of all stayed below, from the histogram (upper edge, at most the
- * maximum); 0 when there is none. permille 500 is the median. */
+/* Returns the delay below which permille of all delays stayed, from the histogram (upper edge, at
+ * most the maximum). Returns 0 when there are no delays. permille 500 is the median. */
 uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 
 typedef struct cw_node_stats {
-    uint64_t handed_in;      /* frames by cw_node_send() that have come up */
+    uint64_t handed_in;      /* frames by cw_node_send() that have become due */
     uint64_t made_by_rules;  /* frames that rules made for it to send: SEND, BABBLE, LOAD, REPLY,
                                 DUPLICATE */
     uint64_t tx_frames;
@@ -871,7 +887,7 @@ typedef struct cw_node_stats {
     uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
     uint64_t rx_frames;      /* given to its host */
     uint64_t rx_bytes;
-    uint64_t rx_accepted;    /* that its controller received */
+    uint64_t rx_accepted;    /* frames that its controller received */
     uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
     uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
     uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by the event ring */
@@ -884,7 +900,7 @@ typedef struct cw_node_stats {
     uint64_t bus_off;
     uint64_t restarts;
     uint64_t undetected_errors; /* frames accepted with content that nobody sent */
-    uint32_t inbox;          /* frames by cw_node_send() that have not come up yet */
+    uint32_t inbox;          /* frames by cw_node_send() that are not due yet */
     uint32_t queue;          /* frames waiting or being sent now */
     uint32_t queue_peak;
     uint32_t held;           /* frames that rules hold back on their way onto the bus now ... */
@@ -913,9 +929,9 @@ typedef struct cw_bus_stats {
 
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 
-/* Whether no frame of the node is unaccounted for: handed_in and made_by_rules are the sum of
- * tx_frames, queue, held and dropped; rx_accepted and rx_made_by_rules that of rx_frames,
- * rx_held and rx_dropped. */
+/* Returns true when every frame of the node is accounted for. handed_in and made_by_rules are the
+ * sum of tx_frames, queue, held and dropped. rx_accepted and rx_made_by_rules are the sum of
+ * rx_frames, rx_held and rx_dropped. */
 bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */
@@ -923,15 +939,17 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *sta
 
 typedef struct cw_rule_stats {
     uint64_t matches;
-    uint64_t misses;  /* of these, those that were passed over */
-    uint64_t hits;    /* the others; of NOISE, which begins with them, the bits that it flipped */
+    uint64_t misses;  /* matches that were passed over */
+    uint64_t hits;    /* the other matches; for NOISE, which a match only begins, the bits that it
+                         flipped */
     bool active;      /* it is acting now */
-    bool over;        /* its count is used up */
+    bool over;        /* finished: its count is used up, or its time has passed */
 } cw_rule_stats;
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats);
 
-/* Load between two readings of the same bus: permille of busy bits; 0 when no bit lies between. */
+/* Returns the load between two readings of the same bus: permille of busy bits; 0 when no bit lies
+ * between them. */
 unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after);
 
 #endif
