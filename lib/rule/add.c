@@ -4,6 +4,7 @@
  */
 #include "rule/private.h"
 
+#include "format/bits.h"
 #include "rule/list.h"
 
 static unsigned free_place(const cw_rule_set *set)
@@ -40,6 +41,21 @@ static void count_kinds(cw_rule_set *set)
     set->stale = true;
 }
 
+/* Longer frames have its bit when the shortest ones have it. */
+static bool is_in_each_frame(const cw_rule *r)
+{
+    static const cw_frame base = {.dlc = 0}, extended = {.flags = CW_FRAME_EXTENDED};
+    unsigned n;
+    return cw_frame_find(&base, &n, r->field, r->index) &&
+           cw_frame_find(&extended, &n, r->field, r->index);
+}
+
+static bool is_open(const cw_rule_set *set, const cw_rule *r)
+{
+    return r->time_begin <= cw_rules_now(set) && r->time_end == CW_NEVER &&
+           !cw_rule_needs_arming(r) && is_in_each_frame(r);
+}
+
 cw_status cw_rules_may_add(const cw_rule_set *set, unsigned *place, const cw_rule *rule)
 {
     *place = free_place(set);
@@ -59,6 +75,7 @@ void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule)
     s->does = &cw_actions[rule->action];
     s->traits = s->does->traits;
     cw_rule_aim(s);
+    s->open = is_open(set, rule);
     s->to_pass = rule->skip;
     if (s->rule.every == 0)
         s->rule.every = 1;

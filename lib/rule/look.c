@@ -51,6 +51,7 @@ static void add_watcher(cw_watch *w, const cw_rule_set *set, unsigned rule)
     w->rule = only ? (uint16_t)rule : CW_SEVERAL_RULES;
     w->early = w->early || !acts_late(s);
     w->rough = only && takes_any_bit(s);
+    w->counting = w->rough && s->open;
 }
 
 /* Whether a rule takes each frame of each node. */
@@ -79,6 +80,7 @@ static void note_watch(cw_rule_set *set, unsigned node, cw_watch w)
     set->watched = (set->watched & ~self) | (w.rule == CW_NO_RULE ? 0 : self);
     set->early = (set->early & ~self) | (w.early ? self : 0);
     set->rough = (set->rough & ~self) | (w.rough ? self : 0);
+    set->counting = (set->counting & ~self) | (w.counting ? self : 0);
 }
 
 /* After rules have changed. */

@@ -46,6 +46,7 @@ typedef struct cw_rule_state {
     bool hit_now;         /* hit in the bit in progress; it becomes an event at its end */
     bool to_act;          /* hit, and it acts at the end of the bit */
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
+    bool open;            /* no time, arming or place in a frame keeps it from a match */
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
@@ -140,6 +141,7 @@ typedef struct cw_watch {
     uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
     bool early;    /* one may do so before arbitration is lost */
     bool rough;    /* it is one rule only, and its answer is the same at any bit of the frame */
+    bool counting; /* rough, and only its counters and chance tell whether a match is a hit */
 } cw_watch;
 
 #define CW_NO_RULE UINT16_MAX
@@ -192,7 +194,8 @@ typedef struct cw_rule_set {
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
     uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
     uint64_t early;         /* ... those where it may do so before arbitration is lost, ... */
-    uint64_t rough;         /* ... and those whose stop may be found roughly */
+    uint64_t rough;         /* ... those whose stop may be found roughly, ... */
+    uint64_t counting;      /* ... and of these, those whose rule only counts */
     uint64_t unusual;       /* nodes for which all that may be other than usual */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
     cw_watch usual;         /* what rules in `wildcards` want, if it is the same of each frame */
@@ -354,6 +357,20 @@ bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
 static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 {
     return set->rough >> node & 1u;
+}
+
+/* The same for the frame of a node as a whole, which is sent to its end, where `skip` or `every`
+ * pass over the match: mostly it is so. False, with nothing done, when they do not tell. */
+static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
+{
+    if (!(set->counting >> node & 1u))
+        return false;
+    cw_rule_state *s = &set->rules[set->watcher[node]];
+    if (s->to_pass == 0)
+        return false;
+    s->to_pass--;
+    s->matches++;
+    return true;
 }
 
 /* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */

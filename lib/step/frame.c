@@ -282,7 +282,7 @@ static bool rules_let_pass(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     if (step->look.bit != CW_NO_LOOK && !step->look.exact) {
-        if (cw_frame_step_consume_look(bus))
+        if (cw_rules_count_off(&bus->rules, step->node) || cw_frame_step_consume_look(bus))
             step->look.bit = CW_NO_LOOK;
         return step->look.bit == CW_NO_LOOK;
     }
@@ -313,7 +313,9 @@ static bool can_go_to_end(cw_bus *bus, uint64_t tick)
            cw_frame_step_is_noise_free(bus, bits) && rules_let_pass(bus);
 }
 
-static bool rule_lets_whole_pass(cw_bus *bus, unsigned winner, const cw_frame *frame)
+/* It is apart, so that a frame without rules needs no room for a view. */
+static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned winner,
+                                                           const cw_frame *frame)
 {
     const cw_look look = {.rule = bus->rules.watcher[winner]};
     const cw_frame_view view = {.frame = frame, .length = bus->frame_step.length};
@@ -331,7 +333,8 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
     const unsigned bits = step->length + CW_INTERMISSION_BITS;
     if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
         cw_host_side_acts(bus) || !is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
-        (step->watched && !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
+        (step->watched && !cw_rules_count_off(&bus->rules, winner) &&
+         !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */
