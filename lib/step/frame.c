@@ -319,8 +319,10 @@ static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned
 {
     const cw_look look = {.rule = bus->rules.watcher[winner]};
     const cw_frame_view view = {.frame = frame, .length = bus->frame_step.length};
-    return cw_rules_stop_roughly(&bus->rules, winner) &&
-           cw_rules_consume(&bus->rules, 0, &look, &view);
+    bool passes = cw_rules_stop_roughly(&bus->rules, winner) &&
+                  cw_rules_consume(&bus->rules, 0, &look, &view);
+    bus->frame_step.hit = !passes;
+    return passes;
 }
 
 bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)

@@ -157,11 +157,13 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
     bus->frame_step.watched = watched;
+    bus->frame_step.hit = false;
     bool whole = !(watched & losers) && !losses_seen && find_tail(bus, winner) == 0;
     if (whole && cw_frame_step_whole(bus, winner, contenders, tick))
         return true;
     cw_frame_step_prepare(bus, winner, contenders);
-    bool rough = watched == cw_node_bit(winner) && cw_rules_stop_roughly(&bus->rules, winner);
+    bool rough = watched == cw_node_bit(winner) && !bus->frame_step.hit &&
+                 cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || bus->frame_step.at_work);
     start_transmissions(bus);
     return true;
