@@ -81,6 +81,44 @@ static void matches_are_chosen_by_skip_every_and_count(void **state)
     }
 }
 
+typedef struct passed_over {
+    cw_field field;
+    unsigned index;
+    uint64_t time_end;
+    unsigned matches; /* of ten frames: base and extended in turns, of no byte and one */
+} passed_over;
+
+/* Each frame is over before anybody looks: matches that `skip` passes over are counted all the same,
+ * and only in frames that have the bit. */
+static void matches_passed_over_are_counted_in_frames_that_have_the_bit(void **state)
+{
+    (void)state;
+    static const passed_over cases[] = {
+        {CW_FIELD_CRC, 3, CW_NEVER, 10},   {CW_FIELD_ID, 10, CW_NEVER, 10},
+        {CW_FIELD_ID, 28, CW_NEVER, 5},    {CW_FIELD_SRR, 0, CW_NEVER, 5},
+        {CW_FIELD_DATA, 7, CW_NEVER, 5},   {CW_FIELD_DATA, 8, CW_NEVER, 0},
+        {CW_FIELD_CRC, 3, 1000 * BIT, 5},  {CW_FIELD_ERROR_FLAG, 0, CW_NEVER, 0},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cw_rule_stats stats;
+        rig *r = rig_new(2);
+        cw_rule *rule = rig_flip(r, "a", cases[i].field, cases[i].index);
+        rule->skip = 100;
+        rule->time_end = cases[i].time_end;
+        rig_start(r);
+        for (unsigned n = 0; n < 10; n++) {
+            cw_frame f = rig_frame(0x100, n % 2 ? CW_FRAME_EXTENDED : 0, (n + n / 2) % 2);
+            rig_send(r, 0, &f, (uint64_t)n * OBSERVED_PAUSE * BIT);
+        }
+        rig_run_bits(r, 10 * OBSERVED_PAUSE);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 10);
+        assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats), CW_OK);
+        assert_int_equal(stats.matches, cases[i].matches);
+        assert_int_equal(stats.hits, 0);
+        rig_free(r);
+    }
+}
+
 /* Filter, sender, time: half open, at the start of the bit. */
 static void matches_need_frame_sender_and_time(void **state)
 {
@@ -547,6 +585,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(matches_are_chosen_by_skip_every_and_count),
+        cmocka_unit_test(matches_passed_over_are_counted_in_frames_that_have_the_bit),
         cmocka_unit_test(matches_need_frame_sender_and_time),
         cmocka_unit_test(an_inverted_filter_and_a_second_one),
         cmocka_unit_test(random_streams_of_rules_are_independent),
