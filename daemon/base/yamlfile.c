@@ -280,7 +280,7 @@ static bool scan_parser(yaml_parser_t *parser, const yaml_limits *limits, bool *
     return good;
 }
 
-/* One look at all events; *again: something was mended, there is to be another one. */
+/* Scans all events once; *again: a text was mended, and the scan must be repeated. */
 static bool scan_once(const text_buffer *text, const yaml_limits *limits, bool *again, diag *errors,
                       yaml_mend *mend, const char *own)
 {
@@ -299,7 +299,7 @@ static bool scan_once(const text_buffer *text, const yaml_limits *limits, bool *
     return good;
 }
 
-/* Finds all errors of syntax and more than one document. The text may be a mended one then. */
+/* Finds all syntax errors, and more than one document. The text may be a mended one afterwards. */
 static bool scan_events(text_buffer *text, const yaml_limits *limits, diag *errors, yaml_mend *mend)
 {
     const char *own = (const char *)text->bytes;

@@ -24,13 +24,13 @@ typedef struct yaml_limits {
 extern const yaml_limits yaml_file_limits;
 extern const yaml_limits yaml_text_limits; /* of a text that is read while the bus waits */
 
-/* The content of a file, to be freed; up to one byte more than may be loaded. regular: no pipe or
- * device will do. NULL after a message to errors. */
+/* Returns the content of a file, to be freed; it may exceed the loadable size by one byte. regular:
+ * pipes and devices are refused. Returns NULL after a message to `errors`. */
 char *yaml_file_read(size_t *size, const char *file, bool regular, diag *errors);
 
-/* Loads the only document of a text within these limits. Aliases are resolved to
- * their nodes, so what is loaded may be a graph, even with cycles. False after a message to errors;
- * *document is then not to be deleted. */
+/* Loads the only document of a text within these limits. Aliases are resolved to their nodes, so
+ * the document may be a graph, even with cycles. Returns false after a message to `errors`;
+ * *document must not be deleted then. */
 bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
                     const yaml_limits *limits, diag *errors);
 

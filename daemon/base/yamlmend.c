@@ -18,7 +18,7 @@ const char *yaml_mend_text(const yaml_mend *self, const char *text)
     return self->text ? self->text : text;
 }
 
-/* Byte of character n, or size. */
+/* Returns the byte of character n, or size. */
 static size_t offset_of(const char *text, size_t size, size_t n)
 {
     size_t i = 0;
@@ -49,7 +49,7 @@ static size_t find_begin(const char *text, size_t bracket)
     return begin;
 }
 
-/* Its size up to what follows it; 0: its brackets are not closed. */
+/* Returns the size of the text up to its end; 0: its brackets are not closed. */
 static size_t find_size(const char *text, size_t size, size_t begin)
 {
     size_t depth = 0;

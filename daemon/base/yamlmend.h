@@ -13,19 +13,19 @@
 
 #include <yaml.h>
 
-#define YAML_MENDED_MAX 20u /* of one file: each time it is read again */
+#define YAML_MENDED_MAX 20u /* of one file, which is read again each time */
 
-/* A text that is mended; places are counted in characters as libyaml does, and in bytes. */
+/* A mended text; places are counted in characters, as by libyaml, and in bytes. */
 typedef struct yaml_mended {
     size_t index;
     size_t offset;
     size_t size;
 } yaml_mended;
 
-/* All zeros, but for bytes_max, is nothing mended. */
+/* The mended texts of a file. All zeros, except for bytes_max, means none. */
 typedef struct yaml_mend {
-    char *text;       /* the file with stand-ins, to be freed; NULL: as it is */
-    size_t bytes_max; /* that may be read again, in all; once more than that is fine */
+    char *text;       /* the file with stand-ins, to be freed; NULL: nothing was mended */
+    size_t bytes_max; /* bytes that may be read again, in all; the last time may exceed them */
     size_t count;
     yaml_mended mended[YAML_MENDED_MAX];
 } yaml_mend;
@@ -33,12 +33,12 @@ typedef struct yaml_mend {
 /* Returns the text to parse: that of the file, or the mended one. */
 const char *yaml_mend_text(const yaml_mend *self, const char *text);
 
-/* The parser has failed at a mark: whether that was for brackets without quotes. Then it is told,
- * and the text is to be parsed again. */
+/* Mends a text after the parser has failed at a mark, if unquoted brackets were the cause. Returns
+ * true after a report; the text must then be parsed again. */
 bool yaml_mend_try(yaml_mend *self, const char *text, size_t size, const yaml_mark_t *mark,
                    diag *errors);
 
-/* Puts the brackets into a document that was loaded from the mended text. */
+/* Restores the brackets in a document that was loaded from the mended text. */
 void yaml_mend_restore(const yaml_mend *self, const char *text, yaml_document_t *document);
 
 #endif

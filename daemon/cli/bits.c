@@ -331,7 +331,7 @@ static bool has_stuff(const display *shown, const part *which)
     return false;
 }
 
-/* colour may be NULL. */
+/* Prints a text; colour may be NULL. */
 static void print_coloured(const display *shown, const char *colour, const char *text)
 {
     bool on = shown->colour && colour != NULL;

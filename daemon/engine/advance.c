@@ -12,7 +12,7 @@
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* The modes decide which error frames the ECU gets; they may change while the bus runs. */
+/* Returns the modes, which decide the error frames of the ECU and may change while the bus runs. */
 static unsigned modes_of(const engine *e, unsigned node)
 {
     cw_settings settings;

@@ -25,8 +25,8 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
     return e->arrived[node];
 }
 
-/* The first frame of the inbox leaves at the latest in the bit that holds its tick. Returns false
- * when the time of this wake-up ends before. */
+/* Makes room in the inbox, whose first frame leaves at the latest in the bit that holds its tick.
+ * Returns false when the time of this wake-up ends before. */
 bool engine_make_room(engine *e)
 {
     const uint64_t bit = cw_rate_ticks(e->config->rate, 1);

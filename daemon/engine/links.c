@@ -249,7 +249,7 @@ static bool open_or_name_port(engine *e, unsigned node, bool good)
     return false;
 }
 
-/* All interfaces count as up until the first list reports them. */
+/* Opens all ports. All interfaces count as up until the first list reports them. */
 bool engine_open_ports(engine *e)
 {
     bool good = true;

@@ -18,7 +18,7 @@
 #define PREFIX_BYTES 32
 #define BUS_NAME_MAX 40
 
-/* A socket with an abstract name; -1 with errno set. */
+/* Returns a socket with an abstract name; -1 with errno set. */
 static int bind_name(const char *name)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};

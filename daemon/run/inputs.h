@@ -74,10 +74,10 @@ void inputs_advance(inputs *in, uint64_t tick);
 /* Calls cw_bus_advance_some() and takes all events. Returns true when the tick has been reached. */
 bool inputs_advance_some(inputs *in, uint64_t tick, uint64_t work);
 
-/* cw_node_send() */
+/* Calls cw_node_send(). */
 cw_status inputs_send(inputs *in, unsigned node, const cw_frame *frame, uint64_t at_tick);
 
-/* release_hand_in() */
+/* Calls release_hand_in(). */
 cw_status inputs_release(inputs *in, release_plan *plan);
 
 /* Adds the rules of a text, see cfg_load_rules(), all or none. Returns them, to be freed with
@@ -91,10 +91,10 @@ void inputs_clear(inputs *in, unsigned rule);
 /* Calls cw_bus_fire_rule(). The rule must exist. */
 cw_status inputs_fire(inputs *in, unsigned rule);
 
-/* cw_node_restart() */
+/* Calls cw_node_restart(). */
 cw_status inputs_restart(inputs *in, unsigned node);
 
-/* cw_node_set() */
+/* Calls cw_node_set(). */
 cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
 
 /* Calls cw_node_attach() and takes all events. */

@@ -390,7 +390,7 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node)
     return s->has_frame ? &s->frame : NULL;
 }
 
-/* The second entry of a heap is one of two. */
+/* Checks two entries: one of them is the second of the heap. */
 bool release_is_alone(const release_plan *plan, uint64_t before)
 {
     assert(plan->count > 0);
