@@ -329,7 +329,7 @@ static void *find(void **found, const char *name)
 
 typedef int open_function(const char *, int, ...);
 
-/* Whoever gives no order gets all calls done. */
+/* Takes the order; without one no call fails. */
 static void take_order(void)
 {
     static void *found;
@@ -529,7 +529,7 @@ static unsigned kind_of(int fd, unsigned of_file)
                                              : NUDGE;
 }
 
-/* Messages are whole. */
+/* Returns true for a stream; messages of other sockets are whole. */
 static bool has_parts(int fd)
 {
     static void *found;
@@ -541,7 +541,7 @@ static bool has_parts(int fd)
     return type == SOCK_STREAM;
 }
 
-/* A connection that is lost is lost for all calls, and for the other side. */
+/* Breaks a connection for all calls, and for the other side. */
 static void lose(int fd)
 {
     static void *found;
@@ -583,7 +583,7 @@ int recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct
     return result == BAD ? -1 : real(fd, messages, result == PART ? 1 : count, flags, until);
 }
 
-/* The descriptor is gone in any case. */
+/* Fails, but closes the descriptor in any case. */
 int close(int fd)
 {
     static void *found;
@@ -665,7 +665,7 @@ PRINT(__fprintf_chk, out, (FILE * out, __attribute__((unused)) int flag, const c
       format)
 PRINT(__printf_chk, stdout, (__attribute__((unused)) int flag, const char *format, ...), format)
 
-/* As close(). */
+/* Fails in the same way as close(). */
 int fclose(FILE *stream)
 {
     static void *found;

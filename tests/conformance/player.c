@@ -115,7 +115,8 @@ static cw_state state_of(unsigned tec, unsigned rec)
     return worst >= WARNING_LIMIT ? CW_STATE_ERROR_WARNING : CW_STATE_ERROR_ACTIVE;
 }
 
-/* Before the IDE bit nobody can tell RTR from SRR (nor, for a receiver, should it matter). */
+/* Compares places. Before the IDE bit a controller cannot distinguish RTR and SRR; for a receiver
+ * it does not matter. */
 static bool place_matches(cw_place seen, cw_place expected, cw_role role)
 {
     if (role != CW_ROLE_TRANSMITTER && expected.field == CW_FIELD_SRR && seen.field == CW_FIELD_RTR)
@@ -130,7 +131,7 @@ static bool error_matches(const cw_error *seen, const cw_error *expected)
            place_matches(seen->place, expected->place, expected->role);
 }
 
-/* The role tells which counter moved. */
+/* Compares counters; the role tells which one moved. */
 static bool tolerance_matches(const cw_error *seen, const expect *e)
 {
     cw_field field = seen->place.field;
@@ -140,7 +141,8 @@ static bool tolerance_matches(const cw_error *seen, const expect *e)
             field == CW_FIELD_OVERLOAD_DELIMITER);
 }
 
-/* M13 before R10: an attempt of a one-shot node ends with the error that leads to bus-off, too. */
+/* Returns the reason of a drop. M13 precedes R10: an attempt of a one-shot node ends with the error
+ * that leads to bus-off, too. */
 static cw_drop drop_reason(const player *b, const expect *e)
 {
     bool attempt_ends = e->what & (CW_REPORT_ERROR | CW_REPORT_ARBITRATION_LOST);

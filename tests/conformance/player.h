@@ -47,7 +47,7 @@ typedef struct player {
     bool verbose;
 } player;
 
-/* A new node that integrates. */
+/* Initialises a new node that integrates. */
 void player_init(player *b, bool verbose);
 
 /* Plays one bit and compares; forced puts recessive onto the bus whatever the node drives. Does

@@ -14,7 +14,7 @@ static void extended_frames(void)
     bench_run_frames('>', true);
 }
 
-/* 29 identifiers that differ from the node's in one bit. */
+/* Runs 29 identifiers that differ from the node's in one bit. */
 static void extended_losses(void)
 {
     for (unsigned n = 0; n < 29; n++) {

@@ -32,8 +32,8 @@ static void extended_bits(void)
     invert_every_bit("0915A5C3#C3A5");
 }
 
-/* R3 ii: the recessive stuff bits before the RTR cost nothing; the rest are bit errors, the one
- * that follows the RTR, too. */
+/* Writes the script of a wrong stuff bit. R3 ii: the recessive stuff bits before the RTR cost
+ * nothing. The rest are bit errors, including the one behind the RTR. */
 static const char *stuff_bit_error(const wire_bit *bit)
 {
     if (bit->level && bit->arbitration && bit->place.field != CW_FIELD_RTR)

@@ -335,7 +335,7 @@ static const test_case cases[] = {
     {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
 };
 
-/* Every bit up to EOF by both roles: what a wrong level there is called. */
+/* Checks the error of a wrong level in every bit up to EOF, for both roles. */
 static void error_events(void)
 {
     static const char *const frames[] = {"245#C3A5", "0915A5C3#0FF0", "123#1122334455667788"};

@@ -43,7 +43,7 @@ static const char *next_word(char *word, const char *p)
     return p + length;
 }
 
-/* Index of the word in a list, or -1. */
+/* Returns the index of the word in a list, or -1. */
 static int find_word(const char *const *list, const char *word)
 {
     for (int i = 0; list[i]; i++) {
@@ -172,7 +172,7 @@ static expect expect_of(const player *b, unsigned n)
     return e;
 }
 
-/* The node's own level in bit n of the present frame. */
+/* Returns the node's own level in bit n of the present frame. */
 static bool own_level(const player *b, unsigned n)
 {
     if (b->sender == BY_NODE)
@@ -237,7 +237,7 @@ static const char *play_frame(player *b, const char *p)
     return end;
 }
 
-/* Both send; the node goes on with the bench's frame from the bit after the one it lost. */
+/* Plays two senders; the node goes on with the bench's frame behind the bit that it lost. */
 static void play_contest(player *b, const wire *bench_wire, unsigned from, unsigned to)
 {
     unsigned lost = from;

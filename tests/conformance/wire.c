@@ -256,7 +256,7 @@ static void put_data(raw *r, const cw_frame *frame)
         put(r, CW_FIELD_DATA, 8 * i, 8, frame->data[i]);
 }
 
-/* The remainder of the message, 15 zeros appended, divided by the generator. */
+/* Returns the remainder of the message, with 15 zeros appended, divided by the generator. */
 static unsigned crc_of(const raw *r)
 {
     bool rest[WIRE_MAX + CRC_BITS] = {false};

@@ -46,13 +46,14 @@ const char *wire_parse(wire *out, const char *text);
  * is -1 otherwise. */
 const char *wire_parse_place(cw_place *out, int *nth_stuff, const char *text);
 
-/* Wire index of the position at text, -1 when the frame has none; *end is where the text ends. */
+/* Returns the wire index of the position at text, -1 when the frame has none; *end is the end of
+ * the text. */
 int wire_find(const wire *w, const char *text, const char **end);
 
 /* Writes a place as it is written in scripts; buffer of NAME_MAX_LENGTH bytes. */
 const char *wire_place_text(char *buffer, cw_place place);
 
-/* Number of a lost arbitration bit as the SJA1000 counts. */
+/* Returns the number of a lost arbitration bit in the way of the SJA1000. */
 unsigned wire_lost_bit(const wire *w, unsigned index);
 
 bool wire_same_place(cw_place a, cw_place b);

@@ -38,7 +38,7 @@ static void add_array(const uint64_t *values, size_t count)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* Called by the run for each event of the bus that takes short cuts. */
+/* Hashes an event of the bus that takes fast paths; the run calls this for each one. */
 void diff_cover_event(diff_coverage *c, const cw_event *e, const cw_rule *rule)
 {
     (void)c;
@@ -107,7 +107,7 @@ static void add_bus(const cw_bus *bus, unsigned rules)
             ADD_ALL(rule.matches, rule.hits, rule.active, rule.over);
 }
 
-/* Called by the run now and then, and at the end. */
+/* Hashes the state of the buses; the run calls this from time to time, and at the end. */
 bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules, FILE *out)
 {
     (void)out;

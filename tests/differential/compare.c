@@ -29,7 +29,7 @@ static void same(comparison *c, const char *what, uint64_t fast, uint64_t refere
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* All fields are compared, those without a meaning for the kind of event are zero. */
+/* Compares all fields; those without a meaning for the kind of event are zero. */
 bool diff_same_event(const cw_event *a, const cw_event *b)
 {
     comparison of_event = {.same = true};
@@ -177,7 +177,7 @@ static void compare_bit_node(comparison *c, const cw_bit_node *a, const cw_bit_n
     SAME(rec);
 }
 
-/* The reference has simulated each bit by itself; the fast bus need not have. */
+/* Compares bits. The reference has simulated each bit by itself; the fast bus need not have. */
 static void compare_bits(comparison *c, const cw_bus *fast, const cw_bus *reference)
 {
     cw_bit_view fast_view;

@@ -31,10 +31,11 @@ uint64_t diff_below(diff_random *r, uint64_t limit);               /* 0 when lim
 uint64_t diff_between(diff_random *r, uint64_t least, uint64_t most); /* both included */
 bool diff_chance(diff_random *r, unsigned permille);
 
-/* About the same chance for each order of magnitude from least (at least 1) to most. */
+/* Draws a number from least (at least 1) to most; each order of magnitude has about the same
+ * chance. */
 uint64_t diff_magnitude(diff_random *r, uint64_t least, uint64_t most);
 
-/* Like realloc(), but ends the program when there is no memory. */
+/* Works as realloc(), but ends the program without memory. */
 void *diff_allocate(void *old, size_t size);
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
@@ -115,11 +116,10 @@ typedef struct diff_scenario {
     diff_op *ops; /* sorted by tick */
 } diff_scenario;
 
-/* Text of a rule name. */
+/* Returns the text of a rule name. */
 const char *diff_name(unsigned number);
 
-/* A configuration to give to the library; valid as long as the plan is and is not filled in
- * again. */
+/* Returns a configuration for the library, valid until the plan ends or is filled in again. */
 const cw_bus_config *diff_fill_in(diff_plan *plan, cw_rule rules[DIFF_RULES_MAX]);
 
 void diff_scenario_copy(diff_scenario *to, const diff_scenario *from);
@@ -149,7 +149,7 @@ typedef struct diff_maker {
 
 cw_rule diff_random_rule(diff_maker *m);
 
-/* The frame with an identifier of that node, if identifiers belong to nodes. */
+/* Returns the frame with an identifier of that node, if identifiers belong to nodes. */
 cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node);
 cw_settings diff_random_settings(diff_maker *m);
 cw_frame diff_random_frame(diff_maker *m);
@@ -220,8 +220,8 @@ typedef struct diff_ledger diff_ledger;
 diff_ledger *diff_ledger_new(const diff_scenario *s);
 void diff_ledger_free(diff_ledger *l);
 
-/* A frame was taken; an event came; another bus goes on with these nodes; events are left out from
- * now on. */
+/* Note a frame that was taken; an event; another bus that goes on with these nodes; and that later
+ * events are left out. */
 void diff_ledger_send(diff_ledger *l, unsigned node, const cw_frame *frame);
 void diff_ledger_event(diff_ledger *l, const cw_event *e);
 void diff_ledger_take_over(diff_ledger *l, const uint8_t *from, unsigned node_count);
@@ -236,7 +236,7 @@ bool diff_ledger_check_end(const diff_ledger *l, const cw_bus *bus, FILE *out);
 
 void diff_write_event(FILE *out, const cw_event *e);
 
-/* The scenario as calls of the library. */
+/* Writes the scenario as calls of the library. */
 void diff_write_scenario(FILE *out, const diff_scenario *s);
 
 /* ---- shrink.c -------------------------------------------------------------------------------- */

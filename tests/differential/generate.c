@@ -216,7 +216,8 @@ static bool is_accepted(diff_plan *plan)
     return accepted;
 }
 
-/* Rules that the library refuses make the whole configuration invalid: they are left out. */
+/* Makes rules without those that the library refuses, which make the whole configuration
+ * invalid. */
 static void random_rules(generator *g, diff_plan *plan, unsigned count)
 {
     unsigned first = (unsigned)diff_below(&g->maker.random, 100);
@@ -322,7 +323,7 @@ static unsigned random_node_number(generator *g)
     return (unsigned)diff_below(&g->maker.random, g->maker.nodes);
 }
 
-/* Handed in when it is to come up, long before, or too late. */
+/* Hands in a frame at its time, long before it, or too late. */
 static void send(generator *g, unsigned node, const cw_frame *frame, uint64_t at_tick)
 {
     diff_random *r = &g->maker.random;
@@ -354,7 +355,7 @@ static uint64_t random_tick(generator *g)
     }
 }
 
-/* One frame of a node again and again. */
+/* Sends one frame of a node repeatedly. */
 static void periodic(generator *g, uint64_t frames)
 {
     diff_maker *m = &g->maker;
@@ -371,7 +372,7 @@ static void periodic(generator *g, uint64_t frames)
     }
 }
 
-/* Many frames of one node at a time. */
+/* Sends many frames of one node at a time. */
 static void bursts(generator *g, uint64_t frames)
 {
     diff_random *r = &g->maker.random;
@@ -386,8 +387,8 @@ static void bursts(generator *g, uint64_t frames)
     }
 }
 
-/* Frames of several nodes that meet: in one bit, just before or after it, within SOF and the
- * arbitration of each other. */
+/* Sends frames of several nodes that meet: in one bit, just before or after it, or within SOF and
+ * the arbitration of each other. */
 static void meetings(generator *g, uint64_t frames)
 {
     diff_maker *m = &g->maker;
@@ -432,7 +433,7 @@ static void bad_frames(generator *g, uint64_t frames)
     }
 }
 
-/* From an almost empty bus to one that has more than it can carry. */
+/* Makes traffic from an almost empty bus to one that is overloaded. */
 static void random_traffic(generator *g)
 {
     static void (*const patterns[])(generator *, uint64_t) = {periodic, periodic, bursts, meetings,
@@ -495,7 +496,7 @@ static void merge(diff_op *to, const diff_op *a, size_t a_count, const diff_op *
     }
 }
 
-/* By tick; those of one tick stay in their order. */
+/* Sorts operations by tick; those of one tick keep their order. */
 static void sort_ops(diff_op *ops, size_t count, diff_op *room)
 {
     if (count < 2)
@@ -524,7 +525,8 @@ static diff_op_kind random_op_kind(diff_random *r)
     return often[i].kind;
 }
 
-/* Mostly while a frame that has come up is contending or being sent, and about its sender. */
+/* Picks a moment, mostly during the arbitration or transmission of a frame, and mostly its
+ * sender. */
 static uint64_t pick_moment(generator *g, unsigned *node, uint64_t from, uint64_t step)
 {
     diff_random *r = &g->maker.random;
@@ -553,7 +555,7 @@ static void find_moments(generator *g)
     sort_ops(g->moments, g->moment_count, g->moments + s->op_count);
 }
 
-/* Any rule; one to be fired is mostly one that can be. */
+/* Picks any rule; for firing mostly one that can be fired. */
 static unsigned pick_rule(generator *g, bool fired)
 {
     const diff_plan *plan = &g->scenario->plans[g->scenario->plan_count - 1];
@@ -566,7 +568,7 @@ static unsigned pick_rule(generator *g, bool fired)
     return rule;
 }
 
-/* Several begin to send, and one of them does not go on. */
+/* Makes several nodes begin to send, of which one does not go on. */
 static void ambush(generator *g, uint64_t tick)
 {
     diff_maker *m = &g->maker;
@@ -620,7 +622,7 @@ static void add_operation(generator *g, uint64_t tick, unsigned node)
     diff_add_op(g->scenario, &op);
 }
 
-/* In the order of time, as take-overs change what later operations are about. */
+/* Makes operations in the order of time, since take-overs change the meaning of later ones. */
 static void random_operations(generator *g)
 {
     uint64_t count = g->maker.bits * g->style->ops / 10000;
@@ -655,7 +657,7 @@ static void random_checks(generator *g)
         diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = random_tick(g)});
 }
 
-/* Bit after bit for a while. */
+/* Compares after each bit for a while. */
 static void check_each_bit(generator *g)
 {
     uint64_t tick = random_tick(g);

@@ -77,7 +77,8 @@ void diff_ledger_close(diff_ledger *l)
 
 /* ---- Booking --------------------------------------------------------------------------------- */
 
-/* Data bytes that do not count may be anything; of a frame that is none, all of it counts. */
+/* Compares frames. Data bytes behind the length are ignored; all bytes of an invalid frame
+ * count. */
 static bool is_same(const cw_frame *a, const cw_frame *b)
 {
     if (cw_frame_valid(a) && cw_frame_valid(b))
@@ -118,7 +119,7 @@ void diff_ledger_event(diff_ledger *l, const cw_event *e)
         book(a, &e->frame, -1);
 }
 
-/* Frames of nodes that are no more are lost, unless they have been flushed. */
+/* Takes over the frames; those of removed nodes are lost, unless they have been flushed. */
 void diff_ledger_take_over(diff_ledger *l, const uint8_t *from, unsigned node_count)
 {
     account before[CW_NODES_MAX];

@@ -59,7 +59,7 @@ static const char usage[] =
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
-/* The child is ended by a signal when a scenario takes too much CPU time. */
+/* Limits the CPU time of the child, which a signal ends when a scenario takes too much. */
 static void limit_time(unsigned seconds)
 {
     const struct itimerval limit = {.it_value = {.tv_sec = (time_t)seconds}};
@@ -107,7 +107,7 @@ static bool is_done(const options *o, const diff_coverage *c, time_t begin)
     return o->seconds ? (uint64_t)(time(NULL) - begin) >= o->seconds : c->bits >= o->bits;
 }
 
-/* The child: exit status 1 when a scenario differs. */
+/* Runs the child: exit status 1 when a scenario differs. */
 static int run_all(const options *o)
 {
     static diff_scenario s;
@@ -204,7 +204,7 @@ static bool read_options(options *o, int argc, char **argv)
     return optind == argc;
 }
 
-/* Two tests: nothing differs, and everything was exercised. */
+/* Prints the results of two tests: nothing differs, and everything was exercised. */
 static int summarise(const options *o, bool same)
 {
     diff_coverage c;

@@ -181,7 +181,7 @@ static void random_trigger(diff_maker *m, cw_rule *rule)
     }
 }
 
-/* Nothing but frames. */
+/* Sets a condition of frames only. */
 static void simple_when(diff_maker *m, cw_rule *rule)
 {
     rule->filter_count = diff_chance(&m->random, 500);
@@ -300,7 +300,7 @@ static void random_counters(diff_maker *m, cw_rule *rule)
     rule->settings = diff_random_settings(m);
 }
 
-/* One of eight bytes. */
+/* Sets one of eight bytes. */
 static void set_one(diff_random *r, uint8_t *bytes)
 {
     uint64_t place = diff_below(r, 8);

@@ -199,7 +199,7 @@ static void check_next(pair *p, const side *s, size_t from, uint64_t next)
     }
 }
 
-/* Reading changes nothing. */
+/* Reads the state of a bus, which must change nothing. */
 static void peek(const side *s)
 {
     cw_node_stats node;
@@ -212,7 +212,7 @@ static void peek(const side *s)
         (void)cw_node_get_settings(s->bus, i, &settings);
 }
 
-/* In pieces that were asked for by work, each of at least one bit, some of them with an end. */
+/* Advances by limited work, at least one bit in each call, sometimes with an end. */
 static cw_status advance_once(pair *p, side *s, uint64_t end)
 {
     if (s->slicing != DIFF_WORK)
@@ -226,8 +226,8 @@ static cw_status advance_once(pair *p, side *s, uint64_t end)
     return status;
 }
 
-/* One call, and more of it while the ring is full or work is left. Returns false when it does not
- * go on. */
+/* Advances by one call, and by more while the ring is full or work is left. Returns false when it
+ * does not go on. */
 static bool advance_through(pair *p, side *s, uint64_t end)
 {
     cw_status status;
@@ -279,7 +279,7 @@ static void advance_side(pair *p, side *s, uint64_t target)
     } while (!p->verdict->differs && target > now && target - now >= p->bit_ticks);
 }
 
-/* All events up to now. */
+/* Takes all events up to now. */
 static void settle(pair *p)
 {
     drain(p, &p->fast, p->fast.count, 0);
@@ -308,7 +308,8 @@ static void check(pair *p)
 
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
-/* Nothing may depend on what was in the memory: it is not the same for the two. */
+/* Makes a bus. Nothing may depend on the earlier contents of the memory, which differ for the
+ * two. */
 static void *make_bus(cw_bus **bus, const cw_bus_config *config, int filling)
 {
     size_t size = cw_bus_size(config);
@@ -469,7 +470,7 @@ static void run_operation(pair *p, const diff_op *op)
         settle(p);
 }
 
-/* So that no frame is left; returns whether the ring had room for all of that. */
+/* Flushes all frames; returns true when the ring had room for all events. */
 static bool flush_all(side *s)
 {
     cw_node_stats stats;

@@ -16,7 +16,7 @@ void diff_random_init(diff_random *r, uint64_t seed)
     (void)diff_draw(r);
 }
 
-/* A linear congruential generator with its high bits mixed into the low ones. */
+/* Draws from a linear congruential generator, with its high bits mixed into the low ones. */
 uint64_t diff_draw(diff_random *r)
 {
     r->state = r->state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);

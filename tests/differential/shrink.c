@@ -43,7 +43,7 @@ static void remove_ops(diff_scenario *s, unsigned first, unsigned count)
     s->op_count -= count;
 }
 
-/* Whole stretches first, then smaller ones. */
+/* Drops long runs of operations first, then shorter ones. */
 static bool drop_operations(shrinking *k)
 {
     static diff_scenario candidate;
@@ -132,7 +132,7 @@ static unsigned plan_places(const diff_scenario *s)
     return s->plan_count;
 }
 
-/* The bus begins with a later configuration, without taking over. */
+/* Lets the bus begin with a later configuration, without a take-over. */
 static bool begin_with_plan(diff_scenario *s, unsigned plan)
 {
     unsigned kept = 0;
@@ -155,7 +155,7 @@ static unsigned rule_places(const diff_scenario *s)
     return s->plan_count * DIFF_RULES_MAX;
 }
 
-/* Those behind move up; what names them by index is told. */
+/* Removes a rule. Later ones move up, and references by index change. */
 static bool remove_rule(diff_scenario *s, unsigned place)
 {
     unsigned at = place % DIFF_RULES_MAX;
@@ -285,7 +285,7 @@ static bool is_about_node(const diff_op *op)
            op->kind == DIFF_FLUSH || op->kind == DIFF_ATTACH;
 }
 
-/* Only of a bus that is the same throughout. */
+/* Removes a node, but only of a bus that is the same throughout. */
 static bool remove_node(diff_scenario *s, unsigned at)
 {
     diff_plan *plan = &s->plans[0];
@@ -372,7 +372,7 @@ static bool simplify_op(diff_scenario *s, unsigned place)
 
 /* ---- Time ------------------------------------------------------------------------------------ */
 
-/* All points in time that a scenario names: those of operations, of frames, the end. */
+/* Counts all points in time of a scenario: those of operations and frames, and the end. */
 static unsigned time_count(const diff_scenario *s)
 {
     return 2 * s->op_count + 1;
@@ -429,7 +429,7 @@ static unsigned time_places(const diff_scenario *s)
     return time_count(s) * TIME_CHANGES;
 }
 
-/* Whole bits of the time before a point are left out: all that is later comes earlier. */
+/* Leaves out whole bits of the time before a point: all that is later comes earlier. */
 static bool leave_out_time(diff_scenario *s, unsigned place)
 {
     static const unsigned keep_bits[TIME_CHANGES] = {200, 50, 12, 1, 0};

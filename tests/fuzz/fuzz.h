@@ -25,7 +25,7 @@
 
 _Noreturn void fuzz_fail(const char *file, int line, const char *condition);
 
-/* The target; always returns 0. */
+/* Runs the target; always returns 0. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 /* ---- Input as numbers; all 0 when it is used up ---------------------------------------------- */
@@ -38,18 +38,18 @@ typedef struct fuzz_input {
 uint8_t fuzz_u8(fuzz_input *in);
 uint32_t fuzz_u32(fuzz_input *in);
 
-/* 0 to limit - 1; limit at most 65536, and one byte of input will do up to 256. */
+/* Reads a number from 0 to limit - 1. limit is at most 65536; up to 256 it takes one byte of
+ * input. */
 unsigned fuzz_below(fuzz_input *in, unsigned limit);
 
 bool fuzz_bool(fuzz_input *in);
 
-/* A frame, valid more often than not. */
+/* Reads a frame, valid more often than not. */
 cw_frame fuzz_frame(fuzz_input *in);
 
 /* ---- Text ------------------------------------------------------------------------------------ */
 
-/* The input with a final 0, to be freed; what comes after a 0 in it is not seen by who reads a
- * string. */
+/* Returns the input with a final 0, to be freed; a string ends at the first 0 in it. */
 char *fuzz_text(const uint8_t *data, size_t size);
 
 /* ---- A bus that is watched ------------------------------------------------------------------- */
@@ -73,7 +73,7 @@ typedef struct fuzz_bus {
     char label;   /* ... behind this */
 } fuzz_bus;
 
-/* False when the configuration is invalid. */
+/* Opens a bus. Returns false when the configuration is invalid. */
 bool fuzz_bus_open(fuzz_bus *b, const cw_bus_config *config);
 
 /* Goes over to another bus, see cw_bus_take_over(); with CW_INVALID nothing has changed. */
@@ -92,10 +92,10 @@ void fuzz_bus_send(fuzz_bus *b, unsigned node, const cw_frame *frame, uint64_t t
 /* Statistics must agree with the events, and each frame handed in must be somewhere. */
 void fuzz_bus_check(const fuzz_bus *b);
 
-/* Frames at random times from all nodes while so many bits go by, checked at the end. */
+/* Sends frames at random times from all nodes for so many bits; checks the bus at the end. */
 void fuzz_bus_traffic(fuzz_bus *b, unsigned bits, uint64_t seed);
 
-/* A number that the whole input decides. */
+/* Returns a number that depends on the whole input. */
 uint64_t fuzz_hash(const uint8_t *data, size_t size);
 
 /* Numbers that are the same in every run; *state must not be 0. */

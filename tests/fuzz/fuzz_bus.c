@@ -29,7 +29,7 @@ static const char *const names[NAMES] = {"a", "b", "c", "d", "e", "f", "g", "h",
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
-/* A time in ticks: none, some bits, or something odd. */
+/* Reads a time in ticks: none, some bits, or an odd number. */
 static uint64_t some_ticks(fuzz_input *in, uint32_t bit_ticks)
 {
     unsigned kind = fuzz_u8(in);
@@ -178,7 +178,8 @@ static void read_nodes(pair *p, fuzz_input *in)
     }
 }
 
-/* Rules that the bus refuses make the whole configuration invalid, so they come later. */
+/* Reads a configuration without rules, which come later: one that the bus refuses makes the whole
+ * configuration invalid. */
 static void read_config(pair *p, fuzz_input *in)
 {
     static const uint32_t bit_ticks[] = {160, 80, 1, 7, 8000};
@@ -289,7 +290,7 @@ static void restart_or_attach(pair *p, unsigned what)
         attach(p, what % NODES_MAX, what < 2 * NODES_MAX);
 }
 
-/* Old nodes in another order, some left out, some new. */
+/* Takes over old nodes in another order, with some left out and some new. */
 static void take_over(pair *p, fuzz_input *in)
 {
     uint8_t from[NODES_MAX];

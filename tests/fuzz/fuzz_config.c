@@ -71,7 +71,7 @@ static int make_folder(void)
 
 /* ---- The target ------------------------------------------------------------------------------ */
 
-/* Each message is a line that begins with the name of a file. */
+/* Checks that each message is a line that begins with the name of a file. */
 static void check_messages(const char *messages, size_t length, bool good)
 {
     REQUIRE((length == 0) == good);
@@ -91,7 +91,7 @@ static cfg *load(const char *path)
     return config;
 }
 
-/* cfg_check() must say of a configuration what cfg_load() says. */
+/* Checks that cfg_check() and cfg_load() agree about a configuration. */
 static void check(const char *path, const cfg *loaded)
 {
     char *messages = NULL;

@@ -156,7 +156,7 @@ static bool take_replies(int fd)
     return count < 0 && errno == EAGAIN;
 }
 
-/* The server must take it, or hang up. */
+/* Writes bytes, which the server must take, unless it hangs up. */
 static void write_bytes(const rig *r, const uint8_t *bytes, size_t length)
 {
     int fd = r->clients[r->now];
@@ -208,7 +208,7 @@ static void write_input(rig *r, const uint8_t *data, size_t size)
     }
 }
 
-/* All that was asked is answered, and the server hangs up on those that have finished. */
+/* Checks that all requests are answered, and that the server hangs up on finished clients. */
 static void finish(rig *r)
 {
     for (unsigned i = 0; i < CLIENTS; i++)
@@ -220,7 +220,7 @@ static void finish(rig *r)
         }
 }
 
-/* Whatever others did, a new client is served, and the bus is in order. */
+/* Checks that a new client is served, whatever others did, and that the bus is in order. */
 static void expect_service(rig *r)
 {
     static const char request[] = "{\"id\":7,\"request\":\"status\"}\n";

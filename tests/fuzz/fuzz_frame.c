@@ -17,7 +17,7 @@
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* A receiver must get what was encoded. */
+/* Checks that a receiver gets the encoded frame. */
 static void send_over_wire(const cw_frame *frame)
 {
     cw_bits bits;

@@ -96,7 +96,7 @@ static journal_outcome play(run *r, const char *path, bool stepping, FILE *error
     return outcome;
 }
 
-/* With its messages; nothing is wrong without one. */
+/* Plays a journal with its messages; each problem has one. */
 static journal_outcome play_aloud(run *r, const char *path, bool stepping)
 {
     char *messages = NULL;

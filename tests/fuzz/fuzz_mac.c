@@ -62,7 +62,7 @@ static void check_state(const bench *b)
             (cw_mac_get_phase(m) == CW_MAC_FRAME && cw_mac_role(m) == CW_ROLE_TRANSMITTER));
 }
 
-/* R1..R8: a counter moves by these steps only, in a bit in which nothing else happens to it. */
+/* R1..R8: a counter moves by these steps only, in a bit without other changes of it. */
 static bool tec_step_allowed(unsigned before, unsigned after)
 {
     return after == before || after == before + 8 || after + 1 == before;
@@ -167,8 +167,7 @@ static void check_drive(const cw_mac *before, const cw_mac *after, bool own)
 
 /* ---- Bits ------------------------------------------------------------------------------------ */
 
-/* One bit, in which others pull the bus to a level, or (any) the level is that one whatever the
- * controller drives. */
+/* Plays one bit, in which others pull the bus to a level, or (any) the level is forced. */
 static void bit(bench *b, bool level, bool any)
 {
     cw_mac before = b->mac;
@@ -188,7 +187,7 @@ static void bits(bench *b, unsigned levels, unsigned count, bool any)
         bit(b, levels >> i & 1u, any);
 }
 
-/* Somebody else sends a frame, which the controller may get, join or beat; up to a bit of it. */
+/* Plays a foreign frame, which the controller may get, join or beat; up to a bit of it. */
 static void foreign_frame(bench *b)
 {
     cw_bits wire;
@@ -290,7 +289,8 @@ static void command(bench *b, unsigned what)
     REQUIRE(b->mac.offered == b->offered);
 }
 
-/* The last four of the 64 are those that came later, so that old inputs mean what they did. */
+/* Returns a command. The last four of the 64 were added later, so that old inputs keep their
+ * meaning. */
 static unsigned command_of(unsigned op)
 {
     unsigned number = op - COMMAND;

@@ -105,7 +105,7 @@ static meaning meaning_of(const message *m)
     return can_id & CAN_ERR_FLAG ? ERROR_FRAME : FRAME;
 }
 
-/* len8_dlc counts from 9 to 15 only, and with eight bytes. */
+/* Returns the DLC: len8_dlc counts from 9 to 15 only, and with eight bytes. */
 static unsigned dlc_of(const struct can_frame *f)
 {
     bool raw = f->len == CAN_MAX_DLEN && f->len8_dlc > CAN_MAX_DLEN &&
@@ -145,7 +145,7 @@ static void check_out_error(const struct can_frame *out)
     REQUIRE(out->len == CAN_ERR_DLC && out->len8_dlc == 0);
 }
 
-/* Nothing is left to chance in what an ECU reads. */
+/* Checks that all bytes that an ECU reads are defined. */
 static void check_out(const struct can_frame *out)
 {
     bool extended = out->can_id & CAN_EFF_FLAG;
@@ -196,7 +196,7 @@ static void put_message(port *p, unsigned i, const message *m)
         (void)add_control(&out->msg_hdr, SO_RXQ_OVFL, &m->losses, sizeof m->losses);
 }
 
-/* All that was made up is one batch. */
+/* Reads the made-up messages, which are one batch. */
 static unsigned read_made_up(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     const side *s = &running->sides[CAN];
@@ -243,7 +243,7 @@ static void send_back(rig *r, const cw_frame *frame, const message *m)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Those of the messages that came before the next frame. */
+/* Skips messages that came before the next frame. */
 static void pass_over(side *s, unsigned *next)
 {
     for (; *next < s->count; ++*next) {
@@ -282,7 +282,7 @@ static bool is_readable(const port *p)
     return wait.fd >= 0 && poll(&wait, 1, 0) == 1;
 }
 
-/* All that waits: exactly the frames that were written, in that order. */
+/* Reads all waiting frames: exactly the written ones, in that order. */
 static void read_all(rig *r, unsigned node)
 {
     side *s = &r->sides[node];
@@ -312,7 +312,7 @@ static void read_all(rig *r, unsigned node)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* A frame more often than not. */
+/* Makes a message, a frame more often than not. */
 static message make_message(fuzz_input *in)
 {
     message m = {.arrival_ns = -1};
@@ -337,8 +337,8 @@ static void keep(side *s, const message *m)
     s->waiting[s->count++] = *m;
 }
 
-/* The number beside a message may be older than the last one that was told. It is taken modulo
- * 2^32: no more than half of that can be lost until it is told. */
+/* Adds losses. The number beside a message may be older than the last reported one. It counts
+ * modulo 2^32: no more than half of that can be lost until it is reported. */
 static void add_losses(rig *r, message *m)
 {
     counts *c = &r->sides[CAN].counts;
@@ -353,7 +353,7 @@ static void add_losses(rig *r, message *m)
         c->lost_told = told;
 }
 
-/* A batch from the kernel. */
+/* Receives a batch from the kernel. */
 static void receive(rig *r)
 {
     unsigned count = 1 + fuzz_below(&r->in, PORT_BATCH);
@@ -389,7 +389,7 @@ static int connect_to(const rig *r)
     return fd;
 }
 
-/* The one before has gone, or stays and this one is refused. */
+/* Connects an ECU. The one before has gone, or stays and this one is refused. */
 static void come(rig *r)
 {
     side *s = &r->sides[ECU];
@@ -459,7 +459,7 @@ static void take_messages(rig *r, unsigned count, bool echo)
     }
 }
 
-/* It hangs up, or stays but says or hears nothing any more. */
+/* Ends an ECU: it hangs up, or stays and no longer sends or receives. */
 static void leave(rig *r, unsigned how)
 {
     static const int hows[] = {SHUT_RD, SHUT_WR, SHUT_RDWR};
@@ -483,7 +483,7 @@ static void tell(rig *r, unsigned how)
 
 /* ---- The bus --------------------------------------------------------------------------------- */
 
-/* As the engine does it. */
+/* Delivers an event as the engine does. */
 static void deliver(rig *r, unsigned node, const cw_event *event)
 {
     side *s = &r->sides[node];
@@ -577,7 +577,8 @@ static void open_bus(rig *r)
     r->bus.user = r;
 }
 
-/* All that was read is on the bus, all that the bus gave is in the books of the ports. */
+/* Checks that all read frames are on the bus, and all frames of the bus in the counts of the
+ * ports. */
 static void check_books(const rig *r)
 {
     for (unsigned i = 0; i < PORTS; i++) {

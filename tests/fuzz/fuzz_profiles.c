@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The messages, to be freed, and the configuration. */
+/* Returns the messages, to be freed, and the configuration. */
 static char *load(cfg **config, const cfg_file *files, size_t count)
 {
     char *messages = NULL;
@@ -27,7 +27,7 @@ static char *load(cfg **config, const cfg_file *files, size_t count)
     return messages;
 }
 
-/* Each is a line that begins with the name of a file. */
+/* Checks that each message is a line that begins with the name of a file. */
 static void check_messages(const char *messages, const cfg_file *files, size_t count)
 {
     for (const char *line = messages; *line; line = strchr(line, '\n') + 1) {

@@ -24,7 +24,7 @@ static void check_record(const trace_record *r, uint64_t *place)
     *place = r->place;
 }
 
-/* All of it; returns how many entries. */
+/* Reads all entries; returns their number. */
 static uint64_t read_all(trace_reader *reader, const char *file)
 {
     uint64_t entries = 0;
@@ -58,7 +58,7 @@ static void read_as(const char *file, trace_format format)
     trace_close(reader);
 }
 
-/* Ticks never step back, a file ends as often as it is asked for. */
+/* Plays a file. Ticks never step back, and the file ends as often as it is asked for. */
 static void play(const char *file, const fuzz_input *options)
 {
     fuzz_input in = *options;

@@ -20,7 +20,7 @@ static const char *find_mark(const char *from, const char *end)
     return end;
 }
 
-/* The line of a mark; returns what follows it. */
+/* Reads the line of a mark; returns the text behind it. */
 static const char *read_head(fuzz_part *part, const char *from, const char *end)
 {
     from += sizeof mark - 1;

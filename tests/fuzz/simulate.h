@@ -7,7 +7,7 @@
 
 #include "config/config.h"
 
-/* The bus of a configuration in virtual time, its traffic handed in, as `canwire sim` does it. */
+/* Runs the bus of a configuration in virtual time with its traffic, as `canwire sim` does. */
 void fuzz_simulate(const cfg *config);
 
 #endif

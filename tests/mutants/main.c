@@ -54,7 +54,8 @@ void fail(const char *why, const char *detail)
 
 /* ---- A copy of the folders, in which files can be written ------------------------------------ */
 
-/* One of the profiles is bad, and one cannot be loaded: its parameters make no sense. */
+/* Returns true for all profiles but two: one is bad, and one cannot be loaded, since its parameters
+ * have no meaning. */
 static bool is_wanted(const char *path)
 {
     size_t length = strlen(path);
@@ -136,7 +137,7 @@ static void try_trial(trial *t)
     mutants_of(t->whole, t->whole_size, take, t);
 }
 
-/* A configuration for a profile; a parameter without default is a frame, or the engine. */
+/* Prints a configuration for a profile; a parameter without default is a frame, or the engine. */
 static void print_host(char host[HOST_BYTES], const char *profile)
 {
     int used = snprintf(host, HOST_BYTES,
@@ -216,7 +217,7 @@ static void try_file(const char *path)
     free(text);
 }
 
-/* The last that was said. */
+/* Prints the last message. */
 static void print_log(const char *path)
 {
     char text[LOG_BYTES + 1] = "";

@@ -14,7 +14,7 @@
 /* Gets a mutant; what: what is missing in it. */
 typedef void mutant_taker(void *user, const char *text, size_t size, const char *what);
 
-/* Each line, each key with its value and each item of each list of a YAML text left out, one at a
+/* Leaves out each line, each key with its value and each item of each list of a YAML text, one at a
  * time. */
 void mutants_of(const char *text, size_t size, mutant_taker *take, void *user);
 
@@ -27,9 +27,9 @@ typedef struct trial {
     const char *folder;  /* every message begins with its name */
 } trial;
 
-/* With this text in the file that changes: what `canwire check` and `canwire sim` do with it, and
- * reloads from the whole file to it and back. Ends the program with a message when something is
- * not as it must be. Returns whether the configuration is good. */
+/* Tries this text in the file that changes, as `canwire check` and `canwire sim` would, and reloads
+ * from the whole file to it and back. Ends the program with a message after a violation. Returns
+ * true when the configuration is valid. */
 bool try_files(const trial *t, const char *text, size_t size);
 
 /* Ends the program. */

@@ -52,7 +52,7 @@ void port_close(port *p)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* FILE:LINE:COLUMN: */
+/* Returns true for a line with FILE:LINE:COLUMN:. */
 static bool has_place(const char *line, const char *end)
 {
     for (; line < end; line++) {
@@ -166,7 +166,7 @@ static void run(world *w, uint64_t bits)
     inputs_advance(&w->inputs, end);
 }
 
-/* As engine/go_over.c does it. */
+/* Changes the configuration as engine/go_over.c does. */
 static void go_over(world *w, reload *r)
 {
     if (inputs_take_over(&w->inputs, r->setup.bus, r->config, r->from) != CW_OK)

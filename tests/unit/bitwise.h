@@ -40,7 +40,7 @@ static inline void bitwise_put_stuffed(bitwise_writer *w, bool level)
     w->run = 1;
 }
 
-/* As cw_bits_encode_crc() does it, of a valid frame. */
+/* Encodes a valid frame as cw_bits_encode_crc() does. */
 static inline cw_bits bitwise_encode(const cw_frame *frame, uint16_t inverted)
 {
     cw_bits bits = {.length = 0};

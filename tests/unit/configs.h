@@ -52,7 +52,7 @@ static inline cfg *load_good(const char *file)
     return config;
 }
 
-/* The rule of that name. */
+/* Returns the rule of that name. */
 static inline const cw_rule *rule_of(const cfg *config, const char *name)
 {
     for (size_t i = 0; i < config->rule_count; i++)
@@ -62,7 +62,7 @@ static inline const cw_rule *rule_of(const cfg *config, const char *name)
     return NULL;
 }
 
-/* A file with this content; removed and freed with drop_file(). */
+/* Makes a file with this content; drop_file() removes and frees it. */
 static inline char *make_file(const void *content, size_t length)
 {
     char *path = strdup("/tmp/test_config.XXXXXX");

@@ -107,7 +107,7 @@ static inline void turns(const rig *r, unsigned count)
 
 /* ---- Clients --------------------------------------------------------------------------------- */
 
-/* -1 when the server's queue is full. */
+/* Connects; returns -1 when the server's queue is full. */
 static inline int try_to_connect(const rig *r)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -147,8 +147,8 @@ static inline void send_text(const rig *r, int fd, const char *text)
     assert_true(send_bytes(r, fd, text, strlen(text)));
 }
 
-/* The next line, without its end; NULL when the server has hung up. Byte by byte: nothing that
- * comes after the line is taken. */
+/* Returns the next line, without its end; NULL when the server has hung up. It reads byte by byte,
+ * so that no byte behind the line is taken. */
 static inline const char *next_line(const rig *r, int fd)
 {
     static char line[1u << 20];

@@ -36,8 +36,8 @@ static void fake_engine_take_events(void *user)
             e->observer(e->observer_user, &event);
 }
 
-/* The bus of a configuration, with room for more rules than it has. False when memory is short or
- * the bus cannot be made. `memory` is to be freed. */
+/* Makes the bus of a configuration, with room for more rules than it has. Returns false without
+ * memory or a bus. `memory` is to be freed. */
 static bool fake_engine_make(engine *e, live *config_of, uint16_t more_rules, unsigned update_bits)
 {
     cw_node_config nodes[CW_NODES_MAX];
@@ -81,7 +81,8 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
     e->observer_user = user;
 }
 
-/* A control_reload; user is the engine. Is over with the next fake_engine_answer(). */
+/* Asks for a reload, as a control_reload; user is the engine. The next fake_engine_answer() ends
+ * it. */
 static uint64_t fake_engine_ask(void *user, FILE *errors)
 {
     engine *e = user;

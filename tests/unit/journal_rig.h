@@ -181,7 +181,7 @@ static inline void host_begin(host *h, uint64_t seed)
     record_begin(&h->events);
 }
 
-/* The files are gone or others by the time the journal is read. */
+/* Ends a host; its files have gone or changed when the journal is read. */
 static inline void host_end(host *h)
 {
     journal_stop(h->journal, &h->inputs);
@@ -283,7 +283,7 @@ static inline bool check_text(const char *text, size_t size, char **messages)
     return good;
 }
 
-/* A small journal with lines of all kinds that there are in one. */
+/* Returns a small journal with lines of all kinds. */
 static inline char *make_small_journal(size_t *size)
 {
     const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {1, 2}};

@@ -45,7 +45,7 @@ static inline void model_put_level(char *text, char level)
     model_put(text, level == '1', 1);
 }
 
-/* F6 as the school book divides: the remainder of the text with 15 zeros behind it. */
+/* F6 by long division: the remainder of the text with 15 zeros behind it. */
 static inline void model_put_crc(char *text)
 {
     static const char generator[] = "1100010110011001";

@@ -49,7 +49,7 @@ static inline rig *rig_new(unsigned nodes)
     return r;
 }
 
-/* A flip rule on every match; the caller refines it. */
+/* Adds a flip rule on every match; the caller refines it. */
 static inline cw_rule *rig_flip(rig *r, const char *name, cw_field field, unsigned index)
 {
     assert_in_range(r->config.rule_count, 0, RIG_RULES_MAX - 1);
@@ -102,7 +102,7 @@ static inline void rig_run_bits(rig *r, uint64_t bits)
     rig_run(r, bits * BIT);
 }
 
-/* Up to a tick; no frame is received or sent before the moment that cw_bus_next() tells. */
+/* Runs up to a tick; no frame is received or sent before the tick of cw_bus_next(). */
 static inline void rig_run_by_next(rig *r, uint64_t end)
 {
     while (cw_bus_next(r->bus) != CW_NEVER && cw_bus_now(r->bus) < end) {
@@ -120,7 +120,7 @@ static inline void rig_send(rig *r, unsigned node, const cw_frame *frame, uint64
     assert_int_equal(cw_node_send(r->bus, node, frame, tick), CW_OK);
 }
 
-/* Base frames by default; the data bytes are 11 22 33 ... */
+/* Returns a frame, by default a base frame; the data bytes are 11 22 33 ... */
 static inline cw_frame rig_frame(uint32_t id, unsigned flags, unsigned dlc)
 {
     cw_frame f = {.id = id, .flags = (uint8_t)flags, .dlc = (uint8_t)dlc};
@@ -152,7 +152,7 @@ static inline size_t rig_count(const rig *r, cw_event_kind kind, int node)
     return n;
 }
 
-/* The n-th event of a kind, any node; the test fails when there is none. */
+/* Returns the n-th event of a kind, of any node; the test fails when there is none. */
 static inline const cw_event *rig_nth(const rig *r, cw_event_kind kind, size_t n)
 {
     for (size_t i = 0; i < r->count; i++)
@@ -188,7 +188,7 @@ static inline void rig_append_error(char *line, const cw_event *e)
                e->error.place.index, e->error.place.stuff ? "s" : "", cw_flag_name(e->error.flag));
 }
 
-/* "TICK MASK KIND ..." with all that belongs to the kind. */
+/* Prints "TICK MASK KIND ..." with all details of the kind. */
 static inline void rig_line(char *line, const cw_event *e)
 {
     snprintf(line, RIG_LINE_MAX, "%llu %llx %s", (unsigned long long)e->tick,
@@ -243,7 +243,7 @@ static inline uint32_t rig_below(rig_random *r, uint32_t limit)
     return rig_next(r) % limit;
 }
 
-/* Random bits in runs, so that stuff bits are frequent. */
+/* Draws random bits in runs, so that stuff bits are frequent. */
 static inline uint32_t rig_runs(rig_random *r)
 {
     static const uint32_t patterns[] = {0, 0xFFFFFFFF, 0x1F1F1F1F, 0xF0F0F0F0, 0x07C1F07C};
@@ -251,7 +251,7 @@ static inline uint32_t rig_runs(rig_random *r)
     return pick < 5 ? patterns[pick] >> rig_below(r, 5) : rig_next(r);
 }
 
-/* Any valid classical frame. */
+/* Draws any valid classical frame. */
 static inline cw_frame rig_random_frame(rig_random *r)
 {
     cw_frame f = {.flags = (uint8_t)rig_below(r, 2), .dlc = (uint8_t)rig_below(r, 16)};

@@ -7,7 +7,7 @@
 
 #include "rig.h"
 
-/* A rule that acts on each match; harmless when nobody changes it. */
+/* Returns a rule that acts on each match; it is harmless unless the caller changes it. */
 static inline cw_rule new_rule(const char *name, cw_trigger trigger, cw_action action)
 {
     return (cw_rule){.name = name, .trigger = trigger, .action = action, .time_end = CW_NEVER,
@@ -55,7 +55,7 @@ static inline uint64_t hits(const rig *r, unsigned rule)
     return rule_stats(r, rule).hits;
 }
 
-/* Node 0 sends `count` frames, one every `every` bits from bit JOIN on. */
+/* Sends `count` frames of node 0, one every `every` bits from bit JOIN on. */
 static inline void send_every(rig *r, const cw_frame *frame, unsigned every, unsigned count)
 {
     for (unsigned i = 0; i < count; i++)

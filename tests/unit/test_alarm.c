@@ -20,7 +20,7 @@
 
 static unsigned calls;
 
-/* In place of libc's: calls are counted. */
+/* Replaces libc's function and counts calls. */
 int timerfd_settime(int fd, int flags, const struct itimerspec *at, struct itimerspec *before)
 {
     calls++;

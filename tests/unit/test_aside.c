@@ -33,7 +33,7 @@
 static pthread_t alone[ALONE_MAX];
 static unsigned alone_count;
 
-/* In place of that of the C library: here they are waited for after all. */
+/* Replaces the C library's function: these tests do wait for such threads. */
 int pthread_detach(pthread_t thread)
 {
     assert_in_range(alone_count, 0, ALONE_MAX - 1);
@@ -78,7 +78,7 @@ int clock_gettime(clockid_t clock, struct timespec *now)
     return real(clock, now);
 }
 
-/* Nor is it to take long here. */
+/* Shortens a time limit, which takes too long otherwise. */
 void ev_timer_start(struct ev_loop *loop, ev_timer *timer)
 {
     static void (*real)(struct ev_loop *, ev_timer *);
@@ -196,7 +196,7 @@ static void call_nobody(struct ev_loop *loop)
     (void)loop;
 }
 
-/* Until something has come to the loop, which has not told anybody yet. */
+/* Waits until an event has come to the loop, which has not reported it yet. */
 static void wait_untold(const world *w)
 {
     ev_set_invoke_pending_cb(w->loop, call_nobody);

@@ -61,7 +61,7 @@ static void levels_text(char out[CW_BITS_MAX + 1], const cw_bits *bits)
     out[bits->length] = '\0';
 }
 
-/* As the file has them. */
+/* Prints stuff marks in the form of the file. */
 static void stuff_text(char out[LINE_BYTES], const cw_bits *bits)
 {
     size_t used = 0;
@@ -100,7 +100,7 @@ static void give_up(const char *path, const char *problem)
     exit(EXIT_FAILURE);
 }
 
-/* False for a comment or an empty line. */
+/* Splits a line; returns false for a comment or an empty line. */
 static bool split_line(expectation *out, const char *path)
 {
     static const char blanks[] = " \t\r\n";

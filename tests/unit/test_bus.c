@@ -154,7 +154,8 @@ static void nothing_happens_before_the_next_event(void **state)
 
 #define MIXED_BITS 60000u
 
-/* Everything at once: contention, flips, bus-off and restart, one-shot, listen-only, overflow. */
+/* Makes a bus with everything at once: arbitration, flips, bus-off and restart, one-shot,
+ * listen-only, overflow. */
 static rig *new_mixed_bus(uint16_t events)
 {
     rig *r = rig_new(6);
@@ -364,8 +365,8 @@ static void plain_note_event(plain_bus *p, const cw_event *e)
                                         i, cw_event_name(e->kind), e->tec, e->rec);
 }
 
-/* Lone traffic with pauses, and a lonely passive node with its suspends: the bus skips, the plain
- * controllers do not. */
+/* Checks lone traffic with pauses, and a lonely passive node with its suspends: the bus skips, the
+ * plain controllers do not. */
 static void check_skipping(unsigned nodes, unsigned dlc)
 {
     enum { FRAMES = 40, PAUSE = 211, RUN = FRAMES * PAUSE + 500 };
@@ -659,7 +660,7 @@ static void idle_time_costs_nothing(void **state)
     assert_int_equal(work_of_idle_seconds(10), work_of_idle_seconds(UINT64_C(100000000000)));
 }
 
-/* The oldest one is what is polled next. */
+/* Polls the oldest event, which peeking has shown. */
 static void poll_what_is_peeked_at(cw_bus *bus)
 {
     unsigned count;

@@ -21,7 +21,7 @@ static const uint64_t borders[] = {
     UINT64_C(10000000000000000000), UINT64_MAX,
 };
 
-/* The borders, and then numbers of any length. */
+/* Returns limits first, and then numbers of any length. */
 static uint64_t number(unsigned i)
 {
     if (i < COUNT(borders))

@@ -289,7 +289,7 @@ static void bus_config_is_usable(void **state)
     }
 }
 
-/* Exit status and standard output of canwire, which the environment names. */
+/* Returns exit status and standard output of canwire, which the environment names. */
 static int run_tool(char *output, size_t size, const char *arguments)
 {
     char command[PATH_SIZE];

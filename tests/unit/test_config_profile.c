@@ -29,7 +29,8 @@ static void profiles_take_parameters(void **state)
     cfg_free(config);
 }
 
-/* Rules from a text against config/profiles.yaml; on errors NULL, and *errors is what was said. */
+/* Loads rules from a text against config/profiles.yaml. After errors it returns NULL, with the
+ * messages in *errors. */
 static cfg_rules *inject(char **errors, const char *text, const cfg_running *running)
 {
     cfg *config = load_good(GOOD "profiles.yaml");

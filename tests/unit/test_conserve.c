@@ -36,7 +36,7 @@ void port_close(port *p)
     (void)p;
 }
 
-/* A frame that the ECU of a node wrote comes onto the bus. */
+/* Writes a frame of a node's ECU, which comes onto the bus. */
 static void write_one(rig *r, port *p, unsigned node)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);

@@ -7,7 +7,7 @@
 
 #define REMOTE CW_FRAME_REMOTE
 
-/* First bit in which two texts differ; both go on that far. */
+/* Returns the first bit in which two texts differ; both reach that far. */
 static unsigned first_difference(const char *a, const char *b)
 {
     unsigned n = 0;
@@ -16,7 +16,8 @@ static unsigned first_difference(const char *a, const char *b)
     return n;
 }
 
-/* Two frames that start together: by their bits alone it is known who loses, where and when. */
+/* Checks two frames that start together: their bits alone decide the loser, the bit and the
+ * time. */
 static void check_pair(const cw_frame *a, const cw_frame *b)
 {
     const model models[2] = {model_encode(a), model_encode(b)};

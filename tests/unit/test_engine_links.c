@@ -87,7 +87,7 @@ static void answer_link(unsigned link)
     answer(&message, sizeof message);
 }
 
-/* NLMSG_DONE or NLMSG_ERROR, with 0 or a negative number of an error. */
+/* Answers with NLMSG_DONE or NLMSG_ERROR, with 0 or a negative number of an error. */
 static void answer_end(uint16_t type, int error)
 {
     struct {
@@ -100,7 +100,7 @@ static void answer_end(uint16_t type, int error)
     answer(&message, sizeof message);
 }
 
-/* The list that was asked for, up to a link, and its end. */
+/* Answers with the requested list, up to a link, and its end. */
 static void answer_list(unsigned links, uint16_t type, int error)
 {
     assert_int_equal(kernel.requests, 1);
@@ -228,7 +228,7 @@ void engine_unwatch_port(engine *e, unsigned node)
     (void)node;
 }
 
-/* A reload exchanges the places of a node that has an interface and of one that has none. */
+/* Exchanges the places of two nodes by a reload: one has an interface and one has none. */
 static void wake(engine *e)
 {
     static const reload exchange = {.port_from = {2, 1, 0, 3}};
@@ -244,7 +244,7 @@ static void wake(engine *e)
 
 /* ---- Start and end --------------------------------------------------------------------------- */
 
-/* Two interfaces are there; the first list has been asked for. */
+/* Starts with two interfaces; the first list has been requested. */
 static engine *start(void)
 {
     memset(&kernel, 0, sizeof kernel);
@@ -280,7 +280,7 @@ static void read_answers(engine *e)
     ev_run(e->loop, EVRUN_NOWAIT);
 }
 
-/* By place: U(p), D(own), M(issing), or - for none. */
+/* Compares links by place: U(p), D(own), M(issing), or - for none. */
 static void assert_links(const engine *e, const char *expected)
 {
     static const char letters[] = {[REPORT_NO_LINK] = '-', [REPORT_LINK_UP] = 'U',
@@ -350,7 +350,7 @@ static void an_interface_that_goes_during_such_a_reload(void **state)
     end(e);
 }
 
-/* The timer rings when it is due, which takes too long here. */
+/* Rings the timer, which takes too long otherwise. */
 static void ring(engine *e)
 {
     assert_true(ev_is_active(&e->links.retry));

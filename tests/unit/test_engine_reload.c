@@ -27,7 +27,7 @@
 
 static int64_t clock_now_ns = NS_PER_S;
 
-/* In place of that of the C library, for all of this program. */
+/* Replaces the C library's function for the whole program. */
 int clock_gettime(clockid_t id, struct timespec *t)
 {
     (void)id;
@@ -51,7 +51,7 @@ static const char *const sender = "  - { name: load, traffic: [ "
 static const char *const jam = "faults:\n  - { name: jam, when: { time: 6ms }, "
                                "do: { stuck: dominant, for: 1s } }\n";
 
-/* The sender, its receiver, so many more nodes, and rules. */
+/* Writes the sender, its receiver, so many more nodes, and rules. */
 static void write_config(const rig *r, unsigned nodes, const char *rules)
 {
     FILE *out = fopen(r->path, "w");

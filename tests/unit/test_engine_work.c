@@ -38,7 +38,7 @@ static uint64_t work_at_look;
 static uint64_t most_work;
 static unsigned looks;
 
-/* In place of that of the C library, for all of this program. */
+/* Replaces the C library's function for the whole program. */
 int clock_gettime(clockid_t id, struct timespec *t)
 {
     if (watched && id == CLOCK_MONOTONIC) {
@@ -115,7 +115,7 @@ static void end_rig(rig *r)
     ev_loop_destroy(r->loop);
 }
 
-/* One call has done a bounded amount of work between looks, and not looked for long. */
+/* Checks that the calls have done a bounded amount of work between readings of the clock. */
 static void assert_in_bounds(const char *what)
 {
     if (most_work > WORK_MAX || looks > LOOKS_MAX)
@@ -124,7 +124,7 @@ static void assert_in_bounds(const char *what)
     looks = 0;
 }
 
-/* Some seconds go by in which the machine does nothing but this, and the bus goes on. */
+/* Lets some seconds go by, in which the machine does nothing else; the bus must go on. */
 static void wake_often(rig *r, const char *what)
 {
     for (unsigned i = 0; i < 20; i++) {

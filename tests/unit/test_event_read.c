@@ -35,7 +35,7 @@ static event_read_result read_text(cw_event *out, uint64_t *time_ns, const char 
     return result;
 }
 
-/* Written, read and written again: the same line. */
+/* Writes, reads and writes an event again: the line must be the same. */
 static void check(const cw_event *event)
 {
     char *lines[2] = {NULL, NULL};

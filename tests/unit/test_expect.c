@@ -114,7 +114,7 @@ static cfg *load(const char *expectation)
     return config;
 }
 
-/* A bus of that configuration on which nothing happens for 100 ms. */
+/* Makes a bus of that configuration, on which nothing happens for 100 ms. */
 static cw_bus *make_bus(const cfg *config)
 {
     cw_node_config nodes[CW_NODES_MAX];

@@ -9,7 +9,7 @@
 
 /* ---- Chosen matches -------------------------------------------------------------------------- */
 
-/* Frames with a listener that a rule acts at: hits and nothing else happens. */
+/* Makes a bus with a listener at which a rule acts: only hits happen. */
 static rig *new_observed_bus(unsigned rules)
 {
     static const char *const names[] = {"a", "b", "c"};
@@ -24,7 +24,7 @@ static rig *new_observed_bus(unsigned rules)
 #define OBSERVED_FRAMES 200u
 #define OBSERVED_PAUSE 200u
 
-/* One character a frame: '1' where the rule hit. */
+/* Prints one character per frame: '1' where the rule hit. */
 static void hit_pattern(char *pattern, rig *r, unsigned rule)
 {
     memset(pattern, '0', OBSERVED_FRAMES);
@@ -238,7 +238,7 @@ static void a_rule_ends_with_lost_arbitration(void **state)
 
 #define DRAWS 100u
 
-/* A bit for each of DRAWS frames: whether the rule of that name took it. Rules with draws of their
+/* Returns a bit for each of DRAWS frames that the rule of that name took. Rules with draws of their
  * own stand before and behind it. */
 static void drawn_by(const char *name, uint64_t seed, unsigned before, unsigned behind, char *out)
 {
@@ -406,7 +406,8 @@ static cw_rule shaped_rule(unsigned i)
     return rule;
 }
 
-/* One frame after the other; the rules that are there match those that their filters match. */
+/* Sends one frame after the other; existing rules must match the frames that their filters
+ * match. */
 static void send_shaped_frames(rig *r, const bool *there)
 {
     for (unsigned i = 0; i < SHAPED_FRAMES; i++) {

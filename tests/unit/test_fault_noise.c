@@ -81,7 +81,7 @@ static void noise_with_count_and_skip(void **state)
     rig_free(r);
 }
 
-/* Two noises of one kind each and a listener, so that frames go on. */
+/* Makes a bus with two noises of one kind each and a listener, so that frames go on. */
 static rig *noisy_rig(void)
 {
     rig *r = rig_new(3);

@@ -9,7 +9,8 @@
 
 /* ---- Matches --------------------------------------------------------------------------------- */
 
-/* Two rules on each frame, or the first one alone; the last one has hits, one in so many frames. */
+/* Makes two rules on each frame, or the first one alone; the last one hits one in so many
+ * frames. */
 static rig *patient_rules(cw_field first, cw_field second, unsigned every, bool stepping)
 {
     rig *r = rig_new(2);
@@ -26,7 +27,7 @@ static rig *patient_rules(cw_field first, cw_field second, unsigned every, bool 
     return r;
 }
 
-/* Some of them are dropped, amid the frames that went first. */
+/* Sends frames, of which some are dropped while earlier ones are sent. */
 static void send_some(rig *r)
 {
     for (unsigned n = 0; n < 8; n++) {
@@ -219,7 +220,7 @@ static bool needs_frame(cw_action action)
            (action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE) || action == CW_ACTION_REPLY;
 }
 
-/* A rule of each action. */
+/* Makes a rule of each action. */
 static rig *storm(uint64_t seed, cw_rule *rules)
 {
     static const char names[] = "abcdefghijklmnopqrstuvwxyz0123456789";
@@ -308,7 +309,8 @@ static void the_trace_does_not_depend_on_the_pace(void **state)
         assert_in_range(used[i], 5, 60); /* each action did something in several storms */
 }
 
-/* In this order: time, then faults in the order of the rules, then nodes, then kinds. */
+/* Returns true for the order of time, then faults in the order of the rules, then nodes, then
+ * kinds. */
 static bool in_order(const cw_event *a, const cw_event *b)
 {
     if (a->tick != b->tick)
@@ -339,7 +341,7 @@ static void events_are_in_order(void **state)
     }
 }
 
-/* A generator that begins in the frame behind a clean one, and its first frame. */
+/* Returns the first frame of a generator that begins in the frame behind a clean one. */
 static uint64_t first_of_generator(bool stepping)
 {
     rig *r = rig_new(2);

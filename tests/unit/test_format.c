@@ -40,7 +40,7 @@ static void random_frames_encode_as_the_model_does(void **state)
 
 /* ---- Encoding against one that goes bit by bit ----------------------------------------------- */
 
-/* In every part of cw_bits: also what is behind the last bit is the same. */
+/* Compares all parts of cw_bits, including bytes behind the last bit. */
 static void check_bitwise(const cw_frame *f, uint16_t inverted)
 {
     cw_bits bits;
@@ -156,7 +156,8 @@ static void the_arbitration_key_is_the_arbitration_field(void **state)
     }
 }
 
-/* The number that a controller reports which loses at this bit of its frame to a dominant level. */
+/* Returns the number that a controller reports when it loses at this bit of its frame to a dominant
+ * level. */
 static unsigned lost_bit_at(const cw_frame *frame, unsigned n)
 {
     cw_mac mac;
@@ -230,7 +231,7 @@ static void never_more_than_five_equal_bits_up_to_the_crc(void **state)
     }
 }
 
-/* Stuff bits that a row of bits gets, without writing it down. */
+/* Counts the stuff bits of a sequence of bits, without writing it down. */
 static unsigned count_stuff_bits(const char *plain)
 {
     unsigned stuff = 0;
@@ -508,7 +509,8 @@ static void receivers_take_srr_and_reserved_bits_at_either_level(void **state)
     }
 }
 
-/* One wrong bit between SOF and the ACK slot: no frame is taken, whatever stuffing makes of it. */
+/* Checks one wrong bit between SOF and the ACK slot: no frame is taken, whatever stuffing makes of
+ * it. */
 static bool takes_anything(cw_mac *mac, const char *wire)
 {
     cw_mac_report report;

@@ -32,7 +32,7 @@ static void overflow_is_dropped_at_the_tick_of_its_hand_in(void **state)
     rig_free(r);
 }
 
-/* Same frames, other order of the queue. The second goes first by priority once it is there. */
+/* Sends the same frames with another order of the queue. By priority the second one goes first. */
 static void check_queue_order(cw_order order, const uint32_t *expected)
 {
     static const uint32_t ids[] = {0x300, 0x200, 0x100, 0x200, 0x400};
@@ -279,7 +279,7 @@ static void hand_in_before_now_counts_as_now(void **state)
 
 /* ---- Bus-off and restart: R10, R12 ----------------------------------------------------------- */
 
-/* Node 0 is made bus-off by what it samples itself; two others are there. */
+/* Makes a bus whose node 0 becomes bus-off by its own samples; two others are present. */
 static rig *new_failing_node(uint64_t restart_ticks)
 {
     rig *r = rig_new(3);
@@ -292,7 +292,7 @@ static rig *new_failing_node(uint64_t restart_ticks)
     return r;
 }
 
-/* Until the node is bus-off; returns the tick. */
+/* Runs until the node is bus-off; returns the tick. */
 static uint64_t run_to_bus_off(rig *r)
 {
     cw_frame f = rig_frame(0x123, 0, 1);

@@ -40,7 +40,7 @@ static void a_journal_that_cannot_begin_says_why(void **state)
 
 /* ---- Trouble --------------------------------------------------------------------------------- */
 
-/* In a process of its own: the limit is for good. */
+/* Runs in a process of its own, since the limit is permanent. */
 static int journal_without_room(void)
 {
     char error[JOURNAL_ERROR_MAX];
@@ -86,7 +86,7 @@ static void a_full_disk_breaks_a_journal(void **state)
     free(messages);
 }
 
-/* Until a broken journal is seen to be written again. */
+/* Waits until a broken journal is written again. */
 static bool wait_for_state(journal *j, host *h, const char *wanted)
 {
     int watch = disk_watch(path_of("journal"));
@@ -125,7 +125,7 @@ static bool tells_where_it_breaks(const journal *j)
     return told_ns == last * 25 / 2;
 }
 
-/* In a process of its own: it gets room for more when it has had too little. */
+/* Runs in a process of its own: it gets room for more when it has had too little. */
 static int journal_with_room_again(bool by_itself, rlim_t room)
 {
     char error[JOURNAL_ERROR_MAX];

@@ -5,7 +5,7 @@
 #include "journal_rig.h"
 #include "run/journal_seal.h"
 
-/* "journal:LINE:", or a message without place. */
+/* Checks for "journal:LINE:", or a message without place. */
 static void check_place(const char *messages, const char *text, size_t damaged)
 {
     size_t line = 1;

@@ -25,7 +25,7 @@ static unsigned any_node(host *h)
     return draw(h, (uint32_t)live_config(h->live)->node_count);
 }
 
-/* Mostly good ones; some that no controller can send, or with bytes that do not count. */
+/* Returns a frame, mostly a good one; some cannot be sent, or have bytes that do not count. */
 static cw_frame any_frame(host *h)
 {
     static const uint32_t ids[] = {0x100, 0x123, 0x200, 0x7FF};
@@ -46,7 +46,7 @@ static cw_frame any_frame(host *h)
     return frame;
 }
 
-/* For now, before or later; in any order. */
+/* Sends a frame for now, before or later; in any order. */
 static void do_send(host *h)
 {
     const uint64_t now = cw_bus_now(h->inputs.bus);
@@ -82,7 +82,7 @@ static void do_inject(host *h)
     free(errors);
 }
 
-/* False when there is none at the place that was drawn. */
+/* Returns false when there is no rule at the drawn place. */
 static bool any_rule(host *h, unsigned *rule)
 {
     const cfg *config = live_config(h->live);
@@ -166,7 +166,7 @@ static void do_command(host *h)
     }
 }
 
-/* Also to where it is already, and into the middle of bits. */
+/* Advances, also by nothing, and into the middle of bits. */
 static void do_advance(host *h)
 {
     static const uint32_t spans[] = {1, 10, BIT, 5 * BIT, 200 * BIT, 3000 * BIT};

@@ -15,7 +15,7 @@
 
 static const cw_frame frame = {.id = 0x123, .dlc = 1, .data = {0x55}};
 
-/* Recessive bits as the bench sends them; returns the levels of the node as a count of dominant. */
+/* Plays recessive bits of the bench; returns the number of dominant levels of the node. */
 static unsigned play(cw_mac *mac, unsigned bits, bool level)
 {
     cw_mac_report report;

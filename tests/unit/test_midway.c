@@ -27,7 +27,7 @@ static unsigned add(rig *r, const cw_rule *rule)
     return index;
 }
 
-/* Something for which the controllers must be where they are at that bit. */
+/* Disturbs the bus in a way that needs the controllers in their state of that bit. */
 static void disturb(rig *r, uint64_t bit, cw_action action, uint64_t nodes)
 {
     cw_rule rule = rule_of("disturb", CW_TRIGGER_TIME, action);
@@ -62,7 +62,7 @@ static void the_earlier_of_two_rules_goes(rig *r)
     assert_int_equal(cw_bus_clear_rule(r->bus, index), CW_OK);
 }
 
-/* It binds at SOF, and this one has passed. */
+/* The rule binds at SOF, and this one has passed. */
 static void a_new_rule_on_a_node_that_will_lose(rig *r)
 {
     cw_rule never = flip_of("never", CW_FIELD_ACK_SLOT, 0, NODE(1));
@@ -74,7 +74,7 @@ static void a_new_rule_on_a_node_that_will_lose(rig *r)
     disturb(r, 26, CW_ACTION_COUNTERS, NODE(2));
 }
 
-/* Without node 0 it wins after all; the rule has been told to leave this transmission alone. */
+/* Node 1 wins once node 0 has gone; the stopped rule leaves this transmission alone. */
 static void a_rule_stops_that_a_loser_has_not_met(rig *r)
 {
     const cw_rule flip = flip_of("flip", CW_FIELD_ACK_SLOT, 0, NODE(1));
@@ -92,7 +92,7 @@ static void a_rule_on_the_first_bit_by_its_number(rig *r)
     (void)add(r, &flip);
 }
 
-/* A frame with another number of stuff bits when the last bit of its CRC is wrong. */
+/* Returns a frame that gets another number of stuff bits when the last bit of its CRC is wrong. */
 static cw_frame frame_that_shows_its_crc(void)
 {
     cw_frame frame = rig_frame(0x200, 0, 0);
@@ -105,7 +105,7 @@ static cw_frame frame_that_shows_its_crc(void)
     return frame;
 }
 
-/* The second attempt is with the right one. */
+/* The second attempt has the right CRC. */
 static void a_wrong_crc_once(rig *r)
 {
     const cw_frame frame = frame_that_shows_its_crc();
@@ -141,7 +141,7 @@ static void a_node_goes_amid_its_flag(rig *r)
     assert_int_equal(cw_node_attach(r->bus, 2, false), CW_OK);
 }
 
-/* At the very end of a bit, so that nothing was due before the frame was looked at. */
+/* The frame comes at the very end of a bit, so that nothing is due before it is looked at. */
 static void a_frame_that_comes_sets_off(rig *r, cw_rule rule)
 {
     const cw_frame third = rig_frame(0x200, 0, 0);
@@ -203,7 +203,7 @@ static void nobody_can_acknowledge(rig *r)
     stick(r, CW_LINE_TX, 1, CW_RECESSIVE, 12, 200);
 }
 
-/* Before the first SOF its time is up. */
+/* The time limit ends before the first SOF. */
 static void a_line_was_dominant_for_too_long(rig *r)
 {
     cw_rule stuck = rule_of("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK);
@@ -371,7 +371,7 @@ static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
     }
 }
 
-/* Also in the middle of whatever goes on. */
+/* Compares the buses also in the middle of all activities. */
 static void assert_same_bit_by_bit(rig *a, rig *b, unsigned bits)
 {
     for (unsigned bit = 0; bit < bits; bit++) {

@@ -37,8 +37,8 @@ static void spin_wakes_up_before_it_is_due_while_it_may(void **state)
     assert_int_equal(pacing_wake_ns(CFG_PACING_SPIN, 5 * MS, false), 5 * MS);
 }
 
-/* A thread that does nothing but spin: a bus with something due all the time. Returns how many
- * of ten thousand parts of ten seconds it was running. */
+/* Runs a thread that only spins: a bus with something due all the time. Returns its running time in
+ * ten-thousandths of ten seconds. */
 static unsigned run_with_load(int64_t other_work_ns)
 {
     pacing_duty duty = {.window_ns = 0};

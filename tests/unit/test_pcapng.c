@@ -155,7 +155,7 @@ static uint64_t time_of(size_t i)
     return UINT64_C(1700000000123456789) + i;
 }
 
-/* Frames by turns of both nodes, an error frame behind each. */
+/* Writes frames of both nodes in turn, with an error frame behind each. */
 static void write_all(FILE *out)
 {
     pcapng_begin(out, &config);

@@ -100,7 +100,7 @@ static bool readable(int fd, int wait_ms)
     return poll(&p, 1, wait_ms) == 1;
 }
 
-/* All that waits, as an engine reads at a wake-up. */
+/* Reads all waiting frames, as an engine does at a wake-up. */
 static unsigned read_all(port *p, port_frame *frames)
 {
     unsigned count = 0;
@@ -131,7 +131,7 @@ static port_stats stats_of(port *p)
 
 static unsigned accepts;
 
-/* In place of libc's: those of the port are counted. */
+/* Replaces libc's function and counts the calls of the port. */
 int accept4(int fd, struct sockaddr *address, socklen_t *size, int flags)
 {
     accepts++;
@@ -673,7 +673,7 @@ static void give_up(struct ev_loop *loop, ev_timer *timer, int events)
     ev_break(loop, EVBREAK_ALL);
 }
 
-/* Until there were so many events, or that is hopeless. */
+/* Runs until so many events have come, or that is hopeless. */
 static void run_until(exchange *x, cw_event_kind kind, unsigned count)
 {
     ev_timer limit;
@@ -721,7 +721,8 @@ static void end_exchange(exchange *x)
         assert_int_equal(close(x->ecus[1]), 0);
 }
 
-/* When one has gone the other one goes on: its frames are acknowledged, but nobody hears them. */
+/* Exchanges frames. When one ECU has gone the other goes on: its frames are acknowledged, but
+ * unheard. */
 static void exchange_frames(const char *folder, const char *pacing)
 {
     exchange x;

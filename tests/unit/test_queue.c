@@ -105,8 +105,8 @@ typedef struct slow_queue {
     unsigned count;
 } slow_queue;
 
-/* SOF to IDE with the RTR taken out, or to the last identifier bit: what decides between frames of
- * one node. */
+/* Prints SOF to IDE without the RTR, or to the last identifier bit: the order of frames of one
+ * node. */
 static void arbitration_text(char *text, const cw_frame *frame)
 {
     cw_frame data = *frame;
@@ -152,7 +152,7 @@ static void put_both(bench *b, slow_queue *slow, rig_random *random, unsigned nu
     e->slot = find_slot(b, number);
 }
 
-/* The first one, or any: a frame that is being sent may no longer be the first. */
+/* Removes the first frame, or any: a frame that is being sent may no longer be the first. */
 static void remove_both(bench *b, slow_queue *slow, bool first, rig_random *random)
 {
     if (slow->count == 0)

@@ -49,7 +49,7 @@ static int remove_folder(void **state)
     return system(command);
 }
 
-/* The text of FILE, or with a number FILE.NUMBER; NULL: there is none. To be freed. */
+/* Returns the text of FILE, or with a number FILE.NUMBER, to be freed; NULL: there is none. */
 static char *content(unsigned number)
 {
     char name[sizeof path + 16];
@@ -188,7 +188,7 @@ static void told(void *user)
     (void)sem_post(user);
 }
 
-/* Until the thread has told. */
+/* Waits for the report of the thread. */
 static void wait_for_news(sem_t *news)
 {
     while (sem_wait(news) != 0)

@@ -55,7 +55,7 @@ static bool is_file(int fd, const char *name)
     return strncmp(path, folder, strlen(folder)) == 0 && strcmp(base + 1, name) == 0;
 }
 
-/* The first file waits for the end of the last one. */
+/* Delays the first file until the end of the last one. */
 ssize_t write(int fd, const void *bytes, size_t size)
 {
     bool first = is_file(fd, "0.log");
@@ -135,7 +135,7 @@ static int remove_all(void **state)
     return 0;
 }
 
-/* All of them, with an event in each. */
+/* Begins all recordings, with an event in each. */
 static recordings *begin(struct ev_loop *loop)
 {
     const cw_event sent = {.kind = CW_EVENT_TX, .nodes = 1, .frame = {.id = 0x123}};

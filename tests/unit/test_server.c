@@ -26,7 +26,7 @@ static struct {
     unsigned lines;
 } work;
 
-/* In place of that of libev, and recv() of that of the C library, for all of this program. */
+/* Replaces libev's function, and recv() of the C library, for the whole program. */
 ev_tstamp ev_time(void)
 {
     struct timespec t;
@@ -46,7 +46,7 @@ ssize_t recv(int fd, void *out, size_t size, int flags)
     return count;
 }
 
-/* The server must still serve others. */
+/* Checks that the server still serves others. */
 static void expect_service(const rig *r)
 {
     int fd = connect_client(r);
@@ -274,7 +274,7 @@ static void close_hall(hall *h)
     server_stop(h->server);
 }
 
-/* A client of this user, who is let in or refused before this returns. */
+/* Connects a client of this user, which is let in or refused before this returns. */
 static int come(const hall *h, uid_t user)
 {
     assert_int_equal(seteuid(user), 0);
@@ -336,7 +336,7 @@ static bool needs_root(void)
 #define HEAP_BYTES (1u << 17) /* more than is read at once, and than a socket takes at once */
 #define READ_BYTES 65536u     /* at one wake-up, of one client: as in control_server.c */
 
-/* As much as its socket takes. */
+/* Sends as much as the socket takes. */
 static void send_what_fits(int fd, const char *text, size_t *at)
 {
     for (ssize_t count; (count = send(fd, text + *at, HEAP_BYTES - *at, MSG_NOSIGNAL)) > 0;)

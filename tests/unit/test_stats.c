@@ -47,7 +47,7 @@ static int compare_ticks(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* The edge above a value, or the largest value when that is less. */
+/* Returns the edge above a value, or the largest value when that is less. */
 static uint64_t edge_above(uint64_t ticks, uint64_t max)
 {
     for (unsigned b = 1; b < CW_DELAY_BUCKETS; b++)
@@ -184,7 +184,7 @@ static void delay_is_from_hand_in_to_the_end_of_eof(void **state)
     rig_free(r);
 }
 
-/* Every frame that came up was sent, waits, or was dropped for a reason. */
+/* Checks that every frame was sent, waits, or was dropped for a reason. */
 static void assert_frames_are_conserved(const rig *r)
 {
     size_t waiting = 0;
@@ -205,7 +205,7 @@ static void assert_frames_are_conserved(const rig *r)
     assert_int_equal(rig_bus_stats(r).pending, waiting);
 }
 
-/* One node of every kind; bad frames; bus-off with restart; a full queue. */
+/* Makes a bus with one node of every kind; bad frames; bus-off with restart; a full queue. */
 static rig *new_busy_bus(void)
 {
     static const uint8_t modes[] = {0, CW_MODE_ONE_SHOT, CW_MODE_LISTEN_ONLY, 0, 0};

@@ -89,7 +89,7 @@ static cw_mac random_controller(uint64_t *seed)
     return m;
 }
 
-/* Now and then the host wants something. */
+/* Calls the controller from time to time, as a host does. */
 static void disturb(cw_mac *m, uint64_t *seed)
 {
     const cw_frame frame = {.id = (uint32_t)draw(seed) & 0x7FF, .dlc = (uint8_t)(draw(seed) % 3)};

@@ -6,7 +6,7 @@
 
 #include "bus/bus_private.h"
 
-/* A bus of the same kind at tick 0. */
+/* Makes a bus of the same kind at tick 0. */
 static rig *successor(unsigned nodes)
 {
     rig *r = rig_new(nodes);

@@ -30,7 +30,7 @@
 static const char *const kind_names[TRACE_KIND_COUNT] = {"frame", "error", "fd",
                                                          "xl",    "other", "mark"};
 
-/* An entry: "LINE SECONDS CHANNEL FRAME", or the kind of what is no frame; "-" without time. */
+/* Prints an entry: "LINE SECONDS CHANNEL FRAME", or its kind without a frame; "-" without time. */
 static void print_record(FILE *out, const trace_record *r)
 {
     char frame[FRAME_TEXT_MAX];
@@ -43,7 +43,7 @@ static void print_record(FILE *out, const trace_record *r)
     fprintf(out, " %s %s\n", r->channel, r->kind == TRACE_FRAME ? frame : kind_names[r->kind]);
 }
 
-/* All entries, and at last what is wrong behind the name of the file; to be freed. */
+/* Returns all entries, and at last the error behind the name of the file; to be freed. */
 static char *read_all(const char *file, trace_format format)
 {
     char *text = NULL;
@@ -66,7 +66,7 @@ static char *read_all(const char *file, trace_format format)
     return text;
 }
 
-/* A file with this content; the name is to be freed and the file removed. */
+/* Makes a file with this content; the name is to be freed and the file removed. */
 static char *make_file(const void *content, size_t size)
 {
     char *name = strdup("/tmp/canwire-test-trace.XXXXXX");
@@ -663,7 +663,7 @@ static void the_format_is_found_out(void **state)
 
 #define BIT 160u
 
-/* "TICK FRAME" for each frame, and at last what is said. */
+/* Returns "TICK FRAME" for each frame, and at last the messages. */
 static char *replay_all(cfg_traffic *traffic, const char *content, uint64_t origin)
 {
     char *text = NULL;

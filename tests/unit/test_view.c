@@ -23,7 +23,7 @@ static cw_bit_view next_bit(rig *r)
     return view;
 }
 
-/* The next bit whose place for a node is the given one, within 400 bits. */
+/* Returns the next bit whose place for a node is the given one, within 400 bits. */
 static cw_bit_view bit_at(rig *r, unsigned node, cw_field field, unsigned index)
 {
     for (unsigned n = 0; n < 400; n++) {
@@ -142,7 +142,7 @@ static void what_is_quiet_is_as_the_bit_before(void **state)
     rig_free(reference);
 }
 
-/* A receiver cannot tell SRR from RTR before the IDE. */
+/* Returns the place for a receiver, which cannot distinguish SRR and RTR before the IDE. */
 static cw_place as_receiver(cw_place place)
 {
     if (place.field == CW_FIELD_SRR)

@@ -19,7 +19,7 @@ static void aliases_stand_for_their_values(void **state)
     cfg_free(config);
 }
 
-/* NULL when the content is accepted, else what is said after the path, to be freed. */
+/* Returns NULL when the content is accepted, else the message behind the path, to be freed. */
 static char *errors_of_content(const void *content, size_t length)
 {
     char *path = make_file(content, length);
@@ -107,7 +107,7 @@ static void what_is_no_file_is_refused(void **state)
     free(directory);
 }
 
-/* A file of a pattern over and over, up to the size limit. */
+/* Repeats a pattern in a file, up to the size limit. */
 static void expect_huge_error(const char *pattern, size_t length, const char *expected)
 {
     char *content = malloc(length);

@@ -13,7 +13,7 @@
 #define INTERMISSION_BITS 3u
 #define RECOVERY_BITS (128u * 11u)
 
-/* End of wire bit n of a frame whose SOF is the given bit. */
+/* Returns the end of wire bit n of a frame whose SOF is the given bit. */
 static inline uint64_t end_of(uint64_t sof, uint64_t n)
 {
     return (sof + n + 1) * BIT;

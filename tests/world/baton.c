@@ -168,8 +168,8 @@ static void pass(void)
 
 /* ---- Time ------------------------------------------------------------------------------------ */
 
-/* gcc and clang call it at each basic block of code built with -fsanitize-coverage=trace-pc: work
- * that is the same in each run. */
+/* Counts work. gcc and clang call it at each basic block of code built with
+ * -fsanitize-coverage=trace-pc: the count is the same in each run. */
 void __sanitizer_cov_trace_pc(void);
 void __sanitizer_cov_trace_pc(void)
 {
@@ -338,7 +338,8 @@ void world_add_actor(actor *a)
     actors[actor_count++] = a;
 }
 
-/* A life that is stuck where the world cannot see it, or has died with the baton. */
+/* Returns true for a life that is stuck where the world cannot see it, or has died with the
+ * baton. */
 static bool baton_is_lost(int life, const struct timespec *since)
 {
     struct timespec now;

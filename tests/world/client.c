@@ -94,7 +94,7 @@ static bool read_into(client *c, text *t)
     return count == 0 || (errno != EAGAIN && errno != EINTR);
 }
 
-/* That of a connection that broke off. */
+/* Forgets the rest of a broken connection. */
 static void forget_half_line(text *t)
 {
     while (t->size > 0 && t->bytes[t->size - 1] != '\n')
@@ -168,7 +168,7 @@ static void take_answer(client *c)
     c->asked_ns = NEVER;
 }
 
-/* A machine that stands still answers nothing. */
+/* Checks the time of an answer; a machine that stands still answers nothing. */
 static void check_answer(client *c)
 {
     const world_life *l = &world->lives[c->life];

@@ -80,7 +80,7 @@ static bool anybody_lives(void)
     return life_now() >= 0;
 }
 
-/* Trouble, then quiet, then the end; then what is left is looked at. */
+/* Runs trouble, then quiet, then the end; then checks the rest. */
 static void run_story(void)
 {
     world_run(world->now_ns + the_story.length_ns);

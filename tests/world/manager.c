@@ -68,7 +68,7 @@ static void start(void)
     }
 }
 
-/* Two that both say that they are ready have the same sockets. */
+/* Checks that no two lives that are ready have the same sockets. */
 static void check_alone(int life)
 {
     for (int i = 0; i < (int)world->life_count; i++) {

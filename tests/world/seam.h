@@ -32,10 +32,10 @@ typedef struct seam_fd {
 seam_fd *seam_fd_of(int fd);
 int seam_new_fd(int fd, fd_kind kind); /* returns fd */
 
-/* Below WORLD_ROOT it is in the folder of the world, else as it is. */
+/* Returns a path in the folder of the world for one below WORLD_ROOT, else the path itself. */
 const char *seam_path(const char *path);
 
-/* The socket that was bound to a path in the folder of the world, or NULL. */
+/* Returns the socket that was bound to a path in the folder of the world, or NULL. */
 world_place *seam_place_of(const char *path);
 
 /* Timers that are due become readable; returns when the next one is. */
@@ -44,7 +44,8 @@ int64_t seam_ring_timers(void);
 /* Sets errno, notes that a call was refused, and returns true, in so many of 1000 calls. */
 bool seam_refuses(unsigned permille, int number, const char *call);
 
-/* The disk, before a call for a path or a file. False: refused, errno is set. */
+/* Asks the disk, before a call for a path or a file. Returns false for a refusal, with errno
+ * set. */
 bool seam_disk_takes(const char *path, const char *call);
 
 #endif

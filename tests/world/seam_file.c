@@ -68,7 +68,7 @@ static bool hangs(const char *path)
            (d->hung_path[0] == '\0' || strcmp(d->hung_path, path) == 0);
 }
 
-/* A file may keep a thread of its own waiting, but not the bus. */
+/* Complains about a wait in the thread of the bus: a file may block only a thread of its own. */
 static void complain_of_wait(const char *path, const char *call)
 {
     const world_life *life = world_my_life();
@@ -106,7 +106,7 @@ bool seam_disk_takes(const char *path, const char *call)
     return false;
 }
 
-/* Bytes of so many that the disk has room for; -1: refused. */
+/* Returns the bytes of so many that the disk has room for; -1: refused. */
 static ssize_t room_for(const seam_fd *f, size_t size)
 {
     world_disk *d = &world->disk;
@@ -139,7 +139,8 @@ static void note_synced(int fd)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Whoever opens a FIFO to read it without O_NONBLOCK waits for ever: nobody here writes into it. */
+/* Waits for ever in a call that opens a FIFO to read without O_NONBLOCK: nothing here writes into
+ * one. */
 static void wait_at_fifo(const char *path, int flags)
 {
     struct stat s;
@@ -351,7 +352,7 @@ SEAM(int, access, const char *path, int mode)
     ON_PATH(access, path, access(seam_path(path), mode));
 }
 
-/* There are no two sockets of the same name. */
+/* Returns the last part of a path. No two sockets have the same name. */
 static const char *last_part(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -366,7 +367,7 @@ world_place *seam_place_of(const char *path)
     return NULL;
 }
 
-/* A daemon may remove its own socket and that of a daemon that is gone, no other. */
+/* Checks that a daemon removes only its own socket, or that of a daemon that has ended. */
 static void check_owner(const char *path)
 {
     const world_place *p = world_inside ? seam_place_of(seam_path(path)) : NULL;

@@ -50,7 +50,7 @@ static int open_netlink(void)
     return ends[0];
 }
 
-/* To whatever is asked: that was all. */
+/* Answers any request with the end of a list. */
 static void answer_netlink(const seam_fd *f)
 {
     struct {
@@ -264,7 +264,7 @@ SEAM(ssize_t, recvmsg, int fd, struct msghdr *message, int flags)
     return count;
 }
 
-/* When it was sent, by the clock of the world, in place of the real time that the kernel knows. */
+/* Stamps a message with the world's time of sending, in place of the kernel's real time. */
 static void stamp(world_connection *c, struct msghdr *header)
 {
     int64_t sent_ns = c->stamps[c->received++ % STAMPS_MAX];

@@ -24,7 +24,7 @@ static void draw_machine(void)
     world->interrupt_permille = world_chance(500) ? (unsigned)world_between(1, 60) : 0;
 }
 
-/* Those that take much, each on its own; the others in any company. */
+/* Draws troubles: the expensive ones each on its own; the others in any combination. */
 static void draw_trouble(story *s)
 {
     switch (world_draw(10)) {

@@ -109,7 +109,7 @@ static bool is_foreign(const char *line)
            strstr(line, "\"event\":\"record\"") != NULL; /* of a copy: a line */
 }
 
-/* The next line of events that was watched, from *at on; NULL: no more whole lines. */
+/* Returns the next watched line of events, from *at on; NULL: no more whole lines. */
 static const char *next_watched(const char **at, size_t *length, bool *gap)
 {
     while (**at) {
@@ -159,7 +159,7 @@ static void compare_watched(const resim *run, int life, bool whole)
     world_trace("%lu events of life %d are those of its journal", compared, life);
 }
 
-/* The frames that a node received according to the journal, in the form of ecu_seen. */
+/* Returns the frames that a node received according to the journal, in the form of ecu_seen. */
 static char *received_by(const char *events, unsigned ecu)
 {
     char node[64];
@@ -177,7 +177,7 @@ static char *received_by(const char *events, unsigned ecu)
     return out;
 }
 
-/* Of an ECU: each has a number, so that it is found again. */
+/* Returns true for a frame of an ECU: each has a number, by which it is found. */
 static bool has_number(const char *frame)
 {
     return *frame >= '1' && *frame <= '0' + (int)ECUS_MAX;
@@ -190,7 +190,7 @@ static const char *numbered(const char *at)
     return at;
 }
 
-/* In the same order; a steady ECU got all of them, another one some. */
+/* Compares frames in order; a steady ECU got all of them, another one some. */
 static void compare_received(const resim *run, int life, unsigned ecu, bool whole)
 {
     const ecu_seen *seen = ecu_seen_of(ecu, life);
@@ -271,8 +271,8 @@ static void check_journals(void)
     free(entries);
 }
 
-/* A life that ended without its last words has a journal, or a later life has said what became of
- * it. */
+/* Returns true when the journal exists. A life that ended without its last messages has one, unless
+ * a later life has reported its removal. */
 static bool journal_is_there(uint64_t file)
 {
     struct dirent **entries;
@@ -314,7 +314,7 @@ static uint64_t number_in(const json_t *object, const char *key)
     return (uint64_t)json_integer_value(json_object_get(object, key));
 }
 
-/* all_sent: the bus has nothing more to do, so that all that there was has been read. */
+/* all_sent: the bus has no frames left, so all frames have been read. */
 static void check_books_of(const json_t *node, unsigned ecu, int life, bool all_sent)
 {
     const json_t *interface = json_object_get(node, "interface");
@@ -343,7 +343,7 @@ static json_t *status_of(int life)
     return text ? json_loads(text, 0, NULL) : NULL;
 }
 
-/* Of the life that is there when all has become quiet: its last words at the control socket. */
+/* Checks the life that runs in the end, by its last reply at the control socket. */
 static void check_books(int life)
 {
     json_t *answer = status_of(life);

@@ -160,23 +160,23 @@ uint64_t world_draw(uint64_t below);
 bool world_chance(unsigned permille);
 int64_t world_between(int64_t low, int64_t high); /* small ones are as likely as large ones */
 
-/* A line of the trace, with time and task. */
+/* Prints a line of the trace, with time and task. */
 void world_trace(const char *format, ...) __attribute__((format(printf, 1, 2)));
 uint64_t world_hash(const void *bytes, size_t size);
 
-/* The task of this thread, NULL in the world itself. */
+/* Returns the task of this thread, NULL in the world itself. */
 world_task *world_me(void);
 world_life *world_my_life(void);
 
-/* Work since the last time becomes virtual time. */
+/* Turns the work since the last time into virtual time. */
 void world_charge(int64_t more_ns);
 
-/* At the beginning of each call: work costs time, another task may come first, a signal may come,
- * this life may end here. */
+/* Begins each call: work costs time, another task may come first, a signal may come, this life may
+ * end here. */
 void world_enter(const char *call);
 
-/* Until somebody wakes it or the time has come. Returns whether it was woken; *interrupted when a
- * signal was handled meanwhile (NULL: it goes on waiting). */
+/* Waits until another task wakes it or the time has come. Returns true when it was woken;
+ * *interrupted when a signal was handled meanwhile (NULL: it goes on waiting). */
 bool world_block(wait_kind kind, const void *object, int64_t deadline_ns, const char *call,
                  bool *interrupted);
 
@@ -184,7 +184,7 @@ bool world_block(wait_kind kind, const void *object, int64_t deadline_ns, const 
 void world_wake(int life, wait_kind kind, const void *object, bool only_one);
 void world_wake_all_fds(void);
 
-/* A new task; it runs when it has the baton. */
+/* Adds a task; it runs when it has the baton. */
 int world_add_task(int life, bool is_main);
 void world_begin_task(int task); /* in the thread that is the task: waits for the baton */
 void world_end_task(void);       /* gives the baton away for good */
@@ -293,7 +293,8 @@ typedef struct quiet_status {
 
 const quiet_status *client_last_status(int life);
 
-/* A socket of the world that connects under a name of its own; the number of its connection or -1.
+/* Connects a socket of the world under a name of its own; returns the number of its connection or
+ * -1.
  */
 int world_connect(const char *path, int type, unsigned uid, int *fd);
 void world_sent(int connection);

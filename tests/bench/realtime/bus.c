@@ -35,7 +35,7 @@ static void write_port(FILE *out, const rt_bus_options *o, const int ports[RT_NO
     }
 }
 
-/* The configuration file of a bus whose ports are sockets. */
+/* Makes the configuration file of a bus whose ports are sockets. */
 static cfg *make_config(const rt_bus_options *o, const int ports[RT_NODES])
 {
     char path[] = "/tmp/canwire-bench-XXXXXX";
@@ -59,7 +59,7 @@ static cfg *make_config(const rt_bus_options *o, const int ports[RT_NODES])
     return config;
 }
 
-/* By now the frame is with its ECUs. */
+/* Notes the lateness of a reception; the frame is with its ECUs by now. */
 static void on_event(void *user, const cw_event *event)
 {
     bus_process *p = user;

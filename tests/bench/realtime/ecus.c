@@ -26,7 +26,7 @@ typedef struct crowd {
     bool answer; /* send another one for each that came */
 } crowd;
 
-/* The identifier changes from frame to frame, so that all nodes get their turn. */
+/* Makes a frame. The identifier changes from frame to frame, so that all nodes get their turn. */
 static struct can_frame make_frame(const rt_ecu *e)
 {
     struct can_frame f = {.can_id = (e->sent * 5 + e->node * 3) % 0x1FF * RT_NODES + e->node,

@@ -112,7 +112,7 @@ static double quantile_us(const int32_t *sorted, size_t count, double share)
     return sorted[(size_t)(share * (double)(count - 1))] / 1000.0;
 }
 
-/* Of some processes together. */
+/* Summarises the results of some processes together. */
 static lateness summarise(const rt_result *results, unsigned count)
 {
     lateness l = {.samples = 0};
@@ -134,7 +134,7 @@ static lateness summarise(const rt_result *results, unsigned count)
     return l;
 }
 
-/* The ECUs of a bus that is ready, but for its last node. */
+/* Connects the ECUs of a bus that is ready, except that of its last node. */
 static void connect_ecus(rt_ecu *ecus, const char *folder)
 {
     for (unsigned node = 0; node < RT_NODES; node++)
@@ -148,7 +148,7 @@ static void connect_ecus(rt_ecu *ecus, const char *folder)
     }
 }
 
-/* Frames for an ECU that has not connected yet are not lost by the bus. */
+/* Checks a turn. Frames for an ECU that has not connected yet are no loss of the bus. */
 static void check_turn(const kind *k, const rt_result *result)
 {
     if (!result->good || (result->lost > 0 && !k->paths) || result->skips > 0)
@@ -190,7 +190,7 @@ static void print_lateness(const char *name, const lateness *l, const char *end)
            name, l->samples, l->p50_us, l->p99_us, l->p999_us, l->cpu, end);
 }
 
-/* The best turn of each kind counts, since noise only ever adds. */
+/* Takes the best turn of each kind, since noise only adds. */
 static void measure_lateness(const plan *p)
 {
     lateness best[KINDS];

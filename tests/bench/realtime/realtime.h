@@ -48,11 +48,12 @@ void rt_run_elsewhere(void);
 
 void rt_add_sample(rt_result *r, int64_t late_ns);
 
-/* Memory for so many results. */
+/* Returns memory for so many results. */
 rt_result *rt_share_results(unsigned count);
 void rt_unshare_results(rt_result *results, unsigned count);
 
-/* From now on this process goes before all that are not real-time processes. False: it may not. */
+/* Gives this process priority over all that are not real-time processes. Returns false when that is
+ * not permitted. */
 bool rt_take_priority(void);
 
 /* ---- bus.c ----------------------------------------------------------------------------------- */
@@ -88,10 +89,10 @@ typedef struct rt_ecu {
     uint64_t wrong;                /* frames that are not the next one of their sender */
 } rt_ecu;
 
-/* For so long the ECUs keep frames in all queues of their buses, then wait for the last ones. */
+/* Keeps frames in all queues of the buses for this time, then waits for the last ones. */
 void rt_saturate(rt_ecu *ecus, unsigned count, int64_t duration_ns);
 
-/* For so long the ECUs read what comes. */
+/* Reads frames for this time. */
 void rt_listen(rt_ecu *ecus, unsigned count, int64_t duration_ns);
 
 #endif

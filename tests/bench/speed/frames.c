@@ -10,7 +10,7 @@
 
 #define NODE_BITS 6 /* of an identifier: who sends it */
 
-/* SplitMix64: a good value for each number. */
+/* SplitMix64: returns a well-mixed value for each number. */
 static uint64_t scramble(uint64_t number)
 {
     uint64_t z = number * UINT64_C(0x9E3779B97F4A7C15);

@@ -42,7 +42,7 @@ static double measure_once(const bench_work *w, void *state, uint64_t units)
     return (now_ns() - start) / (double)done;
 }
 
-/* So many units that a round is long enough. */
+/* Finds a number of units that makes a round long enough. */
 static void calibrate(measurement *m, const bench_work *w)
 {
     m->units = w->units;
@@ -113,7 +113,7 @@ static int run_one(const char *name, const char *units)
     bench_fail("there is no work '%s'", name);
 }
 
-/* The first one that is not what it should be ends it. */
+/* Checks all works and stops at the first violation. */
 static int check_all(void)
 {
     for (unsigned i = 0; i < bench_work_count; i++) {

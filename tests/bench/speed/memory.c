@@ -4,7 +4,8 @@
  */
 #include "works.h"
 
-/* A ring large enough for any number of nodes, so that it is the same for all. */
+/* Returns the size of a bus. Its ring is large enough for any number of nodes, so that it is the
+ * same for all. */
 static size_t bus_bytes(unsigned node_count, unsigned queue)
 {
     cw_node_config nodes[CW_NODES_MAX];

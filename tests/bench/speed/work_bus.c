@@ -41,14 +41,16 @@ static cw_rule flip_id(const char *name, unsigned number, bool wild)
     return r;
 }
 
-/* Noise that never comes, for each attempt, so that it asks in every bit who is sending. */
+/* Returns a rule with noise that never comes, for each attempt, so that it needs the senders of
+ * every bit. */
 static cw_rule no_noise(void)
 {
     return (cw_rule){.name = "noise", .action = CW_ACTION_NOISE, .time_end = CW_NEVER,
                      .every = 1, .probability = UINT64_MAX};
 }
 
-/* Is at work in every bit: its node, the last one, which must not send, acknowledges in vain. */
+/* Returns a rule that acts in every bit. Its node, the last one, must not send and acknowledges in
+ * vain. */
 static cw_rule mute(unsigned node)
 {
     return (cw_rule){.name = "mute", .trigger = CW_TRIGGER_TIME, .action = CW_ACTION_STUCK,
@@ -100,7 +102,7 @@ static void hand_in(saturation *s, unsigned node)
         bench_fail("the inbox is full");
 }
 
-/* Every event is taken; each transmitted frame is followed by the next one of the same node. */
+/* Takes every event and hands in the next frame of a node for each transmitted one. */
 static void keep_busy(saturation *s)
 {
     unsigned count;
@@ -163,7 +165,7 @@ uint64_t bench_bus_run_bits(void *state, uint64_t units)
 
 /* ---- Was it what it should be? --------------------------------------------------------------- */
 
-/* Of `every` attempts one fails. */
+/* Checks that one of `every` attempts fails. */
 static void check_faults(const saturation *s, const cw_bus_stats *stats)
 {
     uint64_t attempts = stats->frames + stats->error_frames;

@@ -45,8 +45,8 @@ static int by_tick(const void *left, const void *right)
     return (int)a->message - (int)b->message;
 }
 
-/* Short periods have low identifiers; offsets are spread, by a multiplier that shares no factor
- * with what is taken of its products. */
+/* Plans the messages. Short periods have low identifiers. The offsets are spread by a multiplier
+ * that shares no factor with the modulus. */
 static void plan(mix *m)
 {
     unsigned message = 0, count = 0;
@@ -82,7 +82,7 @@ void *bench_mix_start(const void *options)
     return m;
 }
 
-/* The content goes on from one release to the next, as counters and signals do. */
+/* Hands in frames; their contents change from release to release, as counters and signals do. */
 static void hand_in_before(mix *m, uint64_t tick)
 {
     for (;;) {

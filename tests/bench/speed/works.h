@@ -26,20 +26,20 @@ typedef struct bench_work {
 extern const bench_work bench_works[];
 extern const unsigned bench_work_count;
 
-/* An 8-byte frame with random content, the same ones at each run; extended or not. The identifiers
- * of a node are its own: no two nodes have the same. */
+/* Returns an 8-byte frame with random content, the same ones in each run; extended or not. No two
+ * nodes have the same identifiers. */
 cw_frame bench_frame(uint64_t number, unsigned node, bool extended);
 
-/* An identifier that bench_frame() does not give to one of the first 32 nodes. */
+/* Returns an identifier that bench_frame() does not give to one of the first 32 nodes. */
 uint32_t bench_foreign_id(unsigned number);
 
 /* Ends the program with a message. */
 _Noreturn void bench_fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
-/* Memory that must be there. */
+/* Allocates memory or ends the program. */
 void *bench_alloc(size_t size);
 
-/* Bytes that a node takes on a bus, without its queue and cw_node_stats. */
+/* Returns the bytes of a node on a bus, without its queue and cw_node_stats. */
 size_t bench_bytes_per_node(void);
 
 /* ---- Kinds of work --------------------------------------------------------------------------- */
@@ -71,7 +71,7 @@ uint64_t bench_bus_run_frames(void *state, uint64_t units);
 uint64_t bench_bus_run_bits(void *state, uint64_t units);
 void bench_bus_end(void *state);
 
-/* The periodic traffic of a car. A unit is a second of bus time. */
+/* Starts the periodic traffic of a car. A unit is a second of bus time. */
 void *bench_mix_start(const void *options);
 uint64_t bench_mix_run(void *state, uint64_t units);
 void bench_mix_end(void *state);
