@@ -21,7 +21,7 @@ bool cw_bits_level(const cw_bits *bits, unsigned n)
 
 /* ---- From wire bits to positions ------------------------------------------------------------- */
 
-/* Walks the table to the u-th bit that is no stuff bit. Only the IDE chooses what follows. */
+/* Walks the table to the u-th bit that is no stuff bit. Only the IDE chooses the next part. */
 static cw_place find_place(const cw_bits *bits, unsigned u)
 {
     cw_part part = CW_PART_SOF;
@@ -59,7 +59,7 @@ unsigned cw_field_bits(cw_field field)
     return base > extended ? base : extended;
 }
 
-/* Where a position is when stuff bits do not count; false when there is none. */
+/* Finds a position when stuff bits do not count. Returns false when the frame has none. */
 static inline bool find_unstuffed(unsigned *u, bool extended, unsigned data_bits, cw_field field,
                                   unsigned index)
 {
@@ -79,7 +79,7 @@ bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned 
     return find_unstuffed(n, cw_frame_is_extended(frame), 8 * cw_frame_length(frame), field, index);
 }
 
-/* Each stuff bit at or before it moves a bit further back. */
+/* Each stuff bit at or before the bit makes it come one bit later. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
 {
     unsigned n = u;

@@ -7,20 +7,20 @@
 
 #include "canwire.h"
 
-/* The wire bit that is the u-th one, from 0, of those that are no stuff bits. */
+/* Returns the wire bit that is the u-th one, from 0, of those that are no stuff bits. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
 
-/* Finds the wire bit that cw_bits_is_at() a position; false when the frame has none. */
+/* Finds the wire bit that cw_bits_is_at() a position. Returns false when the frame has none. */
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);
 
-/* The same without the frame's bits, for fields that do not depend on stuff bits: *n is where it
- * would be without them, so not behind where it is. */
+/* Does the same without the frame's bits, for fields that do not depend on stuff bits. *n is the
+ * bit without stuff bits before it, so at or before the wire bit. */
 bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index);
 
-/* As cw_frame_wire_bits(), for a frame that is valid. */
+/* Does the same as cw_frame_wire_bits(), for a frame that is valid. */
 unsigned cw_bits_measure(const cw_frame *frame);
 
-/* As cw_bits_encode(), with some bits of the CRC sequence inverted. */
+/* Does the same as cw_bits_encode(), with some bits of the CRC sequence inverted. */
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
 
 #endif

@@ -4,7 +4,8 @@
  */
 #include "format/bitset.h"
 
-/* Own population count: the compiler's builtin may call into libgcc, and lib needs nobody. */
+/* Has its own population count: the compiler's builtin may call into libgcc, and lib needs no
+ * library. */
 unsigned cw_count_bits(uint64_t w)
 {
     w -= (w >> 1) & UINT64_C(0x5555555555555555);

@@ -20,16 +20,16 @@ static inline uint64_t cw_node_bit(unsigned i)
     return UINT64_C(1) << i;
 }
 
-/* Of a set that is not empty. */
+/* The set must not be empty. */
 static inline unsigned cw_lowest_node(uint64_t nodes)
 {
     return (unsigned)__builtin_ctzll(nodes);
 }
 
-/* Members of a word. */
+/* Returns the number of members of a word. */
 unsigned cw_count_bits(uint64_t word);
 
-/* How many of the members are at or below n. */
+/* Returns the number of members at or below n. */
 unsigned cw_bitset_count_upto(const uint64_t set[CW_BIT_WORDS], unsigned n);
 
 #endif

@@ -11,7 +11,7 @@
 #define CW_CRC15_BITS 15u
 #define CW_CRC15_POLYNOMIAL 0x4599u /* without its highest bit (F6) */
 
-/* One bit further; it begins with 0. */
+/* Returns the CRC after one more bit. The CRC begins with 0. */
 static inline uint16_t cw_crc15_next(uint16_t crc, bool bit)
 {
     bool feedback = bit != ((crc >> (CW_CRC15_BITS - 1)) & 1);

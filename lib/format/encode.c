@@ -2,10 +2,10 @@
  *
  * encode.c - frames to wire bits (F1..F7), a byte at a time.
  *
- * The bits of a frame, not stuffed, are laid out in whole bytes. A table tells what each becomes on
- * the wire, given the bits before it. Five bytes become at most 50 bits: these are collected in one
- * word before they go to their place. Where stuff bits are is seen afterwards: behind five equal
- * bits.
+ * The bits of a frame are first laid out in whole bytes without stuff bits. A table has the wire
+ * bits of each byte, given the bits before it. Five bytes become at most 50 bits. These are
+ * collected in one word before they go to their place. The places of stuff bits are found
+ * afterwards: each one follows five equal bits.
  */
 #include "format/bits.h"
 #include "format/frame.h"
@@ -15,11 +15,11 @@
 #include <assert.h>
 
 #define PART_BYTES 5u
-#define PLAIN_BYTES 16u /* one more than there are */
-#define LENGTHS_MASK 0xFFFu /* of all bytes of a frame, in the sum of their entries */
+#define PLAIN_BYTES 16u /* one more than a frame can have */
+#define LENGTHS_MASK 0xFFFu /* the bits of all bytes of a frame, in the sum of their entries */
 
-/* Before SOF come so many bits that all that is stuffed, SOF to CRC, is whole bytes. They alternate
- * and end recessive, so they get no stuff bit; they are no part of the CRC. */
+/* The pad before SOF has so many bits that all stuffed bits, SOF to CRC, fill whole bytes with it.
+ * Its bits alternate and end recessive, so they get no stuff bit; the CRC does not cover them. */
 #define PAD_BITS(head_bits) (8 - ((head_bits) + CW_CRC_BITS) % 8)
 
 _Static_assert(CW_CRC_TABLE_BYTES == PLAIN_BYTES - 1, "crc_of() names each byte");
@@ -27,7 +27,7 @@ _Static_assert(PAD_BITS(CW_BASE_HEAD_BITS) < 8 && PAD_BITS(CW_EXTENDED_HEAD_BITS
                "encoding begins with a pad");
 _Static_assert(CW_FRAME_BITS_MAX <= CW_BITS_MAX, "cw_bits has room for the longest frame");
 
-/* What is to be sent, not stuffed, but for the CRC. */
+/* A frame without stuff bits and CRC. */
 typedef struct content {
     cw_head head;
     uint64_t data;   /* the last byte in the lowest bits */
@@ -35,7 +35,7 @@ typedef struct content {
     unsigned pad_bits;
 } content;
 
-/* They stand at the end: pad, SOF to data, CRC. Before them are zeros. */
+/* The bytes in use stand at the end: pad, SOF to data, CRC. The bytes before them are zero. */
 typedef struct plain_bytes {
     uint8_t bytes[PLAIN_BYTES];
     const uint8_t *first;
@@ -47,7 +47,7 @@ typedef struct plain_bytes {
 typedef struct part {
     uint64_t level;
     uint64_t lengths; /* the number of bits in its lowest six bits */
-    uint32_t state;   /* of the tables */
+    uint32_t state;   /* the state of the tables */
 } part;
 
 /* ---- Not stuffed ----------------------------------------------------------------------------- */
@@ -87,7 +87,7 @@ static inline content content_of(const cw_frame *frame)
     return c;
 }
 
-/* The CRC of what stands before it. Bytes that are not there are 0 and bring nothing to it. */
+/* Returns the CRC of the bytes before it. Unused bytes are 0 and add nothing to it. */
 static inline unsigned crc_of(const uint8_t bytes[PLAIN_BYTES])
 {
     const uint16_t(*behind)[256] = cw_crc_table;
@@ -102,7 +102,7 @@ static inline unsigned crc_of(const uint8_t bytes[PLAIN_BYTES])
     return crc;
 }
 
-/* With some bits of the CRC inverted. Returns the CRC. */
+/* Lays out the bytes, with some bits of the CRC inverted. Returns the CRC. */
 static inline unsigned lay_out(plain_bytes *plain, const content *c, unsigned inverted)
 {
     const unsigned behind = 8 * c->length + CW_CRC_BITS; /* bits behind the head */
@@ -143,8 +143,8 @@ static inline void stuff_five(part *p, const uint8_t bytes[PART_BYTES])
     stuff_byte(p, bytes[4]);
 }
 
-/* A row of bits, the first one in the lowest bit, behind those that are there. Two shifts, since
- * one by 64 bits is not defined. */
+/* Appends a row of bits, the first one in the lowest bit. Takes two shifts, since a shift by 64
+ * bits is not defined. */
 static inline void append(uint64_t level[4], unsigned *at, uint64_t row, unsigned length)
 {
     unsigned word = *at / 64, shift = *at % 64;
@@ -159,7 +159,7 @@ static inline void append_part(uint64_t level[4], unsigned *at, const part *p, u
     append(level, at, p->level >> (64 - length) >> pad_bits, length - pad_bits);
 }
 
-/* All bits from SOF on. Returns how many of them are stuffed, those before the tail. */
+/* Puts all bits from SOF on. Returns how many of them are stuffed, those before the tail. */
 static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
 {
     part p = {.state = CW_STUFF_FIRST};
@@ -180,7 +180,7 @@ static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
     return stuffed;
 }
 
-/* The lowest n bits, none when n is negative. */
+/* Returns the lowest n bits, none when n is negative. */
 static inline uint64_t lowest(int n)
 {
     if (n >= 64)
@@ -188,8 +188,8 @@ static inline uint64_t lowest(int n)
     return n > 0 ? ~(UINT64_MAX << n) : 0;
 }
 
-/* Set where a bit and the four before it are equal; before SOF the bus is recessive, and what was
- * five before that does not count. Then one further: the stuff bits. */
+/* Finds bits that equal the four before them; the next bit is a stuff bit. The bus is recessive
+ * before SOF, so older bits do not count. */
 static inline void find_stuff(uint64_t stuff[3], const uint64_t level[3], unsigned stuffed)
 {
     const uint64_t *l = level;
@@ -212,7 +212,7 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inve
     if (!cw_frame_valid(frame))
         return CW_INVALID;
     plain_bytes plain;
-    uint64_t level[4] = {0}; /* one more than there are, so that appending need not look */
+    uint64_t level[4] = {0}; /* one more than needed, so that append() need not look */
     const content c = content_of(frame);
     uint16_t crc = (uint16_t)lay_out(&plain, &c, inverted);
     unsigned stuffed = put_levels(level, &plain);
@@ -231,7 +231,7 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
     return cw_bits_encode_crc(bits, frame, 0);
 }
 
-/* As stuff_byte(), but only how many bits they become. */
+/* Counts only the bits that stuff_byte() would make. */
 static inline void measure_byte(part *p, uint8_t byte)
 {
     p->lengths += cw_stuff_table[p->state + byte];

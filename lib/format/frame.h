@@ -17,7 +17,7 @@ static inline bool cw_frame_is_remote(const cw_frame *frame)
     return frame->flags & CW_FRAME_REMOTE;
 }
 
-/* Bytes in the data field of a frame with this DLC (F3, F4). */
+/* Returns the bytes in the data field of a frame with this DLC (F3, F4). */
 static inline unsigned cw_dlc_length(unsigned dlc, bool remote)
 {
     if (remote)

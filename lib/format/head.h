@@ -8,7 +8,7 @@
 #include "format/frame.h"
 #include "format/layout.h"
 
-/* What is dominant is 0: SOF, the IDE of a base frame, r1 and r0. The DLC is in the lowest bits. */
+/* Dominant bits are 0: SOF, the IDE of a base frame, r1 and r0. The DLC is in the lowest bits. */
 typedef struct cw_head {
     uint64_t number;
     unsigned bits;
@@ -33,8 +33,8 @@ static inline cw_head cw_extended_head(const cw_frame *frame, bool remote, unsig
                      .bits = CW_EXTENDED_HEAD_BITS};
 }
 
-/* The arbitration field with RTR at this level, as a number; the lower one wins. Bit 31 - n is the
- * bit that the SJA1000 counts as n. */
+/* Returns the arbitration field with RTR at this level, as a number; the lower one wins. Bit 31 - n
+ * is the bit that the SJA1000 counts as n. */
 static inline uint32_t cw_key_with_rtr(const cw_frame *frame, bool rtr)
 {
     if (cw_frame_is_extended(frame))

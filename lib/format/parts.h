@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * parts.h - what a frame looks like: the one table of its parts, and which part follows which.
+ * parts.h - the format of a frame: the one table of its parts, and which part follows which.
  *
  * A base and an extended frame are two paths through the table. The level of the last bit of a part
- * says which part follows; IDE chooses between the formats. Whoever sends a frame walks the table
- * by what it sends (walk.h), and a controller by what it samples (mac.c). What is the same for all
- * frames of a format is worked out when canwire is built, by generate/main.c, which walks the table
- * too: layout.h has the numbers, tables.h the tables. No number of this table is written elsewhere.
+ * selects the next part; IDE chooses between the formats. A sender walks the table by the levels
+ * that it sends (walk.h), and a controller by those that it samples (mac.c). The properties that
+ * all frames of a format share are computed when canwire is built. For that generate/main.c walks
+ * the table, too: layout.h has the numbers, tables.h the tables. No number of this table is written
+ * elsewhere.
  *
- * How the parts of CAN FD enter (D1..D10):
+ * The parts of CAN FD enter as follows (D1..D10):
  *  - FDF takes the place of r0 in a base frame and of r1 in an extended one. Its recessive
  *    successor leads to res, BRS and ESI. The r0 of an extended frame becomes a row of its own.
  *  - The stuff count and the CRC have bits = 0, as DATA has: the header says how many they are.
@@ -26,18 +27,18 @@
 
 #define CW_STUFF_RUN 5u /* equal bits after which a stuff bit comes (F7) */
 
-/* What follows a frame (F1, M8). */
+/* The gaps after a frame (F1, M8). */
 #define CW_INTERMISSION_BITS 3u
 #define CW_SUSPEND_BITS 8u
 
-/* The most wire bits that so many stuffed bits become. */
+/* The most wire bits that so many bits to be stuffed can become. */
 #define CW_STUFFED_BITS_MAX(bits) ((bits) + ((bits)-1) / (CW_STUFF_RUN - 1))
 
-/* In the order of the wire: a part leads to later parts only. */
+/* The order is that of the wire: a part leads to later parts only. */
 typedef enum cw_part {
     CW_PART_SOF = 0,
     CW_PART_BASE_ID,
-    CW_PART_SRR_RTR, /* RTR or SRR, which only the IDE after it tells (F5) */
+    CW_PART_SRR_RTR, /* RTR or SRR; only the IDE after it tells them apart (F5) */
     CW_PART_IDE,
     CW_PART_EXTENDED_ID,
     CW_PART_RTR,
@@ -55,14 +56,14 @@ typedef enum cw_part {
     CW_PART_END = CW_PART_COUNT /* follows the last part */
 } cw_part;
 
-#define CW_PART_STUFFED 0x01u     /* stuff bits are inserted, also behind its last bit (F7) */
+#define CW_PART_STUFFED 0x01u     /* stuff bits are inserted, also after its last bit (F7) */
 #define CW_PART_MONITORED 0x02u   /* a transmitter that sees another level has a bit error (E1 a) */
 #define CW_PART_IN_CRC 0x04u      /* the CRC covers it (F6) */
 #define CW_PART_ARBITRATION 0x08u /* recessive sent and dominant seen: arbitration is lost (M2) */
 #define CW_PART_RECESSIVE 0x10u   /* must be recessive (E4) */
 #define CW_PART_ACK 0x20u         /* receivers drive it dominant (M5) */
 
-/* What the end of a part means to a controller. */
+/* The effect that the end of a part has on a controller. */
 typedef enum cw_effect {
     CW_EFFECT_NONE = 0,
     CW_EFFECT_TAKE_ID,    /* its bits follow those of the identifier that are there already */
@@ -71,9 +72,9 @@ typedef enum cw_effect {
     CW_EFFECT_TAKE_DLC,
     CW_EFFECT_JUDGE_CRC,
     CW_EFFECT_JUDGE_ACK,  /* M5, R8 */
-    CW_EFFECT_SIGNAL_CRC, /* a CRC error is signalled behind it (E3) */
+    CW_EFFECT_SIGNAL_CRC, /* a CRC error is signalled after it (E3) */
     CW_EFFECT_ACCEPT,     /* the frame is a receiver's (M7) */
-    CW_EFFECT_FINISH,     /* the frame is the transmitter's (M7), and over */
+    CW_EFFECT_FINISH,     /* the frame is the transmitter's (M7), and finished */
     CW_EFFECT_COUNT
 } cw_effect;
 
@@ -88,7 +89,7 @@ typedef struct cw_part_info {
 
 extern const cw_part_info cw_parts[CW_PART_COUNT];
 
-/* Bits of a part in a frame with so many bits of data. */
+/* Returns the bits of a part in a frame with so many bits of data. */
 static inline unsigned cw_part_bits(cw_part part, unsigned data_bits)
 {
     return cw_parts[part].bits ? cw_parts[part].bits : data_bits;
@@ -99,7 +100,7 @@ static inline bool cw_part_is(cw_part part, unsigned flag)
     return cw_parts[part].flags & flag;
 }
 
-/* The public name of a bit; stuff is false. extended decides between SRR and RTR. */
+/* Returns the public name of a bit; stuff is false. extended decides between SRR and RTR. */
 cw_place cw_part_place(cw_part part, unsigned index, bool extended);
 
 #endif

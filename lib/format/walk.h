@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * walk.h - a frame bit by bit, forward through the table of parts: slow, and plain to read.
+ * walk.h - a frame bit by bit, forward through the table of parts: slow, and easy to read.
  *
- * Stuff bits are left to the caller. The fast encoder (encode.c) is held against this walk by test,
- * and what layout.h and tables.h know of the format is read off it.
+ * The caller adds stuff bits. A test compares the fast encoder (encode.c) with this walk. The
+ * generator of layout.h and tables.h uses it.
  */
 #ifndef CANWIRE_FORMAT_WALK_H
 #define CANWIRE_FORMAT_WALK_H
@@ -14,18 +14,19 @@
 
 typedef struct cw_walk {
     const cw_frame *frame;
-    cw_part part; /* CW_PART_END behind the last bit */
+    cw_part part; /* CW_PART_END after the last bit */
     unsigned index;
     uint16_t crc; /* of the bits so far */
 } cw_walk;
 
-/* Bits of a part in this frame; 0: it has none. */
+/* Returns the bits of a part in this frame; 0: the frame does not have the part. */
 static inline unsigned cw_walk_bits(const cw_walk *w)
 {
     return cw_part_bits(w->part, 8 * cw_frame_length(w->frame));
 }
 
-/* What a transmitter sends in a part but DATA and CRC, as a number with the last bit lowest. */
+/* Returns the bits that a transmitter sends in a part other than DATA and CRC, as a number with the
+ * last bit lowest. */
 static inline uint32_t cw_part_number(cw_part part, const cw_frame *frame)
 {
     const bool extended = cw_frame_is_extended(frame), remote = cw_frame_is_remote(frame);
@@ -47,7 +48,7 @@ static inline uint32_t cw_part_number(cw_part part, const cw_frame *frame)
     }
 }
 
-/* The level that a transmitter sends. */
+/* Returns the level that a transmitter sends. */
 static inline bool cw_walk_level(const cw_walk *w)
 {
     if (w->part == CW_PART_DATA)
@@ -56,7 +57,7 @@ static inline bool cw_walk_level(const cw_walk *w)
     return (number >> (cw_walk_bits(w) - 1 - w->index)) & 1u;
 }
 
-/* One bit further. */
+/* Goes to the next bit. */
 static inline void cw_walk_on(cw_walk *w)
 {
     const bool level = cw_walk_level(w);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * rate.h - how long bits are. This folder alone converts between bits and ticks, with the functions
- *          of canwire.h that hosts need, too.
+ * rate.h - the length of bits. This folder alone converts between bits and ticks, with the
+ * functions of canwire.h that hosts need, too.
  *
  * A bit of the bus lasts a whole number of ticks. Clocks that differ from node to node will need a
  * fraction of a tick as well. cw_rate then becomes a 64-bit number of ticks / 2^32, and
- * cw_wire_time (wire.h) keeps the fraction of its tick. Nobody else looks into the two structs, so
- * nothing else changes: a moment that others see stays a whole tick.
+ * cw_wire_time (wire.h) keeps the fraction of its tick. No other file reads the fields of the two
+ * structs, so nothing else changes: a moment that others see stays a whole tick.
  */
 #ifndef CANWIRE_TIME_RATE_H
 #define CANWIRE_TIME_RATE_H
@@ -15,7 +15,7 @@
 
 #define CW_BITS_FOREVER UINT64_MAX /* bits that do not end */
 
-/* Of ticks or bits. */
+/* Returns the smaller number of ticks or bits. */
 static inline uint64_t cw_least(uint64_t a, uint64_t b)
 {
     return a < b ? a : b;

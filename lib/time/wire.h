@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * wire.h - where the wire is in time. It is always between two bits: one has ended at the present
- *          tick, and the next one begins at it.
+ * wire.h - the position of the wire in time. It is always between two bits: one has ended at the
+ * present tick, and the next one begins at it.
  */
 #ifndef CANWIRE_TIME_WIRE_H
 #define CANWIRE_TIME_WIRE_H
@@ -13,7 +13,7 @@ typedef struct cw_wire_time {
     cw_rate rate;
 } cw_wire_time;
 
-/* At tick 0. */
+/* Returns the time at tick 0. */
 static inline cw_wire_time cw_wire_begin(cw_rate rate)
 {
     return (cw_wire_time){.now = 0, .rate = rate};
@@ -29,49 +29,49 @@ static inline cw_rate cw_wire_rate(const cw_wire_time *t)
     return t->rate;
 }
 
-/* So many bits have passed. */
+/* Moves on by so many bits. */
 static inline void cw_wire_pass(cw_wire_time *t, uint64_t bits)
 {
     t->now += cw_rate_ticks(t->rate, bits);
 }
 
-/* The tick at which so many bits to come will have passed. */
+/* Returns the tick at which so many bits to come will have passed. */
 static inline uint64_t cw_wire_tick(const cw_wire_time *t, uint64_t bits)
 {
     return t->now + cw_rate_ticks(t->rate, bits);
 }
 
-/* The same for any number of bits; beyond the end of time it is CW_NEVER. */
+/* Returns the same for any number of bits, and CW_NEVER beyond the end of time. */
 static inline uint64_t cw_wire_tick_or_never(const cw_wire_time *t, uint64_t bits)
 {
     return cw_after(t->now, cw_rate_ticks_or_never(t->rate, bits));
 }
 
-/* The tick at which the bit ends that begins now. */
+/* Returns the tick at which the bit that begins now ends. */
 static inline uint64_t cw_wire_bit_end(const cw_wire_time *t)
 {
     return cw_wire_tick(t, 1);
 }
 
-/* Whether so many bits will have passed by a tick, which has not passed yet. */
+/* Returns true when so many bits will have passed by a tick, which has not passed yet. */
 static inline bool cw_wire_fits(const cw_wire_time *t, uint64_t bits, uint64_t tick)
 {
     return tick - t->now >= cw_rate_ticks(t->rate, bits);
 }
 
-/* The same for one bit and any tick. */
+/* Returns the same for one bit and any tick. */
 static inline bool cw_wire_fits_bit(const cw_wire_time *t, uint64_t tick)
 {
     return tick >= t->now && cw_wire_fits(t, 1, tick);
 }
 
-/* The whole bits up to a tick, which has not passed yet. */
+/* Returns the whole bits up to a tick, which has not passed yet. */
 static inline uint64_t cw_wire_bits_to(const cw_wire_time *t, uint64_t tick)
 {
     return cw_rate_bits(t->rate, tick - t->now);
 }
 
-/* The whole bits up to any tick; CW_BITS_FOREVER for one that does not come. */
+/* Returns the whole bits up to any tick, and CW_BITS_FOREVER for CW_NEVER. */
 static inline uint64_t cw_wire_bits_before(const cw_wire_time *t, uint64_t tick)
 {
     if (tick == CW_NEVER)
@@ -79,7 +79,7 @@ static inline uint64_t cw_wire_bits_before(const cw_wire_time *t, uint64_t tick)
     return tick > t->now ? cw_rate_bits(t->rate, tick - t->now) : 0;
 }
 
-/* The same, with the bit that the tick is in. */
+/* Returns the same, with the bit that the tick is in. */
 static inline uint64_t cw_wire_bits_until(const cw_wire_time *t, uint64_t tick)
 {
     if (tick == CW_NEVER)

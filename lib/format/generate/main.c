@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * main.c - writes layout.h and tables.c: what follows from the table of parts for every frame.
+ * main.c - writes layout.h and tables.c, which follow from the table of parts.
  *
  * usage: generate layout|tables
  *
- * It runs when canwire is built. Positions are read off a walk through a frame without data; CRC
- * and stuffing of whole bytes come from doing it bit by bit.
+ * It runs when canwire is built. Positions come from a walk through a frame without data. CRC and
+ * stuffing of whole bytes are computed bit by bit.
  */
 #include "format/crc.h"
 #include "format/parts.h"
@@ -58,7 +58,7 @@ static unsigned end_of(const layout *l, cw_part part)
     return l->at[part] + cw_part_bits(part, 0);
 }
 
-/* Bits behind the part with an effect. */
+/* Returns the bits after the part with an effect. */
 static unsigned bits_after(const layout *l, cw_effect effect)
 {
     unsigned end = 0;
@@ -68,7 +68,7 @@ static unsigned bits_after(const layout *l, cw_effect effect)
     return l->bits - end;
 }
 
-/* The end of the last part with a flag. */
+/* Returns the end of the last part with a flag. */
 static unsigned flag_end(const layout *l, unsigned flag)
 {
     unsigned end = 0;
@@ -145,7 +145,7 @@ typedef struct span {
     unsigned first, bits, split, gap, behind_data;
 } span;
 
-/* A part that goes on with a field lies behind other parts, or not. */
+/* Adds a part to its field; other parts may lie between two parts of a field. */
 static void add_part(span *s, const layout *l, cw_part part)
 {
     const unsigned at = l->at[part];
@@ -196,7 +196,7 @@ static void write_positions(void)
 
 /* ---- tables.c: whole bytes ------------------------------------------------------------------- */
 
-/* What a byte brings to the CRC, with so many bytes behind it. */
+/* Returns the share of a byte in the CRC, with so many bytes behind it. */
 static unsigned crc_of(unsigned byte, unsigned bytes_behind)
 {
     uint16_t crc = 0;
@@ -219,7 +219,7 @@ static void write_crcs(void)
     printf("};\n");
 }
 
-/* The wire bits of a byte and the state behind it. */
+/* The wire bits of a byte and the state after it. */
 typedef struct stuffed_byte {
     unsigned long long wire; /* the last one in bit 63 */
     unsigned bits;
