@@ -4,9 +4,9 @@
  */
 #include "mac/confinement.h"
 
-#define REC_AFTER_PASSIVE 120u /* R8, ruling: of the 119..127 that are allowed */
+#define REC_AFTER_PASSIVE 120u /* R8, ruling: one of the allowed 119..127 */
 
-/* R9..R11, R13. Bus-off is left only by a reset (R12). */
+/* R9..R11, R13. Only a reset ends bus-off (R12). */
 static void update_state(cw_confinement *c)
 {
     unsigned worst = c->tec > c->rec ? c->tec : c->rec;

@@ -2,7 +2,8 @@
  *
  * confinement.h - the error counters of a controller and its state (rules R1..R13).
  *
- * When which rule applies is the controller's business; here is what it does to the counters.
+ * The controller decides when a rule applies; these functions do what the rule does to the
+ * counters.
  */
 #ifndef CANWIRE_CONFINEMENT_H
 #define CANWIRE_CONFINEMENT_H
@@ -29,13 +30,13 @@ void cw_confinement_tx_success(cw_confinement *c);
 /* R8. */
 void cw_confinement_rx_success(cw_confinement *c);
 
-/* Presets both; within the limits above. */
+/* Presets both counters, within the limits above. */
 void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec);
 
 /* R13. */
 void cw_confinement_set_warning_limit(cw_confinement *c, unsigned limit);
 
-/* R9, R11: which flag the node sends. */
+/* R9, R11: returns true when the node sends passive error flags. */
 static inline bool cw_confinement_passive(const cw_confinement *c)
 {
     return c->tec >= CW_PASSIVE_LIMIT || c->rec >= CW_PASSIVE_LIMIT;

@@ -2,12 +2,12 @@
  *
  * mac.c - one CAN controller, bit by bit (rules M, E, O and R of RULES.md).
  *
- * A bit has two phases. cw_mac_drive() says what the controller puts on the wire; cw_mac_sample()
- * takes what the wire carried and goes on to the next bit. Each phase of the controller has one
- * sample function. Inside a frame the controller walks the table of parts (format/parts.h) by what
- * it samples: checks that hold for every bit come first, and at the end of a part its effect. A
- * transmitter parses its own frame as the receivers do, so that it can become one of them in any
- * bit (M2).
+ * A bit has two phases. cw_mac_drive() returns the level that the controller puts on the wire.
+ * cw_mac_sample() takes the level of the wire and goes on to the next bit. Each phase of the
+ * controller has one sample function. Inside a frame the controller walks the table of parts
+ * (format/parts.h) by the levels that it samples. Checks that hold for every bit come first; the
+ * effect of a part comes at its end. A transmitter parses its own frame as the receivers do, so
+ * that it can become a receiver in any bit (M2).
  */
 #include "mac/mac_private.h"
 
@@ -122,14 +122,14 @@ static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
     r->why = (uint8_t)why;
 }
 
-/* R10: at once, whatever was being sent. */
+/* R10: at once, whatever the controller was sending. */
 static void go_bus_off(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
     cw_mac_enter(m, CW_MAC_BUS_OFF);
 }
 
-/* Carries out R10 after a counter has moved; returns whether it did. */
+/* Carries out R10 after a counter has moved. Returns true when the controller went bus-off. */
 static bool check_bus_off(cw_mac *m, cw_mac_report *r)
 {
     if (m->confinement.state != CW_STATE_BUS_OFF)
@@ -147,7 +147,7 @@ cw_status cw_mac_set_counters(cw_mac *m, unsigned tec, unsigned rec)
     bool was_off = m->confinement.state == CW_STATE_BUS_OFF;
     cw_confinement_set(&m->confinement, tec, rec);
     bool is_off = m->confinement.state == CW_STATE_BUS_OFF;
-    if (is_off && !was_off) /* else it goes on waiting or counting */
+    if (is_off && !was_off) /* otherwise the controller goes on waiting or counting */
         go_bus_off(m);
     if (was_off && !is_off)
         integrate(m);
@@ -186,13 +186,13 @@ const cw_frame *cw_mac_received(const cw_mac *m)
     return &m->rx;
 }
 
-/* Also behind the last CRC bit (F7); after that run stays as it is, below the limit. */
+/* True also after the last CRC bit (F7). After that, run stays as it is, below the limit. */
 bool cw_mac_stuff_bit_due(const cw_mac *m)
 {
     return m->run == CW_STUFF_RUN;
 }
 
-/* A receiver cannot tell SRR from RTR before the IDE; it takes the bit for an RTR. */
+/* A receiver cannot tell SRR from RTR before the IDE, so it takes the bit for an RTR. */
 static cw_place frame_place(const cw_mac *m)
 {
     bool received = m->rx.flags & CW_FRAME_EXTENDED;
@@ -248,7 +248,7 @@ void cw_mac_begin_frame(cw_mac *m, cw_role role)
     m->part = CW_PART_SOF;
     m->index = 0;
     m->run = 0;
-    m->last = CW_RECESSIVE; /* before SOF, which is dominant */
+    m->last = CW_RECESSIVE; /* the level before SOF, which is dominant */
     m->crc = 0;
     m->overloads_in_row = 0;
     memset(&m->rx, 0, sizeof m->rx);
@@ -314,8 +314,8 @@ static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
         drop_offer(m, CW_DROP_ONE_SHOT, r);
 }
 
-/* Reports an error in the present bit and starts the flag. The kind of the flag is that from
- * before the error's own increment (R9). */
+/* Reports an error in the present bit and starts the flag. The counters from before the error's own
+ * increment decide the kind of the flag (R9). */
 static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned rec_step,
                          cw_mac_report *r)
 {
@@ -375,7 +375,7 @@ static void signal_overload(cw_mac *m, cw_mac_report *r)
     cw_mac_enter(m, CW_MAC_OVERLOAD_FLAG);
 }
 
-/* Where intermission would begin: first the overload frames that the host wants (O1 a). */
+/* Begins the intermission, or first an overload frame that the host wants (O1 a). */
 static void expect_intermission(cw_mac *m, cw_mac_report *r)
 {
     if (m->overloads_wanted > 0 && m->overloads_in_row < 2) {
@@ -389,7 +389,7 @@ static void expect_intermission(cw_mac *m, cw_mac_report *r)
 
 /* ---- Sample: inside a frame ------------------------------------------------------------------ */
 
-/* An SRR is taken for an RTR, until the real one comes. */
+/* Takes an SRR for an RTR, until the real one comes. */
 static void take_rtr(cw_mac *m)
 {
     m->rx.flags &= (uint8_t)~CW_FRAME_REMOTE;
@@ -397,7 +397,7 @@ static void take_rtr(cw_mac *m)
         m->rx.flags |= CW_FRAME_REMOTE;
 }
 
-/* M5. Returns whether the frame goes on, as those do that follow. */
+/* M5. Returns true when the frame goes on, as do the next functions. */
 static bool judge_own_ack(cw_mac *m, cw_mac_report *r)
 {
     bool no_ack_needed = m->modes & (CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK); /* M14, M15 */
@@ -429,7 +429,7 @@ static bool signal_crc(cw_mac *m, cw_mac_report *r)
     return !m->crc_error;
 }
 
-/* M7: the frame is a receiver's, or that of a transmitter in loopback. */
+/* M7: a receiver accepts the frame, or a transmitter in loopback does. */
 static bool accept_frame(const cw_mac *m, cw_mac_report *r)
 {
     if (!cw_mac_is_transmitter(m) || (m->modes & CW_MODE_LOOPBACK))
@@ -448,7 +448,7 @@ static bool finish_frame(cw_mac *m, cw_mac_report *r)
     return false;
 }
 
-/* What the end of the present part does. Returns whether the frame goes on. */
+/* Carries out the effect of the end of the present part. Returns true when the frame goes on. */
 static bool take_effect(cw_mac *m, cw_mac_report *r)
 {
     const cw_part_info *part = &cw_parts[m->part];
@@ -483,7 +483,8 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
-/* Not inlined, so that the bits inside a part, which are most, need not save registers for it. */
+/* Not inlined, so that the bits inside a part, which are the most frequent, need not save registers
+ * for it. */
 __attribute__((noinline)) void cw_mac_end_part(cw_mac *m, cw_mac_report *r)
 {
     const bool level = cw_mac_last_level(m);
@@ -505,15 +506,15 @@ static void lose_arbitration(cw_mac *m, cw_mac_report *r)
     m->role = CW_ROLE_RECEIVER;
 }
 
-/* R3 ii: whether a recessive stuff bit that is due stands before the RTR bit. One that follows the
- * RTR is like any other, be the RTR the last bit of the arbitration field. SRR and IDE of an
- * extended frame are recessive: no recessive stuff bit follows them. */
+/* R3 ii: returns true when the due recessive stuff bit stands before the RTR bit. A stuff bit that
+ * follows the RTR is like any other, even when the RTR ends the arbitration field. SRR and IDE of
+ * an extended frame are recessive: no recessive stuff bit follows them. */
 static bool stuffs_before_rtr(const cw_mac *m)
 {
     return cw_parts[m->before_part].field == CW_FIELD_ID;
 }
 
-/* R3 ii: a recessive stuff bit before the RTR that was overwritten. */
+/* R3 ii: a recessive stuff bit before the RTR was overwritten. */
 static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
 {
     signal_error(m, CW_ERROR_STUFF, false, 0, r);
@@ -537,8 +538,8 @@ static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
     m->tx_next++;
 }
 
-/* The level differs from the own one in a part that the transmitter monitors. Returns whether the
- * bit goes on, as a receiver's. */
+/* Handles a level that differs from the own one in a part that the transmitter monitors. Returns
+ * true when the bit goes on, as a receiver's. */
 static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
 {
     if (m->driven && cw_mac_part_is(m, CW_PART_ARBITRATION)) {
@@ -549,7 +550,7 @@ static bool survives_mismatch(cw_mac *m, cw_mac_report *r)
     return false;
 }
 
-/* E4, and O1 c: to a receiver the last bit of EOF is no error any more. */
+/* E4, and O1 c: for a receiver, a dominant last bit of EOF is not an error. */
 static void dominant_in_fixed_form(cw_mac *m, cw_mac_report *r)
 {
     if (m->part == CW_PART_LAST_EOF && !cw_mac_is_transmitter(m))
@@ -574,7 +575,7 @@ void cw_mac_take_bit(cw_mac *m, bool level)
     m->before_index = m->index;
 }
 
-/* A frame bit that is no stuff bit. */
+/* Samples a frame bit that is no stuff bit. */
 static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
     unsigned flags = cw_parts[m->part].flags;
@@ -603,7 +604,7 @@ static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
 
 /* ---- Sample: between frames ------------------------------------------------------------------ */
 
-/* A foreign SOF (M1, M6). */
+/* Receives a foreign SOF (M1, M6). */
 static void begin_reception(cw_mac *m, bool may_join, cw_mac_report *r)
 {
     cw_mac_begin_frame(m, CW_ROLE_RECEIVER);
@@ -614,7 +615,7 @@ static void begin_reception(cw_mac *m, bool may_join, cw_mac_report *r)
 void cw_mac_become_idle(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
-    m->overloads_in_row = 0; /* so idle is idle, whatever came before */
+    m->overloads_in_row = 0; /* so that all idle controllers are equal */
     cw_mac_enter(m, CW_MAC_IDLE);
 }
 
@@ -674,7 +675,7 @@ void cw_mac_end_flag(cw_mac *m)
     cw_mac_enter(m, m->phase == CW_MAC_OVERLOAD_FLAG ? CW_MAC_OVERLOAD_WAIT : CW_MAC_ERROR_WAIT);
 }
 
-/* Active error flag and overload flag. */
+/* Samples a bit of an active error flag or overload flag. */
 static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (level)
@@ -706,13 +707,14 @@ static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
         cw_mac_end_flag(m);
 }
 
-/* R2, R6: dominant bits after the own flag; count is how many. */
+/* R2, R6: counts dominant bits after the own flag; count is their number. */
 static void count_dominant(cw_mac *m, cw_mac_report *r)
 {
     bool first = m->count == 1 && m->phase == CW_MAC_ERROR_WAIT && !cw_mac_is_transmitter(m);
     bool eighth = m->count % 8 == 0;
     if (m->count == 16)
-        m->count = 8; /* the first dominant bit is counted once, however long it goes on */
+        m->count = 8; /* not 1 again: the first dominant bit moves a counter once, however many
+                         follow */
     if (!first && !eighth)
         return;
     report_tolerated(m, r);
@@ -758,7 +760,7 @@ static void sample_nothing(cw_mac *m, bool level, cw_mac_report *r)
     (void)r;
 }
 
-/* An offer that was there when counters were set to bus-off; nothing else can be on offer. */
+/* Drops an offer from before counters were set to bus-off; nothing else can be on offer. */
 static void sample_bus_off(cw_mac *m, bool level, cw_mac_report *r)
 {
     (void)level;

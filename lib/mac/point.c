@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * point.c - controllers that are where others are: whether they are, and how they get there.
+ * point.c - controllers at the same point: tests for it, and ways to get there.
  *
- * What a controller remembers of the bits of a frame is its point. Receivers without errors are at
- * the same one; where that is follows from the frame and the number of its bits that have passed.
+ * The point of a controller is all that it remembers of the bits of a frame. Receivers without
+ * errors are at the same point. It follows from the frame and the number of its bits that have
+ * passed.
  */
 #include "mac/mac_private.h"
 
@@ -16,14 +17,15 @@
 #include <assert.h>
 #include <string.h>
 
-/* What has been received so far; not memcmp() of all, which would compare padding, too. */
+/* Compares the bits received so far, without memcmp() of the whole struct, which would compare
+ * padding, too. */
 static bool same_received(const cw_frame *a, const cw_frame *b)
 {
     return a->id == b->id && a->flags == b->flags && a->dlc == b->dlc &&
            memcmp(a->data, b->data, sizeof a->data) == 0;
 }
 
-/* Where in a frame they are, and what they have read of it. */
+/* Compares the places in a frame and the bits read of it. */
 static bool same_place(const cw_mac *a, const cw_mac *b)
 {
     return a->part == b->part && a->index == b->index && a->run == b->run && a->last == b->last &&
@@ -32,7 +34,7 @@ static bool same_place(const cw_mac *a, const cw_mac *b)
            a->shift == b->shift && same_received(&a->rx, &b->rx);
 }
 
-/* Idle controllers have no past: cw_mac_begin_frame() sets all that a frame needs. */
+/* Idle controllers remember nothing: cw_mac_begin_frame() sets all that a frame needs. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
 {
     if (a->phase != b->phase || a->role != b->role || cw_mac_is_transmitter(a))
@@ -77,8 +79,8 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     m->rx = there->rx;
 }
 
-/* Walks to the u-th bit that is no stuff bit, a part at a time. What the parts in between mean to a
- * controller they mean here, too. */
+/* Walks to the u-th bit that is no stuff bit, a part at a time. The parts before it have their
+ * usual effects. */
 static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned u)
 {
     const cw_confinement counters = m->confinement;
@@ -106,7 +108,8 @@ static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsig
         memcpy(m->rx.data, frame->data, u / 8);
 }
 
-/* The bits of the present part, and before the CRC's end those that it covers. */
+/* Shifts in the bits of the present part. In a part that the CRC covers, also computes the CRC up
+ * to there. */
 static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
 {
     const bool in_crc = cw_mac_part_is(m, CW_PART_IN_CRC);
@@ -125,7 +128,8 @@ static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
     }
 }
 
-/* Equal levels in a row at the end of the first n wire bits, as far as those are stuffed. */
+/* Counts the equal levels in a row at the end of the first n wire bits, as far as those are
+ * stuffed. */
 static void count_run(cw_mac *m, const cw_bits *bits, unsigned n)
 {
     n = n < bits->length - CW_TAIL_BITS ? n : bits->length - CW_TAIL_BITS;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * skip.c - several bits of one level at once, and how far a controller is from something new.
+ * skip.c - several bits of one level at once, and the distance of a controller from something new.
  *
  * Flags, delimiters, intermission, idle time and rows of equal bits in a frame take many bits in
- * which a controller only counts. What it does is what mac.c would do in as many single bits.
+ * which a controller only counts. The results are those of mac.c in as many single bits.
  */
 #include "mac/mac_private.h"
 
@@ -13,27 +13,28 @@
 
 /* ---- Bits in which nothing changes but counts ------------------------------------------------ */
 
-/* What the controller sees when the wire has a level, with what it drives now. */
+/* Returns the level that the controller sees when the wire has a level, with its present own
+ * level. */
 static bool sees(const cw_mac *m, bool level)
 {
     cw_mac now = {.modes = m->modes, .driven = !cw_mac_in_dominant_flag(m)};
     return cw_mac_visible(&now, level);
 }
 
-/* Equal bits that a passive flag has seen, if bits of this level go on with them (E7). */
+/* Returns the equal bits that a passive flag has seen, if bits of this level continue them (E7). */
 static unsigned flag_bits(const cw_mac *m, bool level)
 {
     return m->count && m->last == level ? m->count : 0;
 }
 
-/* E8: a controller that waits for the delimiter takes its first bit next. */
+/* E8: a controller that waits for the delimiter takes the first bit of the delimiter next. */
 static unsigned delimiter_bits(const cw_mac *m)
 {
     bool waits = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_OVERLOAD_WAIT;
     return waits ? 0 : m->count;
 }
 
-/* Of a receiver: up to the last bit but one of the present part, or a stuff bit. */
+/* For a receiver: the bits before the last one of the present part, or before a stuff bit. */
 static uint64_t steady_frame_bits(const cw_mac *m, bool level)
 {
     if (cw_mac_is_transmitter(m) || m->may_join || !cw_mac_part_is(m, CW_PART_STUFFED) ||
@@ -44,7 +45,7 @@ static uint64_t steady_frame_bits(const cw_mac *m, bool level)
     return left < run ? left : run;
 }
 
-/* R2, R6: up to a dominant bit that moves a counter. */
+/* R2, R6: the bits before a dominant bit that moves a counter. */
 static uint64_t tolerated_bits(const cw_mac *m)
 {
     bool first = m->count == 0 && m->phase == CW_MAC_ERROR_WAIT && !cw_mac_is_transmitter(m);
@@ -59,7 +60,7 @@ static uint64_t steady_dominant_bits(const cw_mac *m)
         return CW_QUIET_FOREVER;
     case CW_MAC_BUS_OFF:
     case CW_MAC_RECOVERING:
-        return m->offered ? 0 : CW_QUIET_FOREVER; /* it is told that the offer is dropped */
+        return m->offered ? 0 : CW_QUIET_FOREVER; /* the drop of the offer is reported */
     case CW_MAC_FRAME:
         return steady_frame_bits(m, CW_DOMINANT);
     case CW_MAC_ERROR_ACTIVE:
@@ -88,7 +89,7 @@ static uint64_t steady_delimiter_bits(const cw_mac *m)
     return m->overloads_wanted > 0 ? left - 1 : left + CW_INTERMISSION_BITS;
 }
 
-/* All but the last bit of the last group; an offer is dropped at once. */
+/* All bits but the last one of the last group. An offer is dropped at once. */
 static uint64_t steady_recovery_bits(const cw_mac *m)
 {
     uint64_t groups = CW_RECOVERY_GROUPS - (uint64_t)m->groups;
@@ -151,7 +152,7 @@ static void skip_flag(cw_mac *m, unsigned count, bool level)
         cw_mac_end_flag(m);
 }
 
-/* Counts up to the end of a phase that is followed by idle. */
+/* Counts up to the end of a phase before idle. */
 static void skip_to_idle(cw_mac *m, uint64_t bits, unsigned end)
 {
     m->count = (uint8_t)(m->count + bits);
@@ -244,17 +245,18 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
 
 /* ---- How far it is --------------------------------------------------------------------------- */
 
-/* Of a transmitter: the last but one EOF bit, where the receivers take the frame, then the last. */
+/* For a transmitter: the last but one EOF bit, in which the receivers accept the frame, then the
+ * last. */
 static uint64_t bits_to_frame_end(const cw_mac *m)
 {
     unsigned left = (unsigned)m->tx.length - m->tx_next;
     return left > 1 ? left - 1u : left;
 }
 
-/* Of a receiver behind the CRC. In the last bit of EOF there is nothing more to come. */
+/* For a receiver after the CRC. Nothing more comes in the last bit of EOF. */
 static uint64_t bits_to_reception(const cw_mac *m)
 {
-    const uint8_t *at = cw_part_at[0]; /* behind the CRC both formats are alike */
+    const uint8_t *at = cw_part_at[0]; /* both formats are alike after the CRC */
     if (m->part == CW_PART_LAST_EOF)
         return CW_QUIET_FOREVER;
     return (unsigned)at[CW_PART_LAST_EOF] - at[m->part] - m->index;
