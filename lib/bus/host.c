@@ -16,7 +16,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
         bus->waiting |= cw_node_bit(i);
     else
         bus->waiting &= ~cw_node_bit(i);
-    bus->rules.known &= ~cw_node_bit(i) | bus->rules.always_known;
+    cw_rules_forget_frame(&bus->rules, i);
     bus->arbiter.stale |= cw_node_bit(i);
 }
 
@@ -60,17 +60,14 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
         return;
     }
     enqueue(bus, i, frame, tick, source);
-    if (source)
-        bus->rules.rules[source - 1].outstanding++;
+    cw_rules_count_queued(&bus->rules, source);
 }
 
 void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
 {
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
-    uint16_t source = n->queue.slots[slot].source;
-    if (source && bus->rules.rules[source - 1].outstanding)
-        bus->rules.rules[source - 1].outstanding--;
+    cw_rules_count_gone(&bus->rules, n->queue.slots[slot].source);
     cw_queue_remove(&n->queue, slot);
     bus->queued--;
     cw_queue_changed(bus, i);
@@ -224,15 +221,9 @@ static void flush_inbox(cw_bus *bus, unsigned i)
 
 static void flush_held(cw_bus *bus, unsigned i)
 {
-    unsigned kept = 0;
-    for (unsigned k = 0; k < bus->rules.held_count; k++) {
-        held_frame held = bus->rules.held[k];
-        if (held.node != i)
-            bus->rules.held[kept++] = held;
-        else
-            cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, cw_now(bus));
-    }
-    bus->rules.held_count = kept;
+    held_frame held;
+    while (cw_rules_take_held(&bus->rules, i, &held))
+        cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, cw_now(bus));
 }
 
 cw_status cw_node_flush(cw_bus *bus, unsigned i)

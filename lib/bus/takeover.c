@@ -100,10 +100,8 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
         h.node = to[h.node];
         h.origin.from = renumber(h.origin.from, to);
         h.due = cw_now(bus);
-        bus->rules.held[bus->rules.held_count++] = h;
+        (void)cw_rules_hold(&bus->rules, &h);
     }
-    if (bus->rules.held_count)
-        cw_rules_set_due(&bus->rules, cw_now(bus));
 }
 
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
@@ -118,16 +116,6 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
     }
     const bool one_rate = cw_rate_equal(cw_wire_rate(&bus->time), cw_wire_rate(&old->time));
     return one_rate && cw_now(bus) == 0 && bus->inbox.capacity >= old->inbox.count;
-}
-
-/* Rules that were to act at the start of the new bus act now. */
-static void start_rules(cw_bus *bus)
-{
-    for (unsigned i = 0; i < bus->rules.count; i++) {
-        cw_rule_state *s = &bus->rules.rules[i];
-        if (s->used && s->fire_at < cw_now(bus))
-            s->fire_at = cw_now(bus);
-    }
 }
 
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
@@ -166,7 +154,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);
-    start_rules(bus);
+    cw_rules_start(&bus->rules);
     bus->news = true;
     return CW_OK;
 }

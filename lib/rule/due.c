@@ -83,6 +83,15 @@ static void run_traffic(cw_rule_set *set)
                 cw_rule_at(set, rule)->does->traffic(set, rule);
 }
 
+void cw_rules_start(cw_rule_set *set)
+{
+    for (unsigned i = 0; i < set->count; i++) {
+        cw_rule_state *s = cw_rule_at(set, i);
+        if (s->used && s->fire_at < cw_rules_now(set))
+            s->fire_at = cw_rules_now(set);
+    }
+}
+
 void cw_rules_run_due(cw_rule_set *set)
 {
     if (set->next_due > cw_rules_now(set) && set->awake_count == 0)

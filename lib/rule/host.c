@@ -7,9 +7,11 @@
  */
 #include "rule/private.h"
 
+#include <string.h>
+
 /* ---- Frames held back ------------------------------------------------------------------------ */
 
-static bool hold(cw_rule_set *set, const held_frame *frame)
+bool cw_rules_hold(cw_rule_set *set, const held_frame *frame)
 {
     if (set->held_count == CW_HELD_FRAMES)
         return false;
@@ -43,6 +45,20 @@ static void release(cw_rule_set *set, uint64_t tick)
             set->held[kept++] = h;
     }
     set->held_count = kept;
+}
+
+bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame)
+{
+    unsigned place = 0;
+    while (place < set->held_count && set->held[place].node != node)
+        place++;
+    if (place == set->held_count)
+        return false;
+    *frame = set->held[place];
+    set->held_count--;
+    memmove(&set->held[place], &set->held[place + 1],
+            (set->held_count - place) * sizeof set->held[0]);
+    return true;
 }
 
 void cw_rules_release_held(cw_rule_set *set)
@@ -139,7 +155,7 @@ static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p
     const held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
                           .node = (uint8_t)p->node, .side = rule->side, .frame = *p->frame,
                           .origin = *p->origin};
-    return !hold(set, &h);
+    return !cw_rules_hold(set, &h);
 }
 
 bool cw_delay_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
@@ -199,7 +215,7 @@ static void reply(cw_rule_set *set, unsigned rule, unsigned node)
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
     cw_rule_tell_hit(set, rule, cw_rules_now(set));
     set->bus.effects->count_made(set->bus.self, node, CW_SIDE_TX);
-    if (!hold(set, &h))
+    if (!cw_rules_hold(set, &h))
         queue(set, node, &h.frame, cw_rules_now(set));
 }
 

@@ -259,6 +259,9 @@ static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
         set->next_due = tick;
 }
 
+/* Time of the bus does not begin at 0, but now: rules that were to act before act now. */
+void cw_rules_start(cw_rule_set *set);
+
 /* Rules, armings, traffic and ends of actions that are due now. */
 void cw_rules_run_due(cw_rule_set *set);
 
@@ -273,6 +276,12 @@ void cw_rules_unbind(cw_rule_set *set);
 static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
 {
     return set->key_count + set->wildcard_count > 0;
+}
+
+/* The next frame of a node may be another one. */
+static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
+{
+    set->known &= ~cw_node_bit(node) | set->always_known;
 }
 
 /* Those of some nodes whose next frame has not been compared with the rules yet; and one is. */
@@ -411,6 +420,26 @@ bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
 
 /* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
 void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tick);
+
+/* Holds a frame back until it is due. False: there is no room. */
+bool cw_rules_hold(cw_rule_set *set, const held_frame *frame);
+
+/* The first frame of a node that is held back is held no more. False: there is none. */
+bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame);
+
+/* A frame has come to a queue or has left one. source: 0, or the index plus 1 of the rule that has
+ * sent it. */
+static inline void cw_rules_count_queued(cw_rule_set *set, unsigned source)
+{
+    if (source)
+        set->rules[source - 1].outstanding++;
+}
+
+static inline void cw_rules_count_gone(cw_rule_set *set, unsigned source)
+{
+    if (source && set->rules[source - 1].outstanding)
+        set->rules[source - 1].outstanding--;
+}
 
 /* How many frames of a node rules hold back on each side. */
 void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, uint32_t *rx);
