@@ -79,7 +79,7 @@ class Site:
         return ERRORS.get(self.call) or OF_GROUP[self.group]
 
     def text(self, program):
-        """The call with the functions and lines of those who called."""
+        """Returns the call with the functions and lines of its callers."""
         result = subprocess.run(["addr2line", "-sfe", program, *(hex(f - 1) for f in self.frames)],
                                 capture_output=True, text=True, check=True).stdout.split("\n")
         return f"{self.call} by " + ", ".join(f"{result[i]} ({result[i + 1]})"
@@ -87,7 +87,7 @@ class Site:
 
 
 class Calls:
-    """The calls of a program: an order for them, which holds until there is another one."""
+    """The calls of a program, with an order that holds until the next one."""
 
     def __init__(self, folder, library):
         self.file, self.library = folder / "calls", library
@@ -134,7 +134,7 @@ class Calls:
 
 
 def build_library():
-    """failing_calls.so in build/, made once: a compiler takes long in a guest."""
+    """Returns failing_calls.so in build/, which is made once: a compiler takes long in a guest."""
     source, library = ROOT / "tests/calls/failing_calls.c", ROOT / "build/failing_calls.so"
     if library.exists() and library.stat().st_mtime >= source.stat().st_mtime:
         return library
@@ -182,8 +182,8 @@ def plan(sites):
 
 
 def run_all(workers, program, tries, attempt):
-    """attempt(worker, try) returns what is wrong, or None, and whether the call was reached. All
-    workers take tries until none is left. Returns how many were reached."""
+    """Runs all tries. attempt(worker, try) returns the violation, or None, and True when the call
+    was reached. All workers take tries until none is left. Returns the number of reached calls."""
     left = list(reversed(tries))
     wrong, reached = [], []
 

@@ -87,13 +87,13 @@ class Outcome:
 
 
 def contents(folder, outputs):
-    """Of what is read and not written."""
+    """Returns the contents of files that are read and not written."""
     return {file.name: file.read_bytes() for file in folder.iterdir()
             if file.is_file() and file.name not in (*outputs, "calls")}
 
 
 class Program:
-    """A program in a folder of its own, as many times as there are calls to fail."""
+    """A program in a folder of its own, run once for each call that fails."""
 
     def __init__(self, folder, library, words, outputs=()):
         self.folder, self.words, self.outputs = folder, words, outputs
@@ -117,7 +117,7 @@ class Program:
 
 
 def fail_each(programs):
-    """All tries of a program, which is there several times in folders of their own."""
+    """Makes all tries of a program, which exists several times in folders of their own."""
     good, sites = programs[0].list_sites()
     tries = plan(sites)
     reached = run_all(programs, programs[0].words[0], tries,
@@ -225,8 +225,8 @@ EVENTS = b"""{"t":0.001000000,"node":"load","event":"tx","frame":"123#DEADBEEF"}
 
 
 class Bus(threading.Thread):
-    """A control socket that answers as a canwired has done the first time; a watch gets EVENTS, and
-    then the bus has ended. Each client finds it as all others did."""
+    """A control socket that answers as a canwired did the first time. A watch gets EVENTS, and then
+    the bus has ended. Each client finds it in the same state."""
 
     answers = {}
 
@@ -270,7 +270,7 @@ class Bus(threading.Thread):
 
 @pytest.fixture(name="real", scope="module")
 def fixture_real(tmp_path_factory):
-    """The control socket of a canwired."""
+    """Returns the control socket of a canwired."""
     folder = tmp_path_factory.mktemp("real")
     (folder / "bus.yaml").write_text(LIVE)
     with (folder / "stderr").open("w") as errors:

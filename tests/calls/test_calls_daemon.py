@@ -64,7 +64,7 @@ def is_cut(connection):
 
 @contextlib.contextmanager
 def answered(what):
-    """A connection that ends is an answer."""
+    """Accepts the end of a connection as an answer."""
     try:
         yield
     except TimeoutError:
@@ -74,7 +74,7 @@ def answered(what):
 
 
 class Run:
-    """One canwired from its start to its end, and all that was seen of it."""
+    """One canwired from its start to its end, with all observations."""
 
     def __init__(self, folder, calls, lcm):
         self.folder, self.calls = folder, calls
@@ -110,7 +110,8 @@ class Run:
         return self.process.poll() is not None
 
     def connect(self, name, kind):
-        """To a socket of canwired's; None when it has ended, or the socket will not be there."""
+        """Connects to a socket of canwired. Returns None when it has ended, or when the socket will
+        not exist."""
         path = self.folder / name
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline and not self.has_ended():
@@ -128,7 +129,7 @@ class Run:
         return None
 
     def ask(self, request, **more):
-        """The reply; None when the connection or canwired ends."""
+        """Returns the reply; None when the connection or canwired ends."""
         client = self.connect("day.sock", socket.SOCK_STREAM)
         if not client:
             return None
@@ -144,7 +145,8 @@ class Run:
         return None
 
     def wait_for_reply(self, client):
-        """Once it has said that clients have to wait, there is again what was lacking."""
+        """Waits for a reply. Once canwired has reported that clients have to wait, the calls work
+        again."""
         poll = select.poll()
         poll.register(client, select.POLLIN)
         deadline = time.monotonic() + PATIENCE_S
@@ -198,7 +200,7 @@ class Run:
                 self.gone.add(name)
 
     def change(self, request, **more):
-        """Something that is done or refused, and then not done at all."""
+        """Requests a change, which is done or refused, and then not done at all."""
         before = self.names()
         reply = self.ask(request, **more)
         if before is None or self.has_ended():
@@ -338,7 +340,7 @@ class Run:
 
 
 class Place:
-    """A folder in which canwired runs, again and again."""
+    """A folder in which canwired runs repeatedly."""
 
     def __init__(self, folder, library, lcm):
         folder.mkdir()

@@ -31,7 +31,8 @@ nodes:
 
 
 class Daemon:
-    """A canwired in a folder that others may share; stderr: where its messages go, or its log."""
+    """A canwired in a folder that others may share; stderr: the file of its messages, or its
+    log."""
 
     def __init__(self, folder, *words, text=BUS, stderr=None):
         self.folder, self.log = folder, folder / "stderr"
@@ -45,7 +46,7 @@ class Daemon:
         assert self.status()["bus"]["name"] == "day"
 
     def answers(self):
-        """That its socket is there is not enough: it listens a moment later."""
+        """Returns True when it answers: it listens a moment after its socket exists."""
         with socket.socket(socket.AF_UNIX) as client:
             return client.connect_ex(str(self.folder / "day.sock")) == 0
 
@@ -83,7 +84,7 @@ def fixture_canwired(tmp_path):
 
 
 def refused(folder, *words):
-    """The messages of a canwired that does not get as far as running."""
+    """Returns the messages of a canwired that refuses to start."""
     result = subprocess.run([CANWIRED, "-c", "bus.yaml", *words], cwd=folder, capture_output=True,
                             text=True, timeout=PATIENCE_S, check=False)
     assert result.returncode == 1, result.stderr
@@ -113,7 +114,7 @@ def test_a_journal_that_cannot_begin_is_an_error(tmp_path):
 
 
 def limit_files(process, size):
-    """As a full disk: no file of this process may become larger."""
+    """Stands for a full disk: no file of this process may become larger."""
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
@@ -233,7 +234,7 @@ SERVER_HELLO = HELLO.pack(0x287617FA, 0x0100)
 
 
 class LcmServer:
-    """As lcm-tcpq-server, as far as one client that publishes sees it."""
+    """Stands for lcm-tcpq-server, for one publishing client."""
 
     def __init__(self, port=0):
         self.listener = socket.socket()
@@ -300,7 +301,7 @@ def unsent_bytes(port):
 
 
 def wait_stuck(bus, port):
-    """Until all buffers are full, as nothing is added to them any more, whatever happens."""
+    """Waits until all buffers are full: nothing is added to them any more, whatever happens."""
     samples = []
     while len(samples) < 5 or len(set(samples[-5:])) > 1 or samples[-1] == 0:
         wait_frames(bus, 2000)

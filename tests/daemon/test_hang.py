@@ -77,14 +77,14 @@ class Bus:
         return json.loads(self.canwire("status", "./day.sock", "--json"))
 
     def receive(self):
-        """The next frame at the dash that is the engine's, and no error frame."""
+        """Returns the next frame of the engine at the dash; error frames are ignored."""
         while True:
             can_id, _, data = FRAME.unpack(self.dash.recv(72)[:16])
             if not can_id & ERROR and can_id == 0x123:
                 return int.from_bytes(data, "big")
 
     def carries_frames(self):
-        """So many more frames go through, in their order."""
+        """Checks that so many more frames go through, in their order."""
         for _ in range(FRAMES):
             self.engine.send(FRAME.pack(0x123, 8, self.next.to_bytes(8, "big")))
             assert self.receive() == self.next
@@ -92,7 +92,7 @@ class Bus:
 
     @contextlib.contextmanager
     def hanging(self, name="disk/"):
-        """The disk hangs for what has such a name, and answers again behind it."""
+        """Lets the disk hang for files of such a name; it works again at the end."""
         flag = self.folder / "flag"
         flag.write_text(name)
         flag.rename(self.flag)
@@ -123,7 +123,7 @@ def fixture_bus(tmp_path, library):
 
 @contextlib.contextmanager
 def asking(bus, *words):
-    """A client that asks for a reload meanwhile; with status 0 or 1 and what it says at its end."""
+    """Runs a client that asks for a reload meanwhile."""
     with subprocess.Popen([CANWIRE, "reload", "./day.sock", *words], cwd=bus.folder, text=True,
                           stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as client:
         try:

@@ -38,7 +38,7 @@ def pack(identifier, number):
 
 
 class Ecu:
-    """A program at a port: a thread reads all that comes, so that it never is in the way."""
+    """A program at a port: a thread reads all frames, so that it never delays the bus."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -134,7 +134,7 @@ def fixture_rig(tmp_path):
 
 
 def numbered(identifiers, count, seed=1):
-    """Frames with random identifiers, numbered in the order in which they are written."""
+    """Returns frames with random identifiers, numbered in the order of writing."""
     choose = random.Random(seed)
     return [(choose.choice(identifiers), number) for number in range(count)]
 

@@ -32,7 +32,7 @@ class Frame(NamedTuple):
 
     @classmethod
     def parse(cls, text):
-        """From can-utils' notation: 123#1122, 12345678#, 123#R4, 123#1122334455667788_F."""
+        """Reads can-utils' notation: 123#1122, 12345678#, 123#R4, 123#1122334455667788_F."""
         identifier, _, rest = text.partition("#")
         can_id = int(identifier, 16) | (EXTENDED if len(identifier) == 8 else 0)
         rest, _, raw_dlc = rest.partition("_")
@@ -61,7 +61,8 @@ def number_bits(value, count):
 
 
 def header_bits(frame):
-    """From the first identifier bit to the last one of the arbitration field and IDE."""
+    """Returns the bits from the first identifier bit to the last one of the arbitration field and
+    IDE."""
     remote = 1 if frame.can_id & REMOTE else 0
     if frame.can_id & EXTENDED:
         high, low = frame.identifier >> 18, frame.identifier & 0x3FFFF
@@ -87,7 +88,7 @@ def stuff_bit_count(bits):
 
 @functools.cache
 def wire_bits(frame):
-    """Bits from SOF to EOF, stuff bits included."""
+    """Returns the bits from SOF to EOF, stuff bits included."""
     reserved = [0, 0] if frame.can_id & EXTENDED else [0]
     bits = [0] + header_bits(frame) + reserved + number_bits(frame.dlc, 4)
     for byte in frame.data:
@@ -97,7 +98,7 @@ def wire_bits(frame):
 
 
 def slot_bits(frame):
-    """Bits from SOF to the next possible SOF."""
+    """Returns the bits from SOF to the next possible SOF."""
     return wire_bits(frame) + INTERMISSION_BITS
 
 
@@ -127,7 +128,7 @@ def predict(sources):
     bit, order = INTEGRATION_BITS, []
 
     def offer(node):
-        """A node with a frame starts; one that gets a frame a bit later still joins (M6)."""
+        """Returns the next source of a node; a frame that comes a bit later still joins (M6)."""
         for latest in (bit, bit + 1):
             for i in node:
                 if left[i] and release[i] <= latest:

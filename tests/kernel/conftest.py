@@ -63,7 +63,7 @@ def vcan():
 
 
 class CanSocket:
-    """A raw CAN socket as a program in an ECU has it."""
+    """A raw CAN socket, as a program in an ECU has it."""
 
     def __init__(self, interface):
         self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -117,10 +117,8 @@ def can_socket():
 
 
 class Daemon:
-    """A canwired, with the notification socket that systemd would give it.
-
-    crowded: there is no room in the socket until listen() is called; before, after: words around
-    its command line."""
+    """A canwired, with the notification socket of systemd. crowded: the socket has no room until
+    listen() is called; before, after: words around its command line."""
 
     def __init__(self, folder, text, crowded=False, before=(), after=(), **environment):
         self.config = folder / "bus.yaml"
@@ -155,12 +153,12 @@ class Daemon:
         return text
 
     def read_notifications(self):
-        """As systemd does, all the time."""
+        """Reads all the time, as systemd does."""
         while text := self.notify.recv(4096).decode():
             self.notifications += text.splitlines()
 
     def notified(self, start):
-        """The first line of the notifications that starts with this, or None."""
+        """Returns the first line of the notifications that starts with this, or None."""
         return next((n for n in self.notifications if n.startswith(start)), None)
 
     def wait_ready(self):
@@ -218,7 +216,7 @@ def canwired(launch):
 
 @pytest.fixture(scope="session")
 def lcm_types(tmp_path_factory):
-    """The Python module that lcm-gen makes from config/lcm."""
+    """Returns the Python module that lcm-gen makes from config/lcm."""
     folder = tmp_path_factory.mktemp("lcm")
     types = sorted((ROOT / "config/lcm").glob("*.lcm"))
     assert types
@@ -243,7 +241,7 @@ def make_room_for_lcm():
 
 
 class Listener:
-    """Subscribes to everything of one bus, and keeps it."""
+    """Subscribes to all messages of one bus, and keeps them."""
 
     def __init__(self, types, bus):
         self.decoders = {
@@ -270,15 +268,15 @@ class Listener:
         getattr(self, collection).append(message_type.decode(data))
 
     def node(self, name):
-        """The last message of a node, or None."""
+        """Returns the last message of a node, or None."""
         return next((m for m in reversed(self.nodes) if m.node == name), None)
 
     def wait_bus(self, condition, what):
-        """The first BUS message that fulfils a condition."""
+        """Returns the first BUS message that fulfils a condition."""
         return wait_until(lambda: next(filter(condition, self.bus), None), what)
 
     def wait_node(self, name, condition, what):
-        """The first NODE message of a node that fulfils a condition."""
+        """Returns the first NODE message of a node that fulfils a condition."""
 
         def found():
             return next((m for m in self.nodes if m.node == name and condition(m)), None)
@@ -286,7 +284,8 @@ class Listener:
         return wait_until(found, what)
 
     def wait_final(self, stderr):
-        """The last BUS message, and a dict of the last NODE messages, after canwired ended."""
+        """Returns the last BUS message, and a dict of the last NODE messages, after canwired
+        ended."""
         assert "stopped: " in stderr
 
         def complete():
@@ -338,7 +337,7 @@ def no_multicast():
 
 
 def assert_balance(node):
-    """No frame of a node, as the status shows it, is unaccounted for."""
+    """Checks that all frames of a node are accounted for, by its status."""
     dropped = {key: sum(node[key].values()) for key in ("dropped", "rx_dropped")}
     assert node["handed_in"] + node["made_by_rules"] == (
         node["tx_frames"] + node["queue"] + node["held"] + dropped["dropped"]), node

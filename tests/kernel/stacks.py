@@ -33,7 +33,7 @@ def payload(size, seed=0):
 
 
 class Failed(Exception):
-    """A transfer that did not come through."""
+    """A failed transfer."""
 
 
 class IsotpSocket:
@@ -49,7 +49,7 @@ class IsotpSocket:
         self.socket.settimeout(PATIENCE_S)
 
     def send(self, data):
-        """Until the last frame has been written."""
+        """Sends a message; returns when the last frame has been written."""
         with failing():
             self.socket.send(data)
 
@@ -85,7 +85,7 @@ def failing():
 
 
 def tries(transfer, ends, count=TRIES):
-    """Until it comes through; returns how often it did not."""
+    """Repeats a transfer until it succeeds; returns the number of failures."""
     for failures in range(count):
         try:
             transfer()
@@ -98,7 +98,7 @@ def tries(transfer, ends, count=TRIES):
 
 
 def exchange(client, server, size=4095):
-    """A message there and back."""
+    """Sends a message there and back."""
     def transfer():
         data, answer = payload(size), payload(size, 1)
         client.send(data)
@@ -110,8 +110,8 @@ def exchange(client, server, size=4095):
 
 
 def break_off(client, server, has_come, size=4095):
-    """A message that does not arrive, as something breaks on its way; again, where the protocol has
-    given up before that."""
+    """Sends a message that does not arrive, because of a failure on its way. It repeats this when
+    the protocol has given up before that."""
     for _ in range(TRIES):
         with contextlib.suppress(Failed):
             client.send(payload(size))
@@ -125,14 +125,14 @@ def break_off(client, server, has_come, size=4095):
 
 
 def assert_same(got, wanted):
-    """The first message of a try that failed may come late; no other one may."""
+    """Compares messages. The first message of a failed try may come late; no other one may."""
     if got != wanted:
         assert len(got) == len(wanted), (len(got), len(wanted))
         raise Failed("another message")
 
 
 class Rig:
-    """A bus on vcan0 (client), vcan1 (server), and what else nodes says."""
+    """A bus on vcan0 (client), vcan1 (server), and the other nodes of the text."""
 
     def __init__(self, daemon, bus):
         self.daemon, self.bus = daemon, bus
@@ -145,7 +145,7 @@ class Rig:
         return self.shell.run(words[0], self.bus, *words[1:], **more)
 
     def stop(self, lossless=True):
-        """Nothing was lost between program and bus, but for what faults have dropped."""
+        """Stops the bus. No frame was lost between program and bus, except for drops by faults."""
         for node in self.nodes().values():
             assert_balance(node)
             if lossless and node["interface"]:
@@ -172,7 +172,7 @@ def bus_text(**more):
 
 @contextlib.contextmanager
 def python_bus(interface):
-    """python-can, with room for what comes while Python is busy."""
+    """Opens python-can, with room for frames that come while Python is busy."""
     with can.Bus(interface="socketcan", channel=interface) as bus:
         bus.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
         yield bus

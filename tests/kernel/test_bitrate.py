@@ -15,7 +15,8 @@ TRAFFIC = {
 
 
 def saturating(bitrate):
-    """Traffic that fills SECONDS of bus time and hands in a little more than the bus carries."""
+    """Returns traffic that fills SECONDS of bus time and hands in a little more than the bus
+    carries."""
     texts = [(node, text) for node, of_node in TRAFFIC.items() for text in of_node]
     budget = SECONDS * bitrate - INTEGRATION_BITS
     cycle = sum(slot_bits(Frame.parse(text)) for _, text in texts)
@@ -76,7 +77,7 @@ def test_10_seconds_of_a_saturated_bus(bitrate, vcan, can_socket, canwired, list
 
 
 def check_load(statistics, end_bit):
-    """While the traffic lasts every bit after the integration is busy."""
+    """Checks that every bit after the integration is busy during the traffic."""
     during = [m for m in statistics if INTEGRATION_BITS < m.bits <= end_bit]
     assert len(during) >= SECONDS // BETWEEN_S
     for m in during:

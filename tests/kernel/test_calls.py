@@ -45,7 +45,7 @@ def fixture_calls(tmp_path_factory):
 
 
 def callers_of(program, sites):
-    """The functions and the source files of those who called, by address."""
+    """Returns the functions and the source files of the callers, by address."""
     addresses = sorted({f - 1 for site in sites for f in site.frames})
     found = subprocess.run(["addr2line", "-sfe", program, *map(hex, addresses)],
                            capture_output=True, text=True, check=True).stdout.split("\n")
@@ -76,8 +76,8 @@ def tries_of(program, sites):
 
 
 def go_through(program, tries, attempt):
-    """attempt(try) returns what is wrong, or None, and whether the call was reached: when frames
-    come together, and who reads them, depends on the machine."""
+    """Makes all tries. attempt(try) returns the violation, or None, and True when the call was
+    reached. The machine decides when frames meet, and which program reads them."""
     begin, found, reached = time.monotonic(), [], set()
     for each in tries:
         wrong, was_reached = attempt(each)
@@ -117,7 +117,7 @@ nodes:
 
 
 class Ended(Exception):
-    """It has ended by itself."""
+    """Reports that canwired has ended by itself."""
 
 
 class Run:
@@ -155,7 +155,8 @@ class Run:
         self.calls.order(False)
 
     def news(self):
-        """Messages that a run without failures does not have, but for that of a slow machine."""
+        """Returns messages that a run without failures does not have, other than those of a slow
+        machine."""
         return {re.sub(r"\d+", "#", line) for line in self.daemon.stderr().splitlines()
                 if "the bus fell behind real time" not in line} - self.known
 
@@ -172,7 +173,7 @@ class Run:
         self.status = self.ask()  # that of before may be older than the last frame
 
     def exchange(self):
-        """Frames from one to the other, all of them, or a message says that they are not."""
+        """Sends frames from one ECU to the other; all arrive, or a message reports the loss."""
         for number in range(FRAMES):
             self.ecus[0].send(Frame(0x100, 1, bytes([number])))
             self.sent += 1
@@ -196,7 +197,7 @@ class Run:
             time.sleep(0.01)
 
     def wait(self, condition):
-        """Until it is so, or something is told, and no frame is under way."""
+        """Waits until the condition holds, or a message comes, and no frame is under way."""
         def settled():
             self.nodes = self.ask()
             under_way = sum(n["queue"] + n["inbox"] for n in self.nodes.values()
@@ -256,7 +257,7 @@ class Run:
         return None if all_well or self.news() else "in silence: frames are missing"
 
     def failed_reads(self):
-        """That are counted; True where canwired did not come to that."""
+        """Returns True for counted failures of reads, or when canwired has not come to reading."""
         if self.status is None:
             return True
         return any((node["interface"] or {}).get("read_failed") for node in self.status.values())
@@ -302,7 +303,8 @@ def seen_here():
 
 
 def interfaces():
-    """All of them with their state, also in the namespaces; here also with their alias."""
+    """Returns all interfaces with their state, also in the namespaces; here also with their
+    alias."""
     found = {None: seen_here()}
     found["alias"] = {name: Path(f"/sys/class/net/{name}/ifalias").read_text(encoding="utf-8")
                       for name in found[None]}

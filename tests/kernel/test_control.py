@@ -38,7 +38,7 @@ HIT_ONCE = '{name: once, when: {frame: "123", count: 1}, do: {flip: "crc[3]", at
 
 
 class Control:
-    """A running canwired, and canwire to talk to it."""
+    """A running canwired, and canwire as its client."""
 
     def __init__(self, folder, canwired):
         self.folder, self.path = folder, folder / "powertrain.sock"
@@ -104,7 +104,7 @@ def test_status_shows_nodes_as_ip_does(control, ecus):
 
 
 def wait_until_watched(control, watch):
-    """A rule that changes nothing is fired until the watch tells of it; then all is read."""
+    """Fires a rule that changes nothing until the watch reports it; then reads all events."""
     control.tool("inject", "powertrain", "{ name: probe, when: { manual: yes }, "
                                          "do: { set: engine, loopback: off } }")
     lines, fired = [], 0
@@ -338,8 +338,8 @@ def keep_attacking(attack, control, going_on):
 
 @contextlib.contextmanager
 def attacking(attack, control):
-    """By a process of its own: this one has to look at the bus. It has attacked once before the
-    bus is looked at, and goes on until the end."""
+    """Attacks by another process, since this one observes the bus. The first attack precedes the
+    observation, and attacks go on until the end."""
     ours, its = multiprocessing.Pipe()
 
     def run():
@@ -360,8 +360,8 @@ def attacking(attack, control):
 
 
 def stamps_of(end, count):
-    """When so many frames were written to the interface, by the kernel's clock: not when this
-    process comes to read them. In s."""
+    """Returns the times at which frames were written to the interface, in s. They come from the
+    kernel's clock and do not depend on the reading."""
     end.setblocking(True)
     end.settimeout(PATIENCE_S)
     stamps = []

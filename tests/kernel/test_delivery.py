@@ -119,7 +119,7 @@ nodes:
 
 
 def seen_by(port):
-    """All that a socket has received so far."""
+    """Returns all frames that a socket has received so far."""
     port.seen = getattr(port, "seen", []) + port.drain()
     return port.seen
 
@@ -188,7 +188,7 @@ def test_python_can_and_can_utils_talk_to_each_other(vcan, canwired):
 
 
 def all_kinds():
-    """Data and remote, base and extended, with every DLC that the wire knows."""
+    """Returns data and remote, base and extended frames, with every DLC of the wire."""
     kinds, digits = [], random.Random(1)
     for flags in (0, EXTENDED, REMOTE, EXTENDED | REMOTE):
         for dlc in range(16):

@@ -32,7 +32,7 @@ def state(bits, tec, rec):
 
 
 def bit_error(tec, location):
-    """Of a transmitter."""
+    """Returns the error frame of a transmitter."""
     return f"20000288#000081{location:02X}0000{tec:02X}00"
 
 
@@ -47,7 +47,7 @@ def is_error(frame):
 
 
 class Candump:
-    """candump -L of all data and error frames of one interface."""
+    """Runs candump -L for all data and error frames of one interface."""
 
     def __init__(self, file, interface):
         self.file = file
@@ -79,7 +79,7 @@ class Candump:
 
 
 class Shell:
-    """canwire at the bus of a daemon, as it is typed."""
+    """Runs canwire at the bus of a daemon, as typed in a shell."""
 
     def __init__(self, daemon):
         self.environment = dict(os.environ, CANWIRE_RUN=str(daemon.config.parent))
@@ -89,7 +89,7 @@ class Shell:
                                 **pipes)
 
     def run(self, *words, status=0):
-        """The command's standard output, or its standard error when it is to fail."""
+        """Returns the command's standard output, or its standard error when it is to fail."""
         with self.start(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as command:
             out, err = command.communicate(timeout=TIMEOUT_S)
         assert command.returncode == status, err
@@ -107,7 +107,7 @@ class Shell:
             return self.start("watch", "faults", *words, stdout=out, stderr=subprocess.DEVNULL)
 
     def nodes(self, bus="faults"):
-        """Their status by name."""
+        """Returns the status of the nodes by name."""
         status = json.loads(self.run("status", bus, "--json"))
         return {node["name"]: node for node in status["nodes"]}
 
@@ -134,7 +134,7 @@ class Car:
             subprocess.run(["cansend", self.interface(name), frame], check=True)
 
     def generate(self, name, count):
-        """Frames of the identifier 700, a millisecond apart."""
+        """Sends frames of the identifier 700, a millisecond apart."""
         subprocess.run(["cangen", self.interface(name), "-g", "1", "-I", "700", "-L", "1", "-D",
                         "i", "-n", str(count)], check=True)
 
@@ -146,7 +146,7 @@ class Car:
                 wait_until(lambda d=dump: LAST in d.all(), f"the last frame at the {name}")
 
     def wait_errors(self, name, errors):
-        """All the error frames that this ECU gets up to now are these."""
+        """Waits until these are all error frames of this ECU so far."""
         dump = self.dumps[name]
         wait_until(lambda: len(dump.errors()) >= len(errors), f"error frames of the {name}")
         assert dump.errors() == errors

@@ -49,7 +49,7 @@ def bus(nodes, seed=1):
 
 
 class Night:
-    """A bus with a journal and somebody who watches, until morning()."""
+    """A bus with a journal and a watch, until morning()."""
 
     def __init__(self, launch, folder, text, journal=None, kinds=()):
         self.journal = journal or folder / "journal"
@@ -80,7 +80,7 @@ class Night:
 
 
 def again(journal, *options, status=0):
-    """Events and messages of the same run in virtual time."""
+    """Returns events and messages of the same run in virtual time."""
     result = subprocess.run([CANWIRE, "sim", "--journal", journal, "--events", "-", *options],
                             capture_output=True, text=True, timeout=4 * PATIENCE_S, check=False)
     assert result.returncode == status, result.stderr

@@ -250,7 +250,7 @@ def test_sixty_four_ports(vcan, canwired, can_socket):
 
 
 def ends_clearly(daemon, words):
-    """Either it runs, or it ends with a word why; True when it ran."""
+    """Waits until it runs, or ends with these words; returns True when it ran."""
     def runs():
         return " nodes at " in daemon.errors.read_text()
 

@@ -30,7 +30,7 @@ def frames(identifier, count):
 
 
 class Bus:
-    """A daemon, ECUs at its interfaces, and what watch tells of links."""
+    """A daemon, ECUs at its interfaces, and the watched link events."""
 
     def __init__(self, daemon):
         self.daemon = daemon
@@ -45,8 +45,8 @@ class Bus:
         self.told = ""
 
     def ecu(self, interface, anew=False):
-        """A program at an interface, from its first use on: what comes before is not for it.
-        anew: started again, as its old socket is of no use."""
+        """Returns a program at an interface, from its first use on: it does not get earlier frames.
+        anew: it starts again, as its old socket is useless."""
         if anew and interface in self.ecus:
             self.ecus.pop(interface).close()
         if interface not in self.ecus:
@@ -63,7 +63,7 @@ class Bus:
         wait_until(lambda: self.link(node) == state, f"{node} {state}")
 
     def links_told(self):
-        """The link events so far, as (node, state)."""
+        """Returns the link events so far, as (node, state)."""
         try:
             while more := self.watcher.recv(65536):
                 self.told += more.decode()
@@ -73,7 +73,7 @@ class Bus:
         return [(e["node"], e["state"]) for e in events if e.get("event") == "link"]
 
     def exchange(self, sender, receiver, identifier, count=5):
-        """Frames from one interface to another, all of them."""
+        """Sends frames from one interface to another; all of them arrive."""
         wanted = frames(identifier, count)
         self.ecu(receiver).drain()
         self.ecu(sender).send(*wanted)

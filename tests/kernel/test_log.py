@@ -34,13 +34,13 @@ def fixture_journal():
 
 
 def record(journal):
-    """The next message, by field."""
+    """Returns the next message, by field."""
     lines = journal.recv(65536).decode().splitlines()  # whole: a datagram
     return dict(line.split("=", 1) for line in lines)
 
 
 def refuse_a_reload(daemon):
-    """One error and 'nothing was changed'."""
+    """Checks for one error and 'nothing was changed'."""
     daemon.notifications.clear()
     daemon.process.send_signal(signal.SIGHUP)
     wait_until(lambda: daemon.notified("READY=1"), "the end of the reload")

@@ -22,7 +22,8 @@ WATCHDOG_US = "300000"
 
 @pytest.fixture
 def frozen_clock(tmp_path):
-    """The environment of a program whose clock stands while the file is there, and that file."""
+    """Returns the environment of a program whose clock stands while a file exists, and that
+    file."""
     library, file = tmp_path / "frozen_clock.so", tmp_path / "frozen"
     source = ROOT / "tests/kernel/frozen_clock.c"
     subprocess.run(
@@ -38,7 +39,7 @@ def count(daemon, start):
 
 
 def wait_more(daemon, start, more):
-    """Until this many more notifications of a kind have come."""
+    """Waits until this many more notifications of a kind have come."""
     enough = count(daemon, start) + more
     wait_until(lambda: count(daemon, start) >= enough, f"{more} more {start}")
 

@@ -12,7 +12,7 @@ from test_faults import CANWIRE, Shell
 
 
 class Ecu:
-    """A program that connects to a port as ports.md says."""
+    """A program that connects to a port as ports.md describes."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -25,7 +25,7 @@ class Ecu:
             self.socket.send(Frame.parse(text).pack())
 
     def receive(self, count):
-        """Frames that are no error frames."""
+        """Returns frames, but no error frames."""
         frames = []
         while len(frames) < count:
             packed = self.socket.recv(100)
@@ -60,7 +60,7 @@ DASH = "{ name: dash, port: vcan0 }"
 
 @pytest.fixture
 def rig(vcan, canwired, can_socket):
-    """The daemon, its folder and the socket of the ECU on vcan0."""
+    """Returns the daemon, its folder and the socket of the ECU on vcan0."""
     vcan(1)
     daemon = canwired(bus(BODY, DASH))
     return daemon, daemon.config.parent, can_socket("vcan0")

@@ -61,7 +61,7 @@ def lines(path):
 
 
 def numbered(count, first=100):
-    """Frames that differ; identifiers belong to one ECU."""
+    """Returns different frames; identifiers belong to one ECU."""
     return [Frame.parse(f"{first + i % 300:03d}#{i:08X}") for i in range(count)]
 
 

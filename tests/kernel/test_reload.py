@@ -28,7 +28,7 @@ def bus(*nodes, bitrate=500000, more=""):
 
 
 def load(send, name="load"):
-    """A node without port that sends."""
+    """Returns a node without port that sends."""
     return f"{{ name: {name}, queue: 4096, traffic: [ {{ send: {send} }} ] }}"
 
 
@@ -100,7 +100,7 @@ def events(tmp_path):
             assert json.loads(self.lines.readline())["ok"]
 
         def until(self, condition):
-            """Up to the first event that fulfils a condition."""
+            """Reads up to the first event that fulfils a condition."""
             self.socket.settimeout(PATIENCE_S)
             taken = [json.loads(self.lines.readline())]
             while not condition(taken[-1]):
@@ -402,7 +402,7 @@ BURST = 8
 
 
 def ask_for_reloads(r, count):
-    """So many at once; returns the replies."""
+    """Asks for so many reloads at once; returns the replies."""
     with socket.socket(socket.AF_UNIX) as s:
         s.settimeout(PATIENCE_S)
         s.connect(str(r.daemon.config.parent / "reload.sock"))
@@ -453,7 +453,7 @@ CHANGES = {
 
 
 def check_refused(r, text, pattern, candump):
-    """Both ways to ask; then the bus is as it was."""
+    """Asks in both ways for a reload, which is refused; then the bus is unchanged."""
     before = {name: node["settings"] for name, node in r.nodes().items()}
     r.write(text)
     ready = r.times_ready()

@@ -43,7 +43,7 @@ def fixture_log(tmp_path):
 
 
 def texts(frames):
-    """As can-utils write them."""
+    """Returns frames in the form of can-utils."""
     found = []
     for frame in frames:
         data = f"R{frame.dlc or ''}" if frame.can_id >> 30 & 1 else frame.data.hex().upper()
@@ -60,7 +60,7 @@ def reload(daemon, text):
 
 
 class Watch:
-    """canwire watch of transmitted frames, with their bus times."""
+    """Runs canwire watch for transmitted frames, with their bus times."""
 
     def __init__(self, daemon, folder, sender):
         self.file = folder / "events"
@@ -74,7 +74,7 @@ class Watch:
             wait_until(lambda: Shell(daemon).nodes("traffic")["ecu"]["tx_frames"] == asked, "tx")
 
     def sent(self, node):
-        """(ns, frame)"""
+        """Returns the frames of a node as (ns, frame)."""
         lines = self.file.read_text().split("\n")[:-1]
         found = []
         for line in lines:

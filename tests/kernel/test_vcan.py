@@ -64,7 +64,7 @@ def netns():
 
 
 def links(netns=None):
-    """name: what `ip` tells of it."""
+    """Returns {name: report of `ip`}."""
     where = ["-n", netns] if netns else []
     text = subprocess.run(
         ["ip", *where, "-json", "-details", "link", "show"],
@@ -87,7 +87,7 @@ def enter(path):
 
 
 def socket_in(netns):
-    """A CAN socket in a namespace: this thread goes there and comes back."""
+    """Opens a CAN socket in a namespace: this thread goes there and comes back."""
     with open("/proc/thread-self/ns/net", encoding="ascii") as here:
         enter(f"/run/netns/{netns}")
         try:

@@ -24,7 +24,7 @@ DIGEST_BITS = 2_000_000
 
 
 def build(name, compiler, optimisation, *programs):
-    """The folder with these programs."""
+    """Returns the folder with these programs."""
     folder = f"build/determinism/{name}"
     (ROOT / folder).mkdir(parents=True, exist_ok=True)
     result = subprocess.run(  # one at a time: other tests may want the same
@@ -49,7 +49,7 @@ def arguments_of(path):
 
 
 def outputs(tool, folder, path, *arguments, begin="0"):
-    """All that a run writes, by name; standard error and summary too. VCD: 20 ms."""
+    """Returns all outputs of a run by name, including standard error and summary. VCD: 20 ms."""
     end = f"{int(begin.removesuffix('ms')) + 20}ms"
     files = [word for name in OUTPUTS for word in (f"--{name}", folder / name)]
     files += ["--from", begin, "--to", end]
@@ -94,7 +94,7 @@ RULES = 40
 
 
 def random_bus():
-    """Busy, with rules of all kinds that act seldom."""
+    """Returns a busy bus, with rules of all kinds that act seldom."""
     draw = random.Random(2024)
     lines = ["bus: { name: large, bitrate: 500000 }", "seed: 99", "nodes:"]
     for node in range(NODES):

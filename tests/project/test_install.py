@@ -47,7 +47,7 @@ def fixture_make(tmp_path):
 
 
 def tree(root):
-    """Each path below a folder, with its mode, and what is in it."""
+    """Returns each path below a folder, with its mode and content."""
     return {
         str(path.relative_to(root)): (stat.filemode(path.stat().st_mode),
                                       path.read_bytes() if path.is_file() else None)

@@ -37,17 +37,17 @@ def commands():
 
 
 def shown(path):
-    """A page as people see it."""
+    """Returns a page as people see it."""
     return re.sub(".\b", "", run("mandoc", "-T", "utf8", "-O", WIDE, path))
 
 
 def bare(text):
-    """Without blanks, and without what stands for bold."""
+    """Returns a text without blanks, and without the marks of bold."""
     return re.sub(r"[\s`]+", "", text)
 
 
 def heads(path):
-    """The heads of all lists in the source of a page."""
+    """Returns the heads of all lists in the source of a page."""
     found = re.findall(r"^\.TP\n(.*)$", path.read_text(), re.MULTILINE)
     return [re.sub(r"\\f.|\\&", "", head).replace("\\-", "-") for head in found]
 
@@ -118,7 +118,7 @@ def test_completion_knows_all_commands_and_options():
 
 
 def keys_of(schema):
-    """All keys below, but those of fault rules."""
+    """Returns all keys below, without those of fault rules."""
     name = schema.get("$ref", "").removeprefix("#/$defs/")
     if name in ("rules", "traffic", "recording", "expectation", "nodeDefaults"):
         return

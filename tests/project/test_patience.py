@@ -22,7 +22,7 @@ LOOPS = (ast.While, ast.For, ast.comprehension, ast.GeneratorExp, ast.ListComp)
 
 
 def numbers(tree):
-    """Names of a module that stand for a number."""
+    """Returns the names of a module that stand for a number."""
     return {node.targets[0].id: node.value.value for node in tree.body
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
             and isinstance(node.value, ast.Constant)
@@ -30,7 +30,7 @@ def numbers(tree):
 
 
 def value_of(node, names):
-    """A number, or None for what is only known when it runs."""
+    """Returns a number, or None for a value that is only known at run time."""
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         return None if isinstance(node.value, bool) else node.value
     if isinstance(node, ast.Name):
@@ -39,7 +39,7 @@ def value_of(node, names):
 
 
 class Finder(ast.NodeVisitor):
-    """All places of a file that may depend on time."""
+    """Finds all places of a file that may depend on time."""
 
     def __init__(self, text):
         self.lines, self.names = text.splitlines(), {}

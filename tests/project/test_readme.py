@@ -23,7 +23,7 @@ def text_of(page):
 
 
 def snippets():
-    """(page, YAML) of each configuration that a page shows."""
+    """Returns (page, YAML) of each configuration on a page."""
     for page in PAGES:
         for yaml in re.findall(r"^```yaml\n(.*?)^```", text_of(page), re.MULTILINE | re.DOTALL):
             yield page, yaml
@@ -34,7 +34,7 @@ def run(*command, **more):
 
 
 def example(key):
-    """The configuration of README.md that has a key."""
+    """Returns the configuration of README.md that has a key."""
     return next(yaml for page, yaml in snippets() if page == "README.md" and f"{key}:" in yaml)
 
 

@@ -31,7 +31,8 @@ LINES, SHELL = "no line of code has more than 100 columns", "shell scripts"
 
 
 def check(root):
-    """Of a tree that has hardly anything: what scripts/check says of lines and of shell scripts."""
+    """Returns the reports of scripts/check about lines and shell scripts, for a nearly empty
+    tree."""
     done = subprocess.run([copy_script("check", root), "none.a"], capture_output=True, text=True,
                           check=False, timeout=600)
     assert done.returncode == 1, "the library is not there"
@@ -104,7 +105,7 @@ NOTE = 'echo $$ >"$0.new" && mv "$0.new" "$0.pid" && '  # its process, in one go
 
 
 class Soak:
-    """scripts/soak with other programs in place of the guest and of the differential test."""
+    """Runs scripts/soak with other programs in place of the guest and of the differential test."""
 
     def __init__(self, root, guest, differential):
         self.programs = [root / "scripts/guest", root / "differential"]
@@ -118,7 +119,7 @@ class Soak:
         )
 
     def pids(self):
-        """Of the two, once both run."""
+        """Returns the processes of the two, once both run."""
         files = [program.with_name(program.name + ".pid") for program in self.programs]
         deadline = time.monotonic() + PATIENCE_S
         while not all(file.exists() for file in files):
@@ -183,8 +184,8 @@ PYTEST = 'echo "2 passed, 1 skipped in 1.23s"'
 
 
 class AllTests:
-    """scripts/test with programs in place of make, Python and the guest, of which each prints what
-    its framework would, and does what is wanted."""
+    """Runs scripts/test with programs in place of make, Python and the guest. Each prints the
+    output of its framework, and does as ordered."""
 
     def __init__(self, root, make="true", python="true", guest="true"):
         self.root, self.log = root, root / "build/test.log"

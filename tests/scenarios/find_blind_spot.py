@@ -24,7 +24,7 @@ def append_number(bits, value, count):
 
 
 def remainder(bits):
-    """The CRC as the school book divides: the remainder of the bits with 15 zeros behind them."""
+    """Returns the CRC by long division: the remainder of the bits with 15 zeros behind them."""
     rest = list(bits) + [0] * 15
     for i in range(len(bits)):
         if rest[i]:
@@ -47,7 +47,7 @@ def stuff(bits):
 
 
 def destuff(wire):
-    """None where a stuff error would be seen."""
+    """Returns the bits without stuff bits; None for a visible stuff error."""
     bits, run, last = [], 0, None
     for bit in wire:
         if run == 5:

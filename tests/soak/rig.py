@@ -102,7 +102,7 @@ class Rig:
         return library
 
     def connect(self):
-        """The connection that is always there, as soon as there is a socket."""
+        """Opens the connection that always exists, as soon as there is a socket."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -115,13 +115,14 @@ class Rig:
                 time.sleep(0.05)
 
     def write_config(self, config):
-        """In one go, as an editor does: canwired reads the file when it wants to."""
+        """Writes the configuration in one step, as an editor does: canwired may read the file at
+        any time."""
         new = self.folder / "new.yaml"
         new.write_bytes(config if isinstance(config, bytes) else json.dumps(config).encode())
         new.rename(self.config)
 
     def ask(self, request, **keys):
-        """A request of the client that is always there; also counts refusals."""
+        """Sends a request of the client that always exists; also counts refusals."""
         try:
             reply = self.client.ask(request, **keys)
         except (OSError, ValueError) as e:
@@ -140,7 +141,7 @@ class Rig:
             where.pop(0).close()
 
     def pump(self):
-        """Those that read do so."""
+        """Reads for the clients that read."""
         for where in (self.readers, self.clients):
             where[:] = [s for s in where if not s.reads or drain(s) or s.close()]
 
@@ -160,7 +161,7 @@ class Rig:
             ip(f"link set {end} down", f"link set {end} mtu {mtu}", f"link set {end} up")
 
     def link(self, interface, way):
-        """When all was calm in between, what is to come back has done so."""
+        """Changes an interface. A calm period in between may have brought it back already."""
         if way.startswith("back") and self.links[interface] == "up":
             return
         away = f"{interface}away"
@@ -192,13 +193,13 @@ class Rig:
         self.links[interface] = "up" if way.startswith("back") or way in ("flap", "anew") else way
 
     def stop(self, seconds):
-        """Nothing runs for a while: swapped out, stopped, a debugger."""
+        """Stops the process for a while, as swapping or a debugger would."""
         self.process.send_signal(signal.SIGSTOP)
         time.sleep(seconds)  # no wait: at least so long
         self.process.send_signal(signal.SIGCONT)
 
     def clock(self, seconds):
-        """The clock of the host is not ours to set, that of the guest is."""
+        """Sets the clock of the guest; that of the host must not change."""
         if os.environ.get("CANWIRE_PLACE") == "qemu":
             time.clock_settime_ns(time.CLOCK_REALTIME, time.time_ns() + seconds * 10**9)
 
@@ -211,7 +212,7 @@ class Rig:
     # ---- ECUs ------------------------------------------------------------------------------------
 
     def writer(self, port):
-        """The program that sends; started anew when the interface was away."""
+        """Returns the sending program; starts it anew when the interface was away."""
         if port not in self.writers:
             self.writers[port] = self.open_port(port)
         return self.writers[port]
@@ -228,7 +229,7 @@ class Rig:
         return s
 
     def write(self, port, messages):
-        """As many as go; counts what the kernel refuses."""
+        """Writes as many messages as possible; counts refusals of the kernel."""
         for message in messages:
             try:
                 self.writer(port).send(message)
@@ -342,7 +343,7 @@ class Rig:
         return s
 
     def push(self, s, data):
-        """As much as canwired takes within a moment."""
+        """Sends as much as canwired takes within a moment."""
         try:
             s.settimeout(0.2)  # poll: what is not taken by then counts as cut off
             s.sendall(data)
@@ -373,7 +374,7 @@ class Rig:
         self.keep(self.clients, s)
 
     def crowd(self, clients):
-        """More than there is room for."""
+        """Opens more connections than there is room for."""
         for s in [self.a_client() for _ in range(clients)]:
             s.close()
 
@@ -399,7 +400,7 @@ class Rig:
         return int(re.search(r"VmRSS:\s*(\d+)", status)[1])
 
     def heap_kib(self):
-        """Bytes that are allocated, when they do not change."""
+        """Returns the allocated KiB once they are constant."""
         deadline, before = time.monotonic() + PATIENCE_S, None
         while time.monotonic() < deadline:
             time.sleep(0.5)  # heap.c writes more often
@@ -410,7 +411,7 @@ class Rig:
         return now
 
     def files(self):
-        """Open files by kind."""
+        """Counts open files by kind."""
         folder, kinds = Path(f"/proc/{self.process.pid}/fd"), collections.Counter()
         for file in folder.iterdir():
             kinds[re.sub(r"\d+", "N", os.readlink(file))] += 1
@@ -419,7 +420,7 @@ class Rig:
     # ---- Calm and end ----------------------------------------------------------------------------
 
     def calm(self):
-        """Everything is back, all that misbehaved has gone, no rule acts."""
+        """Restores everything, ends misbehaving clients, and clears all rules."""
         for name, state in self.links.items():
             if state != "up":
                 self.link(name, f"back-from-{state}")
@@ -456,7 +457,7 @@ HANGUP = signal.SIGHUP
 
 
 class Kept(socket.socket):
-    """A socket, and whether somebody reads what comes."""
+    """A socket, and a flag for reading it."""
 
     def __init__(self, family, kind, protocol, reads):
         super().__init__(family, kind, protocol)
@@ -473,7 +474,7 @@ def random_frame(r):
 
 
 def random_garbage(r, unix):
-    """Messages that are no frames of a classical bus."""
+    """Returns messages that are no frames of a classical bus."""
     kinds = [
         CLASSIC.pack(ERROR | r.randrange(0x400), 8, 0, r.randbytes(8)),
         CLASSIC.pack(r.randrange(0x800, 0x20000000), 8, 0, r.randbytes(8)),

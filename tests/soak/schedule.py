@@ -74,7 +74,7 @@ class Schedule:
         return self.random.sample(NODES, self.random.randint(1, 3))
 
     def time(self, low_us, high_us):
-        """Small ones are as likely as large ones."""
+        """Draws a time; small ones are as likely as large ones."""
         return f"{int(low_us * (high_us / low_us) ** self.random.random())}us"
 
     def identifier(self):
@@ -95,7 +95,7 @@ class Schedule:
     # ---- ECUs ------------------------------------------------------------------------------------
 
     def burst(self):
-        """Frames of one ECU at once; many of them saturate the bus and overflow the queue."""
+        """Draws frames of one ECU at once; many of them saturate the bus and overflow the queue."""
         count = int(2 ** self.random.uniform(0, 9))
         return {"port": self.random.choice((*INTERFACES, UNIX)), "count": count,
                 "seed": self.random.randrange(1 << 32)}
@@ -107,7 +107,7 @@ class Schedule:
                 "count": self.random.randint(1, 30), "seed": self.random.randrange(1 << 32)}
 
     def reader(self):
-        """A program that listens, error frames included, and reads or does not."""
+        """Draws a program that listens, error frames included, and reads or does not."""
         return {"interface": self.random.choice(INTERFACES), "reads": self.chance(0.4)}
 
     def unix_ecu(self):
@@ -230,7 +230,7 @@ class Schedule:
         return {"node": self.node()}
 
     def config(self):
-        """Some of the nodes, in any order, some with another port, and some rules."""
+        """Draws some of the nodes, in any order, some with another port, and some rules."""
         r = self.random
         names = r.sample(NODES, r.randint(2, len(NODES)))
         ports = dict(PORTS)
@@ -263,7 +263,7 @@ class Schedule:
         return entries
 
     def rules_for(self, names):
-        """Rules of a file name nodes of that file."""
+        """Draws rules of a file, which name nodes of that file."""
         rules = [self.rule() for _ in range(3)]
         return [r for r in rules if "after" not in r.get("when", {})
                 and all(n in names for n in NODES if f'"{n}' in json.dumps(r))]
@@ -274,7 +274,7 @@ class Schedule:
     hangup = reload
 
     def bad_reload(self):
-        """A key is wrong, something may not change, or it is no text or no file at all."""
+        """Draws a bad file: a wrong key, a forbidden change, no text or no file at all."""
         config = self.config()
         kind = self.random.choice(
             ("key", "bitrate", "name", "node", "binary", "cut", "gone", "empty"))
@@ -294,7 +294,7 @@ class Schedule:
         return {"reads": self.chance(0.4)}
 
     def vanish(self):
-        """A client goes in the middle of a line, or with replies unread."""
+        """Lets a client go in the middle of a line, or with unread replies."""
         return {"after": self.random.choice(('{"request":"sta', '{"request":"status"}\n' * 20,
                                              '{"request":"watch"}\n'))}
 
@@ -314,7 +314,7 @@ class Schedule:
     # ---- Machine ---------------------------------------------------------------------------------
 
     def link(self):
-        """An interface goes in one of many ways; if it is away, it comes back."""
+        """Removes an interface in one of many ways; a missing one comes back."""
         name = self.random.choice(INTERFACES)
         state = self.links[name]
         ways = ["down", "deleted", "renamed", "mtu", "flap", "anew"]

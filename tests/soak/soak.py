@@ -60,7 +60,7 @@ def check_node(node):
 
 
 def check_status(status, before):
-    """Every node balances; nothing that only grows has shrunk."""
+    """Checks that every node balances, and that no counter has decreased."""
     for node in status["nodes"]:
         check_node(node)
     for key in ("time_ns", "bits", "frames", "error_frames", "skips"):
@@ -86,7 +86,7 @@ class Measure(NamedTuple):
 
 
 def check_flat(first, last):
-    """Nothing has grown from one rest to the other."""
+    """Checks that nothing has grown from one rest to the other."""
     if last.heap_kib > first.heap_kib + HEAP_SLACK_KIB or (
             last.memory_kib > first.memory_kib + MEMORY_SLACK_KIB):
         raise Trouble(f"memory has grown from {first} to {last}")
@@ -131,7 +131,7 @@ class Soak:
             self.tell()
 
     def tell(self):
-        """A line of progress."""
+        """Prints a line of progress."""
         self.told_s = time.monotonic()
         bus, nodes = self.before["bus"], self.before["nodes"]
         dropped = sum(sum(n["dropped"].values()) for n in nodes)
@@ -146,7 +146,7 @@ class Soak:
             self.act()
 
     def rest(self):
-        """Calm; each ECU reaches each other. Returns memory and files."""
+        """Stops the traffic; each ECU must reach each other. Returns memory and files."""
         self.log.append("calm")
         self.rig.calm()
         self.wait_healthy()
@@ -158,7 +158,7 @@ class Soak:
         return measured
 
     def wait(self, what, missing):
-        """missing() tells what is not there yet."""
+        """Waits until missing() is empty."""
         deadline = time.monotonic() + PATIENCE_S
         while left := missing():
             self.rig.check_alive()
@@ -178,7 +178,7 @@ class Soak:
         self.wait("all nodes to be back", ill)
 
     def exchange(self):
-        """Frames from each ECU to each other, none of them lost."""
+        """Sends frames from each ECU to each other; none of them is lost."""
         ecus = {name: self.rig.open_port(port) for name, port in PORTS.items()}
         wanted = {name: {Frame(0x600 + i, 1, bytes([k])).pack() for k in range(HEALTH_FRAMES)}
                   for i, name in enumerate(ecus)}
@@ -199,7 +199,7 @@ class Soak:
                 ecu.close()
 
     def end(self):
-        """Stopped under load it ends well, and its books are right."""
+        """Stops canwired under load: it must end well, and its counts must balance."""
         for _ in range(LAST_ACTIONS):
             self.act()
         self.check()
@@ -259,7 +259,7 @@ def run(program, seed, seconds=None, actions=None, out=sys.stdout):
 
 
 def keep(rig, soak, seed):
-    """For whoever looks for the reason: actions, configuration and what canwired wrote."""
+    """Keeps data for finding the reason: actions, configuration and messages of canwired."""
     folder = ROOT / f"build/soak/{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "actions").write_text("\n".join(soak.log) + "\n")

@@ -19,7 +19,7 @@ TIMEOUT_S = 120
 
 
 def run(program, *arguments, status=0, cwd=None):
-    """A program that must end with that status."""
+    """Runs a program that must end with that status."""
     result = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True,
                             cwd=cwd, timeout=TIMEOUT_S, check=False)
     assert result.returncode == status, f"{result.returncode}\n{result.stdout}\n{result.stderr}"
@@ -61,7 +61,7 @@ def listens(path):
 
 
 def read_clean_log(path):
-    """The messages of a canwired, among which sanitizers have none."""
+    """Returns the messages of a canwired, which must not come from sanitizers."""
     text = path.read_text()
     assert "Sanitizer" not in text and "runtime error" not in text, text
     return text
@@ -75,7 +75,7 @@ def stop_canwired(process, log):
 
 
 def kill_all(processes):
-    """Those that still run."""
+    """Kills those that still run."""
     for process in processes:
         if process.poll() is None:
             process.kill()

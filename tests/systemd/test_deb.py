@@ -41,7 +41,8 @@ def units():
 
 
 def files_of(package):
-    """The paths of a package that are no folders; its database of all packages is slow to read."""
+    """Returns the paths of a package that are no folders; its database of all packages is slow to
+    read."""
     lines = run("dpkg-deb", "--contents", package).splitlines()
     return [Path("/", line.split()[5]) for line in lines if not line.startswith("d")]
 
@@ -89,7 +90,7 @@ def test_limits_of_the_kernel_are_never_lowered(package):
 
 
 def use():
-    """A bus that is enabled and runs when the package goes."""
+    """Returns a bus that is enabled and runs when the package is removed."""
     bus = Bus("pack", PAIR.format("pack"))
     systemctl("enable", "--now", bus.unit)
     assert bus.carries()

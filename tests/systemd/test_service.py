@@ -22,7 +22,7 @@ PROBED = Path("/run/canwire/probed")  # findings of the probe
 
 @pytest.fixture(scope="module", autouse=True)
 def installed():
-    """The drop-ins come first: systemd reads them together with the units."""
+    """Installs the drop-ins first: systemd reads them together with the units."""
     shutil.copy(ROOT / "tests/systemd/probe.py", PROBE)
     drop_in("canwired@", WATCHDOG)
     drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
@@ -47,7 +47,8 @@ def test_units_are_well_formed():
 
 
 def exposure(unit):
-    """As `systemd-analyze security` rates a unit, 0 to 10; before systemd 250 it asks process 1."""
+    """Returns the rating of a unit by `systemd-analyze security`, 0 to 10; before systemd 250 it
+    asks process 1."""
     path = Path("/usr/local/lib/systemd/system") / unit
     version = int(run("systemctl", "--version").split()[1])
     what = ["--offline=yes", path] if version >= 250 else [unit.replace("@", "@x")]

@@ -77,7 +77,7 @@ TO_FILES = [*TO_NEW_FILES, by_hard_link]
 
 @pytest.fixture(name="folder")
 def fixture_folder(tmp_path):
-    """A bus with all that it reads, and its journal."""
+    """Makes a bus with all files that it reads, and its journal."""
     (tmp_path / "bus.yaml").write_text(BUS.format(count=", count: 3"))
     (tmp_path / "profile.yaml").write_text(PROFILE)
     (tmp_path / "in.log").write_text("(1.000000) can0 123#11\n")
@@ -89,7 +89,7 @@ def contents(folder):
 
 
 def assert_named(message, *words):
-    """It is one line that names all."""
+    """Checks that the message is one line that names all."""
     assert len(message.splitlines()) == 1 and "is the same file as" in message, message
     assert ",:" not in message and ", (" not in message, message
     for word in words:
@@ -247,7 +247,7 @@ SOCKETS = {
 
 
 def write_sockets(folder, record, key):
-    """The port is a third node's."""
+    """Writes a configuration, with the port at a third node."""
     port, control = (key, "") if key.startswith("port") else ("", key)
     nodes = f"  - {{ name: gateway, {port} }}\nprofiles:" if port else "profiles:"
     (folder / "bus.yaml").write_text(BUS.format(count="").replace("profiles:", nodes) +

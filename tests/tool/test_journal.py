@@ -39,7 +39,7 @@ def send(node, frame, tick):
 
 
 def lines(second=SECOND, first=FIRST):
-    """A frame, another configuration after 10 ms, two more frames."""
+    """Returns a frame, another configuration after 10 ms, and two more frames."""
     return [
         {"canwire-journal": 1, "canwire": VERSION},
         {"at": 0, "config": config(first)},
@@ -169,7 +169,7 @@ def test_statistics_go_on(write):
 
 
 def nodes_in(vcd):
-    """The nodes, in their order."""
+    """Returns the nodes in their order."""
     names = [line.split()[4] for line in vcd.splitlines() if line.startswith("$var")]
     return [name.removesuffix(".driven") for name in names if name.endswith(".driven")]
 

@@ -45,7 +45,7 @@ def simulate(tmp_path, text=BUS):
 
 
 def frame_text(packet):
-    """As can-utils write it, without DLC over 8, which tshark does not show."""
+    """Returns a frame as can-utils writes it, without DLC over 8, which tshark does not show."""
     number = int(packet["can.id"], 0)
     name = f"{number:08X}" if packet["can.flags.xtd"] in ("1", "True") else f"{number:03X}"
     if packet["can.flags.rtr"] in ("1", "True"):

@@ -103,7 +103,7 @@ def lines(path):
 
 
 def generations(folder, name):
-    """FILE.2, FILE.1, FILE: in the order in which they were written."""
+    """Returns FILE.2, FILE.1, FILE: in the order of writing."""
     numbered = sorted(folder.glob(f"{name}.*"), key=lambda p: -int(p.suffix[1:]))
     return [*numbered, folder / name]
 
@@ -150,7 +150,7 @@ def test_python_can_reads_the_log(bus, tmp_path):
 
 
 def values(dump):
-    """The changes of a VCD as a list of (time, text), without its header."""
+    """Returns the changes of a VCD as a list of (time, text), without its header."""
     body, found, now = dump.split("$enddefinitions $end\n")[1], [], 0
     for line in body.splitlines():
         if line.startswith("#"):

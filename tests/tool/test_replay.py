@@ -33,25 +33,25 @@ INTERMISSION = 3
 
 
 def bus(*entries, more=""):
-    """A node with this traffic, and one that acknowledges."""
+    """Returns a node with this traffic, and one that acknowledges."""
     traffic = "".join(f"      - {{ {entry} }}\n" for entry in entries)
     return (f"bus: {{ bitrate: 500000 }}\nseed: 1\nnodes:\n  - name: a\n    traffic:\n{traffic}"
             f"  - name: b\n{more}")
 
 
 def wire_bits(frame):
-    """SOF to EOF."""
+    """Counts the bits from SOF to EOF."""
     return len(canwire("bits", "--raw", frame).stdout.strip())
 
 
 def ns(seconds):
-    """Of the text that events and logs have."""
+    """Converts times in events and logs."""
     whole, fraction = str(seconds).split(".")
     return int(whole) * 10**9 + int(fraction.ljust(9, "0"))
 
 
 def transmissions(path, *arguments):
-    """(start of SOF in ns, frame) of all that was sent."""
+    """Returns (start of SOF in ns, frame) of all transmissions."""
     found = []
     for line in sim(path, *arguments, "--events", "-").stdout.splitlines():
         if '"event":"tx"' in line:
@@ -62,7 +62,7 @@ def transmissions(path, *arguments):
 
 
 def begins(release_ns, start_ns):
-    """A frame handed in at that time, to an idle bus, begins with the next bit."""
+    """Checks that a frame handed in at that time, to an idle bus, begins with the next bit."""
     return 0 <= start_ns - max(release_ns, JOIN * BIT_NS) < BIT_NS
 
 
@@ -131,7 +131,7 @@ def by_python_can(path):
 
 
 def packet(frame):
-    """As LINKTYPE_CAN_SOCKETCAN has it."""
+    """Returns a packet of LINKTYPE_CAN_SOCKETCAN."""
     if frame == "error":
         return "20000004 08000000 0004000000000000"
     if frame == "fd":
@@ -568,7 +568,7 @@ OUTPUTS = ("events", "log", "pcapng", "stats", "vcd", "svg", "junit")
 
 
 def old_outputs(tmp_path):
-    """Files with something in them, and the options that name them."""
+    """Makes files with content, and the options that name them."""
     for name in OUTPUTS:
         (tmp_path / name).write_text("old")
     return [word for name in OUTPUTS for word in (f"--{name}", tmp_path / name)]
@@ -619,7 +619,7 @@ def test_what_there_is_to_say_is_said_once(recording, entry, message, status, wr
 
 
 def read_terminal(master, process, until=None):
-    """All that comes until the process has ended, or up to some word."""
+    """Reads until the process has ended, or up to some word."""
     got = b""
     while not until or until not in got:
         ready, _, _ = select.select([master], [], [], TIMEOUT_S)

@@ -49,15 +49,15 @@ SEMANTIC = [
 
 
 class Integer(int):
-    """A number that still knows how it was written."""
+    """A number with its written form."""
 
 
 class Decimal(float):
-    """The same with a fraction or an exponent."""
+    """A number with its written form, which has a fraction or an exponent."""
 
 
 def convert(node, depth=0):
-    """A YAML node as JSON schema sees it; of duplicate keys the last one."""
+    """Converts a YAML node for JSON schema; of duplicate keys the last one counts."""
     assert depth < DEPTH_MAX, "a cycle"
     if isinstance(node, yaml.MappingNode):
         return {key.value if isinstance(key, yaml.ScalarNode) else "?": convert(value, depth + 1)
@@ -166,7 +166,7 @@ REPLACEMENTS = ["", "-1", "x y", "0", "1.5", "0500", "99999999999999999999", "on
 
 
 def write(node):
-    """The node as YAML again, on one line."""
+    """Returns the node as YAML again, on one line."""
     if isinstance(node, yaml.MappingNode):
         return "{" + ", ".join(f"{write(k)}: {write(v)}" for k, v in node.value) + "}"
     if isinstance(node, yaml.SequenceNode):
@@ -214,7 +214,8 @@ def value_changes(items, i, make):
 
 
 def is_allowed(changed):
-    """A parameter where there are none is well for the schema, which is the same for profiles."""
+    """Returns False for a parameter outside of profiles: the schema accepts it, since profiles use
+    the same one."""
     return not any(item.value == "$" for pair in changed
                    for item in (pair if isinstance(pair, tuple) else [pair]))
 
@@ -249,8 +250,8 @@ def disagreement(path, text):
 
 
 def beside_its_files(path, tmp_path):
-    """A place for a file that names the same ones as path does, `../..` included: what lies there
-    is a link to what lies here. Nothing is written where other tests read."""
+    """Makes a place for a file in which the names of path's files are valid, `../..` included, by
+    links. Nothing is written where other tests read."""
     here, there = ROOT, tmp_path
     for part in path.relative_to(ROOT).parts[:-1]:
         link_all(here, there, part)

@@ -53,7 +53,7 @@ class Picture:
         return ["".join(e.itertext()) for lane in self.node(name) for e in self.classed(what, lane)]
 
     def hits(self):
-        """Of rules: (x of the marker, names beside them)."""
+        """Returns (x of the marker, names beside them) of rules."""
         lanes = self.classed("rules")
         return ([int(re.match(r"M(-?\d+)", e.get("d")).group(1)) + 4 for lane in lanes
                  for e in self.classed("hit", lane)],
@@ -65,7 +65,7 @@ def picture(path, *arguments):
 
 
 def levels(path_data, width):
-    """The levels of a wave with bits of that width: high lines are recessive."""
+    """Returns the levels of a wave with bits of that width: high lines are recessive."""
     bits, x, y = "", None, None
     ends = [int(n) for n in re.findall(r"(?:M\d+ |V)(\d+)", path_data)]
     for command, first, second in re.findall(r"([MHV])(\d+)(?: (\d+))?", path_data):
@@ -253,7 +253,7 @@ def test_hits_without_a_name_of_their_own_are_joined_to_one_that_has(write):
 
 
 def text_spans(shown, node):
-    """[(left, right, y, x of the line)] of the notes of a node, a list for each row."""
+    """Returns [(left, right, y, x of the line)] of the notes of a node, a list for each row."""
     rows = []
     for lane in shown.node(node):
         lines = [[int(n) for n in re.match(r"M(\d+) (\d+)V(\d+)$", e.get("d")).groups()]

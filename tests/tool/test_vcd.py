@@ -88,7 +88,7 @@ class Vcd:
         self.changes[key].append((self.times[-1], value))
 
     def values(self, name):
-        """[(time, value)] of a variable, from the start of the dump on."""
+        """Returns [(time, value)] of a variable, from the start of the dump on."""
         return self.changes[self.ids[name]]
 
     def at(self, name, time):
@@ -96,7 +96,7 @@ class Vcd:
         return changes[bisect.bisect(changes, time, key=lambda change: change[0]) - 1][1]
 
     def bits(self, name, first, count, units=UNITS):
-        """As text: the values amid so many bits."""
+        """Returns the values in the middle of so many bits as a text."""
         return "".join(str(self.at(name, (first + i) * units + units // 2)) for i in range(count))
 
 
@@ -299,7 +299,8 @@ def need(program, package):
 
 
 def decoded(path, line, bitrate):
-    """Frames as sigrok's decoder tells them: identifier, then data bytes or the DLC of a remote."""
+    """Returns the frames of sigrok's decoder: identifier, then data bytes or the DLC of a
+    remote."""
     out = subprocess.run(
         ["sigrok-cli", "-l", "1", "-i", str(path), "-P",
          f"can:can_rx={line}:nominal_bitrate={bitrate}:fast_bitrate={bitrate}"],
