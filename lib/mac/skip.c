@@ -243,7 +243,7 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
     }
 }
 
-/* ---- How far it is --------------------------------------------------------------------------- */
+/* ---- Horizon --------------------------------------------------------------------------------- */
 
 /* For a transmitter: the last but one EOF bit, in which the receivers accept the frame, then the
  * last. */

@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * arbiter.c - who wins the bus, and what taking part costs those who do not.
+ * arbiter.c - the winner of the bus, and the statistics of the nodes that take part.
  *
- * The frames that go first of all nodes play a tournament by their arbitration fields: a node that
- * gets another frame plays its matches again when somebody asks for the winner, all others stay as
- * they are. All nodes that wait count the same for a clean frame, and so do all that listen: this
- * is counted once for each of the two groups. A node gets its share when somebody looks, or when it
- * leaves the group.
+ * The first frames of all nodes play a tournament by their arbitration fields. A node with a new
+ * first frame repeats its matches when the winner is needed; all others stay as they are. All nodes
+ * that wait count the same for a clean frame, and so do all listeners. So each of the two groups is
+ * counted once. A node gets its share when its statistics are read, or when it leaves the group.
  */
 #include "bus/bus_private.h"
 
@@ -17,8 +16,8 @@
 
 /* ---- The tournament -------------------------------------------------------------------------- */
 
-/* An entry: the key, a bit for a tie, the node. NO_ENTRY has that bit, too, and ties with its like
- * alone. */
+/* An entry: the key, a bit for a tie, the node. NO_ENTRY has that bit, too, and ties only with
+ * another NO_ENTRY. */
 #define NO_ENTRY UINT64_MAX
 #define KEY_SHIFT 8
 #define TIE_SHIFT 7
@@ -56,7 +55,8 @@ static void play_again(cw_bus *bus, unsigned i)
     if (c->entries[place] == entry)
         return;
     c->entries[place] = entry;
-    for (; place > 1; place /= 2) { /* to the end: whether a match ends otherwise is not foreseen */
+    for (; place > 1; place /= 2) { /* up to the final, since the processor cannot foresee whether a
+                                       result changes */
         entry = play(entry, c->entries[place ^ 1u]);
         c->entries[place / 2] = entry;
     }
@@ -79,7 +79,7 @@ void cw_assert_arbiter(const cw_bus *bus)
     assert(a->contender_count == cw_count_bits(a->contenders));
 }
 
-/* Among some of those who wait; the others may not take part. */
+/* Plays among some of the nodes that wait; the others may not take part. */
 static uint64_t play_among(const cw_bus *bus, uint64_t nodes)
 {
     uint64_t winner = NO_ENTRY;
@@ -97,22 +97,22 @@ bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
 
 /* ---- Shares ---------------------------------------------------------------------------------- */
 
-/* Attempts of a node that were lost since the last sharing out. */
+/* Returns the attempts that a node has lost since its last share. */
 static uint64_t lost_share(const cw_bus *bus, unsigned i)
 {
     bool takes_part = bus->arbiter.contenders >> i & 1u;
     return takes_part ? bus->arbiter.lost - bus->nodes[i].lost_before : 0;
 }
 
-/* The first attempt of a frame is none of its retransmissions. */
+/* The first attempt of a frame is no retransmission. */
 static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
 {
     const cw_queue *q = &bus->nodes[i].queue;
     return attempts && !q->slots[cw_queue_first(q)].tried ? attempts - 1 : attempts;
 }
 
-/* Adds what all listeners have received. A node has subtracted it when it began to listen, so that
- * its own share is left; the counters go beyond 0 and back. */
+/* Adds the frames that all listeners have received. A node subtracted them when it began to listen,
+ * so its own share is left. The counters may wrap below 0 and back. */
 static void add_received(const cw_arbiter *c, cw_node_stats *stats)
 {
     stats->rx_accepted += c->rx_frames;
@@ -175,7 +175,7 @@ void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes)
     cw_node_stats *stats = &bus->nodes[sender].stats;
     bus->arbiter.rx_frames++;
     bus->arbiter.rx_bytes += bytes;
-    stats->rx_accepted--; /* it is no listener of its own frame */
+    stats->rx_accepted--; /* the sender does not receive its own frame */
     stats->rx_frames--;
     stats->rx_bytes -= bytes;
 }

@@ -3,8 +3,8 @@
  * bit.c - one bit of all nodes: they drive, the wire is the AND of the levels, then they sample.
  *
  * Frames handed in meanwhile go to their queues before the nodes sample. So the order of the nodes
- * cannot matter but for the order of events. This is the reference: all other steps leave what
- * single bits would leave.
+ * matters only for the order of events. This is the reference: all other steps have the results of
+ * single bits.
  */
 #include "bus/bus_private.h"
 
@@ -14,7 +14,7 @@
 
 /* ---- One bit: drive -------------------------------------------------------------------------- */
 
-/* The frame is chosen anew at each start (M1), but encoded only when it is another one. */
+/* Chooses the frame anew at each start (M1), but encodes it only when it is another one. */
 void cw_offer_first(bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
@@ -48,14 +48,14 @@ static void note_start(cw_bus *bus, unsigned i)
     cw_share_lost(bus, i);
     n->stats.retransmissions += slot->tried;
     slot->tried = true;
-    if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: nothing of it is on the wire */
+    if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: the frame is not on the wire */
         return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
     cw_bind_rules(bus, i, &slot->frame);
 }
 
-/* The levels that all nodes put onto their wires; recessive beyond the last node. */
+/* Returns the levels that all nodes put onto their wires; recessive beyond the last node. */
 static uint64_t drive_all(cw_bus *bus)
 {
     uint64_t levels = UINT64_MAX;
@@ -76,7 +76,7 @@ static uint64_t drive_all(cw_bus *bus)
     return levels;
 }
 
-/* The wired-AND of each wire, as its nodes see it. */
+/* Returns the wired-AND of each wire, as its nodes see it. */
 static uint64_t wired_and(const cw_bus *bus, uint64_t driven)
 {
     uint64_t levels = UINT64_MAX;
@@ -86,9 +86,9 @@ static uint64_t wired_and(const cw_bus *bus, uint64_t driven)
     return levels;
 }
 
-/* ---- One bit: what is on the wire ------------------------------------------------------------ */
+/* ---- One bit: state of the wire -------------------------------------------------------------- */
 
-/* A flag that is there, or not, in so many bits; in none that are skipped it begins or ends. */
+/* Notes for so many bits that a flag is on the wire, or not. Skipped bits begin and end no flag. */
 static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
 {
     if (now && !w->now)
@@ -106,8 +106,8 @@ static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
 #define WIRE_ERROR 0x2u    /* an error flag */
 #define WIRE_OVERLOAD 0x4u /* an overload flag */
 
-/* What a node is doing to the wire. Nothing of one in loopback is there, nor are the flags of one
- * that only listens (M11, M15). */
+/* Returns what a node is doing to the wire. A node in loopback does nothing to it, and a node that
+ * only listens sends no flags (M11, M15). */
 static unsigned view_mac(const cw_mac *m)
 {
     static const uint8_t views[CW_MAC_PHASE_COUNT] = {
@@ -142,7 +142,7 @@ void cw_watch_wire(cw_bus *bus, uint64_t bits)
 
 typedef struct bit_reports {
     uint64_t together; /* nodes for which `common` holds */
-    uint64_t news;     /* nodes for which there is something to commit */
+    uint64_t news;     /* nodes with a report to commit */
     cw_mac_report common;
     cw_mac_report own[CW_NODES_MAX];
 } bit_reports;
@@ -174,7 +174,8 @@ static void commit(cw_bus *bus, const bit_reports *reports)
     }
 }
 
-/* Nodes that have come to where the others are: between frames, or as losers of an arbitration. */
+/* Joins nodes that have come to the point of the others: between frames, or after a lost
+ * arbitration. */
 static void gather(cw_bus *bus, const bit_reports *reports)
 {
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {

@@ -2,17 +2,18 @@
  *
  * frame.c - clean frames without their single bits.
  *
- * While all nodes are idle and somebody wants to send, what the frame will do follows from its
- * encoding: who loses arbitration and where, when receivers acknowledge and take it, when it ends.
- * So the bus goes from one of these moments to the next. Controllers stay idle meanwhile; when a
- * fault rule wants to look at a bit, or somebody does something to a node, they are put where they
- * would be by then (frame_end.c), and single bits go on from there.
+ * While all nodes are idle and a node wants to send, the course of the frame follows from its
+ * encoding. That gives the losers of arbitration and their lost bits, the moments of
+ * acknowledgement and acceptance, and the end. So the bus goes from one of these moments to the
+ * next. Controllers stay idle meanwhile. When a fault rule wants to look at a bit, or a call
+ * changes a node, frame_end.c moves the controllers to their present points. Single bits go on from
+ * there.
  *
- * When nobody can see more of a frame than its end, its length is all that is needed: it goes
- * by in one go, without its bits (cw_frame_step_whole()).
+ * When only the end of a frame can be seen, its length is enough: the frame passes at once, without
+ * its bits (cw_frame_step_whole()).
  *
- * Rules that act on levels in every bit do so on those that the frame says. As long as nobody sees
- * a difference, the step goes on, bit by bit but without controllers.
+ * Rules that act on levels in every bit act on the levels of the encoded frame. As long as no node
+ * sees a difference, the step goes on, bit by bit but without controllers.
  *
  * `at` is the number of bits, from SOF to the third bit of the intermission, that have passed.
  */
@@ -37,7 +38,7 @@ static void lower_counters(cw_bus *bus)
         bus->outlook.valid = false;
 }
 
-/* As a receiver decodes it: bytes that are not on the wire are 0. */
+/* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
 static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
 {
     *to = *from;
@@ -81,7 +82,7 @@ static void finish_transmission(cw_bus *bus)
     cw_tell_state(bus, step->node);
 }
 
-/* What happens at the end of the bit that has just passed. */
+/* Carries out the moment at the end of the bit that has just passed. */
 static void run_moment(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -133,21 +134,21 @@ static void pass(cw_bus *bus, unsigned bits)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
 }
 
-/* Where it ends at the latest. */
+/* Returns the bit at which the step ends at the latest. */
 static unsigned end_of(const cw_frame_step *step)
 {
     return step->length + CW_INTERMISSION_BITS - step->tail;
 }
 
-/* Whole bits up to a tick, no more than that many. */
+/* Returns the whole bits up to a tick, at most `bits`. */
 static unsigned bits_up_to(const cw_bus *bus, uint64_t tick, unsigned bits)
 {
     const cw_wire_time *time = &bus->time;
     return cw_wire_fits(time, bits, tick) ? bits : (unsigned)cw_wire_bits_to(time, tick);
 }
 
-/* Bits to go at once, 0 when noise flips the next one: up to the end of the one in which something
- * happens or comes in, or after which something is due. */
+/* Returns the bits to go at once, 0 when noise flips the next one. The last of them is the first
+ * bit in which something happens or comes in, or after which something is due. */
 static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -175,8 +176,8 @@ static void end_slot(cw_bus *bus)
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
-/* The nodes that drive a dominant bit; of contenders whose losses are not seen the winner alone,
- * which makes no difference to the wire (see hides_losses()). */
+/* Returns the nodes that drive a dominant bit. Contenders with hidden losses are left out, which
+ * makes no difference to the wire (see hides_losses()). */
 static uint64_t find_drivers(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -191,7 +192,7 @@ static uint64_t find_drivers(const cw_bus *bus)
     return drivers;
 }
 
-/* Rules act on the bit that comes next. Returns whether it is still what it was to be. */
+/* Lets rules act on the next bit. Returns true when the bit is still as expected. */
 static bool stands_rules(cw_bus *bus, cw_levels *levels)
 {
     const uint64_t drivers = find_drivers(bus);
@@ -202,8 +203,8 @@ static bool stands_rules(cw_bus *bus, cw_levels *levels)
            ((levels->sampled ^ expected) & bus->frame_step.listeners) == 0;
 }
 
-/* Passes all but the last of some bits, each with what rules do to it. When they change a bit, be
- * it the last one, the controllers take it as it is, the step ends, and it returns false. */
+/* Passes all but the last of some bits, each with the actions of rules. When rules change a bit,
+ * even the last one, the controllers take it as it is and the step ends. It then returns false. */
 static bool pass_under_rules(cw_bus *bus, unsigned bits)
 {
     cw_levels levels;
@@ -223,8 +224,8 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
 
 /* ---- The rest at once ------------------------------------------------------------------------ */
 
-/* Goes from a bit to one that lies ahead, which it returns. Frames that come before its end go to
- * their queues. */
+/* Goes from a bit to a later one, which it returns. Frames that come before the end of that time go
+ * to their queues. */
 static inline unsigned pass_to(cw_bus *bus, unsigned from, unsigned to)
 {
     cw_wire_pass(&bus->time, to - from);
@@ -232,7 +233,7 @@ static inline unsigned pass_to(cw_bus *bus, unsigned from, unsigned to)
     return to;
 }
 
-/* The moments behind arbitration, from a bit on. */
+/* Carries out the moments after arbitration, from a bit on. */
 static inline void go_to_end(cw_bus *bus, unsigned at)
 {
     const unsigned length = bus->frame_step.length;
@@ -252,13 +253,13 @@ static inline void go_to_end(cw_bus *bus, unsigned at)
     end_slot(bus);
 }
 
-/* To the end, where nothing comes in between but frames for the queues. */
+/* Goes to the end of the frame. Nothing but frames for the queues comes in before. */
 static void go_straight_to_end(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     const unsigned bits = step->length + CW_INTERMISSION_BITS - step->at;
     count_bits(bus, bits);
-    step->hidden = 0; /* from here on all losses come to pass */
+    step->hidden = 0; /* all losses happen from here on */
     if (bus->rules.awake_count)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     while (step->undecided) {
@@ -276,8 +277,9 @@ static bool goes_straight_to_look(const cw_bus *bus)
            cw_inbox_first(bus) >= cw_frame_step_tick(bus, step->look.bit + 1u);
 }
 
-/* Rules are asked in advance, as far as nobody can see that before it is time; one with a rough
- * stop only when that is all. False when something is left to be asked, or is a hit. */
+/* Asks rules in advance, as far as that cannot be seen before it is time. A rule with a rough stop
+ * is asked last, when nothing else keeps the frame from its end. Returns false when a rule is left
+ * to be asked, or has a hit. */
 static bool rules_let_pass(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -292,8 +294,8 @@ static bool rules_let_pass(cw_bus *bus)
     return step->look.bit == CW_NO_LOOK;
 }
 
-/* Whether nothing but frames for the queues comes in before that tick. Those for nodes in loopback
- * are sent at once (M15). */
+/* Returns true when nothing but frames for the queues comes in before that tick. Frames for nodes
+ * in loopback are sent at once (M15). */
 static bool is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
     bool loopback = (bus->frame_step.listeners | bus->outlook.away) != bus->all;
@@ -306,7 +308,8 @@ static bool can_go_to_end(cw_bus *bus, uint64_t tick)
     const cw_frame_step *step = &bus->frame_step;
     const unsigned end = step->length + CW_INTERMISSION_BITS;
     const unsigned bits = end - step->at;
-    bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* follows a frame */
+    bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* traffic rules send after a
+                                                                          frame */
     return cw_wire_fits(&bus->time, bits, tick) && step->tail == 0 && !step->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
            is_undisturbed_until(bus, cw_frame_step_tick(bus, end)) &&
@@ -350,7 +353,7 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
 
 /* ---- Going on, one moment after the other -------------------------------------------------- */
 
-/* The step stops somewhere near: it is time to find the very bit. */
+/* Finds the exact bit of a stop that was known only roughly. */
 static void find_bits(cw_bus *bus)
 {
     bus_node *n = &bus->nodes[bus->frame_step.node];
@@ -360,22 +363,23 @@ static void find_bits(cw_bus *bus)
     bus->frame_step.look = cw_frame_step_next_look(bus, 0);
 }
 
-/* Perhaps a rule looks at the next bit. It may let it pass; else single bits go on from here. */
+/* Stops before a bit at which a rule may look. When the rule has no hit, the step goes on;
+ * otherwise single bits go on from here. */
 static void look_at_stop(cw_bus *bus)
 {
     if (!bus->frame_step.bits) {
         find_bits(bus);
         return;
     }
-    /* noise first: what lets the bit pass has counted it, so it has to be passed then */
+    /* noise first: a rule that lets the bit pass has counted it, so the bit must pass then */
     if (!cw_frame_step_is_noise_free(bus, 1) || !cw_frame_step_consume_look(bus))
         cw_wake_controllers(bus);
     else
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
-/* A node in loopback sends it at once (M15), one that is idle may join a frame that has only just
- * begun (M6). */
+/* A node in loopback sends the frame at once (M15). An idle node may join a frame that has only
+ * just begun (M6). */
 void cw_frame_step_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -384,7 +388,8 @@ void cw_frame_step_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, u
     bool may_join = step->at == 1 && tick <= cw_now(bus);
     step->broken = step->broken || loopback || may_join;
     if ((step->hidden >> i & 1u) && cw_queue_goes_first(&n->queue, frame))
-        cw_losses_show(bus, cw_node_bit(i)); /* while the frame that it has begun with goes first */
+        cw_losses_show(bus, cw_node_bit(i)); /* while the frame that the node began with still goes
+                                                first */
 }
 
 static void go_on(cw_bus *bus, uint64_t tick)
@@ -418,12 +423,12 @@ static void go_on(cw_bus *bus, uint64_t tick)
         end_slot(bus);
 }
 
-/* A step that begins has begun when the caller can do something. */
+/* A new step has begun when the caller can change something. */
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick)
 {
     if (!bus->frame_step.active && !cw_frame_step_begin(bus, tick) && !cw_frame_step_resume(bus))
         return false;
-    if (bus->frame_step.active) /* else it went to its end at once */
+    if (bus->frame_step.active) /* otherwise the frame has passed at once */
         go_on(bus, tick);
     return true;
 }
@@ -445,12 +450,12 @@ uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
     return step->at - n;
 }
 
-/* As if no rule had a hit. */
+/* Returns the horizon without hits of rules. */
 static uint64_t clean_horizon(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     if (step->broken)
-        return 1; /* what comes then is another frame's */
+        return 1; /* the step ends then */
     if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
         return step->length - CW_AFTER_ACCEPT_BITS - step->at;
     if (step->at < step->length)

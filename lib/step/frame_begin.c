@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_begin.c - decides whether the frame that comes next can be a step, and begins it.
+ * frame_begin.c - decides whether the next frame can be a step, and begins it.
  */
 #include "step/frame.h"
 
 #include "format/bits.h"
 #include "mac/confinement.h"
 
-/* ---- Whether it can begin -------------------------------------------------------------------- */
+/* ---- Conditions ------------------------------------------------------------------------------ */
 
-/* Cheap checks first: in the middle of a frame this is asked for every bit. */
+/* Cheap checks come first, since this runs for every bit in the middle of a frame. */
 static bool can_begin(cw_bus *bus)
 {
     if (bus->waiting == 0 || bus->group_count > 1 || bus->news ||
@@ -27,7 +27,7 @@ static bool can_begin(cw_bus *bus)
     return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
 }
 
-/* Rules on errors and states see nothing of a frame without any. */
+/* Rules on errors and states see nothing of a frame that has no errors and changes no state. */
 static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     bool several = (contenders & (contenders - 1)) != 0;
@@ -43,8 +43,8 @@ static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
     return !given_up && !error_rules_may_act(bus, contenders, winner);
 }
 
-/* What the controllers have to do themselves: to miss an acknowledgement, to suspend transmission
- * after the intermission (M8). */
+/* Returns the number of last bits that the controllers must take themselves, to miss an
+ * acknowledgement or to suspend transmission after the intermission (M8). */
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
     const unsigned from_ack_slot = CW_AFTER_ACK_BITS + 1 + CW_INTERMISSION_BITS;
@@ -54,7 +54,7 @@ static unsigned find_tail(const cw_bus *bus, unsigned winner)
     return suspends ? CW_INTERMISSION_BITS : 0;
 }
 
-/* The frame of a node as the wire would carry it. */
+/* Encodes the first frame of a node as the wire would carry it. */
 static void encode(bus_node *n)
 {
     if (n->wrong_crc)
@@ -64,15 +64,15 @@ static void encode(bus_node *n)
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
-/* Whether nothing is due or comes in before that tick. */
+/* Returns true when nothing is due or comes in before that tick. */
 static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
 {
     return bus->next_restart >= tick && bus->rules.next_due >= tick && cw_inbox_first(bus) >= tick;
 }
 
-/* Returns true when the single losses make no event and change nothing; statistics that are read
- * before the end of arbitration leave out those to come (cw_losses_ahead()). With no contender's
- * line in the hands of a rule, the winner's level is that of the wire. */
+/* Returns true when the single losses make no event and change nothing. Statistics that are read
+ * before the end of arbitration leave out the losses to come (cw_losses_ahead()). When no rule
+ * holds the line of a contender, the winner's level is that of the wire. */
 static bool hides_losses(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -84,7 +84,7 @@ static bool hides_losses(cw_bus *bus)
            cw_frame_step_is_noise_free(bus, bits);
 }
 
-/* Its bits are found only when they are needed. */
+/* Finds the bits of the frame only when they are needed. */
 static void choose_frame(cw_bus *bus, bool bits)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -117,7 +117,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->undecided = 0;
 }
 
-/* All begin to transmit; rules look at the frames of those that are watched. */
+/* Lets all contenders begin to transmit; rules look at the frames of watched nodes. */
 static void start_transmissions(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;

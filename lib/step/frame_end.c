@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_end.c - a step ends before its frame does: controllers go where they would be by now.
+ * frame_end.c - ends a step before its frame ends: controllers go where they would be by now.
  */
 #include "step/frame.h"
 
 #include "mac/confinement.h"
 
-/* Where a receiver is after that many bits. */
+/* Finds the point of a receiver after the bits that have passed. */
 static void find_point(cw_mac *m, const cw_bus *bus)
 {
     cw_bits room;
@@ -19,15 +19,15 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
 {
     bus_node *n = &bus->nodes[i];
     cw_leave(bus, cw_node_bit(i));
-    n->mac.phase = CW_MAC_IDLE; /* so that it takes an offer */
+    n->mac.phase = CW_MAC_IDLE; /* so that the controller takes an offer */
     if (!n->mac.offered && bus->frame_step.at < bus->frame_step.length)
         cw_offer_slot(n, n->offered_slot);
     cw_mac_go_to_point(&n->mac, point);
     cw_mac_become_transmitter(&n->mac, bus->frame_step.at);
 }
 
-/* Rules are bound to those who transmit, as they would have been at SOF. Those who were to lose may
- * do well after all, so that rules on their later bits count again. */
+/* Binds rules to the nodes that transmit, as at SOF. Nodes that were to lose may now win after all,
+ * so rules on their later bits count again. */
 static void bind_rules(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -41,7 +41,7 @@ static void bind_rules(cw_bus *bus)
         cw_bind_rules(bus, step->node, &step->frame);
 }
 
-/* Before the first bit nobody has seen anything. */
+/* Before the first bit no node has seen anything. */
 static uint64_t nodes_in_frame(const cw_frame_step *step)
 {
     return step->at > 0 ? step->listeners : 0;

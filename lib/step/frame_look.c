@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_look.c - what rules look at in the frames that wait, and in those of a frame step.
+ * frame_look.c - finds the bits that rules look at in waiting frames and in those of a frame step.
  */
 #include "step/frame.h"
 
@@ -35,7 +35,8 @@ bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
 
 /* ---- The frame on its way -------------------------------------------------------------------- */
 
-/* That of one who has begun with the winner, whose bits are there. */
+/* Returns the view of a loser's frame. The loser began together with the winner, and its bits are
+ * encoded. */
 static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
 {
     const bus_node *n = &bus->nodes[i];
@@ -56,7 +57,7 @@ cw_look cw_frame_step_next_look(const cw_bus *bus, unsigned from)
     if (step->bound)
         cw_rules_add_bound_looks(&bus->rules, &look, &view, from);
     if (from > 0 && step->watched == self && cw_rules_look_once(&bus->rules, step->node))
-        return look; /* it was the last one */
+        return look; /* that was the last look */
     if (step->watched & self)
         cw_rules_add_looks(&bus->rules, &look, &view, from);
     for (uint64_t rest = step->watched & ~self; rest; rest &= rest - 1) {

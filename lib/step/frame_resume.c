@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_resume.c - a frame that has begun bit by bit goes on as a step, as soon as it is clear who
- * sends it and all others read it as it is.
+ * frame_resume.c - continues a frame that began bit by bit as a step, when one sender is left and
+ * all others read its frame without errors.
  */
 #include "step/frame.h"
 
-/* ---- Whether it can go on -------------------------------------------------------------------- */
+/* ---- Conditions ------------------------------------------------------------------------------ */
 
 static bool is_away(const cw_mac *m)
 {
     return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
 }
 
-/* The nodes that send; they do not follow. Cheap: this is asked for every bit. */
+/* Returns the nodes that send; senders are never followers. This runs for every bit and so must be
+ * cheap. */
 static uint64_t find_senders(const cw_bus *bus)
 {
     uint64_t senders = 0;
@@ -24,7 +25,8 @@ static uint64_t find_senders(const cw_bus *bus)
     return senders;
 }
 
-/* Up to the ACK slot, where all do the same; in the first two bits others may still join (M6). */
+/* Returns true up to the ACK slot, where all nodes do the same. In the first two bits other nodes
+ * may still join (M6). */
 static bool is_in_its_middle(const bus_node *n)
 {
     const cw_mac *m = &n->mac;
@@ -32,7 +34,7 @@ static bool is_in_its_middle(const bus_node *n)
            m->tx_next + CW_AFTER_ACK_BITS + 1u < m->tx.length;
 }
 
-/* A node in loopback neither sees anything of the frame nor does it wait for its end. */
+/* A node in loopback neither sees the frame nor waits for its end. */
 static bool stays_out(const cw_bus *bus, unsigned i)
 {
     const cw_mac *m = &bus->nodes[i].mac;
@@ -54,7 +56,8 @@ static bool all_read_it(const cw_bus *bus, unsigned sender)
     return true;
 }
 
-/* Faults on the lines of a node can hide from it that the wire carries something else. */
+/* Checks the wire too, since faults on the lines of a node can hide its real level from that
+ * node. */
 static bool wire_carried_it(const cw_bus *bus, const cw_mac *sent)
 {
     unsigned recessive = 0;
@@ -63,7 +66,7 @@ static bool wire_carried_it(const cw_bus *bus, const cw_mac *sent)
     return recessive == bus->recessive_bits;
 }
 
-/* Not those whose node has gone in this very moment: a bit without them ends them. */
+/* The flag of a node that has just left the bus still counts: a bit without it ends it. */
 static bool flags_have_ended(const cw_bus *bus)
 {
     return !bus->error_flag.now && !bus->overload_flag.now;
@@ -79,7 +82,7 @@ static bool nobody_has_plans(const cw_bus *bus)
     return true;
 }
 
-/* Rules that are bound see only the bits at which the step stops. */
+/* Bound rules see only the bits at which the step stops. */
 static bool rules_allow_it(cw_bus *bus, unsigned sender)
 {
     if (bus->rules.error_rules > 0)
@@ -94,7 +97,7 @@ static bool rules_allow_it(cw_bus *bus, unsigned sender)
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
-/* In a frame step the controllers are idle. */
+/* Makes the controllers idle, as they are in a frame step. */
 static void put_to_rest(cw_bus *bus)
 {
     if (bus->followers)

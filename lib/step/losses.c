@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * losses.c - lost arbitration in the frame step: where a contender loses, and when that is counted.
+ * losses.c - lost arbitration in the frame step: finds the bit of each loss, and counts it.
  *
- * Mostly nobody sees the single losses. Then all are counted at SOF: they are hidden. Whoever looks
- * before the end of arbitration gets the statistics without those that lie ahead.
+ * The single losses can mostly not be seen. Then all are counted at SOF: they are hidden.
+ * Statistics read before the end of arbitration leave out the losses that lie ahead.
  */
 #include "step/frame.h"
 
@@ -23,8 +23,8 @@ static void find_victor(victor *v, const cw_bus *bus)
     v->key = cw_arbitration_key(&bus->frame_step.frame);
 }
 
-/* Returns the bit in which a contender loses, as the SJA1000 counts. Its first frame is the one
- * that it has begun with. */
+/* Returns the bit in which a contender loses, as the SJA1000 counts. The first frame of its queue
+ * is the one that it began with. */
 static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
 {
     const cw_queue *q = &bus->nodes[i].queue;

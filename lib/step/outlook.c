@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * outlook.c - who does what in the next frame, while all nodes are idle.
+ * outlook.c - the part of each node in the next frame, while all nodes are idle.
  */
 #include "bus/bus_private.h"
 
 #include <assert.h>
 
-/* A node that is neither idle nor away for longer than a frame: no frame step. */
+/* Returns true when a node is idle, or away for longer than a frame. Otherwise no frame step is
+ * possible. */
 static bool is_calm(const cw_mac *m)
 {
     bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
@@ -33,7 +34,7 @@ static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
         outlook->counting |= self;
 }
 
-/* Followers have a phase of their own that says idle, as the shared one does then. */
+/* The own phase of followers is idle, as the shared one is then. */
 static cw_outlook look_around(const cw_bus *bus)
 {
     cw_outlook outlook = {.valid = true, .calm = true};

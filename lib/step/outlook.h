@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * outlook.h - who does what in the next frame, while all nodes are idle.
+ * outlook.h - the part of each node in the next frame, while all nodes are idle.
  *
- * It is found by a look at all controllers and does not change after that. What changes a
- * controller forgets it (`valid`), and the next decision looks again.
+ * A look at all controllers finds the outlook, which then stays the same. A change of a controller
+ * makes it invalid (`valid`), and the next decision looks again.
  */
 #ifndef CANWIRE_OUTLOOK_H
 #define CANWIRE_OUTLOOK_H
@@ -12,7 +12,7 @@
 
 typedef struct cw_outlook {
     bool valid;
-    bool calm;              /* each node is idle, or away until somebody does something to it */
+    bool calm;              /* each node is idle, or away until a call or rule changes it */
     uint64_t listeners;     /* idle nodes, which will receive the next frame or send it */
     uint64_t away;          /* off or bus-off */
     uint64_t senders;       /* listeners that may transmit */
@@ -24,7 +24,7 @@ typedef struct cw_outlook {
 /* Looks at all controllers. They are idle or away, and so is the one that followers share. */
 void cw_outlook_find(cw_bus *bus);
 
-/* Asserts that a look would find what is known. */
+/* Asserts that a new look would find the same. */
 void cw_assert_outlook(const cw_bus *bus);
 
 #endif

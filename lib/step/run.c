@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * run.c - equal bits at once, in which no controller has anything to report: idle time, flags,
- *         delimiters, rows of equal bits that all nodes read.
+ * run.c - equal bits at once, in which no controller has a report: idle time, flags, delimiters,
+ * rows of equal bits that all nodes read.
  */
 #include "bus/bus_private.h"
 
-/* ---- How far it goes ------------------------------------------------------------------------- */
+/* ---- Reach ----------------------------------------------------------------------------------- */
 
-/* Whether some node has a frame that it may begin to send in the next bit. */
+/* Returns true when some node has a frame that it may begin to send in the next bit. */
 static bool can_start(const cw_bus *bus)
 {
     uint64_t own = bus->waiting & ~bus->followers;
@@ -27,7 +27,7 @@ bool cw_held_level(const cw_bus *bus)
     return held ? CW_DOMINANT : CW_RECESSIVE;
 }
 
-/* Bits in which all controllers drive what they do now, and have nothing to report. */
+/* Returns the bits in which all controllers keep their levels and have nothing to report. */
 static uint64_t steady_bits(const cw_bus *bus, bool level)
 {
     uint64_t bits = CW_QUIET_FOREVER;
@@ -40,7 +40,7 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
     return bits > 0 && can_start(bus) ? 0 : bits;
 }
 
-/* A frame that comes amid a bit changes nothing before the next one, unless rules look at it. */
+/* A frame that comes within a bit changes nothing before the next bit, unless rules look at it. */
 static uint64_t bits_up_to_inbox(const cw_bus *bus)
 {
     uint64_t tick = cw_inbox_first(bus);
@@ -67,7 +67,8 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
 
 /* ---- Going ----------------------------------------------------------------------------------- */
 
-/* A node that comes to where it may start, or to where others are, is there for the next frame. */
+/* Skips bits of a controller. A new phase invalidates the outlook: the node may start, or be at the
+ * point of the others. */
 static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 {
     const unsigned phase = m->phase;
@@ -90,5 +91,5 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
     cw_wire_pass(&bus->time, bits);
     bus->stats.bits += bits;
     bus->recessive_bits = level ? bus->recessive_bits + bits : 0;
-    cw_take_inbox_before(bus, cw_now(bus)); /* before what is due now, as in a single bit */
+    cw_take_inbox_before(bus, cw_now(bus)); /* before other things due now, as in a single bit */
 }

@@ -4,9 +4,9 @@
  *
  * Receivers without errors of their own take every bit in the same way. They follow one shared
  * controller, so that a bit costs the same for 2 nodes and for 64. A follower keeps its counters,
- * modes and frames; only the point of the frame at which it is, is the shared one's. It gets its
- * own controller back as soon as it does something different: it begins to transmit, samples
- * another level than the others, becomes error passive, or somebody does something to it.
+ * modes and frames; it shares only the point of the frame. A follower gets its own controller back
+ * as soon as it does something different. It may begin to transmit, sample another level than the
+ * others, become error passive, or be changed by a call or a rule.
  */
 #include "bus/bus_private.h"
 
@@ -15,8 +15,8 @@
 
 #include <assert.h>
 
-/* The shared controller's own counters mean nothing: its REC begins each bit here, and how it moves
- * is how those of its followers do. Neither limit is in reach. */
+/* The counters of the shared controller mean nothing. Its REC begins each bit at this value, and
+ * the counters of its followers move as it does. Neither limit is in reach. */
 #define REC_BASE 64u
 
 /* ---- Leaving --------------------------------------------------------------------------------- */
@@ -43,7 +43,7 @@ const cw_mac *cw_mac_of(const cw_bus *bus, unsigned i)
 
 /* ---- Joining --------------------------------------------------------------------------------- */
 
-/* Nothing about the node makes it answer to a level in another way than the others. */
+/* Returns true when the node responds to levels like the others. */
 static bool is_ordinary(const cw_mac *m)
 {
     bool on_bus = m->phase >= CW_MAC_IDLE && m->phase <= CW_MAC_INTERMISSION;
@@ -68,7 +68,7 @@ void cw_join(cw_bus *bus, unsigned i)
     else if (!cw_mac_same_point(m, &bus->common))
         return;
     bus->outlook.valid = bus->outlook.valid && m->phase == CW_MAC_IDLE;
-    m->phase = CW_MAC_IDLE; /* for those who look for transmitters */
+    m->phase = CW_MAC_IDLE; /* for searches for transmitters */
     m->role = CW_ROLE_NONE;
     bus->followers |= cw_node_bit(i);
 }
@@ -83,7 +83,8 @@ void cw_split_followers(cw_bus *bus, uint64_t levels)
         cw_leave(bus, cw_count_bits(high) < cw_count_bits(low) ? high : low);
 }
 
-/* What the bit did to the shared REC; returns whether a state has changed by it. */
+/* Moves the counters of followers as the bit moved the shared REC. Returns true when a state has
+ * changed by that. */
 static bool move_counters(cw_bus *bus, int steps)
 {
     bool changed = false;
