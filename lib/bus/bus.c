@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus.c - time of the bus: what is due now, and which step goes on from here.
+ * bus.c - time of the bus: runs everything that is due now, and chooses the next step.
  */
 #include "bus/bus_private.h"
 #include "bus/invariants.h"
 
-/* ---- What is due ----------------------------------------------------------------------------- */
+/* ---- Due work -------------------------------------------------------------------------------- */
 
-/* States that rules or settings have changed. */
+/* Reports states that rules or settings have changed. */
 static void tell_news(cw_bus *bus)
 {
     bus->news = false;
@@ -23,14 +23,13 @@ static void run_due_nodes(cw_bus *bus)
     }
     for (unsigned i = 0; i < bus->node_count; i++)
         cw_run_due_node(bus, i);
-    /* behind cw_bus_bring_forward() nodes have no order */
+    /* after cw_bus_bring_forward() the inbox is not sorted by node */
     cw_take_inbox_before(bus, cw_now(bus) + 1);
     cw_find_next_restart(bus);
 }
 
-/* Rules may set each other off, but at a tick each one acts only once by that: this ends. When it
- * has, nothing is left to be told of this tick. A frame step goes on when nothing but
- * frames come. */
+/* Rules may trigger each other, but each one acts only once at a tick by that, so the loop ends.
+ * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. */
 static void run_due(cw_bus *bus)
 {
     cw_count_clean_bits(bus);
@@ -64,7 +63,7 @@ void cw_count_clean_bits_now(cw_bus *bus)
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
-/* Some bits, at least one. */
+/* Goes on by some bits, at least one. */
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     if (bus->stepping || bus->watching) {
@@ -81,7 +80,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         cw_step_bit(bus);
 }
 
-/* Up to a tick, or until there is so much work, with the events that are there; at least a bit. */
+/* Goes up to a tick, or stops when work and events reach `enough`; goes at least one bit. */
 static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
 {
     if (!cw_ring_has_room(bus))
@@ -143,7 +142,7 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
         cw_wake_controllers(bus);
 }
 
-/* What happens at the end of a bit is seen in it: so the last one is not left out. */
+/* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 {
     if (tick <= cw_now(bus) || bus->news || !cw_view_is_quiet(bus))
@@ -154,6 +153,7 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
 {
-    cw_wake_controllers(bus); /* it went by the events that were wanted */
+    cw_wake_controllers(bus); /* a frame step in progress relies on the kinds of events wanted
+                                 before */
     bus->wanted = kinds;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus_private.h - what the parts of the bus share: its state, and who does what.
+ * bus_private.h - the state that the parts of the bus share, and the functions of each part.
  *
  *   bus.c      time: what is due, which step comes next; memory.c the caller's memory
  *   host.c     frames from and to the hosts: inbox, queues, restart, settings
@@ -8,8 +8,8 @@
  *   ring.c     the ring of events; commit.c makes events and statistics of reports
  *   status.c   what can be read; view.c the last bit, for traces
  *   takeover.c a bus goes on as another one
- *   step/      how time moves: frame*.c clean frames without controllers, arbiter.c who wins them
- *              and what the others pay, run.c equal bits, shared.c one controller for all nodes
+ *   step/      how time moves: frame*.c clean frames without controllers, arbiter.c their winners
+ *              and the shares of all nodes, run.c equal bits, shared.c one controller for all nodes
  *              that do the same, bit.c one bit of all nodes
  *   rule/      rules: when they act, what they do, see rule/rule.h
  */
@@ -37,8 +37,8 @@ typedef struct bus_node {
     uint32_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
-    uint64_t lost_before;  /* what had been shared out, see cw_arbiter */
-    cw_node_stats stats;   /* as far as arbiter.c has shared them out */
+    uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
+    cw_node_stats stats;   /* without the shares that arbiter.c still owes */
 } bus_node;
 
 typedef struct inbox_entry {
@@ -47,7 +47,7 @@ typedef struct inbox_entry {
     cw_frame frame;
 } inbox_entry;
 
-/* A ring, sorted by tick, then node (not behind cw_bus_bring_forward()), then arrival. */
+/* A ring, sorted by tick, then node (not after cw_bus_bring_forward()), then arrival. */
 typedef struct inbox {
     inbox_entry *entries;
     unsigned capacity;
@@ -62,21 +62,21 @@ typedef struct event_ring {
     unsigned first;
     unsigned count;
     uint64_t newest_tick; /* of the last event in it */
-    uint64_t enough; /* room for the worst bit there can be, whatever waits at present */
+    uint64_t enough; /* room for the worst possible bit, whatever waits at present */
 } event_ring;
 
-/* What of cw_bit_view is known only while the bit is simulated. */
+/* The part of cw_bit_view that is known only while the bit is simulated. */
 typedef struct bit_note {
     uint64_t start; /* tick */
     uint64_t end; /* tick; 0: there is none */
     cw_levels levels;
-    uint64_t sampled; /* by the controllers, behind what their modes hide */
+    uint64_t sampled; /* by the controllers, after their modes have hidden levels */
     uint64_t wanted;  /* levels that would be driven without faults */
     uint64_t alike;   /* nodes that follow one controller, and have one level */
     unsigned wire_count;
-    cw_bit_node nodes[CW_NODES_MAX]; /* but for wire, state and counters; of those that are alike
-                                        the first one */
-    uint8_t wires[CW_NODES_MAX];     /* where there are several */
+    cw_bit_node nodes[CW_NODES_MAX]; /* without wire, state and counters; nodes that are alike share
+                                        the first entry */
+    uint8_t wires[CW_NODES_MAX];     /* valid when there are several wires */
 } bit_note;
 
 /* A clean frame on its way, see step/frame.c. */
@@ -87,18 +87,19 @@ typedef struct cw_frame_step {
     bool hit;             /* its rule does not let all of it pass, so that its bits are needed */
     bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */
-    uint8_t tail;         /* last bits, up to the intermission, that go by singly */
+    uint8_t tail;         /* last bits, up to the intermission, that pass one by one */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
-    cw_look look;         /* the next one of a rule, at which single bits go on if it is a hit */
+    cw_look look;         /* the next look of a rule; on a hit single bits go on there */
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
-    cw_frame frame;       /* what they are of; the queue may have another one there at the end */
+    cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
+                             that slot */
     uint64_t listeners;
     uint64_t contenders;  /* nodes that began to transmit */
     uint64_t watched;     /* of these, those whose bits rules look at before the step ends */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
     uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
-    uint8_t next_loss;    /* the first lost_at of those that are undecided */
+    uint8_t next_loss;    /* the first lost_at of the undecided nodes */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
 } cw_frame_step;
@@ -112,7 +113,7 @@ struct cw_bus {
     uint64_t work;         /* see cw_bus_work() */
     uint64_t queued;       /* frames in all queues */
     uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
-    unsigned group_count;          /* 1: all on one wire */
+    unsigned group_count;          /* 1: all nodes on one wire */
     flag_watch error_flag;
     flag_watch overload_flag;
     cw_load load;
@@ -132,7 +133,7 @@ struct cw_bus {
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
-    bool news; /* a rule or a setting has changed something at a controller */
+    bool news; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when nobody wants it */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
@@ -140,20 +141,20 @@ struct cw_bus {
     bit_note note;
 };
 
-/* The present tick. */
+/* Returns the present tick. */
 static inline uint64_t cw_now(const cw_bus *bus)
 {
     return cw_wire_now(&bus->time);
 }
 
-/* The tick at which the bit ends that begins now. */
+/* Returns the tick at which the bit that begins now ends. */
 static inline uint64_t cw_bit_end(const cw_bus *bus)
 {
     return cw_wire_bit_end(&bus->time);
 }
 
-/* In a frame step: the tick at which bit n of the frame begins, n not before its `at`. Bits of
- * the intermission go on behind those of the frame. */
+/* Returns the tick at which bit n of the frame of a frame step begins, n not before its `at`. Bits
+ * of the intermission count on after those of the frame. */
 static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 {
     return cw_wire_tick(&bus->time, (uint64_t)n - bus->frame_step.at);
@@ -163,7 +164,8 @@ static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 
 void cw_share_lost_now(cw_bus *bus, unsigned node);
 
-/* Gives a node its share of lost attempts; before its first frame changes or is tried otherwise. */
+/* Gives a node its share of lost attempts. Call it before its first frame changes or is tried
+ * otherwise. */
 static inline void cw_share_lost(cw_bus *bus, unsigned node)
 {
     if (bus->nodes[node].lost_before != bus->arbiter.lost)
@@ -172,52 +174,53 @@ static inline void cw_share_lost(cw_bus *bus, unsigned node)
 
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 
-/* The most room that a bit can need; to be found anew when rules come or go. */
+/* Finds the most room that a bit can need. Call it when rules come or go. */
 void cw_ring_find_enough(cw_bus *bus);
 
 bool cw_ring_has_room_now(const cw_bus *bus);
 
-/* Whether the worst that can happen up to the end of the next bit fits into the ring. */
+/* Returns true when the ring has room for the worst case up to the end of the next bit. */
 static inline bool cw_ring_has_room(const cw_bus *bus)
 {
     return bus->ring.capacity - bus->ring.count >= bus->ring.enough || cw_ring_has_room_now(bus);
 }
 
-/* The least size of the ring with which the bus never stands still. */
+/* Returns the least size of the ring with which the bus never stands still. */
 unsigned cw_ring_least(const cw_bus_config *config);
 
-/* The event may be filled in until the next one is put in. */
+/* Adds an event. The caller may fill it in until the next one is added. */
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes);
 
-/* Whether anybody sees events of a kind. */
+/* Returns true when events of a kind are wanted. */
 static inline bool cw_wants_event(const cw_bus *bus, cw_event_kind kind)
 {
     return bus->wanted >> kind & 1u;
 }
 
-/* At the present tick, with the node's counters. */
+/* Adds an event at the present tick, with the node's counters. */
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
 
-/* A hit of a rule that is not quiet. */
+/* Adds the hit of a rule that is not quiet. */
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
 
-/* side: where the frame was going, onto the bus or to the host. */
+/* Adds the drop of a frame and counts it. side: the way of the frame, onto the bus or to the
+ * host. */
 void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, cw_drop why,
                   uint64_t tick);
 
-/* A frame for a host; joins the newest event when that is the same frame for earlier nodes. */
+/* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
 
 /* ---- rules.c, control.c, topology.c ---------------------------------------------------------- */
 
-/* The rules get to know the bus, whose nodes are there. */
+/* Links the rules to the bus, whose nodes must exist. */
 void cw_link_rules(cw_bus *bus, uint64_t seed);
 
-/* What a rule does to the controllers that it names, at once. */
+/* Does the action of a rule to the controllers that it names, at once. */
 void cw_control_nodes(cw_bus *bus, const cw_rule *rule);
 
-/* Puts nodes off the bus or onto wires of their own, and forbids acknowledging, as the active
- * rules and the hosts say; and undoes it. */
+/* Takes nodes off the bus, puts them onto wires of their own and forbids acknowledging, by the
+ * active rules and the hosts; or undoes that. */
 void cw_apply_topology(cw_bus *bus);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
@@ -227,13 +230,13 @@ void cw_apply_topology(cw_bus *bus);
 void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
                     unsigned source);
 
-/* The tick of the first frame in the inbox, or CW_NEVER. */
+/* Returns the tick of the first frame in the inbox, or CW_NEVER. */
 static inline uint64_t cw_inbox_first(const cw_bus *bus)
 {
     return bus->inbox.next;
 }
 
-/* The frames that were handed in before tick, of which there are some. */
+/* Takes the frames that were handed in before tick, at least one, from the inbox. */
 void cw_take_inbox(cw_bus *bus, uint64_t tick);
 
 static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
@@ -242,18 +245,18 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
         cw_take_inbox(bus, tick);
 }
 
-/* What is due for a node now: its frames that were handed in, its restart. */
+/* Runs everything that is due for a node now: frames from the inbox, a restart. */
 void cw_run_due_node(cw_bus *bus, unsigned node);
 
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
-/* To be called when the frame that goes first at a node may be another one. */
+/* Call it when the first frame of a node's queue may have changed. */
 void cw_queue_changed(cw_bus *bus, unsigned node);
 
 void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
 
-/* When a node in bus-off restarts by itself: restart_ticks after bus-off, not before now; or
- * CW_NEVER (R12). */
+/* Returns the tick at which a node in bus-off restarts by itself: restart_ticks after bus-off, not
+ * before now; or CW_NEVER (R12). */
 uint64_t cw_automatic_restart(const cw_bus *bus, unsigned node);
 
 void cw_find_next_restart(cw_bus *bus);
@@ -264,14 +267,15 @@ bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
 
 void cw_count_clean_bits_now(cw_bus *bus);
 
-/* Bits of clean frames go to the statistics; before others are counted, or somebody reads them. */
+/* Adds the bits of clean frames to the statistics. Call it before other bits are counted or the
+ * statistics are read. */
 static inline void cw_count_clean_bits(cw_bus *bus)
 {
     if (bus->clean_bits)
         cw_count_clean_bits_now(bus);
 }
 
-/* All bits so far, and the busy ones of them, with those that are not in the statistics yet. */
+/* Return all bits so far, and the busy bits, with those that are not in the statistics yet. */
 static inline uint64_t cw_bits_so_far(const cw_bus *bus)
 {
     return bus->stats.bits + bus->clean_bits;
@@ -284,38 +288,40 @@ static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
 
 /* ---- memory.c -------------------------------------------------------------------------------- */
 
-/* Room in the queue of a node: for what its configuration and rules from the start may set. */
+/* Returns the room in a node's queue: enough for the settings of its configuration and of the rules
+ * from the start. */
 uint16_t cw_queue_room(const cw_bus_config *config, unsigned node);
 
 /* ---- step/bit.c ------------------------------------------------------------------------------ */
 
-/* Simulates the bit that comes next. */
+/* Simulates the next bit. */
 void cw_step_bit(cw_bus *bus);
 
-/* The frame of a node's queue that goes first, or the one in a slot, encoded and ready to be
+/* Encode the first frame of a node's queue, or the frame in a slot, and make it ready to be
  * sent. */
 void cw_offer_first(bus_node *node);
 void cw_offer_slot(bus_node *node, uint16_t slot);
 
-/* A node begins to transmit the frame of its offered slot; rules may make its CRC wrong. */
+/* Binds rules when a node begins to transmit the frame of its offered slot; they may make its CRC
+ * wrong. */
 void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* The levels of the bit in progress, from what is driven. */
+/* Finds the levels of the bit in progress from those that are driven. */
 void cw_find_levels(cw_bus *bus, cw_levels *levels);
 
 /* Simulates the bit in progress, whose levels have been found. */
 void cw_step_with(cw_bus *bus, const cw_levels *levels);
 
-/* Load and flags, by what the nodes are doing in the next bit and those that go with it. */
+/* Counts load and flags for the next bit, and for as many equal ones as are taken with it. */
 void cw_watch_wire(cw_bus *bus, uint64_t bits);
 
 /* ---- step/run.c ------------------------------------------------------------------------------ */
 
-/* The level of the wire as long as nobody begins or ends to drive it. */
+/* Returns the level of the wire as long as no node changes its own level. */
 bool cw_held_level(const cw_bus *bus);
 
-/* Bits up to tick in which the wire keeps that level, no controller does anything new, and nothing
- * comes in; 0 when the next one is to be simulated. */
+/* Returns the bits up to tick in which the wire keeps that level, no controller does anything new,
+ * and nothing comes in. Returns 0 when the next bit must be simulated. */
 uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick);
 
 /* Takes that many bits at once. */
@@ -323,45 +329,45 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
 
 /* ---- step/frame*.c --------------------------------------------------------------------------- */
 
-/* Goes on with the frame step that is under way, or begins one: with the frame that comes next, or
- * amid one that has begun bit by bit. Goes as far as the end of the frame, the next moment at which
- * something happens, or tick; at least one bit lies before tick. False, with nothing done: bits are
- * to be simulated singly. */
+/* Continues the frame step that is under way, or begins one. A step begins with the next frame, or
+ * within a frame that has begun bit by bit. It goes as far as the end of the frame, the next moment
+ * at which something happens, or tick. At least one bit must lie before tick. Returns false, with
+ * nothing done, when bits must be simulated singly. */
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
-/* Ends the frame step that is under way, if there is one: puts all controllers where they are by
- * now. Public calls do so before they do anything to a controller, and time does before rules and
- * restarts that are due; nobody else. */
+/* Ends the frame step that is under way, if there is one: moves all controllers to their present
+ * points. Public calls do so before they change a controller, and time does so before due rules and
+ * restarts; nothing else does. */
 void cw_wake_controllers(cw_bus *bus);
 
-/* In a frame step a node is about to get a frame to send. */
+/* Tells the frame step that a node is about to get a frame to send. */
 void cw_frame_step_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
 
 /* Returns the nodes whose losses have been counted beforehand and have not come to pass. */
 uint64_t cw_losses_ahead(const cw_bus *bus);
 
-/* In a frame step: recessive bits up to now, and bits until the next event. */
+/* Return, in a frame step, the recessive bits up to now and the bits until the next event. */
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
 /* ---- step/shared.c --------------------------------------------------------------------------- */
 
-/* The controller of a node, shared or its own. */
+/* Returns the controller of a node, shared or its own. */
 const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
 
-/* The node's own controller, to do something to it; controllers must be awake. */
+/* Returns the node's own controller, to change it; controllers must be awake. */
 cw_mac *cw_own_mac(cw_bus *bus, unsigned node);
 
-/* These nodes have controllers of their own from now on. */
+/* Gives these nodes their own controllers from now on. */
 void cw_leave(cw_bus *bus, uint64_t nodes);
 
-/* The node becomes a follower if it is where the others are. */
+/* Makes the node a follower if it is at the point of the others. */
 void cw_join(cw_bus *bus, unsigned node);
 
-/* Followers that sample another level than most of them leave. */
+/* Makes followers leave that sample another level than most followers. */
 void cw_split_followers(cw_bus *bus, uint64_t levels);
 
-/* Ends the bit for all followers, which see the same level. Returns whether there is anything to
+/* Ends the bit for all followers, which see the same level. Returns true when there is a report to
  * commit. */
 bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 
@@ -370,39 +376,41 @@ bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 /* Notes the bit in progress, after all nodes drove and before they sample. */
 void cw_view_note(cw_bus *bus, const cw_levels *levels);
 
-/* Whether the last bit has been noted, and was one of an idle bus that nothing acts on, and whether
- * all nodes are where they were in it. */
+/* Returns true when the last bit has been noted as one of an idle bus that nothing acts on. All
+ * nodes must still be as they were in it. */
 bool cw_view_is_quiet(const cw_bus *bus);
 
 /* ---- commit.c -------------------------------------------------------------------------------- */
 
-/* Events and statistics of one node at the end of a bit, in the order of cw_event_kind. */
+/* Makes the events and statistics of one node at the end of a bit, in the order of
+ * cw_event_kind. */
 void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
-/* The node has lost arbitration at a bit with the frame of its offered slot. */
+/* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
-/* The node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
+/* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
 void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 
-/* The node has received a frame. */
+/* Commits that the node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Nodes, at least one, have received the frame of a sender as it was sent, so many bytes of data,
- * and nothing acts on it on the host side. The caller fills the frame into the event. */
+/* Commits that some nodes, at least one, have received the frame of a sender as it was sent, with
+ * so many bytes of data. Nothing acts on it on the host side. The caller fills the frame into the
+ * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
-/* Whether a frame may be more to its receivers than an event. */
+/* Returns true when a received frame may be more than an event to its receivers. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
     return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count;
 }
 
-/* Followers have received a frame in this bit, and nobody else has anything to tell. Returns
- * whether that could be done for all of them at once. */
+/* Commits that followers have received a frame in this bit, when no other node has a report.
+ * Returns true when that was possible for all of them at once. */
 bool cw_commit_reception(cw_bus *bus);
 
-/* A state that has changed since it was last told. */
+/* Reports a state that has changed since the last report. */
 void cw_tell_new_state(cw_bus *bus, unsigned node);
 
 static inline void cw_tell_state(cw_bus *bus, unsigned node)

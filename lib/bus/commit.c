@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * commit.c - what the controllers report at the end of a bit, as events and statistics.
+ * commit.c - turns the reports of the controllers at the end of a bit into events and statistics.
  */
 #include "bus/bus_private.h"
 
-/* The slot's contents stay readable until the next frame is put in. */
+/* Returns the offered slot, whose contents stay readable until the next frame is put in. */
 static const cw_queue_slot *offered_slot(const bus_node *n)
 {
     return &n->queue.slots[n->offered_slot];
@@ -34,7 +34,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     e->handed_in = slot->handed_in;
 }
 
-/* A frame that is given up, by a one-shot node. */
+/* Commits that a one-shot node has given up its frame. */
 static void commit_given_up(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
@@ -62,7 +62,8 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
     cw_rules_error(&bus->rules, i, e);
 }
 
-/* A frame accepted with a content that none of its transmitters sent (section 6 of RULES.md). */
+/* Returns true when the accepted content is none that a transmitter sent (section 6 of
+ * RULES.md). */
 static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
 {
     bool sent = false;
@@ -77,8 +78,8 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
-/* Whose frame it is that a node has just got: of those on its wire, perhaps with an error in this
- * very bit, so that they do not send any more. */
+/* Returns the senders of the frame that a node has just received. They are on its wire. An error in
+ * this very bit may have stopped them, so they need not be sending any more. */
 static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
 {
     uint64_t self = cw_node_bit(receiver);
@@ -172,7 +173,7 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
 
 void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
-    /* what bus-off takes back stays in the queue: it is dropped at the restart, with all others */
+    /* the frame that bus-off takes back stays in the queue; the restart drops it with all others */
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         commit_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)

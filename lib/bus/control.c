@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * control.c - what fault rules do to controllers, at once.
+ * control.c - the actions of fault rules on controllers, done at once.
  */
 #include "bus/bus_private.h"
 
@@ -17,7 +17,7 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
     cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }
 
-/* In bus-off the queue alone has the frame that was on offer, until the restart. */
+/* In bus-off the offered frame is only in the queue, until the restart. */
 static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
 {
     (void)cw_mac_set_counters(mac, tec, rec);

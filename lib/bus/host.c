@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * host.c - what the hosts of the nodes do: frames handed in, restart, settings.
+ * host.c - the actions of the nodes' hosts: frames handed in, restart, settings.
  */
 #include "bus/bus_private.h"
 
@@ -20,7 +20,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
     bus->arbiter.stale |= cw_node_bit(i);
 }
 
-/* Why a node cannot take a frame now; CW_DROP_COUNT when it can. */
+/* Returns the reason why a node cannot take a frame now; CW_DROP_COUNT when it can. */
 static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     const bus_node *n = &bus->nodes[i];
@@ -101,8 +101,8 @@ static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
     return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
 }
 
-/* Whether nothing comes before a frame for now: neither frames nor what rules and nodes are to do
- * at this tick. */
+/* Returns true when nothing comes before a frame for now: no other frame, and nothing that rules
+ * and nodes do at this tick. */
 static bool is_next(const cw_bus *bus)
 {
     return bus->inbox.count == 0 && bus->rules.next_due > cw_now(bus) &&
@@ -110,8 +110,9 @@ static bool is_next(const cw_bus *bus)
            bus->rules.traffic_rules == 0 && bus->rules.held_count == 0;
 }
 
-/* Such a frame needs no place in the inbox. False, with nothing done, when it does: or when it
- * would be dropped, since events come only while the bus advances. */
+/* Queues a frame for now that needs no place in the inbox. Returns false, with nothing done, when
+ * the frame needs one. Returns false also when it would be dropped, since events come only while
+ * the bus advances. */
 static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     if (!is_next(bus) || refusal(bus, i, frame) != CW_DROP_COUNT)
@@ -180,7 +181,7 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
     return bus->inbox.capacity - bus->inbox.count;
 }
 
-/* The earliest frame of the inbox: rules on the host side first, then the queue. */
+/* Takes the earliest frame of the inbox: rules on the host side see it first, then it is queued. */
 static void take_first(cw_bus *bus)
 {
     inbox *box = &bus->inbox;
@@ -250,7 +251,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
 
 /* ---- On and off the bus ---------------------------------------------------------------------- */
 
-/* As when it is stopped, and started again: whatever rules did to it meanwhile is gone. */
+/* Resets the controller as at a stop and start: all that rules did to it meanwhile is gone. */
 static void reset_controller(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];

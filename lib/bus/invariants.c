@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * invariants.c - what is true of a bus between any two steps.
+ * invariants.c - asserts the invariants of a bus between any two steps.
  *
- * Sums that are kept are those of their parts, what is remembered of the nodes is what a look at
- * them says, and nodes that share a controller may do so.
+ * Stored sums equal the sums of their parts. Stored properties of nodes equal those that a look at
+ * the nodes finds. Nodes that share a controller may do so.
  */
 #include "bus/invariants.h"
 
@@ -13,7 +13,7 @@
 
 #include <assert.h>
 
-#define EVENTS_CHECKED 8u /* newest ones, at each step */
+#define EVENTS_CHECKED 8u /* the newest events, at each step */
 
 static bool is_subset(uint64_t part, uint64_t whole)
 {
@@ -80,9 +80,9 @@ static void assert_wires(const cw_bus *bus)
     assert(is_subset(bus->all, seen));
 }
 
-/* ---- What is shared and remembered ----------------------------------------------------------- */
+/* ---- Shared and stored state ----------------------------------------------------------------- */
 
-/* A follower's own controller looks idle, and nothing about it is other than with its like. */
+/* A follower's own controller looks idle, and nothing about it differs from other followers. */
 static void assert_followers(const cw_bus *bus)
 {
     assert(is_subset(bus->followers, bus->all) && (!bus->stepping || bus->followers == 0));
@@ -95,7 +95,7 @@ static void assert_followers(const cw_bus *bus)
     }
 }
 
-/* In a frame step the controllers rest, and the frame is where it can be. */
+/* In a frame step the controllers rest, and the frame is at a possible place. */
 static void assert_frame(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;

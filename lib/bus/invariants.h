@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * invariants.h - what is true of a bus between any two steps.
+ * invariants.h - asserts the invariants of a bus between any two steps.
  */
 #ifndef CANWIRE_BUS_INVARIANTS_H
 #define CANWIRE_BUS_INVARIANTS_H

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * memory.c - a bus in its caller's memory: what a configuration takes, and the bus at tick 0.
+ * memory.c - a bus in its caller's memory: its size by the configuration, and its state at tick 0.
  */
 #include "bus/bus_private.h"
 
 #include <assert.h>
 #include <string.h>
 
-/* ---- Whether the configuration is valid ------------------------------------------------------ */
+/* ---- Validity of the configuration ----------------------------------------------------------- */
 
 static bool node_config_valid(const cw_node_config *c)
 {
@@ -26,7 +26,7 @@ static bool config_valid(const cw_bus_config *c)
     return true;
 }
 
-/* Where things lie in the caller's memory. With base NULL only the size is counted. */
+/* The layout of the caller's memory. With base NULL only the size is counted. */
 typedef struct arena {
     unsigned char *base;
     size_t used;

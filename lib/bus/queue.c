@@ -30,8 +30,8 @@ static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
     return q->mode == CW_ORDER_PRIORITY ? priority_key(frame) : 0;
 }
 
-/* Where a new frame goes: behind all that are at least as urgent. A binary search in which only the
- * number of frames decides on branches, since the processor cannot foresee keys. */
+/* Finds the place of a new frame: after all that are at least as urgent. In this binary search only
+ * the number of frames decides on branches, since the processor cannot foresee keys. */
 static unsigned find_place(const cw_queue *q, uint32_t key)
 {
     unsigned place = 0;
@@ -51,7 +51,7 @@ bool cw_queue_goes_first(const cw_queue *q, const cw_frame *frame)
     return q->count == 0 || q->order[q->count - 1].key > place_key(q, frame);
 }
 
-/* The length is found here, where nothing waits for it, and not when the frame's turn comes. */
+/* Finds the length here, where nothing waits for it, and not at the frame's turn. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
 {
     if (q->count == q->capacity)
@@ -69,7 +69,7 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     return true;
 }
 
-/* Far fewer frames wait than there are numbers. */
+/* The comparison holds since far fewer frames wait than there are numbers. */
 static bool came_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
 {
     return (int32_t)(q->slots[a->slot].number - q->slots[b->slot].number) > 0;
@@ -97,7 +97,7 @@ void cw_queue_remove(cw_queue *q, uint16_t slot)
 {
     assert(q->count > 0);
     unsigned last = --q->count;
-    unsigned place = last; /* mostly it is the one that goes first */
+    unsigned place = last; /* mostly the frame that goes first is removed */
     while (q->order[place].slot != slot) {
         assert(place > 0);
         place--;

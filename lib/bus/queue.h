@@ -2,8 +2,8 @@
  *
  * queue.h - the transmit queue of a node: bounded, by priority or first in first out.
  *
- * Equal identifiers stay in the order in which they came and none is merged. Memory is the
- * caller's. A slot keeps its number while its frame waits or is being sent.
+ * Frames of equal identifiers stay in the order in which they came, and none is merged. Memory is
+ * the caller's. A slot keeps its number while its frame waits or is being sent.
  */
 #ifndef CANWIRE_QUEUE_H
 #define CANWIRE_QUEUE_H
@@ -15,11 +15,11 @@
 typedef struct cw_queue_slot {
     cw_frame frame;
     uint64_t handed_in; /* tick */
-    uint32_t number;    /* of the put: the order in which they came */
+    uint32_t number;    /* number of the put: the order in which frames came */
     uint16_t source;    /* for the owner: 0 after a put */
     uint8_t wire_bits;  /* of the frame, SOF to EOF */
     uint8_t bytes;      /* of its data field */
-    bool tried;         /* ... a transmission has begun; false after a put */
+    bool tried;         /* a transmission has begun; false after a put */
 } cw_queue_slot;
 
 /* A slot in use, or a free one. */
@@ -30,7 +30,8 @@ typedef struct cw_queue_place {
 
 typedef struct cw_queue {
     cw_queue_slot *slots; /* capacity of them */
-    cw_queue_place *order; /* the first count: slots in use, next one last; then the free ones */
+    cw_queue_place *order; /* the first `count` are slots in use, the next one to go last; the rest
+                              are free */
     uint32_t puts;   /* modulo 2^32 */
     uint16_t count;
     uint16_t capacity;
@@ -41,23 +42,23 @@ typedef struct cw_queue {
 void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode);
 
-/* The frame must be valid. False when the queue is full. */
+/* Puts a frame, which must be valid, into the queue. Returns false when the queue is full. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
 
 /* Returns true when this frame would be the next one to go. */
 bool cw_queue_goes_first(const cw_queue *q, const cw_frame *frame);
 
-/* Sorts what waits anew; equal ones stay in the order in which they came. */
+/* Sorts the waiting frames anew; equal ones stay in the order in which they came. */
 void cw_queue_set_order(cw_queue *q, cw_order mode);
 
-/* The slot that goes n-th, from 0; n < count. */
+/* Returns the slot that goes n-th, from 0; n < count. */
 static inline uint16_t cw_queue_nth(const cw_queue *q, unsigned n)
 {
     assert(n < q->count);
     return q->order[q->count - 1u - n].slot;
 }
 
-/* The slot that goes first; the queue must not be empty. */
+/* Returns the slot that goes first; the queue must not be empty. */
 static inline uint16_t cw_queue_first(const cw_queue *q)
 {
     return cw_queue_nth(q, 0);

@@ -3,7 +3,7 @@
  * ring.c - the ring of events: bounded, nothing lost, in the order of time, then faults before
  * nodes, nodes in their order, and kinds (see cw_event_kind).
  *
- * Before each bit the bus asks for room for the worst that can happen in it.
+ * Before each bit the bus asks for room for the worst case of that bit.
  */
 #include "bus/bus_private.h"
 
@@ -13,7 +13,8 @@
 /* Events that one node can have in one bit besides drops of frames. */
 #define EVENTS_PER_NODE 8u
 
-/* Of a bit before which so many frames are in queues, in the inbox and in the hands of rules. */
+/* Returns the most events of a bit, with so many frames in queues, in the inbox and held by
+ * rules. */
 static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
     const cw_rule_set *set = &bus->rules;
@@ -33,8 +34,8 @@ bool cw_ring_has_room_now(const cw_bus *bus)
 {
     uint64_t worst = worst_bit(bus, bus->queued, bus->inbox.count, bus->rules.held_count);
     uint64_t room = bus->ring.capacity - bus->ring.count;
-    /* rules on the host side may want more than there is at all; then the ring is emptied first,
-     * and what does not fit even so is counted as lost */
+    /* rules on the host side may need more room than the ring has. Then the ring is emptied first,
+     * and events that still do not fit are counted as lost */
     return room >= worst || bus->ring.count == 0;
 }
 
@@ -63,8 +64,8 @@ static uint64_t lowest(uint64_t nodes)
     return nodes & (~nodes + 1);
 }
 
-/* Those nodes of an event for which it comes behind one of another kind, for other nodes, at the
- * same tick: nodes in their order, then kinds. */
+/* Returns those nodes of an event that come after an event of the given kind and nodes at the same
+ * tick. Nodes come in their order, then kinds. */
 static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nodes)
 {
     uint64_t self = lowest(nodes);
@@ -72,8 +73,8 @@ static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nod
     return e->nodes & (e->kind > kind ? higher | self : higher);
 }
 
-/* Those for which it comes behind a new one: faults come first, in the order of the rules.
- * UINT64_MAX: all of it. */
+/* Returns those nodes of an event that come after a new one. Faults come first, in the order of the
+ * rules. UINT64_MAX: the whole event. */
 static uint64_t part_behind(const cw_event *e, const cw_event *added)
 {
     if (e->tick != added->tick)
@@ -89,7 +90,8 @@ static void open_gap(event_ring *ring, unsigned place)
         *event_at(ring, i) = *event_at(ring, i - 1);
 }
 
-/* Where a new event belongs. One for several nodes becomes two when it has to come in between. */
+/* Finds the place of a new event. Splits an event for several nodes in two when the new one comes
+ * in between. */
 static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
@@ -129,7 +131,8 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
     return event_at(ring, place);
 }
 
-/* In two halves: compilers clear as much as that with a few wide stores, and more in a slow way. */
+/* Clears in two halves: compilers clear that much with a few wide stores, and more in a slow
+ * way. */
 static inline void clear(cw_event *event)
 {
     const size_t half = sizeof *event / 2;
@@ -137,7 +140,7 @@ static inline void clear(cw_event *event)
     memset((unsigned char *)event + half, 0, sizeof *event - half);
 }
 
-/* Whether the newest event comes behind one that is no fault. */
+/* Returns true when the newest event comes after a new one that is no fault. */
 static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t tick,
                                 uint64_t nodes)
 {
@@ -145,7 +148,7 @@ static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t t
            nodes_behind(newest_event(ring), kind, nodes);
 }
 
-/* The usual case: it comes behind all that are there. NULL when it does not. */
+/* The usual case: adds an event after all others. Returns NULL when it does not belong there. */
 static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     event_ring *ring = &bus->ring;
@@ -161,7 +164,7 @@ static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t
     return added;
 }
 
-/* The rare case; apart, so that the usual one needs no room for an event. */
+/* The rare case, in a function of its own so that the usual one needs no room for an event. */
 static __attribute__((noinline)) cw_event *insert_new(cw_bus *bus, cw_event_kind kind,
                                                       uint64_t tick, uint64_t nodes)
 {
@@ -251,6 +254,6 @@ void cw_bus_take(cw_bus *bus, unsigned count)
     assert(count <= ring->count && count <= ring->capacity - ring->first);
     ring->count -= count;
     ring->first += count;
-    if (ring->count == 0 || ring->first == ring->capacity) /* an empty one stays in the cache */
+    if (ring->count == 0 || ring->first == ring->capacity) /* an empty ring stays in the cache */
         ring->first = 0;
 }

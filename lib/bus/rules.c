@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * rules.c - the rules of a bus: how they come and go, what they see of it, what they have it do.
+ * rules.c - the rules of a bus: adds and removes them, and links them to the bus.
  */
 #include "bus/bus_private.h"
 
-/* ---- What rules have the bus do -------------------------------------------------------------- */
+/* ---- Effects of rules on the bus ------------------------------------------------------------- */
 
 static void drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, uint64_t tick)
 {
@@ -77,7 +77,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
                                                : CW_INVALID;
     if (status != CW_OK)
         return status;
-    cw_wake_controllers(bus); /* it went by the rules that there were */
+    cw_wake_controllers(bus); /* a frame step in progress relies on the rules from before */
     cw_rules_add(&bus->rules, place, rule);
     cw_ring_find_enough(bus);
     *index = place;
@@ -93,7 +93,7 @@ cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index)
     return CW_OK;
 }
 
-/* Frames of its traffic that still wait must not be taken for those of a later rule. */
+/* Disowns waiting frames of the rule's traffic, so that they do not count for a later rule. */
 static void disown_frames(cw_bus *bus, unsigned rule)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {

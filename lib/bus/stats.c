@@ -65,7 +65,7 @@ void cw_load_init(cw_load *load, cw_rate rate)
     load->slice_left = load->slice_bits;
 }
 
-/* The slice is full; whole slices without anything busy are passed over at once. */
+/* Begins the next slice when one is full; skips whole slices without busy bits at once. */
 static void next_slices(cw_load *load, uint64_t number)
 {
     uint64_t passed = number < CW_LOAD_SLICES ? number : CW_LOAD_SLICES;

@@ -16,14 +16,15 @@ typedef struct cw_load {
     uint64_t slice_bits;  /* bits of one slice, at least 1 */
     uint64_t bits;        /* bits seen */
     uint64_t slice_left;   /* bits that the present slice still takes */
-    uint64_t slice_number; /* of the present slice since bit 0 */
+    uint64_t slice_number; /* number of the present slice since bit 0 */
     unsigned slice;        /* its place: slice_number % CW_LOAD_SLICES */
     uint32_t busy[CW_LOAD_SLICES];
 } cw_load;
 
 void cw_load_init(cw_load *load, cw_rate rate);
 
-/* Adds bits that are all busy or all not, more than the present slice takes, but for load->bits. */
+/* Adds bits, all busy or all not, that the present slice cannot take alone. The caller adds them to
+ * load->bits. */
 void cw_load_add_slices(cw_load *load, uint64_t bits, bool busy);
 
 /* Adds bits that are all busy or all not. */

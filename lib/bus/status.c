@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * status.c - what can be read of a bus: time, statistics, and when something will happen next.
+ * status.c - reads the state of a bus: time, statistics, and the tick of the next event.
  */
 #include "bus/bus_private.h"
 
@@ -37,13 +37,13 @@ bool cw_bus_idle(const cw_bus *bus)
     return !busy;
 }
 
-/* When nobody knows when a frame or a flag ends, look again after this many bits; when faults
- * are at work on the wire, after more. */
+/* When the end of a frame or a flag is unknown, look again after this many bits. When faults act on
+ * the wire, look again after more bits. */
 #define LOOK_AGAIN_BITS 6u
-#define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* they may send, too */
+#define LOOK_AT_FAULTS_BITS (CW_FRAME_BITS_MIN - 1) /* faults may send, too */
 
-/* Whether a node may read on in a frame whose transmitters have left it, with a passive flag. Who
- * sends on another wire, or in loopback, does not send that frame. */
+/* Returns true when a node may still read a frame whose transmitters have left it with a passive
+ * flag. A node that sends on another wire, or in loopback, does not send that frame. */
 static bool is_orphaned(const cw_bus *bus)
 {
     bool read = bus->followers && bus->common.phase == CW_MAC_FRAME;
@@ -57,7 +57,7 @@ static bool is_orphaned(const cw_bus *bus)
     return read;
 }
 
-/* Bits until a controller may have something to report. */
+/* Returns the bits until a controller may have something to report. */
 static uint64_t horizon(const cw_bus *bus)
 {
     uint64_t bits = CW_QUIET_FOREVER;
@@ -73,14 +73,13 @@ static uint64_t horizon(const cw_bus *bus)
     return bits;
 }
 
-/* Whether the controller does nothing by itself until it is idle, or gets a frame. */
+/* Returns true when the controller does nothing by itself until it is idle, or gets a frame. */
 static bool comes_to_rest(const cw_mac *m)
 {
     return !cw_mac_is_busy(m) || (m->phase == CW_MAC_INTERMISSION && m->overloads_wanted == 0);
 }
 
-/* Whether all of them do, after a frame. In a frame step the ends of its frame are
- * known. */
+/* Returns true when all controllers come to rest so. A frame step knows the ends of its frame. */
 static bool bus_comes_to_rest(const cw_bus *bus)
 {
     bool rests = !bus->followers || comes_to_rest(&bus->common);

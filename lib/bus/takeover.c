@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * takeover.c - a bus goes on as another one with other nodes and rules, to reload a configuration.
+ * takeover.c - continues a bus as another one with other nodes and rules, to reload a
+ * configuration.
  */
 #include "bus/bus_private.h"
 
 #include "mac/confinement.h"
 
-/* On the wire, or to be tried again after the error that is being signalled. */
+/* Returns true when the frame is on the wire, or will be tried again after the error being
+ * signalled. */
 static bool has_begun(const cw_mac *m)
 {
     return m->offered && m->role == CW_ROLE_TRANSMITTER;
@@ -28,7 +30,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
     cw_queue_changed(bus, i);
 }
 
-/* A frame that has begun has a place in any case. */
+/* A frame that has begun gets a place in any case. */
 static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
 {
     bool begun = has_begun(&old->mac);
@@ -39,7 +41,7 @@ static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
             take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k));
 }
 
-/* As cw_node_set() would do it. */
+/* Applies settings as cw_node_set() would. */
 static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
 {
     static const cw_settings no_change = {.which = CW_SET_MODES};
@@ -52,7 +54,7 @@ static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
         (void)cw_node_set(bus, i, &no_change);
 }
 
-/* State and counters of the old node, settings of the new one. */
+/* Takes state and counters of the old node, and settings of the new one. */
 static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
 {
     bus_node *n = &bus->nodes[i];
@@ -80,7 +82,7 @@ static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
     }
 }
 
-/* Nodes of the old bus as nodes of the new one, without those that are no more. */
+/* Returns nodes of the old bus as nodes of the new one, without those that no longer exist. */
 static uint64_t renumber(uint64_t nodes, const uint8_t *to)
 {
     uint64_t renumbered = 0;
@@ -90,7 +92,7 @@ static uint64_t renumber(uint64_t nodes, const uint8_t *to)
     return renumbered;
 }
 
-/* What rules held back goes on its way: those rules are no more. */
+/* Releases the frames that old rules held back: those rules no longer exist. */
 static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->rules.held_count; i++) {

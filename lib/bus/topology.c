@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * topology.c - who is on which wire, and who acknowledges, by rules and hosts.
+ * topology.c - the wire of each node, and the nodes that acknowledge, by rules and hosts.
  */
 #include "bus/bus_private.h"
 

@@ -6,7 +6,7 @@
 
 #include "format/parts.h"
 
-/* M1, M6: the bit in which a node that waits takes a dominant level for a SOF. */
+/* M1, M6: returns true in the bit in which a waiting node takes a dominant level for a SOF. */
 static bool takes_sof(const cw_mac *m, bool level)
 {
     if (level)
@@ -25,7 +25,7 @@ static void note_place(cw_bit_node *n, const cw_mac *m, bool level)
                            .role = (cw_role)m->role};
 }
 
-/* Rules may cut or mend the bus at the end of the bit. */
+/* Notes the wires now, since rules may cut or mend the bus at the end of the bit. */
 static void note_wires(cw_bus *bus)
 {
     bus->note.wire_count = bus->group_count;
@@ -52,7 +52,7 @@ static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
     note_place(&note->nodes[i], m, level);
 }
 
-/* Those that follow one controller are in one place, unless their levels differ. */
+/* Nodes that follow one controller are at one place, unless their levels differ. */
 static void note_followers(cw_bus *bus, const cw_levels *levels)
 {
     bit_note *note = &bus->note;
@@ -94,7 +94,8 @@ static const cw_bit_node *noted(const bit_note *note, unsigned i)
     return &note->nodes[note->alike >> i & 1u ? cw_lowest_node(note->alike) : i];
 }
 
-/* A phase that goes on, without a word, until something comes from outside or is reported. */
+/* Returns true for a phase that goes on, without a report, until something comes in or is
+ * reported. */
 static bool is_quiet_phase(unsigned phase)
 {
     return phase == CW_MAC_IDLE || phase == CW_MAC_OFF || phase == CW_MAC_BUS_OFF ||
