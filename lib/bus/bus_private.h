@@ -134,7 +134,7 @@ struct cw_bus {
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
     bool news; /* pending: a rule or a setting has changed something at a controller */
-    cw_event unwanted_event; /* written to when nobody wants it */
+    cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     cw_rule_set rules;
@@ -343,7 +343,7 @@ void cw_wake_controllers(cw_bus *bus);
 /* Tells the frame step that a node is about to get a frame to send. */
 void cw_frame_step_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
 
-/* Returns the nodes whose losses have been counted beforehand and have not come to pass. */
+/* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
 uint64_t cw_losses_ahead(const cw_bus *bus);
 
 /* Return, in a frame step, the recessive bits up to now and the bits until the next event. */

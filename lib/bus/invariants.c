@@ -69,7 +69,7 @@ static void assert_sums(const cw_bus *bus)
     assert(is_subset(bus->removed, bus->detached) && is_subset(bus->detached, bus->all));
 }
 
-/* The wires of a bus are sets of nodes of which each one is in one. */
+/* Asserts that each node is on exactly one wire. */
 static void assert_wires(const cw_bus *bus)
 {
     uint64_t seen = 0;

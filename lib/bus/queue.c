@@ -18,8 +18,8 @@ void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uin
         order[i].slot = i;
 }
 
-/* The identifier as arbitration sees it: base id, then IDE, then the extension. RTR does not count,
- * so that a remote and a data frame of one identifier stay in order. */
+/* Returns the identifier as arbitration sees it: base id, then IDE, then the extension. RTR does
+ * not count, so that a remote and a data frame of one identifier stay in order. */
 static uint32_t priority_key(const cw_frame *frame)
 {
     return cw_key_with_rtr(frame, CW_DOMINANT);

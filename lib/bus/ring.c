@@ -148,7 +148,8 @@ static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t t
            nodes_behind(newest_event(ring), kind, nodes);
 }
 
-/* The usual case: adds an event after all others. Returns NULL when it does not belong there. */
+/* Adds an event after all others, which is the usual case. Returns NULL when it does not belong
+ * there. */
 static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     event_ring *ring = &bus->ring;
@@ -164,7 +165,8 @@ static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t
     return added;
 }
 
-/* The rare case, in a function of its own so that the usual one needs no room for an event. */
+/* Adds an event in the rare case. It is a function of its own, so that the usual case needs no room
+ * for an event. */
 static __attribute__((noinline)) cw_event *insert_new(cw_bus *bus, cw_event_kind kind,
                                                       uint64_t tick, uint64_t nodes)
 {

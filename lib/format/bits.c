@@ -79,7 +79,7 @@ bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned 
     return find_unstuffed(n, cw_frame_is_extended(frame), 8 * cw_frame_length(frame), field, index);
 }
 
-/* Each stuff bit at or before the bit makes it come one bit later. */
+/* Adds one for each stuff bit at or before the bit. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
 {
     unsigned n = u;

@@ -20,7 +20,7 @@ static inline uint64_t cw_node_bit(unsigned i)
     return UINT64_C(1) << i;
 }
 
-/* The set must not be empty. */
+/* Returns the lowest node of a set that is not empty. */
 static inline unsigned cw_lowest_node(uint64_t nodes)
 {
     return (unsigned)__builtin_ctzll(nodes);

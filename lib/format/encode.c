@@ -105,7 +105,7 @@ static inline unsigned crc_of(const uint8_t bytes[PLAIN_BYTES])
 /* Lays out the bytes, with some bits of the CRC inverted. Returns the CRC. */
 static inline unsigned lay_out(plain_bytes *plain, const content *c, unsigned inverted)
 {
-    const unsigned behind = 8 * c->length + CW_CRC_BITS; /* bits behind the head */
+    const unsigned behind = 8 * c->length + CW_CRC_BITS; /* bits after the head */
     uint64_t low = c->data << CW_CRC_BITS;
     uint64_t high = c->data >> (64 - CW_CRC_BITS);
     low |= behind < 64 ? c->head.number << behind : 0;

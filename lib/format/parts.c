@@ -23,8 +23,8 @@
     [CW_PART_##part] = {CW_FIELD_##field, index, bits, CW_EFFECT_##effect, flags, next}
 
 /* The IDE belongs to the arbitration field of an extended frame alone. It is recessive there. In a
- * base frame it is dominant, so that nobody can lose by it. Receivers take SRR, r1 and r0 at either
- * level (F5). */
+ * base frame it is dominant, so that no node can lose arbitration by it. Receivers take SRR, r1 and
+ * r0 at either level (F5). */
 const cw_part_info cw_parts[CW_PART_COUNT] = {
     ROW(SOF, SOF, 0, 1, HEADER, NONE, ALWAYS(BASE_ID)),
     ROW(BASE_ID, ID, 0, BASE_ID_BITS, ARBITRATION, TAKE_ID, ALWAYS(SRR_RTR)),

@@ -15,25 +15,25 @@
 #define CW_TEC_MAX 263u       /* the highest value that bus-off can leave (R10) */
 #define CW_REC_MAX 255u       /* R8, ruling: an 8-bit counter */
 
-/* TEC = REC = 0, error active; also after bus-off (R12). */
+/* Sets TEC = REC = 0, error active; also after bus-off (R12). */
 void cw_confinement_reset(cw_confinement *c);
 
-/* R3, R4, R6: TEC +8. */
+/* Adds 8 to TEC (R3, R4, R6). */
 void cw_confinement_tx_error(cw_confinement *c);
 
-/* R1 (1), R2, R5, R6 (8): REC up, saturating. */
+/* Adds 1 to REC by R1, or 8 by R2, R5 and R6; REC saturates. */
 void cw_confinement_rx_error(cw_confinement *c, unsigned increment);
 
-/* R7. */
+/* Lowers TEC after a successful transmission (R7). */
 void cw_confinement_tx_success(cw_confinement *c);
 
-/* R8. */
+/* Lowers REC after a successful reception (R8). */
 void cw_confinement_rx_success(cw_confinement *c);
 
 /* Presets both counters, within the limits above. */
 void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec);
 
-/* R13. */
+/* Sets the warning limit (R13). */
 void cw_confinement_set_warning_limit(cw_confinement *c, unsigned limit);
 
 /* R9, R11: returns true when the node sends passive error flags. */

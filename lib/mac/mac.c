@@ -122,7 +122,7 @@ static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
     r->why = (uint8_t)why;
 }
 
-/* R10: at once, whatever the controller was sending. */
+/* Goes bus-off at once, whatever the controller was sending (R10). */
 static void go_bus_off(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
@@ -279,7 +279,7 @@ bool cw_mac_in_dominant_flag(const cw_mac *m)
     return m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_OVERLOAD_FLAG;
 }
 
-/* M11, M15. */
+/* Returns true when the bus does not see the own level (M11, M15). */
 static bool is_hidden(const cw_mac *m)
 {
     return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
@@ -335,7 +335,7 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
     cw_mac_enter(m, passive ? CW_MAC_ERROR_PASSIVE : CW_MAC_ERROR_ACTIVE);
 }
 
-/* R1, R3. */
+/* Signals an error of a transmitter or receiver (R1, R3). */
 static void detect(cw_mac *m, cw_error_type type, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m))
@@ -344,7 +344,7 @@ static void detect(cw_mac *m, cw_error_type type, cw_mac_report *r)
         signal_error(m, type, false, 1, r);
 }
 
-/* R4, R5: a bit error in the own active error flag or overload flag. */
+/* Signals a bit error in the own active error flag or overload flag (R4, R5). */
 static void detect_in_flag(cw_mac *m, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m))
@@ -397,7 +397,7 @@ static void take_rtr(cw_mac *m)
         m->rx.flags |= CW_FRAME_REMOTE;
 }
 
-/* M5. Returns true when the frame goes on, as do the next functions. */
+/* Judges the own ACK slot (M5). Returns true when the frame goes on, as do the next functions. */
 static bool judge_own_ack(cw_mac *m, cw_mac_report *r)
 {
     bool no_ack_needed = m->modes & (CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK); /* M14, M15 */
@@ -421,7 +421,7 @@ static bool judge_ack(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
-/* E3. */
+/* Signals a pending CRC error (E3). */
 static bool signal_crc(cw_mac *m, cw_mac_report *r)
 {
     if (m->crc_error)
@@ -429,7 +429,7 @@ static bool signal_crc(cw_mac *m, cw_mac_report *r)
     return !m->crc_error;
 }
 
-/* M7: a receiver accepts the frame, or a transmitter in loopback does. */
+/* M7: a receiver accepts the frame; so does a transmitter in loopback. */
 static bool accept_frame(const cw_mac *m, cw_mac_report *r)
 {
     if (!cw_mac_is_transmitter(m) || (m->modes & CW_MODE_LOOPBACK))
@@ -514,7 +514,7 @@ static bool stuffs_before_rtr(const cw_mac *m)
     return cw_parts[m->before_part].field == CW_FIELD_ID;
 }
 
-/* R3 ii: a recessive stuff bit before the RTR was overwritten. */
+/* Signals that a recessive stuff bit before the RTR was overwritten (R3 ii). */
 static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
 {
     signal_error(m, CW_ERROR_STUFF, false, 0, r);
@@ -633,7 +633,7 @@ static void sample_idle(cw_mac *m, bool level, cw_mac_report *r)
         begin_reception(m, true, r);
 }
 
-/* M8. */
+/* Returns true when the controller owes suspend time (M8). */
 static bool owes_suspend(const cw_mac *m)
 {
     return cw_mac_is_transmitter(m) && cw_confinement_passive(&m->confinement);
@@ -684,14 +684,14 @@ static void sample_dominant_flag(cw_mac *m, bool level, cw_mac_report *r)
         cw_mac_end_flag(m);
 }
 
-/* A counter moves without an error of its own. */
+/* Reports that a counter moves without an error of its own. */
 static void report_tolerated(const cw_mac *m, cw_mac_report *r)
 {
     r->what |= CW_REPORT_TOLERATED;
     r->error = (cw_error){.role = (cw_role)m->role, .place = cw_mac_place(m)};
 }
 
-/* E7: six equal bits, of either level. */
+/* E7: the flag ends after six equal bits of either level. */
 static void sample_passive_flag(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (!level && m->ack_deferred) {

@@ -27,14 +27,15 @@ static unsigned flag_bits(const cw_mac *m, bool level)
     return m->count && m->last == level ? m->count : 0;
 }
 
-/* E8: a controller that waits for the delimiter takes the first bit of the delimiter next. */
+/* Returns the bits seen of the delimiter. A controller that waits for the delimiter has seen none
+ * (E8). */
 static unsigned delimiter_bits(const cw_mac *m)
 {
     bool waits = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_OVERLOAD_WAIT;
     return waits ? 0 : m->count;
 }
 
-/* For a receiver: the bits before the last one of the present part, or before a stuff bit. */
+/* Returns a receiver's bits before the last one of the present part, or before a stuff bit. */
 static uint64_t steady_frame_bits(const cw_mac *m, bool level)
 {
     if (cw_mac_is_transmitter(m) || m->may_join || !cw_mac_part_is(m, CW_PART_STUFFED) ||
@@ -45,7 +46,7 @@ static uint64_t steady_frame_bits(const cw_mac *m, bool level)
     return left < run ? left : run;
 }
 
-/* R2, R6: the bits before a dominant bit that moves a counter. */
+/* Returns the bits before a dominant bit that moves a counter (R2, R6). */
 static uint64_t tolerated_bits(const cw_mac *m)
 {
     bool first = m->count == 0 && m->phase == CW_MAC_ERROR_WAIT && !cw_mac_is_transmitter(m);
@@ -89,7 +90,7 @@ static uint64_t steady_delimiter_bits(const cw_mac *m)
     return m->overloads_wanted > 0 ? left - 1 : left + CW_INTERMISSION_BITS;
 }
 
-/* All bits but the last one of the last group. An offer is dropped at once. */
+/* Returns all bits but the last one of the last group. An offer is dropped at once. */
 static uint64_t steady_recovery_bits(const cw_mac *m)
 {
     uint64_t groups = CW_RECOVERY_GROUPS - (uint64_t)m->groups;
@@ -245,15 +246,16 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
 
 /* ---- Horizon --------------------------------------------------------------------------------- */
 
-/* For a transmitter: the last but one EOF bit, in which the receivers accept the frame, then the
- * last. */
+/* Returns a transmitter's bits up to the last but one EOF bit, in which the receivers accept the
+ * frame, then up to the last. */
 static uint64_t bits_to_frame_end(const cw_mac *m)
 {
     unsigned left = (unsigned)m->tx.length - m->tx_next;
     return left > 1 ? left - 1u : left;
 }
 
-/* For a receiver after the CRC. Nothing more comes in the last bit of EOF. */
+/* Returns a receiver's bits after the CRC up to the reception. Nothing more comes in the last bit
+ * of EOF. */
 static uint64_t bits_to_reception(const cw_mac *m)
 {
     const uint8_t *at = cw_part_at[0]; /* both formats are alike after the CRC */

@@ -23,7 +23,7 @@
 
 /* ---- Moments --------------------------------------------------------------------------------- */
 
-/* R8, at the ACK slot. */
+/* Lowers the receivers' REC at the ACK slot (R8). */
 static void lower_counters(cw_bus *bus)
 {
     uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->frame_step.node);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame_end.c - ends a step before its frame ends: controllers go where they would be by now.
+ * frame_end.c - ends a step before its frame ends: moves the controllers to their present points.
  */
 #include "step/frame.h"
 

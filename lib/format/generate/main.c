@@ -196,7 +196,7 @@ static void write_positions(void)
 
 /* ---- tables.c: whole bytes ------------------------------------------------------------------- */
 
-/* Returns the share of a byte in the CRC, with so many bytes behind it. */
+/* Returns the share of a byte in the CRC, when so many bytes follow it. */
 static unsigned crc_of(unsigned byte, unsigned bytes_behind)
 {
     uint16_t crc = 0;
