@@ -107,8 +107,11 @@ static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
 #define CW_FRAME_BRS 0x08u      /* FD bit rate switch; reserved */
 #define CW_FRAME_ESI 0x10u      /* FD error state indicator; reserved */
 
+#define CW_BASE_ID_MAX 0x7FFu
+#define CW_EXTENDED_ID_MAX 0x1FFFFFFFu
+
 typedef struct cw_frame {
-    uint32_t id;    /* 0..7FF, or 0..1FFFFFFF with CW_FRAME_EXTENDED */
+    uint32_t id;    /* 0..CW_BASE_ID_MAX, or 0..CW_EXTENDED_ID_MAX with CW_FRAME_EXTENDED */
     uint8_t flags;  /* CW_FRAME_* */
     uint8_t dlc;    /* 0..15, the raw code on the wire (F4) */
     uint8_t data[CW_FRAME_DATA_MAX]; /* the first cw_frame_length() bytes count */
@@ -428,6 +431,13 @@ const cw_frame *cw_mac_received(const cw_mac *mac);
  * CW_FILTER_EXTENDED and CW_FILTER_REMOTE added as the kernel's can_id has them. */
 #define CW_FILTER_EXTENDED 0x80000000u
 #define CW_FILTER_REMOTE 0x40000000u
+
+/* Masks that let one identifier through, of base or of extended frames, data and remote. */
+#define CW_FILTER_BASE_MASK (CW_FILTER_EXTENDED | CW_BASE_ID_MAX)
+#define CW_FILTER_EXTENDED_MASK (CW_FILTER_EXTENDED | CW_EXTENDED_ID_MAX)
+
+/* Returns what filters look at: the identifier with these bits, the kernel's can_id. */
+uint32_t cw_frame_can_id(const cw_frame *frame);
 
 typedef struct cw_filter {
     uint32_t value;

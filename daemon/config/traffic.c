@@ -316,6 +316,6 @@ static void settle_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)
         return;
     traffic->filter_count = 1;
     traffic->filters[0] = (cw_filter){
-        .value = traffic->frame.id | CW_FILTER_REMOTE | (extended ? CW_FILTER_EXTENDED : 0),
-        .mask = CW_FILTER_EXTENDED | CW_FILTER_REMOTE | (extended ? 0x1FFFFFFFu : 0x7FFu)};
+        .value = cw_frame_can_id(&traffic->frame) | CW_FILTER_REMOTE,
+        .mask = CW_FILTER_REMOTE | (extended ? CW_FILTER_EXTENDED_MASK : CW_FILTER_BASE_MASK)};
 }

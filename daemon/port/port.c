@@ -210,11 +210,8 @@ void port_pushed_back(port *p)
 
 static void to_socketcan(struct can_frame *out, const cw_frame *in)
 {
-    *out = (struct can_frame){.can_id = in->id};
-    if (in->flags & CW_FRAME_EXTENDED)
-        out->can_id |= CAN_EFF_FLAG;
-    if (in->flags & CW_FRAME_REMOTE)
-        out->can_id |= CAN_RTR_FLAG;
+    _Static_assert(CW_FILTER_EXTENDED == CAN_EFF_FLAG && CW_FILTER_REMOTE == CAN_RTR_FLAG, "");
+    *out = (struct can_frame){.can_id = cw_frame_can_id(in)};
     out->len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
     out->len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
     memcpy(out->data, in->data, cw_frame_length(in));

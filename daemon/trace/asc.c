@@ -13,8 +13,6 @@
 #include <string.h>
 #include <strings.h>
 
-#define BASE_ID_MAX 0x7FFu
-#define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define DLC_MAX 15u
 #define DIGITS_MAX 9u
 #define WORD_MAX 24 /* characters of a word that are shown */
@@ -101,7 +99,7 @@ static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r
                               "extended one (names in place of identifiers are not understood)",
                               (int)(length < WORD_MAX ? length : WORD_MAX), word,
                               s->decimal ? "dec" : "hex");
-    if (id > (extended ? EXTENDED_ID_MAX : BASE_ID_MAX))
+    if (id > (extended ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX))
         return trace_bad_text(in, word, "an identifier is at most 7FF, and 1FFFFFFFx (hex)");
     r->frame.id = id;
     r->frame.flags = extended ? CW_FRAME_EXTENDED : 0;

@@ -15,8 +15,6 @@
 
 #define BASE_DIGITS 3u
 #define EXTENDED_DIGITS 8u
-#define BASE_ID_MAX 0x7FFu
-#define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG */
 #define CLASSIC_LENGTH_MAX 8u
 #define YEAR_MAX 2200u /* nanoseconds since 1970 do not overflow */
@@ -152,7 +150,7 @@ static trace_result read_id(trace_input *in, trace_record *r, const char **text)
         return trace_bad_text(in, *text, "%s", line_problem);
     if (digits == EXTENDED_DIGITS && (id & ERROR_FLAG))
         r->kind = TRACE_ERROR_FRAME;
-    else if (id > (digits == BASE_DIGITS ? BASE_ID_MAX : EXTENDED_ID_MAX))
+    else if (id > (digits == BASE_DIGITS ? CW_BASE_ID_MAX : CW_EXTENDED_ID_MAX))
         return trace_bad_text(in, *text,
                               "an identifier is at most 7FF with 3 digits and 1FFFFFFF with 8");
     r->frame.id = id;

@@ -16,8 +16,6 @@
 #define BASE_DIGITS 3u
 #define EXTENDED_DIGITS 8u
 #define MASK_DIGITS_MAX 8u
-#define BASE_ID_MAX 0x7FFu
-#define EXTENDED_ID_MAX 0x1FFFFFFFu
 #define FILTER_ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG of the kernel's can_id */
 #define ERROR_MASK_ALL 0x1FFFFFFFu    /* CAN_ERR_MASK */
 #define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own */
@@ -78,7 +76,7 @@ const char *text_parse_frame(cw_frame *out, const char *text)
 
 char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
 {
-    bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > BASE_ID_MAX;
+    bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > CW_BASE_ID_MAX;
     bool fd = frame->flags & CW_FRAME_FD, remote = frame->flags & CW_FRAME_REMOTE;
     uint8_t dlc = frame->dlc;
     char *end = chars_hex(out, frame->id, wide_id ? EXTENDED_DIGITS : BASE_DIGITS);
@@ -102,14 +100,12 @@ char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
 
 void text_print_filter(char out[FILTER_TEXT_MAX], const cw_filter *filter)
 {
-    const uint32_t base = CW_FILTER_EXTENDED | BASE_ID_MAX;
-    const uint32_t extended = CW_FILTER_EXTENDED | EXTENDED_ID_MAX;
     bool is_extended = filter->value & CW_FILTER_EXTENDED;
 
-    if (!filter->inverted && filter->mask == base && !is_extended)
+    if (!filter->inverted && filter->mask == CW_FILTER_BASE_MASK && !is_extended)
         snprintf(out, FILTER_TEXT_MAX, "%03" PRIX32, filter->value);
-    else if (!filter->inverted && filter->mask == extended && is_extended)
-        snprintf(out, FILTER_TEXT_MAX, "%08" PRIX32, filter->value & EXTENDED_ID_MAX);
+    else if (!filter->inverted && filter->mask == CW_FILTER_EXTENDED_MASK && is_extended)
+        snprintf(out, FILTER_TEXT_MAX, "%08" PRIX32, filter->value & CW_EXTENDED_ID_MAX);
     else
         snprintf(out, FILTER_TEXT_MAX, "%" PRIX32 "%c%" PRIX32, filter->value,
                  filter->inverted ? '~' : ':', filter->mask);
@@ -227,8 +223,8 @@ static uint32_t hex_value(const char *text, size_t digits)
 static bool identifier_valid(uint32_t id, size_t digits)
 {
     if (digits == BASE_DIGITS)
-        return id <= BASE_ID_MAX;
-    return digits == EXTENDED_DIGITS && id <= EXTENDED_ID_MAX;
+        return id <= CW_BASE_ID_MAX;
+    return digits == EXTENDED_DIGITS && id <= CW_EXTENDED_ID_MAX;
 }
 
 /* Reads up to and including the first '#'. */
@@ -316,7 +312,7 @@ static const char *parse_exact(cw_filter *filter, size_t digits, const char **te
     if (!identifier_valid(id, digits))
         return identifier_problem;
     filter->value = id | (extended ? CW_FILTER_EXTENDED : 0);
-    filter->mask = CW_FILTER_EXTENDED | (extended ? EXTENDED_ID_MAX : BASE_ID_MAX);
+    filter->mask = extended ? CW_FILTER_EXTENDED_MASK : CW_FILTER_BASE_MASK;
     *text += digits;
     return NULL;
 }

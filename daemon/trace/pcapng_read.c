@@ -104,7 +104,7 @@ static trace_result read_frame(trace_input *in, trace_record *r, const packet *p
         return trace_bad_byte(in, p->place, "a classical CAN frame with %u data bytes", length);
     r->frame.flags = (uint8_t)(id & CAN_EXTENDED ? CW_FRAME_EXTENDED : 0);
     r->frame.id = id & (CAN_REMOTE - 1);
-    if (r->frame.id > (r->frame.flags ? 0x1FFFFFFFu : 0x7FFu))
+    if (r->frame.id > (r->frame.flags ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX))
         return trace_bad_byte(
             in, p->place, "the identifier %" PRIX32 " of a base frame is over 7FF", r->frame.id);
     r->frame.dlc = length == 8 && b[7] > 8 && b[7] <= 15 ? b[7] : length;

@@ -8,6 +8,10 @@
 #include "format/frame.h"
 #include "format/layout.h"
 
+_Static_assert(CW_BASE_ID_MAX == (1u << CW_BASE_ID_BITS) - 1, "as the table of parts has it");
+_Static_assert(CW_EXTENDED_ID_MAX == (1u << (CW_BASE_ID_BITS + CW_EXTENDED_ID_BITS)) - 1,
+               "as the table of parts has it");
+
 /* Dominant bits are 0: SOF, the IDE of a base frame, r1 and r0. The DLC is in the lowest bits. */
 typedef struct cw_head {
     uint64_t number;

@@ -11,16 +11,6 @@
 
 /* ---- Frames and filters ---------------------------------------------------------------------- */
 
-static uint32_t can_id(const cw_frame *frame)
-{
-    uint32_t id = frame->id;
-    if (frame->flags & CW_FRAME_EXTENDED)
-        id |= CW_FILTER_EXTENDED;
-    if (frame->flags & CW_FRAME_REMOTE)
-        id |= CW_FILTER_REMOTE;
-    return id;
-}
-
 static bool id_matches(uint32_t id, const cw_filter *filters, unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
@@ -33,7 +23,7 @@ static bool id_matches(uint32_t id, const cw_filter *filters, unsigned count)
 
 bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned count)
 {
-    return id_matches(can_id(frame), filters, count);
+    return id_matches(cw_frame_can_id(frame), filters, count);
 }
 
 static bool data_matches(const cw_rule *rule, const cw_frame *frame)
@@ -50,16 +40,14 @@ static bool data_matches(const cw_rule *rule, const cw_frame *frame)
 
 /* What filters look at in an identifier: filters that look at the same bits are of one class. The
  * first two are for single identifiers; the others are given out as they are needed. */
-#define BASE_BITS (CW_FILTER_EXTENDED | 0x7FFu)
-#define EXTENDED_BITS (CW_FILTER_EXTENDED | 0x1FFFFFFFu)
 #define FIRST_FREE_CLASS 2u
 
 /* The class of a mask, a new one if need be; CW_ID_CLASSES: there is no room for one more. */
 static unsigned class_of(cw_rule_set *set, uint32_t mask)
 {
     unsigned room = CW_ID_CLASSES;
-    set->classes[0].mask = BASE_BITS;
-    set->classes[1].mask = EXTENDED_BITS;
+    set->classes[0].mask = CW_FILTER_BASE_MASK;
+    set->classes[1].mask = CW_FILTER_EXTENDED_MASK;
     for (unsigned i = 0; i < CW_ID_CLASSES; i++) {
         bool given = i < FIRST_FREE_CLASS || set->classes[i].count > 0;
         if (given && set->classes[i].mask == mask)
@@ -87,7 +75,7 @@ static inline bool may_wait(const cw_rule_set *set, unsigned class, uint32_t id)
 
 bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame)
 {
-    const uint32_t id = can_id(frame);
+    const uint32_t id = cw_frame_can_id(frame);
     for (unsigned i = 0; i < set->class_count; i++)
         if (may_wait(set, i, id))
             return true;
@@ -168,7 +156,7 @@ static void remove_keys(cw_rule_set *set, unsigned rule)
  * for it. */
 static bool add_filter(cw_rule_set *set, unsigned rule, const cw_filter *f)
 {
-    const uint32_t mask = f->mask & EXTENDED_BITS;
+    const uint32_t mask = f->mask & CW_FILTER_EXTENDED_MASK;
     if (mask == 0 || f->inverted)
         return false;
     const unsigned class = class_of(set, mask);
@@ -221,7 +209,7 @@ static void add_run(cw_candidates *c, const cw_rule_set *set, unsigned class)
 void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame)
 {
     c->frame = frame;
-    c->id = can_id(frame);
+    c->id = cw_frame_can_id(frame);
     c->run_count = 0;
     c->wildcard = 0;
     for (unsigned i = 0; i < set->class_count; i++)

@@ -86,24 +86,14 @@ cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned n
 
 /* ---- When ------------------------------------------------------------------------------------ */
 
-static uint32_t filter_value(const cw_frame *frame)
-{
-    uint32_t value = frame->id;
-    if (frame->flags & CW_FRAME_EXTENDED)
-        value |= CW_FILTER_EXTENDED;
-    if (frame->flags & CW_FRAME_REMOTE)
-        value |= CW_FILTER_REMOTE;
-    return value;
-}
-
 static cw_filter random_filter(diff_maker *m)
 {
     diff_random *r = &m->random;
     const cw_frame *drawn = &m->frames[diff_below(r, m->frame_count)];
     const cw_frame frame = diff_owned_frame(m, drawn, (unsigned)diff_below(r, m->nodes));
-    cw_filter f = {.value = filter_value(&frame), .mask = CW_FILTER_EXTENDED | 0x1FFFFFFFu};
+    cw_filter f = {.value = cw_frame_can_id(&frame), .mask = CW_FILTER_EXTENDED_MASK};
     if (!(frame.flags & CW_FRAME_EXTENDED) && diff_chance(r, 700))
-        f.mask = CW_FILTER_EXTENDED | 0x7FFu;
+        f.mask = CW_FILTER_BASE_MASK;
     if (diff_chance(r, 300))
         f.mask |= CW_FILTER_REMOTE;
     if (diff_chance(r, 150))
