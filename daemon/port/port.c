@@ -91,7 +91,7 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
 
 void port_count_drops(port *p, uint32_t drops)
 {
-    int32_t news = (int32_t)(drops - p->drops); /* data that comes with frames may be older */
+    int32_t news = (int32_t)(drops - p->drops); /* the count beside frames may be older */
     if (news <= 0)
         return;
     p->drops = drops;

@@ -139,7 +139,8 @@ def build_library():
     if library.exists() and library.stat().st_mtime >= source.stat().st_mtime:
         return library
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        made = Path(folder) / library.name  # whole when it gets its name, whoever else makes it
+        made = Path(folder) / library.name  # complete when it gets its name, whichever process
+                                            # makes it
         # -O2: no frame of it is where memory is from
         subprocess.run(["cc", "-std=c17", "-O2", "-g", "-Wall", "-Wextra", "-Werror", "-shared",
                         "-fPIC", "-o", made, source, "-lgcc_s"], check=True)

@@ -63,7 +63,7 @@ enum kind { /* kinds of calls that fail together from then on */
             THREAD = 1 << 8,
             TELL = 1 << 9, /* on standard error */
             CLOSE = 1 << 10,
-            NUDGE = 1 << 11, /* timers, pipes and events, which wake somebody */
+            NUDGE = 1 << 11, /* timers, pipes and events, which wake a thread */
 };
 
 enum how { WITH_ERRNO, PARTLY };

@@ -70,7 +70,7 @@ static const net_case net_cases[] = {
      NULL,
      NULL,
      0},
-    /* Nobody is left to acknowledge: both attempts fail, as both are transmitters. */
+    /* No node is left to acknowledge: both attempts fail, as both nodes are transmitters. */
     {"two identical frames and no receiver",
      6,
      {{"123#55", "ack:ack0:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT},

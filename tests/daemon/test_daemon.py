@@ -225,7 +225,7 @@ def test_a_reader_of_events_that_is_gone_ends_the_tool_quietly(canwired):
 
 # ---- A server of LCM's that does not do its part -------------------------------------------------
 
-# Of this process alone: nobody else takes a port that is to be used again.
+# The address of this process alone: no other one takes a port that is to be used again.
 HOST = "127.{}.{}.{}".format(*os.getpid().to_bytes(3, "big"))
 LCM = BUS.replace("5ms", "200us").replace("500000", "1000000") + (
     "lcm: { url: 'tcpq://HOST:PORT', period: 50ms, events: [rx, tx] }\n".replace("HOST", HOST))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Files that nobody answers for: pipes in place of files, and a disk that hangs (hanging_disk.c).
+"""Files that do not answer: pipes in place of files, and a disk that hangs (hanging_disk.c).
 
-The bus goes on, whatever is asked for, and ends when it is told to. Its ECUs are sockets, so this
-needs no CAN in the kernel. CANWIRE and CANWIRED are the programs.
+The bus goes on, whatever the requests, and ends on demand. Its ECUs are sockets, so this needs no
+CAN in the kernel. CANWIRE and CANWIRED are the programs.
 """
 
 import contextlib

@@ -148,7 +148,7 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
         {.action = CW_ACTION_FLIP, .field = CW_FIELD_OVERLOAD_FLAG, .bits = 1},
         {.action = CW_ACTION_DUPLICATE, .trigger = CW_TRIGGER_FRAME}, /* so that others follow */
         {.action = CW_ACTION_STUCK, .trigger = CW_TRIGGER_ARMED, .level = CW_RECESSIVE,
-         .has_after = true}, /* at once, be it in the middle of a frame */
+         .has_after = true}, /* at once, perhaps in the middle of a frame */
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_ARMED, .number = 1, .has_after = true},
         {.action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME, .tec = 200, .rec = CW_KEEP},
         {.action = CW_ACTION_OVERLOAD, .trigger = CW_TRIGGER_FRAME, .number = 1},
@@ -639,7 +639,7 @@ static void random_operations(generator *g)
     free(g->moments);
 }
 
-/* Kinds of events that nobody wants let the bus leave out more. */
+/* Kinds of unwanted events let the bus leave out more. */
 static void choose_events(generator *g)
 {
     diff_random *r = &g->maker.random;

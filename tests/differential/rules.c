@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * rules.c - random fault rules and settings: what users write, and what nobody would.
+ * rules.c - random fault rules and settings: realistic ones, and absurd ones.
  */
 #include "differential.h"
 

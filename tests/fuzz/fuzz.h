@@ -67,7 +67,7 @@ typedef struct fuzz_bus {
     uint64_t hash; /* over all events */
     cw_event last;
     bool partial; /* nodes have been removed: their statistics are gone */
-    void (*take)(void *user, const cw_event *event); /* gets each event; NULL: nobody does */
+    void (*take)(void *user, const cw_event *event); /* gets each event; may be NULL */
     void *user;
     bool trace;   /* FUZZ_TRACE is in the environment: events go to standard error */
     char label;   /* ... behind this */
@@ -76,7 +76,7 @@ typedef struct fuzz_bus {
 /* Opens a bus. Returns false when the configuration is invalid. */
 bool fuzz_bus_open(fuzz_bus *b, const cw_bus_config *config);
 
-/* Goes over to another bus, see cw_bus_take_over(); with CW_INVALID nothing has changed. */
+/* Changes to another bus, see cw_bus_take_over(); with CW_INVALID nothing has changed. */
 cw_status fuzz_bus_take_over(fuzz_bus *b, const cw_bus_config *config, const uint8_t *from);
 void fuzz_bus_close(fuzz_bus *b);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * fuzz_bus.c - two buses that are told the same. One advances in one go, the other bit by bit: the
- * events must be the same, in time order, and no frame may be lost.
+ * fuzz_bus.c - two buses with the same inputs. One advances in large steps, the other bit by bit:
+ * the events must be the same, in time order, and no frame may be lost.
  *
  * Input: configuration, rules, then operations until it is used up.
  */

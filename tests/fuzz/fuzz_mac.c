@@ -24,7 +24,7 @@ typedef struct bench {
     cw_state told; /* the last state that was reported */
     unsigned warning_limit;
     unsigned bits;
-    bool offered; /* a frame of which it is still to be told what became of it */
+    bool offered; /* a frame whose result has not been reported yet */
     bool cut;     /* disconnected */
 } bench;
 

@@ -46,9 +46,9 @@ typedef struct message {
     uint8_t bytes[MESSAGE_MAX];
     size_t size;
     int flags;          /* MSG_CONFIRM, MSG_TRUNC */
-    int64_t arrival_ns; /* 0: it does not tell; -1: sometime */
+    int64_t arrival_ns; /* 0: unknown; -1: sometime */
     bool has_losses;
-    uint32_t losses; /* of the kernel so far, as it tells with the message */
+    uint32_t losses; /* of the kernel so far, as reported with the message */
 } message;
 
 /* The expected counters. */
@@ -59,7 +59,7 @@ typedef struct counts {
     uint64_t connected;
     uint64_t refused;
     uint64_t lost;         /* in the kernel, as it counts */
-    uint64_t lost_told;    /* ... and has told */
+    uint64_t lost_told;    /* ... and has reported */
     uint64_t frames_out;   /* for port_write() ... */
     uint64_t sent_back;    /* ... of them, those that the bus has not carried */
     uint64_t errors_out;   /* for port_write_error() */
@@ -515,7 +515,7 @@ static void advance(rig *r, unsigned bits)
     fuzz_bus_advance(&r->bus, cw_bus_now(r->bus.bus) + (uint64_t)bits * BIT_TICKS);
 }
 
-/* Armed by hand: an error in somebody's frame; nodes that are bus-off, and passive. */
+/* A rule that is armed by hand: an error in a frame; nodes that are bus-off, and passive. */
 static const cw_rule rules[] = {
     {.name = "bit",
      .manual = true,

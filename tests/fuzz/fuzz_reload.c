@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * fuzz_reload.c - a bus that runs and goes over to one configuration after the other, with frames,
+ * fuzz_reload.c - a running bus that changes from one configuration to the next, with frames,
  * rules, settings and vanishing interfaces in between.
  *
  * Input: operations behind lines "=== HEAD". A name that contains a point begins a file, which

@@ -68,7 +68,7 @@ def tries_of(program, sites):
             continue
         callers.add(key)
         tries.append(Try(site, ERRORS[site.call]))
-        # a close() that fails has closed all the same: once is enough
+        # a failed close() has closed all the same: once is enough
         if site.call != "close" and (site.call, ours[0]) not in lasting:
             tries.append(Try(site, ERRORS[site.call], lasting=True))
         lasting.add((site.call, ours[0]))
@@ -186,7 +186,7 @@ class Run:
                 self.received += 1
         except BlockingIOError:
             return self.received
-        except OSError:  # the interface was down, as is told once
+        except OSError:  # the interface was down, which is reported once
             return self.receive()
 
     def receive_rest(self):

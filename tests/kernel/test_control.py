@@ -128,7 +128,7 @@ def test_a_rule_is_injected_and_watched_and_cleared(control, ecus):
         events = [json.loads(watch.stdout.readline()) for _ in range(2)]
         watch.terminate()
     assert events[0].items() >= {"event": "fault", "rule": "once", "hit": 1}.items()
-    # nobody else acknowledges
+    # no other node acknowledges
     assert events[1].items() >= {"node": "engine", "event": "error", "type": "ack"}.items()
     once = control.faults()["once"]
     assert (once["hits"], once["over"], once["injected"]) == (1, True, True)

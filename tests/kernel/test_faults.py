@@ -297,7 +297,7 @@ def test_spoofing_each_attempt_takes_the_victim_off_the_bus(car):
 
 # ---- Acknowledgement -----------------------------------------------------------------------------
 
-ACTIVE_ATTEMPTS = 16  # of a sender that nobody acknowledges, until it is error-passive
+ACTIVE_ATTEMPTS = 16  # of a sender without acknowledgement, until it is error-passive
 
 
 def test_a_suppressed_ack_on_a_bus_of_two(car):

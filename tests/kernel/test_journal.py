@@ -158,7 +158,7 @@ def test_a_night_runs_again_to_the_byte(launch, ecus, tmp_path, seed):
 def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
     night = Night(launch, tmp_path, bus(NODES[:3]), kinds=["tx,fault"])  # all would be too much
     night.daemon.process.send_signal(signal.SIGSTOP)
-    # 4096 frames fit into the inbox; and what is told of these waits for a client however slow
+    # 4096 frames fit into the inbox; their events wait for a client, however slow
     for n in range(1500):
         for ecu, number in zip(ecus, (0x100, 0x200, 0x300)):
             ecu.send(Frame.parse(f"{number:03X}#{n:04X}"))

@@ -76,7 +76,7 @@ def test_an_interface_that_takes_no_more(vcan, canwired, can_socket):
     engine, dash = can_socket("vcan0"), can_socket("vcan2")
     written = frames(0x123, count)
     engine.send(*written)
-    assert dash.receive(count) == written  # nobody else is held up
+    assert dash.receive(count) == written  # no other ECU is delayed
     wait_until(lambda: nodes(daemon)["gearbox"]["rx_frames"] == count, "all at the gearbox")
     gearbox = nodes(daemon)["gearbox"]
     interface = gearbox["interface"]

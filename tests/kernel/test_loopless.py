@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Programs that send without loopback: a vcan gives their frames to nobody, and says nothing.
+"""Programs that send without loopback: a vcan drops their frames in silence.
 
-The interface counts them; canwired says so, and never of anything else.
+The interface counts them; canwired reports these frames and no others.
 """
 
 import re

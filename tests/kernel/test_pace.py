@@ -147,7 +147,7 @@ def test_a_bus_at_rest_misses_nothing(bus, can_socket):
 
 
 def test_a_machine_that_is_too_slow(bus):
-    """40 million frames a second are too much for any; the bus serves its clients all the same."""
+    """40 million frames a second are too much for any machine; the bus still serves its clients."""
     begin = time.monotonic()
     b = bus(TOO_MUCH)
     wait_until(lambda: b.status()["bus"]["skips"] > 5, "skips")

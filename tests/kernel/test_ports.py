@@ -17,7 +17,7 @@ class Ecu:
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket.settimeout(PATIENCE_S)
-        # the file is there a moment before somebody listens
+        # the file exists a moment before the daemon listens
         wait_until(lambda: self.socket.connect_ex(str(path)) == 0, f"who listens at {path}")
 
     def send(self, *texts):

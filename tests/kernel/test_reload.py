@@ -52,7 +52,7 @@ class Rig:
         self.shell.run("reload", "reload")
 
     def reload(self, text, how=hang_up):
-        """Goes over to a good configuration."""
+        """Changes to a good configuration."""
         before = self.times_ready()
         self.write(text)
         how(self)
@@ -171,7 +171,7 @@ def test_frames_of_a_node_that_is_removed_are_counted_as_dropped(
     assert [(e["node"], e["frame"], e["why"]) for e in drops] == [
         ("dash", frame, "removed") for frame in waiting]
     cansend("vcan0", "123#01")
-    cansend("vcan2", "300#FF")  # nobody listens there any more
+    cansend("vcan2", "300#FF")  # the daemon no longer listens there
     taken = watch.until(lambda e: e["event"] == "tx")
     assert [(e["node"], e["event"]) for e in taken] == [("gearbox", "rx"), ("engine", "tx")]
     assert list(r.nodes()) == ["engine", "gearbox"]
@@ -258,7 +258,7 @@ def test_changed_settings_apply_and_state_and_counters_stay(vcan, rig, candump):
     cansend("vcan0", "123#02")
     wait_until(lambda: r.nodes()["engine"]["tx_frames"] == 1, "a frame")
     assert r.nodes()["engine"]["tec"] == 99
-    assert engine.errors() == [state(TX_WARNING, 100, 0)]  # told once
+    assert engine.errors() == [state(TX_WARNING, 100, 0)]  # reported once
     r.daemon.stop()
 
 
@@ -396,7 +396,7 @@ def test_bad_reloads_under_load_are_no_disturbance(vcan, rig, can_socket):
 
 # ---- One after the other -------------------------------------------------------------------------
 
-# a frame takes 27 ms, so that reloads may meet before the bus goes over
+# a frame takes 27 ms, so that reloads may meet before the bus changes
 SLOW = [load("123#1122334455667788, every: 1ms"), ENGINE]
 BURST = 8
 

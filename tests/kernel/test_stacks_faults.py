@@ -80,7 +80,8 @@ def test_a_babbling_idiot_delays_but_loses_nothing(rig, kernel_isotp):
 @pytest.mark.parametrize("restart_ms", [100, 0])
 def test_a_server_that_goes_bus_off(rig, kernel_isotp, restart_ms):
     """Another node acknowledges, so the server misses frames and its ISO-TP gives up. With
-    restart-ms it is back by itself; else it answers to nobody until somebody restarts it."""
+    restart-ms the server comes back by itself; without, it does not answer until it is
+    restarted."""
     r = rig(server=f", restart-ms: {restart_ms}", more=WITNESS + rule("off", "{ bus-off: server }"))
     client, server = kernel_isotp()
     break_off(client, server, lambda: r.nodes()["server"]["bus_off"] == 1)

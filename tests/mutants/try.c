@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * try.c - what becomes of a configuration: it is checked, run, and a running bus goes over to it.
+ * try.c - tries a configuration: it is checked and run, and a running bus changes to it.
  */
 #include "mutants.h"
 
@@ -22,7 +22,7 @@
 #define BITS_BETWEEN 3000u /* two reloads */
 #define RELEASES_MAX 5000u
 
-/* A bus in virtual time with all that it needs, as canwired has it. */
+/* A bus in virtual time with all that it needs, as in canwired. */
 typedef struct world {
     live *live;
     setup setup;

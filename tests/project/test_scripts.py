@@ -221,7 +221,7 @@ def fixture_all_tests(tmp_path):
 
 
 def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
-    """The guest goes on until the last stage on the host is over, and prints all the time."""
+    """The guest goes on until the last stage on the host has finished, and prints all the time."""
     status, lines = all_tests(
         make='case "$*" in *" world") echo "4 passed, 0 failed"; touch over ;; esac',
         guest='until [ -e over ]; do echo guest; sleep 0.01; done; echo guest').end()

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * heap.c - to be preloaded into a program with AddressSanitizer: writes how much is allocated.
+ * heap.c - to be preloaded into a program with AddressSanitizer: writes the number of allocated
+ * bytes.
  *
  * The file $HEAP has the number of bytes, renewed all the time.
  *
- * The memory of the process tells less: freed memory is kept back, and not all is given back.
+ * The memory of the process is less precise: freed memory is kept, and not all of it is returned.
  */
 #include <fcntl.h>
 #include <pthread.h>

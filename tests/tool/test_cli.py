@@ -25,7 +25,7 @@ bus: { name: small, bitrate: 500000 }
 nodes: [ { name: a, traffic: [ { send: 123# } ] }, { name: b } ]
 """
 
-BUS = "./none.sock"  # nobody listens there
+BUS = "./none.sock"  # no bus listens there
 
 # The least that each subcommand takes; FILE is a good configuration.
 COMMANDS = {

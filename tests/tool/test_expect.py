@@ -47,7 +47,7 @@ OUTCOMES = [
     ("{ faults: 10, rule: bad-bit }", True),
     ("{ load: { min: 15%, max: 20% } }", True),
     ("{ load: { max: 15% } }", False),
-    ("{ errors: 0, time: 10s.. }", False),  # the run is over before
+    ("{ errors: 0, time: 10s.. }", False),  # the run ends before
 ]
 
 

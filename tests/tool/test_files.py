@@ -457,7 +457,7 @@ def test_a_tool_does_not_write_what_the_bus_reads_or_writes(folder):
 
 
 def test_a_recording_keeps_its_lock_when_it_is_rotated(folder):
-    """From the first file to those that follow it, with no moment in which nobody has it."""
+    """The first file hands the lock to its successors, without a moment in which it is free."""
     (folder / "bus.yaml").write_text(
         BUS.format(count="").replace("every: 5ms", "every: 100us") +
         "control: day.sock\nrecord: [ { file: a.log, size: 64kB, files: 1000 } ]\n")

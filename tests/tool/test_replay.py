@@ -626,7 +626,7 @@ def read_terminal(master, process, until=None):
         assert ready, got
         try:
             piece = os.read(master, 4096)
-        except OSError:  # nobody has it open any more
+        except OSError:  # no process has it open any more
             break
         if not piece:
             break
@@ -663,7 +663,7 @@ def slow_run(path, tmp_path, stderr, first=0):
         stdout=subprocess.PIPE, stderr=stderr,
         # SIGINT is ignored for tests in the background, and a child would inherit that
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    threading.Timer(1.5, reader.proceed.set).start()  # nothing is told in the first second
+    threading.Timer(1.5, reader.proceed.set).start()  # no line comes in the first second
     return process, reader
 
 

@@ -281,7 +281,7 @@ def test_times_are_nanoseconds_with_nine_decimals(write):
 
 
 def test_times_are_truncated(write):
-    # a frame handed in a tick late is dropped at 12.5 ns: told as 12
+    # a frame handed in a tick late is dropped at 12.5 ns: printed as 12
     text = SMALL.replace("- name: a", "- name: a\n    listen-only: on").replace(
         "DEADBEEF", "DEADBEEF, offset: 13ns")
     lines = sim(write(text), "--events", "-").stdout.splitlines()

@@ -95,7 +95,7 @@ TAIL = ["crc", "crc-delimiter", "ack-slot", "ack-delimiter", "eof", "intermissio
 def test_fields_of_a_frame(write, frame, fields, labels):
     bits = len(raw(frame))
     shown = picture(write(small(frame)), "--from", "22us", "--to", f"{22 + 2 * (bits + 3)}us")
-    # a part that goes over the end of a row is there in both
+    # a part that crosses the end of a row is in both rows
     assert list(dict.fromkeys(shown.fields("a"))) == list(dict.fromkeys(fields))
     assert len(shown.fields("a")) == len(fields) + len(shown.rows) - 1
     assert shown.fields("b") == [f.replace("srr", "rtr") for f in shown.fields("a")]
@@ -178,7 +178,7 @@ def test_states_and_passive_flags(write):
     assert shown.texts("note", "a")[:3] == [
         "TEC 124, error-warning", "bit error, TEC 132, error-passive", "bit error, TEC 140"]
     assert "passive error flag" in shown.texts("label", "a")
-    assert shown.fields("a").count("suspend") >= 2  # one may go over the end of a row
+    assert shown.fields("a").count("suspend") >= 2  # one may cross the end of a row
     assert "error-passive" in shown.text  # at the beginning of a row
     assert len(shown.classed("fault", shown.classed("wire")[0])) == 1
     assert shown.hits()[1] == ["weak", "hit", "hit"]

@@ -325,7 +325,7 @@ def decoded(path, line, bitrate):
 
 def test_sigrok_decodes_the_wire(write, tmp_path):
     need("sigrok-cli", "sigrok-cli")
-    # its decoder takes the CRC for data when the DLC is over 8, or not 0 in a remote frame
+    # its decoder mistakes the CRC for data when the DLC is over 8, or not 0 in a remote frame
     frames_sent = [frame.replace("#R4", "#R").replace("_F", "") for frame in FRAMES]
     for bitrate in (500000, 1000000, 83333):
         sim(write(several(frames_sent, bitrate)), "--vcd", tmp_path / "f.vcd")

@@ -24,7 +24,7 @@ struct engine {
     const char *reload_errors; /* NULL: a reload is good */
     bool reload_in_turn;       /* ... and so is every second one */
     uint64_t reloads;          /* rounds that were asked for */
-    uint64_t answered;         /* ... and are over */
+    uint64_t answered;         /* ... and have finished */
 };
 
 static void fake_engine_take_events(void *user)

@@ -28,7 +28,7 @@
 #define NEVER_S 1e6
 #define BUSY_NS 20000000
 
-/* ---- Threads that nobody waits for ----------------------------------------------------------- */
+/* ---- Detached threads ------------------------------------------------------------------------ */
 
 static pthread_t alone[ALONE_MAX];
 static unsigned alone_count;
@@ -91,7 +91,7 @@ void ev_timer_start(struct ev_loop *loop, ev_timer *timer)
 
 /* ---- Tasks ----------------------------------------------------------------------------------- */
 
-/* A task that takes as long as it is told. */
+/* A task of a given duration. */
 typedef struct task {
     sem_t *works; /* it works first, and says when it has; or NULL */
     sem_t *goes_on;

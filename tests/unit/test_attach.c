@@ -134,7 +134,7 @@ static void going_off_ends_a_bus_off(void **state)
     assert_int_equal(rig_stats(r, 0).state, CW_STATE_BUS_OFF);
     forget(r);
     assert_int_equal(cw_node_attach(r->bus, 0, false), CW_OK);
-    assert_int_equal(cw_bus_next(r->bus), cw_bus_now(r->bus)); /* it has something to tell */
+    assert_int_equal(cw_bus_next(r->bus), cw_bus_now(r->bus)); /* it has an event to report */
     rig_run_bits(r, 200);
     assert_told(r, 0, "link down;drop link-down 123#1:11;state bus-off error-active 0/0;");
     assert_int_equal(cw_bus_next(r->bus), CW_NEVER); /* no restart any more */
@@ -219,7 +219,8 @@ static void rules_on_a_node_that_is_off(void **state)
     rig_free(r);
 }
 
-/* Into bus-off and out of it at once: nobody sees the state change, and the node stays off. */
+/* The node goes into bus-off and out of it at once: no node sees the state change, and it stays
+ * off. */
 static void counters_do_not_put_a_node_on_the_bus(void **state)
 {
     (void)state;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_bus.c - nodes on one wire: medium access, events, time, modes, flips that nobody detects.
+ * test_bus.c - nodes on one wire: medium access, events, time, modes, undetected flips.
  */
 #include "model.h"
 #include "rules.h"

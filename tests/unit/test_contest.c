@@ -123,7 +123,7 @@ static void equal_frames_go_as_one(void **state)
     rig_free(r);
 }
 
-/* Frames tell whose they are and since when, for those who sent and those who received them. */
+/* Frames carry their sender and their hand-in time, for senders and receivers. */
 static void frames_tell_where_they_are_from(void **state)
 {
     (void)state;

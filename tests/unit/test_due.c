@@ -146,7 +146,7 @@ static void a_release_that_is_dropped_is_due_at_its_tick(void **state)
     end(&s);
 }
 
-/* Nobody knows beforehand what they do with it. */
+/* The effect of rules on it is not known beforehand. */
 static void where_rules_are_a_release_is_due_at_its_tick(void **state)
 {
     (void)state;

@@ -106,7 +106,7 @@ static void reload_to(rig *r, unsigned nodes, const char *rules)
     assert_true(engine_reload(r->engine, next, stderr));
 }
 
-/* The last one of those that meet within a frame is the one that the bus goes over to. */
+/* The bus changes to the last one of those that meet within a frame. */
 static void a_reload_takes_the_place_of_one_under_way(void **state)
 {
     (void)state;

@@ -51,7 +51,8 @@ static void check(const cw_event *event)
         assert_int_equal(time_ns, TICK / 2 * 25);
         assert_int_equal(now.tick, TICK);
         assert_int_equal(now.kind, event->kind);
-        now.error.flag = event->error.flag; /* it is told, but no receiver of events needs it */
+        now.error.flag = event->error.flag; /* the line contains it, but no receiver of events needs
+                                               it */
         now.error.place.extended = event->error.place.extended;
     }
     assert_string_equal(lines[0], lines[1]);

@@ -64,12 +64,12 @@ static void a_cleared_rule_is_gone(void **state)
     rig_send(r, 0, &frame, 30 * BIT);
     rig_run_bits(r, 200);
     assert_int_equal(hits(r, first), 1);
-    assert_int_equal(hits(r, second), 1); /* it came after a rule that is no more */
+    assert_int_equal(hits(r, second), 1); /* it came after a removed rule */
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 1);
     rig_free(r);
 }
 
-/* A rule of each kind that lasts is stopped: what it did is over, the rule stays. */
+/* A lasting rule of each kind is stopped: its effect has ended, the rule stays. */
 static void a_stopped_rule_can_act_again(void **state)
 {
     (void)state;
@@ -306,7 +306,7 @@ static void a_manual_rule_on_frames_takes_one_match(void **state)
     rig_free(r);
 }
 
-/* Armings take place at their times, whoever came first. */
+/* Armings take place at their times, in any order of their rules. */
 static void armings_take_place_in_time_order(void **state)
 {
     (void)state;
@@ -336,7 +336,7 @@ static void armings_take_place_in_time_order(void **state)
     rig_free(r);
 }
 
-/* Armings under way are bounded; what does not fit is lost, and told to him who fires. */
+/* Armings under way are bounded; cw_bus_fire_rule() refuses further ones. */
 static void armings_are_bounded(void **state)
 {
     (void)state;
@@ -468,7 +468,7 @@ static void misses_are_matches_that_were_passed_over(void **state)
 
 /* ---- Traffic that is no fault ---------------------------------------------------------------- */
 
-/* Its hits are neither told nor counted; all else is as with a rule that is not quiet. */
+/* Its hits are neither reported nor counted; all else is as with a rule that is not quiet. */
 static void a_quiet_rule_is_not_told(void **state)
 {
     (void)state;

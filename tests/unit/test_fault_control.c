@@ -40,7 +40,8 @@ static void commands_at_the_end_of_a_frame(void **state)
     }
 }
 
-/* A node that is disconnected while bus-off is not back on the bus when its recovery is over. */
+/* A node that is disconnected while bus-off is not back on the bus when its recovery has
+ * finished. */
 static void recovery_does_not_reconnect(void **state)
 {
     (void)state;
@@ -66,7 +67,7 @@ static void recovery_does_not_reconnect(void **state)
     rig_free(r);
 }
 
-/* Neither do they when the node has been bus-off for no time, of which no state is told. */
+/* Neither do they when the node has been bus-off for no time, so that no state is reported. */
 static void counters_do_not_reconnect(void **state)
 {
     (void)state;

@@ -331,14 +331,14 @@ static void bits_last_as_long_as_they_are_told_to(void **state)
             rig_run_bits(r, bit);
             acting += rule_stats(r, 0).active;
         }
-        assert_int_equal(acting + 1, cases[i].expected); /* in the last one it is over at its end */
+        assert_int_equal(acting + 1, cases[i].expected); /* in the last one it ends at its end */
         assert_int_equal(cw_bus_next(r->bus), CW_NEVER); /* nothing to look at any more */
         rig_free(r);
     }
 }
 
-/* The flag of the node that asks is over a bit before the others': the delimiter begins with the
- * first recessive bit. */
+/* The flag of the node with the overload ends a bit before the others': the delimiter begins with
+ * the first recessive bit. */
 static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
 {
     (void)state;

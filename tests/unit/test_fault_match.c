@@ -88,8 +88,8 @@ typedef struct passed_over {
     unsigned matches; /* of ten frames: base and extended in turns, of no byte and one */
 } passed_over;
 
-/* Each frame is over before anybody looks: matches that `skip` passes over are counted all the same,
- * and only in frames that have the bit. */
+/* Each frame has finished before a call reads anything. Matches that `skip` passes over still
+ * count, and only in frames that have the bit. */
 static void matches_passed_over_are_counted_in_frames_that_have_the_bit(void **state)
 {
     (void)state;
@@ -520,7 +520,7 @@ static void the_sender_may_have_an_error_in_the_last_bit(void **state)
     rig_send(r, 0, &frame, 0);
     rig_run_bits(r, 300);
     assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 0);
-    assert_int_equal(hits(r, 1), 2); /* one a frame, whoever receives it */
+    assert_int_equal(hits(r, 1), 2); /* one per frame, whatever its receivers */
     rig_free(r);
 }
 

@@ -75,7 +75,7 @@ static void only_what_is_certain_counts(void **state)
         {90, 100, true, 0},   /* all of these were there before */
         {95, 100, true, 0},
         {100, 100, true, 0},
-        {103, 103, false, 0}, /* nobody knows yet that it is a vcan */
+        {103, 103, false, 0}, /* it is not known yet that it is a vcan */
         {103, 103, true, 3},
         {101, 107, true, 3},  /* busy: there are no fewer than before */
         {-20, 900, true, 3},

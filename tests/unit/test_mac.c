@@ -184,7 +184,7 @@ static void an_offer_ends_once(void **state)
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
     (void)play(&mac, 5, CW_RECESSIVE);
     assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
-    assert_int_equal(cw_mac_steady_bits(&mac, CW_RECESSIVE), 0); /* there is something to tell */
+    assert_int_equal(cw_mac_steady_bits(&mac, CW_RECESSIVE), 0); /* there is an event to report */
     (void)cw_mac_drive(&mac);
     cw_mac_sample(&mac, CW_RECESSIVE, &report);
     assert_int_equal(report.what, CW_REPORT_DROPPED | CW_REPORT_STATE);

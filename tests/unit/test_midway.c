@@ -407,7 +407,8 @@ static void watch_levels(void (*story)(rig *r), bool lost, unsigned single_bits)
     rig_free(rigs[1]);
 }
 
-/* Also when nobody sees who loses arbitration, so that it was thought to be over beforehand. */
+/* This also holds without an observer of the lost arbitration, when its end was computed
+ * beforehand. */
 static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
 {
     (void)state;

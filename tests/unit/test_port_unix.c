@@ -360,7 +360,7 @@ static void what_an_ecu_sent_before_it_went_still_counts(void **state)
     assert_int_equal(stats_of(f->port).unheard, 3);
 }
 
-/* It has frames that it did not read: the kernel tells that in its own way. */
+/* It has unread frames: the kernel reports that in its own way. */
 static void an_ecu_may_go_without_having_read(void **state)
 {
     fixture *f = *state;
@@ -420,8 +420,8 @@ static unsigned count_descriptors(void)
     return count;
 }
 
-/* Nobody asked for them, and they would fill the table of a daemon that does not look. Kernels that
- * can refuse them do. */
+/* The descriptors were not requested, and would fill the table of a daemon that ignores them. Newer
+ * kernels can refuse them. */
 static void descriptors_that_an_ecu_sends_along_are_not_taken(void **state)
 {
     enum { PASSED = 30 };

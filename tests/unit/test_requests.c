@@ -324,7 +324,7 @@ static void a_reload_that_takes_long_holds_up_nobody_else(void **state)
     assert_false(is_on(reply, "ok"));
     assert_int_equal(number(reply, "line"), 7);
     json_decref(reply);
-    control_reloaded(r->control, 3, NULL); /* nobody waits for it any more */
+    control_reloaded(r->control, 3, NULL); /* no client waits for it any more */
     close(first);
     close(second);
     turns(r, 10);

@@ -472,7 +472,7 @@ static void who_says_nothing_makes_room(void **state)
     hall_time_s += 0.5;
     expect_echo(&h, fds[0]); /* that one has spoken */
     hall_time_s += 0.5;
-    int friend = come(&h, FRIEND); /* there is room: nobody has to go */
+    int friend = come(&h, FRIEND); /* there is room: no client has to go */
     expect_echo(&h, friend);
     expect_echo(&h, fds[2]);
     int late = come(&h, STRANGER);
@@ -482,7 +482,7 @@ static void who_says_nothing_makes_room(void **state)
     hall_time_s += 10 * SERVER_IDLE_S;
     close(come(&h, STRANGER));
     expect_echo(&h, fds[1]); /* a watcher keeps its place */
-    expect_echo(&h, friend); /* of others nobody goes for it */
+    expect_echo(&h, friend); /* no client of others goes for it */
     close(late);
     close(friend);
     close_all(&h, fds, SERVER_USER_MAX);
@@ -611,7 +611,7 @@ static void other_files_are_left_alone(void **state)
                              -1, &no_calls, NULL));
 }
 
-/* A socket that somebody else made at the same path stays. */
+/* A socket that another program made at the same path stays. */
 static void only_the_own_socket_is_removed(void **state)
 {
     const rig *r = *state;
@@ -627,7 +627,7 @@ static void only_the_own_socket_is_removed(void **state)
     assert_int_equal(bind(other, (struct sockaddr *)&address, sizeof address), 0);
     server_stop(first);
     assert_int_equal(access(path, F_OK), 0);
-    server *second = server_start(r->loop, path, -1, &no_calls, NULL); /* nobody listens there */
+    server *second = server_start(r->loop, path, -1, &no_calls, NULL); /* no daemon listens there */
     assert_non_null(second);
     server_stop(second);
     assert_int_equal(access(path, F_OK), -1);

@@ -60,7 +60,7 @@ static uint64_t compare(const cw_mac *m, bool level)
 {
     uint64_t bits = cw_mac_steady_bits(m, level);
     if (cw_mac_holds_wire(m) && level)
-        return 0; /* somebody changes the wire: nothing is skipped */
+        return 0; /* another node changes the wire: nothing is skipped */
     bits = bits < LOOK_BITS ? bits : LOOK_BITS;
     for (uint64_t part = 1; part <= bits; part++) {
         cw_mac slow = *m;

@@ -223,7 +223,7 @@ static void a_wrong_crc_is_taken_over(void **state)
     rig_free(r);
 }
 
-/* Nodes have other numbers on the new bus, and one is no more. */
+/* Nodes have other numbers on the new bus, and one is removed. */
 static void the_sender_of_a_held_frame_is_renumbered(void **state)
 {
     (void)state;
@@ -250,7 +250,7 @@ static void the_sender_of_a_held_frame_is_renumbered(void **state)
     }
 }
 
-/* Rules start anew: what the old ones did is over, what they held back goes on. */
+/* Rules start anew: effects of the old ones have ended, but frames that they held back go on. */
 static void old_rules_end_when_taken_over(void **state)
 {
     (void)state;

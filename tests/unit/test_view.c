@@ -414,7 +414,7 @@ static void a_node_may_be_disconnected_amid_a_bit(void **state)
 
 /* ---- Modes, counters ------------------------------------------------------------------------- */
 
-/* M11: its dominant ACK stays inside the listener; it takes the bit for dominant all the same. */
+/* M11: its dominant ACK stays inside the listener, which still samples the bit as dominant. */
 static void a_listener_takes_its_own_ack(void **state)
 {
     (void)state;

@@ -40,7 +40,7 @@ static void expect_error(const void *content, size_t length, const char *expecte
     free(errors);
 }
 
-/* Errors alone are told of a bad file; and warnings do not take their places. */
+/* A bad file reports only errors; warnings do not take their places. */
 static void warnings_take_no_place_of_errors(void **state)
 {
     (void)state;

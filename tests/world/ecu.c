@@ -93,7 +93,7 @@ static void read_frames(ecu *e)
     while (e->fd >= 0) {
         size = recv(e->fd, &frame, sizeof frame, MSG_DONTWAIT);
         if (size < 0 && errno == ECONNRESET)
-            continue; /* told once, before what is left */
+            continue; /* reported once, before the rest */
         if (size <= 0)
             break;
         e->seen[e->life].received++;

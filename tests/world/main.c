@@ -27,7 +27,7 @@ typedef struct options {
     bool keep;    /* the folder */
     bool go_on;   /* after a seed that failed */
     bool digests; /* print them */
-    bool story;   /* only tell what the seed is about */
+    bool story;   /* only print the subject of the seed */
 } options;
 
 static const char usage[] =

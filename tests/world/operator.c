@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * operator.c - whoever edits the configuration, and all that befalls the machine: its disk, its
- * clock, its power.
+ * operator.c - edits the configuration, and causes trouble of the machine: its disk, its clock, its
+ * power.
  */
 #include "world.h"
 

@@ -221,7 +221,8 @@ static bool file_takes(FILE *file, const char *call)
            seam_disk_takes(f->path, call);
 }
 
-/* An error of the disk is an end of the file here: a stream of the C library cannot be told. */
+/* An error of the disk is an end of the file here: a stream of the C library cannot get an
+ * error. */
 SEAM(size_t, fread, void *out, size_t size, size_t count, FILE *file)
 {
     return file_takes(file, "fread") ? fread(out, size, count, file) : 0;

@@ -80,7 +80,7 @@ typedef struct world_life {
     uint32_t signals; /* to be delivered */
     int64_t started_ns;
     int64_t ready_ns;
-    int64_t stop_ns; /* when it was told to end; NEVER */
+    int64_t stop_ns; /* when its end was requested; NEVER */
     int64_t ended_ns;
     int64_t stopped_until_ns; /* SIGSTOP */
     int64_t die_at_call;      /* calls left; negative: it does not */
@@ -258,7 +258,7 @@ const char *story_name(void);
 
 void manager_add(void);
 bool manager_is_up(void);
-int manager_stop_all(void); /* SIGTERM to whoever lives; returns how many */
+int manager_stop_all(void); /* Sends SIGTERM to all living daemons; returns their number. */
 void ecus_add(void);
 void ecus_quiet(void); /* write no more, read all */
 void ecus_drain(void);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus.c - a process with the daemon's engine, as canwired has it, that notes how late it delivers.
+ * bus.c - a process with the engine of canwired, which notes the lateness of its deliveries.
  */
 #include "realtime.h"
 

@@ -57,12 +57,12 @@ void bench_encode_end(void *state);
 typedef struct bench_bus_options {
     unsigned nodes;
     unsigned senders; /* that always have frames waiting */
-    bool lost;        /* events tell lost arbitrations, too */
+    bool lost;        /* events report lost arbitrations, too */
     bool stepping;    /* cw_bus_set_stepping(): every node in every bit */
     bool bit_by_bit;  /* a rule is at work in every bit; the last node must not be a sender */
     bool lockstep;    /* a rule must see the controllers in every bit */
     unsigned every;   /* attempt that gets a wrong CRC bit, 0: none */
-    unsigned rules;   /* for identifiers that nobody sends */
+    unsigned rules;   /* for identifiers without a sender */
     unsigned wild;    /* of these, with a mask for two of them each; the others are exact */
 } bench_bus_options;
 
