@@ -15,7 +15,7 @@ struct cw_rule_set;
 struct cw_rule_state;
 struct cw_passing;
 
-/* What an action needs and what it does, apart from how it does it. */
+/* Traits say what an action needs and what it does, apart from how it does it. */
 #define CW_NEEDS_FRAME 0x001u    /* only a rule with a frame trigger has it */
 #define CW_HAS_POSITION 0x002u   /* is bound to a transmission, acts when the position is reached */
 #define CW_AT_HOST 0x004u        /* its frame is one that a host hands in or gets */
@@ -45,10 +45,10 @@ typedef struct cw_action_range {
 /* Levels, for nodes that the rule concerns: what it makes of them in the bit in progress. */
 typedef void cw_level_action(struct cw_rule_set *set, struct cw_rule_state *state, uint64_t *levels,
                              uint64_t nodes);
-/* To a frame that comes by. Returns true when it goes on. */
+/* Acts on a frame that comes by. Returns true when the frame goes on. */
 typedef bool cw_host_action(struct cw_rule_set *set, const cw_rule *rule,
                             const struct cw_passing *passing);
-/* What the rule owes at the present tick. */
+/* Sends the frames that the rule owes at the present tick. */
 typedef void cw_traffic_action(struct cw_rule_set *set, unsigned rule);
 
 typedef struct cw_action_row {

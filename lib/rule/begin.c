@@ -45,7 +45,7 @@ void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
     set->rewired = set->rewired || cw_rule_is(s, CW_REWIRES);
 }
 
-/* What it does once to the controllers that it names. */
+/* Acts once on the controllers that the rule names. */
 static void command(cw_rule_set *set, const cw_rule *rule)
 {
     set->bus.effects->control(set->bus.self, rule);
@@ -61,8 +61,7 @@ void cw_rule_act(cw_rule_set *set, unsigned rule)
         command(set, &cw_rule_at(set, rule)->rule);
 }
 
-/* Whether a rule that is no position action begins to act. The hits of noise are the bits that it
- * flips, so its begin is none. */
+/* The hits of noise are the bits that it flips, so its begin is none. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
 {
     if (cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))
@@ -70,7 +69,6 @@ bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t to
     return cw_rule_match(set, rule, start, told);
 }
 
-/* The rule has a hit and acts when this bit has been settled. */
 void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick)
 {
     cw_rule_at(set, rule)->to_act = true;

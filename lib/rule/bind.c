@@ -4,8 +4,8 @@
  */
 #include "rule/private.h"
 
-/* A rule that acts at the beginning of a transmission; at most one hit in a bit. What lasts for a
- * time acts in this bit already, for all nodes alike: some have not driven yet. */
+/* Matches a rule that acts at the beginning of a transmission; at most one hit in a bit. An action
+ * that lasts for a time acts in this bit already, for all nodes alike: some have not driven yet. */
 static void match_transmission(cw_rule_set *set, unsigned rule, unsigned node)
 {
     cw_rule_state *s = cw_rule_at(set, rule);

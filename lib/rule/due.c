@@ -68,8 +68,8 @@ static bool is_traffic(const cw_rule_state *s)
     return s->used && s->active && s->does->kind == CW_KIND_TRAFFIC;
 }
 
-/* One node after the other: a drop of an earlier one would have to go before all events of later
- * ones, of which there may be thousands. To the queues it is all the same. */
+/* Goes from node to node. Otherwise a drop of an early node would have to go before all events of
+ * later ones, maybe thousands. The order makes no difference to the queues. */
 static void run_traffic(cw_rule_set *set)
 {
     uint64_t nodes = 0;

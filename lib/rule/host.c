@@ -3,7 +3,7 @@
  * host.c - what fault rules do to frames between a host and its controller.
  *
  * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on
- * its way and the hit is that of a rule that could not do more.
+ * its way. The hit counts all the same: the rule could not do more.
  */
 #include "rule/private.h"
 
@@ -169,7 +169,7 @@ bool cw_let_overtake(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
            hold_back(set, rule, p, CW_NEVER, rule->number + 1); /* itself comes by first */
 }
 
-/* Whether a matching frame is a hit. A frame that several nodes receive is one match. */
+/* Returns whether a matching frame is a hit. A frame that several nodes receive is one match. */
 static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
 {
     cw_rule_state *s = &set->rules[rule];

@@ -38,11 +38,12 @@ static bool data_matches(const cw_rule *rule, const cw_frame *frame)
 
 /* ---- Classes of identifiers ------------------------------------------------------------------ */
 
-/* What filters look at in an identifier: filters that look at the same bits are of one class. The
- * first two are for single identifiers; the others are given out as they are needed. */
+/* Filters that look at the same bits of an identifier are of one class. The first two classes are
+ * for single identifiers; the others are given out as they are needed. */
 #define FIRST_FREE_CLASS 2u
 
-/* The class of a mask, a new one if need be; CW_ID_CLASSES: there is no room for one more. */
+/* Returns the class of a mask, a new one if need be; CW_ID_CLASSES when there is no room for one
+ * more. */
 static unsigned class_of(cw_rule_set *set, uint32_t mask)
 {
     unsigned room = CW_ID_CLASSES;
@@ -65,8 +66,8 @@ static unsigned id_hash(uint32_t id)
     return id * UINT32_C(2654435761) >> (32 - CW_ID_HASH_BITS);
 }
 
-/* Whether a rule may wait for an identifier by a filter of a class: one look at a table tells for
- * most that none does. */
+/* Returns whether a rule may wait for an identifier by a filter of a class. For most identifiers
+ * one look at a table tells that none does. */
 static inline bool may_wait(const cw_rule_set *set, unsigned class, uint32_t id)
 {
     const unsigned classes = set->id_classes[id_hash(id & set->classes[class].mask)];
@@ -84,7 +85,7 @@ bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame)
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
-/* Where a key of a class stands, or would stand. */
+/* Returns the place where a key of a class stands, or would stand. */
 static unsigned find_key(const cw_rule_set *set, unsigned class, uint32_t id, unsigned rule)
 {
     unsigned low = set->classes[class].first;

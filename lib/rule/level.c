@@ -63,7 +63,8 @@ static bool in_flag(const flag_watch *flag, unsigned index)
     return flag->now && !flag->over && flag->length == index;
 }
 
-/* Whether the bit in progress is the named one, seen from a transmitter the rule is bound to. */
+/* Returns whether the bit in progress is the named one, as a transmitter sees it to which the rule
+ * is bound. */
 static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
     unsigned n;
@@ -202,7 +203,7 @@ static void check_scope(cw_rule_set *set, unsigned rule, cw_rule_state *s)
         cw_rule_end_action(set, rule);
 }
 
-/* What rules are about to do in a bit. */
+/* The plan says what rules are about to do in a bit. */
 typedef struct bit_plan {
     uint64_t wire;  /* nodes whose wire they change ... */
     uint64_t nodes; /* ... or what they sample */

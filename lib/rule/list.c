@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-/* Where a rule stands, or would stand, in a sorted list. */
+/* Returns the place where a rule stands, or would stand, in a sorted list. */
 static unsigned find(const uint16_t *list, unsigned count, unsigned rule)
 {
     unsigned place = 0;

@@ -34,8 +34,8 @@ static bool acts_late(const cw_rule_state *s)
            r->field <= CW_FIELD_OVERLOAD_DELIMITER;
 }
 
-/* Whether a match is a hit or none alike at whatever bit of a frame, but for the rule's time. Bits
- * between frames, and those that only the bits of a frame tell, are left out. */
+/* Returns whether a match is a hit, or none, at whatever bit of a frame, but for the rule's time.
+ * Bits between frames, and those that only the bits of a frame tell, are left out. */
 static bool takes_any_bit(const cw_rule_state *s)
 {
     const cw_rule *r = &s->rule;
@@ -54,7 +54,7 @@ static void add_watcher(cw_watch *w, const cw_rule_set *set, unsigned rule)
     w->counting = w->rough && s->open;
 }
 
-/* Whether a rule takes each frame of each node. */
+/* Returns whether a rule takes each frame of each node. */
 static bool is_undemanding(const cw_rule *r)
 {
     return r->filter_count == 0 && r->data_length == 0 && r->from == 0;

@@ -2,9 +2,9 @@
  *
  * noise.c - single bits flipped at random.
  *
- * Each bit of bus time costs a draw, and nearly all of them flip nothing. So the draws of bits to
- * come are looked at beforehand: up to the first that flips, the bus may go as if there were no
- * noise. To look at them changes nothing; they are consumed when their bits have passed.
+ * Each bit of bus time costs a draw, and nearly all of them flip nothing. So rules look at the
+ * draws of bits to come beforehand. Up to the first that flips, the bus may go as if there were no
+ * noise. To look at draws changes nothing; they are consumed when their bits have passed.
  */
 #include "rule/private.h"
 
@@ -87,8 +87,8 @@ static uint64_t first_flip_of_any(const cw_rule_set *set, uint64_t from, uint64_
     return bits;
 }
 
-/* Looks further each time, so that a rule which seldom flips a bit is not asked for many of them
- * when another one flips the next. */
+/* Looks further each time. So a rule that seldom flips a bit is not asked for many of them when
+ * another one flips the next. */
 uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits)
 {
     if (set->noise_rules == 0)

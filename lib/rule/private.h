@@ -33,7 +33,7 @@ static inline unsigned cw_rule_index(const cw_rule_set *set, const cw_rule_state
 
 /* ---- Actions --------------------------------------------------------------------------------- */
 
-/* Whether its action is of that sort: all of these traits. */
+/* Returns whether its action has all of these traits. */
 static inline bool cw_rule_is(const cw_rule_state *state, unsigned traits)
 {
     return (state->traits & traits) == traits;
@@ -98,7 +98,7 @@ bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame);
 void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame);
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_rule_set *set);
 
-/* Whether two sets of nodes meet; an empty first set names all. */
+/* Returns whether two sets of nodes meet; an empty first set names all. */
 static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
 {
     return set == 0 || (set & nodes) != 0;
@@ -106,9 +106,9 @@ static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
 
 /* ---- rule.c ---------------------------------------------------------------------------------- */
 
-/* Whether a match of a rule is a hit: time, state, arming, hold-off, skip, every, probability and
- * count, in this order. It is counted, and rules that come after it are armed. start: tick at which
- * the bit in progress began; told: tick of the event. */
+/* Counts a match of a rule and returns whether it is a hit. Time, state, arming, hold-off, skip,
+ * every, probability and count decide, in this order. A hit arms the rules that come after this
+ * one. start: tick at which the bit in progress began; told: tick of the event. */
 bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* A hit without a match: a bit flipped by noise. */
@@ -126,7 +126,7 @@ bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
 
-/* Whether a rule acts only when it has been armed. */
+/* Returns whether a rule acts only when it has been armed. */
 static inline bool cw_rule_needs_arming(const cw_rule *rule)
 {
     return rule->has_after || rule->manual;
@@ -152,22 +152,22 @@ void cw_rule_wake(cw_rule_set *set, unsigned rule);
 /* Takes rules that have nothing to do any more out of it. */
 void cw_rules_fall_asleep(cw_rule_set *set);
 
-/* A transmission is over for a rule when its node has become a receiver or is idle, or when what
- * comes is no frame bit any more and the rule's bit is one. */
+/* Unbinds a rule from transmissions that are over for it: the node has become a receiver or is
+ * idle. They are over, too, when no frame bit comes any more and the rule's bit is one. */
 void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
 
-/* Whether the rule has to be looked at in the next bit. */
+/* Returns whether the rule has to be looked at in the next bit. */
 bool cw_rule_needs_bits(const cw_rule_state *state);
 
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
-/* Whether a rule that is no position action begins to act: its match is a hit. */
+/* Returns whether a rule that is no position action begins to act: its match is a hit. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* The rule acts from now on, for its time or once. */
 void cw_rule_act(cw_rule_set *set, unsigned rule);
 
-/* The same at that tick, when the bit in progress has been settled. */
+/* The rule acts at that tick, when the bit in progress has been committed. */
 void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick);
 
 /* An action that lasts begins; of one that lasts for a transmission, scope has the transmitters. */
@@ -178,7 +178,8 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
-/* Whose levels a new rule changes; where it has a position, its hit says it again. */
+/* Finds the nodes whose levels a new rule changes. The hit of a rule with a position finds them
+ * again. */
 void cw_rule_aim(cw_rule_state *state);
 
 /* Bits to come, no more than that many, that noise leaves alone: a look at draws, which changes

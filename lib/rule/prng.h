@@ -2,8 +2,8 @@
  *
  * prng.h - repeatable random streams, one for each fault rule.
  *
- * The generator is splitmix64: one 64-bit state, every seed is a good one, and a stream depends on
- * nothing but the seed of the run and its own name.
+ * The generator is splitmix64 with one 64-bit state, for which every seed is a good one. A stream
+ * depends on nothing but the seed of the run and its own name.
  */
 #ifndef CANWIRE_PRNG_H
 #define CANWIRE_PRNG_H

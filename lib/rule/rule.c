@@ -35,7 +35,7 @@ void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told)
     cw_rule_arm_followers(set, rule, told);
 }
 
-/* A match comes. Whether it is its turn, so that only chance can still make it none. */
+/* Counts a match. Returns whether its turn has come, so that only chance can still make it none. */
 static inline bool count_match(const cw_rule_set *set, cw_rule_state *s, uint64_t start,
                                uint64_t told)
 {

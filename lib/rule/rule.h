@@ -2,20 +2,20 @@
  *
  * rule.h - fault rules at work, as the rest of the library sees them.
  *
- * When a rule acts:
+ * Files that decide when a rule acts:
  *   add.c valid.c  rules come and go
  *   index.c        rules whose filters a frame matches; list.c sorted lists
  *   rule.c         whether a match becomes a hit; prng.c by chance
  *   arming.c       rules that come after others, or by hand
  *   bind.c error.c due.c  transmissions, errors and times that rules wait for
  *   look.c         the bits of a frame that rules look at in a frame step
- * What it does then:
+ * Files that act:
  *   begin.c        actions begin and end; awake.c those that are looked at in every bit
  *   level.c noise.c topology.c  levels of bits, and who is on which wire
  *   host.c         frames on the host side
  *   traffic.c      frames that rules send
- * What rules do to controllers, queues and events, the bus does for them (cw_rule_effects). What
- * follows on the bus is the controllers' affair.
+ * The bus acts on controllers, queues and events for the rules (cw_rule_effects). The controllers
+ * themselves do all that follows on the bus.
  */
 #ifndef CANWIRE_RULE_H
 #define CANWIRE_RULE_H
@@ -50,7 +50,7 @@ typedef struct cw_rule_state {
     uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, where the rule must be armed */
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
-    bool rx_hit;          /* what was decided at rx_tick */
+    bool rx_hit;          /* the decision at rx_tick */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
     uint64_t on_wire;     /* nodes whose wire it acts on, as far as it acts on levels ... */
@@ -74,7 +74,7 @@ typedef struct cw_rule_state {
     uint64_t bits_base;
 } cw_rule_state;
 
-/* Where a received frame is from, see cw_event. All 0 for frames on their way to the wire. */
+/* The origin of a received frame, see cw_event. All 0 for frames on their way to the wire. */
 typedef struct frame_origin {
     uint64_t from;
     uint64_t handed_in;
@@ -95,12 +95,13 @@ typedef struct held_frame {
 
 /* ---- The bus that rules are on --------------------------------------------------------------- */
 
-/* What rules have the bus do. Each is done before it returns: rules that come later, at the same
- * tick, look at what it has done, such as the state of a node. None has rules do anything. */
+/* The functions that rules call to act on the bus. Each has acted when it returns. Rules that come
+ * later at the same tick see its effect, such as the state of a node. No function has rules do
+ * anything. */
 typedef struct cw_rule_effects {
     /* A rule has had its hit at a tick; for events. */
     void (*tell_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
-    /* What a rule of CW_KIND_CONTROL does to the controllers of its nodes. */
+    /* A rule of CW_KIND_CONTROL acts on the controllers of its nodes. */
     void (*control)(cw_bus *bus, const cw_rule *rule);
     /* A rule on topology or acknowledging has begun or ended: see cw_rules_find_topology(). */
     void (*rewire)(cw_bus *bus);
@@ -119,7 +120,8 @@ typedef struct cw_rule_effects {
     uint64_t (*bits)(const cw_bus *bus, uint64_t *busy);
 } cw_rule_effects;
 
-/* What rules see of the bus. It is set when the bus is made; nothing in it is theirs to change. */
+/* The part of the bus that rules see. It is set when the bus is made, and rules change nothing in
+ * it. */
 typedef struct cw_rule_bus {
     const cw_wire_time *time;
     const cw_mac *macs[CW_NODES_MAX]; /* of each node; while it follows others it looks idle */
@@ -136,7 +138,7 @@ typedef struct cw_rule_bus {
 
 /* ---- Rules in use ---------------------------------------------------------------------------- */
 
-/* What rules want of a frame that waits to be sent. */
+/* The result of comparing a frame that waits to be sent with the rules. */
 typedef struct cw_watch {
     uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
     bool early;    /* one may do so before arbitration is lost */
@@ -147,7 +149,7 @@ typedef struct cw_watch {
 #define CW_NO_RULE UINT16_MAX
 #define CW_SEVERAL_RULES (UINT16_MAX - 1)
 
-/* What a filter looks for in the bits of its class, and the rule that has it. */
+/* The value of a filter in the bits of its class, and the rule that has it. */
 typedef struct cw_rule_key {
     uint32_t id; /* with CW_FILTER_EXTENDED */
     uint16_t rule;
@@ -198,7 +200,7 @@ typedef struct cw_rule_set {
     uint64_t counting;      /* ... and of these, those whose rule only counts */
     uint64_t unusual;       /* nodes for which all that may be other than usual */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
-    cw_watch usual;         /* what rules in `wildcards` want, if it is the same of each frame */
+    cw_watch usual;         /* the result for rules in `wildcards`, if each frame has the same */
     bool has_usual;
     bool stale;             /* rules have changed: that is to be found anew */
     uint64_t always_known;  /* all nodes, when no frame is worth a comparison */
@@ -272,7 +274,7 @@ void cw_rules_unbind(cw_rule_set *set);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
 
-/* Whether some rule waits for frames. If none does, no frame needs to be compared. */
+/* Returns whether some rule waits for frames. If none does, no frame needs to be compared. */
 static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
 {
     return set->key_count + set->wildcard_count > 0;
@@ -284,18 +286,19 @@ static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
     set->known &= ~cw_node_bit(node) | set->always_known;
 }
 
-/* Those of some nodes whose next frame has not been compared with the rules yet; and one is. */
+/* Returns those of some nodes whose next frame has not been compared with the rules yet; the other
+ * function compares the frame of one. */
 uint64_t cw_rules_unknown(cw_rule_set *set, uint64_t nodes);
 void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame);
 
-/* Those of some nodes for whose next frame a rule waits, to act on the wire; of the losers among
- * them only those where it may do so before they lose. All have been compared. */
+/* Returns those of some nodes for whose next frame a rule waits, to act on the wire. A loser is one
+ * of them only where the rule may act before it loses. All have been compared. */
 static inline uint64_t cw_rules_watched(const cw_rule_set *set, uint64_t nodes, unsigned winner)
 {
     return nodes & (set->early | (set->watched & cw_node_bit(winner)));
 }
 
-/* Whether some rule may act at or before the SOF of the next frame of a node. */
+/* Returns whether some rule may act at or before the SOF of the next frame of a node. */
 bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame *frame);
 
 /* A transmission, as rules look at it. */
@@ -326,7 +329,7 @@ void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_vi
 void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
                               unsigned from);
 
-/* Whether it is only one bit of the watched transmission of a node. */
+/* Returns whether rules look at only one bit of the watched transmission of a node. */
 static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
 {
     return set->watcher[node] != CW_SEVERAL_RULES;
@@ -349,8 +352,8 @@ static inline unsigned cw_rules_touch(const cw_rule_set *set)
     return set->awake_count ? cw_rules_touch_now(set) : 0;
 }
 
-/* Third: bits to come, no more than that many, that noise leaves alone and before whose end no
- * traffic rule sends, as long as no frame leaves a queue. busy: all these bits are. */
+/* Third: how many bits to come, no more than that many, noise leaves alone. Before their end no
+ * traffic rule sends, either, as long as no frame leaves a queue. busy: all these bits are. */
 uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 
 /* And the call that takes note. So many bits pass that rules keep quiet: their draws are consumed.
@@ -361,15 +364,15 @@ uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
                       const cw_frame_view *view);
 
-/* Whether the stop for the frame of a node may be found roughly: not behind the bit that a rule
- * looks at, but without the bits of the frame. Mostly nobody needs more. */
+/* Returns whether the stop for the frame of a node may be found roughly. A rough stop needs no bits
+ * of the frame, and lies at the bit that a rule looks at or before it. */
 static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 {
     return set->rough >> node & 1u;
 }
 
-/* The same for the frame of a node as a whole, which is sent to its end, where `skip` or `every`
- * pass over the match: mostly it is so. False, with nothing done, when they do not tell. */
+/* Counts the match of a frame that is sent to its end, when `skip` or `every` pass over it; mostly
+ * they do. Returns false, with nothing done, when they do not decide. */
 static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
 {
     if (!(set->counting >> node & 1u))
@@ -382,7 +385,8 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     return true;
 }
 
-/* Whether a rule that is bound looks at the bit that comes next in the transmission of a node. */
+/* Returns whether a rule that is bound looks at the bit that comes next in the transmission of a
+ * node. */
 bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node);
 
 /* The nodes whose lines to the bus are stuck. */
@@ -399,7 +403,7 @@ void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
 /* Hits of the bit that has ended. */
 void cw_rules_emit(cw_rule_set *set);
 
-/* Who is on which wire, and who acknowledges, as the active rules say. */
+/* The wires of the bus, and the nodes that do not acknowledge, as the active rules say. */
 typedef struct cw_topology {
     uint64_t off;    /* nodes that are cut off */
     uint64_t no_ack; /* nodes that do not acknowledge */
@@ -441,7 +445,7 @@ static inline void cw_rules_count_gone(cw_rule_set *set, unsigned source)
         set->rules[source - 1].outstanding--;
 }
 
-/* How many frames of a node rules hold back on each side. */
+/* Counts the frames of a node that rules hold back on each side. */
 void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, uint32_t *rx);
 
 #endif

@@ -20,7 +20,7 @@ static bool kinds_exist(const cw_rule *r)
            r->data_length <= 8 && r->name;
 }
 
-/* What is needed to know the moment: a frame, a position in it. */
+/* Returns whether the rule has what its moment needs: a frame, a position in it. */
 static bool moment_known(const cw_rule *r, unsigned traits)
 {
     bool position = r->field != CW_FIELD_NONE && (r->bits >= 1 || r->for_ticks > 0);
@@ -58,7 +58,7 @@ static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
     return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
 }
 
-/* The rule that it comes after may be added later. Whether settings fit, the nodes know. */
+/* The rule that it comes after may be added later. The nodes know whether settings fit. */
 bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
 {
     return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
