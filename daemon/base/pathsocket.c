@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * pathsocket.c - a Unix socket that listens at a path: for the daemon's group, and removed at the
- * end.
+ * pathsocket.c - a Unix socket that listens at a path: it is for the daemon's group, and is removed
+ * at the end.
  */
 #include "base/pathsocket.h"
 

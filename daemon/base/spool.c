@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * spool.c - writes a file through a thread of its own, so that no disk ever holds up the bus.
+ * spool.c - writes a file through a thread of its own, so that no disk ever delays the bus.
  *
  * The queue is a ring of bytes: each record has its size before it; size 0 is a cut. The thread
  * lets bytes wait a little, so that many small records are one write().

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * sim_run.c - a bus in virtual time: releases handed in, time advanced, events and bits passed on.
+ * sim_run.c - a bus in virtual time: hands in releases, advances time, passes events and bits on.
  */
 #include "cli/sim/sim_run.h"
 
