@@ -485,7 +485,7 @@ typedef enum cw_action {
     CW_ACTION_DROP,
     CW_ACTION_DELAY,     /* by for_ticks */
     CW_ACTION_DUPLICATE, /* `number` more copies */
-    CW_ACTION_REORDER,   /* behind the next `number` frames of that node and side */
+    CW_ACTION_REORDER,   /* after the next `number` frames of that node and side */
     CW_ACTION_CHANGE,    /* `change` */
     /* Traffic of `node`: */
     CW_ACTION_SEND,   /* `frame`, at once and then every period_ticks (0: once) while it lasts */
@@ -909,7 +909,7 @@ typedef struct cw_node_stats {
     uint64_t error_passive;
     uint64_t bus_off;
     uint64_t restarts;
-    uint64_t undetected_errors; /* frames accepted with content that nobody sent */
+    uint64_t undetected_errors; /* frames accepted with content that no node sent */
     uint32_t inbox;          /* frames by cw_node_send() that are not due yet */
     uint32_t queue;          /* frames waiting or being sent now */
     uint32_t queue_peak;

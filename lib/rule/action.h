@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * action.h - what the rules have to know of an action; one row for each.
+ * action.h - the properties of each action that rules need, one row for each.
  *
  * A rule in use points to its row, so the files in which actions act do not need the table itself.
  */
@@ -20,19 +20,19 @@ struct cw_passing;
 #define CW_HAS_POSITION 0x002u   /* is bound to a transmission, acts when the position is reached */
 #define CW_AT_HOST 0x004u        /* its frame is one that a host hands in or gets */
 #define CW_IN_ENCODING 0x008u    /* changes the frame that begins, before its first bit */
-#define CW_LASTS 0x010u          /* for a time, or till it is ended */
+#define CW_LASTS 0x010u          /* for a time, or until it is ended */
 #define CW_FOR_ATTEMPT 0x020u    /* ... with a frame trigger and no time: for that transmission */
 #define CW_EACH_BIT 0x040u       /* while it lasts, it is looked at in every bit */
 #define CW_ON_LINE 0x080u        /* holds a level on the rule's line */
 #define CW_RANDOM_BITS 0x100u    /* its hits are bits that it flips, not its beginning */
-#define CW_REWIRES 0x200u        /* changes who is on which wire, or who acknowledges */
-#define CW_SENDS_FRAME 0x400u    /* the rule's frame, which has to be valid */
-#define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is reason to, not at times known before */
+#define CW_REWIRES 0x200u        /* changes the nodes' wires, or the nodes that acknowledge */
+#define CW_SENDS_FRAME 0x400u    /* sends the rule's frame, which must be valid */
+#define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is a reason, not at ticks known before */
 
 /* The values that a number of a rule may have. */
 typedef struct cw_action_range {
-    uint16_t offset; /* in cw_rule, of a number of that many bytes: 2 or 4 */
-    uint16_t bytes;  /* 0: there is no such number */
+    uint16_t offset; /* of a number in cw_rule that has so many bytes: 2 or 4 */
+    uint16_t bytes;  /* 0: no such number */
     uint16_t least;
     uint16_t most;
     bool may_keep;   /* or CW_KEEP */
@@ -40,9 +40,9 @@ typedef struct cw_action_range {
 
 #define CW_ACTION_RANGES 2u
 
-#define CW_COPIES_MAX 16u /* that a rule can make of one frame */
+#define CW_COPIES_MAX 16u /* copies that a rule can make of one frame */
 
-/* Levels, for nodes that the rule concerns: what it makes of them in the bit in progress. */
+/* Changes the levels of the nodes that the rule names, in the bit in progress. */
 typedef void cw_level_action(struct cw_rule_set *set, struct cw_rule_state *state, uint64_t *levels,
                              uint64_t nodes);
 /* Acts on a frame that comes by. Returns true when the frame goes on. */
@@ -56,7 +56,7 @@ typedef struct cw_action_row {
     cw_action_kind kind;
     unsigned traits;
     cw_action_range ranges[CW_ACTION_RANGES];
-    union { /* by kind; NULL: another file asks for the action itself */
+    union { /* by kind; NULL: another file looks for the action itself */
         cw_level_action *levels;     /* CW_KIND_POSITION, CW_KIND_LEVEL */
         cw_host_action *host;        /* CW_KIND_HOST */
         cw_traffic_action *traffic;  /* CW_KIND_TRAFFIC */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * add.c - rules come and go while the bus runs.
+ * add.c - adds and removes rules while the bus runs.
  */
 #include "rule/private.h"
 
@@ -15,7 +15,7 @@ static unsigned free_place(const cw_rule_set *set)
     return place;
 }
 
-/* Counts that let the common cases be passed over quickly. */
+/* Counts rules by kind, so that the common cases are skipped quickly. */
 static void count_kinds(cw_rule_set *set)
 {
     set->host_rules = 0;
@@ -41,7 +41,8 @@ static void count_kinds(cw_rule_set *set)
     set->stale = true;
 }
 
-/* Longer frames have its bit when the shortest ones have it. */
+/* Returns true when each frame has the bit: longer frames have it when the shortest ones have
+ * it. */
 static bool is_in_each_frame(const cw_rule *r)
 {
     static const cw_frame base = {.dlc = 0}, extended = {.flags = CW_FRAME_EXTENDED};
@@ -71,7 +72,7 @@ void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule)
     cw_rule_state *s = &set->rules[place];
     *s = (cw_rule_state){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
                          .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
-    s->rule.name = NULL; /* not ours to keep */
+    s->rule.name = NULL; /* the name is the caller's */
     s->does = &cw_actions[rule->action];
     s->traits = s->does->traits;
     cw_rule_aim(s);
@@ -88,7 +89,7 @@ void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule)
     count_kinds(set);
 }
 
-/* Rules that came after a rule that is no more come after none, whatever gets its index. */
+/* Rules that came after a removed rule come after none, whichever rule gets its index. */
 static void abandon_followers(cw_rule_set *set, unsigned rule)
 {
     for (unsigned i = 0; i < set->count; i++)
@@ -114,7 +115,7 @@ bool cw_rules_arm(cw_rule_set *set, unsigned rule)
     return ready && cw_rule_add_arming(set, rule, cw_rules_now(set));
 }
 
-/* Its time window is over, or its one moment has come. */
+/* Returns true when the time window of the rule has ended, or its one moment has come. */
 static bool has_passed(const cw_rule_set *set, const cw_rule_state *s)
 {
     bool once = s->rule.trigger == CW_TRIGGER_TIME && s->fire_at == CW_NEVER && !s->active;

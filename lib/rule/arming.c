@@ -27,8 +27,8 @@ void cw_rule_take_arming(cw_rule_state *s, uint64_t tick)
     memmove(&s->arm_at[0], &s->arm_at[1], s->armings * sizeof s->arm_at[0]);
 }
 
-/* When the next arming takes place. Rules without delay can make a ring: it goes round once in a
- * bit. */
+/* Returns the tick of the next arming. Rules without delay can form a ring, which then goes round
+ * once in a bit. */
 uint64_t cw_rule_next_arming(const cw_rule_state *s)
 {
     if (s->armings == 0)
@@ -37,7 +37,7 @@ uint64_t cw_rule_next_arming(const cw_rule_state *s)
     return again ? s->armed_at + 1 : s->arm_at[0];
 }
 
-/* Rules that come after this one are armed, at once or later. */
+/* Arms the rules that come after this one, at once or later. */
 void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told)
 {
     if (set->after_rules == 0)

@@ -12,7 +12,7 @@ bool cw_rule_needs_bits(const cw_rule_state *s)
     return s->bound != 0 || s->bits_left != 0 || s->hit_now || (s->active && window);
 }
 
-/* Bits that an error takes away for good. */
+/* Returns true for bits that do not come any more after an error. */
 static bool is_in_frame(cw_field field)
 {
     return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;

@@ -50,7 +50,7 @@ static void command(cw_rule_set *set, const cw_rule *rule)
 {
     set->bus.effects->control(set->bus.self, rule);
     if (rule->nodes & set->off)
-        set->rewired = true; /* out of bus-off is not back on the bus */
+        set->rewired = true; /* a node that leaves bus-off is not yet back on the bus */
 }
 
 void cw_rule_act(cw_rule_set *set, unsigned rule)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bind.c - rules and the transmissions that begin.
+ * bind.c - binds rules to the transmissions that begin.
  */
 #include "rule/private.h"
 
@@ -18,7 +18,7 @@ static void match_transmission(cw_rule_set *set, unsigned rule, unsigned node)
         cw_rule_begin_window(set, rule, cw_node_bit(node));
     else
         cw_rule_act_later(set, rule, told);
-    cw_rule_wake(set, rule); /* to tell the hit at the end of the bit */
+    cw_rule_wake(set, rule); /* to report the hit at the end of the bit */
 }
 
 bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame)

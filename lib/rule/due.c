@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * due.c - what rules have to do at a tick.
+ * due.c - runs the rules that are due at a tick.
  */
 #include "rule/private.h"
 
@@ -12,7 +12,7 @@ static void arm(cw_rule_set *set, unsigned rule)
         cw_rule_fire(set, rule);
 }
 
-/* One rule at the present tick; returns whether anything was due. */
+/* Runs one rule at the present tick. Returns true when anything was due. */
 static bool run_rule(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
@@ -48,7 +48,7 @@ static void find_next_due(cw_rule_set *set)
     set->next_due = cw_least(next, cw_rules_next_held(set));
 }
 
-/* Until nothing is due any more: rules may arm each other at the same tick, each one once. */
+/* Runs until nothing is due any more: rules may arm each other at the same tick, each one once. */
 static void run_rules(cw_rule_set *set)
 {
     bool again = true;

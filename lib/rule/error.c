@@ -30,7 +30,7 @@ static uint32_t error_class(const cw_event *e)
     return 0;
 }
 
-/* One rule and errors of these classes. The same error at several nodes is one match. */
+/* Matches one rule with errors of these classes. The same error at several nodes is one match. */
 static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t classes)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
@@ -46,12 +46,12 @@ static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t
     cw_rule_act_later(set, rule, cw_rules_now(set));
 }
 
-/* The event lies in the ring, which moves when a fault is told: look at it before. */
+/* The event lies in the ring, which moves when a fault is reported: read it before. */
 void cw_rules_error_now(cw_rule_set *set, unsigned node, const cw_event *event)
 {
     uint32_t classes = error_class(event);
     if (event->kind == CW_EVENT_STATE && set->off)
-        cw_rules_rewire(set); /* out of bus-off is not back on the bus */
+        cw_rules_rewire(set); /* a node that leaves bus-off is not yet back on the bus */
     for (unsigned rule = 0; set->error_rules && rule < set->count; rule++)
         match_error(set, rule, node, classes);
 }

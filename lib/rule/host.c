@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * host.c - what fault rules do to frames between a host and its controller.
+ * host.c - the actions of fault rules on frames between a host and its controller.
  *
- * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on
- * its way. The hit counts all the same: the rule could not do more.
+ * A frame that a rule holds back counts as pending. When there is no room to hold it, it goes on.
+ * The hit counts all the same, without further effect.
  */
 #include "rule/private.h"
 
@@ -33,7 +33,7 @@ static void deliver_held(cw_rule_set *set, const held_frame *h, uint64_t tick)
         set->bus.effects->hand_out(set->bus.self, h->node, &h->frame, &h->origin);
 }
 
-/* Those that are due by now, in the order in which they were held back. */
+/* Releases the frames that are due by now, in the order in which they were held back. */
 static void release(cw_rule_set *set, uint64_t tick)
 {
     unsigned kept = 0;
@@ -166,7 +166,7 @@ bool cw_delay_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 bool cw_let_overtake(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     return rule->number == 0 ||
-           hold_back(set, rule, p, CW_NEVER, rule->number + 1); /* itself comes by first */
+           hold_back(set, rule, p, CW_NEVER, rule->number + 1); /* the frame itself passes first */
 }
 
 /* Returns whether a matching frame is a hit. A frame that several nodes receive is one match. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * index.c - rules by the identifier of the frames that they wait for.
+ * index.c - finds rules by the identifier of the frames that they wait for.
  */
 #include "rule/private.h"
 
@@ -122,7 +122,7 @@ static void add_key(cw_rule_set *set, cw_rule_key key)
     note_id(set, &key);
 }
 
-/* After keys have gone. */
+/* Counts the keys anew after some have been removed. */
 static void count_keys(cw_rule_set *set)
 {
     memset(set->id_classes, 0, sizeof set->id_classes);
@@ -153,8 +153,8 @@ static void remove_keys(cw_rule_set *set, unsigned rule)
     count_keys(set);
 }
 
-/* False: the filter looks at no bit of the identifier or takes what differs, or there is no class
- * for it. */
+/* Adds the key of a filter. Returns false when the filter looks at no bit of the identifier, is
+ * inverted, or there is no class for it. */
 static bool add_filter(cw_rule_set *set, unsigned rule, const cw_filter *f)
 {
     const uint32_t mask = f->mask & CW_FILTER_EXTENDED_MASK;
@@ -168,7 +168,8 @@ static bool add_filter(cw_rule_set *set, unsigned rule, const cw_filter *f)
     return true;
 }
 
-/* A key for each filter of a rule. False: one can have none; keys of those before it are there. */
+/* Adds a key for each filter of a rule. Returns false when one can have no key; keys of earlier
+ * filters stay. */
 static bool add_keys(cw_rule_set *set, unsigned rule)
 {
     const cw_rule *r = &set->rules[rule].rule;
@@ -194,7 +195,7 @@ void cw_index_remove(cw_rule_set *set, unsigned rule)
     remove_keys(set, rule);
 }
 
-/* Keys of a class with the frame's identifier, if there are any. */
+/* Adds the keys of a class with the frame's identifier, if there are any. */
 static void add_run(cw_candidates *c, const cw_rule_set *set, unsigned class)
 {
     const uint32_t id = c->id & set->classes[class].mask;
@@ -218,7 +219,8 @@ void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_fram
             add_run(c, set, i);
 }
 
-/* The next rule of all runs and the list, in order: with several filters it may be in several. */
+/* Finds the next rule of all runs and the list, in order. A rule with several filters may be in
+ * several of them. */
 static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set)
 {
     const bool listed = c->wildcard < set->wildcard_count;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * level.c - what fault rules do to levels: bits at a position, stuck lines, noise, topology.
+ * level.c - the actions of fault rules on levels: bits at a position, stuck lines, noise, topology.
  *
- * First the lines from the nodes to the wire, then the wire, then what single nodes sample.
+ * They act first on the lines from the nodes to the wire, then on the wire, then on the samples of
+ * single nodes.
  */
 #include "rule/private.h"
 
@@ -20,7 +21,7 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
-/* The transceiver lets go of the bus when its TXD has been dominant for too long. */
+/* The transceiver releases the bus when its TXD has been dominant for too long. */
 static bool stuck_tx_level(cw_rule_state *s, cw_rate rate)
 {
     if (s->rule.level == CW_RECESSIVE)
@@ -46,8 +47,8 @@ void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
 
 /* ---- Positions ------------------------------------------------------------------------------- */
 
-/* In a field that all nodes are in: the transmitter's own count. The first bit of a delimiter is
- * known by the wire: nobody sends a flag any more. */
+/* Returns true when the transmitter is at the position, by its own count, in a field that all nodes
+ * are in. In the first bit of a delimiter no node may drive a flag any more. */
 static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
     cw_place place = cw_mac_place(mac);
@@ -101,7 +102,7 @@ static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac
     return cw_mac_own_bit(mac, &n) && cw_bits_is_at(&mac->tx, n, rule->field, rule->index);
 }
 
-/* The nodes that share a wire with this one. */
+/* Returns the nodes that share a wire with this one. */
 static uint64_t wire_of(const cw_rule_set *set, unsigned node)
 {
     for (unsigned g = 0; g < *set->bus.wire_count; g++)
@@ -110,7 +111,7 @@ static uint64_t wire_of(const cw_rule_set *set, unsigned node)
     return cw_node_bit(node);
 }
 
-/* The wires on which the named bit is reached, as nodes. */
+/* Returns the wires on which the named bit is reached, as nodes. */
 static uint64_t wires_reached(const cw_rule_set *set, cw_rule_state *s)
 {
     uint64_t reached = 0;
@@ -123,7 +124,7 @@ static uint64_t wires_reached(const cw_rule_set *set, cw_rule_state *s)
     return reached;
 }
 
-/* Only FORCE may last for a time. */
+/* Returns the bits that an action lasts. Only FORCE may last for a time. */
 static uint64_t action_bits(const cw_rule_set *set, const cw_rule *rule)
 {
     if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
@@ -131,7 +132,7 @@ static uint64_t action_bits(const cw_rule_set *set, const cw_rule *rule)
     return cw_rate_bits_begun(cw_wire_rate(set->bus.time), rule->for_ticks);
 }
 
-/* A new hit while an action is under way begins it again. */
+/* Looks for the position of a rule. A new hit while an action is under way begins it again. */
 static void look_for_position(cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     uint64_t wires = wires_reached(set, s);
@@ -139,7 +140,7 @@ static void look_for_position(cw_rule_set *set, unsigned rule, cw_rule_state *s)
         return;
     s->hit_now = true;
     if (s->rule.at == 0)
-        s->on_wire = wires; /* a bit of that wire alone */
+        s->on_wire = wires; /* the bit of that wire alone */
     s->bits_done = 0;
     s->bits_left = action_bits(set, &s->rule);
 }
@@ -193,7 +194,7 @@ static inline bool acts_now(const cw_rule_state *s)
     return cw_rule_is(s, CW_HAS_POSITION) ? s->bits_left > 0 : s->active;
 }
 
-/* Actions for one transmission end with it. */
+/* Ends an action for one transmission with that transmission. */
 static void check_scope(cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     for (uint64_t rest = s->scope; rest; rest &= rest - 1)
@@ -205,8 +206,8 @@ static void check_scope(cw_rule_set *set, unsigned rule, cw_rule_state *s)
 
 /* The plan says what rules are about to do in a bit. */
 typedef struct bit_plan {
-    uint64_t wire;  /* nodes whose wire they change ... */
-    uint64_t nodes; /* ... or what they sample */
+    uint64_t wire;  /* nodes whose wire rules change ... */
+    uint64_t nodes; /* ... or whose samples */
     uint64_t bits;  /* not 0: bits of positions are counted */
 } bit_plan;
 

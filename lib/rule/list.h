@@ -7,10 +7,10 @@
 
 #include <stdint.h>
 
-/* The list must have room for one more, and not have the rule. */
+/* Adds a rule. The list must have room for one more, and not have the rule. */
 void cw_list_add(uint16_t *list, unsigned *count, unsigned rule);
 
-/* Does nothing when the list does not have it. */
+/* Removes a rule. Does nothing when the list does not have it. */
 void cw_list_remove(uint16_t *list, unsigned *count, unsigned rule);
 
 #endif

@@ -3,10 +3,10 @@
  * look.c - the bits of a frame that rules look at in a frame step.
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
- * a hit. So the step goes up to that bit, and over it when the rule passes over the match. No rule
- * is bound to a transmission before single bits go on. Those that are bound already stay so in a
- * step that resumes one. Rules that hold a level for a time need the levels of all bits, but no
- * controllers.
+ * a hit. So the step goes up to that bit, and past it when the rule passes over the match. No rule
+ * is bound to a transmission before single bits go on. Rules that are already bound stay so in a
+ * step that resumes a transmission. Rules that hold a level for a time need the levels of all bits,
+ * but no controllers.
  */
 #include "rule/private.h"
 
@@ -14,7 +14,8 @@
 
 /* ---- Rules and the frames that wait ---------------------------------------------------------- */
 
-/* The next rule on the wire for a frame of that node; false when there are no more. */
+/* Finds the next rule that acts on the wire for a frame of that node. Returns false when there are
+ * no more. */
 static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set, unsigned node)
 {
     while (cw_candidates_next(c, rule, set)) {
@@ -26,7 +27,7 @@ static bool next_rule(cw_candidates *c, unsigned *rule, const cw_rule_set *set, 
     return false;
 }
 
-/* Its bit of a frame is one that a node which loses arbitration does not come to. */
+/* Returns true when a node that loses arbitration does not come to the bit of the rule. */
 static bool acts_late(const cw_rule_state *s)
 {
     const cw_rule *r = &s->rule;
@@ -83,7 +84,7 @@ static void note_watch(cw_rule_set *set, unsigned node, cw_watch w)
     set->counting = (set->counting & ~self) | (w.counting ? self : 0);
 }
 
-/* After rules have changed. */
+/* Watches all nodes anew after rules have changed. */
 static void watch_anew(cw_rule_set *set)
 {
     set->stale = false;
@@ -119,14 +120,14 @@ void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame)
     bool usual = set->has_usual && !cw_rules_may_wait(set, frame);
     set->known |= self;
     if (usual && !(set->unusual & self))
-        return; /* as it was */
+        return; /* unchanged */
     note_watch(set, node, usual ? set->usual : watch_closely(set, node, frame));
     set->unusual = usual ? set->unusual & ~self : set->unusual | self;
 }
 
 /* ---- Rules that act at once ------------------------------------------------------------------ */
 
-/* Its time is not within the longest frame from now on. */
+/* Returns true when the time of the rule is not within the longest frame from now on. */
 static bool is_out_of_time(const cw_rule_set *set, const cw_rule *r)
 {
     uint64_t end = cw_wire_tick_or_never(set->bus.time, CW_BITS_MAX);
@@ -155,7 +156,8 @@ bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame
 
 /* ---- Bits that rules look at ----------------------------------------------------------------- */
 
-/* The wire bit of a transmission that a rule looks at; false when that bit does not come. */
+/* Finds the wire bit of a transmission that a rule looks at. Returns false when that bit does not
+ * come. */
 static bool find_bit(const cw_frame_view *view, unsigned *n, const cw_rule *r)
 {
     if (r->field >= CW_FIELD_ERROR_FLAG && r->field <= CW_FIELD_OVERLOAD_DELIMITER)
@@ -169,8 +171,8 @@ static bool find_bit(const cw_frame_view *view, unsigned *n, const cw_rule *r)
     return cw_bits_find(view->bits, n, r->field, r->index) && *n <= view->last;
 }
 
-/* The look of one rule at a transmission, unless it lies before `from` or behind one that has been
- * found. */
+/* Adds the look of one rule at a transmission, unless it lies before `from` or after one that has
+ * been found. */
 static void add_look(cw_look *look, const cw_rule_set *set, unsigned rule,
                      const cw_frame_view *view, unsigned from)
 {
@@ -207,15 +209,15 @@ void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_fr
             add_look(look, set, set->awake[i], view, from);
 }
 
-/* ---- What has been looked at is consumed ----------------------------------------------------- */
+/* ---- Consuming looks ------------------------------------------------------------------------- */
 
-/* The tick at which a bit of the frame begins. */
+/* Returns the tick at which a bit of the frame begins. */
 static uint64_t tick_of(const cw_rule_set *set, const cw_frame_view *view, unsigned n)
 {
     return cw_wire_tick(set->bus.time, (uint64_t)n - view->at);
 }
 
-/* A look whose bit is known. */
+/* Decides a look whose bit is known. */
 static bool consume_bit(cw_rule_set *set, const cw_look *look, const cw_frame_view *view)
 {
     if (look->bit >= view->length || look->rule == CW_SEVERAL_RULES)
@@ -224,14 +226,14 @@ static bool consume_bit(cw_rule_set *set, const cw_look *look, const cw_frame_vi
                                tick_of(set, view, look->bit + 1u));
 }
 
-/* One at some bit of a frame which begins now, or has begun, and which is sent to its end. */
+/* Decides a look at some bit of a frame that begins now, or has begun, and is sent to its end. */
 static bool consume_frame(cw_rule_set *set, const cw_look *look, const cw_frame_view *view)
 {
     const cw_rule *r = &set->rules[look->rule].rule;
     uint64_t end = cw_wire_tick(set->bus.time, view->length);
     unsigned n;
     if (r->time_begin > cw_rules_now(set) || r->time_end < end)
-        return false; /* it depends on the bit */
+        return false; /* the result depends on the bit */
     return !cw_frame_find(view->frame, &n, r->field, r->index) ||
            cw_rule_passes_over(set, look->rule, cw_rules_now(set), cw_rules_bit_end(set));
 }
@@ -253,7 +255,7 @@ static const cw_rule_state *awake_rule(const cw_rule_set *set, unsigned i)
     return &set->rules[set->awake[i]];
 }
 
-/* Nothing of it but that it is active. */
+/* Returns true when the rule is active and does nothing else. */
 static bool is_plain(const cw_rule_state *s)
 {
     return s->active && !s->hit_now && s->bits_left == 0 && s->bound == 0;
@@ -261,7 +263,7 @@ static bool is_plain(const cw_rule_state *s)
 
 static inline unsigned touch_of(const cw_rule_state *s)
 {
-    if (s->for_attempt) /* nothing of it has a position or a line */
+    if (s->for_attempt) /* such a rule has neither a position nor a line */
         return CW_TOUCH_CONTROLLERS | CW_TOUCH_MORE;
     unsigned touch = (s->bits_left > 0 ? CW_TOUCH_LEVELS : 0) | (s->bound ? CW_TOUCH_FRAME : 0);
     if (s->active && cw_rule_is(s, CW_ON_LINE))
@@ -272,7 +274,7 @@ static inline unsigned touch_of(const cw_rule_state *s)
         return touch | CW_TOUCH_AT_RANDOM;
     if (is_plain(s) && cw_rule_is(s, CW_ON_LINE) && s->rule.level == CW_RECESSIVE)
         return touch | CW_TOUCH_DOMINANT;
-    return touch | CW_TOUCH_MORE; /* one that is over falls asleep with a single bit */
+    return touch | CW_TOUCH_MORE; /* a finished rule falls asleep with a single bit */
 }
 
 unsigned cw_rules_touch_now(const cw_rule_set *set)

@@ -2,9 +2,9 @@
  *
  * noise.c - single bits flipped at random.
  *
- * Each bit of bus time costs a draw, and nearly all of them flip nothing. So rules look at the
- * draws of bits to come beforehand. Up to the first that flips, the bus may go as if there were no
- * noise. To look at draws changes nothing; they are consumed when their bits have passed.
+ * Each bit of bus time costs a draw, and nearly all draws flip nothing. So the draws of bits to
+ * come are looked at beforehand. Up to the first one that flips, the bus may go as if there were no
+ * noise. The look changes nothing; the draws are consumed when their bits have passed.
  */
 #include "rule/private.h"
 
@@ -12,10 +12,10 @@
 
 #define LOOK_AHEAD_BITS 4096u
 #define FIRST_LOOK_BITS 128u /* about a frame */
-#define LOOK_AHEAD_DRAWS 65536u /* of all rules: CW_RULES_MAX with a draw for each node */
-#define DRAWS_OF_A_PIECE 64u    /* of work */
+#define LOOK_AHEAD_DRAWS 65536u /* draws of all rules: CW_RULES_MAX with a draw for each node */
+#define DRAWS_OF_A_PIECE 64u    /* draws of a unit of work */
 
-/* One draw for the wire, or one for each node. */
+/* Returns the draws of one bit: one for the wire, or one for each node. */
 static unsigned draws_of_bit(const cw_rule_set *set, const cw_rule_state *s)
 {
     return s->rule.at == 0 ? 1 : cw_count_bits(s->rule.at & set->bus.all);
@@ -26,7 +26,7 @@ static bool draw(const cw_rule *r, cw_prng *prng)
     return cw_prng_next(prng) < r->error_rate;
 }
 
-/* The draws of one bit; the nodes whose level is flipped. */
+/* Makes the draws of one bit. Returns the nodes whose level is flipped. */
 static inline uint64_t draw_bit(const cw_rule_set *set, const cw_rule *r, cw_prng *prng)
 {
     uint64_t flipped = 0;
@@ -49,7 +49,7 @@ static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t 
 
 void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
-    (void)nodes; /* those that it draws */
+    (void)nodes; /* the rule draws its nodes */
     const uint64_t flipped = draw_bit(set, &s->rule, &s->prng);
     if (flipped)
         flip(set, s, levels, flipped);
@@ -63,8 +63,8 @@ static bool is_steady_noise(const cw_rule_state *s)
            s->bits_left == 0 && s->bound == 0;
 }
 
-/* The first bit that a rule flips, of so many behind those that have been looked at; else the
- * number of them. */
+/* Returns the first bit that a rule flips, of so many after those looked at before. Returns their
+ * number when it flips none. */
 static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint64_t from,
                            uint64_t bits)
 {
@@ -76,7 +76,7 @@ static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint6
     return bits;
 }
 
-/* The same for all rules. */
+/* Returns the same for all rules. */
 static uint64_t first_flip_of_any(const cw_rule_set *set, uint64_t from, uint64_t bits)
 {
     for (unsigned i = 0; bits > 0 && i < set->awake_count; i++) {

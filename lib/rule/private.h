@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * private.h - what the parts of the rules share.
+ * private.h - declarations that the parts of the rules share.
  */
 #ifndef CANWIRE_RULE_PRIVATE_H
 #define CANWIRE_RULE_PRIVATE_H
@@ -8,14 +8,15 @@
 #include "mac/mac.h"
 #include "rule/rule.h"
 
-#define CW_RULES_OF_A_PIECE 16u /* of work: rules that are looked at and have nothing to do */
+#define CW_RULES_OF_A_PIECE 16u /* a unit of work: rules that are looked at and have nothing to
+                                   do */
 
 static inline cw_rule_state *cw_rule_at(cw_rule_set *set, unsigned rule)
 {
     return &set->rules[rule];
 }
 
-/* The present tick, and the one at which the bit ends that begins now. */
+/* Return the present tick, and the tick at which the bit that begins now ends. */
 static inline uint64_t cw_rules_now(const cw_rule_set *set)
 {
     return cw_wire_now(set->bus.time);
@@ -39,7 +40,7 @@ static inline bool cw_rule_is(const cw_rule_state *state, unsigned traits)
     return (state->traits & traits) == traits;
 }
 
-/* Its frame is one on the wire, not one that a host hands in or gets. */
+/* Returns true when the rule's frame is one on the wire, not one that a host hands in or gets. */
 static inline bool cw_rule_acts_on_wire(const cw_rule_state *state)
 {
     return !cw_rule_is(state, CW_AT_HOST);
@@ -54,7 +55,7 @@ typedef struct cw_passing {
     const frame_origin *origin;
 } cw_passing;
 
-/* ---- What the bus does ----------------------------------------------------------------------- */
+/* ---- Effects on the bus ---------------------------------------------------------------------- */
 
 static inline void cw_rule_tell_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
 {
@@ -73,7 +74,7 @@ bool cw_rule_valid(const cw_rule_set *set, const cw_rule *rule);
 
 /* ---- index.c --------------------------------------------------------------------------------- */
 
-/* A rule in use, with a frame trigger or another one. */
+/* Add and remove a rule in use, with a frame trigger or another one. */
 void cw_index_add(cw_rule_set *set, unsigned rule);
 void cw_index_remove(cw_rule_set *set, unsigned rule);
 
@@ -91,8 +92,8 @@ typedef struct cw_candidates {
     cw_key_run runs[CW_ID_CLASSES];
 } cw_candidates;
 
-/* False: only rules of the list of wildcards may wait for that identifier. Mostly it is so, and a
- * look at a table tells. */
+/* Returns false when only rules of the list of wildcards may wait for that identifier. That is the
+ * usual result, by one look at a table. */
 bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame);
 
 void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame);
@@ -111,17 +112,18 @@ static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
  * one. start: tick at which the bit in progress began; told: tick of the event. */
 bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
-/* A hit without a match: a bit flipped by noise. */
+/* Counts a hit without a match: a bit flipped by noise. */
 void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told);
 
 bool cw_rule_is_over(const cw_rule_state *state);
 
-/* As cw_rule_match(), up to the hit itself: a match that is none is counted, a hit is not. */
+/* Does the same as cw_rule_match(), up to the hit itself: counts a match that is no hit, but not
+ * the hit. */
 bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
-/* A match that is no hit is counted. False: it is one, and it is as if nobody had asked; the bit
- * itself will. start, told: ticks of the bit and of its end, or of any other bit for which all is
- * the same. */
+/* Counts a match that is no hit. Returns false for a hit and changes nothing then; the bit itself
+ * will count it. start, told: ticks of the bit and of its end, or of any other bit with the same
+ * result. */
 bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
@@ -132,16 +134,16 @@ static inline bool cw_rule_needs_arming(const cw_rule *rule)
     return rule->has_after || rule->manual;
 }
 
-/* False: so many armings are under way already that this one is lost. */
+/* Returns false when too many armings are under way already, so this one is lost. */
 bool cw_rule_add_arming(cw_rule_set *set, unsigned rule, uint64_t tick);
 
-/* When the next arming of a rule takes place; CW_NEVER. */
+/* Returns the tick of a rule's next arming, or CW_NEVER. */
 uint64_t cw_rule_next_arming(const cw_rule_state *state);
 
-/* The next one takes place at that tick. */
+/* Takes the next arming, at that tick. */
 void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 
-/* Rules that come after this one are armed, at once or later. */
+/* Arms the rules that come after this one, at once or later. */
 void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told);
 
 /* ---- awake.c --------------------------------------------------------------------------------- */
@@ -149,11 +151,11 @@ void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told);
 /* Puts a rule into the list of those that are looked at in every bit. */
 void cw_rule_wake(cw_rule_set *set, unsigned rule);
 
-/* Takes rules that have nothing to do any more out of it. */
+/* Takes rules that have nothing to do any more out of the list. */
 void cw_rules_fall_asleep(cw_rule_set *set);
 
-/* Unbinds a rule from transmissions that are over for it: the node has become a receiver or is
- * idle. They are over, too, when no frame bit comes any more and the rule's bit is one. */
+/* Unbinds a rule from transmissions that have ended for it: the node has become a receiver or is
+ * idle. For a rule on a frame bit they end, too, when the next bit is no frame bit. */
 void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
 
 /* Returns whether the rule has to be looked at in the next bit. */
@@ -164,16 +166,16 @@ bool cw_rule_needs_bits(const cw_rule_state *state);
 /* Returns whether a rule that is no position action begins to act: its match is a hit. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
 
-/* The rule acts from now on, for its time or once. */
+/* Lets the rule act from now on, for its time or once. */
 void cw_rule_act(cw_rule_set *set, unsigned rule);
 
 /* The rule acts at that tick, when the bit in progress has been committed. */
 void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick);
 
-/* An action that lasts begins; of one that lasts for a transmission, scope has the transmitters. */
+/* Begins an action that lasts; if it lasts for a transmission, scope has the transmitters. */
 void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope);
 
-/* A match comes at the present tick, between two bits: the rule acts if it is a hit. */
+/* Handles a match at the present tick, between two bits: the rule acts if it is a hit. */
 void cw_rule_fire(cw_rule_set *set, unsigned rule);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
@@ -182,25 +184,25 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule);
  * again. */
 void cw_rule_aim(cw_rule_state *state);
 
-/* Bits to come, no more than that many, that noise leaves alone: a look at draws, which changes
- * nothing. Noise for a transmission is left out. */
+/* Returns the bits to come, at most `bits`, that noise does not flip: a look at draws, which
+ * changes nothing. Noise for a transmission is left out. */
 uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits);
 
-/* Such bits have passed. */
+/* Consumes the draws of such bits. */
 void cw_noise_pass(cw_rule_set *set, uint64_t bits);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
-/* Frames that were held back and are due now. */
+/* Releases frames that were held back and are due now. */
 void cw_rules_release_held(cw_rule_set *set);
 
-/* Frames that a rule, which ends, holds back. */
+/* Makes frames that an ending rule holds back due now. */
 void cw_rule_let_go(cw_rule_set *set, unsigned rule);
 
 uint64_t cw_rules_next_held(const cw_rule_set *set);
 
-/* Bits to come, no more than that many, before whose end traffic rules send nothing as long as no
- * frame leaves a queue. busy: all these bits are. */
+/* Returns the bits to come, at most `bits`, before whose end traffic rules send nothing as long as
+ * no frame leaves a queue. busy: all these bits are. */
 uint64_t cw_traffic_free(const cw_rule_set *set, uint64_t bits, bool busy);
 
 #endif

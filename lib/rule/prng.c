@@ -6,7 +6,8 @@
 
 #include "canwire.h"
 
-#define GAMMA UINT64_C(0x9E3779B97F4A7C15) /* step of the state: any number can be had at once */
+#define GAMMA UINT64_C(0x9E3779B97F4A7C15) /* step of the state; any number of the stream can be
+                                              computed at once */
 
 static uint64_t mix(uint64_t z)
 {

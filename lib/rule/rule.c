@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * rule.c - whether a match of a rule is a hit, and what is counted of it.
+ * rule.c - decides whether a match of a rule is a hit, and counts it.
  */
 #include "rule/private.h"
 

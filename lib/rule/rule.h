@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * rule.h - fault rules at work, as the rest of the library sees them.
+ * rule.h - fault rules, as the rest of the library sees them.
  *
  * Files that decide when a rule acts:
  *   add.c valid.c  rules come and go
@@ -11,7 +11,7 @@
  *   look.c         the bits of a frame that rules look at in a frame step
  * Files that act:
  *   begin.c        actions begin and end; awake.c those that are looked at in every bit
- *   level.c noise.c topology.c  levels of bits, and who is on which wire
+ *   level.c noise.c topology.c  levels of bits, and the wires of nodes
  *   host.c         frames on the host side
  *   traffic.c      frames that rules send
  * The bus acts on controllers, queues and events for the rules (cw_rule_effects). The controllers
@@ -38,7 +38,7 @@ typedef struct flag_watch {
 typedef struct cw_rule_state {
     cw_rule rule;
     const cw_action_row *does; /* the row of its action ... */
-    unsigned traits;           /* ... and what that says, CW_NEEDS_FRAME etc. */
+    unsigned traits;           /* ... and the traits of that row, CW_NEEDS_FRAME etc. */
     cw_prng prng;
     bool used;            /* the place holds a rule */
     bool awake;           /* in the awake list: looked at in every bit */
@@ -48,18 +48,18 @@ typedef struct cw_rule_state {
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     bool open;            /* no time, arming or place in a frame keeps it from a match */
     uint16_t outstanding; /* frames of its traffic in queues */
-    uint32_t armed;       /* hits allowed, where the rule must be armed */
+    uint32_t armed;       /* hits allowed, when the rule must be armed */
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
     bool rx_hit;          /* the decision at rx_tick */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
-    uint64_t on_wire;     /* nodes whose wire it acts on, as far as it acts on levels ... */
-    uint64_t at_nodes;    /* ... and nodes for which it changes what they sample */
+    uint64_t on_wire;     /* nodes whose wire it acts on, if it acts on levels ... */
+    uint64_t at_nodes;    /* ... and nodes whose samples it changes */
     uint64_t rx_tick;     /* host rules on the RX side: one decision for all receivers of a frame */
     uint64_t bound;       /* nodes whose present transmission the rule looks at */
     uint64_t scope;
     uint64_t matches;
-    uint64_t taken;       /* of these, those that were not passed over */
+    uint64_t taken;       /* matches that were not passed over */
     uint64_t hits;
     uint64_t last_hit;    /* tick */
     uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */
@@ -67,9 +67,9 @@ typedef struct cw_rule_state {
     unsigned armings;
     uint64_t armed_at;    /* tick of the last arming; one at a tick */
     uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
-    uint64_t active_until; /* tick; CW_NEVER: till cleared */
+    uint64_t active_until; /* tick; CW_NEVER: until cleared */
     uint64_t next_at;     /* SEND: tick of the next frame */
-    uint64_t dominant_bits; /* STUCK on a TX: how long it has been dominant */
+    uint64_t dominant_bits; /* STUCK on a TX: its dominant bits up to now */
     uint64_t busy_base;   /* LOAD: busy bits and bits when it began */
     uint64_t bits_base;
 } cw_rule_state;
@@ -99,23 +99,24 @@ typedef struct held_frame {
  * later at the same tick see its effect, such as the state of a node. No function has rules do
  * anything. */
 typedef struct cw_rule_effects {
-    /* A rule has had its hit at a tick; for events. */
+    /* Reports the hit of a rule at a tick as an event. */
     void (*tell_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
     /* A rule of CW_KIND_CONTROL acts on the controllers of its nodes. */
     void (*control)(cw_bus *bus, const cw_rule *rule);
-    /* A rule on topology or acknowledging has begun or ended: see cw_rules_find_topology(). */
+    /* Applies the topology when a rule on topology or acknowledging has begun or ended: see
+     * cw_rules_find_topology(). */
     void (*rewire)(cw_bus *bus);
-    /* A frame goes to the queue of a node. source: 0, or the rule's index plus 1 when it is its
-     * traffic; the bus counts such frames in and out of `outstanding`. */
+    /* Queues a frame at a node. source: 0, or the rule's index plus 1 when it is its traffic; the
+     * bus counts such frames in and out of `outstanding`. */
     void (*queue)(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
                   unsigned source);
-    /* A frame goes to a node's host. */
+    /* Hands a frame to a node's host. */
     void (*hand_out)(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
-    /* A frame that was going onto the bus or to the host is lost. */
+    /* Drops a frame on its way onto the bus or to the host. */
     void (*drop)(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, uint64_t tick);
-    /* A frame is there that no host has handed in, or that came off no wire. */
+    /* Counts a frame that no host has handed in, or that no wire has carried. */
     void (*count_made)(cw_bus *bus, unsigned node, cw_side side);
-    /* Questions of traffic rules: whether a node's queue takes a frame now, and the bits so far. */
+    /* Answer traffic rules: true when a node's queue takes a frame now, and the bits so far. */
     bool (*can_take)(const cw_bus *bus, unsigned node);
     uint64_t (*bits)(const cw_bus *bus, uint64_t *busy);
 } cw_rule_effects;
@@ -124,7 +125,7 @@ typedef struct cw_rule_effects {
  * it. */
 typedef struct cw_rule_bus {
     const cw_wire_time *time;
-    const cw_mac *macs[CW_NODES_MAX]; /* of each node; while it follows others it looks idle */
+    const cw_mac *macs[CW_NODES_MAX]; /* of each node; a follower's looks idle */
     unsigned node_count;
     uint64_t all; /* nodes */
     uint64_t seed;
@@ -133,16 +134,16 @@ typedef struct cw_rule_bus {
     const uint64_t *wires; /* sets of nodes that share one ... */
     const unsigned *wire_count;
     const cw_rule_effects *effects;
-    cw_bus *self; /* for them */
+    cw_bus *self; /* the argument of effects */
 } cw_rule_bus;
 
 /* ---- Rules in use ---------------------------------------------------------------------------- */
 
 /* The result of comparing a frame that waits to be sent with the rules. */
 typedef struct cw_watch {
-    uint16_t rule; /* that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
-    bool early;    /* one may do so before arbitration is lost */
-    bool rough;    /* it is one rule only, and its answer is the same at any bit of the frame */
+    uint16_t rule; /* the rule that acts on the wire; CW_NO_RULE, CW_SEVERAL_RULES */
+    bool early;    /* a rule may act before arbitration is lost */
+    bool rough;    /* one rule only, with the same result at any bit of the frame */
     bool counting; /* rough, and only its counters and chance tell whether a match is a hit */
 } cw_watch;
 
@@ -172,7 +173,7 @@ typedef struct cw_rule_set {
     uint8_t id_classes[1u << CW_ID_HASH_BITS]; /* by hash: the classes with such keys, as bits */
     cw_id_class classes[CW_ID_CLASSES];
     cw_rule_key *keys;     /* of frame rules, sorted by class, identifier and rule */
-    uint16_t *wildcards;    /* frame rules that have none */
+    uint16_t *wildcards;    /* frame rules without keys */
     uint16_t *awake;        /* sorted */
     held_frame *held;       /* CW_HELD_FRAMES of them */
     unsigned held_count;
@@ -187,22 +188,22 @@ typedef struct cw_rule_set {
     unsigned host_rules;    /* rules on frames at the host side */
     unsigned reply_rules;
     unsigned noise_rules;
-    unsigned line_rules;    /* that hold a line at a level */
-    unsigned traffic_rules; /* that may send at any bit */
+    unsigned line_rules;    /* rules that hold a line at a level */
+    unsigned traffic_rules; /* rules that may send at any bit */
     unsigned error_rules;
-    unsigned after_rules;   /* that come after another one */
-    unsigned copies;        /* that DUPLICATE rules can make of one frame, in all */
+    unsigned after_rules;   /* rules that come after another one */
+    unsigned copies;        /* copies that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
-    uint64_t watched;       /* ... of these, those where a rule acts on the wire, ... */
-    uint64_t early;         /* ... those where it may do so before arbitration is lost, ... */
+    uint64_t watched;       /* ... of these, those with a rule that acts on the wire, ... */
+    uint64_t early;         /* ... those with a rule that may act before arbitration is lost, ... */
     uint64_t rough;         /* ... those whose stop may be found roughly, ... */
     uint64_t counting;      /* ... and of these, those whose rule only counts */
-    uint64_t unusual;       /* nodes for which all that may be other than usual */
+    uint64_t unusual;       /* nodes whose watch may differ from `usual` */
     uint16_t watcher[CW_NODES_MAX]; /* the rule that acts on the frame */
     cw_watch usual;         /* the result for rules in `wildcards`, if each frame has the same */
     bool has_usual;
-    bool stale;             /* rules have changed: that is to be found anew */
+    bool stale;             /* rules have changed: all that must be found anew */
     uint64_t always_known;  /* all nodes, when no frame is worth a comparison */
     bool rewired;           /* a rule on topology or acknowledging has begun to act */
     uint64_t next_due;      /* the earliest fire_at, arm_at, next_at or active_until */
@@ -211,8 +212,8 @@ typedef struct cw_rule_set {
 /* Levels of one bit: bit i of a set is node i's, recessive where 1. */
 typedef struct cw_levels {
     uint64_t driven;
-    uint64_t clean; /* of the wire that the node is on, by what is driven */
-    uint64_t wire;  /* ... with what faults make of it */
+    uint64_t clean; /* of the wire that the node is on, by the driven levels */
+    uint64_t wire;  /* ... with the changes by faults */
     uint64_t sampled;
 } cw_levels;
 
@@ -223,17 +224,18 @@ static inline bool cw_rules_has(const cw_rule_set *set, unsigned rule)
     return rule < set->count && set->rules[rule].used;
 }
 
-/* CW_OK, and where there is a place for it; CW_INVALID, CW_FULL. Settings are left out: the bus
- * knows whether its nodes can have them. */
+/* Returns CW_OK and a free place; CW_INVALID or CW_FULL. Settings are not checked: the bus knows
+ * whether its nodes can have them. */
 cw_status cw_rules_may_add(const cw_rule_set *set, unsigned *place, const cw_rule *rule);
 
-/* The rule may be added there; its name is not kept. */
+/* Adds the rule at that place, where it may be added; its name is not kept. */
 void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule);
 
-/* Ends what it does; its place is free then. */
+/* Ends the action of the rule and frees its place. */
 void cw_rules_remove(cw_rule_set *set, unsigned rule);
 
-/* By hand. False: it cannot be, or too many armings are under way. */
+/* Arms the rule by hand. Returns false when that is impossible, or too many armings are under
+ * way. */
 bool cw_rules_arm(cw_rule_set *set, unsigned rule);
 
 cw_rule_stats cw_rules_get_stats(const cw_rule_set *set, unsigned rule);
@@ -242,10 +244,12 @@ void cw_rule_end_action(cw_rule_set *set, unsigned rule);
 
 /* ---- bind.c, error.c, due.c ------------------------------------------------------------------ */
 
-/* A node begins to transmit a frame. Returns whether a bit of its CRC is to be inverted. */
+/* Binds rules when a node begins to transmit a frame. Returns true when a bit of its CRC must be
+ * inverted. */
 bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame);
 
-/* Errors, state changes, restarts and lost arbitrations of a node, for rules that wait for them. */
+/* Passes errors, state changes, restarts and lost arbitrations of a node to rules that wait for
+ * them. */
 void cw_rules_error_now(cw_rule_set *set, unsigned node, const cw_event *event);
 
 static inline void cw_rules_error(cw_rule_set *set, unsigned node, const cw_event *event)
@@ -254,22 +258,22 @@ static inline void cw_rules_error(cw_rule_set *set, unsigned node, const cw_even
         cw_rules_error_now(set, node, event);
 }
 
-/* Something of some rule is due at that tick. */
+/* Notes that a rule has something due at that tick. */
 static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
 {
     if (tick < set->next_due)
         set->next_due = tick;
 }
 
-/* Time of the bus does not begin at 0, but now: rules that were to act before act now. */
+/* Starts rules on a bus whose time begins now, not at 0: rules that were to act before act now. */
 void cw_rules_start(cw_rule_set *set);
 
-/* Rules, armings, traffic and ends of actions that are due now. */
+/* Runs rules, armings, traffic and ends of actions that are due now. */
 void cw_rules_run_due(cw_rule_set *set);
 
 /* ---- awake.c --------------------------------------------------------------------------------- */
 
-/* No transmission is under way any more. */
+/* Unbinds all rules: no transmission is under way any more. */
 void cw_rules_unbind(cw_rule_set *set);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
@@ -280,7 +284,7 @@ static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
     return set->key_count + set->wildcard_count > 0;
 }
 
-/* The next frame of a node may be another one. */
+/* Notes that the next frame of a node may have changed. */
 static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
 {
     set->known &= ~cw_node_bit(node) | set->always_known;
@@ -308,7 +312,7 @@ typedef struct cw_frame_view {
     uint8_t node;        /* the transmitter */
     uint16_t at;         /* bits that have passed */
     uint16_t length;     /* of the frame that wins arbitration, SOF to EOF */
-    uint16_t last;       /* the bit with which this one loses it; CW_NOT_LOST */
+    uint16_t last;       /* the bit at which this one loses it; CW_NOT_LOST */
 } cw_frame_view;
 
 #define CW_NOT_LOST UINT16_MAX
@@ -318,12 +322,12 @@ typedef struct cw_frame_view {
 typedef struct cw_look {
     uint16_t bit;  /* on the wire, SOF is 0; CW_NO_LOOK */
     uint16_t rule; /* or CW_SEVERAL_RULES */
-    bool exact;    /* false: the bit is there or behind, where is known when the frame is encoded */
+    bool exact;    /* false: the bit is there or later; only the encoded frame shows where */
 } cw_look;
 
-/* Three questions, which change nothing. First: the next bit, from one on, at which a rule looks in
- * a transmission that is watched, or to which it is bound. *look has that of other transmissions,
- * or none. */
+/* Three questions follow, which change nothing. First: the next bit, from one on, at which a rule
+ * looks. It is of a transmission that is watched, or to which the rule is bound. *look has the look
+ * at other transmissions, or none. */
 void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
                         unsigned from);
 void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
@@ -335,31 +339,31 @@ static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
     return set->watcher[node] != CW_SEVERAL_RULES;
 }
 
-/* Second: what rules that are looked at in every bit touch. */
-#define CW_TOUCH_LEVELS 0x01u      /* levels, other than by noise that goes on and on */
-#define CW_TOUCH_CONTROLLERS 0x02u /* they have to see who sends */
-#define CW_TOUCH_FRAME 0x04u       /* they are bound to a transmission */
-#define CW_TOUCH_QUEUES 0x08u      /* they send when there is reason to */
+/* Second: the objects that rules of the awake list touch. */
+#define CW_TOUCH_LEVELS 0x01u      /* levels, other than by steady noise */
+#define CW_TOUCH_CONTROLLERS 0x02u /* controllers, since the rules must see the senders */
+#define CW_TOUCH_FRAME 0x04u       /* a transmission that the rules are bound to */
+#define CW_TOUCH_QUEUES 0x08u      /* queues: the rules send when there is a reason */
 #define CW_TOUCH_AT_RANDOM 0x10u   /* bits that cw_rules_keep_quiet() knows */
-#define CW_TOUCH_DOMINANT 0x20u    /* dominant bits of a node: nothing as long as there are none */
-#define CW_TOUCH_MORE 0x40u        /* or they have anything else to do in the next bit */
+#define CW_TOUCH_DOMINANT 0x20u    /* dominant bits of a node; nothing as long as there are none */
+#define CW_TOUCH_MORE 0x40u        /* anything else in the next bit */
 
 unsigned cw_rules_touch_now(const cw_rule_set *set);
 
-/* Mostly there is none. */
+/* Mostly no rule is awake. */
 static inline unsigned cw_rules_touch(const cw_rule_set *set)
 {
     return set->awake_count ? cw_rules_touch_now(set) : 0;
 }
 
-/* Third: how many bits to come, no more than that many, noise leaves alone. Before their end no
- * traffic rule sends, either, as long as no frame leaves a queue. busy: all these bits are. */
+/* Third: the bits to come, at most `bits`, that noise leaves alone and before whose end no traffic
+ * rule sends. That holds as long as no frame leaves a queue. busy: all these bits are. */
 uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 
-/* And the call that takes note. So many bits pass that rules keep quiet: their draws are consumed.
- * A look (or NULL) that lies in or behind them is decided: true when it is no hit, and the match is
- * counted. False: it is a hit, or not to be told before its bit comes; nothing of the look is
- * consumed. With a look that is not exact, nothing may keep the node from sending all of the frame.
+/* Consumes so many bits that rules keep quiet: their draws are used up. Decides a look (or NULL)
+ * within or after them. Returns true when it is no hit, and counts the match. Returns false when it
+ * is a hit, or unknown before its bit comes; nothing of the look is consumed then. With a look that
+ * is not exact, nothing may keep the node from sending the whole frame.
  */
 bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
                       const cw_frame_view *view);
@@ -389,18 +393,19 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
  * node. */
 bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node);
 
-/* The nodes whose lines to the bus are stuck. */
+/* Returns the nodes whose lines to the bus are stuck. */
 uint64_t cw_rules_stuck_lines(const cw_rule_set *set);
 
 /* ---- level.c, noise.c, topology.c ------------------------------------------------------------ */
 
-/* Levels that nodes put onto the wire: stuck TX lines, nodes that are cut off in this very bit. */
+/* Changes the levels that nodes put onto the wire: stuck TX lines, nodes cut off in this very
+ * bit. */
 void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels);
 
-/* Levels that nodes see, from those of their wires. */
+/* Changes the levels that nodes see, from those of their wires. */
 void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
 
-/* Hits of the bit that has ended. */
+/* Reports the hits of the bit that has ended. */
 void cw_rules_emit(cw_rule_set *set);
 
 /* The wires of the bus, and the nodes that do not acknowledge, as the active rules say. */
@@ -415,24 +420,27 @@ void cw_rules_find_topology(const cw_rule_set *set, cw_topology *topology);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */
 
-/* A frame on its way from a host to its queue. Returns true when it goes on, perhaps changed. */
+/* Shows rules a frame on its way from a host to its queue. Returns true when it goes on, perhaps
+ * changed. */
 bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t tick);
 
-/* The same for a frame on its way to a host. */
+/* Does the same for a frame on its way to a host. */
 bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
                        const frame_origin *origin);
 
-/* A frame of that node and side has come by at a tick: frames that wait behind it go now. */
+/* Notes that a frame of that node and side has passed at a tick: frames that wait behind it go
+ * now. */
 void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tick);
 
-/* Holds a frame back until it is due. False: there is no room. */
+/* Holds a frame back until it is due. Returns false when there is no room. */
 bool cw_rules_hold(cw_rule_set *set, const held_frame *frame);
 
-/* The first frame of a node that is held back is held no more. False: there is none. */
+/* Takes the first frame of a node that is held back out of the held frames. Returns false when
+ * there is none. */
 bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame);
 
-/* A frame has come to a queue or has left one. source: 0, or the index plus 1 of the rule that has
- * sent it. */
+/* Counts a frame that has come to a queue or has left one. source: 0, or the index plus 1 of the
+ * rule that sent it. */
 static inline void cw_rules_count_queued(cw_rule_set *set, unsigned source)
 {
     if (source)

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * topology.c - who is on which wire, and who acknowledges, by rules.
+ * topology.c - the wire of each node, and the nodes that acknowledge, by rules.
  */
 #include "rule/private.h"
 
 #define ALL_NODES UINT64_MAX
 
-/* The nodes of all active rules of a kind. */
+/* Returns the nodes of all active rules of a kind. */
 static uint64_t named_by_active(const cw_rule_set *set, cw_action action)
 {
     uint64_t nodes = 0;
@@ -18,7 +18,7 @@ static uint64_t named_by_active(const cw_rule_set *set, cw_action action)
     return nodes;
 }
 
-/* Wires from the group numbers of a rule. */
+/* Makes wires from the group numbers of a rule. */
 static unsigned partition(const cw_rule_set *set, uint64_t *wires, const cw_rule *rule)
 {
     unsigned count = 0;

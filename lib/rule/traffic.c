@@ -17,7 +17,7 @@ static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
     effects->queue(set->bus.self, node, frame, cw_rules_now(set), rule + 1);
 }
 
-/* Bits, and busy ones, since its load began. */
+/* Returns the bits, and the busy ones, since the load began. */
 static uint64_t bits_of_load(const cw_rule_set *set, const cw_rule_state *s, uint64_t *busy)
 {
     uint64_t bits = set->bus.effects->bits(set->bus.self, busy);
@@ -25,7 +25,7 @@ static uint64_t bits_of_load(const cw_rule_set *set, const cw_rule_state *s, uin
     return bits - s->bits_base;
 }
 
-/* A node that cannot take anything is not asked in every bit. */
+/* A node that cannot take a frame is not asked in every bit. */
 static bool can_take(const cw_rule_set *set, const cw_rule_state *s)
 {
     return s->outstanding == 0 && set->bus.effects->can_take(set->bus.self, s->rule.node);
@@ -42,7 +42,7 @@ void cw_send_periodically(cw_rule_set *set, unsigned rule)
         return;
     }
     uint64_t passed = (cw_rules_now(set) - s->next_at) / s->rule.period_ticks;
-    s->next_at += passed * s->rule.period_ticks; /* below a bit time it is one frame a bit */
+    s->next_at += passed * s->rule.period_ticks; /* below a bit time this sends one frame a bit */
     s->next_at = cw_after(s->next_at, s->rule.period_ticks);
     cw_rules_set_due(set, s->next_at);
 }
@@ -65,7 +65,7 @@ static cw_frame random_frame(cw_prng *prng)
     return frame;
 }
 
-/* All traffic counts: the generator fills up what is missing to its target. */
+/* All traffic counts: the generator sends what is missing to its target. */
 void cw_fill_up(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
@@ -79,8 +79,8 @@ void cw_fill_up(cw_rule_set *set, unsigned rule)
     send(set, rule, &frame);
 }
 
-/* Idle bits after which the load has fallen to its target, at least one: the present tick has been
- * looked at. */
+/* Returns the idle bits after which the load has fallen to its target, at least one: the present
+ * tick has been looked at. */
 static uint64_t bits_to_target(const cw_rule_set *set, const cw_rule_state *s)
 {
     const uint64_t permille = s->rule.load_permille;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * valid.c - whether a rule makes sense.
+ * valid.c - checks that a rule makes sense.
  */
 #include "rule/private.h"
 
@@ -11,7 +11,7 @@ static bool nodes_exist(const cw_rule_set *set, uint64_t nodes)
     return set->bus.node_count == CW_NODES_MAX || nodes >> set->bus.node_count == 0;
 }
 
-/* Values that have no meaning at all. */
+/* Returns false for values that have no meaning at all. */
 static bool kinds_exist(const cw_rule *r)
 {
     return (unsigned)r->trigger <= CW_TRIGGER_ERROR && (unsigned)r->action < CW_ACTION_COUNT &&
@@ -49,7 +49,7 @@ static bool is_in_range(const cw_rule *r, const cw_action_range *range)
            (range->may_keep && number == CW_KEEP);
 }
 
-/* Numbers of single actions, and the frame that they send. */
+/* Checks the numbers of single actions, and the frame that they send. */
 static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
 {
     for (unsigned i = 0; i < CW_ACTION_RANGES; i++)
@@ -58,7 +58,7 @@ static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
     return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
 }
 
-/* The rule that it comes after may be added later. The nodes know whether settings fit. */
+/* The rule of `after` may be added later. The nodes know whether settings fit. */
 bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
 {
     return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
