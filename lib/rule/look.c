@@ -179,8 +179,8 @@ static void add_look(cw_look *look, const cw_rule_set *set, unsigned rule,
     const cw_rule_state *s = &set->rules[rule];
     const cw_rule *r = &s->rule;
     unsigned n;
-    if (!cw_rule_is(s, CW_HAS_POSITION) || is_out_of_time(set, r) || !find_bit(view, &n, r) ||
-        n < from || n > look->bit)
+    if (!cw_rule_is(s, CW_HAS_POSITION) || (!s->open && is_out_of_time(set, r)) ||
+        !find_bit(view, &n, r) || n < from || n > look->bit)
         return;
     bool another = n == look->bit && look->rule != rule;
     look->rule = another ? CW_SEVERAL_RULES : (uint16_t)rule;
