@@ -51,6 +51,7 @@ static void wait_for_threads(void)
 
 static struct {
     sem_t *goes_on; /* NULL: reading takes no time */
+    sem_t *begun;   /* set together with goes_on */
     int busy_s;     /* that any thread has used */
 } reading;
 
@@ -59,6 +60,8 @@ int yaml_parser_initialize(yaml_parser_t *parser)
     static int (*real)(yaml_parser_t *);
     if (!real)
         *(void **)&real = dlsym(RTLD_NEXT, "yaml_parser_initialize");
+    if (reading.goes_on)
+        (void)sem_post(reading.begun);
     while (reading.goes_on && sem_wait(reading.goes_on) != 0)
         continue;
     if (reading.goes_on)
@@ -350,13 +353,18 @@ static void a_reload_that_is_given_up_says_what_helps(void **state)
     world *w = *state;
     char file[] = "/tmp/test_aside.XXXXXX";
     close(mkstemp(file));
+    sem_t begun;
+    (void)sem_init(&begun, 0, 0);
     for (unsigned i = 0; i < 2; i++) {
         const fileuses none = {.count = 0};
         told t = {.began = 0};
         reloader *r = reloader_new(w->loop, &none, &reload_calls, &t);
+        reading.begun = &begun;
         reading.goes_on = &w->goes_on;
         reading.busy_s = cases[i].busy_s;
         assert_int_equal(reloader_ask(r, file, stderr), 1);
+        while (sem_wait(&begun) != 0) /* before that the thread has used no time */
+            continue;
         WAIT_UNTIL(w, t.bad == 1);
         assert_non_null(strstr(t.errors, cases[i].words));
         reloader_free(r);
@@ -366,6 +374,7 @@ static void a_reload_that_is_given_up_says_what_helps(void **state)
             continue;
         reading.goes_on = NULL;
     }
+    (void)sem_destroy(&begun);
     unlink(file);
 }
 
