@@ -728,6 +728,10 @@ unsigned cw_bus_inbox_room(const cw_bus *bus);
  * time of its hosts went on. */
 void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks);
 
+/* Does the same for the frames of some nodes, a set. It is for hosts of two kinds: the time of some
+ * went on, and the time of the others stood still with the bus. */
+void cw_nodes_bring_forward(cw_bus *bus, uint64_t nodes, uint64_t ticks);
+
 /* Returns the tick of the earliest frame that was handed in and is not due yet, or CW_NEVER. */
 uint64_t cw_bus_inbox_first(const cw_bus *bus);
 

@@ -219,9 +219,18 @@ void inputs_attach(inputs *in, unsigned node, bool on)
     in->drain(in->drain_user);
 }
 
+/* Returns the nodes whose frames come in real time. Traffic of the configuration comes in bus time. */
+static uint64_t nodes_with_ports(const cfg *config)
+{
+    uint64_t nodes = 0;
+    for (unsigned i = 0; i < config->node_count; i++)
+        nodes |= (uint64_t)(config->nodes[i].port != NULL) << i;
+    return nodes;
+}
+
 cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier)
 {
-    cw_bus_bring_forward(in->bus, earlier);
+    cw_nodes_bring_forward(in->bus, nodes_with_ports(live_config(in->config)), earlier);
     note(in, (input){.kind = INPUT_SKIP, .skipped = ticks, .earlier = earlier});
     return (cw_event){.kind = CW_EVENT_SKIP, .tick = cw_bus_now(in->bus), .ticks = ticks};
 }

@@ -100,8 +100,9 @@ cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
 /* Calls cw_node_attach() and takes all events. */
 void inputs_attach(inputs *in, unsigned node, bool on);
 
-/* Lets time pass without simulation, with cw_bus_bring_forward(). `earlier` is the time that frames
- * in the inbox have waited already. The caller passes the event on. */
+/* Lets time pass without simulation, with cw_nodes_bring_forward(). `earlier` is the time that
+ * frames of ports have waited in the inbox already. Traffic of the configuration comes in bus time,
+ * so it stays where it is. The caller passes the event on. */
 cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier);
 
 /* Drops the frames of removed nodes, with events, and lets another bus take over

@@ -160,15 +160,33 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
     return used < n->queue_limit ? n->queue_limit - used : 0;
 }
 
-void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
+/* Frames for the same tick stay in their order. */
+static void sort_inbox(inbox *box)
+{
+    for (unsigned i = 1; i < box->count; i++) {
+        const inbox_entry entry = *inbox_at(box, i);
+        unsigned place = i;
+        for (; place > 0 && inbox_at(box, place - 1)->at_tick > entry.at_tick; place--)
+            *inbox_at(box, place) = *inbox_at(box, place - 1);
+        *inbox_at(box, place) = entry;
+    }
+}
+
+void cw_nodes_bring_forward(cw_bus *bus, uint64_t nodes, uint64_t ticks)
 {
     for (unsigned i = 0; i < bus->inbox.count; i++) {
         inbox_entry *e = inbox_at(&bus->inbox, i);
-        if (e->at_tick == CW_NEVER || e->at_tick <= cw_now(bus))
+        if (!(nodes >> e->node & 1u) || e->at_tick == CW_NEVER || e->at_tick <= cw_now(bus))
             continue;
         e->at_tick = e->at_tick - cw_now(bus) > ticks ? e->at_tick - ticks : cw_now(bus);
     }
+    sort_inbox(&bus->inbox);
     find_next(&bus->inbox);
+}
+
+void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks)
+{
+    cw_nodes_bring_forward(bus, bus->all, ticks);
 }
 
 uint64_t cw_bus_inbox_first(const cw_bus *bus)

@@ -21,8 +21,10 @@ GAPS_US = [300 + 7 * i % 900 for i in range(COUNT)]
 TIMES_US = list(itertools.accumulate(GAPS_US, initial=0))[:COUNT]
 LOG = "".join(f"(17.{t:06}) can0 {frame}\n" for t, frame in zip(TIMES_US, FRAMES))
 
+# A slow machine delays the bus, and the frames come in the same bus time.
 HEAD = """
 bus: { name: traffic, bitrate: 500000 }
+catch-up: 1min
 control: traffic.sock
 nodes:
   - { name: ecu, port: vcan0, queue: 4096 }

@@ -220,6 +220,31 @@ static void what_waits_in_the_inbox_is_brought_forward(void **state)
     rig_free(r);
 }
 
+/* Node 0's frames come in bus time: they stay where they are, and the others come before them. */
+static void only_frames_of_some_nodes_are_brought_forward(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    const cw_frame frames[3] = {rig_frame(0x300, 0, 0), rig_frame(0x100, 0, 0),
+                                rig_frame(0x200, 0, 0)};
+    rig_start(r);
+    rig_run_bits(r, 20);
+    rig_send(r, 0, &frames[0], 30 * BIT);
+    rig_send(r, 0, &frames[1], 200 * BIT);
+    rig_send(r, 1, &frames[2], 300 * BIT);
+    rig_send(r, 2, &frames[2], 400 * BIT);
+    cw_nodes_bring_forward(r->bus, NODE(1) | NODE(2), 290 * BIT);
+    rig_run_bits(r, 500);
+    static const unsigned senders[] = {1, 0, 2, 0};
+    static const unsigned bits[] = {20, 30, 110, 200};
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 4);
+    for (size_t i = 0; i < 4; i++) {
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->from, NODE(senders[i]));
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->handed_in, bits[i] * BIT);
+    }
+    rig_free(r);
+}
+
 /* Node 1's frame stands before node 0's, and node 2 restarts at that tick. Still both begin at
  * once, which node 1 in loopback does not hide. */
 static void frames_brought_forward_come_with_a_restart(void **state)
@@ -546,6 +571,7 @@ int main(void)
         cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
         cmocka_unit_test(the_room_in_a_queue_is_known),
         cmocka_unit_test(what_waits_in_the_inbox_is_brought_forward),
+        cmocka_unit_test(only_frames_of_some_nodes_are_brought_forward),
         cmocka_unit_test(frames_brought_forward_come_with_a_restart),
         cmocka_unit_test(a_frame_for_never_holds_its_place),
         cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
