@@ -219,7 +219,8 @@ void inputs_attach(inputs *in, unsigned node, bool on)
     in->drain(in->drain_user);
 }
 
-/* Returns the nodes whose frames come in real time. Traffic of the configuration comes in bus time. */
+/* Returns the nodes whose frames come in real time. Traffic of the configuration comes in bus
+ * time. */
 static uint64_t nodes_with_ports(const cfg *config)
 {
     uint64_t nodes = 0;
