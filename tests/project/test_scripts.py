@@ -195,7 +195,9 @@ class AllTests:
         write_script(root / "build/venv/bin/python", f'[ "$1" != -m ] || {PYTEST}; {python}')
         write_script(root / "scripts/guest", f"{guest}; {PYTEST}")
         self.process = subprocess.Popen(  # pylint: disable=consider-using-with
-            [copy_script("test", root)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            # a shell cannot trap a signal that was ignored when it started
+            ["env", "--default-signal=INT", copy_script("test", root)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, start_new_session=True,
             env=dict(os.environ, PATH=f"{folder}:{os.environ['PATH']}"))
 

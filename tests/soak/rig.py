@@ -2,6 +2,7 @@
 """The objects of a soak: interfaces, a canwired with sanitizers, ECUs and clients at its socket."""
 
 import collections
+import contextlib
 import json
 import os
 import random
@@ -414,7 +415,8 @@ class Rig:
         """Counts open files by kind."""
         folder, kinds = Path(f"/proc/{self.process.pid}/fd"), collections.Counter()
         for file in folder.iterdir():
-            kinds[re.sub(r"\d+", "N", os.readlink(file))] += 1
+            with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+                kinds[re.sub(r"\d+", "N", os.readlink(file))] += 1
         return kinds
 
     # ---- Calm and end ----------------------------------------------------------------------------
