@@ -82,7 +82,6 @@ typedef struct bit_note {
 /* A clean frame on its way, see step/frame.c. */
 typedef struct cw_frame_step {
     bool active;
-    bool broken;          /* it must end with the bit in progress */
     bool at_work;         /* rules act on the levels of its bits */
     bool hit;             /* its rule does not let all of it pass, so that its bits are needed */
     bool bound;           /* rules have been bound to its frames, at their SOF */
@@ -99,6 +98,8 @@ typedef struct cw_frame_step {
     uint64_t watched;     /* of these, those whose bits rules look at before the step ends */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
     uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
+    uint64_t pinned;      /* of these, those whose offered slot has the frame that they began with;
+                             that of the others is still the first of their queue */
     uint8_t next_loss;    /* the first lost_at of the undecided nodes */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
@@ -248,6 +249,9 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
 /* Runs everything that is due for a node now: frames from the inbox, a restart. */
 void cw_run_due_node(cw_bus *bus, unsigned node);
 
+/* Makes the first frame of a node's queue the one of its offered slot, not encoded. */
+void cw_pin_first(bus_node *node);
+
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
 /* Call it when the first frame of a node's queue may have changed. */
@@ -339,9 +343,6 @@ bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
  * points. Public calls do so before they change a controller, and time does so before due rules and
  * restarts; nothing else does. */
 void cw_wake_controllers(cw_bus *bus);
-
-/* Tells the frame step that a node is about to get a frame to send. */
-void cw_frame_step_frame_comes(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick);
 
 /* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
 uint64_t cw_losses_ahead(const cw_bus *bus);

@@ -35,9 +35,29 @@ static cw_drop refusal(const cw_bus *bus, unsigned i, const cw_frame *frame)
     return n->queue.count >= n->queue_limit ? CW_DROP_QUEUE_FULL : CW_DROP_COUNT;
 }
 
+void cw_pin_first(bus_node *n)
+{
+    uint16_t slot = cw_queue_first(&n->queue);
+    if (n->offered_slot != slot || n->wrong_crc)
+        n->mac.offered = false; /* not encoded */
+    n->offered_slot = slot;
+}
+
+/* Keeps the frame with which a node has begun the arbitration under way, before another one comes
+ * first. */
+static void pin_frame(cw_bus *bus, unsigned i)
+{
+    cw_frame_step *step = &bus->frame_step;
+    if (!step->active || !(step->hidden & ~step->pinned & cw_node_bit(i)))
+        return;
+    step->pinned |= cw_node_bit(i);
+    cw_pin_first(&bus->nodes[i]);
+}
+
 static void enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
+    pin_frame(bus, i);
     bool put = cw_queue_put(&n->queue, frame, tick);
     assert(put);
     (void)put;
@@ -51,8 +71,6 @@ static void enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
 
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
-    if (bus->frame_step.active)
-        cw_frame_step_frame_comes(bus, i, frame, tick);
     cw_share_lost(bus, i);
     cw_drop why = refusal(bus, i, frame);
     if (why != CW_DROP_COUNT) {
@@ -117,8 +135,6 @@ static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     if (!is_next(bus) || refusal(bus, i, frame) != CW_DROP_COUNT)
         return false;
-    if (bus->frame_step.active)
-        cw_frame_step_frame_comes(bus, i, frame, cw_now(bus));
     cw_share_lost(bus, i);
     bus->nodes[i].stats.handed_in++;
     enqueue(bus, i, frame, cw_now(bus), 0);

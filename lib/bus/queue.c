@@ -46,11 +46,6 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
     return place + 1;
 }
 
-bool cw_queue_goes_first(const cw_queue *q, const cw_frame *frame)
-{
-    return q->count == 0 || q->order[q->count - 1].key > place_key(q, frame);
-}
-
 /* Finds the length here, where nothing waits for it, and not at the frame's turn. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
 {

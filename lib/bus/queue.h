@@ -45,9 +45,6 @@ void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uin
 /* Puts a frame, which must be valid, into the queue. Returns false when the queue is full. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
 
-/* Returns true when this frame would be the next one to go. */
-bool cw_queue_goes_first(const cw_queue *q, const cw_frame *frame);
-
 /* Sorts the waiting frames anew; equal ones stay in the order in which they came. */
 void cw_queue_set_order(cw_queue *q, cw_order mode);
 

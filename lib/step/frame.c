@@ -378,24 +378,21 @@ static void look_at_stop(cw_bus *bus)
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
-/* A node in loopback sends the frame at once (M15). An idle node may join a frame that has only
- * just begun (M6). */
-void cw_frame_step_frame_comes(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
+/* Returns true when a frame has come that ends the step. A node in loopback sends it at once (M15).
+ * An idle node may join a frame that has only just begun (M6). */
+static bool is_broken(const cw_bus *bus)
 {
-    cw_frame_step *step = &bus->frame_step;
-    const bus_node *n = &bus->nodes[i];
-    bool loopback = n->mac.modes & CW_MODE_LOOPBACK;
-    bool may_join = step->at == 1 && tick <= cw_now(bus);
-    step->broken = step->broken || loopback || may_join;
-    if ((step->hidden >> i & 1u) && cw_queue_goes_first(&n->queue, frame))
-        cw_losses_show(bus, cw_node_bit(i)); /* while the frame that the node began with still goes
-                                                first */
+    const cw_frame_step *step = &bus->frame_step;
+    uint64_t starters = ~(step->listeners | bus->outlook.away);
+    if (step->at == 1)
+        starters |= bus->outlook.senders & ~step->contenders;
+    return bus->waiting & starters;
 }
 
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
-    if (step->broken || step->at == end_of(step)) {
+    if (is_broken(bus) || step->at == end_of(step)) {
         cw_wake_controllers(bus);
         return;
     }
@@ -454,7 +451,7 @@ uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
 static uint64_t clean_horizon(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    if (step->broken)
+    if (is_broken(bus))
         return 1; /* the step ends then */
     if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
         return step->length - CW_AFTER_ACCEPT_BITS - step->at;

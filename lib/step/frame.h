@@ -75,9 +75,6 @@ static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
 
 /* ---- losses.c -------------------------------------------------------------------------------- */
 
-/* Keeps the frame that a node has begun with, whatever comes to its queue meanwhile. */
-void cw_losses_pin_frame(bus_node *node);
-
 /* Lets all contenders begin to transmit; each loss is reported when its bit has passed. */
 void cw_losses_begin(cw_bus *bus);
 
@@ -85,8 +82,8 @@ void cw_losses_begin(cw_bus *bus);
  * later shares out the additions to the statistics of single nodes. */
 void cw_losses_hide(cw_bus *bus);
 
-/* Takes back the counts of losses that lie ahead, for some of the nodes with hidden losses. */
-void cw_losses_show(cw_bus *bus, uint64_t nodes);
+/* Takes back the counts of hidden losses that lie ahead. */
+void cw_losses_show(cw_bus *bus);
 
 /* Reports the losses of the bit that has passed, if there are any. */
 void cw_losses_tell(cw_bus *bus);

@@ -92,7 +92,7 @@ static void choose_frame(cw_bus *bus, bool bits)
     if (bits)
         encode(n);
     else
-        cw_losses_pin_frame(n);
+        cw_pin_first(n);
     const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
     step->bits = bits ? &n->mac.tx : NULL;
     step->length = slot->wire_bits;
@@ -105,7 +105,6 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->active = true;
     step->node = (uint8_t)winner;
     step->tail = (uint8_t)find_tail(bus, winner);
-    step->broken = false;
     step->hidden = 0;
     step->next_loss = UINT8_MAX;
     step->bound = false;

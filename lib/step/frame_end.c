@@ -54,7 +54,7 @@ void cw_wake_controllers(cw_bus *bus)
     if (!step->active)
         return;
     step->active = false;
-    cw_losses_show(bus, step->hidden);
+    cw_losses_show(bus);
     if (step->at > 0)
         bus->recessive_bits = cw_frame_step_recessive_bits(bus);
     find_point(&point, bus);

@@ -23,12 +23,14 @@ static void find_victor(victor *v, const cw_bus *bus)
     v->key = cw_arbitration_key(&bus->frame_step.frame);
 }
 
-/* Returns the bit in which a contender loses, as the SJA1000 counts. The first frame of its queue
- * is the one that it began with. */
+/* Returns the bit in which a contender loses with the frame that it began with, as the SJA1000
+ * counts. */
 static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
 {
-    const cw_queue *q = &bus->nodes[i].queue;
-    return (unsigned)__builtin_clz(cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) ^ v->key);
+    const bus_node *n = &bus->nodes[i];
+    bool pinned = bus->frame_step.pinned >> i & 1u;
+    const uint16_t slot = pinned ? n->offered_slot : cw_queue_first(&n->queue);
+    return (unsigned)__builtin_clz(cw_arbitration_key(&n->queue.slots[slot].frame) ^ v->key);
 }
 
 static void note_loss(cw_frame_step *step, unsigned i)
@@ -42,15 +44,9 @@ static void find_loss(cw_bus *bus, unsigned i, const victor *v)
     cw_frame_step *step = &bus->frame_step;
     step->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
     step->lost_at[i] = (uint8_t)cw_bits_wire_index(v->bits, 1u + step->lost_bit[i]);
-    cw_losses_pin_frame(&bus->nodes[i]);
-}
-
-void cw_losses_pin_frame(bus_node *n)
-{
-    uint16_t slot = cw_queue_first(&n->queue);
-    if (n->offered_slot != slot || n->wrong_crc)
-        n->mac.offered = false; /* not encoded */
-    n->offered_slot = slot;
+    if (!(step->pinned >> i & 1u))
+        cw_pin_first(&bus->nodes[i]);
+    step->pinned |= cw_node_bit(i);
 }
 
 static void begin_attempt(cw_bus *bus, unsigned i)
@@ -72,6 +68,7 @@ void cw_losses_begin(cw_bus *bus)
     victor v;
     find_victor(&v, bus);
     step->undecided = losers(step);
+    step->pinned = 0;
     for (uint64_t rest = step->undecided; rest; rest &= rest - 1) {
         find_loss(bus, cw_lowest_node(rest), &v);
         note_loss(step, cw_lowest_node(rest));
@@ -91,13 +88,14 @@ void cw_losses_hide(cw_bus *bus)
     bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
     step->undecided = 0;
     step->hidden = losers(step);
+    step->pinned = 0;
 }
 
-void cw_losses_show(cw_bus *bus, uint64_t nodes)
+void cw_losses_show(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
-    uint64_t shown = step->hidden & nodes;
-    step->hidden &= ~nodes;
+    uint64_t shown = step->hidden;
+    step->hidden = 0;
     if (shown == 0 || step->at >= cw_frame_step_arbitration_bits(bus))
         return;
     victor v;
