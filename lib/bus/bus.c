@@ -51,16 +51,6 @@ static void run_all_due(cw_bus *bus)
         run_due(bus);
 }
 
-/* ---- Counting -------------------------------------------------------------------------------- */
-
-void cw_count_clean_bits_now(cw_bus *bus)
-{
-    bus->stats.bits += bus->clean_bits;
-    bus->stats.busy_bits += bus->clean_bits;
-    cw_load_add(&bus->load, bus->clean_bits, true);
-    bus->clean_bits = 0;
-}
-
 /* ---- Going on -------------------------------------------------------------------------------- */
 
 /* Goes on by some bits, at least one. */

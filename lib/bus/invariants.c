@@ -48,7 +48,6 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert((n->queue.count > 0) == (bus->waiting >> i & 1u));
     assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
     assert(bus->next_restart <= n->restart_at);
-    assert(n->lost_before <= bus->arbiter.lost);
     (void)cw_node_get_stats(bus, i, &stats);
     assert(cw_node_stats_balance(&stats));
 }
@@ -132,5 +131,6 @@ void cw_assert_bus(const cw_bus *bus)
     assert_frame(bus);
     cw_assert_outlook(bus);
     cw_assert_arbiter(bus);
+    cw_assert_shares(bus);
     assert_ring(&bus->ring);
 }

@@ -39,7 +39,9 @@ static void *carve(arena *a, size_t count, size_t size)
     return a->base ? a->base + offset : NULL;
 }
 
-uint16_t cw_queue_room(const cw_bus_config *c, unsigned node)
+/* Returns the room in a node's queue: enough for the settings of its configuration and of the rules
+ * from the start. */
+static uint16_t queue_room(const cw_bus_config *c, unsigned node)
 {
     const cw_node_config *n = &c->nodes[node];
     uint16_t room = n->queue > n->queue_room ? n->queue : n->queue_room;
@@ -53,10 +55,20 @@ uint16_t cw_queue_room(const cw_bus_config *c, unsigned node)
     return room;
 }
 
+/* Returns the least size of the ring with which the bus never stands still. */
+static unsigned least_ring(const cw_bus_config *c)
+{
+    unsigned events = c->node_count * CW_EVENTS_PER_NODE + 2u * c->rule_count + 2u * c->rule_room +
+                      2u * c->inbox + CW_HELD_FRAMES + c->node_count;
+    for (unsigned i = 0; i < c->node_count; i++)
+        events += queue_room(c, i);
+    return events;
+}
+
 static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
-        uint16_t capacity = cw_queue_room(c, i);
+        uint16_t capacity = queue_room(c, i);
         cw_queue_slot *slots = carve(a, capacity, sizeof *slots);
         cw_queue_place *order = carve(a, capacity, sizeof *order);
         if (nodes)
@@ -80,7 +92,7 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
 
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)
 {
-    unsigned events = c->events > cw_ring_least(c) ? c->events : cw_ring_least(c);
+    unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
     cw_bus *bus = carve(a, 1, sizeof *bus);
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
     inbox_entry *entries = carve(a, c->inbox, sizeof *entries);

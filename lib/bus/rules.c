@@ -22,9 +22,7 @@ static void count_made(cw_bus *bus, unsigned i, cw_side side)
 
 static bool can_take(const cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
-    return cw_node_attached(bus, i) && !(n->mac.modes & CW_MODE_LISTEN_ONLY) &&
-           cw_mac_state(&n->mac) != CW_STATE_BUS_OFF && n->queue.count < n->queue_limit;
+    return cw_refusal(bus, i) == CW_DROP_COUNT;
 }
 
 static uint64_t bits_so_far(const cw_bus *bus, uint64_t *busy)

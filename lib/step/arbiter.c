@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * arbiter.c - the winner of the bus, and the statistics of the nodes that take part.
+ * arbiter.c - the winner of the bus among the frames that wait.
  *
  * The first frames of all nodes play a tournament by their arbitration fields. A node with a new
- * first frame repeats its matches when the winner is needed; all others stay as they are. All nodes
- * that wait count the same for a clean frame, and so do all listeners. So each of the two groups is
- * counted once. A node gets its share when its statistics are read, or when it leaves the group.
+ * first frame repeats its matches when the winner is needed; all others stay as they are.
  */
-#include "bus/bus_private.h"
+#include "step/step.h"
 
-#include "format/bitset.h"
 #include "format/head.h"
 
 #include <assert.h>
@@ -76,7 +73,6 @@ void cw_assert_arbiter(const cw_bus *bus)
         assert(a->stale >> i & 1u || a->entries[a->leaves + i] == entry_of(bus, i));
     for (unsigned place = a->leaves - 1; place > 0; place--)
         assert(a->entries[place] == play(a->entries[2 * place], a->entries[2 * place + 1]));
-    assert(a->contender_count == cw_count_bits(a->contenders));
 }
 
 /* Plays among some of the nodes that wait; the others may not take part. */
@@ -93,89 +89,4 @@ bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
     uint64_t entry = nodes == bus->waiting ? bus->arbiter.entries[1] : play_among(bus, nodes);
     *winner = entry & NODE_MASK;
     return !(entry & TIE);
-}
-
-/* ---- Shares ---------------------------------------------------------------------------------- */
-
-/* Returns the attempts that a node has lost since its last share. */
-static uint64_t lost_share(const cw_bus *bus, unsigned i)
-{
-    bool takes_part = bus->arbiter.contenders >> i & 1u;
-    return takes_part ? bus->arbiter.lost - bus->nodes[i].lost_before : 0;
-}
-
-/* The first attempt of a frame is no retransmission. */
-static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
-{
-    const cw_queue *q = &bus->nodes[i].queue;
-    return attempts && !q->slots[cw_queue_first(q)].tried ? attempts - 1 : attempts;
-}
-
-/* Adds the frames that all listeners have received. A node subtracted them when it began to listen,
- * so its own share is left. The counters may wrap below 0 and back. */
-static void add_received(const cw_arbiter *c, cw_node_stats *stats)
-{
-    stats->rx_accepted += c->rx_frames;
-    stats->rx_frames += c->rx_frames;
-    stats->rx_bytes += c->rx_bytes;
-}
-
-static void subtract_received(const cw_arbiter *c, cw_node_stats *stats)
-{
-    stats->rx_accepted -= c->rx_frames;
-    stats->rx_frames -= c->rx_frames;
-    stats->rx_bytes -= c->rx_bytes;
-}
-
-void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
-{
-    uint64_t lost = lost_share(bus, i);
-    stats->arbitration_lost += lost;
-    stats->retransmissions += retransmissions(bus, i, lost);
-    if (bus->arbiter.listeners >> i & 1u)
-        add_received(&bus->arbiter, stats);
-}
-
-void cw_share_lost_now(cw_bus *bus, unsigned i)
-{
-    bus_node *n = &bus->nodes[i];
-    uint64_t lost = lost_share(bus, i);
-    n->lost_before = bus->arbiter.lost;
-    if (lost == 0)
-        return;
-    n->stats.arbitration_lost += lost;
-    n->stats.retransmissions += retransmissions(bus, i, lost);
-    n->queue.slots[cw_queue_first(&n->queue)].tried = true;
-}
-
-void cw_set_contenders(cw_bus *bus, uint64_t nodes)
-{
-    if (nodes == bus->arbiter.contenders)
-        return;
-    for (uint64_t rest = nodes ^ bus->arbiter.contenders; rest; rest &= rest - 1)
-        cw_share_lost(bus, cw_lowest_node(rest));
-    bus->arbiter.contenders = nodes;
-    bus->arbiter.contender_count = cw_count_bits(nodes);
-}
-
-void cw_set_listeners(cw_bus *bus, uint64_t nodes)
-{
-    const uint64_t changed = nodes ^ bus->arbiter.listeners;
-    if (changed == 0)
-        return;
-    for (uint64_t rest = changed & nodes; rest; rest &= rest - 1)
-        subtract_received(&bus->arbiter, &bus->nodes[cw_lowest_node(rest)].stats);
-    for (uint64_t rest = changed & ~nodes; rest; rest &= rest - 1)
-        add_received(&bus->arbiter, &bus->nodes[cw_lowest_node(rest)].stats);
-    bus->arbiter.listeners = nodes;
-}
-
-void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes)
-{
-    cw_node_stats *stats = &bus->nodes[sender].stats;
-    bus->arbiter.rx_frames++;
-    bus->arbiter.rx_bytes += bytes;
-    stats->rx_accepted--; /* the sender does not receive its own frame */
-    stats->rx_frames--;
-    stats->rx_bytes -= bytes;
 }

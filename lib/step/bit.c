@@ -6,7 +6,7 @@
  * matters only for the order of events. This is the reference: all other steps have the results of
  * single bits.
  */
-#include "bus/bus_private.h"
+#include "step/step.h"
 
 #include "format/bits.h"
 

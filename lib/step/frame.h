@@ -1,12 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * frame.h - declarations that the parts of the frame step share: frame_begin.c, frame_resume.c,
- * frame.c (on the way), frame_end.c.
+ * frame.h - declarations that the parts of the frame step share.
+ *
+ *   frame.c         goes on from one moment to the next
+ *   frame_begin.c   begins with the next frame; frame_whole.c takes it at once
+ *   frame_resume.c  begins within a frame that has begun bit by bit
+ *   frame_moment.c  what happens at which bits; losses.c lost arbitrations
+ *   frame_look.c    the bits that rules look at; frame_read.c what others can read
+ *   frame_end.c     ends a step before its frame ends
  */
 #ifndef CANWIRE_STEP_FRAME_H
 #define CANWIRE_STEP_FRAME_H
 
-#include "bus/bus_private.h"
+#include "step/step.h"
 
 #include "format/layout.h"
 #include "format/parts.h"
@@ -73,12 +79,66 @@ static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
     return bus->rules.awake_count == 0 || cw_rules_keep_quiet(&bus->rules, bits, true) == bits;
 }
 
+/* ---- Conditions ------------------------------------------------------------------------------ */
+
+/* Returns true when nothing but frames for the queues comes in before that tick. Frames for nodes
+ * in loopback are sent at once (M15). */
+static inline bool cw_frame_step_is_undisturbed_until(const cw_bus *bus, uint64_t tick)
+{
+    bool loopback = (bus->frame_step.listeners | bus->outlook.away) != bus->all;
+    return bus->next_restart >= tick && bus->rules.next_due >= tick &&
+           (!loopback || cw_inbox_first(bus) >= tick);
+}
+
+/* Returns true when a frame has come that ends the step. A node in loopback sends it at once (M15).
+ * An idle node may join a frame that has only just begun (M6). */
+static inline bool cw_frame_step_is_broken(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    uint64_t starters = ~(step->listeners | bus->outlook.away);
+    if (step->at == 1)
+        starters |= bus->outlook.senders & ~step->contenders;
+    return bus->waiting & starters;
+}
+
+/* ---- frame_moment.c -------------------------------------------------------------------------- */
+
+/* Returns the next bit at whose end something happens: that many bits have passed then. */
+unsigned cw_frame_step_next_moment(const cw_bus *bus);
+
+/* Carries out the moment at the end of the bit that has just passed. */
+void cw_frame_step_run_moment(cw_bus *bus);
+
+/* Ends the step with the intermission of its frame. */
+void cw_frame_step_end_slot(cw_bus *bus);
+
+/* Carries out the moments after arbitration, from a bit on. The caller counts the bits. */
+void cw_frame_step_go_to_end(cw_bus *bus, unsigned at);
+
+/* Goes from a bit to a later one, which it returns. Frames that come before the end of that time go
+ * to their queues. */
+static inline unsigned cw_frame_step_pass_to(cw_bus *bus, unsigned from, unsigned to)
+{
+    cw_wire_pass(&bus->time, to - from);
+    cw_take_inbox_before(bus, cw_now(bus));
+    return to;
+}
+
+/* Adds bits of the frame to the statistics. */
+static inline void cw_frame_step_count_bits(cw_bus *bus, unsigned bits)
+{
+    cw_count_clean_bits(bus);
+    bus->stats.bits += bits;
+    bus->stats.busy_bits += bits;
+    cw_load_add(&bus->load, bits, true);
+}
+
 /* ---- losses.c -------------------------------------------------------------------------------- */
 
 /* Lets all contenders begin to transmit; each loss is reported when its bit has passed. */
 void cw_losses_begin(cw_bus *bus);
 
-/* Does the same, but counts all losses at once, since the single ones cannot be seen. arbiter.c
+/* Does the same, but counts all losses at once, since the single ones cannot be seen. shares.c
  * later shares out the additions to the statistics of single nodes. */
 void cw_losses_hide(cw_bus *bus);
 

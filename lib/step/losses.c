@@ -83,9 +83,9 @@ void cw_losses_hide(cw_bus *bus)
     bus_node *n = &bus->nodes[step->node];
     cw_set_contenders(bus, step->contenders);
     begin_attempt(bus, step->node);
-    bus->arbiter.lost++;
-    n->lost_before = bus->arbiter.lost;
-    bus->stats.arbitration_lost += bus->arbiter.contender_count - 1;
+    bus->shares.lost++;
+    n->lost_before = bus->shares.lost;
+    bus->stats.arbitration_lost += bus->shares.contender_count - 1;
     step->undecided = 0;
     step->hidden = losers(step);
     step->pinned = 0;

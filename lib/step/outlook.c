@@ -2,7 +2,7 @@
  *
  * outlook.c - the part of each node in the next frame, while all nodes are idle.
  */
-#include "bus/bus_private.h"
+#include "step/step.h"
 
 #include <assert.h>
 

@@ -3,7 +3,7 @@
  * run.c - equal bits at once, in which no controller has a report: idle time, flags, delimiters,
  * rows of equal bits that all nodes read.
  */
-#include "bus/bus_private.h"
+#include "step/step.h"
 
 /* ---- Reach ----------------------------------------------------------------------------------- */
 

@@ -8,7 +8,7 @@
  */
 #include "rules.h"
 
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 /* ---- Rules that come and go ------------------------------------------------------------------ */
 

@@ -5,7 +5,7 @@
  */
 #include "rules.h"
 
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 /* ---- Frames of rules that are cleared -------------------------------------------------------- */
 

@@ -4,7 +4,7 @@
  */
 #include "rules.h"
 
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 /* A match that is passed over counts once, also when noise flips the very bit. */
 static void noise_and_a_position_in_one_bit(void **state)

@@ -4,7 +4,7 @@
  */
 #include "rig.h"
 
-#include "bus/bus_private.h"
+#include "state/state.h"
 #include "bus/invariants.h"
 
 #include <signal.h>

@@ -5,7 +5,7 @@
 #include "model.h"
 #include "rig.h"
 
-#include "bus/queue.h"
+#include "state/queue.h"
 
 #define SLOTS 32
 #define STEPS 20000

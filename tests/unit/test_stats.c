@@ -5,7 +5,7 @@
 #include "model.h"
 #include "rig.h"
 
-#include "bus/stats.h"
+#include "state/stats.h"
 
 #define SAMPLES 5000
 #define SECOND_BITS 500000u

@@ -4,7 +4,7 @@
  */
 #include "rules.h"
 
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 /* Makes a bus of the same kind at tick 0. */
 static rig *successor(unsigned nodes)

@@ -4,7 +4,7 @@
  */
 #include "rig.h"
 
-#include "bus/bus_private.h"
+#include "step/step.h"
 
 #define FAR 1000u /* bits */
 

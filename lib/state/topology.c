@@ -2,7 +2,7 @@
  *
  * topology.c - the wire of each node, and the nodes that acknowledge, by rules and hosts.
  */
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 #include <string.h>
 

@@ -2,7 +2,7 @@
  *
  * queue.c - the transmit queue of a node: bounded, by priority or first in first out.
  */
-#include "bus/queue.h"
+#include "state/queue.h"
 
 #include "format/bits.h"
 #include "format/head.h"

@@ -5,20 +5,17 @@
  *
  * Before each bit the bus asks for room for the worst case of that bit.
  */
-#include "bus/bus_private.h"
+#include "state/state.h"
 
 #include <assert.h>
 #include <string.h>
-
-/* Events that one node can have in one bit besides drops of frames. */
-#define EVENTS_PER_NODE 8u
 
 /* Returns the most events of a bit, with so many frames in queues, in the inbox and held by
  * rules. */
 static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
     const cw_rule_set *set = &bus->rules;
-    return (uint64_t)bus->node_count * EVENTS_PER_NODE + 2u * set->count + queued +
+    return (uint64_t)bus->node_count * CW_EVENTS_PER_NODE + 2u * set->count + queued +
            (handed_in + held + bus->node_count) * (1 + set->host_rules + set->copies);
 }
 
@@ -37,15 +34,6 @@ bool cw_ring_has_room_now(const cw_bus *bus)
     /* rules on the host side may need more room than the ring has. Then the ring is emptied first,
      * and events that still do not fit are counted as lost */
     return room >= worst || bus->ring.count == 0;
-}
-
-unsigned cw_ring_least(const cw_bus_config *c)
-{
-    unsigned events = c->node_count * EVENTS_PER_NODE + 2u * c->rule_count + 2u * c->rule_room +
-                      2u * c->inbox + CW_HELD_FRAMES + c->node_count;
-    for (unsigned i = 0; i < c->node_count; i++)
-        events += cw_queue_room(c, i);
-    return events;
 }
 
 static cw_event *event_at(event_ring *ring, unsigned i)

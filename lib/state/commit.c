@@ -2,7 +2,15 @@
  *
  * commit.c - turns the reports of the controllers at the end of a bit into events and statistics.
  */
-#include "bus/bus_private.h"
+#include "state/state.h"
+
+void cw_count_clean_bits_now(cw_bus *bus)
+{
+    bus->stats.bits += bus->clean_bits;
+    bus->stats.busy_bits += bus->clean_bits;
+    cw_load_add(&bus->load, bus->clean_bits, true);
+    bus->clean_bits = 0;
+}
 
 /* Returns the offered slot, whose contents stay readable until the next frame is put in. */
 static const cw_queue_slot *offered_slot(const bus_node *n)

@@ -2,7 +2,7 @@
  *
  * stats.c - delay histograms, the load of the last second, the balance of frames.
  */
-#include "bus/stats.h"
+#include "state/stats.h"
 
 #include <assert.h>
 

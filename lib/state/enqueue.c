@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * enqueue.c - puts frames into the queues of their nodes, and takes them out.
+ */
+#include "state/state.h"
+
+#include <assert.h>
+
+void cw_queue_changed(cw_bus *bus, unsigned i)
+{
+    if (bus->nodes[i].queue.count > 0)
+        bus->waiting |= cw_node_bit(i);
+    else
+        bus->waiting &= ~cw_node_bit(i);
+    cw_rules_forget_frame(&bus->rules, i);
+    bus->arbiter.stale |= cw_node_bit(i);
+}
+
+cw_drop cw_refusal(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    if (bus->detached & cw_node_bit(i))
+        return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
+    if (n->mac.modes & CW_MODE_LISTEN_ONLY)
+        return CW_DROP_LISTEN_ONLY;
+    if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
+        return CW_DROP_BUS_OFF;
+    return n->queue.count >= n->queue_limit ? CW_DROP_QUEUE_FULL : CW_DROP_COUNT;
+}
+
+void cw_pin_first(bus_node *n)
+{
+    uint16_t slot = cw_queue_first(&n->queue);
+    if (n->offered_slot != slot || n->wrong_crc)
+        n->mac.offered = false; /* not encoded */
+    n->offered_slot = slot;
+}
+
+/* Keeps the frame with which a node has begun the arbitration under way, before another one comes
+ * first. */
+static void pin_frame(cw_bus *bus, unsigned i)
+{
+    cw_frame_step *step = &bus->frame_step;
+    if (!step->active || !(step->hidden & ~step->pinned & cw_node_bit(i)))
+        return;
+    step->pinned |= cw_node_bit(i);
+    cw_pin_first(&bus->nodes[i]);
+}
+
+void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+{
+    bus_node *n = &bus->nodes[i];
+    pin_frame(bus, i);
+    bool put = cw_queue_put(&n->queue, frame, tick);
+    assert(put);
+    (void)put;
+    bus->queued++;
+    if (cw_queue_first(&n->queue) == n->queue.newest)
+        cw_queue_changed(bus, i);
+    n->queue.slots[n->queue.newest].source = (uint16_t)source;
+    if (n->queue.count > n->stats.queue_peak)
+        n->stats.queue_peak = n->queue.count;
+}
+
+void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+{
+    cw_share_lost(bus, i);
+    cw_drop why = cw_frame_valid(frame) ? cw_refusal(bus, i) : CW_DROP_BAD_FRAME;
+    if (why != CW_DROP_COUNT) {
+        cw_push_drop(bus, i, CW_SIDE_TX, frame, why, tick);
+        return;
+    }
+    cw_enqueue(bus, i, frame, tick, source);
+    cw_rules_count_queued(&bus->rules, source);
+}
+
+void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_share_lost(bus, i);
+    cw_rules_count_gone(&bus->rules, n->queue.slots[slot].source);
+    cw_queue_remove(&n->queue, slot);
+    bus->queued--;
+    cw_queue_changed(bus, i);
+}
+
+void cw_flush_queue(cw_bus *bus, unsigned i, cw_drop why)
+{
+    bus_node *n = &bus->nodes[i];
+    while (n->queue.count > 0) {
+        uint16_t slot = cw_queue_first(&n->queue);
+        cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, cw_now(bus));
+        cw_remove_slot(bus, i, slot);
+    }
+}

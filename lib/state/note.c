@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * note.c - notes each bit in progress for traces: levels, and places as each node counts them.
+ */
+#include "state/state.h"
+
+#include "format/parts.h"
+
+/* M1, M6: returns true in the bit in which a waiting node takes a dominant level for a SOF. */
+static bool takes_sof(const cw_mac *m, bool level)
+{
+    if (level)
+        return false;
+    bool third = m->phase == CW_MAC_INTERMISSION && m->count == CW_INTERMISSION_BITS - 1;
+    return third || m->phase == CW_MAC_IDLE || m->phase == CW_MAC_SUSPEND;
+}
+
+static void note_place(cw_bit_node *n, const cw_mac *m, bool level)
+{
+    if (takes_sof(m, level))
+        *n = (cw_bit_node){.place = {.field = CW_FIELD_SOF}, .phase = CW_MAC_FRAME,
+                           .role = CW_ROLE_RECEIVER};
+    else
+        *n = (cw_bit_node){.place = cw_mac_place(m), .phase = (cw_mac_phase)m->phase,
+                           .role = (cw_role)m->role};
+}
+
+/* Notes the wires now, since rules may cut or mend the bus at the end of the bit. */
+static void note_wires(cw_bus *bus)
+{
+    bus->note.wire_count = bus->group_count;
+    for (unsigned i = 0; bus->group_count > 1 && i < bus->node_count; i++)
+        for (unsigned g = 0; g < bus->group_count; g++)
+            if (bus->groups[g] & cw_node_bit(i))
+                bus->note.wires[i] = (uint8_t)g;
+}
+
+static void clear_bit(uint64_t *levels, unsigned i)
+{
+    *levels &= ~cw_node_bit(i);
+}
+
+static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
+{
+    bit_note *note = &bus->note;
+    bool hidden = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
+    bool level = cw_mac_visible(m, sampled);
+    if (!level)
+        clear_bit(&note->sampled, i);
+    if (!m->driven && !hidden)
+        clear_bit(&note->wanted, i);
+    note_place(&note->nodes[i], m, level);
+}
+
+/* Nodes that follow one controller are at one place, unless their levels differ. */
+static void note_followers(cw_bus *bus, const cw_levels *levels)
+{
+    bit_note *note = &bus->note;
+    const unsigned first = cw_lowest_node(bus->followers);
+    const uint64_t low = bus->followers & ~levels->sampled;
+    bool together = low == 0 || low == bus->followers;
+    note->alike = together ? bus->followers : 0;
+    note_node(bus, first, &bus->common, levels->sampled >> first & 1u);
+    for (uint64_t rest = together ? 0 : bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        note_node(bus, i, &bus->common, levels->sampled >> i & 1u);
+    }
+    if (together && !(note->sampled >> first & 1u))
+        note->sampled &= ~bus->followers;
+    if (together && !(note->wanted >> first & 1u))
+        note->wanted &= ~bus->followers;
+}
+
+void cw_view_note(cw_bus *bus, const cw_levels *levels)
+{
+    bit_note *note = &bus->note;
+    note->start = cw_now(bus);
+    note->end = cw_bit_end(bus);
+    note->levels = *levels;
+    note->sampled = levels->sampled | bus->all;
+    note->wanted = UINT64_MAX;
+    note->alike = 0;
+    if (bus->followers)
+        note_followers(bus, levels);
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        note_node(bus, i, &bus->nodes[i].mac, levels->sampled >> i & 1u);
+    }
+    note_wires(bus);
+}
+
+/* Returns true for a phase that goes on, without a report, until something comes in or is
+ * reported. */
+static bool is_quiet_phase(unsigned phase)
+{
+    return phase == CW_MAC_IDLE || phase == CW_MAC_OFF || phase == CW_MAC_BUS_OFF ||
+           phase == CW_MAC_RECOVERING;
+}
+
+bool cw_view_is_quiet(const cw_bus *bus)
+{
+    const bit_note *note = &bus->note;
+    const cw_levels *l = &note->levels;
+    uint64_t recessive = l->driven & l->wire & l->clean & l->sampled & note->sampled & note->wanted;
+    if (note->end == 0 || note->end != cw_now(bus) || (recessive & bus->all) != bus->all)
+        return false;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        unsigned phase = cw_noted(note, i)->phase;
+        if (!is_quiet_phase(phase) || phase != cw_mac_of(bus, i)->phase)
+            return false;
+    }
+    return true;
+}

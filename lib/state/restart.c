@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * restart.c - the times of the restarts that are to come (R12).
+ */
+#include "state/state.h"
+
+void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
+{
+    bus->nodes[i].restart_at = tick;
+    bus->next_restart = cw_least(bus->next_restart, tick);
+}
+
+uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
+{
+    const bus_node *n = &bus->nodes[i];
+    if (n->restart_ticks == 0)
+        return CW_NEVER;
+    uint64_t due = cw_after(n->off_at, n->restart_ticks);
+    return due > cw_now(bus) ? due : cw_now(bus);
+}
+
+void cw_find_next_restart(cw_bus *bus)
+{
+    bus->next_restart = CW_NEVER;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        bus->next_restart = cw_least(bus->next_restart, bus->nodes[i].restart_at);
+}

@@ -1,0 +1,399 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * state.h - the state of a bus, and what happens to it between two moments of time.
+ *
+ *   queue.c      the frames of one node that wait; enqueue.c puts frames into queues
+ *   inbox.c      frames whose tick is still to come
+ *   ring.c       the ring of events; commit.c makes events and statistics of reports
+ *   stats.c      load and delays; shares.c statistics that many nodes have in common
+ *   followers.c  nodes that share one controller
+ *   topology.c   the wire of each node; restart.c when nodes leave bus-off
+ *   note.c       the bit in progress, for traces
+ */
+#ifndef CANWIRE_STATE_H
+#define CANWIRE_STATE_H
+
+#include "canwire.h"
+#include "format/bitset.h"
+#include "rule/rule.h"
+#include "mac/mac.h"
+#include "state/queue.h"
+#include "state/stats.h"
+#include "time/wire.h"
+
+typedef struct bus_node {
+    cw_mac mac;
+    cw_queue queue;
+    uint64_t restart_ticks;
+    uint64_t restart_at;   /* tick of the next restart request, or CW_NEVER */
+    uint64_t off_at;       /* tick of the last bus-off */
+    uint16_t offered_slot; /* valid while mac.offered */
+    uint16_t queue_limit;  /* at most the queue's capacity */
+    uint32_t inbox;        /* its frames in the inbox */
+    bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
+    uint8_t told_state;    /* cw_state of the last event */
+    uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
+    cw_node_stats stats;   /* without the shares that shares.c still owes */
+} bus_node;
+
+typedef struct inbox_entry {
+    uint64_t at_tick;
+    uint8_t node;
+    cw_frame frame;
+} inbox_entry;
+
+/* A ring, sorted by tick, then node (not after cw_bus_bring_forward()), then arrival. */
+typedef struct inbox {
+    inbox_entry *entries;
+    unsigned capacity;
+    unsigned first;
+    unsigned count;
+    uint64_t next; /* tick of the first one, or CW_NEVER */
+} inbox;
+
+typedef struct event_ring {
+    cw_event *events;
+    unsigned capacity;
+    unsigned first;
+    unsigned count;
+    uint64_t newest_tick; /* of the last event in it */
+    uint64_t enough; /* room for the worst possible bit, whatever waits at present */
+} event_ring;
+
+/* The part of cw_bit_view that is known only while the bit is simulated. */
+typedef struct bit_note {
+    uint64_t start; /* tick */
+    uint64_t end; /* tick; 0: there is none */
+    cw_levels levels;
+    uint64_t sampled; /* by the controllers, after their modes have hidden levels */
+    uint64_t wanted;  /* levels that would be driven without faults */
+    uint64_t alike;   /* nodes that follow one controller, and have one level */
+    unsigned wire_count;
+    cw_bit_node nodes[CW_NODES_MAX]; /* without wire, state and counters; nodes that are alike share
+                                        the first entry */
+    uint8_t wires[CW_NODES_MAX];     /* valid when there are several wires */
+} bit_note;
+
+/* The part of each node in the next frame, while all nodes are idle; see step/outlook.c. A look at
+ * all controllers finds it, and it then stays the same. A change of a controller makes it invalid
+ * (`valid`), and the next decision looks again. */
+typedef struct cw_outlook {
+    bool valid;
+    bool calm;              /* each node is idle, or away until a call or rule changes it */
+    uint64_t listeners;     /* idle nodes, which will receive the next frame or send it */
+    uint64_t away;          /* off or bus-off */
+    uint64_t senders;       /* listeners that may transmit */
+    uint64_t acknowledgers; /* listeners that acknowledge */
+    uint64_t counting;      /* acknowledgers whose REC a good frame lowers (R8) */
+    uint64_t one_shot;      /* senders that try once (M13) */
+} cw_outlook;
+
+/* The tournament of the frames that wait, see step/arbiter.c. */
+typedef struct cw_arbiter {
+    uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
+    unsigned leaves;
+    uint64_t stale; /* nodes whose first frame may differ from that of their leaf */
+} cw_arbiter;
+
+/* Statistics that many nodes count alike, see shares.c. */
+typedef struct cw_shares {
+    uint64_t contenders; /* nodes that have lost `lost` arbitrations since their lost_before */
+    unsigned contender_count;
+    uint64_t lost;
+    uint64_t listeners;  /* nodes that receive all frames counted below, from when they began to
+                            listen */
+    uint64_t rx_frames;
+    uint64_t rx_bytes;
+} cw_shares;
+
+/* A clean frame on its way, see step/frame.c. */
+typedef struct cw_frame_step {
+    bool active;
+    bool at_work;         /* rules act on the levels of its bits */
+    bool hit;             /* its rule does not let all of it pass, so that its bits are needed */
+    bool bound;           /* rules have been bound to its frames, at their SOF */
+    uint8_t node;         /* the transmitter */
+    uint8_t tail;         /* last bits, up to the intermission, that pass one by one */
+    uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
+    cw_look look;         /* the next look of a rule; on a hit single bits go on there */
+    uint16_t length;      /* SOF to EOF */
+    const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
+    cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
+                             that slot */
+    uint64_t listeners;
+    uint64_t contenders;  /* nodes that began to transmit */
+    uint64_t watched;     /* of these, those whose bits rules look at before the step ends */
+    uint64_t undecided;   /* of these, those that have not lost yet and will */
+    uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
+    uint64_t pinned;      /* of these, those whose offered slot has the frame that they began with;
+                             that of the others is still the first of their queue */
+    uint8_t next_loss;    /* the first lost_at of the undecided nodes */
+    uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
+    uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
+} cw_frame_step;
+
+struct cw_bus {
+    cw_wire_time time;
+    unsigned node_count;
+    uint64_t next_restart; /* the earliest restart_at */
+    uint64_t recessive_bits;
+    uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
+    uint64_t work;         /* see cw_bus_work() */
+    uint64_t queued;       /* frames in all queues */
+    uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
+    unsigned group_count;          /* 1: all nodes on one wire */
+    flag_watch error_flag;
+    flag_watch overload_flag;
+    cw_load load;
+    cw_bus_stats stats;
+    inbox inbox;
+    event_ring ring;
+    uint64_t all;       /* nodes */
+    uint64_t followers; /* nodes that are where `common` is, see followers.c */
+    uint64_t waiting;   /* nodes with frames in their queues */
+    uint64_t detached;  /* nodes that their hosts have taken off the bus */
+    uint64_t removed;   /* of these, those that have been flushed: for good */
+    cw_mac common;
+    cw_outlook outlook;
+    cw_frame_step frame_step;
+    cw_arbiter arbiter;
+    cw_shares shares;
+    uint32_t wanted;    /* kinds of events, as bits */
+    bool wire; /* level of the last bit, all wires together */
+    bool stepping; /* nothing is skipped, nothing shared */
+    bool watching; /* nothing is skipped */
+    bool news; /* pending: a rule or a setting has changed something at a controller */
+    cw_event unwanted_event; /* written to when the kind is not wanted */
+    cw_event lost_event; /* written to when the ring is full */
+    bus_node *nodes;
+    cw_rule_set rules;
+    bit_note note;
+};
+
+/* Returns the present tick. */
+static inline uint64_t cw_now(const cw_bus *bus)
+{
+    return cw_wire_now(&bus->time);
+}
+
+/* Returns the tick at which the bit that begins now ends. */
+static inline uint64_t cw_bit_end(const cw_bus *bus)
+{
+    return cw_wire_bit_end(&bus->time);
+}
+
+/* ---- enqueue.c ------------------------------------------------------------------------------- */
+
+/* Puts a frame into a node's queue, or drops it with an event. source: 0 for the host's frames, the
+ * index of the rule plus 1 for those of a rule. */
+void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
+                    unsigned source);
+
+/* Puts a valid frame into the queue of a node that cw_refusal() says takes it. */
+void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
+
+/* Returns the reason why a node takes no frame now; CW_DROP_COUNT when it takes one. */
+cw_drop cw_refusal(const cw_bus *bus, unsigned node);
+
+/* Makes the first frame of a node's queue the one of its offered slot, not encoded. */
+void cw_pin_first(bus_node *node);
+
+void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
+
+/* Drops all frames of a node's queue. */
+void cw_flush_queue(cw_bus *bus, unsigned node, cw_drop why);
+
+/* Call it when the first frame of a node's queue may have changed. */
+void cw_queue_changed(cw_bus *bus, unsigned node);
+
+/* ---- inbox.c --------------------------------------------------------------------------------- */
+
+/* Returns the tick of the first frame in the inbox, or CW_NEVER. */
+static inline uint64_t cw_inbox_first(const cw_bus *bus)
+{
+    return bus->inbox.next;
+}
+
+/* Takes the frames that were handed in before tick, at least one, from the inbox. */
+void cw_take_inbox(cw_bus *bus, uint64_t tick);
+
+static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
+{
+    if (cw_inbox_first(bus) < tick)
+        cw_take_inbox(bus, tick);
+}
+
+/* Takes the frames for now of a node, as long as they come first. */
+void cw_take_inbox_of(cw_bus *bus, unsigned node);
+
+/* Drops all frames of a node from the inbox. */
+void cw_flush_inbox(cw_bus *bus, unsigned node);
+
+/* ---- restart.c ------------------------------------------------------------------------------- */
+
+void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
+
+/* Returns the tick at which a node in bus-off restarts by itself: restart_ticks after bus-off, not
+ * before now; or CW_NEVER (R12). */
+uint64_t cw_automatic_restart(const cw_bus *bus, unsigned node);
+
+void cw_find_next_restart(cw_bus *bus);
+
+/* ---- ring.c ---------------------------------------------------------------------------------- */
+
+/* Events that one node can have in one bit besides drops of frames. */
+#define CW_EVENTS_PER_NODE 8u
+
+/* Finds the most room that a bit can need. Call it when rules come or go. */
+void cw_ring_find_enough(cw_bus *bus);
+
+bool cw_ring_has_room_now(const cw_bus *bus);
+
+/* Returns true when the ring has room for the worst case up to the end of the next bit. */
+static inline bool cw_ring_has_room(const cw_bus *bus)
+{
+    return bus->ring.capacity - bus->ring.count >= bus->ring.enough || cw_ring_has_room_now(bus);
+}
+
+/* Adds an event. The caller may fill it in until the next one is added. */
+cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes);
+
+/* Returns true when events of a kind are wanted. */
+static inline bool cw_wants_event(const cw_bus *bus, cw_event_kind kind)
+{
+    return bus->wanted >> kind & 1u;
+}
+
+/* Adds an event at the present tick, with the node's counters. */
+cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
+
+/* Adds the hit of a rule that is not quiet. */
+void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
+
+/* Adds the drop of a frame and counts it. side: the way of the frame, onto the bus or to the
+ * host. */
+void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, cw_drop why,
+                  uint64_t tick);
+
+/* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
+void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+
+/* ---- shares.c -------------------------------------------------------------------------------- */
+
+void cw_share_lost_now(cw_bus *bus, unsigned node);
+
+/* Gives a node its share of lost attempts. Call it before its first frame changes or is tried
+ * otherwise. */
+static inline void cw_share_lost(cw_bus *bus, unsigned node)
+{
+    if (bus->nodes[node].lost_before != bus->shares.lost)
+        cw_share_lost_now(bus, node);
+}
+
+/* Adds a node's share that is not in its statistics yet to a copy of them. */
+void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
+
+/* Set the nodes that take part from now on. */
+void cw_set_contenders(cw_bus *bus, uint64_t nodes);
+void cw_set_listeners(cw_bus *bus, uint64_t nodes);
+
+/* Counts a frame that all listeners but its sender, itself a listener, have received. */
+void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes);
+
+/* Asserts that the shares are possible ones. */
+void cw_assert_shares(const cw_bus *bus);
+
+/* ---- followers.c ----------------------------------------------------------------------------- */
+
+/* Returns the controller of a node, shared or its own. */
+const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
+
+/* Returns the node's own controller, to change it; controllers must be awake. */
+cw_mac *cw_own_mac(cw_bus *bus, unsigned node);
+
+/* Gives these nodes their own controllers from now on. */
+void cw_leave(cw_bus *bus, uint64_t nodes);
+
+/* ---- topology.c ------------------------------------------------------------------------------ */
+
+/* Takes nodes off the bus, puts them onto wires of their own and forbids acknowledging, by the
+ * active rules and the hosts; or undoes that. */
+void cw_apply_topology(cw_bus *bus);
+
+/* ---- note.c ---------------------------------------------------------------------------------- */
+
+/* Notes the bit in progress, after all nodes drove and before they sample. */
+void cw_view_note(cw_bus *bus, const cw_levels *levels);
+
+/* Returns true when the last bit has been noted as one of an idle bus that nothing acts on. All
+ * nodes must still be as they were in it. */
+bool cw_view_is_quiet(const cw_bus *bus);
+
+/* Returns what has been noted of a node. */
+static inline const cw_bit_node *cw_noted(const bit_note *note, unsigned i)
+{
+    return &note->nodes[note->alike >> i & 1u ? cw_lowest_node(note->alike) : i];
+}
+
+/* ---- commit.c -------------------------------------------------------------------------------- */
+
+void cw_count_clean_bits_now(cw_bus *bus);
+
+/* Adds the bits of clean frames to the statistics. Call it before other bits are counted or the
+ * statistics are read. */
+static inline void cw_count_clean_bits(cw_bus *bus)
+{
+    if (bus->clean_bits)
+        cw_count_clean_bits_now(bus);
+}
+
+/* Return all bits so far, and the busy bits, with those that are not in the statistics yet. */
+static inline uint64_t cw_bits_so_far(const cw_bus *bus)
+{
+    return bus->stats.bits + bus->clean_bits;
+}
+
+static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
+{
+    return bus->stats.busy_bits + bus->clean_bits;
+}
+
+/* Makes the events and statistics of one node at the end of a bit, in the order of
+ * cw_event_kind. */
+void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
+
+/* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
+void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
+
+/* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
+void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
+
+/* Commits that the node has received a frame. */
+void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Commits that some nodes, at least one, have received the frame of a sender as it was sent, with
+ * so many bytes of data. Nothing acts on it on the host side. The caller fills the frame into the
+ * event. */
+cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
+
+/* Returns true when a received frame may be more than an event to its receivers. */
+static inline bool cw_host_side_acts(const cw_bus *bus)
+{
+    return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count;
+}
+
+/* Commits that followers have received a frame in this bit, when no other node has a report.
+ * Returns true when that was possible for all of them at once. */
+bool cw_commit_reception(cw_bus *bus);
+
+/* Reports a state that has changed since the last report. */
+void cw_tell_new_state(cw_bus *bus, unsigned node);
+
+static inline void cw_tell_state(cw_bus *bus, unsigned node)
+{
+    const bus_node *n = &bus->nodes[node];
+    if (n->told_state != n->mac.confinement.state)
+        cw_tell_new_state(bus, node);
+}
+
+#endif

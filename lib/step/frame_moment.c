@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * frame_moment.c - what happens in a frame step, and at which bits: lost arbitrations, the
+ * acknowledgement, the acceptance, the end.
+ */
+#include "step/frame.h"
+
+#include "mac/confinement.h"
+
+/* Lowers the receivers' REC at the ACK slot (R8). */
+static void lower_counters(cw_bus *bus)
+{
+    uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->frame_step.node);
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        unsigned i = cw_lowest_node(rest);
+        cw_mac *m = &bus->nodes[i].mac;
+        cw_confinement_rx_success(&m->confinement);
+        m->told_state = m->confinement.state;
+        cw_tell_state(bus, i);
+    }
+    if (nodes)
+        bus->outlook.valid = false;
+}
+
+/* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
+static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
+{
+    *to = *from;
+    for (unsigned i = length; i < CW_FRAME_DATA_MAX; i++)
+        to->data[i] = 0;
+}
+
+static inline void receive_at_once(cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    const bus_node *n = &bus->nodes[step->node];
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_event *e = cw_receive_together(bus, step->node, step->listeners & ~cw_node_bit(step->node),
+                                      slot->bytes);
+    copy_received(&e->frame, &slot->frame, slot->bytes);
+}
+
+static void receive(cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    const bus_node *n = &bus->nodes[step->node];
+    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_frame frame;
+    if (!cw_host_side_acts(bus)) {
+        receive_at_once(bus);
+        return;
+    }
+    copy_received(&frame, &slot->frame, slot->bytes);
+    for (uint64_t rest = step->listeners & ~cw_node_bit(step->node); rest; rest &= rest - 1)
+        cw_receive(bus, cw_lowest_node(rest), &frame);
+}
+
+static void finish_transmission(cw_bus *bus)
+{
+    cw_frame_step *step = &bus->frame_step;
+    cw_mac *m = &bus->nodes[step->node].mac;
+    m->offered = false;
+    cw_confinement_tx_success(&m->confinement);
+    m->told_state = m->confinement.state;
+    cw_commit_sent(bus, step->node, step->length);
+    cw_tell_state(bus, step->node);
+}
+
+/* Carries out the moment at the end of the bit that has just passed. */
+void cw_frame_step_run_moment(cw_bus *bus)
+{
+    cw_frame_step *step = &bus->frame_step;
+    if (step->undecided && step->next_loss + 1u == step->at)
+        cw_losses_tell(bus);
+    if (step->at == step->length - CW_AFTER_ACK_BITS)
+        lower_counters(bus);
+    else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
+        receive(bus);
+    else if (step->at == step->length)
+        finish_transmission(bus);
+}
+
+unsigned cw_frame_step_next_moment(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned loss = step->undecided ? step->next_loss + 1u : CW_NO_LOOK;
+    unsigned next = step->length + CW_INTERMISSION_BITS;
+    if (step->at < step->length)
+        next = step->length;
+    if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
+        next = step->length - CW_AFTER_ACCEPT_BITS;
+    if (step->at < step->length - CW_AFTER_ACK_BITS && bus->outlook.counting)
+        next = step->length - CW_AFTER_ACK_BITS;
+    return loss < next ? loss : next;
+}
+
+void cw_frame_step_end_slot(cw_bus *bus)
+{
+    bus->frame_step.active = false;
+    bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
+    if (bus->rules.awake_count)
+        cw_rules_unbind(&bus->rules);
+}
+
+void cw_frame_step_go_to_end(cw_bus *bus, unsigned at)
+{
+    const unsigned length = bus->frame_step.length;
+    if (bus->outlook.counting && at < length - CW_AFTER_ACK_BITS) {
+        at = cw_frame_step_pass_to(bus, at, length - CW_AFTER_ACK_BITS);
+        lower_counters(bus);
+    }
+    if (at < length - CW_AFTER_ACCEPT_BITS) {
+        at = cw_frame_step_pass_to(bus, at, length - CW_AFTER_ACCEPT_BITS);
+        receive_at_once(bus);
+    }
+    if (at < length) {
+        at = cw_frame_step_pass_to(bus, at, length);
+        finish_transmission(bus);
+    }
+    (void)cw_frame_step_pass_to(bus, at, length + CW_INTERMISSION_BITS);
+    cw_frame_step_end_slot(bus);
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * frame_read.c - what can be read of the frame of a frame step on its way.
+ */
+#include "step/frame.h"
+
+uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    unsigned n = step->at;
+    if (n > step->length - CW_AFTER_ACK_BITS)
+        return n - (step->length - CW_AFTER_ACK_BITS);
+    if (n == step->length - CW_AFTER_ACK_BITS)
+        return 0;
+    cw_bits room;
+    const cw_bits *bits = cw_frame_step_bits(bus, &room);
+    while (n > 0 && cw_bits_level(bits, n - 1))
+        n--;
+    return step->at - n;
+}
+
+/* Returns the horizon without hits of rules. */
+static uint64_t clean_horizon(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    if (cw_frame_step_is_broken(bus))
+        return 1; /* the step ends then */
+    if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
+        return step->length - CW_AFTER_ACCEPT_BITS - step->at;
+    if (step->at < step->length)
+        return step->length - step->at;
+    return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+}
+
+uint64_t cw_frame_step_horizon(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    uint64_t bits = clean_horizon(bus);
+    return step->look.bit == CW_NO_LOOK ? bits
+                                        : cw_least(bits, step->look.bit + 1u - step->at);
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * frame_whole.c - takes a clean frame at once, without its bits, when only its end can be seen.
+ */
+#include "step/frame.h"
+
+/* It is apart, so that a frame without rules needs no room for a view. */
+static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned winner,
+                                                           const cw_frame *frame)
+{
+    const cw_look look = {.rule = bus->rules.watcher[winner]};
+    const cw_frame_view view = {.frame = frame, .length = bus->frame_step.length};
+    bool passes = cw_rules_stop_roughly(&bus->rules, winner) &&
+                  cw_rules_consume(&bus->rules, 0, &look, &view);
+    bus->frame_step.hit = !passes;
+    return passes;
+}
+
+bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
+{
+    cw_frame_step *step = &bus->frame_step;
+    bus_node *n = &bus->nodes[winner];
+    const uint16_t slot = cw_queue_first(&n->queue);
+    step->listeners = bus->outlook.listeners;
+    step->length = n->queue.slots[slot].wire_bits;
+    const unsigned bits = step->length + CW_INTERMISSION_BITS;
+    if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
+        cw_host_side_acts(bus) ||
+        !cw_frame_step_is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
+        (step->watched && !cw_rules_count_off(&bus->rules, winner) &&
+         !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
+        return false;
+    n->offered_slot = slot;
+    n->mac.offered = false; /* not encoded */
+    step->node = (uint8_t)winner;
+    step->contenders = contenders;
+    cw_losses_hide(bus);
+    bus->clean_bits += bits;
+    cw_frame_step_go_to_end(bus, 0);
+    return true;
+}

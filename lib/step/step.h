@@ -1,0 +1,110 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * step.h - the ways in which time moves. All leave the bus as single bits would leave it.
+ *
+ *   bit.c      one bit of all nodes: the reference
+ *   run.c      equal bits; shared.c takes a bit for all nodes that do the same
+ *   frame*.c   clean frames without controllers; outlook.c and arbiter.c know who sends next
+ */
+#ifndef CANWIRE_STEP_H
+#define CANWIRE_STEP_H
+
+#include "state/state.h"
+
+/* ---- bit.c ----------------------------------------------------------------------------------- */
+
+/* Simulates the next bit. */
+void cw_step_bit(cw_bus *bus);
+
+/* Encode the first frame of a node's queue, or the frame in a slot, and make it ready to be
+ * sent. */
+void cw_offer_first(bus_node *node);
+void cw_offer_slot(bus_node *node, uint16_t slot);
+
+/* Binds rules when a node begins to transmit the frame of its offered slot; they may make its CRC
+ * wrong. */
+void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Finds the levels of the bit in progress from those that are driven. */
+void cw_find_levels(cw_bus *bus, cw_levels *levels);
+
+/* Simulates the bit in progress, whose levels have been found. */
+void cw_step_with(cw_bus *bus, const cw_levels *levels);
+
+/* Counts load and flags for the next bit, and for as many equal ones as are taken with it. */
+void cw_watch_wire(cw_bus *bus, uint64_t bits);
+
+/* ---- run.c ----------------------------------------------------------------------------------- */
+
+/* Returns the level of the wire as long as no node changes its own level. */
+bool cw_held_level(const cw_bus *bus);
+
+/* Returns the bits up to tick in which the wire keeps that level, no controller does anything new,
+ * and nothing comes in. Returns 0 when the next bit must be simulated. */
+uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick);
+
+/* Takes that many bits at once. */
+void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
+
+/* ---- frame*.c -------------------------------------------------------------------------------- */
+
+/* Returns the tick at which bit n of the frame of a frame step begins, n not before its `at`. Bits
+ * of the intermission count on after those of the frame. */
+static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
+{
+    return cw_wire_tick(&bus->time, (uint64_t)n - bus->frame_step.at);
+}
+
+/* Continues the frame step that is under way, or begins one. A step begins with the next frame, or
+ * within a frame that has begun bit by bit. It goes as far as the end of the frame, the next moment
+ * at which something happens, or tick. At least one bit must lie before tick. Returns false, with
+ * nothing done, when bits must be simulated singly. */
+bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
+
+/* Ends the frame step that is under way, if there is one: moves all controllers to their present
+ * points. Public calls do so before they change a controller, and time does so before due rules and
+ * restarts; nothing else does. */
+void cw_wake_controllers(cw_bus *bus);
+
+/* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
+uint64_t cw_losses_ahead(const cw_bus *bus);
+
+/* Return, in a frame step, the recessive bits up to now and the bits until the next event. */
+uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
+uint64_t cw_frame_step_horizon(const cw_bus *bus);
+
+/* ---- shared.c -------------------------------------------------------------------------------- */
+
+/* Makes the node a follower if it is at the point of the others. */
+void cw_join(cw_bus *bus, unsigned node);
+
+/* Makes followers leave that sample another level than most followers. */
+void cw_split_followers(cw_bus *bus, uint64_t levels);
+
+/* Ends the bit for all followers, which see the same level. Returns true when there is a report to
+ * commit. */
+bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
+
+/* ---- outlook.c ------------------------------------------------------------------------------- */
+
+/* Looks at all controllers. They are idle or away, and so is the one that followers share. */
+void cw_outlook_find(cw_bus *bus);
+
+/* Asserts that a new look would find the same. */
+void cw_assert_outlook(const cw_bus *bus);
+
+/* ---- arbiter.c ------------------------------------------------------------------------------- */
+
+void cw_arbiter_init(cw_arbiter *arbiter, unsigned nodes);
+
+/* Repeats the matches of nodes whose first frame may have changed. */
+void cw_arbiter_update(cw_bus *bus);
+
+/* Finds the winner among these nodes, all of which have a frame. Call cw_arbiter_update() before.
+ * Returns false when two frames are equal up to the end of the arbitration field. */
+bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
+
+/* Asserts that the tournament is that of the frames that wait. */
+void cw_assert_arbiter(const cw_bus *bus);
+
+#endif
