@@ -116,6 +116,13 @@ def can_socket():
         s.close()
 
 
+def stay_on_one_processor(process):
+    """Keeps the frames that a process writes in their order. The kernel has a queue for each
+    processor, and one of them may be late."""
+    with contextlib.suppress(ProcessLookupError):  # it has ended
+        os.sched_setaffinity(process, {max(os.sched_getaffinity(0))})
+
+
 class Daemon:
     """A canwired, with the notification socket of systemd. crowded: the socket has no room until
     listen() is called; before, after: words around its command line."""
@@ -136,6 +143,7 @@ class Daemon:
             self.process = subprocess.Popen(
                 [*before, CANWIRED, "-c", self.config, *after], stderr=errors, env=environment
             )
+        stay_on_one_processor(self.process.pid)
 
     def crowd(self):
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as crowd:
