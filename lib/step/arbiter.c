@@ -13,26 +13,27 @@
 
 /* ---- The tournament -------------------------------------------------------------------------- */
 
-/* An entry: the key, a bit for a tie, the node. NO_ENTRY has that bit, too, and ties only with
- * another NO_ENTRY. */
-#define NO_ENTRY UINT64_MAX
-#define KEY_SHIFT 8
-#define TIE_SHIFT 7
-#define TIE (1u << TIE_SHIFT)
+/* An entry: the key, the node, and the number of its matches that were ties. NO_ENTRY is behind all
+ * keys, and ties only with another NO_ENTRY. */
+#define NO_ENTRY (UINT64_C(1) << 63)
+#define KEY_SHIFT 16
+#define NODE_SHIFT 8
 #define NODE_MASK 0x3Fu
+#define TIES_MASK 0xFFu
 
 static uint64_t entry_of(const cw_bus *bus, unsigned i)
 {
     const cw_queue *q = &bus->nodes[i].queue;
     if (q->count == 0)
         return NO_ENTRY;
-    return (uint64_t)cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) << KEY_SHIFT | i;
+    return (uint64_t)cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) << KEY_SHIFT |
+           i << NODE_SHIFT;
 }
 
 static uint64_t play(uint64_t a, uint64_t b)
 {
     const bool tie = (a ^ b) >> KEY_SHIFT == 0;
-    return (a < b ? a : b) | (uint64_t)tie << TIE_SHIFT;
+    return (a < b ? a : b) + tie;
 }
 
 void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
@@ -40,21 +41,23 @@ void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
     *c = (cw_arbiter){.leaves = 1};
     while (c->leaves < nodes)
         c->leaves *= 2;
-    for (unsigned i = 0; i < 2 * c->leaves; i++)
+    for (unsigned i = c->leaves; i < 2 * c->leaves; i++)
         c->entries[i] = NO_ENTRY;
+    for (unsigned i = c->leaves - 1; i > 0; i--)
+        c->entries[i] = play(c->entries[2 * i], c->entries[2 * i + 1]);
 }
 
 static void play_again(cw_bus *bus, unsigned i)
 {
     cw_arbiter *c = &bus->arbiter;
     uint64_t entry = entry_of(bus, i);
-    unsigned place = c->leaves + i;
+    size_t place = c->leaves + i;
     if (c->entries[place] == entry)
         return;
     c->entries[place] = entry;
     for (; place > 1; place /= 2) { /* up to the final, since the processor cannot foresee whether a
                                        result changes */
-        entry = play(entry, c->entries[place ^ 1u]);
+        entry = play(entry, c->entries[place ^ 1]);
         c->entries[place / 2] = entry;
     }
 }
@@ -87,6 +90,6 @@ static uint64_t play_among(const cw_bus *bus, uint64_t nodes)
 bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner)
 {
     uint64_t entry = nodes == bus->waiting ? bus->arbiter.entries[1] : play_among(bus, nodes);
-    *winner = entry & NODE_MASK;
-    return !(entry & TIE);
+    *winner = entry >> NODE_SHIFT & NODE_MASK;
+    return (entry & TIES_MASK) == 0;
 }
