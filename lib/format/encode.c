@@ -13,6 +13,7 @@
 #include "format/tables.h"
 
 #include <assert.h>
+#include <string.h>
 
 #define PART_BYTES 5u
 #define PLAIN_BYTES 16u /* one more than a frame can have */
@@ -61,14 +62,10 @@ static inline uint64_t load_be(const uint8_t b[8])
 
 static inline void store_be(uint8_t b[8], uint64_t word)
 {
-    b[0] = (uint8_t)(word >> 56);
-    b[1] = (uint8_t)(word >> 48);
-    b[2] = (uint8_t)(word >> 40);
-    b[3] = (uint8_t)(word >> 32);
-    b[4] = (uint8_t)(word >> 24);
-    b[5] = (uint8_t)(word >> 16);
-    b[6] = (uint8_t)(word >> 8);
-    b[7] = (uint8_t)word;
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+    word = __builtin_bswap64(word);
+#endif
+    memcpy(b, &word, sizeof word);
 }
 
 static inline content content_of(const cw_frame *frame)
