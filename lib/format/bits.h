@@ -10,7 +10,7 @@
 /* Returns the wire bit that is the u-th one, from 0, of those that are no stuff bits. */
 unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
 
-/* Finds the wire bit that cw_bits_is_at() a position. Returns false when the frame has none. */
+/* Finds the wire bit at a position. Returns false when the frame has none. */
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);
 
 /* Does the same without the frame's bits, for fields that do not depend on stuff bits. *n is the

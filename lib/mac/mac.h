@@ -42,13 +42,6 @@ uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
  * modes and the frames that they want to send. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
 
-/* Returns true when the controller receives the frame that the sender sends, and has read the same
- * bits of it. */
-bool cw_mac_reads_along(const cw_mac *mac, const cw_mac *sender);
-
-/* Makes the controller idle, as a receiver is after the intermission. */
-void cw_mac_rest(cw_mac *mac);
-
 /* Moves a controller to the point of another one, which is no transmitter. Counters, modes and the
  * offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);

@@ -45,17 +45,6 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
            a->overloads_in_row == b->overloads_in_row;
 }
 
-bool cw_mac_reads_along(const cw_mac *m, const cw_mac *sender)
-{
-    return m->phase == CW_MAC_FRAME && !cw_mac_is_transmitter(m) && cw_mac_is_sending(sender) &&
-           same_place(m, sender);
-}
-
-void cw_mac_rest(cw_mac *m)
-{
-    cw_mac_become_idle(m);
-}
-
 void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
 {
     assert(!cw_mac_is_transmitter(there));

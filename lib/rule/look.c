@@ -4,9 +4,8 @@
  *
  * A rule on a bit of a frame needs the frame only from that bit on, and only when its match becomes
  * a hit. So the step goes up to that bit, and past it when the rule passes over the match. No rule
- * is bound to a transmission before single bits go on. Rules that are already bound stay so in a
- * step that resumes a transmission. Rules that hold a level for a time need the levels of all bits,
- * but no controllers.
+ * is bound to a transmission before single bits go on. Rules that hold a level for a time need the
+ * levels of all bits, but no controllers.
  */
 #include "rule/private.h"
 
@@ -201,14 +200,6 @@ void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_vi
         add_look(look, set, rule, view, from);
 }
 
-void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
-                              unsigned from)
-{
-    for (unsigned i = 0; i < set->awake_count; i++)
-        if (set->rules[set->awake[i]].bound & cw_node_bit(view->node))
-            add_look(look, set, set->awake[i], view, from);
-}
-
 /* ---- Consuming looks ------------------------------------------------------------------------- */
 
 /* Returns the tick at which a bit of the frame begins. */
@@ -265,7 +256,7 @@ static inline unsigned touch_of(const cw_rule_state *s)
 {
     if (s->for_attempt) /* such a rule has neither a position nor a line */
         return CW_TOUCH_CONTROLLERS | CW_TOUCH_MORE;
-    unsigned touch = (s->bits_left > 0 ? CW_TOUCH_LEVELS : 0) | (s->bound ? CW_TOUCH_FRAME : 0);
+    unsigned touch = s->bits_left > 0 ? CW_TOUCH_LEVELS : 0;
     if (s->active && cw_rule_is(s, CW_ON_LINE))
         touch |= CW_TOUCH_LEVELS;
     if (s->active && cw_rule_is(s, CW_STEADY_TRAFFIC))
@@ -299,16 +290,4 @@ uint64_t cw_rules_stuck_lines(const cw_rule_set *set)
             nodes |= cw_node_bit(s->rule.node);
     }
     return nodes;
-}
-
-bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node)
-{
-    const cw_mac *m = set->bus.macs[node];
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        const cw_rule_state *s = awake_rule(set, i);
-        if ((s->bound & cw_node_bit(node)) &&
-            cw_bits_is_at(&m->tx, m->tx_next, s->rule.field, s->rule.index))
-            return true;
-    }
-    return false;
 }

@@ -325,13 +325,10 @@ typedef struct cw_look {
     bool exact;    /* false: the bit is there or later; only the encoded frame shows where */
 } cw_look;
 
-/* Three questions follow, which change nothing. First: the next bit, from one on, at which a rule
- * looks. It is of a transmission that is watched, or to which the rule is bound. *look has the look
- * at other transmissions, or none. */
+/* Three questions follow, which change nothing. First: the next bit of a watched transmission, from
+ * one on, at which a rule looks. *look has the look at other transmissions, or none. */
 void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
                         unsigned from);
-void cw_rules_add_bound_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
-                              unsigned from);
 
 /* Returns whether rules look at only one bit of the watched transmission of a node. */
 static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
@@ -342,11 +339,10 @@ static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
 /* Second: the objects that rules of the awake list touch. */
 #define CW_TOUCH_LEVELS 0x01u      /* levels, other than by steady noise */
 #define CW_TOUCH_CONTROLLERS 0x02u /* controllers, since the rules must see the senders */
-#define CW_TOUCH_FRAME 0x04u       /* a transmission that the rules are bound to */
-#define CW_TOUCH_QUEUES 0x08u      /* queues: the rules send when there is a reason */
-#define CW_TOUCH_AT_RANDOM 0x10u   /* bits that cw_rules_keep_quiet() knows */
-#define CW_TOUCH_DOMINANT 0x20u    /* dominant bits of a node; nothing as long as there are none */
-#define CW_TOUCH_MORE 0x40u        /* anything else in the next bit */
+#define CW_TOUCH_QUEUES 0x04u      /* queues: the rules send when there is a reason */
+#define CW_TOUCH_AT_RANDOM 0x08u   /* bits that cw_rules_keep_quiet() knows */
+#define CW_TOUCH_DOMINANT 0x10u    /* dominant bits of a node; nothing as long as there are none */
+#define CW_TOUCH_MORE 0x20u        /* anything else in the next bit */
 
 unsigned cw_rules_touch_now(const cw_rule_set *set);
 
@@ -388,10 +384,6 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     s->matches++;
     return true;
 }
-
-/* Returns whether a rule that is bound looks at the bit that comes next in the transmission of a
- * node. */
-bool cw_rules_look_at_next(const cw_rule_set *set, unsigned node);
 
 /* Returns the nodes whose lines to the bus are stuck. */
 uint64_t cw_rules_stuck_lines(const cw_rule_set *set);

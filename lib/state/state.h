@@ -111,7 +111,6 @@ typedef struct cw_frame_step {
     bool active;
     bool at_work;         /* rules act on the levels of its bits */
     bool hit;             /* its rule does not let all of it pass, so that its bits are needed */
-    bool bound;           /* rules have been bound to its frames, at their SOF */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits, up to the intermission, that pass one by one */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */

@@ -232,7 +232,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
 /* A new step has begun when the caller can change something. */
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick)
 {
-    if (!bus->frame_step.active && !cw_frame_step_begin(bus, tick) && !cw_frame_step_resume(bus))
+    if (!bus->frame_step.active && !cw_frame_step_begin(bus, tick))
         return false;
     if (bus->frame_step.active) /* otherwise the frame has passed at once */
         go_on(bus, tick);

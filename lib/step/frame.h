@@ -4,7 +4,6 @@
  *
  *   frame.c         goes on from one moment to the next
  *   frame_begin.c   begins with the next frame; frame_whole.c takes it at once
- *   frame_resume.c  begins within a frame that has begun bit by bit
  *   frame_moment.c  what happens at which bits; losses.c lost arbitrations
  *   frame_look.c    the bits that rules look at; frame_read.c what others can read
  *   frame_end.c     ends a step before its frame ends
@@ -20,10 +19,6 @@
 /* Begins a step with the next frame, or takes the frame at once (cw_frame_step_whole()). Returns
  * false, with nothing done, when that is impossible. */
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick);
-
-/* Begins a step within a frame that has begun bit by bit. Returns false, with nothing done, when
- * that is impossible. */
-bool cw_frame_step_resume(cw_bus *bus);
 
 /* Takes a node's frame with its intermission at once, without its bits, when only its end can be
  * seen. Returns false, with nothing done, when that is impossible. */

@@ -107,7 +107,6 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->tail = (uint8_t)find_tail(bus, winner);
     step->hidden = 0;
     step->next_loss = UINT8_MAX;
-    step->bound = false;
     step->at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
     step->at = 0;
     step->look.bit = CW_NO_LOOK;

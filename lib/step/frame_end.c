@@ -31,7 +31,7 @@ static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
 static void bind_rules(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    uint64_t watched = step->bound ? 0 : bus->rules.watched;
+    uint64_t watched = bus->rules.watched;
     for (uint64_t rest = step->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];

@@ -54,8 +54,6 @@ cw_look cw_frame_step_next_look(const cw_bus *bus, unsigned from)
     const uint64_t self = cw_node_bit(step->node);
     const cw_frame_view view = cw_frame_step_view(step);
     cw_look look = {.bit = CW_NO_LOOK, .rule = CW_NO_RULE, .exact = step->bits != NULL};
-    if (step->bound)
-        cw_rules_add_bound_looks(&bus->rules, &look, &view, from);
     if (from > 0 && step->watched == self && cw_rules_look_once(&bus->rules, step->node))
         return look; /* that was the last look */
     if (step->watched & self)

@@ -55,10 +55,9 @@ static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
     return cw_wire_tick(&bus->time, (uint64_t)n - bus->frame_step.at);
 }
 
-/* Continues the frame step that is under way, or begins one. A step begins with the next frame, or
- * within a frame that has begun bit by bit. It goes as far as the end of the frame, the next moment
- * at which something happens, or tick. At least one bit must lie before tick. Returns false, with
- * nothing done, when bits must be simulated singly. */
+/* Continues the frame step that is under way, or begins one with the next frame. It goes as far as
+ * the end of the frame, the next moment at which something happens, or tick. At least one bit must
+ * lie before tick. Returns false, with nothing done, when bits must be simulated singly. */
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
 /* Ends the frame step that is under way, if there is one: moves all controllers to their present
