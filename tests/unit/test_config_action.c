@@ -138,6 +138,24 @@ static void traffic_actions_are_read(void **state)
     cfg_free(config);
 }
 
+/* An action that the library has and the configuration lacks is found here. test_schema.py compares
+ * this file with the schema, and test_man.py the schema with the man page. */
+static void each_action_of_the_library_is_read(void **state)
+{
+    cfg *config = load_good(GOOD "faults.yaml");
+
+    (void)state;
+    for (unsigned action = 0; action < CW_ACTION_COUNT; action++) {
+        bool found = false;
+
+        for (size_t i = 0; i < config->rule_count; i++)
+            found = found || config->rules[i].action == action;
+        if (!found)
+            fail_msg("no rule of faults.yaml has the action %s", cw_action_name(action));
+    }
+    cfg_free(config);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -146,6 +164,7 @@ int main(void)
         cmocka_unit_test(controller_actions_are_read),
         cmocka_unit_test(host_actions_are_read),
         cmocka_unit_test(traffic_actions_are_read),
+        cmocka_unit_test(each_action_of_the_library_is_read),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
