@@ -2,12 +2,12 @@
  *
  * bus_private.h - declarations that the parts of the bus share.
  *
- *   bus.c         time: what is due, which step comes next; memory.c the caller's memory
- *   host.c        nodes on and off the bus, their restarts and settings
- *   rules.c       what rules see of the bus and have it do; control.c what they do to controllers
- *   status.c      what can be read; view.c the last bit, for traces
- *   takeover.c    a bus goes on as another one
- *   invariants.c  what must hold between any two steps
+ *   bus.c         runs what is due and chooses the next step; memory.c lays out the caller's memory
+ *   host.c        takes nodes on and off the bus; restarts and settings of nodes
+ *   rules.c       adds and removes rules; control.c acts on controllers for them
+ *   status.c      reads time and statistics; view.c reads the last bit, for traces
+ *   takeover.c    continues a bus as another one
+ *   invariants.c  asserts what must hold between any two steps
  */
 #ifndef CANWIRE_BUS_PRIVATE_H
 #define CANWIRE_BUS_PRIVATE_H
@@ -19,7 +19,7 @@
 /* Links the rules to the bus, whose nodes must exist. */
 void cw_link_rules(cw_bus *bus, uint64_t seed);
 
-/* Does the action of a rule to the controllers that it names, at once. */
+/* Does the action of a rule at once to all controllers that the rule names. */
 void cw_control_nodes(cw_bus *bus, const cw_rule *rule);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */

@@ -7,12 +7,12 @@
 
 #include "canwire.h"
 
-/* 1 in debug and sanitizer builds, where each step is followed by cw_assert_bus(). */
+/* 1 in debug and sanitizer builds, which call cw_assert_bus() after each step. */
 #ifndef CW_CHECKED
 #define CW_CHECKED 0
 #endif
 
-/* Asserts all invariants. Takes a time that grows with the number of nodes. */
+/* Asserts all invariants. The time that this takes grows with the number of nodes. */
 void cw_assert_bus(const cw_bus *bus);
 
 #endif

@@ -33,7 +33,7 @@ void cw_mac_skip(cw_mac *mac, uint64_t bits, bool level);
 bool cw_mac_holds_wire(const cw_mac *mac);
 
 /* Returns a lower limit of the bits until this controller ends something that a host sees (a frame,
- * a recovery), if nothing is put in. Returns CW_QUIET_FOREVER when the end does not depend on this
+ * a recovery), if no frame comes in. Returns CW_QUIET_FOREVER when the end does not depend on this
  * controller. waiting: a frame waits to be sent. */
 uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
 

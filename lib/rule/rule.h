@@ -3,17 +3,17 @@
  * rule.h - fault rules, as the rest of the library sees them.
  *
  * Files that decide when a rule acts:
- *   add.c valid.c  rules come and go
- *   index.c        rules whose filters a frame matches; list.c sorted lists
- *   rule.c         whether a match becomes a hit; prng.c by chance
- *   arming.c       rules that come after others, or by hand
- *   bind.c error.c due.c  transmissions, errors and times that rules wait for
- *   look.c         the bits of a frame that rules look at in a frame step
+ *   add.c valid.c  add and remove rules, and check them
+ *   index.c        finds the rules whose filters match a frame; list.c has sorted lists
+ *   rule.c         decides when a match becomes a hit; prng.c draws random numbers
+ *   arming.c       arms rules after hits of others, or by hand
+ *   bind.c error.c due.c  wait for transmissions, errors and times
+ *   look.c         finds the bits of a frame that rules look at in a frame step
  * Files that act:
- *   begin.c        actions begin and end; awake.c those that are looked at in every bit
- *   level.c noise.c topology.c  levels of bits, and the wires of nodes
- *   host.c         frames on the host side
- *   traffic.c      frames that rules send
+ *   begin.c        begins and ends actions; awake.c lists the rules that each bit needs
+ *   level.c noise.c topology.c  change the levels of bits, and the wires of nodes
+ *   host.c         acts on frames on the host side
+ *   traffic.c      sends the frames of rules
  * The bus acts on controllers, queues and events for the rules (cw_rule_effects). The controllers
  * themselves do all that follows on the bus.
  */
@@ -96,8 +96,8 @@ typedef struct held_frame {
 /* ---- The bus that rules are on --------------------------------------------------------------- */
 
 /* The functions that rules call to act on the bus. Each has acted when it returns. Rules that come
- * later at the same tick see its effect, such as the state of a node. No function has rules do
- * anything. */
+ * later at the same tick see its effect, such as the state of a node. None of these functions makes
+ * a rule act. */
 typedef struct cw_rule_effects {
     /* Reports the hit of a rule at a tick as an event. */
     void (*tell_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
@@ -278,7 +278,7 @@ void cw_rules_unbind(cw_rule_set *set);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
 
-/* Returns whether some rule waits for frames. If none does, no frame needs to be compared. */
+/* Returns true when some rule waits for frames. If none does, no frame needs to be compared. */
 static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
 {
     return set->key_count + set->wildcard_count > 0;
@@ -290,19 +290,20 @@ static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
     set->known &= ~cw_node_bit(node) | set->always_known;
 }
 
-/* Returns those of some nodes whose next frame has not been compared with the rules yet; the other
- * function compares the frame of one. */
+/* Returns those of some nodes whose next frame has not been compared with the rules yet. */
 uint64_t cw_rules_unknown(cw_rule_set *set, uint64_t nodes);
+
+/* Compares the next frame of a node with the rules. */
 void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame);
 
-/* Returns those of some nodes for whose next frame a rule waits, to act on the wire. A loser is one
- * of them only where the rule may act before it loses. All have been compared. */
+/* Returns those of some nodes for whose next frame a rule waits, to act on the wire. A node that
+ * loses is one of them only if the rule may act before the loss. All must have been compared. */
 static inline uint64_t cw_rules_watched(const cw_rule_set *set, uint64_t nodes, unsigned winner)
 {
     return nodes & (set->early | (set->watched & cw_node_bit(winner)));
 }
 
-/* Returns whether some rule may act at or before the SOF of the next frame of a node. */
+/* Returns true when some rule may act at or before the SOF of the next frame of a node. */
 bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame *frame);
 
 /* A transmission, as rules look at it. */
@@ -325,12 +326,13 @@ typedef struct cw_look {
     bool exact;    /* false: the bit is there or later; only the encoded frame shows where */
 } cw_look;
 
-/* Three questions follow, which change nothing. First: the next bit of a watched transmission, from
- * one on, at which a rule looks. *look has the look at other transmissions, or none. */
+/* The functions for the three questions of DESIGN.md follow. None of them changes a rule. First:
+ * finds the next bit of a watched transmission, from one on, at which a rule looks. The bit goes
+ * into *look, unless an earlier bit is there. */
 void cw_rules_add_looks(const cw_rule_set *set, cw_look *look, const cw_frame_view *view,
                         unsigned from);
 
-/* Returns whether rules look at only one bit of the watched transmission of a node. */
+/* Returns true when rules look at only one bit of the watched transmission of a node. */
 static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
 {
     return set->watcher[node] != CW_SEVERAL_RULES;
@@ -346,14 +348,15 @@ static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
 
 unsigned cw_rules_touch_now(const cw_rule_set *set);
 
-/* Mostly no rule is awake. */
+/* Returns the CW_TOUCH_* of all awake rules. In the usual case no rule is awake. */
 static inline unsigned cw_rules_touch(const cw_rule_set *set)
 {
     return set->awake_count ? cw_rules_touch_now(set) : 0;
 }
 
-/* Third: the bits to come, at most `bits`, that noise leaves alone and before whose end no traffic
- * rule sends. That holds as long as no frame leaves a queue. busy: all these bits are. */
+/* Third: returns the number of bits to come, at most `bits`, that noise leaves alone and before
+ * whose end no traffic rule sends. The number holds as long as no frame leaves a queue. busy: true
+ * when all these bits are busy. */
 uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 
 /* Consumes so many bits that rules keep quiet: their draws are used up. Decides a look (or NULL)
@@ -364,15 +367,15 @@ uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
                       const cw_frame_view *view);
 
-/* Returns whether the stop for the frame of a node may be found roughly. A rough stop needs no bits
- * of the frame, and lies at the bit that a rule looks at or before it. */
+/* Returns true when the stop for the frame of a node may be found roughly. A rough stop needs no
+ * bits of the frame. It lies at the bit that a rule looks at, or before that bit. */
 static inline bool cw_rules_stop_roughly(const cw_rule_set *set, unsigned node)
 {
     return set->rough >> node & 1u;
 }
 
-/* Counts the match of a frame that is sent to its end, when `skip` or `every` pass over it; mostly
- * they do. Returns false, with nothing done, when they do not decide. */
+/* Counts the match of a frame that is sent to its end, when `skip` or `every` passes over it. This
+ * is the usual case. Returns false, with nothing done, when the match needs a decision. */
 static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
 {
     if (!(set->counting >> node & 1u))

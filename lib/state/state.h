@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - the state of a bus, and what happens to it between two moments of time.
+ * state.h - the state of a bus, and the changes of it that take no time.
  *
- *   queue.c      the frames of one node that wait; enqueue.c puts frames into queues
+ *   queue.c      the waiting frames of one node; enqueue.c puts frames into queues
  *   inbox.c      frames whose tick is still to come
- *   ring.c       the ring of events; commit.c makes events and statistics of reports
+ *   ring.c       the ring of events; commit.c turns reports into events and statistics
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
- *   topology.c   the wire of each node; restart.c when nodes leave bus-off
+ *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
  *   note.c       the bit in progress, for traces
  */
 #ifndef CANWIRE_STATE_H
@@ -74,9 +74,9 @@ typedef struct bit_note {
     uint8_t wires[CW_NODES_MAX];     /* valid when there are several wires */
 } bit_note;
 
-/* The part of each node in the next frame, while all nodes are idle; see step/outlook.c. A look at
- * all controllers finds it, and it then stays the same. A change of a controller makes it invalid
- * (`valid`), and the next decision looks again. */
+/* The part of each node in the next frame, while all nodes are idle; see step/outlook.c.
+ * cw_outlook_find() computes the outlook from all controllers. A change of a controller clears
+ * `valid`, and the next decision computes the outlook anew. */
 typedef struct cw_outlook {
     bool valid;
     bool calm;              /* each node is idle, or away until a call or rule changes it */
@@ -90,9 +90,9 @@ typedef struct cw_outlook {
 
 /* The tournament of the frames that wait, see step/arbiter.c. */
 typedef struct cw_arbiter {
-    uint64_t entries[2 * CW_NODES_MAX]; /* a heap of matches: 1 is the final, leaves are nodes */
+    uint64_t entries[2 * CW_NODES_MAX]; /* a heap: 1 is the root, leaves are nodes */
     unsigned leaves;
-    uint64_t stale; /* nodes whose first frame may differ from that of their leaf */
+    uint64_t stale; /* nodes whose first frame may differ from the one in their leaf */
 } cw_arbiter;
 
 /* Statistics that many nodes count alike, see shares.c. */
@@ -110,11 +110,11 @@ typedef struct cw_shares {
 typedef struct cw_frame_step {
     bool active;
     bool at_work;         /* rules act on the levels of its bits */
-    bool hit;             /* its rule does not let all of it pass, so that its bits are needed */
+    bool hit;             /* a rule may hit a bit of the frame, so the step needs all its bits */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits, up to the intermission, that pass one by one */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
-    cw_look look;         /* the next look of a rule; on a hit single bits go on there */
+    cw_look look;         /* the next bit that a rule looks at; at a hit, single bits go on */
     uint16_t length;      /* SOF to EOF */
     const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
     cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
@@ -148,10 +148,10 @@ struct cw_bus {
     inbox inbox;
     event_ring ring;
     uint64_t all;       /* nodes */
-    uint64_t followers; /* nodes that are where `common` is, see followers.c */
+    uint64_t followers; /* nodes that share the controller `common`, see followers.c */
     uint64_t waiting;   /* nodes with frames in their queues */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
-    uint64_t removed;   /* of these, those that have been flushed: for good */
+    uint64_t removed;   /* of these, the ones that never come back; they are flushed */
     cw_mac common;
     cw_outlook outlook;
     cw_frame_step frame_step;
@@ -188,13 +188,13 @@ static inline uint64_t cw_bit_end(const cw_bus *bus)
 void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
                     unsigned source);
 
-/* Puts a valid frame into the queue of a node that cw_refusal() says takes it. */
+/* Puts a valid frame into a node's queue. cw_refusal() must have returned CW_DROP_COUNT. */
 void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
 
 /* Returns the reason why a node takes no frame now; CW_DROP_COUNT when it takes one. */
 cw_drop cw_refusal(const cw_bus *bus, unsigned node);
 
-/* Makes the first frame of a node's queue the one of its offered slot, not encoded. */
+/* Makes the first frame of a node's queue the offered one, without encoding it. */
 void cw_pin_first(bus_node *node);
 
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
@@ -213,7 +213,7 @@ static inline uint64_t cw_inbox_first(const cw_bus *bus)
     return bus->inbox.next;
 }
 
-/* Takes the frames that were handed in before tick, at least one, from the inbox. */
+/* Takes the frames that come before tick out of the inbox. At least one must be there. */
 void cw_take_inbox(cw_bus *bus, uint64_t tick);
 
 static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
@@ -222,7 +222,8 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
         cw_take_inbox(bus, tick);
 }
 
-/* Takes the frames for now of a node, as long as they come first. */
+/* Takes the frames of a node that are due now out of the inbox, up to the first one of another
+ * node. */
 void cw_take_inbox_of(cw_bus *bus, unsigned node);
 
 /* Drops all frames of a node from the inbox. */
@@ -281,15 +282,15 @@ void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_o
 
 void cw_share_lost_now(cw_bus *bus, unsigned node);
 
-/* Gives a node its share of lost attempts. Call it before its first frame changes or is tried
- * otherwise. */
+/* Adds a node's share of lost arbitrations to its statistics. Call this function before the first
+ * frame of the node changes, or is tried in another way. */
 static inline void cw_share_lost(cw_bus *bus, unsigned node)
 {
     if (bus->nodes[node].lost_before != bus->shares.lost)
         cw_share_lost_now(bus, node);
 }
 
-/* Adds a node's share that is not in its statistics yet to a copy of them. */
+/* Adds a node's share that is not in its statistics yet to a copy of these statistics. */
 void cw_share_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
 /* Set the nodes that take part from now on. */
@@ -315,8 +316,8 @@ void cw_leave(cw_bus *bus, uint64_t nodes);
 
 /* ---- topology.c ------------------------------------------------------------------------------ */
 
-/* Takes nodes off the bus, puts them onto wires of their own and forbids acknowledging, by the
- * active rules and the hosts; or undoes that. */
+/* Takes nodes off the bus, moves them to other wires and forbids them to acknowledge, as the active
+ * rules and the hosts demand. Undoes all that no rule and no host demands any more. */
 void cw_apply_topology(cw_bus *bus);
 
 /* ---- note.c ---------------------------------------------------------------------------------- */
@@ -324,8 +325,8 @@ void cw_apply_topology(cw_bus *bus);
 /* Notes the bit in progress, after all nodes drove and before they sample. */
 void cw_view_note(cw_bus *bus, const cw_levels *levels);
 
-/* Returns true when the last bit has been noted as one of an idle bus that nothing acts on. All
- * nodes must still be as they were in it. */
+/* Returns true when the note of the last bit shows an idle bus on which no rule acts. All nodes
+ * must still be as they were in that bit. */
 bool cw_view_is_quiet(const cw_bus *bus);
 
 /* Returns what has been noted of a node. */
@@ -371,11 +372,11 @@ void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Commits that some nodes, at least one, have received the frame of a sender as it was sent, with
- * so many bytes of data. Nothing acts on it on the host side. The caller fills the frame into the
+ * so many bytes of data. No rule acts on it on the host side. The caller fills the frame into the
  * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
-/* Returns true when a received frame may be more than an event to its receivers. */
+/* Returns true when rules on the host side may act on a received frame. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
     return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count;
@@ -385,7 +386,7 @@ static inline bool cw_host_side_acts(const cw_bus *bus)
  * Returns true when that was possible for all of them at once. */
 bool cw_commit_reception(cw_bus *bus);
 
-/* Reports a state that has changed since the last report. */
+/* Reports the state of a node, which has changed since the last report. */
 void cw_tell_new_state(cw_bus *bus, unsigned node);
 
 static inline void cw_tell_state(cw_bus *bus, unsigned node)

@@ -4,8 +4,8 @@
  *
  *   frame.c         goes on from one moment to the next
  *   frame_begin.c   begins with the next frame; frame_whole.c takes it at once
- *   frame_moment.c  what happens at which bits; losses.c lost arbitrations
- *   frame_look.c    the bits that rules look at; frame_read.c what others can read
+ *   frame_moment.c  acts at the end of single bits; losses.c finds lost arbitrations
+ *   frame_look.c    finds the bits that rules look at; frame_read.c answers functions that read
  *   frame_end.c     ends a step before its frame ends
  */
 #ifndef CANWIRE_STEP_FRAME_H
@@ -35,8 +35,8 @@ static inline unsigned cw_frame_step_arbitration_bits(const cw_bus *bus)
     return CW_STUFFED_BITS_MAX(extended ? CW_EXTENDED_ARBITRATION_END : CW_BASE_ARBITRATION_END);
 }
 
-/* Returns the bits of the frame on the wire. They are encoded into *room when the step does not
- * have them. */
+/* Returns the bits of the frame on the wire. Encodes them into *room when the step does not have
+ * them. */
 static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room)
 {
     if (bus->frame_step.bits)
@@ -48,7 +48,7 @@ static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room
 /* Returns the subset of nodes for whose next frame a rule waits, see cw_rules_watched(). */
 uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
 
-/* Returns true when some rule may act at or before the SOF of the next frames of watched nodes. */
+/* Returns true when a rule may act at or before the SOF of the next frames of watched nodes. */
 bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes);
 
 /* Returns the next bit of the frame on its way, from one on, at which a rule looks. */
@@ -61,7 +61,7 @@ static inline cw_frame_view cw_frame_step_view(const cw_frame_step *step)
                            .at = step->at, .length = step->length, .last = CW_NOT_LOST};
 }
 
-/* Returns true when rules let the look pass: the match is counted and is no hit. */
+/* Decides the look of the step. Returns true when the match is counted and is no hit. */
 static inline bool cw_frame_step_consume_look(cw_bus *bus)
 {
     const cw_frame_view view = cw_frame_step_view(&bus->frame_step);
@@ -76,8 +76,8 @@ static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-/* Returns true when nothing but frames for the queues comes in before that tick. Frames for nodes
- * in loopback are sent at once (M15). */
+/* Returns true when only frames for the queues come before that tick. A node in loopback sends its
+ * frames at once (M15), so a frame for such a node counts as a disturbance. */
 static inline bool cw_frame_step_is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
     bool loopback = (bus->frame_step.listeners | bus->outlook.away) != bus->all;

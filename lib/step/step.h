@@ -61,8 +61,8 @@ static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
 /* Ends the frame step that is under way, if there is one: moves all controllers to their present
- * points. Public calls do so before they change a controller, and time does so before due rules and
- * restarts; nothing else does. */
+ * points. Public calls do so before they change a controller, bus.c before due rules and restarts,
+ * and frame.c where a step cannot go on. */
 void cw_wake_controllers(cw_bus *bus);
 
 /* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
@@ -86,10 +86,10 @@ bool cw_sample_common(cw_bus *bus, uint64_t levels, cw_mac_report *report);
 
 /* ---- outlook.c ------------------------------------------------------------------------------- */
 
-/* Looks at all controllers. They are idle or away, and so is the one that followers share. */
+/* Computes the outlook from all controllers. All must be idle or away, the shared one included. */
 void cw_outlook_find(cw_bus *bus);
 
-/* Asserts that a new look would find the same. */
+/* Asserts that the outlook would be the same if it were computed anew. */
 void cw_assert_outlook(const cw_bus *bus);
 
 /* ---- arbiter.c ------------------------------------------------------------------------------- */
@@ -103,7 +103,7 @@ void cw_arbiter_update(cw_bus *bus);
  * Returns false when two frames are equal up to the end of the arbitration field. */
 bool cw_arbiter_winner(const cw_bus *bus, uint64_t nodes, unsigned *winner);
 
-/* Asserts that the tournament is that of the frames that wait. */
+/* Asserts that the tournament has the waiting frames, and the right winners. */
 void cw_assert_arbiter(const cw_bus *bus);
 
 #endif
