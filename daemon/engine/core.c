@@ -4,38 +4,6 @@
  */
 #include "engine/core.h"
 
-#define RELEASES_AT_ONCE 16u /* between two readings of the clock */
-#define RELEASES_OF_A_TICK 1024u /* in the same way, within one tick */
-
-/* Hands in the releases up to a tick. Returns the tick up to which all are handed in, since there
- * may be more than the machine can do. A tick is not divided, if possible. */
-static uint64_t run_releases(engine *e, uint64_t now)
-{
-    uint64_t last = CW_NEVER;
-    unsigned count = 0; /* since the clock was read */
-    uint64_t tick;
-    while ((tick = release_next_tick(e->now.plan)) <= now) {
-        bool look = count >= (tick == last ? RELEASES_OF_A_TICK : RELEASES_AT_ONCE);
-        if (look && engine_turn_is_over(e)) {
-            now = tick > 0 ? tick - 1 : 0;
-            break;
-        }
-        count = look ? 1 : count + 1;
-        last = tick;
-        unsigned node;
-        bool frame = release_first(e->now.plan, &node) != NULL;
-        if (inputs_release(&e->inputs, e->now.plan) == CW_OK) {
-            e->books.nodes[node].released += frame;
-        } else if (!engine_make_room(e)) {
-            now = tick > 0 ? tick - 1 : 0;
-            break;
-        }
-    }
-    if (now > e->released)
-        e->released = now;
-    return now;
-}
-
 /* Returns the limit of one step. A replay at full speed checks after each bit if it may send. A
  * port with waiting frames checks for room at the end of each frame. */
 static uint64_t next_look(const engine *e)
@@ -58,7 +26,7 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
         end = next_look(e);
         if (end > tick)
             end = tick;
-        reached = run_releases(e, end);
+        reached = engine_release_to(e, end);
         if (!engine_advance(e, reached))
             return cw_bus_now(e->now.bus);
         if (e->pushed_back)

@@ -5,6 +5,7 @@
  *
  *   clock.c    bus time and the clocks of the machine
  *   advance.c  advances the bus to a tick, passes its events on
+ *   releases.c hands in the traffic of the configuration
  *   intake.c   moves frames of ECUs from their ports into the inbox of the bus
  *   core.c     advances the bus, with its inputs, to a tick
  *   links.c    detaches and attaches nodes with their interfaces
@@ -104,6 +105,12 @@ bool engine_turn_is_over(const engine *e);
  * before. */
 bool engine_advance(engine *e, uint64_t tick);
 
+/* ---- releases.c ------------------------------------------------------------------------------ */
+
+/* Hands in the releases up to a tick. Returns the tick up to which all are handed in, an earlier
+ * one when the time of this wake-up is too short. */
+uint64_t engine_release_to(engine *e, uint64_t now);
+
 /* ---- intake.c -------------------------------------------------------------------------------- */
 
 /* Reads waiting frames from the ports of all nodes that have room. */
@@ -114,10 +121,6 @@ void engine_read_pushed_back(engine *e);
 
 /* Hands in all frames that wait at a port, even without room in the queue. */
 void engine_read_rest(engine *e, unsigned node);
-
-/* Makes room in the inbox, whose first frame leaves at the latest in the bit that holds its tick.
- * Returns false when the time of this wake-up ends before. */
-bool engine_make_room(engine *e);
 
 /* Start and stop watching a port; a missing port, and one in that state already, are allowed. */
 void engine_watch_port(engine *e, unsigned node);

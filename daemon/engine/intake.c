@@ -9,6 +9,7 @@
 #include <string.h>
 
 #define READS_MAX 64 /* batches of one port at one wake-up, so that no port starves the others */
+#define KEPT_FREE 1024u /* of the inbox, for traffic of the configuration */
 
 /* Returns the arrival of a frame in bus time. Somebody may have set the clock: a time stamp from
  * the future counts as now. The bus itself moves one from before the last wake-up to now. The
@@ -25,12 +26,19 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
     return e->arrived[node];
 }
 
-/* Makes room in the inbox, whose first frame leaves at the latest in the bit that holds its tick.
- * Returns false when the time of this wake-up ends before. */
-bool engine_make_room(engine *e)
+/* Makes room in the inbox. Traffic that is due until then is handed in, too. Returns false when the
+ * time of this wake-up ends before. */
+static bool make_room(engine *e)
 {
     const uint64_t bit = cw_rate_ticks(e->config->rate, 1);
-    return engine_advance(e, cw_bus_inbox_first(e->now.bus) + bit);
+    release_look(e->now.plan, e->now.bus);
+    const uint64_t release = release_next_tick(e->now.plan);
+    uint64_t tick = cw_bus_inbox_first(e->now.bus);
+    tick = (release < tick ? release : tick) + bit;
+    if (release_is_fast(e->now.plan))
+        tick = cw_bus_tick_after(e->now.bus, 1); /* it may send after each bit */
+    const uint64_t reached = engine_release_to(e, tick);
+    return engine_advance(e, reached) && reached == tick;
 }
 
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
@@ -47,9 +55,10 @@ static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_
  * some. */
 static unsigned inbox_room(engine *e)
 {
-    while (cw_bus_inbox_room(e->now.bus) < PORT_BATCH && engine_make_room(e))
+    while (cw_bus_inbox_room(e->now.bus) < KEPT_FREE + PORT_BATCH && make_room(e))
         continue;
     unsigned room = cw_bus_inbox_room(e->now.bus);
+    room = room > KEPT_FREE ? room - KEPT_FREE : 0;
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
@@ -96,7 +105,7 @@ void engine_read_rest(engine *e, unsigned node)
 {
     clock_pair now = clock_read();
     (void)read_port(e, node, &now, false);
-    if (cw_bus_inbox_room(e->now.bus) == 0)
+    if (cw_bus_inbox_room(e->now.bus) <= KEPT_FREE)
         log_node_warning(e->config->nodes[node].name,
                          "what its ECU has written last is lost: the bus is too far behind");
 }

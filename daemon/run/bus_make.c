@@ -8,7 +8,7 @@
 
 #include <stdlib.h>
 
-#define INBOX_FRAMES 8192
+#define INBOX_FRAMES 9216 /* the engine keeps 1024 of them for traffic */
 #define EVENT_RING 4096
 
 cw_bus *bus_make(void **memory, const cfg *config)
