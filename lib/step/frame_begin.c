@@ -4,7 +4,6 @@
  */
 #include "step/frame.h"
 
-#include "format/bits.h"
 #include "mac/confinement.h"
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
@@ -64,24 +63,15 @@ static void encode(bus_node *n)
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
 
-/* Returns true when nothing is due or comes in before that tick. */
-static bool is_quiet_until(const cw_bus *bus, uint64_t tick)
-{
-    return bus->next_restart >= tick && bus->rules.next_due >= tick && cw_inbox_first(bus) >= tick;
-}
-
-/* Returns true when the single losses make no event and change nothing. Statistics that are read
- * before the end of arbitration leave out the losses to come (cw_losses_ahead()). When no rule
- * holds the line of a contender, the winner's level is that of the wire. */
-static bool hides_losses(cw_bus *bus)
+/* Returns true when the single losses make no event. Losses that lie ahead are left out when
+ * statistics are read (cw_losses_ahead()), and taken back when the step ends before them
+ * (cw_losses_show()). When no rule holds the line of a contender, the winner's level is that of the
+ * wire. */
+static bool hides_losses(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    unsigned bits = cw_frame_step_arbitration_bits(bus);
-    return step->look.bit >= bits &&
-           !(step->at_work && (cw_rules_stuck_lines(&bus->rules) & step->contenders)) &&
-           is_quiet_until(bus, cw_wire_tick(&bus->time, bits)) &&
-           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) &&
-           cw_frame_step_is_noise_free(bus, bits);
+    return !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) &&
+           !(step->at_work && (cw_rules_stuck_lines(&bus->rules) & step->contenders));
 }
 
 /* Finds the bits of the frame only when they are needed. */
