@@ -134,13 +134,13 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes)
 {
-    const bus_node *n = &bus->nodes[sender];
+    const cw_queue_slot *slot = offered_slot(&bus->nodes[sender]);
     cw_set_listeners(bus, receivers | cw_node_bit(sender));
     cw_count_received(bus, sender, bytes);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
     e->nodes = receivers;
     e->from = cw_node_bit(sender);
-    e->handed_in = offered_slot(n)->handed_in;
+    e->handed_in = slot->handed_in;
     return e;
 }
 

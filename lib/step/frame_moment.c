@@ -57,13 +57,13 @@ static void receive(cw_bus *bus)
 
 static void finish_transmission(cw_bus *bus)
 {
-    cw_frame_step *step = &bus->frame_step;
-    cw_mac *m = &bus->nodes[step->node].mac;
+    const unsigned i = bus->frame_step.node;
+    cw_mac *m = &bus->nodes[i].mac;
     m->offered = false;
     cw_confinement_tx_success(&m->confinement);
     m->told_state = m->confinement.state;
-    cw_commit_sent(bus, step->node, step->length);
-    cw_tell_state(bus, step->node);
+    cw_commit_sent(bus, i, bus->frame_step.length);
+    cw_tell_state(bus, i);
 }
 
 /* Carries out the moment at the end of the bit that has just passed. */
