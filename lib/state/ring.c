@@ -170,9 +170,10 @@ cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t
 
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 {
+    const cw_confinement *c = &bus->nodes[i].mac.confinement;
     cw_event *e = cw_push_event(bus, kind, cw_now(bus), cw_node_bit(i));
-    e->tec = bus->nodes[i].mac.confinement.tec;
-    e->rec = bus->nodes[i].mac.confinement.rec;
+    e->tec = c->tec;
+    e->rec = c->rec;
     return e;
 }
 
