@@ -185,7 +185,6 @@ typedef struct cw_place {
  * Bit 0 is SOF. Read through the functions below. */
 typedef struct cw_bits {
     uint64_t level[3]; /* bit n of the wire is bit n % 64 of word n / 64 */
-    uint64_t stuff[3]; /* 1 where the wire bit is a stuff bit */
     uint16_t crc;      /* the CRC-15 that was sent (F6) */
     uint8_t length;    /* wire bits */
     uint8_t data_bits; /* bits of the data field */

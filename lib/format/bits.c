@@ -19,6 +19,36 @@ bool cw_bits_level(const cw_bits *bits, unsigned n)
     return cw_bitset_get(bits->level, n);
 }
 
+/* ---- Stuff bits ------------------------------------------------------------------------------ */
+
+/* Returns the lowest n bits, none when n is negative. */
+static inline uint64_t lowest(int n)
+{
+    if (n >= 64)
+        return UINT64_MAX;
+    return n > 0 ? ~(UINT64_MAX << n) : 0;
+}
+
+/* Finds bits that equal the four before them; the next bit is a stuff bit. The bus is recessive
+ * before SOF, so older bits do not count. */
+cw_stuffing cw_bits_stuffing(const cw_bits *bits)
+{
+    const uint64_t *l = bits->level;
+    const int stuffed = (int)(bits->length - CW_TAIL_BITS);
+    uint64_t two0 = ~(l[0] ^ (l[0] << 1 | 1));
+    uint64_t two1 = ~(l[1] ^ (l[1] << 1 | l[0] >> 63));
+    uint64_t two2 = ~(l[2] ^ (l[2] << 1 | l[1] >> 63));
+    uint64_t three0 = two0 & two0 << 1;
+    uint64_t three1 = two1 & (two1 << 1 | two0 >> 63);
+    uint64_t three2 = two2 & (two2 << 1 | two1 >> 63);
+    uint64_t five0 = three0 & three0 << 2;
+    uint64_t five1 = three1 & (three1 << 2 | three0 >> 62);
+    uint64_t five2 = three2 & (three2 << 2 | three1 >> 62);
+    return (cw_stuffing){.set = {five0 << 1 & lowest(stuffed),
+                                 (five1 << 1 | five0 >> 63) & lowest(stuffed - 64),
+                                 (five2 << 1 | five1 >> 63) & lowest(stuffed - 128)}};
+}
+
 /* ---- From wire bits to positions ------------------------------------------------------------- */
 
 /* Walks the table to the u-th bit that is no stuff bit. Only the IDE chooses the next part. */
@@ -33,8 +63,9 @@ static cw_place find_place(const cw_bits *bits, unsigned u)
 cw_place cw_bits_place(const cw_bits *bits, unsigned n)
 {
     assert(n < bits->length);
-    cw_place place = find_place(bits, n - cw_bitset_count_upto(bits->stuff, n));
-    place.stuff = cw_bitset_get(bits->stuff, n);
+    const cw_stuffing stuffing = cw_bits_stuffing(bits);
+    cw_place place = find_place(bits, n - cw_bitset_count_upto(stuffing.set, n));
+    place.stuff = cw_bitset_get(stuffing.set, n);
     return place;
 }
 
@@ -80,11 +111,11 @@ bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned 
 }
 
 /* Adds one for each stuff bit at or before the bit. */
-unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
+unsigned cw_wire_index(const cw_stuffing *stuffing, unsigned u)
 {
     unsigned n = u;
     for (unsigned word = 0; word < CW_BIT_WORDS; word++)
-        for (uint64_t rest = bits->stuff[word]; rest; rest &= rest - 1) {
+        for (uint64_t rest = stuffing->set[word]; rest; rest &= rest - 1) {
             if (64 * word + (unsigned)__builtin_ctzll(rest) > n)
                 return n;
             n++;
@@ -92,10 +123,10 @@ unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u)
     return n;
 }
 
-static bool find_stuff_bit(const cw_bits *bits, unsigned *n, unsigned index)
+static bool find_stuff_bit(const cw_stuffing *stuffing, unsigned *n, unsigned index)
 {
     for (unsigned word = 0; word < CW_BIT_WORDS; word++)
-        for (uint64_t rest = bits->stuff[word]; rest; rest &= rest - 1)
+        for (uint64_t rest = stuffing->set[word]; rest; rest &= rest - 1)
             if (index-- == 0) {
                 *n = 64 * word + (unsigned)__builtin_ctzll(rest);
                 return true;
@@ -108,11 +139,12 @@ bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned ind
     *n = index;
     if (field == CW_FIELD_BIT)
         return index < bits->length;
+    const cw_stuffing stuffing = cw_bits_stuffing(bits);
     if (field == CW_FIELD_STUFF)
-        return find_stuff_bit(bits, n, index);
+        return find_stuff_bit(&stuffing, n, index);
     unsigned u;
     if (!find_unstuffed(&u, bits->extended, bits->data_bits, field, index))
         return false;
-    *n = cw_bits_wire_index(bits, u);
+    *n = cw_wire_index(&stuffing, u);
     return true;
 }

@@ -7,8 +7,18 @@
 
 #include "canwire.h"
 
+#include "format/bitset.h"
+
+/* The stuff bits of a frame, as a set of wire bits. They follow from its levels, so cw_bits does
+ * not have them. */
+typedef struct cw_stuffing {
+    uint64_t set[CW_BIT_WORDS];
+} cw_stuffing;
+
+cw_stuffing cw_bits_stuffing(const cw_bits *bits);
+
 /* Returns the wire bit that is the u-th one, from 0, of those that are no stuff bits. */
-unsigned cw_bits_wire_index(const cw_bits *bits, unsigned u);
+unsigned cw_wire_index(const cw_stuffing *stuffing, unsigned u);
 
 /* Finds the wire bit at a position. Returns false when the frame has none. */
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);

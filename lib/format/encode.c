@@ -4,8 +4,7 @@
  *
  * The bits of a frame are first laid out in whole bytes without stuff bits. A table has the wire
  * bits of each byte, given the bits before it. Five bytes become at most 50 bits. These are
- * collected in one word before they go to their place. The places of stuff bits are found
- * afterwards: each one follows five equal bits.
+ * collected in one word before they go to their place.
  */
 #include "format/bits.h"
 #include "format/frame.h"
@@ -177,33 +176,6 @@ static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
     return stuffed;
 }
 
-/* Returns the lowest n bits, none when n is negative. */
-static inline uint64_t lowest(int n)
-{
-    if (n >= 64)
-        return UINT64_MAX;
-    return n > 0 ? ~(UINT64_MAX << n) : 0;
-}
-
-/* Finds bits that equal the four before them; the next bit is a stuff bit. The bus is recessive
- * before SOF, so older bits do not count. */
-static inline void find_stuff(uint64_t stuff[3], const uint64_t level[3], unsigned stuffed)
-{
-    const uint64_t *l = level;
-    uint64_t two0 = ~(l[0] ^ (l[0] << 1 | 1));
-    uint64_t two1 = ~(l[1] ^ (l[1] << 1 | l[0] >> 63));
-    uint64_t two2 = ~(l[2] ^ (l[2] << 1 | l[1] >> 63));
-    uint64_t three0 = two0 & two0 << 1;
-    uint64_t three1 = two1 & (two1 << 1 | two0 >> 63);
-    uint64_t three2 = two2 & (two2 << 1 | two1 >> 63);
-    uint64_t five0 = three0 & three0 << 2;
-    uint64_t five1 = three1 & (three1 << 2 | three0 >> 62);
-    uint64_t five2 = three2 & (three2 << 2 | three1 >> 62);
-    stuff[0] = five0 << 1 & lowest((int)stuffed);
-    stuff[1] = (five1 << 1 | five0 >> 63) & lowest((int)stuffed - 64);
-    stuff[2] = (five2 << 1 | five1 >> 63) & lowest((int)stuffed - 128);
-}
-
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted)
 {
     if (!cw_frame_valid(frame))
@@ -219,7 +191,6 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inve
                       .length = (uint8_t)(stuffed + CW_TAIL_BITS),
                       .data_bits = (uint8_t)(8 * c.length),
                       .extended = cw_frame_is_extended(frame)};
-    find_stuff(bits->stuff, level, stuffed);
     return CW_OK;
 }
 

@@ -99,16 +99,17 @@ static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsig
 
 /* Shifts in the bits of the present part. In a part that the CRC covers, also computes the CRC up
  * to there. */
-static void shift_in(cw_mac *m, const cw_bits *bits, unsigned n, unsigned u)
+static void shift_in(cw_mac *m, const cw_bits *bits, const cw_stuffing *stuffing, unsigned n,
+                     unsigned u)
 {
     const bool in_crc = cw_mac_part_is(m, CW_PART_IN_CRC);
     const unsigned first = u - m->index; /* bit of the part */
     unsigned k = in_crc ? 0 : first;
     if (!in_crc)
         m->crc = bits->crc;
-    for (unsigned wire = in_crc ? 0 : cw_bits_wire_index(bits, first); wire < n; wire++) {
+    for (unsigned wire = in_crc ? 0 : cw_wire_index(stuffing, first); wire < n; wire++) {
         bool level = cw_bits_level(bits, wire);
-        if (cw_bitset_get(bits->stuff, wire))
+        if (cw_bitset_get(stuffing->set, wire))
             continue;
         if (in_crc)
             m->crc = cw_crc15_next(m->crc, level);
@@ -137,12 +138,13 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
         m->count = (uint8_t)(n - bits->length);
         return;
     }
-    const unsigned u = n - cw_bitset_count_upto(bits->stuff, n - 1);
+    const cw_stuffing stuffing = cw_bits_stuffing(bits);
+    const unsigned u = n - cw_bitset_count_upto(stuffing.set, n - 1);
     m->may_join = n == 1;
     m->crc_error = false;
     m->shift = 0;
     walk_to(m, frame, bits, u);
-    shift_in(m, bits, n, u);
+    shift_in(m, bits, &stuffing, n, u);
     count_run(m, bits, n);
 }
 

@@ -29,7 +29,7 @@ typedef struct bus_node {
     uint64_t off_at;       /* tick of the last bus-off */
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
-    uint32_t inbox;        /* its frames in the inbox */
+    uint16_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
     uint8_t told_state;    /* cw_state of the last event */
     uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */

@@ -12,14 +12,14 @@
 
 /* The frame on the wire, to which the contenders lose. */
 typedef struct victor {
-    cw_bits room;
-    const cw_bits *bits;
+    cw_stuffing stuffing;
     uint32_t key;
 } victor;
 
 static void find_victor(victor *v, const cw_bus *bus)
 {
-    v->bits = cw_frame_step_bits(bus, &v->room);
+    cw_bits room;
+    v->stuffing = cw_bits_stuffing(cw_frame_step_bits(bus, &room));
     v->key = cw_arbitration_key(&bus->frame_step.frame);
 }
 
@@ -43,7 +43,7 @@ static void find_loss(cw_bus *bus, unsigned i, const victor *v)
 {
     cw_frame_step *step = &bus->frame_step;
     step->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
-    step->lost_at[i] = (uint8_t)cw_bits_wire_index(v->bits, 1u + step->lost_bit[i]);
+    step->lost_at[i] = (uint8_t)cw_wire_index(&v->stuffing, 1u + step->lost_bit[i]);
     if (!(step->pinned >> i & 1u))
         cw_pin_first(&bus->nodes[i]);
     step->pinned |= cw_node_bit(i);
@@ -123,7 +123,7 @@ uint64_t cw_losses_ahead(const cw_bus *bus)
     find_victor(&v, bus);
     for (uint64_t rest = step->hidden; rest; rest &= rest - 1) {
         unsigned bit = find_lost_bit(bus, cw_lowest_node(rest), &v);
-        if (cw_bits_wire_index(v.bits, 1u + bit) >= step->at)
+        if (cw_wire_index(&v.stuffing, 1u + bit) >= step->at)
             ahead |= rest & (~rest + 1);
     }
     return ahead;

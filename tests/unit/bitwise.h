@@ -11,6 +11,7 @@
 
 typedef struct bitwise_writer {
     cw_bits *bits;
+    uint64_t *stuff; /* a set of wire bits */
     unsigned run;
     bool last;
 } bitwise_writer;
@@ -34,17 +35,18 @@ static inline void bitwise_put_stuffed(bitwise_writer *w, bool level)
     w->last = level;
     if (w->run < CW_STUFF_RUN)
         return;
-    add_to_set(w->bits->stuff, w->bits->length);
+    add_to_set(w->stuff, w->bits->length);
     bitwise_put_raw(w, !level);
     w->last = !level;
     w->run = 1;
 }
 
-/* Encodes a valid frame as cw_bits_encode_crc() does. */
-static inline cw_bits bitwise_encode(const cw_frame *frame, uint16_t inverted)
+/* Encodes a valid frame as cw_bits_encode_crc() does, and adds its stuff bits to an empty set. */
+static inline cw_bits bitwise_encode(const cw_frame *frame, uint16_t inverted,
+                                     uint64_t stuff[CW_BIT_WORDS])
 {
     cw_bits bits = {.length = 0};
-    bitwise_writer writer = {.bits = &bits, .run = 0, .last = CW_RECESSIVE};
+    bitwise_writer writer = {.bits = &bits, .stuff = stuff, .run = 0, .last = CW_RECESSIVE};
     bits.extended = cw_frame_is_extended(frame);
     bits.data_bits = (uint8_t)(8 * cw_frame_length(frame));
     for (cw_walk w = {.frame = frame}; w.part != CW_PART_END; cw_walk_on(&w)) {
