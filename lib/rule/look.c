@@ -246,12 +246,6 @@ static const cw_rule_state *awake_rule(const cw_rule_set *set, unsigned i)
     return &set->rules[set->awake[i]];
 }
 
-/* Returns true when the rule is active and does nothing else. */
-static bool is_plain(const cw_rule_state *s)
-{
-    return s->active && !s->hit_now && s->bits_left == 0 && s->bound == 0;
-}
-
 static inline unsigned touch_of(const cw_rule_state *s)
 {
     if (s->for_attempt) /* such a rule has neither a position nor a line */
@@ -261,9 +255,9 @@ static inline unsigned touch_of(const cw_rule_state *s)
         touch |= CW_TOUCH_LEVELS;
     if (s->active && cw_rule_is(s, CW_STEADY_TRAFFIC))
         return touch | CW_TOUCH_QUEUES;
-    if (is_plain(s) && cw_rule_is(s, CW_RANDOM_BITS))
+    if (cw_rule_is_plain(s) && cw_rule_is(s, CW_RANDOM_BITS))
         return touch | CW_TOUCH_AT_RANDOM;
-    if (is_plain(s) && cw_rule_is(s, CW_ON_LINE) && s->rule.level == CW_RECESSIVE)
+    if (cw_rule_is_plain(s) && cw_rule_is(s, CW_ON_LINE) && s->rule.level == CW_RECESSIVE)
         return touch | CW_TOUCH_DOMINANT;
     return touch | CW_TOUCH_MORE; /* a finished rule falls asleep with a single bit */
 }

@@ -59,8 +59,7 @@ void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uin
 
 static bool is_steady_noise(const cw_rule_state *s)
 {
-    return cw_rule_is(s, CW_RANDOM_BITS) && s->active && !s->for_attempt && !s->hit_now &&
-           s->bits_left == 0 && s->bound == 0;
+    return cw_rule_is(s, CW_RANDOM_BITS) && !s->for_attempt && cw_rule_is_plain(s);
 }
 
 /* Returns the first bit that a rule flips, of so many after those looked at before. Returns their

@@ -46,6 +46,12 @@ static inline bool cw_rule_acts_on_wire(const cw_rule_state *state)
     return !cw_rule_is(state, CW_AT_HOST);
 }
 
+/* Returns true when the rule is active and does nothing else. */
+static inline bool cw_rule_is_plain(const cw_rule_state *state)
+{
+    return state->active && !state->hit_now && state->bits_left == 0 && state->bound == 0;
+}
+
 /* A frame on its way between host and queue, as an action on the host side sees it. */
 typedef struct cw_passing {
     cw_frame *frame;
