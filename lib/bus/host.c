@@ -42,7 +42,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     m->phase = CW_MAC_OFF;
     bus->detached |= cw_node_bit(i);
     bus->removed |= cw_node_bit(i);
-    bus->nodes[i].restart_at = CW_NEVER;
+    bus->restarts[i].at = CW_NEVER;
     cw_find_next_restart(bus);
     cw_flush_queue(bus, i, CW_DROP_REMOVED);
     cw_flush_inbox(bus, i);
@@ -58,7 +58,7 @@ static void reset_controller(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_mac_init(cw_own_mac(bus, i), n->mac.modes, n->mac.confinement.warning_limit);
-    n->restart_at = CW_NEVER;
+    bus->restarts[i].at = CW_NEVER;
     cw_find_next_restart(bus);
     cw_flush_queue(bus, i, CW_DROP_LINK_DOWN);
 }
@@ -94,7 +94,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
     if (i >= bus->node_count)
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
-    if (n->mac.phase != CW_MAC_BUS_OFF || n->restart_ticks != 0 || n->restart_at != CW_NEVER)
+    if (n->mac.phase != CW_MAC_BUS_OFF || n->restart_ticks != 0 || bus->restarts[i].at != CW_NEVER)
         return CW_REFUSED;
     cw_schedule_restart(bus, i, cw_now(bus));
     return CW_OK;
@@ -103,7 +103,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
 static void restart(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    n->restart_at = CW_NEVER;
+    bus->restarts[i].at = CW_NEVER;
     if (cw_mac_request_restart(cw_own_mac(bus, i)) != CW_OK)
         return;
     cw_flush_queue(bus, i, CW_DROP_BUS_OFF);
@@ -114,7 +114,7 @@ static void restart(cw_bus *bus, unsigned i)
 void cw_run_due_node(cw_bus *bus, unsigned i)
 {
     cw_take_inbox_of(bus, i);
-    if (bus->nodes[i].restart_at <= cw_now(bus))
+    if (bus->restarts[i].at <= cw_now(bus))
         restart(bus, i);
 }
 
@@ -133,7 +133,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     n->restart_ticks = ticks;
     if (n->mac.phase != CW_MAC_BUS_OFF)
         return;
-    n->restart_at = cw_automatic_restart(bus, i);
+    bus->restarts[i].at = cw_automatic_restart(bus, i);
     cw_find_next_restart(bus);
 }
 

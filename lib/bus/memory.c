@@ -95,12 +95,14 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
     cw_bus *bus = carve(a, 1, sizeof *bus);
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     inbox_entry *entries = carve(a, c->inbox, sizeof *entries);
     cw_event *ring = carve(a, events, sizeof *ring);
     if (bus) {
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         bus->nodes = nodes;
+        bus->restarts = restarts;
         bus->inbox = (inbox){.entries = entries, .capacity = c->inbox, .next = CW_NEVER};
         bus->ring = (event_ring){.events = ring, .capacity = events};
     }
@@ -118,12 +120,13 @@ size_t cw_bus_size(const cw_bus_config *config)
     return a.used;
 }
 
-static void init_node(bus_node *n, const cw_node_config *c)
+static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
 {
+    bus_node *n = &bus->nodes[i];
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
     n->restart_ticks = c->restart_ticks;
-    n->restart_at = CW_NEVER;
     n->queue_limit = c->queue;
+    bus->restarts[i] = (restart_times){.at = CW_NEVER};
 }
 
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
@@ -143,7 +146,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_load_init(&bus->load, cw_wire_rate(&bus->time));
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
-        init_node(&bus->nodes[i], &config->nodes[i]);
+        init_node(bus, i, &config->nodes[i]);
     cw_link_rules(bus, config->seed);
     cw_ring_find_enough(bus);
     for (unsigned i = 0; i < config->rule_count; i++) {

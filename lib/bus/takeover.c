@@ -46,10 +46,8 @@ static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
 {
     static const cw_settings no_change = {.which = CW_SET_MODES};
     bus_node *n = &bus->nodes[i];
-    n->off_at = old->off_at;
-    n->restart_at = old->restart_at;
     if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
-        n->restart_at = cw_automatic_restart(bus, i);
+        bus->restarts[i].at = cw_automatic_restart(bus, i);
     if (n->mac.modes & CW_MODE_LISTEN_ONLY)
         (void)cw_node_set(bus, i, &no_change);
 }
@@ -146,6 +144,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (from[i] == CW_NO_NODE)
             continue;
         to[from[i]] = (uint8_t)i;
+        bus->restarts[i] = old->restarts[from[i]];
         take_over_node(bus, i, &old->nodes[from[i]]);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);

@@ -172,7 +172,7 @@ void cw_tell_new_state(cw_bus *bus, unsigned i)
         n->stats.error_passive++;
     if (after == CW_STATE_BUS_OFF) {
         n->stats.bus_off++;
-        n->off_at = cw_now(bus);
+        bus->restarts[i].off_at = cw_now(bus);
         if (n->restart_ticks)
             cw_schedule_restart(bus, i, cw_automatic_restart(bus, i));
     }

@@ -6,7 +6,7 @@
 
 void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
 {
-    bus->nodes[i].restart_at = tick;
+    bus->restarts[i].at = tick;
     bus->next_restart = cw_least(bus->next_restart, tick);
 }
 
@@ -15,7 +15,7 @@ uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
     const bus_node *n = &bus->nodes[i];
     if (n->restart_ticks == 0)
         return CW_NEVER;
-    uint64_t due = cw_after(n->off_at, n->restart_ticks);
+    uint64_t due = cw_after(bus->restarts[i].off_at, n->restart_ticks);
     return due > cw_now(bus) ? due : cw_now(bus);
 }
 
@@ -23,5 +23,5 @@ void cw_find_next_restart(cw_bus *bus)
 {
     bus->next_restart = CW_NEVER;
     for (unsigned i = 0; i < bus->node_count; i++)
-        bus->next_restart = cw_least(bus->next_restart, bus->nodes[i].restart_at);
+        bus->next_restart = cw_least(bus->next_restart, bus->restarts[i].at);
 }

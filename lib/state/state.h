@@ -25,8 +25,6 @@ typedef struct bus_node {
     cw_mac mac;
     cw_queue queue;
     uint64_t restart_ticks;
-    uint64_t restart_at;   /* tick of the next restart request, or CW_NEVER */
-    uint64_t off_at;       /* tick of the last bus-off */
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
     uint16_t inbox;        /* its frames in the inbox */
@@ -35,6 +33,12 @@ typedef struct bus_node {
     uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
     cw_node_stats stats;   /* without the shares that shares.c still owes */
 } bus_node;
+
+/* Apart from bus_node, whose size is a power of two: an index costs one shift then. */
+typedef struct restart_times {
+    uint64_t at;     /* tick of the next restart request, or CW_NEVER */
+    uint64_t off_at; /* tick of the last bus-off */
+} restart_times;
 
 typedef struct inbox_entry {
     uint64_t at_tick;
@@ -134,7 +138,7 @@ typedef struct cw_frame_step {
 struct cw_bus {
     cw_wire_time time;
     unsigned node_count;
-    uint64_t next_restart; /* the earliest restart_at */
+    uint64_t next_restart; /* the earliest of `restarts` */
     uint64_t recessive_bits;
     uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
     uint64_t work;         /* see cw_bus_work() */
@@ -165,6 +169,7 @@ struct cw_bus {
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
+    restart_times *restarts; /* one for each node */
     cw_rule_set rules;
     bit_note note;
 };

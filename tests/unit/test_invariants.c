@@ -55,7 +55,7 @@ static void inbox_count(cw_bus *bus)
 }
 static void next_restart(cw_bus *bus)
 {
-    bus->nodes[1].restart_at = 1;
+    bus->restarts[1].at = 1;
 }
 static void counters(cw_bus *bus)
 {
