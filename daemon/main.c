@@ -46,7 +46,7 @@ typedef struct service {
     uint64_t hangups[2];         /* rounds of reloads that SIGHUP has requested */
     char refused[TROUBLE_BYTES]; /* reason of the last refused reload, or empty */
     bool stopping;
-    bool stopping_told; /* to senders of SIGHUP */
+    bool stopping_reported; /* to senders of SIGHUP */
     ev_signal terminate;
     ev_signal interrupt;
     ev_signal hangup;
@@ -116,7 +116,7 @@ static void observe_bits(service *s)
     engine_observe_bits(s->engine, recordings_want_bits(s->recordings) ? on_bit : NULL, s);
 }
 
-/* Reports a recording that has begun or ended, see recordings_told. */
+/* Reports a recording that has begun or ended, see recordings_reported. */
 static void on_recording(void *user, const char *file, const char *why)
 {
     service *s = user;
@@ -124,7 +124,7 @@ static void on_recording(void *user, const char *file, const char *why)
         return;
     observe_bits(s);
     if (s->control)
-        control_tell_recording(s->control, file, why);
+        control_report_recording(s->control, file, why);
 }
 
 static json_t *show_recordings(void *user)
@@ -181,9 +181,9 @@ static void end_refusal(service *s)
 static void log_refusal(service *s, char *errors)
 {
     if (s->stopping) {
-        if (!s->stopping_told)
+        if (!s->stopping_reported)
             log_info("reload: canwired is stopping, nothing was changed");
-        s->stopping_told = true;
+        s->stopping_reported = true;
         return;
     }
     log_lines(errors);
@@ -327,7 +327,7 @@ static void print_trouble(char out[TROUBLE_BYTES], const service *s, const repor
     }
 }
 
-static void tell_status(service *s)
+static void report_status(service *s)
 {
     char trouble[TROUBLE_BYTES];
     cw_bus_stats stats;
@@ -378,7 +378,7 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
-    tell_status(timer->data);
+    report_status(timer->data);
     check_nudges(timer->data);
 }
 
@@ -500,7 +500,7 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     start_watchers(s, loop);
     log_info("%s: %zu nodes at %u bit/s, classical CAN", s->config->bus_name, s->config->node_count,
              s->config->bitrate_bps);
-    tell_status(s);
+    report_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);
     if (!engine_has_failed(s->engine)) /* ev_break() has no effect on a loop that has not started */

@@ -313,7 +313,7 @@ typedef struct cw_mac {
     uint8_t phase;            /* cw_mac_phase */
     uint8_t role;             /* cw_role */
     uint8_t modes;            /* CW_MODE_* */
-    uint8_t told_state;       /* cw_state of the last report */
+    uint8_t reported_state;   /* cw_state of the last report */
     uint8_t part;             /* in CW_MAC_FRAME: part of the frame that the next bit belongs to */
     uint8_t index;            /* ... bit of that part; a stuff bit comes first when run is 5 */
     uint8_t before_part;      /* part and index of the last bit that was not a stuff bit (F7) */

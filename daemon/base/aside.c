@@ -16,7 +16,7 @@ struct aside {
     const aside_calls *calls;
     void *task;
     void *user;
-    ev_async news;
+    ev_async wakeup;
     ev_timer limit;
     pthread_mutex_t lock; /* of all below */
     clockid_t clock; /* processor time that the thread has used; valid while it works */
@@ -45,7 +45,7 @@ static void *run(void *argument)
     const bool left = a->left;
     a->ready = true;
     if (!left)
-        ev_async_send(a->loop, &a->news); /* under the lock: the loop still exists */
+        ev_async_send(a->loop, &a->wakeup); /* under the lock: the loop still exists */
     (void)pthread_mutex_unlock(&a->lock);
     if (!left)
         return NULL;
@@ -57,16 +57,16 @@ static void *run(void *argument)
 
 static void stop_watchers(aside *a)
 {
-    ev_async_stop(a->loop, &a->news);
+    ev_async_stop(a->loop, &a->wakeup);
     ev_timer_stop(a->loop, &a->limit);
 }
 
 /* Takes the lock once more, so that the thread no longer holds it. */
-static void on_news(struct ev_loop *loop, ev_async *news, int events)
+static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
 {
     (void)loop;
     (void)events;
-    aside *a = news->data;
+    aside *a = wakeup->data;
     const aside_calls *calls = a->calls;
     void *user = a->user;
     void *task = a->task;
@@ -107,12 +107,12 @@ aside *aside_start(struct ev_loop *loop, const aside_calls *calls, void *task, v
         return NULL;
     *a = (aside){.loop = loop, .calls = calls, .task = task, .user = user};
     (void)pthread_mutex_init(&a->lock, NULL);
-    ev_async_init(&a->news, on_news);
+    ev_async_init(&a->wakeup, on_wakeup);
     ev_now_update(loop); /* else the limit would begin at the start of a long callback */
     ev_timer_init(&a->limit, on_limit, limit_s, 0.0);
-    a->news.data = a;
+    a->wakeup.data = a;
     a->limit.data = a;
-    ev_async_start(loop, &a->news);
+    ev_async_start(loop, &a->wakeup);
     ev_timer_start(loop, &a->limit);
     int error = thread_start_alone(run, a);
     if (error == 0)

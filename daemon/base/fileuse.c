@@ -306,7 +306,7 @@ static void print_use(FILE *errors, const fileuse *use, unsigned number)
         fprintf(errors, ", which is rotated to %s.%u", use->path, number);
 }
 
-static void tell(FILE *errors, const fileuses *all, const clash *c, const char *program)
+static void report(FILE *errors, const fileuses *all, const clash *c, const char *program)
 {
     const fileuse *own = &all->uses[c->own->use];
     const fileuse *other = &all->uses[c->other->use];
@@ -334,7 +334,7 @@ static bool compare(const fileuses *all, places *found, const likeness *how, con
         note_all(clashes, all, found, how);
     for (size_t i = 0; clashes && i < all->count; i++)
         if (clashes[i].other) {
-            tell(errors, all, &clashes[i], program);
+            report(errors, all, &clashes[i], program);
             good = false;
         }
     free(clashes);

@@ -91,7 +91,7 @@ static int send_record(const message *m)
 }
 
 /* Reports lost messages before the next message. */
-static void tell_lost(void)
+static void report_lost(void)
 {
     unsigned lost = atomic_exchange(&state.lost, 0);
     message m = {.priority = WARNING};
@@ -104,7 +104,7 @@ static void tell_lost(void)
 
 static void send_message(const message *m)
 {
-    tell_lost();
+    report_lost();
     int number = send_record(m);
     if (number == EAGAIN || number == ENOBUFS)
         atomic_fetch_add(&state.lost, 1);
@@ -201,7 +201,7 @@ void log_node_error(const char *node, const char *format, ...)
 }
 
 /* Reports complete lines: unchanged to standard error, or each as a message to the journal. */
-static void tell_lines(const char *lines, void (*tell)(const char *format, ...))
+static void report_lines(const char *lines, void (*report)(const char *format, ...))
 {
     (void)pthread_once(&state.once, open_journal);
     if (state.journal < 0) {
@@ -210,16 +210,16 @@ static void tell_lines(const char *lines, void (*tell)(const char *format, ...))
     }
     for (size_t length; *lines; lines += length + (lines[length] == '\n')) {
         length = strcspn(lines, "\n");
-        tell("%.*s", (int)length, lines);
+        report("%.*s", (int)length, lines);
     }
 }
 
 void log_warnings(const char *lines)
 {
-    tell_lines(lines, log_warning);
+    report_lines(lines, log_warning);
 }
 
 void log_as_is(const char *lines)
 {
-    tell_lines(lines, log_error);
+    report_lines(lines, log_error);
 }

@@ -194,16 +194,17 @@ void schema_read_choice(schema *self, const schema_key *key, yaml_node_t *value,
     schema_choose(self, schema_member(key, object), key, value, key->arg);
 }
 
-typedef void diag_teller(diag *self, size_t line, size_t column, const char *format, ...);
+typedef void diag_reporter(diag *self, size_t line, size_t column, const char *format, ...);
 
 static void __attribute__((format(printf, 4, 0)))
-tell(schema *self, diag_teller *teller, const yaml_node_t *at, const char *format, va_list args)
+report(schema *self, diag_reporter *reporter, const yaml_node_t *at, const char *format,
+       va_list args)
 {
     char *text = NULL;
 
     if (vasprintf(&text, format, args) < 0)
         text = NULL;
-    teller(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, "%s",
+    reporter(self->errors, at->start_mark.line + 1, at->start_mark.column + 1, "%s",
            text ? text : "out of memory");
     free(text);
 }
@@ -213,7 +214,7 @@ void schema_complain(schema *self, const yaml_node_t *at, const char *format, ..
     va_list args;
 
     va_start(args, format);
-    tell(self, diag_add, at, format, args);
+    report(self, diag_add, at, format, args);
     va_end(args);
 }
 
@@ -222,7 +223,7 @@ void schema_warn(schema *self, const yaml_node_t *at, const char *format, ...)
     va_list args;
 
     va_start(args, format);
-    tell(self, diag_warn, at, format, args);
+    report(self, diag_warn, at, format, args);
     va_end(args);
 }
 

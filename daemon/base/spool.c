@@ -34,7 +34,7 @@ struct spool {
     int fd;        /* locked, so that no other program rotates it */
     uint64_t written; /* bytes of records in this file */
     uint64_t whole;   /* ... of those that are whole with all their parts */
-    spool_news *news;
+    spool_notify *notify;
     void *user;
     unsigned char *batch;
     pthread_t thread;
@@ -378,8 +378,8 @@ static int open_now(spool *s)
     int error = open_files(s, files);
     (void)pthread_mutex_lock(&s->lock);
     s->open = error == 0;
-    if (s->open && s->news)
-        s->news(s->user);
+    if (s->open && s->notify)
+        s->notify(s->user);
     return error;
 }
 
@@ -404,11 +404,11 @@ static void *run(void *argument)
     s->error = error != 0 ? error : end_error;
     s->ended = true;
     (void)pthread_cond_broadcast(&s->changed);
-    spool_news *news = s->news;
+    spool_notify *notify = s->notify;
     void *user = s->user;
     (void)pthread_mutex_unlock(&s->lock);
-    if (news)
-        news(user);
+    if (notify)
+        notify(user);
     return NULL;
 }
 
@@ -427,7 +427,7 @@ static void free_spool(spool *s)
     free(s);
 }
 
-static spool *make_spool(const char *file, unsigned files, spool_news *news, void *user,
+static spool *make_spool(const char *file, unsigned files, spool_notify *notify, void *user,
                          int *error)
 {
     spool *s = calloc(1, sizeof *s);
@@ -435,7 +435,8 @@ static spool *make_spool(const char *file, unsigned files, spool_news *news, voi
         *error = ENOMEM;
         return NULL;
     }
-    *s = (spool){.file = strdup(file), .folder = FOLDER_NONE, .fd = -1, .news = news, .user = user,
+    *s = (spool){.file = strdup(file), .folder = FOLDER_NONE, .fd = -1, .notify = notify,
+                 .user = user,
                  .files = files, .batch = malloc(BATCH), .queue = malloc(SPOOL_QUEUE_BYTES)};
     (void)pthread_mutex_init(&s->lock, NULL);
     thread_init_condition(&s->changed);
@@ -456,9 +457,9 @@ static spool *start(spool *s, int *error)
     return NULL;
 }
 
-spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error)
+spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *user, int *error)
 {
-    spool *s = make_spool(file, files, news, user, error);
+    spool *s = make_spool(file, files, notify, user, error);
     if (!s)
         return NULL;
     *error = open_files(s, files);
@@ -466,9 +467,10 @@ spool *spool_open(const char *file, unsigned files, spool_news *news, void *user
     return start(s, error);
 }
 
-spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error)
+spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
+                        int *error)
 {
-    spool *s = make_spool(file, files, news, user, error);
+    spool *s = make_spool(file, files, notify, user, error);
     return s ? start(s, error) : NULL;
 }
 
@@ -637,7 +639,7 @@ bool spool_wait(spool *s, const struct timespec *until)
 static bool leave(spool *s)
 {
     (void)pthread_mutex_lock(&s->lock);
-    s->news = NULL;
+    s->notify = NULL;
     bool ended = s->ended;
     (void)pthread_mutex_unlock(&s->lock);
     return ended;

@@ -23,18 +23,19 @@ typedef struct spool spool;
 
 /* Reports the end of the spool, by spool_end() or by an error, in the spool's thread. It must not
  * call the spool. */
-typedef void spool_news(void *user);
+typedef void spool_notify(void *user);
 
 /* Makes the file, with mode 0640 less the umask, and rotates existing ones. At most `files` files
- * are kept, including FILE. `news` may be NULL. Returns NULL with an errno in *error when that
+ * are kept, including FILE. `notify` may be NULL. Returns NULL with an errno in *error when that
  * fails. EINVAL: a file is no regular file. EBUSY: another program writes the file, or one that
  * would be rotated. */
-spool *spool_open(const char *file, unsigned files, spool_news *news, void *user, int *error);
+spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *user, int *error);
 
 /* Makes the file without waiting for a disk that hangs. The thread opens the file; records wait in
- * the queue meanwhile. The spool calls `news` also when the file is open. A failure to open the
+ * the queue meanwhile. The spool calls `notify` also when the file is open. A failure to open the
  * file is an error that ends the spool. */
-spool *spool_open_later(const char *file, unsigned files, spool_news *news, void *user, int *error);
+spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
+                        int *error);
 
 /* Returns true when the file has been opened. */
 bool spool_is_open(spool *s);

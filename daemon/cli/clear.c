@@ -44,7 +44,8 @@ int cli_clear(int argc, char **argv)
         put_text(request, "rule", argv[first + 1]);
     if (injected)
         put_bool(request, "injected", true);
-    return first + 1 < argc ? client_tell(argv[first], request) : clear_many(argv[first], request);
+    return first + 1 < argc ? client_report(argv[first], request)
+                            : clear_many(argv[first], request);
 }
 
 int cli_fire(int argc, char **argv)
@@ -57,5 +58,5 @@ int cli_fire(int argc, char **argv)
         return status;
     json_t *request = client_request("fire");
     put_text(request, "rule", argv[first + 1]);
-    return client_tell(argv[first], request);
+    return client_report(argv[first], request);
 }

@@ -165,7 +165,7 @@ const char *client_next(client *c)
     return line;
 }
 
-bool client_tell_end(const client *c)
+bool client_report_end(const client *c)
 {
     if (c->error == 0)
         complain(c, "it has ended");
@@ -231,7 +231,7 @@ json_t *client_ask_once(const char *bus, json_t *request)
     return reply;
 }
 
-int client_tell(const char *bus, json_t *request)
+int client_report(const char *bus, json_t *request)
 {
     json_t *reply = client_ask_once(bus, request);
     int status = reply ? CLI_OK : CLI_BAD_INPUT;

@@ -35,7 +35,7 @@ json_t *client_ask(client *c, json_t *request);
 const char *client_next(client *c);
 
 /* Reports that the bus has ended, or the error. Returns false when the bus has not ended. */
-bool client_tell_end(const client *c);
+bool client_report_end(const client *c);
 
 void client_close(client *c);
 
@@ -43,7 +43,7 @@ void client_close(client *c);
 json_t *client_ask_once(const char *bus, json_t *request);
 
 /* Does the same for a reply without content: returns the exit status. */
-int client_tell(const char *bus, json_t *request);
+int client_report(const char *bus, json_t *request);
 
 /* Makes a request of that name. */
 json_t *client_request(const char *name);

@@ -76,7 +76,7 @@ static bool take_files(void *user, const char *text)
 }
 
 /* Chooses the format. Returns -1 to go on, else the exit status. */
-static int settle_format(recording *r)
+static int complete_format(recording *r)
 {
     if (strcmp(r->what.file, "-") == 0) {
         plain_print(stderr,
@@ -267,7 +267,7 @@ static int run(recording *r)
     plain_print(stderr, "canwire record: writing %s\n", r->what.file);
     while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus)))
         take_line(r, line);
-    bool good = interrupted || recorder_error(r->recorder) != 0 || client_tell_end(&r->bus);
+    bool good = interrupted || recorder_error(r->recorder) != 0 || client_report_end(&r->bus);
     int status = finish(r);
     return good ? status : CLI_BAD_INPUT;
 }
@@ -290,7 +290,7 @@ int cli_record(int argc, char **argv)
     if (status >= 0)
         return status;
     r.what.file = argv[first + 1];
-    status = settle_format(&r);
+    status = complete_format(&r);
     if (status >= 0)
         return status;
     if (!client_open(&r.bus, argv[first]))

@@ -90,7 +90,7 @@ static int ask(const char *control, pid_t pid)
 
 /* Reports the reload to the service manager. canwired's own report may come after this process has
  * ended, when systemd would take the reload for finished. */
-static void tell_service_manager(void)
+static void report_service_manager(void)
 {
     static const char text[] = "RELOADING=1";
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -115,7 +115,7 @@ static int hang_up(const target *t)
         plain_print(stderr, "canwire reload: %s has no control socket: --pid is needed\n", t->file);
         return CLI_BAD_INPUT;
     }
-    tell_service_manager();
+    report_service_manager();
     if (kill(t->pid, SIGHUP) == 0)
         return CLI_OK;
     plain_print(stderr, "canwire reload: process %ld: %s\n", (long)t->pid, strerror(errno));

@@ -23,5 +23,5 @@ int cli_restart(int argc, char **argv)
         return status;
     json_t *request = client_request("restart");
     put_text(request, "node", argv[first + 1]);
-    return client_tell(argv[first], request);
+    return client_report(argv[first], request);
 }

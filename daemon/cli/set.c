@@ -57,5 +57,5 @@ int cli_set(int argc, char **argv)
     json_t *request = client_request("set");
     put_text(request, "node", argv[first + 1]);
     put(request, "settings", settings);
-    return client_tell(argv[first], request);
+    return client_report(argv[first], request);
 }

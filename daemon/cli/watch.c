@@ -88,7 +88,7 @@ static int show_events(client *c, bool json)
             print_line(line);
     }
     if (!ferror(stdout))
-        (void)client_tell_end(c);
+        (void)client_report_end(c);
     return CLI_BAD_INPUT;
 }
 

@@ -18,12 +18,12 @@
 
 /* Checks the keys of an action against each other and completes the rule; `map` is the value of
  * `do`. */
-typedef void action_settler(schema *self, yaml_node_t *map, cw_rule *rule);
+typedef void action_completer(schema *self, yaml_node_t *map, cw_rule *rule);
 
 typedef struct action {
     cw_action action;
     const schema_key *keys; /* the first key is the action's own, which has its name */
-    action_settler *settle; /* or NULL */
+    action_completer *complete; /* or NULL */
 } action;
 
 /* A setting of a node in the form of schema_read_uint(), and its CW_SET_*. */
@@ -35,8 +35,8 @@ typedef struct setting {
 static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
     read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
     read_restart, read_order, read_period;
-static action_settler settle_force, settle_stuck, settle_wrong_crc, settle_counters, settle_set,
-    settle_side, settle_change, settle_send, settle_babble;
+static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
+    complete_set, complete_side, complete_change, complete_send, complete_babble;
 
 static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
 static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
@@ -194,27 +194,27 @@ static const schema_key change_part_keys[] = {
 /* The actions in the order of messages. */
 static const action actions[] = {
     {CW_ACTION_FLIP, flip_keys, NULL},
-    {CW_ACTION_FORCE, force_keys, settle_force},
+    {CW_ACTION_FORCE, force_keys, complete_force},
     {CW_ACTION_GLITCH, glitch_keys, NULL},
-    {CW_ACTION_STUCK, stuck_keys, settle_stuck},
+    {CW_ACTION_STUCK, stuck_keys, complete_stuck},
     {CW_ACTION_NOISE, noise_keys, NULL},
     {CW_ACTION_NO_ACK, no_ack_keys, NULL},
-    {CW_ACTION_WRONG_CRC, wrong_crc_keys, settle_wrong_crc},
+    {CW_ACTION_WRONG_CRC, wrong_crc_keys, complete_wrong_crc},
     {CW_ACTION_BUS_OFF, bus_off_keys, NULL},
     {CW_ACTION_ERROR_FLAG, error_flag_keys, NULL},
     {CW_ACTION_RESTART, restart_keys, NULL},
-    {CW_ACTION_COUNTERS, counters_keys, settle_counters},
+    {CW_ACTION_COUNTERS, counters_keys, complete_counters},
     {CW_ACTION_OVERLOAD, overload_keys, NULL},
-    {CW_ACTION_SET, set_keys, settle_set},
+    {CW_ACTION_SET, set_keys, complete_set},
     {CW_ACTION_DISCONNECT, disconnect_keys, NULL},
     {CW_ACTION_PARTITION, partition_keys, NULL},
-    {CW_ACTION_DROP, drop_keys, settle_side},
-    {CW_ACTION_DELAY, delay_keys, settle_side},
-    {CW_ACTION_DUPLICATE, duplicate_keys, settle_side},
-    {CW_ACTION_REORDER, reorder_keys, settle_side},
-    {CW_ACTION_CHANGE, change_keys, settle_change},
-    {CW_ACTION_SEND, send_keys, settle_send},
-    {CW_ACTION_BABBLE, babble_keys, settle_babble},
+    {CW_ACTION_DROP, drop_keys, complete_side},
+    {CW_ACTION_DELAY, delay_keys, complete_side},
+    {CW_ACTION_DUPLICATE, duplicate_keys, complete_side},
+    {CW_ACTION_REORDER, reorder_keys, complete_side},
+    {CW_ACTION_CHANGE, change_keys, complete_change},
+    {CW_ACTION_SEND, send_keys, complete_send},
+    {CW_ACTION_BABBLE, babble_keys, complete_babble},
     {CW_ACTION_LOAD, load_keys, NULL},
     {CW_ACTION_REPLY, reply_keys, NULL},
 };
@@ -240,8 +240,8 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
     rule->action = found->action;
     set_defaults(rule);
     schema_map(self, key->name, value, found->keys, rule);
-    if (found->settle && self->errors->errors == errors)
-        found->settle(self, value, rule);
+    if (found->complete && self->errors->errors == errors)
+        found->complete(self, value, rule);
 }
 
 /* Sets the defaults of the keys of an action. */
@@ -513,14 +513,14 @@ static bool has(schema *self, const yaml_node_t *map, const char *name)
     return schema_find(self, map, name) != NULL;
 }
 
-static void settle_force(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_force(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     (void)rule;
     if (has(self, map, "bits") && has(self, map, "for"))
         complain_at(self, map, "for", "give the length in 'bits' or as a time, not both");
 }
 
-static void settle_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool sensible = rule->line == CW_LINE_TX && rule->level == CW_DOMINANT;
 
@@ -530,7 +530,7 @@ static void settle_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
 }
 
 /* Limits the rule to frames of the node itself, so that frames of other nodes are not counted. */
-static void settle_wrong_crc(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_wrong_crc(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     if (rule->from == 0)
         rule->from = rule->nodes;
@@ -540,14 +540,14 @@ static void settle_wrong_crc(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "wrong-crc", "the rule waits for frames 'from' another node");
 }
 
-static void settle_counters(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_counters(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     (void)rule;
     if (!has(self, map, "tec") && !has(self, map, "rec"))
         complain_at(self, map, "counters", "one of the keys 'tec' and 'rec' is needed");
 }
 
-static void settle_set(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_set(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     yaml_node_t *value;
 
@@ -558,7 +558,7 @@ static void settle_set(schema *self, yaml_node_t *map, cw_rule *rule)
 
 /* Completes a rule of the host side. `at` names receivers, or with the side of the sender one more
  * condition for `from`. */
-static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_side(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool given = rule->action == CW_ACTION_DROP || has(self, map, "side");
 
@@ -575,24 +575,24 @@ static void settle_side(schema *self, yaml_node_t *map, cw_rule *rule)
     rule->at = 0;
 }
 
-static void settle_change(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_change(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     const yaml_node_t *change = schema_find(self, map, "change");
     yaml_node_t *value;
 
-    settle_side(self, map, rule);
+    complete_side(self, map, rule);
     if (change->type == YAML_MAPPING_NODE && !schema_pair(self, &value, change, 0))
         complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
 }
 
 /* Makes a babble with a time between its frames act as `send`. */
-static void settle_babble(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_babble(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     if (has(self, map, "every"))
         rule->action = CW_ACTION_SEND;
 }
 
-static void settle_send(schema *self, yaml_node_t *map, cw_rule *rule)
+static void complete_send(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     (void)rule;
     if (has(self, map, "for") && !has(self, map, "every"))

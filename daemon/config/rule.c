@@ -9,7 +9,7 @@
 
 static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
-static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
+static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
 static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range positive_range = {1, UINT32_MAX, sizeof(uint32_t)};
 
@@ -58,7 +58,7 @@ static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
 {
     schema_map(self, "rule", value, rule_keys, rule);
     if (value->type == YAML_MAPPING_NODE)
-        settle_trigger(self, value, rule);
+        complete_trigger(self, value, rule);
 }
 
 /* Copies the rules to a longer array. */
@@ -303,7 +303,7 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
 }
 
 /* Derives the trigger of the rule from its conditions and its action. */
-static void settle_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
+static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
     bool on_frames = cw_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
                      find_when(self, map, "data") || find_when(self, map, "from");

@@ -70,18 +70,18 @@ static const schema_key reply_keys[] = {
 };
 
 /* Checks the keys of an entry against each other and completes it. */
-typedef void entry_settler(schema *self, yaml_node_t *map, cfg_traffic *traffic);
+typedef void entry_completer(schema *self, yaml_node_t *map, cfg_traffic *traffic);
 
-static entry_settler settle_send, settle_replay, settle_reply;
+static entry_completer complete_send, complete_replay, complete_reply;
 
 /* The kinds of entries by cfg_traffic_kind; the first key names the kind. */
 static const struct {
     const schema_key *keys;
-    entry_settler *settle;
+    entry_completer *complete;
 } kinds[] = {
-    [CFG_TRAFFIC_SEND] = {send_keys, settle_send},
-    [CFG_TRAFFIC_REPLAY] = {replay_keys, settle_replay},
-    [CFG_TRAFFIC_REPLY] = {reply_keys, settle_reply},
+    [CFG_TRAFFIC_SEND] = {send_keys, complete_send},
+    [CFG_TRAFFIC_REPLAY] = {replay_keys, complete_replay},
+    [CFG_TRAFFIC_REPLY] = {reply_keys, complete_reply},
 };
 
 #define KINDS (sizeof kinds / sizeof kinds[0])
@@ -153,7 +153,7 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
     traffic->kind = (cfg_traffic_kind)kind;
     schema_map(self, "traffic", value, kinds[kind].keys, traffic);
     if (self->errors->errors == errors)
-        kinds[kind].settle(self, value, traffic);
+        kinds[kind].complete(self, value, traffic);
 }
 
 void cfg_read_traffic(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -182,7 +182,7 @@ static void read_every(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_read_span(self, key, value, object);
 }
 
-static void settle_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+static void complete_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     cw_rate rate = cfg_of(self)->rate;
     yaml_node_t *count = schema_find(self, map, "count");
@@ -277,7 +277,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
     trace_close(reader);
 }
 
-static void settle_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+static void complete_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     yaml_node_t *count = schema_find(self, map, "count");
     yaml_node_t *gap = schema_find(self, map, "gap");
@@ -305,7 +305,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
 }
 
 /* Completes a reply. Without `to` it answers the remote frame of its own identifier. */
-static void settle_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)
+static void complete_reply(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     cfg *config = cfg_of(self);
     bool extended = traffic->frame.flags & CW_FRAME_EXTENDED;

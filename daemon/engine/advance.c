@@ -43,7 +43,7 @@ static void note_overflow(engine *e, const cw_event *event)
             e->overflowed[i] = event->frame;
 }
 
-void engine_tell(engine *e, const cw_event *event)
+void engine_notify(engine *e, const cw_event *event)
 {
     note_overflow(e, event);
     if (e->observer)
@@ -59,7 +59,7 @@ void engine_handle_events(void *user)
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
-        engine_tell(e, &event);
+        engine_notify(e, &event);
     }
 }
 

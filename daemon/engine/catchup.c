@@ -41,13 +41,13 @@ void catchup_note(catchup *c, uint64_t skipped_ns)
 
 void catchup_log(catchup *c, int64_t monotonic_ns)
 {
-    uint64_t news_ns = c->skipped_ns - c->logged_ns;
+    uint64_t added_ns = c->skipped_ns - c->logged_ns;
     bool early = c->logged && monotonic_ns - c->last_log_ns < CATCHUP_LOG_NS;
-    if (news_ns == 0 || early)
+    if (added_ns == 0 || early)
         return;
     log_warning("the bus fell behind real time and has skipped %" PRIu64 ".%03" PRIu64
                 " s (stopped, suspended or too slow)",
-                news_ns / 1000000000u, news_ns / 1000000u % 1000u);
+                added_ns / 1000000000u, added_ns / 1000000u % 1000u);
     c->logged = true;
     c->logged_ns = c->skipped_ns;
     c->last_log_ns = monotonic_ns;

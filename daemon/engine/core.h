@@ -36,10 +36,10 @@ typedef struct engine_links {
     bool awaited;       /* a list of interfaces is pending */
     uint64_t mentioned; /* nodes whose interface is in the list that is being read */
     uint64_t vcans;     /* nodes whose interface is known to be a vcan */
-    bool told_uncounted; /* the log says that frames without loopback cannot be counted */
+    bool reported_uncounted; /* the log says that frames without loopback cannot be counted */
     uint64_t refused;   /* nodes whose interface exists but could not be opened */
     ev_timer retry;     /* of these, and of a list that failed */
-    bool told_small;    /* the log says that the kernel grants a port too little room */
+    bool reported_small; /* the log says that the kernel grants a port too little room */
 } engine_links;
 
 struct engine {
@@ -90,7 +90,7 @@ struct engine {
 /* ---- advance.c ------------------------------------------------------------------------------- */
 
 /* Passes an event to all but the ECUs. */
-void engine_tell(engine *e, const cw_event *event);
+void engine_notify(engine *e, const cw_event *event);
 
 /* Passes all pending events of the bus on; user: the engine. */
 void engine_handle_events(void *user);

@@ -132,7 +132,7 @@ static void skip_missed_time(engine *e)
     if (skipped_ns > 0) {
         const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2, excess);
         catchup_note(&e->catchup, skipped_ns);
-        engine_tell(e, &event);
+        engine_notify(e, &event);
     }
     catchup_log(&e->catchup, now_ns);
 }

@@ -70,11 +70,11 @@ static unsigned node_room(const engine *e, unsigned node, bool waits)
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
-static void tell_failure(const engine *e, unsigned node)
+static void report_failure(const engine *e, unsigned node)
 {
     const char *name = e->config->nodes[node].name;
     int error;
-    if (!port_read_news(e->now.ports[node], &error))
+    if (!port_reading_changed(e->now.ports[node], &error))
         return;
     if (error != 0)
         log_node_warning(name, "its port cannot be read: %s", strerror(error));
@@ -96,8 +96,8 @@ static bool read_port(engine *e, unsigned node, const clock_pair *now, bool wait
         unsigned count = port_read(e->now.ports[node], e->batch, max < room ? max : room, &more);
         hand_in_batch(e, node, count, now);
     }
-    tell_failure(e, node);
-    port_tell_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
+    report_failure(e, node);
+    port_report_overflow(e->now.ports[node], cw_bus_now(e->now.bus));
     return max > 0;
 }
 

@@ -72,12 +72,12 @@ static void start_retrying(engine *e, unsigned node, const char *error)
 }
 
 /* Logs a small buffer once: the limit is the machine's. */
-static void tell_small_buffer(engine *e, unsigned node)
+static void report_small_buffer(engine *e, unsigned node)
 {
     const port *p = e->now.ports[node];
-    if (!p || e->links.told_small || port_buffer_bytes(p) >= PORT_BUFFER_BYTES)
+    if (!p || e->links.reported_small || port_buffer_bytes(p) >= PORT_BUFFER_BYTES)
         return;
-    e->links.told_small = true;
+    e->links.reported_small = true;
     log_warning("an interface may have %u KiB of frames waiting, not %d, before the kernel drops "
                 "more: sysctl net.core.rmem_max=%d",
                 port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
@@ -96,7 +96,7 @@ static void gain_port(engine *e, unsigned node)
     conserve_opened(&e->books, node, p);
     engine_count_loopless(e);
     engine_watch_port(e, node);
-    tell_small_buffer(e, node);
+    report_small_buffer(e, node);
 }
 
 /* ---- Reports of rtnetlink -------------------------------------------------------------------- */
@@ -112,7 +112,7 @@ static bool has_name(const engine *e, unsigned node, const char *name)
     return own && strcmp(own, name) == 0;
 }
 
-static bool is_news(const engine *e, unsigned node, unsigned index, const char *name,
+static bool has_changed(const engine *e, unsigned node, unsigned index, const char *name,
                     report_link state)
 {
     if (has_name(e, node, name))
@@ -153,13 +153,13 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
 {
     engine *e = user;
     report_link state = up ? REPORT_LINK_UP : REPORT_LINK_DOWN;
-    bool news = false;
+    bool changed = false;
     note_kind(e, name, strcmp(kind, "vcan") == 0);
     for (unsigned i = 0; i < e->config->node_count; i++) {
-        news = news || is_news(e, i, index, name, state);
+        changed = changed || has_changed(e, i, index, name, state);
         e->links.mentioned |= has_name(e, i, name) ? bit_of(i) : 0;
     }
-    if (!news || e->stopping)
+    if (!changed || e->stopping)
         return;
     e->wake(e); /* this may move nodes to other places */
     lose_other_names(e, index, name);
@@ -234,7 +234,7 @@ static bool open_port(engine *e, unsigned node)
     e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])
         log_node_error(config->name, "port %s", error);
-    tell_small_buffer(e, node);
+    report_small_buffer(e, node);
     return e->now.ports[node] != NULL;
 }
 
@@ -262,9 +262,9 @@ bool engine_open_ports(engine *e)
 
 void engine_count_loopless(engine *e)
 {
-    if (loopless_look(e->config, e->now.ports, e->links.vcans) || e->links.told_uncounted)
+    if (loopless_look(e->config, e->now.ports, e->links.vcans) || e->links.reported_uncounted)
         return;
-    e->links.told_uncounted = true;
+    e->links.reported_uncounted = true;
     log_warning("frames that are sent without loopback cannot be counted: %s", strerror(errno));
 }
 
@@ -311,7 +311,7 @@ void engine_carry_links_over(engine *e, const reload *r)
         report_link state = link_after(e, r, before, i);
         e->links.state[i] = state;
         inputs_attach(&e->inputs, i, state == REPORT_NO_LINK || state == REPORT_LINK_UP);
-        tell_small_buffer(e, i);
+        report_small_buffer(e, i);
     }
     linkwatch_list(e->links.watch);
 }

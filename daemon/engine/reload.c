@@ -15,7 +15,7 @@
 /* ---- Setups ---------------------------------------------------------------------------------- */
 
 /* Reports about replayed files. */
-static void tell(void *user, bool failed, const char *text)
+static void report(void *user, bool failed, const char *text)
 {
     (void)user;
     if (failed)
@@ -26,7 +26,7 @@ static void tell(void *user, bool failed, const char *text)
 
 bool setup_make(setup *s, const cfg *config)
 {
-    *s = (setup){.plan = release_plan_new(config, tell, NULL)};
+    *s = (setup){.plan = release_plan_new(config, report, NULL)};
     s->bus = bus_make(&s->memory, config);
     return s->bus && s->plan && release_read_ahead(s->plan);
 }
@@ -121,7 +121,7 @@ static port *borrow_port(const reload *pending, const char *interface)
 }
 
 /* Keeps borrowed ports, or returns them. */
-static void settle_borrowed(reload *r, reload *pending, bool keep)
+static void complete_borrowed(reload *r, reload *pending, bool keep)
 {
     for (unsigned i = 0; pending && i < CW_NODES_MAX; i++)
         for (unsigned k = 0; r->setup.ports[i] && k < CW_NODES_MAX; k++)
@@ -175,7 +175,7 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
 bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
 {
     bool good = can_follow(r->config, old, errors) && match_nodes(r, old, pending, errors);
-    settle_borrowed(r, pending, good);
+    complete_borrowed(r, pending, good);
     return good;
 }
 

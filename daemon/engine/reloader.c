@@ -88,8 +88,8 @@ static void on_done(void *user, void *task)
         good = r->calls->take(r->user, t->result, t->errors);
     t->result = NULL;
     char none[] = "out of memory\n";
-    bool told = fflush(t->errors) == 0 && t->text && *t->text;
-    r->calls->over(r->user, r->round, good ? NULL : told ? t->text : none);
+    bool reported = fflush(t->errors) == 0 && t->text && *t->text;
+    r->calls->over(r->user, r->round, good ? NULL : reported ? t->text : none);
     free_reading(t);
     go_on(r);
 }

@@ -55,10 +55,10 @@ struct port {
     unsigned buffer_bytes; /* see port_buffer_bytes() */
     port_stats stats;
     uint32_t drops;        /* the kernel's counter, modulo 2^32 */
-    uint64_t told_dropped; /* part of stats.kernel_dropped that the ECU knows of ... */
-    uint64_t told_tick;    /* ... and the time of that report */
+    uint64_t reported_dropped; /* part of stats.kernel_dropped that the ECU knows of ... */
+    uint64_t reported_tick; /* ... and the time of that report */
     int read_error;        /* errno of the last read, or 0 */
-    int told_read_error;   /* see port_read_news() */
+    int reported_read_error;   /* see port_reading_changed() */
     errframe_limit limit;
     bool loopless_begun;
     int64_t loopless_before; /* frames sent without loopback before it was opened */

@@ -91,11 +91,11 @@ static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t s
 
 void port_count_drops(port *p, uint32_t drops)
 {
-    int32_t news = (int32_t)(drops - p->drops); /* the count beside frames may be older */
-    if (news <= 0)
+    int32_t added = (int32_t)(drops - p->drops); /* the count beside frames may be older */
+    if (added <= 0)
         return;
     p->drops = drops;
-    p->stats.kernel_dropped += (uint32_t)news;
+    p->stats.kernel_dropped += (uint32_t)added;
 }
 
 /* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
@@ -182,12 +182,12 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *m
     return p->kind->read(p, frames, max, more);
 }
 
-bool port_read_news(port *p, int *error)
+bool port_reading_changed(port *p, int *error)
 {
     *error = p->read_error;
-    bool news = (p->read_error != 0) != (p->told_read_error != 0);
-    p->told_read_error = p->read_error;
-    return news;
+    bool added = (p->read_error != 0) != (p->reported_read_error != 0);
+    p->reported_read_error = p->read_error;
+    return added;
 }
 
 void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
@@ -196,9 +196,9 @@ void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
         p->loopless_begun = true;
         p->loopless_before = most;
     }
-    int64_t news = least - p->loopless_before;
-    if (counting && news > 0 && (uint64_t)news > p->stats.loopless)
-        p->stats.loopless = (uint64_t)news;
+    int64_t added = least - p->loopless_before;
+    if (counting && added > 0 && (uint64_t)added > p->stats.loopless)
+        p->stats.loopless = (uint64_t)added;
 }
 
 void port_pushed_back(port *p)
@@ -247,13 +247,13 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick)
     return sent == PORT_SENT;
 }
 
-void port_tell_overflow(port *p, uint64_t tick)
+void port_report_overflow(port *p, uint64_t tick)
 {
-    bool early = p->told_dropped > 0 && tick - p->told_tick < OVERFLOW_TICKS;
-    if (p->told_dropped == p->stats.kernel_dropped || early)
+    bool early = p->reported_dropped > 0 && tick - p->reported_tick < OVERFLOW_TICKS;
+    if (p->reported_dropped == p->stats.kernel_dropped || early)
         return;
-    p->told_dropped = p->stats.kernel_dropped;
-    p->told_tick = tick;
+    p->reported_dropped = p->stats.kernel_dropped;
+    p->reported_tick = tick;
     const errframe overflow = errframe_rx_overflow();
     (void)port_write_error(p, &overflow, tick);
 }

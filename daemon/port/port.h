@@ -61,7 +61,7 @@ unsigned port_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *m
 
 /* Returns true when reading has begun to fail, *error an errno, or works again, *error 0, since the
  * last call. An interface that is down or gone, and an ECU that has gone, do not count. */
-bool port_read_news(port *p, int *error);
+bool port_reading_changed(port *p, int *error);
 
 /* Takes the numbers of frames that were sent without loopback on its interface since that was made,
  * at least and at most. Counts those since the port was opened; the first call begins with the
@@ -81,7 +81,7 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick);
 
 /* Writes an error frame (CRTL RX_OVERFLOW) when the kernel has lost more frames of the ECU, ten
  * times a second at most. tick: bus time. */
-void port_tell_overflow(port *p, uint64_t tick);
+void port_report_overflow(port *p, uint64_t tick);
 
 void port_get_stats(port *p, port_stats *stats);
 

@@ -123,8 +123,8 @@ static int messages_before_end(const port *p, int received)
 static int receive(port *p, unsigned max)
 {
     int received = port_receive(p, own(p)->ecu, max);
-    bool told = received < 0 && errno == ECONNRESET;
-    return told ? port_receive(p, own(p)->ecu, max) : received;
+    bool reported = received < 0 && errno == ECONNRESET;
+    return reported ? port_receive(p, own(p)->ecu, max) : received;
 }
 
 /* Pending input of a port. Asking first is cheapest: accept4() makes a socket before it finds no

@@ -295,24 +295,24 @@ static recorder *begin(recorder *r, const cw_bus *bus, unsigned patience_s, int 
 }
 
 recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
-                         spool_news *news, void *user, int *error)
+                         spool_notify *notify, void *user, int *error)
 {
     recorder *r = make_recorder(what, config);
     *error = ENOMEM;
     if (!r)
         return NULL;
-    r->spool = spool_open(what->file, what->files, news, user, error);
+    r->spool = spool_open(what->file, what->files, notify, user, error);
     return begin(r, bus, UINT32_MAX, error);
 }
 
 recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
-                               spool_news *news, void *user, int *error)
+                               spool_notify *notify, void *user, int *error)
 {
     recorder *r = make_recorder(what, config);
     *error = ENOMEM;
     if (!r)
         return NULL;
-    r->spool = spool_open_later(what->file, what->files, news, user, error);
+    r->spool = spool_open_later(what->file, what->files, notify, user, error);
     return begin(r, bus, 0, error);
 }
 

@@ -17,14 +17,14 @@ typedef struct recorder recorder;
 
 /* Begins a recording of the later events of a bus. config must stay in place and have the nodes of
  * the bus. `what` is copied, but its file must live longer. bus may be NULL unless the format is
- * VCD. Another thread calls `news` when the recording has ended. Returns NULL with *error, an errno
- * as for spool_open(). */
+ * VCD. Another thread calls `notify` when the recording has ended. Returns NULL with *error, an
+ * errno as for spool_open(). */
 recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus *bus,
-                         spool_news *news, void *user, int *error);
+                         spool_notify *notify, void *user, int *error);
 
 /* Begins a recording without waiting for the disk: see spool_open_later(). */
 recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
-                               spool_news *news, void *user, int *error);
+                               spool_notify *notify, void *user, int *error);
 
 /* Returns true when its file has been opened. */
 bool recorder_is_open(const recorder *r);

@@ -341,14 +341,14 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t node
 /* ---- Bits and events ------------------------------------------------------------------------- */
 
 /* Nodes that may have changes in a bit; each of these sets is computed for every bit. */
-typedef struct news {
+typedef struct changes {
     uint64_t stuff; /* they are in a stuff bit */
     uint64_t parts;
     uint64_t states;
-} news;
+} changes;
 
 /* Returns the nodes that are in the same place as one of them, if all were so before, too. */
-static uint64_t find_alike(vcd *self, news *found, const cw_bit_view *bit)
+static uint64_t find_alike(vcd *self, changes *found, const cw_bit_view *bit)
 {
     if (!bit->alike)
         return 0;
@@ -363,9 +363,9 @@ static uint64_t find_alike(vcd *self, news *found, const cw_bit_view *bit)
     return bit->alike;
 }
 
-static news find_news(vcd *self, const cw_bit_view *bit)
+static changes find_changes(vcd *self, const cw_bit_view *bit)
 {
-    news found = {.stuff = 0};
+    changes found = {.stuff = 0};
     const uint64_t single = all_nodes(self) & ~find_alike(self, &found, bit);
     for (uint64_t rest = single; rest; rest &= rest - 1) {
         unsigned i = lowest(rest);
@@ -389,7 +389,7 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
     uint64_t start = bit->start;
     bool fault = bit->tx_faults | bit->wire_faults | bit->rx_faults || self->rules_now[0] != '\0';
     assert(bit->node_count == self->node_count);
-    const news found = find_news(self, bit);
+    const changes found = find_changes(self, bit);
     if (!self->begun) {
         write_time(self, start);
         write_word(self, "$dumpvars");

@@ -40,13 +40,13 @@ struct journal {
     uint64_t last_at;  /* tick of the last line */
     uint64_t number;   /* of lines so far, written or not */
     journal_state state;
-    bool told;           /* the log reports that it is broken */
+    bool reported;       /* the log reports that it is broken */
     bool reloaded;       /* since the journal is broken */
     unsigned marks;      /* since the journal is broken, or was tried again */
     uint64_t broken_at;  /* tick of the last line in the file */
     uint64_t taken_up_at;
     uint64_t lost;       /* lines that were not even queued */
-    uint64_t lost_told;
+    uint64_t lost_reported;
     unsigned gaps;
     char why[JOURNAL_WHY_MAX];
     char started[32];
@@ -101,7 +101,7 @@ static void break_off(journal *j, const char *why)
 {
     if (j->state == JOURNAL_WRITING) {
         j->broken_at = spool_error(j->spool) != 0 ? spool_kept_stamp(j->spool) : j->last_at;
-        j->told = false;
+        j->reported = false;
         (void)snprintf(j->why, sizeof j->why, "%s", why);
     }
     j->state = JOURNAL_BROKEN_OFF;
@@ -410,16 +410,16 @@ static void take_up(journal *j, const inputs *in)
     put_mark(j, "mark", in);
 }
 
-static void tell_broken(journal *j)
+static void report_broken(journal *j)
 {
     char time[TIME_TEXT_MAX];
     text_print_seconds(time, j->broken_at);
     log_error("journal %s: broken from %s s on: %s; the bus goes on without it", j->file, time,
               j->why);
-    j->told = true;
+    j->reported = true;
 }
 
-static void tell_taken_up(journal *j)
+static void report_taken_up(journal *j)
 {
     char begin[TIME_TEXT_MAX];
     char end[TIME_TEXT_MAX];
@@ -427,8 +427,8 @@ static void tell_taken_up(journal *j)
     text_print_seconds(end, j->taken_up_at);
     log_warning("journal %s: taken up again, nothing is written from %s s to %s s, %" PRIu64
                 " lines are missing; it can be run again up to there only",
-                j->file, begin, end, journal_lost(j) - j->lost_told);
-    j->lost_told = journal_lost(j);
+                j->file, begin, end, journal_lost(j) - j->lost_reported);
+    j->lost_reported = journal_lost(j);
 }
 
 /* Checks the progress of the disk and reports it. */
@@ -439,12 +439,12 @@ static void look(journal *j)
         j->state = JOURNAL_WRITING;
         j->reloaded = false;
         j->gaps++;
-        tell_taken_up(j);
+        report_taken_up(j);
     }
     if (j->state != JOURNAL_BROKEN_OFF && error != 0)
         break_off(j, strerror(error));
-    if (j->state == JOURNAL_BROKEN_OFF && !j->told)
-        tell_broken(j);
+    if (j->state == JOURNAL_BROKEN_OFF && !j->reported)
+        report_broken(j);
 }
 
 /* Returns true when a broken journal may be tried again. A slow disk must have written the queue;
@@ -508,14 +508,14 @@ journal *journal_start(const char *file, unsigned files, const cfg *config,
 }
 
 /* Reports lines that are missing at the end of the file. */
-static void tell_end(journal *j, int error)
+static void report_end(journal *j, int error)
 {
     if (error)
         log_error("journal %s: its end could not be written: %s; at least %" PRIu64
                   " lines are missing",
-                  j->file, strerror(error), journal_lost(j) - j->lost_told);
+                  j->file, strerror(error), journal_lost(j) - j->lost_reported);
     else if (j->state != JOURNAL_WRITING)
-        tell_taken_up(j);
+        report_taken_up(j);
 }
 
 void journal_stop(journal *j, const inputs *in)
@@ -530,7 +530,7 @@ void journal_stop(journal *j, const inputs *in)
     int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
     if (error == 0 && j->state == JOURNAL_BROKEN_OFF)
         error = ENOBUFS;
-    tell_end(j, error);
+    report_end(j, error);
     (void)spool_close(j->spool, 0);
     free_journal(j);
 }

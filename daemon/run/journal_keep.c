@@ -181,7 +181,7 @@ static void describe(char text[PATH_MAX], const row *r, const found *f)
                    f->timed ? time : "", f->timed ? " s" : "");
 }
 
-static void tell_without_end(const row *r)
+static void report_without_end(const row *r)
 {
     char text[PATH_MAX];
     for (size_t i = 0; i < r->count; i++) {
@@ -279,7 +279,7 @@ int journal_make_room(const char *file, unsigned files)
     if (error == 0)
         error = read_row(r);
     if (error == 0) {
-        tell_without_end(r);
+        report_without_end(r);
         error = remove_some(r, files);
     }
     if (error == 0)

@@ -277,7 +277,7 @@ static void check_counters(journal_player *p)
     }
 }
 
-static void tell_incomplete(journal_player *p, const char *why)
+static void report_incomplete(journal_player *p, const char *why)
 {
     char time[TIME_TEXT_MAX];
     text_print_seconds(time, cw_bus_now(p->inputs.bus));
@@ -287,7 +287,7 @@ static void tell_incomplete(journal_player *p, const char *why)
 
 /* Reports a gap. The bus at its end differs from the one before it: the lines behind the gap can be
  * read, but not run. */
-static void tell_gap(journal_player *p)
+static void report_gap(journal_player *p)
 {
     char begin[TIME_TEXT_MAX];
     char end[TIME_TEXT_MAX];
@@ -303,11 +303,11 @@ static journal_outcome conclude(journal_player *p)
 {
     journal_outcome outcome = JOURNAL_PLAYED;
     if (p->entry.kind == JOURNAL_GAP) {
-        tell_gap(p);
+        report_gap(p);
         outcome = JOURNAL_INCOMPLETE;
     }
     if (p->entry.kind == JOURNAL_BROKEN || p->entry.kind == JOURNAL_CUT) {
-        tell_incomplete(p, p->entry.kind == JOURNAL_CUT ? "the journal is cut off"
+        report_incomplete(p, p->entry.kind == JOURNAL_CUT ? "the journal is cut off"
                                                         : "the journal is broken");
         outcome = JOURNAL_INCOMPLETE;
     }

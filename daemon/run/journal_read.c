@@ -467,14 +467,14 @@ static bool check_number(journal_reader *r, journal_entry *entry)
     const uint64_t missing = r->missing + (number > r->last ? number - r->last - 1 : 0);
     const bool again = number <= r->last;
     const bool known = r->damaged || value_of(r, "gap");
-    const bool told_later = !known && value_of(r, "config");
+    const bool reported_later = !known && value_of(r, "config");
     r->last = number;
     r->damaged = false;
-    r->missing = told_later ? missing : 0;
+    r->missing = reported_later ? missing : 0;
     entry->missing = missing;
     if (again)
         return wrong(r, "n", "damaged: line number %" PRIu64 " has been there before", number);
-    return missing == 0 || known || told_later ||
+    return missing == 0 || known || reported_later ||
            wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
 }
 

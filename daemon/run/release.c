@@ -32,13 +32,13 @@ typedef struct source {
     uint64_t late_ticks;   /* ... for this time */
     bool waits;            /* speed: max, and not in the heap */
     bool moved;            /* another plan continues it */
-    bool told;             /* entries that were left out of its file have been reported */
+    bool reported;         /* entries that were left out of its file have been reported */
     cw_frame frame;
 } source;
 
 struct release_plan {
     const cfg *config;
-    release_teller *tell;
+    release_reporter *report;
     void *user;
     cw_rate rate;
     unsigned fast; /* replays with `speed: max` that are not finished */
@@ -161,7 +161,7 @@ static bool is_known(const release_plan *plan, const source *s)
 {
     for (size_t i = 0; i < plan->source_count; i++) {
         const source *other = &plan->sources[i];
-        if (other->told && other->traffic->kind == CFG_TRAFFIC_REPLAY &&
+        if (other->reported && other->traffic->kind == CFG_TRAFFIC_REPLAY &&
             same_text(other->traffic->file, s->traffic->file) &&
             same_text(other->traffic->channel, s->traffic->channel))
             return true;
@@ -169,20 +169,20 @@ static bool is_known(const release_plan *plan, const source *s)
     return false;
 }
 
-static void tell_note(const release_plan *plan, source *s)
+static void report_note(const release_plan *plan, source *s)
 {
     char note[REPLAY_NOTE_MAX];
-    if (!s->told && replay_note(s->replay, is_known(plan, s), note))
-        plan->tell(plan->user, false, note);
-    s->told = true;
+    if (!s->reported && replay_note(s->replay, is_known(plan, s), note))
+        plan->report(plan->user, false, note);
+    s->reported = true;
 }
 
 static void end_replay(release_plan *plan, source *s, const char *problem)
 {
     if (s->replay)
-        tell_note(plan, s);
+        report_note(plan, s);
     if (problem) {
-        plan->tell(plan->user, true, problem);
+        plan->report(plan->user, true, problem);
         plan->failed = true;
     }
     if (s->replay && s->traffic->fast)
@@ -201,7 +201,7 @@ static void note_late(const release_plan *plan, source *s)
         return;
     (void)snprintf(text, sizeof text, "%s: reading it takes long, its frames come late",
                    s->traffic->file);
-    plan->tell(plan->user, false, text);
+    plan->report(plan->user, false, text);
 }
 
 /* Reads the next frame of a file. Returns false when the file is finished. A late frame delays all
@@ -282,7 +282,7 @@ static void add_node(release_plan *plan, const cfg_node *node, unsigned index)
     }
 }
 
-release_plan *release_plan_new(const cfg *config, release_teller *tell, void *user)
+release_plan *release_plan_new(const cfg *config, release_reporter *report, void *user)
 {
     size_t sources = 0;
     for (size_t i = 0; i < config->node_count; i++)
@@ -295,7 +295,7 @@ release_plan *release_plan_new(const cfg *config, release_teller *tell, void *us
         return NULL;
     }
     plan->config = config;
-    plan->tell = tell;
+    plan->report = report;
     plan->user = user;
     plan->rate = config->rate;
     plan->sources = all;
@@ -343,7 +343,7 @@ static void go_on_from(source *s, source *old)
     s->tick = old->tick;
     s->has_frame = old->has_frame;
     s->frame = old->frame;
-    s->told = old->told;
+    s->reported = old->reported;
     old->replay = NULL;
     old->moved = true;
     if (s->replay)

@@ -14,10 +14,10 @@
 typedef struct release_plan release_plan;
 
 /* Reports a message of one line about a file. failed: its replay has ended. */
-typedef void release_teller(void *user, bool failed, const char *text);
+typedef void release_reporter(void *user, bool failed, const char *text);
 
 /* Makes the releases of a configuration, which must live longer. Returns NULL without memory. */
-release_plan *release_plan_new(const cfg *config, release_teller *tell, void *user);
+release_plan *release_plan_new(const cfg *config, release_reporter *report, void *user);
 
 /* Reads the files ahead from now on, in threads, so that no call waits for a disk. A frame that has
  * not been read in time comes late. Returns false without memory or a thread. */

@@ -180,7 +180,7 @@ static bool format_recording(control *c, const char *file, const char *why)
     return good;
 }
 
-void control_tell_recording(control *c, const char *file, const char *why)
+void control_report_recording(control *c, const char *file, const char *why)
 {
     if (!(c->kinds & REQUEST_WATCH_RECORD) || !format_recording(c, file, why))
         return;

@@ -39,7 +39,7 @@ typedef json_t *control_files(void *user);
 void control_show_files(control *c, control_files *recordings, control_files *journal, void *user);
 
 /* Reports to watchers that a recording has begun or, with the reason, that it has stopped. */
-void control_tell_recording(control *c, const char *file, const char *why);
+void control_report_recording(control *c, const char *file, const char *why);
 
 /* Takes each event of the bus, as an engine_observer. */
 void control_event(void *self, const cw_event *event);

@@ -79,14 +79,14 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     char line[LINE_BYTES] = "";
     size_t used = 0;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
-        uint64_t news = now[kind] - logged[kind];
+        uint64_t added = now[kind] - logged[kind];
         logged[kind] = now[kind];
-        if (news == 0 || !texts[kind] || used >= LINE_BYTES)
+        if (added == 0 || !texts[kind] || used >= LINE_BYTES)
             continue;
         char remedy[REMEDY_BYTES];
         print_remedy(remedy, kind, node, overflowed);
         int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
-                              used ? "; " : "", news, texts[kind], remedy);
+                              used ? "; " : "", added, texts[kind], remedy);
         used += length > 0 ? (size_t)length : 0;
     }
     if (used > 0)

@@ -28,15 +28,15 @@ typedef struct entry {
     int error;          /* the errno that has ended it */
     bool waits;         /* its file is still in use */
     recorder_stats stats; /* of the recorder that has ended */
-    uint64_t lost_told;
+    uint64_t lost_reported;
 } entry;
 
 struct recordings {
     struct ev_loop *loop;
     const cfg *config;
-    recordings_told *told;
+    recordings_reported *reported;
     void *user;
-    ev_async news;
+    ev_async wakeup;
     size_t count;
     entry *entries[CFG_RECORDS_MAX];
     entry *ending;
@@ -66,10 +66,10 @@ static void free_entry(entry *e)
 }
 
 /* Runs in the thread of a recording whose file has been opened, or that has ended. */
-static void on_news_of_thread(void *user)
+static void on_wakeup_of_thread(void *user)
 {
     recordings *all = user;
-    ev_async_send(all->loop, &all->news);
+    ev_async_send(all->loop, &all->wakeup);
 }
 
 static bool is_free(const recordings *all, const char *file)
@@ -95,17 +95,17 @@ static void log_not_begun(const recordings *all, const entry *e)
 /* Begins an entry at the start of the bus, which waits for the disk. */
 static void begin_first(recordings *all, entry *e, const cw_bus *bus)
 {
-    e->recorder = recorder_start(&e->what, all->config, bus, on_news_of_thread, all, &e->error);
+    e->recorder = recorder_start(&e->what, all->config, bus, on_wakeup_of_thread, all, &e->error);
     if (e->recorder)
         log_begun(e);
     else
         log_not_begun(all, e);
 }
 
-static void tell(const recordings *all, const entry *e)
+static void report(const recordings *all, const entry *e)
 {
-    if (all->told)
-        all->told(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
+    if (all->reported)
+        all->reported(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
 }
 
 /* Begins an entry while the bus runs. The opened file, or the failure, is reported later. */
@@ -114,15 +114,15 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     e->waits = !is_free(all, e->what.file);
     e->error = 0;
     e->open = false;
-    e->lost_told = 0;
+    e->lost_reported = 0;
     if (e->waits)
         return;
     e->recorder =
-        recorder_start_later(&e->what, all->config, bus, on_news_of_thread, all, &e->error);
+        recorder_start_later(&e->what, all->config, bus, on_wakeup_of_thread, all, &e->error);
     if (e->recorder)
         return;
     log_not_begun(all, e);
-    tell(all, e);
+    report(all, e);
 }
 
 static void get_stats(const entry *e, recorder_stats *stats)
@@ -136,10 +136,10 @@ static void log_lost(entry *e)
 {
     recorder_stats stats;
     get_stats(e, &stats);
-    if (stats.lost > e->lost_told)
+    if (stats.lost > e->lost_reported)
         log_warning("record %s: %" PRIu64 " entries left out, the disk is too slow", e->what.file,
-                    stats.lost - e->lost_told);
-    e->lost_told = stats.lost;
+                    stats.lost - e->lost_reported);
+    e->lost_reported = stats.lost;
 }
 
 /* Ends an entry whose recorder has stopped by itself. Without a file all its entries are lost. */
@@ -176,21 +176,21 @@ static void reap_ending(recordings *all)
     }
 }
 
-static void on_news(struct ev_loop *loop, ev_async *news, int events)
+static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
 {
     (void)loop;
     (void)events;
-    recordings *all = news->data;
+    recordings *all = wakeup->data;
     reap_ending(all);
     for (size_t i = 0; i < all->count; i++) {
         entry *e = all->entries[i];
         if (e->recorder && !e->open && recorder_is_open(e->recorder)) {
             log_begun(e);
-            tell(all, e);
+            report(all, e);
         }
         if (e->recorder && recorder_has_ended(e->recorder)) {
             note_error(all, e);
-            tell(all, e);
+            report(all, e);
         }
     }
 }
@@ -211,7 +211,7 @@ static bool is_start_error(int error)
 }
 
 recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
-                             recordings_told *told, void *user)
+                             recordings_reported *reported, void *user)
 {
     recordings *all = calloc(1, sizeof *all);
     bool good = all != NULL;
@@ -219,10 +219,10 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
         log_error("out of memory");
         return NULL;
     }
-    *all = (recordings){.loop = loop, .config = config, .told = told, .user = user};
-    ev_async_init(&all->news, on_news);
-    all->news.data = all;
-    ev_async_start(loop, &all->news);
+    *all = (recordings){.loop = loop, .config = config, .reported = reported, .user = user};
+    ev_async_init(&all->wakeup, on_wakeup);
+    all->wakeup.data = all;
+    ev_async_start(loop, &all->wakeup);
     for (size_t i = 0; i < config->record_count && good; i++) {
         entry *e = make_entry(&config->records[i]);
         if (!e) {
@@ -330,7 +330,7 @@ void recordings_stop(recordings *all)
         stop(e, &until);
         free_entry(e);
     }
-    ev_async_stop(all->loop, &all->news);
+    ev_async_stop(all->loop, &all->wakeup);
     free(all);
 }
 

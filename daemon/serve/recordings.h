@@ -14,12 +14,12 @@ typedef struct recordings recordings;
 
 /* Reports a recording that cannot go on, with the reason, and one that begins after the start;
  * `why` is then NULL. */
-typedef void recordings_told(void *user, const char *file, const char *why);
+typedef void recordings_reported(void *user, const char *file, const char *why);
 
 /* Begins the recordings of a configuration, which must stay in place, also when it changes. Returns
  * NULL after logging the problem; a full disk does not prevent the start. */
 recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
-                             recordings_told *told, void *user);
+                             recordings_reported *reported, void *user);
 
 /* Waits a few seconds for pending writes. NULL is allowed. */
 void recordings_stop(recordings *all);

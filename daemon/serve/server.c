@@ -95,7 +95,7 @@ static void close_client(server_client *c)
     s->calls->closed(s->user, server_client_number(c));
 }
 
-static void tell_dismissed(server *s, const char *whom)
+static void report_dismissed(server *s, const char *whom)
 {
     if (may_log(s))
         log_warning("control: %s is disconnected", whom);
@@ -105,7 +105,7 @@ static void tell_dismissed(server *s, const char *whom)
 static void doom(server_client *c, int error)
 {
     if (!c->doomed && error != EPIPE && error != ECONNRESET)
-        tell_dismissed(c->server, "a client whose socket fails");
+        report_dismissed(c->server, "a client whose socket fails");
     c->doomed = true;
 }
 
@@ -137,7 +137,7 @@ static bool is_watched(server_client *c, int events)
 {
     if (!(events & EV_ERROR))
         return true;
-    tell_dismissed(c->server, "a client that cannot be watched");
+    report_dismissed(c->server, "a client that cannot be watched");
     close_client(c);
     return false;
 }
@@ -164,7 +164,7 @@ void server_write(server_client *client, const char *text, size_t length)
         client->took = client->server->now(client->server->loop);
     bool full = buffer_length(&client->out) + length > SERVER_OUTPUT_MAX;
     if (full || !buffer_append(&client->out, text, length)) {
-        tell_dismissed(client->server, full ? "a client that does not read its replies"
+        report_dismissed(client->server, full ? "a client that does not read its replies"
                                             : "out of memory, a client");
         client->doomed = true;
     }
@@ -228,7 +228,7 @@ static void on_readable(struct ev_loop *loop, ev_io *io, int events)
     if (!is_watched(c, events))
         return;
     if (!buffer_reserve(&c->in, READ_BYTES)) {
-        tell_dismissed(c->server, "out of memory, a client");
+        report_dismissed(c->server, "out of memory, a client");
         close_client(c);
         return;
     }
@@ -546,7 +546,7 @@ static nfds_t find_writable(const server *s, struct pollfd sockets[SERVER_CLIENT
 }
 
 /* Writes pending output to clients that read, for FAREWELL_MS at most. */
-static void write_last_news(server *s)
+static void write_last_changes(server *s)
 {
     struct pollfd sockets[SERVER_CLIENTS_MAX];
     unsigned clients[SERVER_CLIENTS_MAX];
@@ -569,7 +569,7 @@ void server_stop(server *s)
 {
     if (!s)
         return;
-    write_last_news(s);
+    write_last_changes(s);
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         if (s->clients[i].fd >= 0)
             close_client(&s->clients[i]);

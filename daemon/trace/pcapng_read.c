@@ -276,24 +276,24 @@ static trace_result read_simple(trace_input *in, pcap_state *s, trace_record *r,
     return read_packet(in, r, &p, body - 4);
 }
 
-/* Reads the body of a block. *told: it is an entry of the file. */
-static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, bool *told,
+/* Reads the body of a block. *reported: it is an entry of the file. */
+static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, bool *reported,
                               uint64_t place, uint32_t type, uint32_t body)
 {
-    *told = type == BLOCK_EPB || type == BLOCK_PB || type == BLOCK_SPB;
+    *reported = type == BLOCK_EPB || type == BLOCK_PB || type == BLOCK_SPB;
     if (type == BLOCK_EPB || type == BLOCK_PB)
         return read_enhanced(in, s, r, place, type, body);
     if (type == BLOCK_SPB)
         return read_simple(in, s, r, place, body);
     if (type == BLOCK_IDB)
         return read_interface(in, s, place, body);
-    *told = type != BLOCK_SHB && type != BLOCK_NRB && type != BLOCK_ISB && type != BLOCK_DSB;
+    *reported = type != BLOCK_SHB && type != BLOCK_NRB && type != BLOCK_ISB && type != BLOCK_DSB;
     r->kind = TRACE_OTHER;
     r->place = place;
     return trace_skip(in, body);
 }
 
-static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, bool *told)
+static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, bool *reported)
 {
     const unsigned char *b;
     uint64_t place = in->offset;
@@ -312,7 +312,7 @@ static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, 
                               "a block of %" PRIu32 " bytes: multiples of 4 from 12 to "
                               "%u are allowed",
                               length, BLOCK_MAX);
-    result = read_body(in, s, r, told, place, type, length - BLOCK_HEAD - BLOCK_FOOT);
+    result = read_body(in, s, r, reported, place, type, length - BLOCK_HEAD - BLOCK_FOOT);
     if (result != TRACE_RECORD)
         return TRACE_BAD;
     if (need(in, &b, BLOCK_FOOT) != TRACE_RECORD)
@@ -385,10 +385,10 @@ trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *recor
     if (state->classic)
         return read_classic(in, state, record);
     for (;;) {
-        bool told = false;
+        bool reported = false;
         *record = (trace_record){.kind = TRACE_FRAME};
-        trace_result result = read_block(in, state, record, &told);
-        if (result != TRACE_RECORD || told)
+        trace_result result = read_block(in, state, record, &reported);
+        if (result != TRACE_RECORD || reported)
             return result;
     }
 }

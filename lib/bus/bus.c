@@ -8,11 +8,11 @@
 /* ---- Due work -------------------------------------------------------------------------------- */
 
 /* Reports states that rules or settings have changed. */
-static void tell_news(cw_bus *bus)
+static void report_pending(cw_bus *bus)
 {
-    bus->news = false;
+    bus->pending = false;
     for (unsigned i = 0; i < bus->node_count; i++)
-        cw_tell_state(bus, i);
+        cw_report_state(bus, i);
 }
 
 static void run_due_nodes(cw_bus *bus)
@@ -35,19 +35,19 @@ static void run_due(cw_bus *bus)
     cw_count_clean_bits(bus);
     do {
         bus->work += bus->rules.awake_count;
-        if (bus->news || bus->rules.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
+        if (bus->pending || bus->rules.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
             cw_wake_controllers(bus);
         cw_rules_run_due(&bus->rules);
         run_due_nodes(bus);
-        if (bus->news)
-            tell_news(bus);
-    } while (bus->news || bus->rules.next_due <= cw_now(bus));
+        if (bus->pending)
+            report_pending(bus);
+    } while (bus->pending || bus->rules.next_due <= cw_now(bus));
 }
 
 static void run_all_due(cw_bus *bus)
 {
     uint64_t due = cw_least(cw_least(bus->next_restart, bus->rules.next_due), cw_inbox_first(bus));
-    if (due <= cw_now(bus) || bus->news || bus->rules.awake_count)
+    if (due <= cw_now(bus) || bus->pending || bus->rules.awake_count)
         run_due(bus);
 }
 
@@ -135,7 +135,7 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
 /* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 {
-    if (tick <= cw_now(bus) || bus->news || !cw_view_is_quiet(bus))
+    if (tick <= cw_now(bus) || bus->pending || !cw_view_is_quiet(bus))
         return cw_now(bus);
     uint64_t bits = cw_run_reach(bus, CW_RECESSIVE, tick);
     return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);

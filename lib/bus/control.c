@@ -73,5 +73,5 @@ void cw_control_nodes(cw_bus *bus, const cw_rule *rule)
     control_action *act = actions[rule->action];
     for (uint64_t rest = act ? rule->nodes & bus->all : 0; rest; rest &= rest - 1)
         act(bus, cw_lowest_node(rest), rule);
-    bus->news = true;
+    bus->pending = true;
 }

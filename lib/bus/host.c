@@ -78,7 +78,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
     cw_apply_topology(bus);
-    bus->news = true;
+    bus->pending = true;
     return CW_OK;
 }
 
@@ -166,7 +166,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
-    bus->news = true;
+    bus->pending = true;
     return CW_OK;
 }
 

@@ -34,7 +34,7 @@ static uint64_t bits_so_far(const cw_bus *bus, uint64_t *busy)
 void cw_link_rules(cw_bus *bus, uint64_t seed)
 {
     static const cw_rule_effects effects = {
-        .tell_hit = cw_push_fault,
+        .report_hit = cw_push_fault,
         .control = cw_control_nodes,
         .rewire = cw_apply_topology,
         .queue = cw_queue_frame,

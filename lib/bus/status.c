@@ -90,7 +90,7 @@ static bool bus_comes_to_rest(const cw_bus *bus)
 
 uint64_t cw_bus_next(const cw_bus *bus)
 {
-    if (bus->news)
+    if (bus->pending)
         return cw_now(bus);
     uint64_t bits = horizon(bus);
     bool unknown = bits == CW_QUIET_FOREVER && !bus_comes_to_rest(bus);

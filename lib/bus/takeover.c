@@ -64,7 +64,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     n->mac.offered = has_begun(&old->mac);
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
-    n->told_state = old->told_state;
+    n->reported_state = old->reported_state;
     cw_mac_reconnect(&n->mac);
     cw_mac_set_modes(&n->mac, modes);
     cw_confinement_set_warning_limit(&n->mac.confinement, warning_limit);
@@ -156,6 +156,6 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);
     cw_rules_start(&bus->rules);
-    bus->news = true;
+    bus->pending = true;
     return CW_OK;
 }

@@ -820,8 +820,8 @@ void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
     report->what = m->started ? CW_REPORT_STARTED : 0;
     m->started = false;
     sample_phase[m->phase](m, cw_mac_visible(m, level), report);
-    if (m->confinement.state != m->told_state) {
-        m->told_state = m->confinement.state;
+    if (m->confinement.state != m->reported_state) {
+        m->reported_state = m->confinement.state;
         report->what |= CW_REPORT_STATE;
     }
 }

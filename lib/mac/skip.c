@@ -132,7 +132,7 @@ static uint64_t steady_recessive_bits(const cw_mac *m)
 
 uint64_t cw_mac_steady_bits(const cw_mac *m, bool level)
 {
-    if (m->told_state != m->confinement.state)
+    if (m->reported_state != m->confinement.state)
         return 0;
     return sees(m, level) ? steady_recessive_bits(m) : steady_dominant_bits(m);
 }

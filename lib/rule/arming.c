@@ -38,7 +38,7 @@ uint64_t cw_rule_next_arming(const cw_rule_state *s)
 }
 
 /* Arms the rules that come after this one, at once or later. */
-void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told)
+void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t reported)
 {
     if (set->after_rules == 0)
         return;
@@ -46,6 +46,6 @@ void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told)
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = cw_rule_at(set, i);
         if (s->used && s->rule.has_after && s->rule.after == rule)
-            (void)cw_rule_add_arming(set, i, cw_after(told, s->rule.after_delay));
+            (void)cw_rule_add_arming(set, i, cw_after(reported, s->rule.after_delay));
     }
 }

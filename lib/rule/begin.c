@@ -62,11 +62,11 @@ void cw_rule_act(cw_rule_set *set, unsigned rule)
 }
 
 /* The hits of noise are the bits that it flips, so its begin is none. */
-bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported)
 {
     if (cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))
-        return cw_rule_takes_match(set, rule, start, told);
-    return cw_rule_match(set, rule, start, told);
+        return cw_rule_takes_match(set, rule, start, reported);
+    return cw_rule_match(set, rule, start, reported);
 }
 
 void cw_rule_act_later(cw_rule_set *set, unsigned rule, uint64_t tick)
@@ -80,7 +80,7 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule)
     if (!cw_rule_begins(set, rule, cw_rules_now(set), cw_rules_now(set)))
         return;
     if (!cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))
-        cw_rule_tell_hit(set, rule, cw_rules_now(set));
+        cw_rule_report_hit(set, rule, cw_rules_now(set));
     cw_rule_act(set, rule);
 }
 
@@ -89,7 +89,7 @@ void cw_rules_emit(cw_rule_set *set)
     for (unsigned i = 0; i < set->awake_count; i++) {
         cw_rule_state *s = cw_rule_at(set, set->awake[i]);
         if (s->hit_now)
-            cw_rule_tell_hit(set, set->awake[i], cw_rules_now(set));
+            cw_rule_report_hit(set, set->awake[i], cw_rules_now(set));
         s->hit_now = false;
     }
     cw_rules_fall_asleep(set);

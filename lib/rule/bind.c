@@ -9,15 +9,15 @@
 static void match_transmission(cw_rule_set *set, unsigned rule, unsigned node)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    uint64_t told = cw_rules_bit_end(set);
+    uint64_t reported = cw_rules_bit_end(set);
     bool again = s->hit_now;
-    if (!again && !cw_rule_begins(set, rule, cw_rules_now(set), told))
+    if (!again && !cw_rule_begins(set, rule, cw_rules_now(set), reported))
         return;
     s->hit_now = !cw_rule_is(s, CW_RANDOM_BITS);
     if (cw_rule_is(s, CW_LASTS))
         cw_rule_begin_window(set, rule, cw_node_bit(node));
     else
-        cw_rule_act_later(set, rule, told);
+        cw_rule_act_later(set, rule, reported);
     cw_rule_wake(set, rule); /* to report the hit at the end of the bit */
 }
 

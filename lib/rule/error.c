@@ -42,7 +42,7 @@ static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t
     if (!cw_rule_begins(set, rule, cw_rules_now(set), cw_rules_now(set)))
         return;
     if (!cw_rule_is(s, CW_RANDOM_BITS))
-        cw_rule_tell_hit(set, rule, cw_rules_now(set));
+        cw_rule_report_hit(set, rule, cw_rules_now(set));
     cw_rule_act_later(set, rule, cw_rules_now(set));
 }
 

@@ -179,7 +179,7 @@ static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
         s->rx_hit = cw_rule_match(set, rule, tick, tick);
     }
     if (s->rx_hit && !decided)
-        cw_rule_tell_hit(set, rule, tick);
+        cw_rule_report_hit(set, rule, tick);
     return s->rx_hit;
 }
 
@@ -213,7 +213,7 @@ static void reply(cw_rule_set *set, unsigned rule, unsigned node)
     const cw_rule *r = &set->rules[rule].rule;
     const held_frame h = {.due = cw_after(cw_rules_now(set), r->for_ticks), .rule = (uint16_t)rule,
                           .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
-    cw_rule_tell_hit(set, rule, cw_rules_now(set));
+    cw_rule_report_hit(set, rule, cw_rules_now(set));
     set->bus.effects->count_made(set->bus.self, node, CW_SIDE_TX);
     if (!cw_rules_hold(set, &h))
         queue(set, node, &h.frame, cw_rules_now(set));

@@ -63,10 +63,10 @@ typedef struct cw_passing {
 
 /* ---- Effects on the bus ---------------------------------------------------------------------- */
 
-static inline void cw_rule_tell_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
+static inline void cw_rule_report_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
 {
     if (!set->rules[rule].rule.quiet)
-        set->bus.effects->tell_hit(set->bus.self, rule, tick);
+        set->bus.effects->report_hit(set->bus.self, rule, tick);
 }
 
 static inline void cw_rules_rewire(const cw_rule_set *set)
@@ -115,22 +115,22 @@ static inline bool cw_rule_names(uint64_t set, uint64_t nodes)
 
 /* Counts a match of a rule and returns whether it is a hit. Time, state, arming, hold-off, skip,
  * every, probability and count decide, in this order. A hit arms the rules that come after this
- * one. start: tick at which the bit in progress began; told: tick of the event. */
-bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
+ * one. start: tick at which the bit in progress began; reported: tick of the event. */
+bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* Counts a hit without a match: a bit flipped by noise. */
-void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told);
+void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t reported);
 
 bool cw_rule_is_over(const cw_rule_state *state);
 
 /* Does the same as cw_rule_match(), up to the hit itself: counts a match that is no hit, but not
  * the hit. */
-bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* Counts a match that is no hit. Returns false for a hit and changes nothing then; the bit itself
- * will count it. start, told: ticks of the bit and of its end, or of any other bit with the same
- * result. */
-bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
+ * will count it. start, reported: ticks of the bit and of its end, or of any other bit with the
+ * same result. */
+bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
 
@@ -150,7 +150,7 @@ uint64_t cw_rule_next_arming(const cw_rule_state *state);
 void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 
 /* Arms the rules that come after this one, at once or later. */
-void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t told);
+void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t reported);
 
 /* ---- awake.c --------------------------------------------------------------------------------- */
 
@@ -170,7 +170,7 @@ bool cw_rule_needs_bits(const cw_rule_state *state);
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
 /* Returns whether a rule that is no position action begins to act: its match is a hit. */
-bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told);
+bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* Lets the rule act from now on, for its time or once. */
 void cw_rule_act(cw_rule_set *set, unsigned rule);

@@ -26,23 +26,23 @@ static bool is_gated(const cw_rule_set *set, const cw_rule_state *s, uint64_t st
            (cw_rule_needs_arming(r) && s->armed == 0) || !states_match(set, r);
 }
 
-void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t told)
+void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t reported)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     s->hits++;
-    s->last_hit = told;
+    s->last_hit = reported;
     set->stale = set->stale || cw_rule_is_over(s);
-    cw_rule_arm_followers(set, rule, told);
+    cw_rule_arm_followers(set, rule, reported);
 }
 
 /* Counts a match. Returns whether its turn has come, so that only chance can still make it none. */
 static inline bool count_match(const cw_rule_set *set, cw_rule_state *s, uint64_t start,
-                               uint64_t told)
+                               uint64_t reported)
 {
     if (is_gated(set, s, start))
         return false;
     s->matches++;
-    if (s->rule.hold_off > 0 && s->hits > 0 && told - s->last_hit < s->rule.hold_off)
+    if (s->rule.hold_off > 0 && s->hits > 0 && reported - s->last_hit < s->rule.hold_off)
         return false;
     if (s->to_pass == 0)
         return true;
@@ -57,10 +57,10 @@ static bool draw_match(cw_rule_state *s)
     return cw_prng_next(&s->prng) < s->rule.probability;
 }
 
-bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    if (!count_match(set, s, start, told))
+    if (!count_match(set, s, start, reported))
         return false;
     s->to_pass = s->rule.every - 1;
     if (!draw_match(s))
@@ -71,10 +71,10 @@ bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64
     return true;
 }
 
-bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    if (!count_match(set, s, start, told))
+    if (!count_match(set, s, start, reported))
         return true;
     const cw_prng before = s->prng;
     if (draw_match(s)) {
@@ -86,10 +86,10 @@ bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64
     return true;
 }
 
-bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t told)
+bool cw_rule_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported)
 {
-    if (!cw_rule_takes_match(set, rule, start, told))
+    if (!cw_rule_takes_match(set, rule, start, reported))
         return false;
-    cw_rule_count_hit(set, rule, told);
+    cw_rule_count_hit(set, rule, reported);
     return true;
 }

@@ -100,7 +100,7 @@ typedef struct held_frame {
  * a rule act. */
 typedef struct cw_rule_effects {
     /* Reports the hit of a rule at a tick as an event. */
-    void (*tell_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
+    void (*report_hit)(cw_bus *bus, unsigned rule, uint64_t tick);
     /* A rule of CW_KIND_CONTROL acts on the controllers of its nodes. */
     void (*control)(cw_bus *bus, const cw_rule *rule);
     /* Applies the topology when a rule on topology or acknowledging has begun or ended: see

@@ -50,7 +50,7 @@ static void commit_given_up(cw_bus *bus, unsigned i)
     cw_push_drop(bus, i, CW_SIDE_TX, &offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }
 
-void cw_tell_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
+void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
 {
     bus->nodes[i].stats.arbitration_lost++;
     bus->stats.arbitration_lost++;
@@ -157,12 +157,12 @@ bool cw_commit_reception(cw_bus *bus)
     return true;
 }
 
-void cw_tell_new_state(cw_bus *bus, unsigned i)
+void cw_report_new_state(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    cw_state before = (cw_state)n->told_state;
+    cw_state before = (cw_state)n->reported_state;
     cw_state after = cw_mac_state(&n->mac);
-    n->told_state = (uint8_t)after;
+    n->reported_state = (uint8_t)after;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_STATE, i);
     e->state = (uint8_t)after;
     e->state_before = (uint8_t)before;
@@ -185,7 +185,7 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         commit_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
-        cw_tell_arbitration_lost(bus, i, r->lost_bit);
+        cw_report_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
         report_error(bus, i, &r->error);
     if (r->what & CW_REPORT_TOLERATED)
@@ -198,5 +198,5 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
         cw_receive(bus, i, cw_mac_received(cw_mac_of(bus, i)));
     if (r->what & CW_REPORT_TX)
         cw_commit_sent(bus, i, bus->nodes[i].mac.tx.length);
-    cw_tell_state(bus, i);
+    cw_report_state(bus, i);
 }

@@ -29,7 +29,7 @@ typedef struct bus_node {
     uint16_t queue_limit;  /* at most the queue's capacity */
     uint16_t inbox;        /* its frames in the inbox */
     bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
-    uint8_t told_state;    /* cw_state of the last event */
+    uint8_t reported_state; /* cw_state of the last event */
     uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
     cw_node_stats stats;   /* without the shares that shares.c still owes */
 } bus_node;
@@ -165,7 +165,7 @@ struct cw_bus {
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
-    bool news; /* pending: a rule or a setting has changed something at a controller */
+    bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
@@ -368,7 +368,7 @@ static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
 void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
 /* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
-void cw_tell_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
+void cw_report_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
 /* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
 void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
@@ -392,13 +392,13 @@ static inline bool cw_host_side_acts(const cw_bus *bus)
 bool cw_commit_reception(cw_bus *bus);
 
 /* Reports the state of a node, which has changed since the last report. */
-void cw_tell_new_state(cw_bus *bus, unsigned node);
+void cw_report_new_state(cw_bus *bus, unsigned node);
 
-static inline void cw_tell_state(cw_bus *bus, unsigned node)
+static inline void cw_report_state(cw_bus *bus, unsigned node)
 {
     const bus_node *n = &bus->nodes[node];
-    if (n->told_state != n->mac.confinement.state)
-        cw_tell_new_state(bus, node);
+    if (n->reported_state != n->mac.confinement.state)
+        cw_report_new_state(bus, node);
 }
 
 #endif

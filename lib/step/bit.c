@@ -142,7 +142,7 @@ void cw_watch_wire(cw_bus *bus, uint64_t bits)
 
 typedef struct bit_reports {
     uint64_t together; /* nodes for which `common` holds */
-    uint64_t news;     /* nodes with a report to commit */
+    uint64_t from;     /* nodes with a report to commit */
     cw_mac_report common;
     cw_mac_report own[CW_NODES_MAX];
 } bit_reports;
@@ -151,23 +151,23 @@ static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
 {
     cw_split_followers(bus, levels);
     reports->together = bus->followers;
-    reports->news = 0;
+    reports->from = 0;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_mac_sample(&bus->nodes[i].mac, levels >> i & 1u, &reports->own[i]);
         if (reports->own[i].what & ~CW_REPORT_STARTED)
-            reports->news |= cw_node_bit(i);
+            reports->from |= cw_node_bit(i);
     }
     if (bus->followers && cw_sample_common(bus, levels, &reports->common))
-        reports->news |= reports->together;
+        reports->from |= reports->together;
 }
 
 static void commit(cw_bus *bus, const bit_reports *reports)
 {
-    bool reception = reports->news == reports->together && reports->common.what == CW_REPORT_RX;
+    bool reception = reports->from == reports->together && reports->common.what == CW_REPORT_RX;
     if (reception && cw_commit_reception(bus))
         return;
-    for (uint64_t rest = reports->news; rest; rest &= rest - 1) {
+    for (uint64_t rest = reports->from; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         bool together = reports->together >> i & 1u;
         cw_commit_node(bus, i, together ? &reports->common : &reports->own[i]);
@@ -215,7 +215,7 @@ static void finish_bit(cw_bus *bus, const cw_levels *levels)
     end_bit(bus);
     if (bus->rules.awake_count)
         cw_rules_emit(&bus->rules);
-    if (reports.news)
+    if (reports.from)
         commit(bus, &reports);
     if (!bus->stepping)
         gather(bus, &reports);

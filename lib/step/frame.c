@@ -128,7 +128,7 @@ static void go_straight_to_end(cw_bus *bus)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     while (step->undecided) {
         step->at = (uint16_t)cw_frame_step_pass_to(bus, step->at, step->next_loss + 1u);
-        cw_losses_tell(bus);
+        cw_losses_report(bus);
     }
     cw_frame_step_go_to_end(bus, step->at);
 }

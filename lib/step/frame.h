@@ -141,6 +141,6 @@ void cw_losses_hide(cw_bus *bus);
 void cw_losses_show(cw_bus *bus);
 
 /* Reports the losses of the bit that has passed, if there are any. */
-void cw_losses_tell(cw_bus *bus);
+void cw_losses_report(cw_bus *bus);
 
 #endif

@@ -11,7 +11,7 @@
 /* Cheap checks come first, since this runs for every bit in the middle of a frame. */
 static bool can_begin(cw_bus *bus)
 {
-    if (bus->waiting == 0 || bus->group_count > 1 || bus->news ||
+    if (bus->waiting == 0 || bus->group_count > 1 || bus->pending ||
         (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return false;
     if (!bus->outlook.valid)

@@ -15,8 +15,8 @@ static void lower_counters(cw_bus *bus)
         unsigned i = cw_lowest_node(rest);
         cw_mac *m = &bus->nodes[i].mac;
         cw_confinement_rx_success(&m->confinement);
-        m->told_state = m->confinement.state;
-        cw_tell_state(bus, i);
+        m->reported_state = m->confinement.state;
+        cw_report_state(bus, i);
     }
     if (nodes)
         bus->outlook.valid = false;
@@ -61,9 +61,9 @@ static void finish_transmission(cw_bus *bus)
     cw_mac *m = &bus->nodes[i].mac;
     m->offered = false;
     cw_confinement_tx_success(&m->confinement);
-    m->told_state = m->confinement.state;
+    m->reported_state = m->confinement.state;
     cw_commit_sent(bus, i, bus->frame_step.length);
-    cw_tell_state(bus, i);
+    cw_report_state(bus, i);
 }
 
 /* Carries out the moment at the end of the bit that has just passed. */
@@ -71,7 +71,7 @@ void cw_frame_step_run_moment(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     if (step->undecided && step->next_loss + 1u == step->at)
-        cw_losses_tell(bus);
+        cw_losses_report(bus);
     if (step->at == step->length - CW_AFTER_ACK_BITS)
         lower_counters(bus);
     else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)

@@ -129,7 +129,7 @@ uint64_t cw_losses_ahead(const cw_bus *bus)
     return ahead;
 }
 
-void cw_losses_tell(cw_bus *bus)
+void cw_losses_report(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     step->next_loss = UINT8_MAX;
@@ -137,7 +137,7 @@ void cw_losses_tell(cw_bus *bus)
         unsigned i = cw_lowest_node(rest);
         if (step->lost_at[i] + 1u == step->at) {
             step->undecided &= ~cw_node_bit(i);
-            cw_tell_arbitration_lost(bus, i, step->lost_bit[i]);
+            cw_report_arbitration_lost(bus, i, step->lost_bit[i]);
         } else {
             note_loss(step, i);
         }

@@ -11,7 +11,7 @@
 static bool is_calm(const cw_mac *m)
 {
     bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
-    return (away || m->phase == CW_MAC_IDLE) && m->told_state == m->confinement.state &&
+    return (away || m->phase == CW_MAC_IDLE) && m->reported_state == m->confinement.state &&
            m->overloads_wanted == 0;
 }
 

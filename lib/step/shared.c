@@ -19,7 +19,7 @@ static bool is_ordinary(const cw_mac *m)
     bool on_bus = m->phase >= CW_MAC_IDLE && m->phase <= CW_MAC_INTERMISSION;
     return on_bus && m->role != CW_ROLE_TRANSMITTER && !m->no_ack && m->overloads_wanted == 0 &&
            !(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK)) &&
-           !cw_confinement_passive(&m->confinement) && m->told_state == m->confinement.state;
+           !cw_confinement_passive(&m->confinement) && m->reported_state == m->confinement.state;
 }
 
 static void begin_common(cw_bus *bus, const cw_mac *first)
@@ -66,8 +66,8 @@ static bool move_counters(cw_bus *bus, int steps)
             cw_confinement_rx_error(&m->confinement, (unsigned)steps);
         else
             cw_confinement_rx_success(&m->confinement);
-        changed = changed || m->told_state != m->confinement.state;
-        m->told_state = m->confinement.state;
+        changed = changed || m->reported_state != m->confinement.state;
+        m->reported_state = m->confinement.state;
         if (cw_confinement_passive(&m->confinement))
             passive |= cw_node_bit(i);
     }

@@ -59,7 +59,7 @@ typedef struct counts {
     uint64_t connected;
     uint64_t refused;
     uint64_t lost;         /* in the kernel, as it counts */
-    uint64_t lost_told;    /* ... and has reported */
+    uint64_t lost_reported; /* ... and has reported */
     uint64_t frames_out;   /* for port_write() ... */
     uint64_t sent_back;    /* ... of them, those that the bus has not carried */
     uint64_t errors_out;   /* for port_write_error() */
@@ -268,7 +268,7 @@ static void check_counters(const side *s)
     REQUIRE(got.read == want->read);
     REQUIRE(got.malformed == want->malformed && got.errors_ignored == want->errors_ignored);
     REQUIRE(got.connected == want->connected && got.refused == want->refused);
-    REQUIRE(got.kernel_dropped == want->lost_told);
+    REQUIRE(got.kernel_dropped == want->lost_reported);
     REQUIRE(got.written + got.write_failed + got.unheard == want->frames_out);
     uint64_t errors =
         got.errors_written + got.errors_failed + got.errors_left_out + got.errors_unheard;
@@ -344,13 +344,13 @@ static void add_losses(rig *r, message *m)
     counts *c = &r->sides[CAN].counts;
     unsigned how = fuzz_u8(&r->in);
     uint64_t more = how & 2u ? fuzz_u32(&r->in) : how >> 6;
-    if (c->lost + more - c->lost_told <= INT32_MAX)
+    if (c->lost + more - c->lost_reported <= INT32_MAX)
         c->lost += more;
     uint64_t told = how & 4u && c->lost >= 9 ? c->lost - 9 : c->lost;
     m->has_losses = how & 1u;
     m->losses = (uint32_t)told;
-    if (m->has_losses && told > c->lost_told)
-        c->lost_told = told;
+    if (m->has_losses && told > c->lost_reported)
+        c->lost_reported = told;
 }
 
 /* Receives a batch from the kernel. */
@@ -477,7 +477,7 @@ static void tell(rig *r, unsigned how)
 {
     side *s = &r->sides[CAN];
     r->verdict = (port_sent)(how % PORT_SENT_COUNT);
-    port_tell_overflow(s->port, cw_bus_now(r->bus.bus));
+    port_report_overflow(s->port, cw_bus_now(r->bus.bus));
     s->counts.overflow_tells++;
 }
 

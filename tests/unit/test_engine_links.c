@@ -447,13 +447,13 @@ static void too_little_room_is_told(void **state)
     kernel.links[1] = NULL;
     answer_list(LINKS, NLMSG_DONE, 0);
     read_answers(e);
-    assert_false(e->links.told_small);
+    assert_false(e->links.reported_small);
     bus.short_bytes = 1;
     kernel.links[1] = "vcan1";
     answer_link(1);
     read_answers(e);
     assert_links(e, "UUU-");
-    assert_true(e->links.told_small);
+    assert_true(e->links.reported_small);
     end(e);
 }
 

@@ -487,9 +487,9 @@ static void reads_that_fail_are_counted_and_told(void **state)
         refusal = refusals[i];
         assert_int_equal(read_none(f->port), 0);
         refusal = 0;
-        assert_int_equal(port_read_news(f->port, &error), fails);
+        assert_int_equal(port_reading_changed(f->port, &error), fails);
         assert_int_equal(error, fails ? ENOMEM : 0);
-        assert_false(port_read_news(f->port, &error));
+        assert_false(port_reading_changed(f->port, &error));
         assert_int_equal(stats_of(f->port).read_failed, 1);
         close(ecu);
         (void)read_none(f->port);
@@ -497,7 +497,7 @@ static void reads_that_fail_are_counted_and_told(void **state)
         write_raw(ecu, 0x100);
         port_frame frames[PORT_BATCH];
         assert_int_equal(read_all(f->port, frames), 1);
-        assert_int_equal(port_read_news(f->port, &error), fails);
+        assert_int_equal(port_reading_changed(f->port, &error), fails);
         assert_int_equal(error, 0);
         close(ecu);
         (void)read_none(f->port);

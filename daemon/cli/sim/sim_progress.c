@@ -82,14 +82,14 @@ typedef enum detail {
 } detail;
 
 /* The data of a line. */
-typedef struct news {
+typedef struct progress_line {
     const cw_bus_stats *stats;
     uint64_t end;  /* CW_NEVER: unknown */
     double wall_s; /* since the start */
     const char *awaited;
-} news;
+} progress_line;
 
-static void print_left(FILE *out, const news *n)
+static void print_left(FILE *out, const progress_line *n)
 {
     const double per_tick = n->wall_s / (double)n->stats->ticks;
     char clock[CLOCK_MAX];
@@ -104,7 +104,7 @@ static void print_awaited(FILE *out, const char *awaited)
 }
 
 /* Prints the details from `first` on. */
-static void print_details(FILE *out, const news *n, detail first)
+static void print_details(FILE *out, const progress_line *n, detail first)
 {
     const double done = (double)n->stats->ticks / CW_CLOCK_HZ;
     const bool known = n->end != CW_NEVER && n->end > n->stats->ticks && n->stats->ticks > 0;
@@ -127,7 +127,7 @@ static void print_details(FILE *out, const news *n, detail first)
 }
 
 /* Prints a line. Returns true when all of it fits; only whole lines are used. */
-static bool print_line(char line[LINE_MAX_BYTES], size_t room, const news *n, detail first)
+static bool print_line(char line[LINE_MAX_BYTES], size_t room, const progress_line *n, detail first)
 {
     char *text = NULL;
     size_t length = 0;
@@ -177,7 +177,7 @@ void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     const int64_t now_ns = wall_ns();
-    const news n = {.stats = &stats,
+    const progress_line n = {.stats = &stats,
                     .end = end,
                     .wall_s = (double)(now_ns - p->start_ns) / 1e9,
                     .awaited = p->awaited};

@@ -19,7 +19,7 @@
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
 /* Reports about replayed files. */
-static void tell(void *user, bool failed, const char *text)
+static void report(void *user, bool failed, const char *text)
 {
     sim_run *s = user;
     if (s->quiet)
@@ -38,7 +38,7 @@ bool sim_open(sim_run *s, const cfg *config, bool quiet)
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     s->memory = malloc(cw_bus_size(&bus_config));
-    s->plan = release_plan_new(config, tell, s);
+    s->plan = release_plan_new(config, report, s);
     if (!s->memory || !s->plan)
         return false;
     s->bus = cw_bus_init(s->memory, &bus_config);
@@ -51,7 +51,7 @@ bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
 {
     static const cfg no_traffic = {.node_count = 0};
     *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER, .careful_from = CW_NEVER};
-    s->plan = release_plan_new(&no_traffic, tell, s);
+    s->plan = release_plan_new(&no_traffic, report, s);
     return s->plan != NULL;
 }
 
