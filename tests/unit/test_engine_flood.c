@@ -5,45 +5,19 @@
  * The clock is ours. Frames count as of now: the kernel's time stamps, of its own clock, are in the
  * future.
  */
-#include "engine/engine.h"
-
-#include "config/config.h"
+#include "engine_rig.h"
 
 #include <linux/can.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/socket.h>
-#include <time.h>
-#include <unistd.h>
 
-#include <cmocka.h>
-
-#define NS_PER_S INT64_C(1000000000)
 #define ECUS 44u
 #define FRAMES_EACH 250u /* a socket takes them; together more than the inbox, see bus_make() */
 #define EVERY_MS 10u
 #define LATE_MS 500u
 #define MS (CW_CLOCK_HZ / 1000u) /* in ticks */
 
-static int64_t clock_now_ns = NS_PER_S;
-
-/* Replaces the C library's function for the whole program. */
-int clock_gettime(clockid_t id, struct timespec *t)
-{
-    (void)id;
-    *t = (struct timespec){.tv_sec = clock_now_ns / NS_PER_S, .tv_nsec = clock_now_ns % NS_PER_S};
-    return 0;
-}
-
 typedef struct rig {
-    struct ev_loop *loop;
-    live *live;
-    engine *engine;
+    engine_rig base;
     int ecus[ECUS];
     uint64_t sent; /* releases */
 } rig;
@@ -76,24 +50,15 @@ static char *make_config(rig *r)
 
 static void start_rig(rig *r)
 {
-    *r = (rig){.loop = ev_loop_new(EVFLAG_AUTO)};
-    char *text = make_config(r);
-    const cfg_file file = {.name = "flood.yaml", .text = text, .size = strlen(text)};
-    cfg *config = cfg_load_given(&file, 1, stderr);
-    assert_non_null(config);
-    free(text);
-    r->live = live_new(config);
-    r->engine = engine_start(r->loop, r->live);
-    assert_non_null(r->engine);
-    engine_observe(r->engine, check_release, r);
+    *r = (rig){.sent = 0};
+    engine_rig_start(&r->base, load_text(make_config(r)));
+    engine_observe(r->base.engine, check_release, r);
 }
 
 static void end_rig(rig *r)
 {
-    assert_int_equal(engine_check_books(r->engine), 0);
-    engine_free(r->engine);
-    live_free(r->live);
-    ev_loop_destroy(r->loop);
+    assert_int_equal(engine_check_books(r->base.engine), 0);
+    engine_rig_end(&r->base);
     for (unsigned i = 0; i < ECUS; i++)
         assert_int_equal(close(r->ecus[i]), 0);
 }
@@ -114,9 +79,9 @@ static void a_flood_does_not_put_off_traffic(void **state)
     start_rig(&r);
     write_frames(&r);
     clock_now_ns += LATE_MS * 1000000u;
-    engine_update(r.engine);
+    engine_update(r.base.engine);
     clock_now_ns += LATE_MS * 1000000u;
-    engine_update(r.engine);
+    engine_update(r.base.engine);
     assert_true(r.sent >= 2 * LATE_MS / EVERY_MS);
     end_rig(&r);
 }

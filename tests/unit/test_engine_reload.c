@@ -4,43 +4,15 @@
  *
  * The clock is ours and moves only when a test moves it, so that no frame ends by itself.
  */
-#include "engine/engine.h"
+#include "engine_rig.h"
 
-#include "config/config.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-#include <unistd.h>
-
-#include <cmocka.h>
-
-#define NS_PER_S INT64_C(1000000000)
 #define BIT_NS INT64_C(200000) /* at 5000 bit/s */
 #define FRAME_BITS_MAX 160
 #define BOUNDARY_BITS 1000 /* see engine_reload() */
 
-static int64_t clock_now_ns = NS_PER_S;
-
-/* Replaces the C library's function for the whole program. */
-int clock_gettime(clockid_t id, struct timespec *t)
-{
-    (void)id;
-    *t = (struct timespec){.tv_sec = clock_now_ns / NS_PER_S, .tv_nsec = clock_now_ns % NS_PER_S};
-    return 0;
-}
-
 typedef struct rig {
-    struct ev_loop *loop;
-    live *live;
-    engine *engine;
-    char path[32]; /* of the configuration that is read next */
-    unsigned changes;
+    engine_rig base;
+    char path[PATH_BYTES]; /* of the configuration that is read next */
 } rig;
 
 static const char *const sender = "  - { name: load, traffic: [ "
@@ -63,47 +35,29 @@ static void write_config(const rig *r, unsigned nodes, const char *rules)
     assert_int_equal(fclose(out), 0);
 }
 
-static void count_change(void *user, const uint8_t from[CW_NODES_MAX])
-{
-    (void)from;
-    ((rig *)user)->changes++;
-}
-
 static void start_rig(rig *r, const char *rules)
 {
-    *r = (rig){.loop = ev_loop_new(EVFLAG_AUTO), .path = "/tmp/canwire-reload-XXXXXX"};
-    int fd = mkstemp(r->path);
-    assert_true(fd >= 0);
-    assert_int_equal(close(fd), 0);
+    make_file(r->path, "reload");
     write_config(r, 0, rules);
-    cfg *config = cfg_load(r->path, stderr);
-    assert_non_null(config);
-    r->live = live_new(config);
-    r->engine = engine_start(r->loop, r->live);
-    assert_non_null(r->engine);
-    engine_on_change(r->engine, count_change, r);
+    engine_rig_start(&r->base, cfg_load(r->path, stderr));
 }
 
 static void end_rig(rig *r)
 {
-    engine_free(r->engine);
-    live_free(r->live);
-    ev_loop_destroy(r->loop);
+    engine_rig_end(&r->base);
     assert_int_equal(unlink(r->path), 0);
 }
 
 static void pass_bits(rig *r, unsigned bits)
 {
     clock_now_ns += bits * BIT_NS;
-    engine_update(r->engine);
+    engine_update(r->base.engine);
 }
 
 static void reload_to(rig *r, unsigned nodes, const char *rules)
 {
     write_config(r, nodes, rules);
-    reload *next = reload_read(r->path, NULL, stderr);
-    assert_non_null(next);
-    assert_true(engine_reload(r->engine, next, stderr));
+    engine_rig_reload(&r->base, r->path);
 }
 
 /* The bus changes to the last one of those that meet within a frame. */
@@ -113,16 +67,16 @@ static void a_reload_takes_the_place_of_one_under_way(void **state)
     rig r;
     start_rig(&r, "");
     pass_bits(&r, 20);
-    assert_false(cw_bus_idle(engine_bus(r.engine)));
+    assert_false(cw_bus_idle(engine_bus(r.base.engine)));
     for (unsigned nodes = 1; nodes <= 5; nodes++) {
         reload_to(&r, nodes, "");
         pass_bits(&r, 5);
-        assert_int_equal(r.changes, 0);
-        assert_int_equal(live_config(r.live)->node_count, 2);
+        assert_int_equal(r.base.changes, 0);
+        assert_int_equal(live_config(r.base.live)->node_count, 2);
     }
     pass_bits(&r, FRAME_BITS_MAX);
-    assert_int_equal(r.changes, 1);
-    assert_int_equal(live_config(r.live)->node_count, 2 + 5);
+    assert_int_equal(r.base.changes, 1);
+    assert_int_equal(live_config(r.base.live)->node_count, 2 + 5);
     end_rig(&r);
 }
 
@@ -135,13 +89,13 @@ static void a_new_reload_does_not_put_off_the_end(void **state)
     pass_bits(&r, 40);
     reload_to(&r, 1, jam);
     pass_bits(&r, BOUNDARY_BITS - 10);
-    assert_int_equal(r.changes, 0);
+    assert_int_equal(r.base.changes, 0);
     reload_to(&r, 2, jam);
     pass_bits(&r, 9);
-    assert_int_equal(r.changes, 0);
+    assert_int_equal(r.base.changes, 0);
     pass_bits(&r, 2);
-    assert_int_equal(r.changes, 1);
-    assert_int_equal(live_config(r.live)->node_count, 2 + 2);
+    assert_int_equal(r.base.changes, 1);
+    assert_int_equal(live_config(r.base.live)->node_count, 2 + 2);
     end_rig(&r);
 }
 

@@ -5,24 +5,10 @@
  * The clock is ours. It jumps between the wake-ups, and within some of them, so that they end with
  * frames in the inbox whose time has not come.
  */
-#include "engine/engine.h"
-
-#include "config/config.h"
+#include "engine_rig.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-#include <unistd.h>
 
-#include <cmocka.h>
-
-#define NS_PER_S INT64_C(1000000000)
 #define NS_PER_MS 1000000u
 #define WAKE_MAX_NS 50000000 /* see engine_turn_is_over() */
 #define FRAMES 400u /* of the recording */
@@ -35,42 +21,27 @@
 #define OTHERS_MAX 4u
 #define SEEDS 12u
 
-static int64_t clock_now_ns = NS_PER_S;
 static const engine *hurried; /* its wake-ups end while the inbox has frames */
 
-/* Replaces the C library's function for the whole program. */
-int clock_gettime(clockid_t id, struct timespec *t)
+static void hurry(void)
 {
-    if (hurried && id == CLOCK_MONOTONIC && cw_bus_inbox_first(engine_bus(hurried)) != CW_NEVER)
+    if (hurried && cw_bus_inbox_first(engine_bus(hurried)) != CW_NEVER)
         clock_now_ns += WAKE_MAX_NS;
-    *t = (struct timespec){.tv_sec = clock_now_ns / NS_PER_S, .tv_nsec = clock_now_ns % NS_PER_S};
-    return 0;
 }
 
 typedef struct rig {
     uint64_t random;
-    struct ev_loop *loop;
-    live *live;
-    engine *engine;
-    char config[40];
-    char recording[40];
+    engine_rig base;
+    char config[PATH_BYTES];
+    char recording[PATH_BYTES];
     unsigned replayed; /* frames of the recording */
     unsigned sent;     /* ... and others */
-    unsigned changes;
 } rig;
 
 static unsigned draw(rig *r, unsigned below)
 {
     r->random = r->random * 6364136223846793005u + 1442695040888963407u;
     return (unsigned)(r->random >> 33) % below;
-}
-
-static void make_file(char path[40], const char *name)
-{
-    (void)snprintf(path, 40, "/tmp/canwire-%s-XXXXXX", name);
-    int fd = mkstemp(path);
-    assert_true(fd >= 0);
-    assert_int_equal(close(fd), 0);
 }
 
 /* Returns the time of a frame in the recording. */
@@ -126,33 +97,21 @@ static void check_frame(void *user, const cw_event *event)
     r->replayed++;
 }
 
-static void count_change(void *user, const uint8_t from[CW_NODES_MAX])
-{
-    (void)from;
-    ((rig *)user)->changes++;
-}
-
 static void start_rig(rig *r, unsigned seed)
 {
-    *r = (rig){.random = seed, .loop = ev_loop_new(EVFLAG_AUTO)};
+    *r = (rig){.random = seed};
     make_file(r->config, "config");
     make_file(r->recording, "recording");
     write_recording(r);
     write_config(r);
-    cfg *config = cfg_load(r->config, stderr);
-    assert_non_null(config);
-    r->live = live_new(config);
-    r->engine = engine_start(r->loop, r->live);
-    assert_non_null(r->engine);
-    engine_observe(r->engine, check_frame, r);
-    engine_on_change(r->engine, count_change, r);
+    engine_rig_start(&r->base, cfg_load(r->config, stderr));
+    engine_observe(r->base.engine, check_frame, r);
+    at_look = hurry;
 }
 
 static void end_rig(rig *r)
 {
-    engine_free(r->engine);
-    live_free(r->live);
-    ev_loop_destroy(r->loop);
+    engine_rig_end(&r->base);
     assert_int_equal(unlink(r->config), 0);
     assert_int_equal(unlink(r->recording), 0);
 }
@@ -160,20 +119,18 @@ static void end_rig(rig *r)
 static void reload_another(rig *r)
 {
     write_config(r);
-    reload *next = reload_read(r->config, NULL, stderr);
-    assert_non_null(next);
-    assert_true(engine_reload(r->engine, next, stderr));
+    engine_rig_reload(&r->base, r->config);
 }
 
 static void let_time_pass(rig *r)
 {
     static const unsigned pauses_ms[] = {1, 5, 20, 200};
     clock_now_ns += draw(r, pauses_ms[draw(r, 4)] * NS_PER_MS);
-    hurried = draw(r, 2) ? r->engine : NULL;
+    hurried = draw(r, 2) ? r->base.engine : NULL;
     if (draw(r, 4) == 0)
         reload_another(r);
     else
-        engine_update(r->engine);
+        engine_update(r->base.engine);
     hurried = NULL;
 }
 
@@ -188,9 +145,9 @@ static void traffic_comes_once_in_order_at_its_times(void **state)
         while (r.replayed < PASSES * FRAMES)
             let_time_pass(&r);
         clock_now_ns += NS_PER_S;
-        engine_update(r.engine);
+        engine_update(r.base.engine);
         assert_int_equal(r.replayed, PASSES * FRAMES);
-        changes += r.changes;
+        changes += r.base.changes;
         end_rig(&r);
     }
     assert_true(changes > SEEDS);

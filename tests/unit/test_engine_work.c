@@ -6,22 +6,8 @@
  * the time. Nothing here depends on the machine: what is bounded is the work of the bus
  * (cw_bus_work()).
  */
-#include "engine/engine.h"
+#include "engine_rig.h"
 
-#include "config/config.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-
-#include <cmocka.h>
-
-#define NS_PER_S INT64_C(1000000000)
 #define STEP_NS INT64_C(5000000) /* that a look takes: ten are the time of a wake-up */
 #define RULES 1000u
 #define LOOKS_MAX 40u /* in one call, with reading clocks and arming the timer */
@@ -32,33 +18,25 @@
 
 /* ---- The clock ------------------------------------------------------------------------------- */
 
-static int64_t clock_now_ns = NS_PER_S;
 static const engine *watched;
 static uint64_t work_at_look;
 static uint64_t most_work;
 static unsigned looks;
 
-/* Replaces the C library's function for the whole program. */
-int clock_gettime(clockid_t id, struct timespec *t)
+static void measure_work(void)
 {
-    if (watched && id == CLOCK_MONOTONIC) {
-        uint64_t work = cw_bus_work(engine_bus(watched));
-        if (work - work_at_look > most_work)
-            most_work = work - work_at_look;
-        work_at_look = work;
-        clock_now_ns += STEP_NS;
-        looks++;
-    }
-    *t = (struct timespec){.tv_sec = clock_now_ns / NS_PER_S, .tv_nsec = clock_now_ns % NS_PER_S};
-    return 0;
+    const uint64_t work = cw_bus_work(engine_bus(watched));
+    if (work - work_at_look > most_work)
+        most_work = work - work_at_look;
+    work_at_look = work;
+    clock_now_ns += STEP_NS;
+    looks++;
 }
 
 /* ---- A bus with more to do than any machine can ---------------------------------------------- */
 
 typedef struct rig {
-    struct ev_loop *loop;
-    live *live;
-    engine *engine;
+    engine_rig base;
     uint64_t drops;
     uint64_t bits; /* that were shown */
 } rig;
@@ -92,27 +70,20 @@ static void count_bits(void *user, const cw_bus *bus)
 
 static void start_rig(rig *r, const char *traffic, const char *action)
 {
-    char *text = make_config(traffic, action);
-    const cfg_file file = {.name = "work.yaml", .text = text, .size = strlen(text)};
-    cfg *config = cfg_load_given(&file, 1, stderr);
-    assert_non_null(config);
-    free(text);
-    *r = (rig){.loop = ev_loop_new(EVFLAG_AUTO), .live = live_new(config)};
-    r->engine = engine_start(r->loop, r->live);
-    assert_non_null(r->engine);
-    engine_observe(r->engine, count_drops, r);
-    watched = r->engine;
-    work_at_look = cw_bus_work(engine_bus(r->engine));
+    *r = (rig){.drops = 0};
+    engine_rig_start(&r->base, load_text(make_config(traffic, action)));
+    engine_observe(r->base.engine, count_drops, r);
+    watched = r->base.engine;
+    at_look = measure_work;
+    work_at_look = cw_bus_work(engine_bus(watched));
     most_work = 0;
     looks = 0;
 }
 
 static void end_rig(rig *r)
 {
-    watched = NULL;
-    engine_free(r->engine);
-    live_free(r->live);
-    ev_loop_destroy(r->loop);
+    at_look = NULL;
+    engine_rig_end(&r->base);
 }
 
 /* Checks that the calls have done a bounded amount of work between readings of the clock. */
@@ -128,11 +99,11 @@ static void assert_in_bounds(const char *what)
 static void wake_often(rig *r, const char *what)
 {
     for (unsigned i = 0; i < 20; i++) {
-        uint64_t before = cw_bus_now(engine_bus(r->engine));
+        uint64_t before = cw_bus_now(engine_bus(r->base.engine));
         clock_now_ns += NS_PER_S / 2;
-        engine_update(r->engine);
+        engine_update(r->base.engine);
         assert_in_bounds(what);
-        assert_true(cw_bus_now(engine_bus(r->engine)) > before);
+        assert_true(cw_bus_now(engine_bus(r->base.engine)) > before);
     }
 }
 
@@ -150,7 +121,7 @@ static void rules_that_send_faster_than_the_bus(void **state)
         rig r;
         start_rig(&r, "", floods[i]);
         wake_often(&r, floods[i]);
-        assert_int_equal(engine_check_books(r.engine), 0);
+        assert_int_equal(engine_check_books(r.base.engine), 0);
         end_rig(&r);
     }
 }
@@ -165,14 +136,14 @@ static void what_is_too_much_is_counted(void **state)
     cw_node_stats stats;
     uint64_t made = 0;
     for (unsigned i = 0; i < 2; i++) {
-        assert_int_equal(cw_node_get_stats(engine_bus(r.engine), i, &stats), CW_OK);
+        assert_int_equal(cw_node_get_stats(engine_bus(r.base.engine), i, &stats), CW_OK);
         assert_true(cw_node_stats_balance(&stats));
         assert_in_range(stats.queue, 0, 4);
         made += stats.made_by_rules;
         r.drops -= stats.dropped[CW_DROP_QUEUE_FULL];
     }
     cw_bus_stats bus;
-    cw_bus_get_stats(engine_bus(r.engine), &bus);
+    cw_bus_get_stats(engine_bus(r.base.engine), &bus);
     assert_int_equal(r.drops, 0); /* events and counters agree */
     assert_int_equal(made, (bus.bits + 1) * RULES); /* one of each rule a bit, from tick 0 on */
     end_rig(&r);
@@ -186,10 +157,10 @@ static void requests_do_not_wait_for_the_bus(void **state)
     start_rig(&r, "", floods[0]);
     for (unsigned i = 0; i < 10; i++) {
         clock_now_ns += NS_PER_S / 2;
-        inputs *in = engine_change(r.engine);
+        inputs *in = engine_change(r.base.engine);
         assert_in_bounds("before a request");
         (void)inputs_restart(in, 0);
-        engine_update(r.engine);
+        engine_update(r.base.engine);
         assert_in_bounds("after a request");
     }
     end_rig(&r);
@@ -201,12 +172,12 @@ static void bits_are_shown_in_turns(void **state)
     (void)state;
     rig r;
     start_rig(&r, "", floods[0]);
-    engine_observe_bits(r.engine, count_bits, &r);
+    engine_observe_bits(r.base.engine, count_bits, &r);
     wake_often(&r, "bits shown");
     assert_true(r.bits > 0);
     end_rig(&r);
     start_rig(&r, "", "");
-    engine_observe_bits(r.engine, count_bits, &r);
+    engine_observe_bits(r.base.engine, count_bits, &r);
     wake_often(&r, "bits shown, nothing to do");
     end_rig(&r);
 }
@@ -229,10 +200,10 @@ static void the_end_comes_in_time(void **state)
     rig r;
     start_rig(&r, "", floods[0]);
     wake_often(&r, "before the end");
-    engine_stop(r.engine);
+    engine_stop(r.base.engine);
     assert_in_bounds("stop");
     clock_now_ns += NS_PER_S; /* a bus that is as slow as this one gets no more than that */
-    assert_true(ev_run(r.loop, EVRUN_ONCE)); /* its timer is due */
+    assert_true(ev_run(r.base.loop, EVRUN_ONCE)); /* its timer is due */
     assert_in_bounds("stopped");
     end_rig(&r);
 }
