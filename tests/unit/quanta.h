@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quanta.h - controllers with clocks of their own, time quantum by time quantum.
+ *
+ * For tests only: slow and obvious, written from the rules of bit timing (T1 to T9 and T12 of
+ * RULES.md). Each node looks at the wire at the end of each of its quanta. It sees the levels that
+ * all nodes have driven before that moment, each as late as its delays say.
+ */
+#ifndef CANWIRE_TEST_QUANTA_H
+#define CANWIRE_TEST_QUANTA_H
+
+#include "canwire.h"
+
+#include <assert.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#define QUANTA_NODES_MAX 4u
+#define QUANTA_EDGES 64u /* of each node that are remembered */
+
+/* Times are in femtoseconds. */
+#define FS_PER_NS INT64_C(1000000)
+
+typedef struct quanta_timing {
+    int64_t quantum;
+    unsigned prop, seg1, seg2, sjw; /* in quanta; Sync_Seg has one (T1) */
+} quanta_timing;
+
+typedef struct quanta_node {
+    cw_mac mac;
+    quanta_timing timing;
+    int64_t now;        /* end of the quantum that has just passed */
+    unsigned count;     /* quanta of this bit that have passed */
+    unsigned sample_at; /* ... at the sample point, as synchronisation has moved it */
+    unsigned end_at;    /* ... at the end of the bit */
+    bool sampled;       /* this bit has been */
+    bool last_sample;
+    bool before;        /* level seen at the end of the quantum before */
+    bool synchronised;  /* since the last sample point */
+    bool driven;
+    int64_t edge_at[QUANTA_EDGES]; /* ring of own edges; odd ones are dominant */
+    unsigned edges;
+    unsigned frames;    /* that the test wants to be sent */
+    unsigned received, sent, errors;
+    cw_error first_error;
+} quanta_node;
+
+typedef struct quanta {
+    quanta_node nodes[QUANTA_NODES_MAX];
+    unsigned node_count;
+    int64_t delay[QUANTA_NODES_MAX][QUANTA_NODES_MAX]; /* from a node's edge to another's look */
+    bool (*next_frame)(cw_frame *frame, unsigned node, unsigned number);
+} quanta;
+
+static inline unsigned quanta_bit(const quanta_timing *t)
+{
+    return 1 + t->prop + t->seg1 + t->seg2;
+}
+
+static inline void quanta_add(quanta *q, const quanta_timing *timing, int64_t phase)
+{
+    quanta_node *n = &q->nodes[q->node_count++];
+    *n = (quanta_node){.timing = *timing, .now = phase, .before = CW_RECESSIVE,
+                       .last_sample = CW_RECESSIVE, .driven = CW_RECESSIVE,
+                       .sample_at = 1 + timing->prop + timing->seg1, .end_at = quanta_bit(timing)};
+    cw_mac_init(&n->mac, 0, 96);
+    (void)cw_mac_drive(&n->mac);
+}
+
+/* Returns the level that a node drove before a moment. */
+static inline bool quanta_level_before(const quanta_node *n, int64_t moment)
+{
+    unsigned k = n->edges;
+    while (k > 0 && n->edge_at[(k - 1) % QUANTA_EDGES] >= moment) {
+        k--;
+        assert(n->edges - k < QUANTA_EDGES);
+    }
+    return k % 2 ? CW_DOMINANT : CW_RECESSIVE;
+}
+
+/* A level is seen by what looks after it, not at it (T12). */
+static inline bool quanta_look(const quanta *q, unsigned self)
+{
+    bool level = CW_RECESSIVE;
+    for (unsigned i = 0; i < q->node_count; i++)
+        level = level &&
+                quanta_level_before(&q->nodes[i], q->nodes[self].now - q->delay[i][self]);
+    return level;
+}
+
+/* T4: idle, suspend, bits 2 and 3 of the intermission, integration. */
+static inline bool quanta_synchronises_hard(const quanta_node *n)
+{
+    const cw_mac_phase phase = cw_mac_get_phase(&n->mac);
+    const bool rests = phase == CW_MAC_IDLE || phase == CW_MAC_SUSPEND;
+    const bool late = phase == CW_MAC_INTERMISSION && n->mac.count > 0;
+    return rests || late || phase == CW_MAC_INTEGRATING;
+}
+
+static inline void quanta_drive(quanta *q, unsigned i)
+{
+    quanta_node *n = &q->nodes[i];
+    cw_frame frame;
+    if (cw_mac_can_start(&n->mac) && q->next_frame(&frame, i, n->sent))
+        (void)cw_mac_offer(&n->mac, &frame);
+    const bool level = cw_mac_drive(&n->mac);
+    if (level != n->driven)
+        n->edge_at[n->edges++ % QUANTA_EDGES] = n->now;
+    n->driven = level;
+}
+
+/* Begins the next bit, of which some quanta have passed already. */
+static inline void quanta_begin_bit(quanta *q, unsigned i, unsigned passed)
+{
+    quanta_node *n = &q->nodes[i];
+    assert(n->sampled);
+    n->count = passed;
+    n->sample_at = 1 + n->timing.prop + n->timing.seg1;
+    n->end_at = quanta_bit(&n->timing);
+    n->sampled = false;
+    quanta_drive(q, i);
+}
+
+/* An edge before the sample point: it belongs to this bit, and came in quantum e. */
+static inline void quanta_synchronise_late(quanta_node *n, unsigned e)
+{
+    if (n->driven == CW_DOMINANT && e > 0) /* T6 */
+        return;
+    n->synchronised = true;
+    if (quanta_synchronises_hard(n)) {
+        n->count = 1;
+        return;
+    }
+    const unsigned longer = e < n->timing.sjw ? e : n->timing.sjw; /* T5 */
+    n->sample_at += longer;
+    n->end_at += longer;
+}
+
+/* An edge after the sample point, so many quanta before the end: it belongs to the next bit. */
+static inline void quanta_synchronise_early(quanta *q, unsigned i, unsigned early)
+{
+    quanta_node *n = &q->nodes[i];
+    n->synchronised = true;
+    if (quanta_synchronises_hard(n) || early <= n->timing.sjw)
+        quanta_begin_bit(q, i, 1);
+    else
+        n->end_at -= n->timing.sjw; /* T5 */
+}
+
+/* T3: recessive to dominant, once between sample points, after a recessive sample. */
+static inline void quanta_watch_edge(quanta *q, unsigned i, bool level)
+{
+    quanta_node *n = &q->nodes[i];
+    const bool edge = n->before == CW_RECESSIVE && level == CW_DOMINANT;
+    const unsigned in = n->count - 1; /* the quantum that the edge came in */
+    n->before = level;
+    if (!edge || n->synchronised || n->last_sample == CW_DOMINANT)
+        return;
+    if (n->sampled)
+        quanta_synchronise_early(q, i, n->end_at - in);
+    else
+        quanta_synchronise_late(n, in);
+}
+
+static inline void quanta_sample(quanta_node *n, bool level)
+{
+    cw_mac_report report;
+    cw_mac_sample(&n->mac, level, &report);
+    n->sampled = true;
+    n->synchronised = false;
+    n->last_sample = level;
+    n->received += (report.what & CW_REPORT_RX) != 0;
+    n->sent += (report.what & CW_REPORT_TX) != 0;
+    if (report.what & CW_REPORT_ERROR && n->errors++ == 0)
+        n->first_error = report.error;
+}
+
+/* Ends a quantum: the edge first, then the sample, then the next bit. */
+static inline void quanta_step_node(quanta *q, unsigned i)
+{
+    quanta_node *n = &q->nodes[i];
+    n->now += n->timing.quantum;
+    n->count++;
+    const bool level = quanta_look(q, i);
+    quanta_watch_edge(q, i, level);
+    if (!n->sampled && n->count == n->sample_at)
+        quanta_sample(n, level);
+    if (n->sampled && n->count >= n->end_at)
+        quanta_begin_bit(q, i, 0);
+}
+
+/* Steps the node whose quantum ends first. */
+static inline void quanta_step(quanta *q)
+{
+    unsigned first = 0;
+    for (unsigned i = 1; i < q->node_count; i++)
+        if (q->nodes[i].now + q->nodes[i].timing.quantum <
+            q->nodes[first].now + q->nodes[first].timing.quantum)
+            first = i;
+    quanta_step_node(q, first);
+}
+
+#endif
