@@ -31,7 +31,8 @@ GROUPS = {name: 1 << i for i, name in enumerate(
     "memory descriptor write read look socket traffic wake thread tell close nudge".split())}
 PARTLY = "partly"
 # The library is the first one, before that of AddressSanitizer.
-SANITIZERS = {"ASAN_OPTIONS": "detect_leaks=1:verify_asan_link_order=0"}
+SANITIZERS = {"ASAN_OPTIONS": "detect_leaks=1:verify_asan_link_order=0",
+              "LSAN_OPTIONS": f"print_suppressions=0:suppressions={ROOT}/tests/calls/lsan.supp"}
 
 # Errors of each call. The short pass takes the first one, and then all from then on.
 DISK = ("ENOSPC", "EIO", "EINTR", PARTLY)
