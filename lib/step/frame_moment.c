@@ -17,9 +17,9 @@ static void lower_counters(cw_bus *bus)
         cw_confinement_rx_success(&m->confinement);
         m->reported_state = m->confinement.state;
         cw_report_state(bus, i);
+        if (m->confinement.rec == 0)
+            bus->outlook.counting &= ~cw_node_bit(i);
     }
-    if (nodes)
-        bus->outlook.valid = false;
 }
 
 /* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
