@@ -16,7 +16,7 @@
 #include <stdint.h>
 
 #define QUANTA_NODES_MAX 4u
-#define QUANTA_EDGES 64u /* of each node that are remembered */
+#define QUANTA_EDGES 256u /* of each node that are remembered */
 
 /* Times are in femtoseconds. */
 #define FS_PER_NS INT64_C(1000000)
@@ -38,6 +38,7 @@ typedef struct quanta_node {
     bool before;        /* level seen at the end of the quantum before */
     bool synchronised;  /* since the last sample point */
     bool driven;
+    bool scripted; /* no controller: the test writes its edges */
     int64_t edge_at[QUANTA_EDGES]; /* ring of own edges; odd ones are dominant */
     unsigned edges;
     unsigned frames;    /* that the test wants to be sent */
@@ -189,13 +190,30 @@ static inline void quanta_step_node(quanta *q, unsigned i)
         quanta_begin_bit(q, i, 0);
 }
 
-/* Steps the node whose quantum ends first. */
+/* Adds a node without a controller. */
+static inline quanta_node *quanta_add_script(quanta *q)
+{
+    quanta_node *n = &q->nodes[q->node_count++];
+    *n = (quanta_node){.scripted = true};
+    return n;
+}
+
+/* Puts a change of level into a script, later than all before. */
+static inline void quanta_script(quanta_node *n, int64_t moment, bool level)
+{
+    const bool last = n->edges % 2 ? CW_DOMINANT : CW_RECESSIVE;
+    assert(n->scripted && n->edges < QUANTA_EDGES);
+    if (level != last)
+        n->edge_at[n->edges++] = moment;
+}
+
+/* Steps the controller whose quantum ends first; node 0 has one. */
 static inline void quanta_step(quanta *q)
 {
     unsigned first = 0;
     for (unsigned i = 1; i < q->node_count; i++)
-        if (q->nodes[i].now + q->nodes[i].timing.quantum <
-            q->nodes[first].now + q->nodes[first].timing.quantum)
+        if (!q->nodes[i].scripted && q->nodes[i].now + q->nodes[i].timing.quantum <
+                                         q->nodes[first].now + q->nodes[first].timing.quantum)
             first = i;
     quanta_step_node(q, first);
 }

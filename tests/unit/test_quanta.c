@@ -37,7 +37,7 @@ static bool next_frame(cw_frame *frame, unsigned node, unsigned number)
         return false;
     *frame = (cw_frame){.id = mix(~(uint64_t)number) & CW_BASE_ID_MAX, .dlc = 8};
     for (unsigned i = 0; i < 8; i++)
-        frame->data[i] = number % 2 ? (uint8_t)(mix(number) >> 8 * i) : rows;
+        frame->data[i] = (uint8_t)(number % 2 ? mix(number) >> 8 * i : rows);
     return true;
 }
 
@@ -178,12 +178,229 @@ static void a_line_too_long_breaks_the_acknowledgement(void **state)
     }
 }
 
+/* ---- A receiver, and a bench that cuts and stretches bits (ISO 16845-1, 7.7) ----------------- */
+
+#define SETTLE_BITS 14 /* for integration, then idle */
+#define AFTER_BITS 12
+
+/* A frame on the bench: how many quanta each of its bits lasts, and a stuff bit in it. */
+typedef struct script {
+    quanta_timing timing;
+    cw_bits bits;
+    unsigned quanta[CW_BITS_MAX];
+    unsigned stuff;     /* a dominant stuff bit */
+    unsigned glitch_at; /* quantum of that bit in which the bench is recessive; 0: none */
+    int64_t offset;     /* of the edges of the bench to the quanta of the controller */
+} script;
+
+/* The stuff bit comes within the first bits of the data. */
+static void begin_script(script *s, const quanta_timing *timing, uint8_t data)
+{
+    const cw_frame frame = {.id = 0x555, .dlc = 1, .data = {data}};
+    *s = (script){.timing = *timing, .offset = timing->quantum / 2};
+    assert_int_equal(cw_bits_encode(&s->bits, &frame), CW_OK);
+    while (!cw_bits_place(&s->bits, s->stuff).stuff || cw_bits_level(&s->bits, s->stuff))
+        s->stuff++;
+    for (unsigned n = 0; n < s->bits.length; n++)
+        s->quanta[n] = quanta_bit(timing);
+}
+
+/* Moves the edge at which the stuff bit begins (negative: early), and cuts the bit to so many
+ * quanta. The frame goes on in its time. */
+static void disturb(script *s, int late, unsigned length)
+{
+    const unsigned bit = quanta_bit(&s->timing);
+    s->quanta[s->stuff - 1] = (unsigned)((int)bit + late);
+    s->quanta[s->stuff] = length;
+    s->quanta[s->stuff + 1] = (unsigned)((int)(2 * bit) - late) - length;
+}
+
+static void write_script(const script *s, quanta_node *bench)
+{
+    const int64_t quantum = s->timing.quantum;
+    int64_t at = SETTLE_BITS * quanta_bit(&s->timing) * quantum + s->offset;
+    for (unsigned n = 0; n < s->bits.length; n++) {
+        quanta_script(bench, at, cw_bits_level(&s->bits, n));
+        if (n == s->stuff && s->glitch_at) {
+            quanta_script(bench, at + s->glitch_at * quantum, CW_RECESSIVE);
+            quanta_script(bench, at + (s->glitch_at + 1) * quantum, CW_DOMINANT);
+        }
+        at += s->quanta[n] * quantum;
+    }
+    quanta_script(bench, at, CW_RECESSIVE);
+}
+
+static bool sends_nothing(cw_frame *frame, unsigned node, unsigned number)
+{
+    (void)frame;
+    (void)node;
+    (void)number;
+    return false;
+}
+
+/* Returns true when the controller receives the frame of the bench without an error. */
+static bool reads(const script *s)
+{
+    quanta q = {.next_frame = sends_nothing};
+    quanta_add(&q, &s->timing, 0);
+    write_script(s, quanta_add_script(&q));
+    const unsigned bits = SETTLE_BITS + s->bits.length + AFTER_BITS;
+    while (q.nodes[0].now < bits * quanta_bit(&s->timing) * s->timing.quantum)
+        quanta_step(&q);
+    assert_true(q.nodes[0].received == 1 || q.nodes[0].errors > 0);
+    return q.nodes[0].errors == 0;
+}
+
+/* Checks where the stuff bit is sampled: it is read when it lasts so many quanta, and not when it
+ * lasts one less. */
+static void check_sampled(const quanta_timing *timing, int late, unsigned length, unsigned glitch)
+{
+    for (unsigned less = 0; less < 2; less++) {
+        script s;
+        begin_script(&s, timing, 0xFF);
+        disturb(&s, late, length - less);
+        s.glitch_at = glitch;
+        if (reads(&s) != (less == 0))
+            fail_msg("%u-%u-%u/%u: an edge %d quanta late, the bit of %u quanta, is %s",
+                     timing->prop, timing->seg1, timing->seg2, timing->sjw, late, length - less,
+                     less ? "read" : "not read");
+    }
+}
+
+static unsigned quanta_to_sample(const quanta_timing *t)
+{
+    return 1 + t->prop + t->seg1;
+}
+
+/* 7.7.1 */
+static void a_bit_is_sampled_at_its_sample_point(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++)
+        check_sampled(&pairs[i].timing, 0, quanta_to_sample(&pairs[i].timing), 0);
+}
+
+/* T12: an edge at the very moment of a look comes in the next quantum. */
+static void a_level_is_seen_after_its_moment(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        script s;
+        begin_script(&s, &pairs[i].timing, 0xFF);
+        s.offset = 0;
+        disturb(&s, 0, quanta_to_sample(&s.timing));
+        assert_true(reads(&s));
+        disturb(&s, 0, quanta_to_sample(&s.timing) - 1);
+        assert_false(reads(&s));
+    }
+}
+
+/* 7.7.3, 7.7.4 */
+static void a_late_edge_is_corrected_up_to_the_jump_width(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        const quanta_timing *t = &pairs[i].timing;
+        for (unsigned e = 1; e < t->prop + t->seg1; e++) {
+            const unsigned rest = e > t->sjw ? e - t->sjw : 0;
+            check_sampled(t, (int)e, quanta_to_sample(t) - rest, 0);
+        }
+    }
+}
+
+/* 7.7.5, 7.7.6 */
+static void an_early_edge_is_corrected_up_to_the_jump_width(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        const quanta_timing *t = &pairs[i].timing;
+        for (unsigned e = 1; e <= t->seg2; e++) {
+            const unsigned rest = e > t->sjw ? e - t->sjw : 0;
+            check_sampled(t, -(int)e, quanta_to_sample(t) + rest, 0);
+        }
+    }
+}
+
+/* 7.7.7: a second edge would move the sample point once more. */
+static void only_one_edge_synchronises_between_samples(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        const quanta_timing *t = &pairs[i].timing;
+        if (quanta_to_sample(t) > 4)
+            check_sampled(t, 0, quanta_to_sample(t), 1);
+    }
+}
+
+/* 7.7.10: the bench is recessive for a quantum after the sample point of a dominant bit. The bit
+ * after it is dominant, too, and cut at its sample point. */
+static void an_edge_after_a_dominant_sample_does_not_synchronise(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++)
+        for (unsigned less = 0; less < 2; less++) {
+            script s;
+            begin_script(&s, &pairs[i].timing, 0xF5);
+            s.glitch_at = quanta_to_sample(&s.timing);
+            s.quanta[s.stuff + 1] = quanta_to_sample(&s.timing) - less;
+            s.quanta[s.stuff + 2] += quanta_bit(&s.timing) - s.quanta[s.stuff + 1];
+            assert_int_equal(reads(&s), less == 0);
+        }
+}
+
+/* 7.7.9.1 */
+static void a_glitch_in_idle_is_no_frame(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        const quanta_timing *t = &pairs[i].timing;
+        const int64_t begin = SETTLE_BITS * quanta_bit(t) * t->quantum + t->quantum / 2;
+        for (unsigned length = 1; length <= quanta_to_sample(t); length++) {
+            quanta q = {.next_frame = sends_nothing};
+            quanta_add(&q, t, 0);
+            quanta_node *bench = quanta_add_script(&q);
+            quanta_script(bench, begin, CW_DOMINANT);
+            quanta_script(bench, begin + length * t->quantum, CW_RECESSIVE);
+            while (q.nodes[0].now < 2 * begin)
+                quanta_step(&q);
+            assert_int_equal(q.nodes[0].errors, length == quanta_to_sample(t));
+        }
+    }
+}
+
+/* 8.7.7: the transceiver gives a transmitter's own edges back two quanta late. */
+static void a_transmitter_does_not_follow_its_own_delay(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < PAIRS; i++) {
+        const quanta_timing *t = &pairs[i].timing;
+        quanta q = {.next_frame = next_frame};
+        quanta_add(&q, t, 0);
+        quanta_add(&q, t, 0);
+        q.delay[0][0] = 2 * t->quantum;
+        integrate(&q);
+        while (q.nodes[0].edges < 20)
+            quanta_step(&q);
+        for (unsigned k = 1; k < 20; k++)
+            assert_int_equal((q.nodes[0].edge_at[k] - q.nodes[0].edge_at[0]) %
+                                 (quanta_bit(t) * t->quantum), 0);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(two_clocks_fail_where_the_phase_error_says),
         cmocka_unit_test(inside_the_sufficient_limit_nothing_fails),
         cmocka_unit_test(a_line_too_long_breaks_the_acknowledgement),
+        cmocka_unit_test(a_bit_is_sampled_at_its_sample_point),
+        cmocka_unit_test(a_late_edge_is_corrected_up_to_the_jump_width),
+        cmocka_unit_test(an_early_edge_is_corrected_up_to_the_jump_width),
+        cmocka_unit_test(only_one_edge_synchronises_between_samples),
+        cmocka_unit_test(a_level_is_seen_after_its_moment),
+        cmocka_unit_test(an_edge_after_a_dominant_sample_does_not_synchronise),
+        cmocka_unit_test(a_glitch_in_idle_is_no_frame),
+        cmocka_unit_test(a_transmitter_does_not_follow_its_own_delay),
     };
     return cmocka_run_group_tests_name("clocks that differ", tests, NULL, NULL);
 }
