@@ -3,13 +3,14 @@
  * canwire.h - the only public header of libcanwire, a CAN bus simulated bit by bit.
  *
  * The library is passive: no system call, no clock, no allocation, no global state, no floating
- * point. The same inputs give the same outputs on every machine. Three layers can be used alone:
+ * point. The same inputs give the same outputs on every machine. Four layers can be used alone:
  *
  *   1. Frames: cw_frame and its encoding to wire bits, cw_bits.
  *   2. The controller: cw_mac, one CAN controller driven bit by bit (the test-bench interface).
- *   3. The bus: cw_bus, up to 64 nodes on one wire, in ticks, with queues, faults and statistics.
+ *   3. The controller in time: cw_timed_mac, driven by its clock or its time quantum.
+ *   4. The bus: cw_bus, up to 64 nodes on one wire, in ticks, with queues, faults and statistics.
  *
- * Names like M6, E3, R8 are the rules of RULES.md, which restates ISO 11898-1.
+ * Names like M6, E3, R8, T5 are the rules of RULES.md, which restates ISO 11898-1.
  * Levels: dominant is 0 (false), recessive is 1 (true). Nothing here is thread safe; objects share
  * nothing, so different threads may use different objects.
  */
@@ -98,6 +99,49 @@ static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
 {
     return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
 }
+
+/* ---- Time inside the bit --------------------------------------------------------------------- */
+
+/* A length of time in 2^-32 ticks, which no rounding of 1 ns can leave. One tick is CW_TICK. */
+typedef int64_t cw_span;
+
+#define CW_TICK (INT64_C(1) << 32)
+#define CW_BIT_QUANTA_MAX 1024u /* time quanta of one bit */
+
+/* The bit timing of one controller (T1). A bit has 1 quantum of Sync_Seg, then Prop_Seg,
+ * Phase_Seg1, the sample point, and Phase_Seg2. */
+typedef struct cw_bit_timing {
+    cw_span quantum;      /* one time quantum, with the error of the clock, at least 1 */
+    uint16_t prop_seg;    /* quanta, 0 or more */
+    uint16_t phase_seg1;  /* quanta, 1 or more */
+    uint16_t phase_seg2;  /* quanta, 1 or more */
+    uint16_t sjw;         /* quanta, 1 to the smaller phase segment */
+    bool triple_sampling; /* T7 */
+} cw_bit_timing;
+
+/* Returns one time quantum: brp clocks of so many Hz, rounded to the nearest 2^-32 tick. ppm is the
+ * error of the clock in millionths; a positive one is fast. Ranges are clock_hz from 1, brp
+ * 1..65536, ppm -500000..500000. Returns 0 outside of them, and when the quantum is longer than
+ * 26 s. */
+cw_span cw_quantum(uint32_t clock_hz, uint32_t brp, int32_t ppm);
+
+/* Returns the quanta of a bit, and of the part up to the sample point. */
+unsigned cw_bit_timing_quanta(const cw_bit_timing *timing);
+unsigned cw_bit_timing_sample_at(const cw_bit_timing *timing);
+
+/* Returns true when all values are in the ranges above and the bit has at most CW_BIT_QUANTA_MAX
+ * quanta. Controllers that exist allow less. */
+bool cw_bit_timing_valid(const cw_bit_timing *timing);
+
+/* The physical coding sublayer of one controller: its place in a bit. The fields are the
+ * library's. */
+typedef struct cw_pcs {
+    uint16_t sample_at;  /* quanta from the begin of the bit, as synchronisation has moved them */
+    uint16_t end_at;
+    bool sampled;        /* this bit has been sampled */
+    bool last_sample;    /* level of the last sample */
+    bool synchronised;   /* since the last sample point (T3) */
+} cw_pcs;
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
@@ -423,6 +467,56 @@ cw_place cw_mac_place(const cw_mac *mac);
 
 /* Returns the frame last received, valid from CW_REPORT_RX until the next SOF. */
 const cw_frame *cw_mac_received(const cw_mac *mac);
+
+/* ---- The controller in time: timed test-bench interface (stable) ----------------------------- */
+
+/* One CAN controller with its physical coding sublayer and its clock, without a bus. The bench is
+ * the rest of the bus, and steps the controller by the time quantum:
+ *
+ *     bool own = cw_timed_mac_level(&c);                   what it drives in this quantum
+ *     unsigned what = cw_timed_mac_quantum(&c, level, &report);
+ *
+ * or by the clock with cw_timed_mac_clock(), brp times for a quantum. `level` is what the
+ * controller sees at the end of the quantum. Normally that is the AND of what it drives and what
+ * the bench drives, each as late as the bench likes. Rules T3 to T7 and T12 of RULES.md say what
+ * follows.
+ * Offer frames to `mac` at any time; one that is offered before a bit begins may be sent from that
+ * bit on. After cw_timed_mac_init() a bit begins, and the controller integrates (M10). */
+typedef struct cw_timed_mac {
+    cw_mac mac;           /* for cw_mac_offer() and the functions that read */
+    cw_bit_timing timing;
+    cw_pcs pcs;
+    uint32_t brp;
+    uint32_t clocks;      /* of the quantum in progress */
+    uint16_t count;       /* quanta of the bit that have passed */
+    bool driven;
+    bool seen[3];         /* levels at the ends of the last quanta, the newest first */
+} cw_timed_mac;
+
+#define CW_QUANTUM_SAMPLED 0x1u  /* it was the last before the sample point: the report is valid */
+#define CW_QUANTUM_BIT_ENDED 0x2u /* a bit begins now: cw_timed_mac_level() may be another one */
+#define CW_QUANTUM_HARD_SYNC 0x4u /* an edge in this quantum was hard synchronised (T4) */
+#define CW_QUANTUM_RESYNC 0x8u    /* an edge in this quantum was resynchronised (T5) */
+
+/* Starts a controller. timing->quantum only matters to the caller. brp: clocks of a quantum, at
+ * least 1. modes and warning_limit: see cw_mac_init(). CW_INVALID: !cw_bit_timing_valid(), or
+ * brp is 0. */
+cw_status cw_timed_mac_init(cw_timed_mac *c, const cw_bit_timing *timing, uint32_t brp,
+                            unsigned modes, unsigned warning_limit);
+
+/* Returns the level that the controller puts onto the wire in the quantum that begins now. */
+bool cw_timed_mac_level(const cw_timed_mac *c);
+
+/* Ends a quantum with the level that the controller sees. Returns a set of CW_QUANTUM_*. Writes
+ * *report when the bit is sampled, and leaves it alone otherwise. */
+unsigned cw_timed_mac_quantum(cw_timed_mac *c, bool level, cw_mac_report *report);
+
+/* Does the same by one clock: only the last of the brp clocks of a quantum ends it, with that
+ * level. Returns 0 for the others. */
+unsigned cw_timed_mac_clock(cw_timed_mac *c, bool level, cw_mac_report *report);
+
+/* Returns the quanta of the bit in progress that have passed, 0 at its begin. */
+unsigned cw_timed_mac_quanta(const cw_timed_mac *c);
 
 /* ---- Fault rules ----------------------------------------------------------------------------- */
 

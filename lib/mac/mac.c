@@ -239,6 +239,16 @@ bool cw_mac_own_bit(const cw_mac *m, unsigned *n)
     return true;
 }
 
+/* T4: everywhere between frames but in the first bit of the intermission. */
+bool cw_mac_synchronises_hard(const cw_mac *m)
+{
+    static const bool between[CW_MAC_PHASE_COUNT] = {
+        [CW_MAC_OFF] = true,     [CW_MAC_INTEGRATING] = true, [CW_MAC_IDLE] = true,
+        [CW_MAC_SUSPEND] = true, [CW_MAC_BUS_OFF] = true,     [CW_MAC_RECOVERING] = true,
+    };
+    return between[m->phase] || (m->phase == CW_MAC_INTERMISSION && m->count > 0);
+}
+
 /* ---- Drive ----------------------------------------------------------------------------------- */
 
 void cw_mac_begin_frame(cw_mac *m, cw_role role)

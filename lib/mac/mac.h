@@ -29,6 +29,9 @@ uint64_t cw_mac_steady_bits(const cw_mac *mac, bool level);
 /* Takes that many bits at once; at most cw_mac_steady_bits(). */
 void cw_mac_skip(cw_mac *mac, uint64_t bits, bool level);
 
+/* Returns true when an edge now, before the next sample, synchronises hard (T4). */
+bool cw_mac_synchronises_hard(const cw_mac *mac);
+
 /* Returns true while the flag of the controller keeps the wire dominant. */
 bool cw_mac_holds_wire(const cw_mac *mac);
 
