@@ -8,10 +8,11 @@ listens. Without faults that are 150 and 100 frames in 300 ms.
 
 import collections
 import json
+import subprocess
 
 import pytest
 
-from simtool import ROOT, sim
+from simtool import CANWIRE, ROOT, TIMEOUT_S, sim
 
 PROFILES = ROOT / "config/profiles"
 ENGINE_FRAMES, GEARBOX_FRAMES = 150, 100
@@ -22,7 +23,7 @@ bus: {{ name: profiles, bitrate: 500000 }}
 seed: 1
 nodes:
   - {{ name: engine, restart-ms: 20, traffic: [ {{ send: 123#1122334455667788, every: 2ms }} ] }}
-  - {{ name: gearbox, restart-ms: 20, traffic: [ {{ send: 200#0102, every: 3ms, offset: 1ms }} ] }}
+  - {{ name: gearbox, restart-ms: 20, traffic: [ {gearbox} ] }}
   - {{ name: dash, restart-ms: 20{dash} }}
 profiles: [ {{ file: {file}, with: {{ {parameters} }} }} ]
 """
@@ -54,10 +55,10 @@ class Run:
 
 @pytest.fixture
 def play(tmp_path):
-    def run(name, parameters="", dash=""):
+    def run(name, parameters="", dash="", gearbox="{ send: 200#0102, every: 3ms, offset: 1ms }"):
         scenario = tmp_path / "scenario.yaml"
         scenario.write_text(SCENARIO.format(
-            file=PROFILES / f"{name}.yaml", parameters=parameters, dash=dash))
+            file=PROFILES / f"{name}.yaml", parameters=parameters, dash=dash, gearbox=gearbox))
         events, stats = tmp_path / "events", tmp_path / "stats"
         sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
         return Run([json.loads(line) for line in events.read_text().splitlines()],
@@ -265,3 +266,124 @@ def test_overload_happy(play):
     plain = play("overload-happy", "victim: dash, frames: 1")
     longer = (run.bus["busy_bits"] - plain.bus["busy_bits"]) / frames
     assert 14 <= longer <= 16
+
+
+def test_double_receive(play):
+    run = play("double-receive", 'frame: "123", count: 4')
+    assert run.nothing_lost()
+    hits = [e["t"] for e in run.of("fault")]
+    assert [round(b - a, 4) for a, b in zip(hits, hits[1:])] == [0.002] * 3  # one each message
+    errors = run.of("error")
+    assert {(e["node"], e["type"], e["field"], e["index"]) for e in errors} == {
+        ("engine", "form", "eof", 6)}
+    assert [e["tec"] for e in errors] == [8, 15, 22, 29]
+    for node in "gearbox", "dash":
+        received = [e["t"] for e in run.of("rx", node) if e["frame"].startswith("123")]
+        assert len(received) == ENGINE_FRAMES + 4
+        assert all(sum(t < e <= t + 0.0005 for e in received) == 1 for t in hits)
+        assert run.counts[node, "overload"] == 4
+
+
+def test_double_receive_until_bus_off(play):
+    run = play("double-receive", 'frame: "123", count: 100')
+    hits = [e["t"] for e in run.of("fault")]
+    assert hits[18] <= run.first("engine", "error-passive") < hits[19]
+    assert hits[36] == run.first("engine", "bus-off")
+    assert not run.of("error", "gearbox") and not run.of("error", "dash")
+
+
+def test_freeze_doom_loop(play):
+    run = play("freeze-doom-loop")
+    hits = [e["t"] for e in run.of("fault")]
+    assert {round((b - a) / 2e-6) for a, b in zip(hits, hits[1:])} == {15}
+    assert BEGIN < hits[0] < BEGIN + 0.002 and END - 0.0001 < hits[-1] <= END + 2e-6
+    assert all(run.counts[node, "overload"] == len(hits) > 1600 for node in run.nodes)
+    assert not run.of("error") and not run.of("state")
+    assert all(node["tec"] == node["rec"] == 0 for node in run.nodes.values())
+    assert not run.of("tx", begin=hits[0], end=END) and not run.of("rx", begin=hits[0], end=END)
+    assert {(e["node"], e["why"]) for e in run.of("drop")} <= {
+        ("engine", "queue-full"), ("gearbox", "queue-full")}
+    assert len(run.of("tx", begin=END, end=END + 0.01)) >= 2 * 16  # both queues
+
+
+def spoofed(true, false):
+    """Returns the profile's `from` and `bits` for a false frame, and the first bit that differs."""
+    wire = [sim_bits(frame) for frame in (true, false)]
+    first = next(i for i, pair in enumerate(zip(*wire)) if len(set(pair)) == 2)
+    assert wire[0][first] == "1"
+    return first, wire[1][first:-10].replace("1", "x")
+
+
+def sim_bits(frame):
+    return subprocess.run([CANWIRE, "bits", frame, "--raw"], check=True, capture_output=True,
+                          text=True, timeout=TIMEOUT_S).stdout.strip()
+
+
+def own_attempts(errors):
+    """Splits off those of frames that follow at once and meet a passive victim's delimiter."""
+    cut_off = [e for e in errors if e["field"] == "error-delimiter"]
+    assert {(e["type"], e["index"], e["flag"]) for e in cut_off} <= {("form", 5, "passive")}
+    return [e for e in errors if e not in cut_off], cut_off
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_error_passive_spoofing(play, count):
+    true, false = "123#1122334455667788", "123#1122334455667701"
+    first, bits = spoofed(true, false)
+    run = play("error-passive-spoofing", f'victim: engine, frame: "123", from: "bit[{first}]", '
+               f"bits: {bits}, count: {count}")
+    engine = run.of("error", "engine")
+    attempts, cut_off = own_attempts(engine)
+    assert [(e["type"], e["field"], e["flag"]) for e in attempts] == (
+        [("form", "crc-delimiter", "active")] * 16 + [("bit", "data", "passive")] * count)
+    assert [e["tec"] for e in engine] == [8 * n for n in range(1, 1 + len(engine))]
+    assert 1 <= len(cut_off) <= count  # the gearbox's frame has waited
+    for node in "gearbox", "dash":
+        errors = run.of("error", node)
+        assert len(errors) == 16 and errors[-1]["rec"] <= 16  # none by the false frame
+        frames = [e["frame"] for e in run.of("rx", node) if e["frame"].startswith("123")]
+        assert frames[:count + 1] == [false] * count + [true]
+        assert frames.count(false) == count and len(frames) == ENGINE_FRAMES + count
+    assert run.nothing_lost() and "bus-off" not in run.states("engine")
+
+
+def test_error_passive_spoofing_of_a_dominant_bit_gives_no_frame(play):
+    """The attacker lets go of the bus, but the victim does not."""
+    true, false = "123#1122334455667788", "123#1122334455667798"  # 1 where the true frame has 0
+    first = next(i for i, pair in enumerate(zip(sim_bits(true), sim_bits(false)))
+                 if len(set(pair)) == 2)
+    run = play("error-passive-spoofing", f'victim: engine, frame: "123", from: "bit[{first}]", '
+               f"bits: {sim_bits(false)[first:-10].replace('1', 'x')}")
+    assert {e["frame"] for e in run.of("rx", "dash") if e["frame"].startswith("123")} == {true}
+
+
+def test_bus_off_by_timing(play):
+    run = play("bus-off-by-timing", 'attacker: dash, target: "123", frame: 123#, every: 2ms, '
+               "delay: 1900us, for: 200ms")
+    off = run.first("engine", "bus-off")
+    attempts, cut_off = own_attempts(run.of("error", "engine", end=off + 1e-6))
+    assert {(e["type"], e["field"], e["index"]) for e in attempts} == {("bit", "dlc", 0)}
+    # 16 attempts of both, one after the other, from the engine's second frame on
+    lockstep = [e for e in attempts if e["flag"] == "active"]
+    assert [e["tec"] for e in lockstep] == [8 * n for n in range(1, 17)]
+    assert 0.002 < lockstep[0]["t"] and lockstep[-1]["t"] < 0.004
+    assert [e["tec"] for e in run.of("error", "dash", end=off)] == [8 * n for n in range(1, 17)]
+    # then one round in 2 ms: 8 for the victim, 1 back, and 8 more when the gearbox follows at once
+    rounds = [e for e in attempts if e["flag"] != "active"]
+    assert {round(b["t"] - a["t"], 4) for a, b in zip(rounds[1:], rounds[2:])} == {0.002}
+    assert [e["tec"] for e in rounds] == [
+        136 + 7 * n + 8 * sum(e["t"] < at["t"] for e in cut_off) for n, at in enumerate(rounds)]
+    assert len(cut_off) > 2 and rounds[-1]["t"] == off and rounds[-1]["flag"] == "none"
+    assert run.states("dash")[:3] == ["error-warning", "error-passive", "error-warning"]
+    instead = [e for e in run.of("rx", "gearbox", off, off + 0.02) if e["frame"].startswith("123")]
+    assert {e["frame"] for e in instead} == {"123#"} and len(instead) == 10
+
+
+def test_bus_off_by_timing_on_a_quiet_bus(play):
+    """17 attempts at once, and 18 more rounds."""
+    run = play("bus-off-by-timing", 'attacker: dash, target: "123", frame: 123#, every: 2ms, '
+               "delay: 1900us, for: 60ms", gearbox="")
+    off = run.first("engine", "bus-off")
+    assert [e["tec"] for e in run.of("error", "engine", end=off + 1e-6)] == (
+        [8 * n for n in range(1, 18)] + [136 + 7 * n for n in range(1, 19)])
+    assert [e["tec"] for e in run.of("state", "dash", end=off)] == [96, 128, 127, 95]

@@ -112,6 +112,17 @@ COUNTED = [
     ("lonely-node", "alone", "bus_off", 0),
     ("queue-full", "a", "queue_peak", 2),
     ("suspend-yields", "a", "retransmissions", 16),
+    ("attack-double-receive", "b", "rx_frames", 8),  # of five messages
+    ("attack-double-receive", "b", "rec", 0),
+    ("attack-freeze-doom-loop", None, "overload_frames", 9),
+    ("attack-freeze-doom-loop", None, "error_frames", 0),
+    ("attack-freeze-doom-loop", "a", "tec", 0),
+    ("attack-freeze-doom-loop", "c", "tec", 199),  # 200, then a frame of its own
+    ("attack-error-passive-spoofing", "a", "tx_frames", 1),
+    ("attack-error-passive-spoofing", "b", "rx_frames", 2),
+    ("attack-error-passive-spoofing", "b", "rec", 14),  # 16 errors, then two good frames
+    ("attack-bus-off-by-timing", "a", "bus_off", 1),
+    ("attack-bus-off-by-timing", "c", "tec", 121),  # 127, then six frames
 ]
 
 
