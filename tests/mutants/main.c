@@ -137,7 +137,20 @@ static void try_trial(trial *t)
     mutants_of(t->whole, t->whole_size, take, t);
 }
 
-/* Prints a configuration for a profile; a parameter without default is a frame, or the engine. */
+/* Returns a value for a parameter without default: that of the table, or a node. */
+static const char *value_of(const char *parameter)
+{
+    static const char *const values[][2] = {
+        {"frame", "\"32A\""}, {"rival", "32A#"}, {"every", "1ms"},
+        {"delay", "900us"}, {"from", "\"data[0.0]\""}, {"bits", "0x0"},
+    };
+    for (size_t i = 0; i < sizeof values / sizeof values[0]; i++)
+        if (strcmp(parameter, values[i][0]) == 0)
+            return values[i][1];
+    return "engine";
+}
+
+/* Prints a configuration for a profile, with values for all parameters that have no default. */
 static void print_host(char host[HOST_BYTES], const char *profile)
 {
     int used = snprintf(host, HOST_BYTES,
@@ -162,7 +175,7 @@ static void print_host(char host[HOST_BYTES], const char *profile)
         if (*line != '#' && *line != '\n')
             continue;
         used += snprintf(host + used, (size_t)(HOST_BYTES - used), "%s %s: %s", comma, name,
-                         strcmp(name, "frame") == 0 ? "\"32A\"" : "engine");
+                         value_of(name));
         comma = ",";
     }
     (void)snprintf(host + used, (size_t)(HOST_BYTES - used), " }\n");

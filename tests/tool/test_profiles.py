@@ -358,7 +358,7 @@ def test_error_passive_spoofing_of_a_dominant_bit_gives_no_frame(play):
 
 
 def test_bus_off_by_timing(play):
-    run = play("bus-off-by-timing", 'attacker: dash, target: "123", frame: 123#, every: 2ms, '
+    run = play("bus-off-by-timing", 'attacker: dash, frame: "123", rival: 123#, every: 2ms, '
                "delay: 1900us, for: 200ms")
     off = run.first("engine", "bus-off")
     attempts, cut_off = own_attempts(run.of("error", "engine", end=off + 1e-6))
@@ -381,7 +381,7 @@ def test_bus_off_by_timing(play):
 
 def test_bus_off_by_timing_on_a_quiet_bus(play):
     """17 attempts at once, and 18 more rounds."""
-    run = play("bus-off-by-timing", 'attacker: dash, target: "123", frame: 123#, every: 2ms, '
+    run = play("bus-off-by-timing", 'attacker: dash, frame: "123", rival: 123#, every: 2ms, '
                "delay: 1900us, for: 60ms", gearbox="")
     off = run.first("engine", "bus-off")
     assert [e["tec"] for e in run.of("error", "engine", end=off + 1e-6)] == (
