@@ -31,8 +31,20 @@ typedef struct time_unit {
     uint64_t ns; /* 0: bit times */
 } time_unit;
 
+/* A unit of something else, as a number of the smallest one. */
+typedef struct scale_unit {
+    const char *name;
+    uint64_t size; /* 0: ends a list */
+} scale_unit;
+
 #define SIZE_DIGITS_MAX 9u /* so that nothing overflows */
 static const char size_problem[] = "expected a size such as 64kB, 100MB, 2GB or 512MiB";
+
+static const char frequency_problem[] =
+    "expected a frequency such as 16MHz or 8.333MHz (units: Hz kHz MHz GHz), in whole Hz";
+
+static const char length_problem[] =
+    "expected a length with unit such as 40m (units: mm cm m km), in whole millimetres";
 
 static const char time_problem[] =
     "expected a time with unit such as 10ms (units: ns us ms s min h bit)";
@@ -50,6 +62,7 @@ static bool parse_exponent(int *exponent, const char **text);
 static bool scale_fraction(decimal *number, int exponent);
 static uint64_t power_of_ten(unsigned exponent);
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
+static bool parse_quantity(uint64_t *out, const char *text, const scale_unit *units);
 static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate);
 
 const char *text_parse_percent(uint16_t *permille, const char *text)
@@ -143,6 +156,28 @@ const char *text_parse_size(uint64_t *bytes, const char *text)
             return NULL;
         }
     return size_problem;
+}
+
+const char *text_parse_frequency(uint64_t *hz, const char *text)
+{
+    static const scale_unit units[] = {
+        {"", 1}, {"Hz", 1}, {"kHz", 1000}, {"MHz", 1000000}, {"GHz", 1000000000}, {NULL, 0},
+    };
+
+    return parse_quantity(hz, text, units) ? NULL : frequency_problem;
+}
+
+const char *text_parse_length(uint64_t *mm, const char *text)
+{
+    static const scale_unit units[] = {
+        {"mm", 1}, {"cm", 10}, {"m", 1000}, {"km", 1000000}, {NULL, 0},
+    };
+
+    if (strcmp(text, "0") == 0) {
+        *mm = 0;
+        return NULL;
+    }
+    return parse_quantity(mm, text, units) ? NULL : length_problem;
 }
 
 uint64_t text_time_ticks(cfg_time time, cw_rate rate)
@@ -336,6 +371,26 @@ static const char *apply_unit(cfg_time *out, decimal number, const time_unit *un
         return "the time is too large";
     *out = (cfg_time){.ns = ns.low, .bits = unit->ns == 0 ? number.whole : 0};
     return NULL;
+}
+
+/* Reads a decimal number with one of these units. It must be a whole number of the smallest one. */
+static bool parse_quantity(uint64_t *out, const char *text, const scale_unit *units)
+{
+    decimal number;
+
+    if (!parse_decimal(&number, &text))
+        return false;
+    while (units->size > 0 && strcmp(text, units->name) != 0)
+        units++;
+    uint64_t rest;
+    wide part = wide_divide(&rest, wide_product(number.fraction, units->size),
+                            power_of_ten(number.digits));
+    wide whole = wide_sum(wide_product(number.whole, units->size), part);
+
+    if (units->size == 0 || rest != 0 || whole.high > 0)
+        return false;
+    *out = whole.low;
+    return true;
 }
 
 /* Rounds up once; returns CW_NEVER when the sum exceeds 64 bits. 25 ns are 2 ticks. */

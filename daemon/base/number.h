@@ -35,6 +35,12 @@ const char *text_parse_time(cfg_time *out, const char *text);
  * unit counts bytes. */
 const char *text_parse_size(uint64_t *bytes, const char *text);
 
+/* Reads a frequency: 16MHz, 8.333MHz, 500kHz. A number without unit counts Hz. */
+const char *text_parse_frequency(uint64_t *hz, const char *text);
+
+/* Reads a length: 40m, 12.5m, 30cm. Only 0 may have no unit. */
+const char *text_parse_length(uint64_t *mm, const char *text);
+
 /* Returns the ticks of a span, rounded up, so that `<=` against ends of bits stays exact.
  * Saturates. */
 uint64_t text_time_ticks(cfg_time time, cw_rate rate);

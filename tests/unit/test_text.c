@@ -729,9 +729,74 @@ static void reads_sizes(void **state)
     }
 }
 
+static void frequencies_are_whole_hertz(void **state)
+{
+    static const struct {
+        const char *text;
+        uint64_t hz; /* UINT64_MAX: refused */
+    } cases[] = {
+        {"16MHz", 16000000},
+        {"80000000", 80000000},
+        {"8.333MHz", 8333000},
+        {"500kHz", 500000},
+        {"1.5GHz", 1500000000},
+        {"66.666666MHz", 66666666},
+        {"1Hz", 1},
+        {"0", 0},
+        {"0.5kHz", 500},
+        {"8.3333333MHz", UINT64_MAX},
+        {"1.5", UINT64_MAX},
+        {"", UINT64_MAX},
+        {"MHz", UINT64_MAX},
+        {"16mhz", UINT64_MAX},
+        {"16 MHz", UINT64_MAX},
+        {"-1MHz", UINT64_MAX},
+        {"16MHzx", UINT64_MAX},
+        {"016MHz", UINT64_MAX},
+        {"18446744073709551615GHz", UINT64_MAX},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        uint64_t hz = UINT64_MAX;
+        const char *wrong = text_parse_frequency(&hz, cases[i].text);
+
+        assert_int_equal(wrong == NULL, cases[i].hz != UINT64_MAX);
+        assert_int_equal(hz, cases[i].hz);
+    }
+}
+
+static void lengths_are_whole_millimetres(void **state)
+{
+    static const struct {
+        const char *text;
+        uint64_t mm; /* UINT64_MAX: refused */
+    } cases[] = {
+        {"40m", 40000},      {"12.5m", 12500},
+        {"30cm", 300},       {"7mm", 7},
+        {"1.5km", 1500000},  {"0", 0},
+        {"0m", 0},           {"0.001m", 1},
+        {"40", UINT64_MAX},  {"0.0001m", UINT64_MAX},
+        {"m", UINT64_MAX},   {"", UINT64_MAX},
+        {"4 m", UINT64_MAX}, {"4M", UINT64_MAX},
+        {"-4m", UINT64_MAX}, {"4ft", UINT64_MAX},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        uint64_t mm = UINT64_MAX;
+        const char *wrong = text_parse_length(&mm, cases[i].text);
+
+        assert_int_equal(wrong == NULL, cases[i].mm != UINT64_MAX);
+        assert_int_equal(mm, cases[i].mm);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(frequencies_are_whole_hertz),
+        cmocka_unit_test(lengths_are_whole_millimetres),
         cmocka_unit_test(reads_sizes),
         cmocka_unit_test(frames_are_read_and_printed),
         cmocka_unit_test(bad_frames_are_refused),
