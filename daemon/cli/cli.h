@@ -17,6 +17,7 @@ enum cli_exit {
 
 int cli_check(int argc, char **argv);
 int cli_bits(int argc, char **argv);
+int cli_timing(int argc, char **argv);
 int cli_vcan(int argc, char **argv);
 int cli_sim(int argc, char **argv);
 int cli_record(int argc, char **argv);

@@ -5,8 +5,8 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits sim status watch record faults inject clear fire restart set"
-_canwire_commands+=" reload help"
+_canwire_commands="check vcan bits timing sim status watch record faults inject clear fire restart"
+_canwire_commands+=" set reload help"
 _canwire_events="fault link drop restart arbitration-lost error overload rx tx state skip"
 
 # Words of $1 that begin as the word being typed.
@@ -30,6 +30,10 @@ _canwire_nodes() {
     "$tool" status "$1" 2>/dev/null | sed -n 's/^[0-9]\+: \([^@:]*\).*/\1/p'
 }
 
+_canwire_controllers() {
+    "$tool" timing --help 2>/dev/null | sed -n '/^Controllers:/,$ { s/Controllers://; p }'
+}
+
 _canwire_rules() {
     "$tool" faults "$1" 2>/dev/null | awk 'NR > 1 { print $1 }'
 }
@@ -48,6 +52,10 @@ _canwire_options() {
     case $1 in
     check) echo --ports --journal --help ;;
     bits) echo --raw --help ;;
+    timing)
+        echo --bitrate --clock --tq --sample-point --delay --length --tx-delay --rx-delay --sjw \
+            --controller --kernel --json --help
+        ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
@@ -137,7 +145,13 @@ _canwire() {
         _canwire_words "1MB 10MB 100MB 1GB"
         return
         ;;
-    --until | --seed | --from | --to | --with | --files) return ;;
+    --controller)
+        _canwire_words "$(_canwire_controllers)"
+        return
+        ;;
+    --until | --seed | --from | --to | --with | --files | \
+        --bitrate | --clock | --tq | --sample-point | --delay | --length | --tx-delay | \
+        --rx-delay | --sjw) return ;;
     esac
     if [[ $current == -* ]]; then
         _canwire_words "$(_canwire_options "$command")"

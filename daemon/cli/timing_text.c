@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * timing_text.c - a bit timing as text and as JSON.
+ */
+#include "cli/timing_text.h"
+
+#include <inttypes.h>
+
+#define DECIMAL_TEXT_MAX 32 /* bytes of a decimal number with its final 0 */
+#define PPB_DIGITS 9u
+#define PPB_PER_MILLIPERCENT 10000u
+#define PPB_PER_CENTIPERCENT 100000u
+
+typedef struct decimal_text {
+    char text[DECIMAL_TEXT_MAX];
+} decimal_text;
+
+/* Writes value / 10^digits without zeros at the end. */
+static decimal_text decimal(uint64_t value, unsigned digits)
+{
+    decimal_text result;
+    uint64_t one = 1;
+
+    for (unsigned i = 0; i < digits; i++)
+        one *= 10;
+    while (digits > 0 && value % 10 == 0) {
+        value /= 10;
+        one /= 10;
+        digits--;
+    }
+    if (digits == 0)
+        snprintf(result.text, sizeof result.text, "%" PRIu64, value);
+    else
+        snprintf(result.text, sizeof result.text, "%" PRIu64 ".%0*" PRIu64, value / one,
+                 (int)digits, value % one);
+    return result;
+}
+
+static decimal_text percent_of_ppb(uint32_t ppb)
+{
+    return decimal((ppb + PPB_PER_MILLIPERCENT / 2) / PPB_PER_MILLIPERCENT, 3);
+}
+
+static decimal_text ns_of_quanta(const bit_timing *t, uint32_t quanta)
+{
+    return decimal(timing_quanta_ps(t, quanta), 3);
+}
+
+/* Prints the error of the bit rate, rounded up so that it never looks like none. */
+static void print_bitrate_error(FILE *out, const bit_timing *t, uint32_t wished_bps)
+{
+    uint64_t wished_hz = timing_bit_clocks(t) * wished_bps;
+    bool below = t->clock_hz < wished_hz;
+    uint64_t error = below ? wished_hz - t->clock_hz : t->clock_hz - wished_hz;
+
+    if (error > 0)
+        fprintf(out, ", %s %% %s %" PRIu32,
+                decimal((error * 10000 + wished_hz - 1) / wished_hz, 2).text,
+                below ? "below" : "above", wished_bps);
+}
+
+static void print_bit(FILE *out, const bit_timing *t, uint32_t wished_bps)
+{
+    fprintf(out, "bit           %" PRIu32 " tq of %s ns: %" PRIu32 " bit/s", timing_quanta(t),
+            ns_of_quanta(t, 1).text, timing_bitrate_bps(t));
+    print_bitrate_error(out, t, wished_bps);
+    fputc('\n', out);
+}
+
+static void print_prop(FILE *out, const bit_timing *t, const timing_request *request)
+{
+    fprintf(out, "prop-seg      %" PRIu32 " tq, %s ns", t->prop_seg,
+            ns_of_quanta(t, t->prop_seg).text);
+    if (request->has_round_trip)
+        fprintf(out, " for a round trip of %" PRIu64 " ns", request->round_trip_ns);
+    fputc('\n', out);
+}
+
+static void print_tolerance(FILE *out, const bit_timing *t)
+{
+    fprintf(out, "tolerance     %s %%: %s %% by sjw, %s %% by the phase segments\n",
+            percent_of_ppb(timing_tolerance_ppb(t)).text,
+            percent_of_ppb(timing_tolerance_of_sjw_ppb(t)).text,
+            percent_of_ppb(timing_tolerance_of_phases_ppb(t)).text);
+}
+
+void timing_print_text(FILE *out, const bit_timing *t, const timing_request *request)
+{
+    print_bit(out, t, request->bitrate_bps);
+    fprintf(out, "brp           %" PRIu32 "\n", t->brp);
+    print_prop(out, t, request);
+    fprintf(out, "phase-seg1    %" PRIu32 " tq\n", t->phase_seg1);
+    fprintf(out, "phase-seg2    %" PRIu32 " tq\n", t->phase_seg2);
+    fprintf(out, "sjw           %" PRIu32 " tq\n", t->sjw);
+    fprintf(out, "sample-point  %s %%\n",
+            decimal(timing_sample_point_ppb(t) / PPB_PER_CENTIPERCENT, 2).text);
+    print_tolerance(out, t);
+}
+
+void timing_print_json(FILE *out, const bit_timing *t)
+{
+    fprintf(out,
+            "{\"brp\":%" PRIu32 ",\"prop-seg\":%" PRIu32 ",\"phase-seg1\":%" PRIu32
+            ",\"phase-seg2\":%" PRIu32 ",\"sjw\":%" PRIu32
+            ",\"sample-point\":%s,\"tolerance\":%s}\n",
+            t->brp, t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw,
+            decimal(timing_sample_point_ppb(t), PPB_DIGITS).text,
+            decimal(timing_tolerance_ppb(t), PPB_DIGITS).text);
+}
