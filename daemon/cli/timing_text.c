@@ -10,6 +10,7 @@
 #define PPB_DIGITS 9u
 #define PPB_PER_MILLIPERCENT 10000u
 #define PPB_PER_CENTIPERCENT 100000u
+#define PPB_PER_PERMILLE 1000000u
 
 typedef struct decimal_text {
     char text[DECIMAL_TEXT_MAX];
@@ -76,6 +77,16 @@ static void print_prop(FILE *out, const bit_timing *t, const timing_request *req
     fputc('\n', out);
 }
 
+static void print_sample(FILE *out, const bit_timing *t, uint32_t wished_permille)
+{
+    uint32_t ppb = timing_sample_point_ppb(t);
+
+    fprintf(out, "sample-point  %s %%", decimal(ppb / PPB_PER_CENTIPERCENT, 2).text);
+    if (wished_permille > 0 && ppb != wished_permille * PPB_PER_PERMILLE)
+        fprintf(out, ", the nearest to %s %%", decimal(wished_permille, 1).text);
+    fputc('\n', out);
+}
+
 static void print_tolerance(FILE *out, const bit_timing *t)
 {
     fprintf(out, "tolerance     %s %%: %s %% by sjw, %s %% by the phase segments\n",
@@ -92,8 +103,7 @@ void timing_print_text(FILE *out, const bit_timing *t, const timing_request *req
     fprintf(out, "phase-seg1    %" PRIu32 " tq\n", t->phase_seg1);
     fprintf(out, "phase-seg2    %" PRIu32 " tq\n", t->phase_seg2);
     fprintf(out, "sjw           %" PRIu32 " tq\n", t->sjw);
-    fprintf(out, "sample-point  %s %%\n",
-            decimal(timing_sample_point_ppb(t) / PPB_PER_CENTIPERCENT, 2).text);
+    print_sample(out, t, request->sample_permille);
     print_tolerance(out, t);
 }
 

@@ -18,8 +18,8 @@
 /* Longest span of nanoseconds for timing_quanta_of_ns(). */
 #define TIMING_NS_MAX UINT64_C(1000000000)
 
-/* One bit timing. Each member is at least 1; of prop_seg and phase_seg1 one may be 0, since most
- * controllers know only their sum. */
+/* One bit timing. Each member is at least 1, but prop_seg may be 0: most controllers know only the
+ * sum of prop_seg and phase_seg1. */
 typedef struct bit_timing {
     uint32_t clock_hz; /* of the controller, before the prescaler */
     uint32_t brp;      /* the prescaler: clocks of a tq */

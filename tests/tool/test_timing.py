@@ -74,6 +74,12 @@ def test_a_sample_point_has_two_forms(text):
         1, 5, 2, 2, 2, 0.8]
 
 
+def test_a_sample_point_that_is_not_met_is_told():
+    words = ["--clock", "16MHz", "--bitrate", 500000, "--sample-point"]
+    assert "sample-point  81.25 %, the nearest to 80 %\n" in timing(*words, "80%").stdout
+    assert "sample-point  87.5 %\n" in timing(*words, "87.5%").stdout
+
+
 @pytest.mark.parametrize("text", ["0.", "0.8750", "1.0", ".8", "0.8%%", "0.8x", "8e-1", "5%", "80"])
 def test_a_wrong_sample_point_is_refused(text):
     assert "87.5% or 0.875" in refusal("--clock", "10MHz", "--bitrate", 1000000,
@@ -169,7 +175,7 @@ def rows(text):
     """Yields controller, clock, version of Linux, bit rate, and segments or None."""
     for table in re.split(r"^(?=Bit timing parameters for )", text, flags=re.MULTILINE)[1:]:
         head, *lines = table.split("\n")
-        name, clock = re.match(r"Bit timing parameters for (\S+).* with ([\d.]+) MHz", head).groups()
+        name, clock = re.match(r"Bit timing .* for (\S+).* with ([\d.]+) MHz", head).groups()
         algorithm = re.search(r"algo 'v([\d.]+)'", head)
         for line in lines:
             found = re.match(r" *(\d+)((?: +\d+){7}) ", line)
