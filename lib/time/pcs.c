@@ -7,6 +7,7 @@
 #define MILLION 1000000
 #define MOST_PPM 500000
 #define MOST_BRP 65536u
+#define LONGEST_QUANTUM (INT64_MAX / CW_BIT_QUANTA_MAX) /* 26 ms; the bit fits into a span */
 
 /* ---- Bit timing ------------------------------------------------------------------------------ */
 
@@ -28,7 +29,7 @@ cw_span cw_quantum(uint32_t clock_hz, uint32_t brp, int32_t ppm)
         return 0;
     const uint64_t dividend = (uint64_t)CW_CLOCK_HZ * MILLION * brp;
     const uint64_t divisor = (uint64_t)clock_hz * (uint64_t)(MILLION + ppm);
-    if (dividend / divisor > INT32_MAX)
+    if (dividend / divisor >= LONGEST_QUANTUM / CW_TICK)
         return 0;
     return (cw_span)divide_into_parts(dividend, divisor);
 }
@@ -45,8 +46,8 @@ unsigned cw_bit_timing_quanta(const cw_bit_timing *t)
 
 bool cw_bit_timing_valid(const cw_bit_timing *t)
 {
-    return t->quantum > 0 && t->phase_seg1 > 0 && t->phase_seg2 > 0 && t->sjw > 0 &&
-           t->sjw <= t->phase_seg1 && t->sjw <= t->phase_seg2 &&
+    return t->quantum > 0 && t->quantum <= LONGEST_QUANTUM && t->phase_seg1 > 0 &&
+           t->phase_seg2 > 0 && t->sjw > 0 && t->sjw <= t->phase_seg1 && t->sjw <= t->phase_seg2 &&
            cw_bit_timing_quanta(t) <= CW_BIT_QUANTA_MAX;
 }
 

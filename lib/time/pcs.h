@@ -8,7 +8,7 @@
 
 #include "canwire.h"
 
-/* What an edge does to the bit in progress. */
+/* The effect of an edge on the bit in progress. */
 typedef enum cw_edge_effect {
     CW_EDGE_IGNORED = 0, /* nothing (T3, T6) */
     CW_EDGE_RESYNCED,    /* the bit is longer or shorter now, or as it was (T5) */

@@ -29,6 +29,12 @@ static inline cw_rate cw_wire_rate(const cw_wire_time *t)
     return t->rate;
 }
 
+/* Goes to a tick, and back, for what happens in the middle of a bit time. */
+static inline void cw_wire_go_to(cw_wire_time *t, uint64_t tick)
+{
+    t->now = tick;
+}
+
 /* Moves on by so many bits. */
 static inline void cw_wire_pass(cw_wire_time *t, uint64_t bits)
 {

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cable.c - the edges on a line, and what each node sees of them.
+ *
+ * Edges of the last moments are looked at one by one. Nearly all looks need none: no edge is under
+ * way, so that each node sees what is driven.
+ */
+#include "time/cable.h"
+
+#include <assert.h>
+
+static inline const cw_edge *nth_from_end(const cw_cable *cable, unsigned n)
+{
+    return &cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)];
+}
+
+static inline unsigned kept(const cw_cable *cable)
+{
+    return cable->count < cable->capacity ? cable->count : cable->capacity;
+}
+
+void cw_cable_put(cw_cable *cable, const cw_edge *edge)
+{
+    const uint64_t self = UINT64_C(1) << edge->node;
+    assert(cable->count == 0 || edge->moment >= cable->newest);
+    cable->edges[cable->count++ & (cable->capacity - 1)] = *edge;
+    cable->newest = edge->moment;
+    cable->dominant = edge->level == CW_DOMINANT ? cable->dominant | self : cable->dominant & ~self;
+}
+
+/* The last edge of a node that has arrived says its level, even if one before it is still under
+ * way. A node without such an edge has the level from before all edges under way. */
+uint64_t cw_cable_seen_now(const cw_cable *cable, unsigned node, cw_span moment)
+{
+    uint64_t seen = cable->dominant;
+    uint64_t arrived = 0;
+    for (unsigned n = 0; n < kept(cable); n++) {
+        const cw_edge *e = nth_from_end(cable, n);
+        const uint64_t self = UINT64_C(1) << e->node;
+        if (e->moment + cable->longest < moment)
+            break;
+        if (arrived & self)
+            continue;
+        const bool here = cw_cable_arrival(cable, e, node) < moment;
+        arrived |= here ? self : 0;
+        const bool dominant = here == (e->level == CW_DOMINANT);
+        seen = dominant ? seen | self : seen & ~self;
+    }
+    return seen;
+}
+
+cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span moment, uint64_t from)
+{
+    cw_span first = CW_SPAN_MAX;
+    for (unsigned n = 0; n < kept(cable); n++) {
+        const cw_edge *e = nth_from_end(cable, n);
+        if (e->moment + cable->longest < moment)
+            break;
+        if (e->level != CW_DOMINANT || !(from >> e->node & 1u))
+            continue;
+        const cw_span arrival = cw_cable_arrival(cable, e, node);
+        if (arrival >= moment && arrival < first)
+            first = arrival;
+    }
+    return first;
+}
+
+/* Edges that came long ago stay long ago. */
+void cw_cable_rebase(cw_cable *cable, cw_span by)
+{
+    const cw_span long_ago = -by;
+    cable->newest = cable->newest > 0 ? cable->newest - by : long_ago;
+    for (unsigned n = 0; n < kept(cable); n++) {
+        cw_edge *e = &cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)];
+        e->moment = e->moment > 0 ? e->moment - by : long_ago;
+    }
+}

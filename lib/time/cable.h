@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cable.h - the line between nodes: the edges that they have driven, and the levels that each of
+ * them sees (T2, T12).
+ *
+ * Moments are spans since an epoch that cw_cable_rebase() moves. They are below 2^62.
+ */
+#ifndef CANWIRE_TIME_CABLE_H
+#define CANWIRE_TIME_CABLE_H
+
+#include "canwire.h"
+
+#define CW_SPAN_MAX INT64_MAX /* a moment that never comes */
+
+/* A node puts another level onto its wire. */
+typedef struct cw_edge {
+    cw_span moment; /* the begin of the node's bit */
+    cw_span late;   /* it comes that much later than delays say (jitter) */
+    uint8_t node;
+    bool level;
+} cw_edge;
+
+typedef struct cw_cable {
+    cw_edge *edges;      /* a ring, in the order of moments */
+    unsigned capacity;   /* a power of two */
+    unsigned count;      /* edges so far; the last `capacity` of them are kept */
+    unsigned node_count;
+    uint64_t dominant;   /* nodes whose last edge is dominant */
+    cw_span newest;      /* moment of the last edge */
+    cw_span longest;     /* no edge is under way for longer */
+    const cw_span *delays; /* see cw_cable_delay() */
+} cw_cable;
+
+/* Returns the delay of an edge from one node to what another one, or the same, sees. */
+static inline cw_span cw_cable_delay(const cw_cable *cable, unsigned from, unsigned to, bool level)
+{
+    return cable->delays[(from * cable->node_count + to) * 2 + level];
+}
+
+/* Returns the moment at which an edge arrives at a node. */
+static inline cw_span cw_cable_arrival(const cw_cable *cable, const cw_edge *edge, unsigned node)
+{
+    return edge->moment + edge->late + cw_cable_delay(cable, edge->node, node, edge->level);
+}
+
+/* Adds an edge, not before the last one. */
+void cw_cable_put(cw_cable *cable, const cw_edge *edge);
+
+/* Returns the nodes whose dominant level a node sees when it looks at a moment. An edge is seen
+ * after it has arrived, not when it arrives (T12). No edge must have come later than the moment. */
+uint64_t cw_cable_seen_now(const cw_cable *cable, unsigned node, cw_span moment);
+
+static inline uint64_t cw_cable_seen(const cw_cable *cable, unsigned node, cw_span moment)
+{
+    return cable->newest + cable->longest < moment ? cable->dominant
+                                                 : cw_cable_seen_now(cable, node, moment);
+}
+
+/* Returns the first moment, at or after another, at which a dominant edge arrives at a node. from:
+ * the nodes whose edges count. CW_SPAN_MAX: none is under way. */
+cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span moment, uint64_t from);
+
+/* Moves the epoch forward. */
+void cw_cable_rebase(cw_cable *cable, cw_span by);
+
+#endif
