@@ -33,6 +33,7 @@
 #define CW_RULE_NAME_MAX 64        /* bytes of a rule name that count, the rest is ignored */
 #define CW_CLOCK_HZ 80000000u      /* one tick is 1 / 80 MHz = 12.5 ns */
 #define CW_NEVER UINT64_MAX        /* a tick that never comes */
+#define CW_NO_NODE UINT8_MAX       /* in place of the index of a node */
 
 typedef enum cw_status {
     CW_OK = 0,
@@ -111,7 +112,7 @@ typedef int64_t cw_span;
 /* The bit timing of one controller (T1). A bit has 1 quantum of Sync_Seg, then Prop_Seg,
  * Phase_Seg1, the sample point, and Phase_Seg2. */
 typedef struct cw_bit_timing {
-    cw_span quantum;      /* one time quantum, with the error of the clock, at least 1 */
+    cw_span quantum;      /* one time quantum, with the error of the clock: 1..2^53 - 1 */
     uint16_t prop_seg;    /* quanta, 0 or more */
     uint16_t phase_seg1;  /* quanta, 1 or more */
     uint16_t phase_seg2;  /* quanta, 1 or more */
@@ -122,7 +123,7 @@ typedef struct cw_bit_timing {
 /* Returns one time quantum: brp clocks of so many Hz, rounded to the nearest 2^-32 tick. ppm is the
  * error of the clock in millionths; a positive one is fast. Ranges are clock_hz from 1, brp
  * 1..65536, ppm -500000..500000. Returns 0 outside of them, and when the quantum is longer than
- * 26 s. */
+ * 26 ms. */
 cw_span cw_quantum(uint32_t clock_hz, uint32_t brp, int32_t ppm);
 
 /* Returns the quanta of a bit, and of the part up to the sample point. */
@@ -703,6 +704,20 @@ typedef struct cw_rule {
 
 typedef struct cw_bus cw_bus; /* lives in memory of the caller, see cw_bus_size() */
 
+/* The clock and the place of a node (T1, T2). All 0: those of the bus, so that all bits are common
+ * to all nodes. A bit of a node may last between 1/64 and 64 bits of the bus, which last at most
+ * 1.6 s. No edge may be under way for longer than 16 of the shortest bits. */
+typedef struct cw_node_timing {
+    cw_bit_timing bit;   /* quantum 0: a bit of the bus in 16 quanta, sampled after 14, SJW 1 */
+    cw_span tx_delay[2]; /* from the controller to its wire, of edges to [CW_DOMINANT] and to
+                            [CW_RECESSIVE] */
+    cw_span rx_delay[2]; /* from the wire to the controller */
+    cw_span place;       /* the way along the line to the node, from one end */
+    cw_span stub;        /* the way from the line to the node */
+} cw_node_timing;
+
+#define CW_DELAY_MAX (CW_TICK * 800000) /* 10 ms: of each delay and way */
+
 typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
     cw_order order;         /* the order in which pending frames go (M1) */
@@ -712,6 +727,7 @@ typedef struct cw_node_config {
                                configuration's rules */
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
+    cw_node_timing timing;
 } cw_node_config;
 
 typedef struct cw_bus_config {
@@ -775,8 +791,6 @@ size_t cw_bus_size(const cw_bus_config *config);
  * invalid. */
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 
-#define CW_NO_NODE UINT8_MAX
-
 /* Continues an old bus: takes over its time and statistics. Node i gets the state, counters and
  * frames of the old node from[i], with its own new settings. With CW_NO_NODE it is a new node,
  * which integrates. Rules start anew; frames that old rules held back are released. The new bus
@@ -828,10 +842,15 @@ void cw_nodes_bring_forward(cw_bus *bus, uint64_t nodes, uint64_t ticks);
 /* Returns the tick of the earliest frame that was handed in and is not due yet, or CW_NEVER. */
 uint64_t cw_bus_inbox_first(const cw_bus *bus);
 
+/* Returns true while all nodes begin and sample each bit together. They do so where all clocks, bit
+ * timings and delays agree, and no rule acts for a part of a bit. */
+bool cw_bus_is_on_grid(const cw_bus *bus);
+
 /* Returns the earliest tick at which an event can be expected if nothing is put in. That is the
  * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. Errors,
  * lost arbitrations, overload frames, hits of rules and new states may come before, and drops that
- * follow from them. Their events carry the tick. */
+ * follow from them. Their events carry the tick. Off the grid an event may come up to a bit time of
+ * the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
@@ -852,6 +871,11 @@ uint64_t cw_bus_work(const cw_bus *bus);
 /* Simulates every node in every bit and skips nothing, from the next bit on. The results are the
  * same; this mode is the reference. It is off after cw_bus_init(). */
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
+
+/* Lets every node go by its own clock, from the next bit on, even where all clocks agree. The
+ * results are the same; this mode is the reference. It is off after cw_bus_init(), and stays off
+ * where a bit lasts longer than 1.6 s. */
+void cw_bus_set_own_clocks(cw_bus *bus, bool own);
 
 /* Simulates each bit by itself, from the next bit on, for callers of cw_bus_get_bit(). Nodes that
  * do the same are simulated together. This mode is off after cw_bus_init(). */

@@ -15,6 +15,14 @@ static unsigned free_place(const cw_rule_set *set)
     return place;
 }
 
+/* Returns true when a rule acts for parts of bits, so that nodes must go by their own clocks. */
+static bool divides_bits(const cw_rule_set *set, const cw_rule_state *s)
+{
+    const cw_rate rate = cw_wire_rate(set->bus.time);
+    return cw_rule_is(s, CW_ON_LINE) &&
+           cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks)) != s->rule.for_ticks;
+}
+
 /* Counts rules by kind, so that the common cases are skipped quickly. */
 static void count_kinds(cw_rule_set *set)
 {
@@ -26,6 +34,7 @@ static void count_kinds(cw_rule_set *set)
     set->error_rules = 0;
     set->after_rules = 0;
     set->copies = 0;
+    set->timed_rules = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = &set->rules[i];
         set->host_rules += s->used && s->does->kind == CW_KIND_HOST;
@@ -35,6 +44,7 @@ static void count_kinds(cw_rule_set *set)
         set->traffic_rules += s->used && cw_rule_is(s, CW_STEADY_TRAFFIC);
         set->error_rules += s->used && s->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += s->used && s->rule.has_after;
+        set->timed_rules += s->used && divides_bits(set, s);
         if (s->used && s->rule.action == CW_ACTION_DUPLICATE)
             set->copies += s->rule.number;
     }

@@ -22,7 +22,7 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
 /* The transceiver releases the bus when its TXD has been dominant for too long. */
-static bool stuck_tx_level(cw_rule_state *s, cw_rate rate)
+bool cw_stuck_tx_level(cw_rule_state *s, cw_rate rate)
 {
     if (s->rule.level == CW_RECESSIVE)
         return CW_RECESSIVE;
@@ -40,7 +40,7 @@ void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
         bool stuck = s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
         if (stuck)
             set_level(&levels->driven, cw_node_bit(s->rule.node),
-                      stuck_tx_level(s, cw_wire_rate(set->bus.time)));
+                      cw_stuck_tx_level(s, cw_wire_rate(set->bus.time)));
     }
     set_level(&levels->driven, set->off, CW_RECESSIVE);
 }
@@ -111,17 +111,23 @@ static uint64_t wire_of(const cw_rule_set *set, unsigned node)
     return cw_node_bit(node);
 }
 
-/* Returns the wires on which the named bit is reached, as nodes. */
-static uint64_t wires_reached(const cw_rule_set *set, cw_rule_state *s)
+uint64_t cw_rule_nodes_at_position(const cw_rule_set *set, cw_rule_state *s, uint64_t nodes)
 {
     uint64_t reached = 0;
     cw_rule_unbind_ended(set, s);
-    for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
-        unsigned node = cw_lowest_node(rest);
-        if (is_reached(set, &s->rule, set->bus.macs[node]))
-            reached |= wire_of(set, node);
-    }
+    for (uint64_t rest = s->bound & nodes; rest; rest &= rest - 1)
+        if (is_reached(set, &s->rule, set->bus.macs[cw_lowest_node(rest)]))
+            reached |= rest & (~rest + 1);
     return reached;
+}
+
+/* Returns the wires of some nodes, as nodes. */
+static uint64_t wires_of(const cw_rule_set *set, uint64_t nodes)
+{
+    uint64_t wires = 0;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1)
+        wires |= wire_of(set, cw_lowest_node(rest));
+    return wires;
 }
 
 /* Returns the bits that an action lasts. Only FORCE may last for a time. */
@@ -132,17 +138,18 @@ static uint64_t action_bits(const cw_rule_set *set, const cw_rule *rule)
     return cw_rate_bits_begun(cw_wire_rate(set->bus.time), rule->for_ticks);
 }
 
-/* Looks for the position of a rule. A new hit while an action is under way begins it again. */
-static void look_for_position(cw_rule_set *set, unsigned rule, cw_rule_state *s)
+/* A new hit while an action is under way begins it again. */
+bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes)
 {
-    uint64_t wires = wires_reached(set, s);
-    if (wires == 0 || !cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))
-        return;
+    cw_rule_state *s = &set->rules[rule];
+    if (nodes == 0 || !cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))
+        return false;
     s->hit_now = true;
     if (s->rule.at == 0)
-        s->on_wire = wires; /* the bit of that wire alone */
+        s->on_wire = wires_of(set, nodes); /* the bit of that wire alone */
     s->bits_done = 0;
     s->bits_left = action_bits(set, &s->rule);
+    return true;
 }
 
 /* ---- Effects on what is sampled -------------------------------------------------------------- */
@@ -194,9 +201,11 @@ static inline bool acts_now(const cw_rule_state *s)
     return cw_rule_is(s, CW_HAS_POSITION) ? s->bits_left > 0 : s->active;
 }
 
-/* Ends an action for one transmission with that transmission. */
-static void check_scope(cw_rule_set *set, unsigned rule, cw_rule_state *s)
+void cw_rule_check_scope(cw_rule_set *set, unsigned rule)
 {
+    cw_rule_state *s = &set->rules[rule];
+    if (!s->for_attempt || !s->active)
+        return;
     for (uint64_t rest = s->scope; rest; rest &= rest - 1)
         if (!cw_mac_is_sending(set->bus.macs[cw_lowest_node(rest)]))
             s->scope &= ~cw_node_bit(cw_lowest_node(rest));
@@ -213,10 +222,9 @@ typedef struct bit_plan {
 
 static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
-    if (s->for_attempt && s->active)
-        check_scope(set, rule, s);
+    cw_rule_check_scope(set, rule);
     if (s->bound)
-        look_for_position(set, rule, s);
+        (void)cw_rule_reaches(set, rule, cw_rule_nodes_at_position(set, s, ALL_NODES));
     if (!acts_now(s))
         return;
     plan->wire |= s->on_wire;

@@ -190,6 +190,19 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule);
  * again. */
 void cw_rule_aim(cw_rule_state *state);
 
+/* Returns the level of a stuck TX line in a bit, and counts the bit for the dominant timeout. */
+bool cw_stuck_tx_level(cw_rule_state *state, cw_rate rate);
+
+/* Returns those of some nodes to which a rule is bound and that are in the named bit now. */
+uint64_t cw_rule_nodes_at_position(const cw_rule_set *set, cw_rule_state *state, uint64_t nodes);
+
+/* Notes that such nodes are in the named bit. Returns true when that is a hit, and the action
+ * begins. */
+bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes);
+
+/* Ends an action for one transmission with that transmission. */
+void cw_rule_check_scope(cw_rule_set *set, unsigned rule);
+
 /* Returns the bits to come, at most `bits`, that noise does not flip: a look at draws, which
  * changes nothing. Noise for a transmission is left out. */
 uint64_t cw_noise_free(const cw_rule_set *set, uint64_t bits);

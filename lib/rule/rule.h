@@ -12,6 +12,7 @@
  * Files that act:
  *   begin.c        begins and ends actions; awake.c lists the rules that each bit needs
  *   level.c noise.c topology.c  change the levels of bits, and the wires of nodes
+ *   in_time.c disturb.c  do so where nodes have clocks of their own
  *   host.c         acts on frames on the host side
  *   traffic.c      sends the frames of rules
  * The bus acts on controllers, queues and events for the rules (cw_rule_effects). The controllers
@@ -23,6 +24,7 @@
 #include "canwire.h"
 #include "format/bitset.h"
 #include "rule/action.h"
+#include "rule/disturb.h"
 #include "rule/prng.h"
 #include "time/wire.h"
 
@@ -53,6 +55,9 @@ typedef struct cw_rule_state {
     bool rx_hit;          /* the decision at rx_tick */
     uint64_t bits_done;   /* of a position action under way */
     uint64_t bits_left;
+    uint64_t reached_at;  /* tick of the bit time in which the position was last reached ... */
+    uint8_t source;       /* ... by this node, whose bits count */
+    bool disturbs;        /* it acts in the present bit of that node, see in_time.c */
     uint64_t on_wire;     /* nodes whose wire it acts on, if it acts on levels ... */
     uint64_t at_nodes;    /* ... and nodes whose samples it changes */
     uint64_t rx_tick;     /* host rules on the RX side: one decision for all receivers of a frame */
@@ -192,6 +197,7 @@ typedef struct cw_rule_set {
     unsigned traffic_rules; /* rules that may send at any bit */
     unsigned error_rules;
     unsigned after_rules;   /* rules that come after another one */
+    unsigned timed_rules;   /* rules that act for parts of bits */
     unsigned copies;        /* copies that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
@@ -399,6 +405,16 @@ void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels);
 
 /* Changes the levels that nodes see, from those of their wires. */
 void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
+
+/* ---- in_time.c ------------------------------------------------------------------------------- */
+
+/* Disturbs levels where nodes have clocks of their own. A bit time of the bus begins at the present
+ * tick. Rules that are looked at in every bit act for all of it. */
+void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span begin, cw_span end);
+
+/* Nodes begin a bit at a moment; rules on positions act in it. driven: as in cw_levels. */
+void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,
+                         uint64_t driven);
 
 /* Reports the hits of the bit that has ended. */
 void cw_rules_emit(cw_rule_set *set);

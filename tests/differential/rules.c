@@ -274,6 +274,8 @@ static void random_levels(diff_maker *m, cw_rule *rule)
     rule->line = (cw_line)diff_below(r, 3);
     rule->level = diff_chance(r, 500);
     rule->for_ticks = diff_chance(r, 100) ? 0 : diff_random_ticks(m, 1, destroys ? 400 : 2000);
+    if (rule->action == CW_ACTION_STUCK && diff_chance(r, 970)) /* parts of bits leave the grid */
+        rule->for_ticks = (rule->for_ticks + m->bit - 1) / m->bit * m->bit;
     if (diff_chance(r, 400))
         rule->dominant_timeout = diff_random_ticks(m, 1, 300);
     rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 10000000);

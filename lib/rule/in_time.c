@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * in_time.c - the actions of fault rules on levels, where nodes have clocks of their own.
+ *
+ * A rule on a position acts from the begin of the transmitter's bit to its end. All others act for
+ * bit times of the bus, which belong to no node.
+ */
+#include "rule/private.h"
+
+#define ALL_NODES UINT64_MAX
+
+/* ---- What an action does to a level ---------------------------------------------------------- */
+
+/* Asks the action itself: it says what becomes of either level. */
+static cw_disturb_effect effect_now(cw_rule_set *set, cw_rule_state *s)
+{
+    uint64_t dominant = 0, recessive = 1;
+    s->does->levels(set, s, &dominant, 1);
+    s->does->levels(set, s, &recessive, 1);
+    if (dominant == recessive)
+        return dominant ? CW_DISTURB_RECESSIVE : CW_DISTURB_DOMINANT;
+    return dominant ? CW_DISTURB_INVERT : CW_DISTURB_NOTHING;
+}
+
+/* ---- Positions ------------------------------------------------------------------------------- */
+
+/* Ends what rules do to the bits that end now, of these nodes. */
+static void end_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment)
+{
+    for (unsigned i = 0; i < all->count; i++) {
+        cw_disturbance *d = &all->list[i];
+        if (d->end != CW_SPAN_MAX || !(nodes >> d->source & 1u))
+            continue;
+        d->end = moment;
+        cw_rule_at(set, d->rule)->disturbs = false;
+    }
+}
+
+static void begin_bit(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span moment)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    const cw_disturb_effect effect = effect_now(set, s);
+    const cw_disturbance d = {.begin = moment, .end = CW_SPAN_MAX, .wires = s->on_wire,
+                              .samples = s->at_nodes, .source = s->source,
+                              .effect = (uint8_t)effect, .rule = (uint16_t)rule};
+    if (effect != CW_DISTURB_NOTHING)
+        cw_disturb(all, &d);
+    s->disturbs = true;
+    s->bits_done++;
+    s->bits_left--;
+}
+
+/* Transmitters that begin a frame together reach a position at nearly the same moment: that is one
+ * match. */
+static bool was_just_reached(const cw_rule_set *set, const cw_rule_state *s, uint64_t nodes)
+{
+    const uint64_t tick = cw_rules_now(set);
+    const bool other = !(nodes >> s->source & 1u);
+    return other && s->disturbs && tick - s->reached_at < cw_rules_bit_end(set) - tick;
+}
+
+static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule, uint64_t nodes,
+                          cw_span moment)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    bool begins = s->bits_left > 0 && (nodes >> s->source & 1u);
+    const uint64_t there = s->bound & nodes ? cw_rule_nodes_at_position(set, s, nodes) : 0;
+    if (there && !was_just_reached(set, s, there) && cw_rule_reaches(set, rule, there)) {
+        cw_disturb_end(all, rule, moment);
+        s->reached_at = cw_rules_now(set);
+        s->source = (uint8_t)cw_lowest_node(there);
+        begins = true;
+    }
+    if (begins)
+        begin_bit(set, all, rule, moment);
+}
+
+void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,
+                         uint64_t driven)
+{
+    set->driven = driven;
+    end_bits(set, all, nodes, moment);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const unsigned rule = set->awake[i];
+        if (cw_rule_is(cw_rule_at(set, rule), CW_HAS_POSITION))
+            begin_bits_of(set, all, rule, nodes, moment);
+    }
+}
+
+/* ---- Bit times ------------------------------------------------------------------------------- */
+
+/* A stuck line lets go exactly when its time is over. */
+static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
+                      cw_span end)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    const bool tx = s->rule.line == CW_LINE_TX;
+    const bool level = tx ? cw_stuck_tx_level(s, cw_wire_rate(set->bus.time)) : s->rule.level;
+    if (s->rule.for_ticks && s->active_until < cw_rules_bit_end(set))
+        end = begin + (cw_span)(s->active_until - cw_rules_now(set)) * CW_TICK;
+    const cw_disturbance d = {.begin = begin, .end = end,
+                              .lines = tx ? cw_node_bit(s->rule.node) & ~set->off : 0,
+                              .wires = s->on_wire, .samples = s->at_nodes, .source = CW_NO_NODE,
+                              .effect = level ? CW_DISTURB_RECESSIVE : CW_DISTURB_DOMINANT,
+                              .rule = (uint16_t)rule};
+    cw_disturb(all, &d);
+}
+
+static void flip_at_random(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
+                           cw_span end)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    uint64_t flipped = 0;
+    s->does->levels(set, s, &flipped, ALL_NODES);
+    const cw_disturbance d = {.begin = begin, .end = end, .wires = s->on_wire ? flipped : 0,
+                              .samples = s->on_wire ? 0 : flipped, .source = CW_NO_NODE,
+                              .effect = CW_DISTURB_INVERT, .rule = (uint16_t)rule};
+    if (flipped)
+        cw_disturb(all, &d);
+}
+
+/* Ends what a rule did to a bit when the rule has been cleared or stopped meanwhile. */
+static void end_stopped(cw_rule_set *set, cw_disturbances *all, cw_span moment)
+{
+    for (unsigned i = 0; i < all->count; i++) {
+        cw_disturbance *d = &all->list[i];
+        if (d->end == CW_SPAN_MAX && !cw_rule_at(set, d->rule)->disturbs)
+            d->end = moment;
+    }
+}
+
+void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span begin, cw_span end)
+{
+    end_stopped(set, all, begin);
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const unsigned rule = set->awake[i];
+        cw_rule_state *s = cw_rule_at(set, rule);
+        cw_rule_check_scope(set, rule);
+        if (!s->active)
+            continue;
+        if (cw_rule_is(s, CW_ON_LINE))
+            hold_line(set, all, rule, begin, end);
+        else if (cw_rule_is(s, CW_RANDOM_BITS))
+            flip_at_random(set, all, rule, begin, end);
+    }
+}
