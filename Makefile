@@ -212,6 +212,8 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
 	echo "== differential ($(VARIANT), $(CC))"; \
 	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
+	echo "== differential, clocks of nodes ($(VARIANT), $(CC))"; \
+	  $(DIFFERENTIAL) --own-clocks --bits $(DIFFERENTIAL_BITS) || status=1; \
 	echo "== mutants ($(VARIANT), $(CC))"; $(MUTANTS) --every $(MUTANTS_EVERY) || status=1; \
 	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
 	  $(BUILD)/bench --check || status=1; \

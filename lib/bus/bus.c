@@ -56,6 +56,10 @@ static void run_all_due(cw_bus *bus)
 /* Goes on by some bits, at least one. */
 static void go_on(cw_bus *bus, uint64_t tick)
 {
+    if (cw_is_off_grid(bus)) {
+        cw_step_bit_time(bus);
+        return;
+    }
     if (bus->stepping || bus->watching) {
         cw_step_bit(bus);
         return;
@@ -123,6 +127,11 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping)
         return;
     cw_wake_controllers(bus);
     cw_leave(bus, bus->all);
+}
+
+void cw_bus_set_own_clocks(cw_bus *bus, bool own)
+{
+    bus->timed.requested = own;
 }
 
 void cw_bus_set_watching(cw_bus *bus, bool watching)

@@ -6,6 +6,7 @@
  *   host.c        takes nodes on and off the bus; restarts and settings of nodes
  *   rules.c       adds and removes rules; control.c acts on controllers for them
  *   status.c      reads time and statistics; view.c reads the last bit, for traces
+ *   timing.c      clocks of the nodes and delays between them
  *   takeover.c    continues a bus as another one
  *   invariants.c  asserts what must hold between any two steps
  */
@@ -21,6 +22,30 @@ void cw_link_rules(cw_bus *bus, uint64_t seed);
 
 /* Does the action of a rule at once to all controllers that the rule names. */
 void cw_control_nodes(cw_bus *bus, const cw_rule *rule);
+
+/* ---- timing.c -------------------------------------------------------------------------------- */
+
+#define CW_DIVIDED_BIT_MAX (1u << 27) /* ticks, 1.7 s; longer bits are not divided, so that moments
+                                         fit into 64 bits */
+
+#define CW_BIT_RATIO_MAX 64  /* between the bits of a node and those of the bus */
+#define CW_DELAY_BITS_MAX 16 /* of the shortest bits of a node */
+
+/* Returns true when all nodes have valid clocks and delays (see CW_*_MAX, canwire.h). */
+bool cw_timing_valid(const cw_bus_config *config);
+
+/* Returns the bit timing of a node. */
+cw_bit_timing cw_bit_timing_of(const cw_bus_config *config, unsigned node);
+
+/* Return the longest delay between two nodes, and the shortest bit of a node. */
+cw_span cw_longest_delay(const cw_bus_config *config);
+cw_span cw_shortest_bit(const cw_bus_config *config);
+
+/* Returns the most bits of a node that end in a bit time of the bus. */
+unsigned cw_bits_of_bit_time(const cw_bus_config *config);
+
+/* Sets up clocks and delays; the memory must have been laid out. */
+void cw_init_timing(cw_bus *bus, const cw_bus_config *config);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
 

@@ -23,7 +23,7 @@ static bool config_valid(const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++)
         if (!node_config_valid(&c->nodes[i]))
             return false;
-    return true;
+    return cw_timing_valid(c);
 }
 
 /* The layout of the caller's memory. With base NULL only the size is counted. */
@@ -58,7 +58,8 @@ static uint16_t queue_room(const cw_bus_config *c, unsigned node)
 /* Returns the least size of the ring with which the bus never stands still. */
 static unsigned least_ring(const cw_bus_config *c)
 {
-    unsigned events = c->node_count * CW_EVENTS_PER_NODE + 2u * c->rule_count + 2u * c->rule_room +
+    const unsigned rules = (unsigned)c->rule_count + c->rule_room;
+    unsigned events = cw_bits_of_bit_time(c) * c->node_count * CW_EVENTS_PER_NODE + 2u * rules +
                       2u * c->inbox + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
         events += queue_room(c, i);
@@ -90,6 +91,33 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
                              .stale = true, .next_due = CW_NEVER};
 }
 
+/* Returns the edges that may be under way: one for each bit of a node in the longest delay, and in
+ * some bits more. */
+static unsigned edges_under_way(const cw_bus_config *c)
+{
+    const uint64_t bits = 4 + (uint64_t)(cw_longest_delay(c) / cw_shortest_bit(c));
+    unsigned room = 64;
+    while (room < bits * c->node_count)
+        room *= 2;
+    return room;
+}
+
+static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
+{
+    const size_t pairs = (size_t)c->node_count * c->node_count;
+    const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
+    timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
+    cw_edge *edges = carve(a, edges_under_way(c), sizeof *edges);
+    cw_disturbance *list = carve(a, room, sizeof *list);
+    if (!t)
+        return;
+    memset(nodes, 0, c->node_count * sizeof *nodes);
+    *t = (cw_timed){.nodes = nodes, .delays = delays,
+                    .cable = {.edges = edges, .capacity = edges_under_way(c)},
+                    .disturbances = {.list = list, .capacity = room}};
+}
+
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)
 {
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
@@ -107,6 +135,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->ring = (event_ring){.events = ring, .capacity = events};
     }
     carve_rules(a, bus ? &bus->rules : NULL, c);
+    carve_timed(a, bus ? &bus->timed : NULL, c);
     carve_queues(a, nodes, c);
     return bus;
 }
@@ -147,6 +176,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(bus, i, &config->nodes[i]);
+    cw_init_timing(bus, config);
     cw_link_rules(bus, config->seed);
     cw_ring_find_enough(bus);
     for (unsigned i = 0; i < config->rule_count; i++) {

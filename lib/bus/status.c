@@ -12,6 +12,11 @@ uint64_t cw_bus_now(const cw_bus *bus)
     return cw_now(bus);
 }
 
+bool cw_bus_is_on_grid(const cw_bus *bus)
+{
+    return !cw_is_off_grid(bus);
+}
+
 uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits)
 {
     return cw_wire_tick_or_never(&bus->time, bits);
@@ -88,6 +93,18 @@ static bool bus_comes_to_rest(const cw_bus *bus)
     return rests || bus->frame_step.active;
 }
 
+/* Returns bit times of the bus in which no node ends so many bits by its own clock. Edges shorten
+ * bits by at most SJW each. */
+static uint64_t bit_times_of(const cw_bus *bus, uint64_t bits)
+{
+    const uint64_t sure = bits > 3 ? bits - bits / 8 - 2 : 1;
+    if (cw_timed_has_report(bus))
+        return 1;
+    if (bits == CW_QUIET_FOREVER)
+        return bits;
+    return sure * bus->timed.fastest_permille / 1000 + 1;
+}
+
 uint64_t cw_bus_next(const cw_bus *bus)
 {
     if (bus->pending)
@@ -100,6 +117,8 @@ uint64_t cw_bus_next(const cw_bus *bus)
     const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(&bus->rules) & acts);
     if (bus->rules.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
+    if (cw_is_off_grid(bus))
+        bits = bit_times_of(bus, bits);
     uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
     tick = cw_least(tick, cw_least(bus->next_restart, bus->rules.next_due));
     return cw_least(tick, cw_inbox_first(bus));

@@ -31,6 +31,7 @@ void cw_mac_init(cw_mac *m, unsigned modes, unsigned warning_limit)
 {
     memset(m, 0, sizeof *m);
     m->confinement.warning_limit = (uint16_t)warning_limit;
+    m->driven = CW_RECESSIVE;
     cw_mac_set_modes(m, modes);
     integrate(m);
 }

@@ -101,19 +101,36 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
     return bus->inbox.capacity - bus->inbox.count;
 }
 
-/* Takes the earliest frame of the inbox: rules on the host side see it first, then it is queued. */
+/* Rules on the host side see the frame first, then it is queued. */
+static void hand_in(cw_bus *bus, const inbox_entry *entry)
+{
+    cw_frame frame = entry->frame;
+    bus->nodes[entry->node].inbox--;
+    bus->nodes[entry->node].stats.handed_in++;
+    if (cw_rules_hand_in(&bus->rules, entry->node, &frame, entry->at_tick))
+        cw_queue_frame(bus, entry->node, &frame, entry->at_tick, 0);
+    cw_rules_passed(&bus->rules, entry->node, CW_SIDE_TX, entry->at_tick);
+}
+
 static void take_first(cw_bus *bus)
 {
     inbox *box = &bus->inbox;
-    inbox_entry entry = *inbox_at(box, 0);
+    const inbox_entry entry = *inbox_at(box, 0);
     box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
     box->count--;
     find_next(box);
-    bus->nodes[entry.node].inbox--;
-    bus->nodes[entry.node].stats.handed_in++;
-    if (cw_rules_hand_in(&bus->rules, entry.node, &entry.frame, entry.at_tick))
-        cw_queue_frame(bus, entry.node, &entry.frame, entry.at_tick, 0);
-    cw_rules_passed(&bus->rules, entry.node, CW_SIDE_TX, entry.at_tick);
+    hand_in(bus, &entry);
+}
+
+static void take_nth(cw_bus *bus, unsigned n)
+{
+    inbox *box = &bus->inbox;
+    const inbox_entry entry = *inbox_at(box, n);
+    box->count--;
+    for (unsigned i = n; i < box->count; i++)
+        *inbox_at(box, i) = *inbox_at(box, i + 1);
+    find_next(box);
+    hand_in(bus, &entry);
 }
 
 /* It is never inlined: its copies would take the registers that a clean frame needs. */
@@ -128,6 +145,16 @@ void cw_take_inbox_of(cw_bus *bus, unsigned i)
     const inbox *box = &bus->inbox;
     while (cw_inbox_first(bus) <= cw_now(bus) && inbox_at(box, 0)->node == i)
         take_first(bus);
+}
+
+void cw_take_inbox_of_before(cw_bus *bus, unsigned i, uint64_t tick)
+{
+    const inbox *box = &bus->inbox;
+    for (unsigned n = 0; n < box->count && inbox_at(box, n)->at_tick < tick;)
+        if (inbox_at(box, n)->node == i)
+            take_nth(bus, n);
+        else
+            n++;
 }
 
 void cw_flush_inbox(cw_bus *bus, unsigned i)

@@ -15,7 +15,8 @@
 static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
     const cw_rule_set *set = &bus->rules;
-    return (uint64_t)bus->node_count * CW_EVENTS_PER_NODE + 2u * set->count + queued +
+    const uint64_t of_nodes = (uint64_t)bus->node_count * CW_EVENTS_PER_NODE;
+    return bus->timed.bits_of_bit_time * of_nodes + 2u * set->count + queued +
            (handed_in + held + bus->node_count) * (1 + set->host_rules + set->copies);
 }
 
@@ -62,11 +63,12 @@ static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nod
 }
 
 /* Returns those nodes of an event that come after a new one. Faults come first, in the order of the
- * rules. UINT64_MAX: the whole event. */
+ * rules. UINT64_MAX: the whole event. A bit may end before the hit of a rule that has been
+ * reported already, if nodes have clocks of their own. */
 static uint64_t part_behind(const cw_event *e, const cw_event *added)
 {
     if (e->tick != added->tick)
-        return 0;
+        return e->tick > added->tick ? UINT64_MAX : 0;
     if (added->kind == CW_EVENT_FAULT)
         return e->kind != CW_EVENT_FAULT || e->rule > added->rule ? UINT64_MAX : 0;
     return e->kind == CW_EVENT_FAULT ? 0 : nodes_behind(e, added->kind, added->nodes);
@@ -132,8 +134,8 @@ static inline void clear(cw_event *event)
 static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t tick,
                                 uint64_t nodes)
 {
-    return ring->count > 0 && ring->newest_tick == tick &&
-           nodes_behind(newest_event(ring), kind, nodes);
+    return ring->count > 0 && (ring->newest_tick > tick ||
+           (ring->newest_tick == tick && nodes_behind(newest_event(ring), kind, nodes)));
 }
 
 /* Adds an event after all others, which is the usual case. Returns NULL when it does not belong

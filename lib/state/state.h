@@ -9,6 +9,7 @@
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
  *   note.c       the bit in progress, for traces
+ *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
 #ifndef CANWIRE_STATE_H
 #define CANWIRE_STATE_H
@@ -19,6 +20,7 @@
 #include "mac/mac.h"
 #include "state/queue.h"
 #include "state/stats.h"
+#include "state/timed.h"
 #include "time/wire.h"
 
 typedef struct bus_node {
@@ -171,6 +173,7 @@ struct cw_bus {
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
     cw_rule_set rules;
+    cw_timed timed;
     bit_note note;
 };
 
@@ -230,6 +233,9 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
 /* Takes the frames of a node that are due now out of the inbox, up to the first one of another
  * node. */
 void cw_take_inbox_of(cw_bus *bus, unsigned node);
+
+/* Does the same with the frames of a node that come before a tick, wherever they are. */
+void cw_take_inbox_of_before(cw_bus *bus, unsigned node, uint64_t tick);
 
 /* Drops all frames of a node from the inbox. */
 void cw_flush_inbox(cw_bus *bus, unsigned node);

@@ -41,7 +41,7 @@ void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame)
     (void)cw_bits_encode_crc(&n->mac.tx, frame, wrong_crc ? 1 : 0);
 }
 
-static void note_start(cw_bus *bus, unsigned i)
+void cw_note_start(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
@@ -71,7 +71,7 @@ static uint64_t drive_all(cw_bus *bus)
         if (cw_mac_drive(&n->mac) == CW_DOMINANT)
             levels &= ~cw_node_bit(i);
         if (n->mac.started)
-            note_start(bus, i);
+            cw_note_start(bus, i);
     }
     return levels;
 }

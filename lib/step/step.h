@@ -2,7 +2,8 @@
  *
  * step.h - the ways in which time moves. All leave the bus as single bits would leave it.
  *
- *   bit.c      one bit of all nodes: the reference
+ *   quantum*.c  nodes with clocks of their own: the reference
+ *   bit.c      one bit of all nodes: the reference where all clocks agree
  *   run.c      equal bits; shared.c takes a bit for all nodes that do the same
  *   frame*.c   clean frames without controllers; outlook.c and arbiter.c know who sends next
  */
@@ -25,6 +26,9 @@ void cw_offer_slot(bus_node *node, uint16_t slot);
  * wrong. */
 void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame);
 
+/* Notes that a node has begun to transmit. */
+void cw_note_start(cw_bus *bus, unsigned node);
+
 /* Finds the levels of the bit in progress from those that are driven. */
 void cw_find_levels(cw_bus *bus, cw_levels *levels);
 
@@ -33,6 +37,24 @@ void cw_step_with(cw_bus *bus, const cw_levels *levels);
 
 /* Counts load and flags for the next bit, and for as many equal ones as are taken with it. */
 void cw_watch_wire(cw_bus *bus, uint64_t bits);
+
+/* ---- quantum*.c ------------------------------------------------------------------------------ */
+
+/* Returns true when nodes go by their own clocks, because those may differ, or for a test. */
+static inline bool cw_is_off_grid(const cw_bus *bus)
+{
+    return bus->timed.active || !bus->timed.uniform ||
+           ((bus->timed.requested || bus->rules.timed_rules) && bus->timed.divides);
+}
+
+/* Simulates the next bit time of the bus, in which each node goes by its own clock. */
+void cw_step_bit_time(cw_bus *bus);
+
+/* Returns true when a node has something to report at the end of a bit that it has sampled. */
+bool cw_timed_has_report(const cw_bus *bus);
+
+/* Notes that a controller has been changed from outside, perhaps in the middle of its bit. */
+void cw_timed_touch(cw_bus *bus, unsigned node);
 
 /* ---- run.c ----------------------------------------------------------------------------------- */
 

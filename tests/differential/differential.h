@@ -107,6 +107,7 @@ typedef struct diff_scenario {
     diff_slicing reference;
     unsigned drains; /* permille of the slices after which the events are taken */
     bool peeks; /* the fast bus is read at the end of each slice */
+    bool own_clocks; /* the reference goes by the clocks of its nodes, not by common bits */
     unsigned plan_count;
     diff_plan plans[DIFF_PLANS_MAX]; /* the first one is the bus at tick 0 */
     unsigned added_count;
@@ -212,6 +213,9 @@ bool diff_same_event(const cw_event *a, const cw_event *b);
 
 /* Compares all that can be read of two buses at the same tick, writing what differs. */
 bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules, FILE *out);
+
+/* Does the same with the last bit, which nodes with clocks of their own do not have in common. */
+bool diff_same_bits(const cw_bus *fast, const cw_bus *reference, FILE *out);
 
 /* ---- ledger.c -------------------------------------------------------------------------------- */
 

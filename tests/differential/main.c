@@ -29,6 +29,7 @@ enum {
     HERE = 8, /* in this process */
     NO_SHRINK = 16,
     HELP = 32,
+    OWN_CLOCKS = 64,
 };
 
 typedef struct options {
@@ -49,12 +50,13 @@ static volatile shared *common;
 
 static const char usage[] =
     "usage: differential [--bits N | --seconds N | --forever] [--seed N] [--verbose]\n"
-    "                    [--no-shrink] [--show | --here] [--help]\n"
+    "                    [--own-clocks] [--no-shrink] [--show | --here] [--help]\n"
     "Runs random scenarios on a bus that takes short cuts and on one that steps every node\n"
     "through every bit, until N bits have gone by (default 10000000), and compares all that can\n"
     "be read. The scenarios are those of the seeds N, N + 1, ... (default 1). One that differs is\n"
     "made small and written as calls of the library. --show writes the scenario of the seed,\n"
-    "--here runs it in this process, for a debugger.\n"
+    "--here runs it in this process, for a debugger. With --own-clocks the nodes of the second\n"
+    "bus go by clocks of their own, which agree.\n"
     "Exit status: 0, 1 they differ, 2 wrong usage.\n";
 
 /* ---- Running --------------------------------------------------------------------------------- */
@@ -107,6 +109,12 @@ static bool is_done(const options *o, const diff_coverage *c, time_t begin)
     return o->seconds ? (uint64_t)(time(NULL) - begin) >= o->seconds : c->bits >= o->bits;
 }
 
+static void generate(diff_scenario *s, const options *o, uint64_t seed)
+{
+    diff_generate(s, seed);
+    s->own_clocks = o->flags & OWN_CLOCKS;
+}
+
 /* Runs the child: exit status 1 when a scenario differs. */
 static int run_all(const options *o)
 {
@@ -118,7 +126,7 @@ static int run_all(const options *o)
     for (uint64_t seed = o->seed; !verdict.differs && !is_done(o, &c, begin); seed++) {
         common->seed = seed;
         limit_time(HANG_SECONDS);
-        diff_generate(&s, seed);
+        generate(&s, o, seed);
         if (o->flags & VERBOSE)
             tell_scenario(&s);
         diff_run(&verdict, &s, &c, NULL);
@@ -133,7 +141,7 @@ static int show_or_run_here(const options *o)
     static diff_scenario s;
     static diff_coverage unused;
     diff_verdict verdict = {.differs = false};
-    diff_generate(&s, o->seed);
+    generate(&s, o, o->seed);
     if (o->flags & SHOW)
         diff_write_scenario(stdout, &s);
     else
@@ -142,17 +150,17 @@ static int show_or_run_here(const options *o)
     return verdict.differs;
 }
 
-static void shrink_and_tell(uint64_t seed, bool shrink)
+static void shrink_and_tell(const options *o, uint64_t seed)
 {
     static diff_scenario s;
     uint64_t tick;
-    diff_generate(&s, seed);
+    generate(&s, o, seed);
     tell_scenario(&s);
     diff_outcome outcome = diff_try(&s, &tick, true);
     static const char *const outcomes[] = {"it is the same when run alone", "it differs",
                                            "it crashes", "it hangs"};
     printf("seed %" PRIu64 ": %s, at tick %" PRIu64 "\n", seed, outcomes[outcome], tick);
-    if (outcome == DIFF_SAME || !shrink)
+    if (outcome == DIFF_SAME || (o->flags & NO_SHRINK))
         return;
     diff_shrink(&s, outcome, tick);
     printf("\n");
@@ -193,10 +201,11 @@ static bool read_options(options *o, int argc, char **argv)
         {"seconds", required_argument, NULL, 't'}, {"forever", no_argument, NULL, FOREVER},
         {"verbose", no_argument, NULL, VERBOSE},   {"show", no_argument, NULL, SHOW},
         {"here", no_argument, NULL, HERE},         {"no-shrink", no_argument, NULL, NO_SHRINK},
-        {"help", no_argument, NULL, HELP},         {NULL, 0, NULL, 0}};
+        {"own-clocks", no_argument, NULL, OWN_CLOCKS}, {"help", no_argument, NULL, HELP},
+        {NULL, 0, NULL, 0}};
     *o = (options){.bits = BITS_DEFAULT, .seed = 1};
     for (int c; (c = getopt_long(argc, argv, "", names, NULL)) != -1;) {
-        if (c <= HELP)
+        if (c <= OWN_CLOCKS)
             o->flags |= (unsigned)c;
         else if (!read_value(o, c))
             return false;
@@ -230,7 +239,7 @@ static int compare_all(const options *o)
         return 2;
     bool same = WIFEXITED(status) && WEXITSTATUS(status) == 0;
     if (!same)
-        shrink_and_tell(common->seed, !(o->flags & NO_SHRINK));
+        shrink_and_tell(o, common->seed);
     return summarise(o, same);
 }
 

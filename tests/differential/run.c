@@ -42,6 +42,7 @@ typedef struct pair {
     cw_rule rules[2 * DIFF_RULES_MAX];
     cw_event history[CONTEXT];
     uint64_t events; /* compared so far */
+    bool own_clocks;
 } pair;
 
 /* ---- What differs ---------------------------------------------------------------------------- */
@@ -181,6 +182,8 @@ static bool is_foreseeable(const cw_event *e)
  * unforeseen happens. Nothing comes when it has reported a resting bus. */
 static void check_next(pair *p, const side *s, size_t from, uint64_t next)
 {
+    if (next != CW_NEVER && !cw_bus_is_on_grid(s->bus)) /* it may come earlier in the bit time */
+        next = next > p->bit_ticks ? next - p->bit_ticks : 0;
     const uint32_t unforeseen = ~(1u << CW_EVENT_ARBITRATION_LOST);
     for (size_t i = from; i < s->count; i++) {
         const cw_event *e = &s->events[i];
@@ -300,7 +303,8 @@ static void check(pair *p)
     cw_bit_view unused;
     p->coverage->marks[DIFF_COMPARISONS]++;
     p->coverage->marks[DIFF_SHORT_CUTS] += cw_bus_get_bit(p->fast.bus, &unused) != CW_OK;
-    if (!diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out) ||
+    const bool bits = p->own_clocks || diff_same_bits(p->fast.bus, p->reference.bus, p->out);
+    if (!bits || !diff_same_buses(p->fast.bus, p->reference.bus, p->rule_count, p->out) ||
         (p->fast.drained && p->reference.drained &&
          !diff_ledger_check(p->ledger, p->reference.bus, p->out)))
         found(p, cw_bus_now(p->reference.bus));
@@ -350,13 +354,19 @@ static cw_status side_take_over(side *s, const cw_bus_config *config, const uint
     return status;
 }
 
+static void set_reference(pair *p)
+{
+    cw_bus_set_stepping(p->reference.bus, !p->own_clocks);
+    cw_bus_set_own_clocks(p->reference.bus, p->own_clocks);
+}
+
 static void take_over(pair *p, const diff_op *op)
 {
     cw_rule rules[DIFF_RULES_MAX];
     const cw_bus_config *config = diff_fill_in(&p->plans.plans[op->target], rules);
     cw_status status = side_take_over(&p->fast, config, op->from);
     statuses_same(p, "take-over", status, side_take_over(&p->reference, config, op->from));
-    cw_bus_set_stepping(p->reference.bus, true);
+    set_reference(p);
     if (status != CW_OK)
         return;
     know_rules(p, config);
@@ -560,7 +570,8 @@ void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *o
         p->fast.slicing = s->fast;
         p->fast.peeks = s->peeks;
         p->reference.slicing = s->reference;
-        cw_bus_set_stepping(p->reference.bus, true);
+        p->own_clocks = s->own_clocks;
+        set_reference(p);
         know_rules(p, config);
         p->ledger = diff_ledger_new(s);
         run_operations(p);

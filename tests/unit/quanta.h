@@ -15,15 +15,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define QUANTA_NODES_MAX 4u
+#define QUANTA_NODES_MAX 8u
 #define QUANTA_EDGES 256u /* of each node that are remembered */
 
-/* Times are in femtoseconds. */
+/* Times are in femtoseconds, or in any other unit of the test. */
 #define FS_PER_NS INT64_C(1000000)
 
 typedef struct quanta_timing {
     int64_t quantum;
     unsigned prop, seg1, seg2, sjw; /* in quanta; Sync_Seg has one (T1) */
+    bool triple; /* T7 */
 } quanta_timing;
 
 typedef struct quanta_node {
@@ -35,7 +36,8 @@ typedef struct quanta_node {
     unsigned end_at;    /* ... at the end of the bit */
     bool sampled;       /* this bit has been */
     bool last_sample;
-    bool before;        /* level seen at the end of the quantum before */
+    bool before;        /* level seen at the end of the quantum before ... */
+    bool first;         /* ... and of the one before that */
     bool synchronised;  /* since the last sample point */
     bool driven;
     bool scripted; /* no controller: the test writes its edges */
@@ -44,14 +46,20 @@ typedef struct quanta_node {
     unsigned frames;    /* that the test wants to be sent */
     unsigned received, sent, errors;
     cw_error first_error;
+    cw_mac_report report; /* of the last sample */
 } quanta_node;
 
-typedef struct quanta {
+typedef struct quanta quanta;
+
+struct quanta {
     quanta_node nodes[QUANTA_NODES_MAX];
     unsigned node_count;
-    int64_t delay[QUANTA_NODES_MAX][QUANTA_NODES_MAX]; /* from a node's edge to another's look */
+    int64_t delay[QUANTA_NODES_MAX][QUANTA_NODES_MAX][2]; /* from a node's edge to that level, to
+                                                             another's look */
     bool (*next_frame)(cw_frame *frame, unsigned node, unsigned number);
-} quanta;
+    /* Called at the end of each bit with the report of its sample, if not NULL. */
+    void (*bit_ended)(const struct quanta *q, unsigned node);
+};
 
 static inline unsigned quanta_bit(const quanta_timing *t)
 {
@@ -61,18 +69,21 @@ static inline unsigned quanta_bit(const quanta_timing *t)
 static inline void quanta_add(quanta *q, const quanta_timing *timing, int64_t phase)
 {
     quanta_node *n = &q->nodes[q->node_count++];
-    *n = (quanta_node){.timing = *timing, .now = phase, .before = CW_RECESSIVE,
+    *n = (quanta_node){.timing = *timing, .now = phase,
+                       .before = CW_RECESSIVE, .first = CW_RECESSIVE,
                        .last_sample = CW_RECESSIVE, .driven = CW_RECESSIVE,
                        .sample_at = 1 + timing->prop + timing->seg1, .end_at = quanta_bit(timing)};
     cw_mac_init(&n->mac, 0, 96);
     (void)cw_mac_drive(&n->mac);
 }
 
-/* Returns the level that a node drove before a moment. */
-static inline bool quanta_level_before(const quanta_node *n, int64_t moment)
+/* Returns the level of a node that another one sees at a moment: that of the last edge that has
+ * come there before. */
+static inline bool quanta_level_before(const quanta_node *n, const int64_t delay[2],
+                                       int64_t moment)
 {
     unsigned k = n->edges;
-    while (k > 0 && n->edge_at[(k - 1) % QUANTA_EDGES] >= moment) {
+    while (k > 0 && n->edge_at[(k - 1) % QUANTA_EDGES] + delay[k % 2 ? 0 : 1] >= moment) {
         k--;
         assert(n->edges - k < QUANTA_EDGES);
     }
@@ -85,17 +96,18 @@ static inline bool quanta_look(const quanta *q, unsigned self)
     bool level = CW_RECESSIVE;
     for (unsigned i = 0; i < q->node_count; i++)
         level = level &&
-                quanta_level_before(&q->nodes[i], q->nodes[self].now - q->delay[i][self]);
+                quanta_level_before(&q->nodes[i], q->delay[i][self], q->nodes[self].now);
     return level;
 }
 
-/* T4: idle, suspend, bits 2 and 3 of the intermission, integration. */
+/* T4: idle, suspend, bits 2 and 3 of the intermission, integration, bus-off. */
 static inline bool quanta_synchronises_hard(const quanta_node *n)
 {
     const cw_mac_phase phase = cw_mac_get_phase(&n->mac);
     const bool rests = phase == CW_MAC_IDLE || phase == CW_MAC_SUSPEND;
     const bool late = phase == CW_MAC_INTERMISSION && n->mac.count > 0;
-    return rests || late || phase == CW_MAC_INTEGRATING;
+    const bool off = phase == CW_MAC_BUS_OFF || phase == CW_MAC_RECOVERING;
+    return rests || late || off || phase == CW_MAC_INTEGRATING;
 }
 
 static inline void quanta_drive(quanta *q, unsigned i)
@@ -115,6 +127,8 @@ static inline void quanta_begin_bit(quanta *q, unsigned i, unsigned passed)
 {
     quanta_node *n = &q->nodes[i];
     assert(n->sampled);
+    if (q->bit_ended)
+        q->bit_ended(q, i);
     n->count = passed;
     n->sample_at = 1 + n->timing.prop + n->timing.seg1;
     n->end_at = quanta_bit(&n->timing);
@@ -167,6 +181,7 @@ static inline void quanta_sample(quanta_node *n, bool level)
 {
     cw_mac_report report;
     cw_mac_sample(&n->mac, level, &report);
+    n->report = report;
     n->sampled = true;
     n->synchronised = false;
     n->last_sample = level;
@@ -183,9 +198,11 @@ static inline void quanta_step_node(quanta *q, unsigned i)
     n->now += n->timing.quantum;
     n->count++;
     const bool level = quanta_look(q, i);
+    const bool majority = level + n->before + n->first >= 2;
+    n->first = n->before;
     quanta_watch_edge(q, i, level);
     if (!n->sampled && n->count == n->sample_at)
-        quanta_sample(n, level);
+        quanta_sample(n, n->timing.triple ? majority : level);
     if (n->sampled && n->count >= n->end_at)
         quanta_begin_bit(q, i, 0);
 }
@@ -207,15 +224,28 @@ static inline void quanta_script(quanta_node *n, int64_t moment, bool level)
         n->edge_at[n->edges++] = moment;
 }
 
-/* Steps the controller whose quantum ends first; node 0 has one. */
-static inline void quanta_step(quanta *q)
+/* Returns the controller whose quantum ends first; node 0 has one. */
+static inline unsigned quanta_first(const quanta *q)
 {
     unsigned first = 0;
     for (unsigned i = 1; i < q->node_count; i++)
         if (!q->nodes[i].scripted && q->nodes[i].now + q->nodes[i].timing.quantum <
                                          q->nodes[first].now + q->nodes[first].timing.quantum)
             first = i;
-    quanta_step_node(q, first);
+    return first;
+}
+
+/* Returns the moment of the next step. */
+static inline int64_t quanta_next(const quanta *q)
+{
+    const quanta_node *n = &q->nodes[quanta_first(q)];
+    return n->now + n->timing.quantum;
+}
+
+/* Steps the controller whose quantum ends first. */
+static inline void quanta_step(quanta *q)
+{
+    quanta_step_node(q, quanta_first(q));
 }
 
 #endif

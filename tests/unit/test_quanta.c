@@ -79,12 +79,12 @@ static const struct {
     quanta_timing timing;
     double slow, fast;
 } pairs[] = {
-    {"1M 6-1-2/1", {100 * FS_PER_NS, 6, 1, 2, 1}, 1.15, 1.15},
-    {"1M 10-2-3/2", {125 * FS_PER_NS / 2, 10, 2, 3, 2}, 1.37, 1.41},
-    {"500k 4-5-6/4", {125 * FS_PER_NS, 4, 5, 6, 4}, 2.75, 2.83},
-    {"125k 11-2-2/2", {500 * FS_PER_NS, 11, 2, 2, 2}, 1.27, 0.73},
-    {"50k 11-4-4/4", {1000 * FS_PER_NS, 11, 4, 4, 4}, 2.05, 1.71},
-    {"100k 1-4-4/4", {1000 * FS_PER_NS, 1, 4, 4, 4}, 4.17, 3.39},
+    {"1M 6-1-2/1", {100 * FS_PER_NS, 6, 1, 2, 1, false}, 1.15, 1.15},
+    {"1M 10-2-3/2", {125 * FS_PER_NS / 2, 10, 2, 3, 2, false}, 1.37, 1.41},
+    {"500k 4-5-6/4", {125 * FS_PER_NS, 4, 5, 6, 4, false}, 2.75, 2.83},
+    {"125k 11-2-2/2", {500 * FS_PER_NS, 11, 2, 2, 2, false}, 1.27, 0.73},
+    {"50k 11-4-4/4", {1000 * FS_PER_NS, 11, 4, 4, 4, false}, 2.05, 1.71},
+    {"100k 1-4-4/4", {1000 * FS_PER_NS, 1, 4, 4, 4, false}, 4.17, 3.39},
 };
 #define PAIRS (sizeof pairs / sizeof pairs[0])
 
@@ -154,7 +154,8 @@ static const cw_error *first_error_at(quanta *q, const quanta_timing *timing, in
     *q = (quanta){.next_frame = next_frame};
     quanta_add(q, timing, 0);
     quanta_add(q, timing, 0);
-    q->delay[0][1] = q->delay[1][0] = delay;
+    for (unsigned level = 0; level < 2; level++)
+        q->delay[0][1][level] = q->delay[1][0][level] = delay;
     integrate(q);
     while (q->nodes[0].sent < FRAMES && q->nodes[0].errors == 0)
         quanta_step(q);
@@ -377,7 +378,7 @@ static void a_transmitter_does_not_follow_its_own_delay(void **state)
         quanta q = {.next_frame = next_frame};
         quanta_add(&q, t, 0);
         quanta_add(&q, t, 0);
-        q.delay[0][0] = 2 * t->quantum;
+        q.delay[0][0][0] = q.delay[0][0][1] = 2 * t->quantum;
         integrate(&q);
         while (q.nodes[0].edges < 20)
             quanta_step(&q);

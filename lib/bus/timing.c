@@ -1,0 +1,152 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * timing.c - the clocks of the nodes and the delays between them, by the configuration.
+ */
+#include "bus/bus_private.h"
+
+/* The default: a bit in 16 quanta, which are a whole number of 2^-32 ticks in any case. */
+static cw_bit_timing default_timing(cw_span bit_time)
+{
+    return (cw_bit_timing){.quantum = bit_time / 16,
+                           .prop_seg = 6, .phase_seg1 = 7, .phase_seg2 = 2, .sjw = 1};
+}
+
+static bool delay_valid(cw_span delay)
+{
+    return delay >= 0 && delay <= CW_DELAY_MAX;
+}
+
+static bool node_timing_valid(const cw_node_timing *t)
+{
+    return (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
+           delay_valid(t->stub) && delay_valid(t->tx_delay[0]) && delay_valid(t->tx_delay[1]) &&
+           delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]);
+}
+
+static uint64_t ticks_of_bit(const cw_bus_config *c)
+{
+    const cw_rate rate = cw_rate_of(c->bit_ticks);
+    return cw_rate_ticks(rate, 1);
+}
+
+/* Returns the bit time of a bus. Longer ones than the longest are not divided. */
+static cw_span bit_time_of(const cw_bus_config *c)
+{
+    return CW_TICK * (cw_span)cw_least(ticks_of_bit(c), CW_DIVIDED_BIT_MAX);
+}
+
+static bool divides_bits(const cw_bus_config *c)
+{
+    return ticks_of_bit(c) <= CW_DIVIDED_BIT_MAX;
+}
+
+static cw_span bit_length(const cw_bit_timing *t)
+{
+    return t->quantum * cw_bit_timing_quanta(t);
+}
+
+static bool same_timing(const cw_bit_timing *a, const cw_bit_timing *b)
+{
+    return a->quantum == b->quantum && a->prop_seg == b->prop_seg &&
+           a->phase_seg1 == b->phase_seg1 && a->phase_seg2 == b->phase_seg2 && a->sjw == b->sjw &&
+           a->triple_sampling == b->triple_sampling;
+}
+
+cw_bit_timing cw_bit_timing_of(const cw_bus_config *c, unsigned i)
+{
+    const cw_bit_timing *own = &c->nodes[i].timing.bit;
+    return own->quantum ? *own : default_timing(bit_time_of(c));
+}
+
+/* Returns the delay of an edge from one node to another, or to itself. */
+static cw_span delay_between(const cw_bus_config *c, unsigned from, unsigned to, bool level)
+{
+    const cw_node_timing *a = &c->nodes[from].timing, *b = &c->nodes[to].timing;
+    const cw_span line = a->place < b->place ? b->place - a->place : a->place - b->place;
+    const cw_span stubs = from == to ? 0 : a->stub + b->stub;
+    return a->tx_delay[level] + line + stubs + b->rx_delay[level];
+}
+
+cw_span cw_longest_delay(const cw_bus_config *c)
+{
+    cw_span longest = 0;
+    for (unsigned from = 0; from < c->node_count; from++)
+        for (unsigned to = 0; to < c->node_count; to++)
+            for (unsigned level = 0; level < 2; level++) {
+                const cw_span delay = delay_between(c, from, to, level);
+                longest = delay > longest ? delay : longest;
+            }
+    return longest;
+}
+
+cw_span cw_shortest_bit(const cw_bus_config *c)
+{
+    cw_span shortest = INT64_MAX;
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_bit_timing timing = cw_bit_timing_of(c, i);
+        shortest = bit_length(&timing) < shortest ? bit_length(&timing) : shortest;
+    }
+    return shortest;
+}
+
+unsigned cw_bits_of_bit_time(const cw_bus_config *c)
+{
+    return (unsigned)((bit_time_of(c) + cw_shortest_bit(c) - 1) / cw_shortest_bit(c));
+}
+
+/* Returns true when bits are common to all nodes. */
+static bool is_uniform(const cw_bus *bus, const cw_bus_config *c)
+{
+    const cw_timed *t = &bus->timed;
+    bool uniform = t->cable.longest == 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        uniform = uniform && same_timing(&t->nodes[0].timing, &t->nodes[i].timing);
+    return uniform && bit_length(&t->nodes[0].timing) == bit_time_of(c);
+}
+
+/* Returns true when the clocks and delays of nodes can be simulated on the bus. */
+static bool fits(const cw_bus_config *c)
+{
+    const cw_span bit_time = bit_time_of(c), shortest = cw_shortest_bit(c);
+    bool fit = shortest >= bit_time / CW_BIT_RATIO_MAX &&
+               cw_longest_delay(c) <= shortest * CW_DELAY_BITS_MAX;
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_bit_timing timing = cw_bit_timing_of(c, i);
+        fit = fit && bit_length(&timing) <= bit_time * CW_BIT_RATIO_MAX;
+        fit = fit && (c->nodes[i].timing.bit.quantum == 0 || divides_bits(c));
+    }
+    return fit;
+}
+
+bool cw_timing_valid(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (!node_timing_valid(&c->nodes[i].timing))
+            return false;
+    return fits(c) && (cw_longest_delay(c) == 0 || divides_bits(c));
+}
+
+static uint32_t fastest_permille(const cw_bus_config *c)
+{
+    const cw_span permille = cw_shortest_bit(c) / (bit_time_of(c) / 1000);
+    return permille < 999 ? (uint32_t)permille : 999;
+}
+
+void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
+{
+    cw_timed *t = &bus->timed;
+    for (unsigned from = 0; from < c->node_count; from++)
+        for (unsigned to = 0; to < c->node_count; to++)
+            for (unsigned level = 0; level < 2; level++)
+                t->delays[(from * c->node_count + to) * 2 + level] =
+                    delay_between(c, from, to, level);
+    t->cable.delays = t->delays;
+    t->cable.node_count = c->node_count;
+    t->cable.longest = cw_longest_delay(c);
+    for (unsigned i = 0; i < c->node_count; i++)
+        t->nodes[i].timing = cw_bit_timing_of(c, i);
+    t->divides = divides_bits(c);
+    t->uniform = is_uniform(bus, c) || !t->divides;
+    t->bits_of_bit_time = cw_bits_of_bit_time(c);
+    t->fastest_permille = fastest_permille(c);
+}

@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * timed.h - nodes with clocks of their own. It has the place of each one in its bit, the next
+ * thing that it does, and the line between them. The bus uses it while it is off the grid of common
+ * bits, see step/quantum.c.
+ */
+#ifndef CANWIRE_STATE_TIMED_H
+#define CANWIRE_STATE_TIMED_H
+
+#include "canwire.h"
+#include "rule/disturb.h"
+#include "time/cable.h"
+#include "time/pcs.h"
+
+/* The next thing that a node does. At one moment all looks come first, then all ends, then all
+ * begins. */
+typedef enum cw_doing {
+    CW_LOOKS = 0, /* at the wire, to sample it, or because an edge may have come */
+    CW_ENDS,      /* its bit */
+    CW_BEGINS,    /* its next bit */
+} cw_doing;
+
+typedef struct timed_node {
+    cw_pcs pcs;
+    cw_bit_timing timing;
+    cw_span begin;      /* of the present bit, that of its Sync_Seg */
+    cw_span next_begin; /* of the next one, while the node ends and begins bits */
+    cw_span looked;     /* edges that came before the look at this moment have been dealt with */
+    bool driven;        /* the level that it puts onto its wire */
+    cw_mac_report report; /* of the last sample, to be committed at the end of the bit */
+} timed_node;
+
+/* An entry of the agenda: moment, then what, then node. */
+typedef struct agenda_entry {
+    cw_span moment;
+    uint16_t what; /* cw_doing << 8 | node */
+} agenda_entry;
+
+/* The next thing of each node, sorted. */
+typedef struct cw_agenda {
+    agenda_entry entries[2 * CW_NODES_MAX];
+    unsigned first;
+    unsigned count;
+} cw_agenda;
+
+typedef struct cw_timed {
+    bool active;    /* the bus is off the grid */
+    bool divides;   /* bits are short enough to be divided */
+    bool uniform;   /* all nodes have the bit timing of the bus, and no delays */
+    bool requested; /* by cw_bus_set_own_clocks() */
+    unsigned bits_of_bit_time; /* of a node that can end in one bit time of the bus */
+    uint32_t fastest_permille; /* the shortest bit of a node, in thousandths of a bit time, less
+                                  than 1000 */
+    uint64_t epoch; /* tick; moments count from here */
+    cw_cable cable;
+    cw_disturbances disturbances;
+    cw_agenda agenda;
+    cw_span *delays;
+    timed_node *nodes;
+} cw_timed;
+
+/* ---- agenda.c -------------------------------------------------------------------------------- */
+
+void cw_agenda_clear(cw_agenda *agenda);
+
+/* Adds what a node does next; it must have no entry. */
+void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment);
+
+/* Returns the entry of a node. */
+const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
+
+/* Takes the entry of a node away. */
+void cw_agenda_remove(cw_agenda *agenda, unsigned node);
+
+static inline const agenda_entry *cw_agenda_first(const cw_agenda *agenda)
+{
+    return &agenda->entries[agenda->first];
+}
+
+static inline cw_doing cw_agenda_what(const agenda_entry *entry)
+{
+    return (cw_doing)(entry->what >> 8);
+}
+
+static inline unsigned cw_agenda_node(const agenda_entry *entry)
+{
+    return entry->what & 0xFFu;
+}
+
+static inline void cw_agenda_take(cw_agenda *agenda)
+{
+    agenda->first++;
+    agenda->count--;
+}
+
+/* Moves the epoch forward. */
+void cw_agenda_rebase(cw_agenda *agenda, cw_span by);
+
+#endif

@@ -1,0 +1,292 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum.c - nodes with clocks of their own, in the order of time: the reference.
+ *
+ * Each node begins its bits, samples them and ends them by its own clock. The events of a bit come
+ * at its end, when its controller goes on to the next one. Nothing is skipped, but nodes look only
+ * when it matters: at sample points, and where an edge may have come. Rules T1 to T12 of RULES.md.
+ *
+ * The step is one bit time of the bus, in which a node may have two bits, or none. All that has no
+ * clock of its own happens between the steps: frames and commands of hosts, restarts, rules on
+ * times. Load is counted for bit times, too. So a bus whose clocks all agree has the events and
+ * statistics of single bits (bit.c).
+ */
+#include "step/quantum.h"
+
+#include "mac/mac.h"
+
+#include <assert.h>
+
+static timed_node *node_at(cw_bus *bus, unsigned i)
+{
+    return &bus->timed.nodes[i];
+}
+
+static cw_span after_quanta(const timed_node *n, unsigned quanta)
+{
+    return n->begin + quanta * n->timing.quantum;
+}
+
+/* ---- Edges ----------------------------------------------------------------------------------- */
+
+/* Takes an edge that a look has found. */
+static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
+{
+    timed_node *n = node_at(bus, i);
+    const unsigned in = (unsigned)((look - n->begin) / n->timing.quantum) - 1;
+    const bool hard = cw_mac_synchronises_hard(&bus->nodes[i].mac);
+    n->looked = look;
+    const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
+    if (effect == CW_EDGE_RESTARTS)
+        n->begin = look - n->timing.quantum;
+    if (effect == CW_EDGE_ENDS_BIT)
+        n->next_begin = look - n->timing.quantum;
+    return effect;
+}
+
+/* Plans what comes after the sample point: the end of the bit, or a look at an edge before. */
+static void plan_end(cw_bus *bus, unsigned i)
+{
+    timed_node *n = node_at(bus, i);
+    const cw_span end = after_quanta(n, n->pcs.end_at);
+    const cw_span edge = cw_pcs_is_open(&n->pcs) ? cw_timed_next_edge(bus, i, end) : CW_SPAN_MAX;
+    n->next_begin = end;
+    if (edge == CW_SPAN_MAX)
+        cw_agenda_put(&bus->timed.agenda, i, CW_ENDS, end);
+    else
+        cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, edge);
+}
+
+/* Plans anew for nodes after their sample points, since a dominant level is under way. */
+static void alert(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const timed_node *n = node_at(bus, i);
+        if (!n->pcs.sampled || !cw_pcs_is_open(&n->pcs) ||
+            cw_agenda_what(cw_agenda_of(&bus->timed.agenda, i)) == CW_BEGINS)
+            continue;
+        cw_agenda_remove(&bus->timed.agenda, i);
+        plan_end(bus, i);
+    }
+}
+
+/* ---- Begin of a bit -------------------------------------------------------------------------- */
+
+/* Puts a level onto the node's wire, if it is another one than before. */
+static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    if (n->driven == level)
+        return;
+    n->driven = level;
+    const cw_edge edge = {.moment = moment, .node = (uint8_t)i, .level = level};
+    cw_cable_put(&bus->timed.cable, &edge);
+    if (level == CW_DOMINANT)
+        alert(bus);
+}
+
+static void drive(cw_bus *bus, unsigned i, cw_span moment)
+{
+    bus_node *n = &bus->nodes[i];
+    if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
+        cw_offer_first(n);
+    put_level(bus, i, cw_mac_drive(&n->mac), moment);
+    if (n->mac.started)
+        cw_note_start(bus, i);
+}
+
+static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    n->begin = n->next_begin;
+    n->looked = moment;
+    cw_pcs_begin_bit(&n->pcs, &n->timing);
+    cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, after_quanta(n, n->pcs.sample_at));
+    drive(bus, i, moment);
+}
+
+/* Begins the bits of all nodes that begin one at a moment. Returns these nodes. */
+static uint64_t begin_bits(cw_bus *bus, cw_span moment)
+{
+    cw_agenda *agenda = &bus->timed.agenda;
+    uint64_t nodes = 0;
+    const agenda_entry *e;
+    while (e = cw_agenda_first(agenda), e->moment == moment && cw_agenda_what(e) == CW_BEGINS) {
+        const unsigned i = cw_agenda_node(e);
+        cw_agenda_take(agenda);
+        begin_bit(bus, i, moment);
+        nodes |= cw_node_bit(i);
+    }
+    return nodes;
+}
+
+/* Lets rules on positions act in the bits that have begun. */
+static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
+{
+    if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
+        return;
+    cw_rules_begin_bits(&bus->rules, &bus->timed.disturbances, nodes, moment,
+                        ~bus->timed.cable.dominant);
+    if (bus->timed.disturbances.count)
+        alert(bus);
+}
+
+/* ---- Sample point ---------------------------------------------------------------------------- */
+
+/* Returns true when all nodes sample at one moment. */
+static bool all_look_at(const cw_agenda *agenda, cw_span moment)
+{
+    const agenda_entry *last = &agenda->entries[agenda->first + agenda->count - 1];
+    return last->moment == moment && cw_agenda_what(last) == CW_LOOKS;
+}
+
+/* Hands in the frames that come before the end of the bit: the controller cannot tell when in the
+ * bit. */
+static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
+{
+    const timed_node *n = node_at(bus, i);
+    if (cw_inbox_first(bus) >= cw_bit_end(bus))
+        return;
+    if (bus->timed.agenda.count == 0 || all_look_at(&bus->timed.agenda, moment))
+        cw_take_inbox_before(bus, cw_bit_end(bus));
+    else
+        cw_take_inbox_of_before(bus, i, cw_tick_of(bus, after_quanta(n, n->pcs.end_at)));
+}
+
+static void sample(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    const bool level = cw_timed_sample(bus, i, moment);
+    take_frames(bus, i, moment);
+    cw_mac_sample(&bus->nodes[i].mac, level, &n->report);
+    cw_pcs_sampled(&n->pcs, level);
+    n->looked = moment;
+    plan_end(bus, i);
+}
+
+/* A look before the sample point takes all edges up to there. They may move the sample point. */
+static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    while (cw_pcs_is_open(&n->pcs)) {
+        const cw_span edge = cw_timed_next_edge(bus, i, moment);
+        if (edge == CW_SPAN_MAX)
+            break;
+        (void)take_edge(bus, i, edge);
+    }
+    const cw_span point = after_quanta(n, n->pcs.sample_at);
+    if (point > moment)
+        cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, point);
+    else
+        sample(bus, i, moment);
+}
+
+static void look_after_sample(cw_bus *bus, unsigned i, cw_span moment)
+{
+    const bool edge = cw_timed_next_edge(bus, i, moment) == moment;
+    if (edge && take_edge(bus, i, moment) == CW_EDGE_ENDS_BIT)
+        cw_agenda_put(&bus->timed.agenda, i, CW_ENDS, moment);
+    else
+        plan_end(bus, i);
+}
+
+/* ---- End of a bit ---------------------------------------------------------------------------- */
+
+static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
+    if (!(n->report.what & ~CW_REPORT_STARTED))
+        return;
+    const uint64_t now = cw_now(bus);
+    cw_wire_go_to(&bus->time, cw_tick_of(bus, moment));
+    cw_commit_node(bus, i, &n->report);
+    cw_wire_go_to(&bus->time, now);
+    n->report.what = 0;
+}
+
+bool cw_timed_has_report(const cw_bus *bus)
+{
+    for (unsigned i = 0; bus->timed.active && i < bus->node_count; i++)
+        if (bus->timed.nodes[i].report.what & ~CW_REPORT_STARTED)
+            return true;
+    return false;
+}
+
+/* ---- One bit time ---------------------------------------------------------------------------- */
+
+/* Does the next thing on the agenda. */
+static void go_on(cw_bus *bus)
+{
+    const agenda_entry e = *cw_agenda_first(&bus->timed.agenda);
+    const unsigned i = cw_agenda_node(&e);
+    if (cw_agenda_what(&e) == CW_BEGINS) {
+        disturb_bits(bus, begin_bits(bus, e.moment), e.moment);
+        return;
+    }
+    cw_agenda_take(&bus->timed.agenda);
+    if (cw_agenda_what(&e) == CW_ENDS)
+        end_bit(bus, i, e.moment);
+    else if (node_at(bus, i)->pcs.sampled)
+        look_after_sample(bus, i, e.moment);
+    else
+        look_before_sample(bus, i, e.moment);
+}
+
+/* Rules act on levels. Nodes that they or their hosts have just cut off drive nothing. */
+static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
+{
+    cw_disturbances *all = &bus->timed.disturbances;
+    if (bus->rules.rewired)
+        cw_apply_topology(bus);
+    for (uint64_t rest = bus->rules.off & bus->all; rest; rest &= rest - 1)
+        put_level(bus, cw_lowest_node(rest), CW_RECESSIVE, begin);
+    disturb_bits(bus, nodes, begin);
+    cw_rules_begin_bit_time(&bus->rules, all, begin, end);
+    if (all->count)
+        alert(bus);
+}
+
+/* Returns the level of all wires together at the end of the bit time. */
+static bool level_of_wires(const cw_bus *bus, cw_span moment)
+{
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (cw_timed_wire(bus, i, moment) == CW_DOMINANT)
+            return CW_DOMINANT;
+    return CW_RECESSIVE;
+}
+
+static void end_bit_time(cw_bus *bus, cw_span end)
+{
+    bus->wire = level_of_wires(bus, end);
+    cw_wire_pass(&bus->time, 1);
+    bus->stats.bits++;
+    bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
+    if (bus->rules.awake_count)
+        cw_rules_emit(&bus->rules);
+}
+
+void cw_step_bit_time(cw_bus *bus)
+{
+    bus->outlook.valid = false;
+    if (!bus->timed.active)
+        cw_timed_enter(bus);
+    cw_timed_rebase(bus);
+    const cw_span begin = cw_moment_of(bus, cw_now(bus));
+    const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
+    const uint64_t nodes = begin_bits(bus, begin);
+    cw_watch_wire(bus, 1);
+    if (bus->timed.disturbances.count)
+        cw_disturb_forget(&bus->timed.disturbances, begin - bus->timed.cable.longest);
+    if (bus->rules.awake_count || bus->timed.disturbances.count)
+        disturb(bus, nodes, begin, end);
+    const agenda_entry *e;
+    while (e = cw_agenda_first(&bus->timed.agenda),
+           e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))
+        go_on(bus);
+    end_bit_time(bus, end);
+    while (e = cw_agenda_first(&bus->timed.agenda),
+           e->moment == end && cw_agenda_what(e) == CW_ENDS)
+        go_on(bus);
+    cw_timed_leave(bus);
+}

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum.h - declarations that the parts of the timed step share.
+ *
+ *   quantum.c       all that nodes do, in the order of time
+ *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
+ */
+#ifndef CANWIRE_STEP_QUANTUM_H
+#define CANWIRE_STEP_QUANTUM_H
+
+#include "step/step.h"
+
+/* Returns the moment of a tick, and the last tick up to a moment. */
+static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
+{
+    return (cw_span)(tick - bus->timed.epoch) * CW_TICK;
+}
+
+static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
+{
+    return bus->timed.epoch + (uint64_t)(moment / CW_TICK);
+}
+
+/* ---- quantum_look.c -------------------------------------------------------------------------- */
+
+/* Returns the level that a node sees when it looks at a moment. */
+bool cw_timed_level(const cw_bus *bus, unsigned node, cw_span moment);
+
+/* Returns the level of its wire, without what rules do to its own samples. */
+bool cw_timed_wire(const cw_bus *bus, unsigned node, cw_span moment);
+
+/* Returns the level that its controller takes at a sample point (T7). */
+bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment);
+
+/* Returns the next look of a node that finds an edge from recessive to dominant, up to a moment.
+ * CW_SPAN_MAX: none does. */
+cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
+
+/* ---- quantum_grid.c -------------------------------------------------------------------------- */
+
+/* Leaves the grid: all nodes begin a bit at the present tick. */
+void cw_timed_enter(cw_bus *bus);
+
+/* Goes back to the grid when all clocks agree, and nothing keeps the bus off it. */
+void cw_timed_leave(cw_bus *bus);
+
+/* Lets moments count from the present tick when they have become large. */
+void cw_timed_rebase(cw_bus *bus);
+
+#endif

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum_look.c - what nodes with clocks of their own see: levels and edges (T2, T3, T7).
+ */
+#include "step/quantum.h"
+
+/* Returns the nodes on the wire of a node. */
+static uint64_t wire_of(const cw_bus *bus, unsigned i)
+{
+    if (bus->group_count == 1)
+        return UINT64_MAX;
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if (bus->groups[g] >> i & 1u)
+            return bus->groups[g];
+    return cw_node_bit(i);
+}
+
+bool cw_timed_wire(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    const cw_timed *t = &bus->timed;
+    const uint64_t seen = cw_cable_seen(&t->cable, i, moment);
+    if (t->disturbances.count == 0)
+        return !(seen & wire_of(bus, i));
+    return cw_disturbed_wire(&t->disturbances, &t->cable, i, moment, seen, wire_of(bus, i));
+}
+
+bool cw_timed_level(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    const cw_timed *t = &bus->timed;
+    const bool level = cw_timed_wire(bus, i, moment);
+    if (t->disturbances.count == 0)
+        return level;
+    return cw_disturbed_sample(&t->disturbances, &t->cable, i, moment, level);
+}
+
+bool cw_timed_sample(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    const cw_bit_timing *timing = &bus->timed.nodes[i].timing;
+    const bool level = cw_timed_level(bus, i, moment);
+    if (!timing->triple_sampling)
+        return level;
+    const bool before = cw_timed_level(bus, i, moment - timing->quantum);
+    const bool first = cw_timed_level(bus, i, moment - 2 * timing->quantum);
+    return level + before + first >= 2;
+}
+
+/* Returns the next edge by looking at the end of each quantum. */
+static cw_span scan(const cw_bus *bus, unsigned i, cw_span until)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    bool before = cw_timed_level(bus, i, n->looked);
+    for (cw_span moment = n->looked + n->timing.quantum; moment <= until;
+         moment += n->timing.quantum) {
+        const bool level = cw_timed_level(bus, i, moment);
+        if (before == CW_RECESSIVE && level == CW_DOMINANT)
+            return moment;
+        before = level;
+    }
+    return CW_SPAN_MAX;
+}
+
+/* Returns the look after an arrival: the end of the quantum that it comes in. */
+static cw_span look_after(const timed_node *n, cw_span arrival)
+{
+    return n->begin + ((arrival - n->begin) / n->timing.quantum + 1) * n->timing.quantum;
+}
+
+/* Returns the next edge by looking where dominant levels arrive. */
+static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    const uint64_t wire = wire_of(bus, i);
+    cw_span arrival = cw_cable_next_arrival(&bus->timed.cable, i, n->looked, wire);
+    while (arrival < until) {
+        const cw_span moment = look_after(n, arrival);
+        if (moment > until)
+            break;
+        if (cw_timed_level(bus, i, moment) == CW_DOMINANT &&
+            cw_timed_level(bus, i, moment - n->timing.quantum) == CW_RECESSIVE)
+            return moment;
+        arrival = cw_cable_next_arrival(&bus->timed.cable, i, moment, wire);
+    }
+    return CW_SPAN_MAX;
+}
+
+cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
+{
+    const cw_cable *cable = &bus->timed.cable;
+    if (bus->timed.disturbances.count)
+        return scan(bus, i, until);
+    if (cable->newest + cable->longest < bus->timed.nodes[i].looked)
+        return CW_SPAN_MAX;
+    return follow_arrivals(bus, i, until);
+}
