@@ -564,6 +564,13 @@ typedef enum cw_action {
     CW_ACTION_STUCK,      /* `level` on `line` of the wire or of `node` */
     CW_ACTION_NOISE,      /* flips each bit with error_rate, independently for each node of `at` */
     CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
+    CW_ACTION_PULSE,      /* `level` for pulse_length, pulse_offset after the begin of the bit at
+                             (field, index), on `line` of the wire or of `node`; with `at`, only what
+                             these nodes see. Without a frame trigger the bit is the next bit time
+                             of the bus */
+    CW_ACTION_JITTER,     /* edges of `nodes` come up to jitter late, each one another time */
+    CW_ACTION_RAMP,       /* the time quantum of `nodes` goes from quantum_from to quantum_to in
+                             for_ticks, and stays there */
     CW_ACTION_DISCONNECT, /* nodes of `nodes` neither drive nor sample */
     CW_ACTION_PARTITION,  /* group[] gives each node's wire */
     /* Once, to the controllers of `nodes`: */
@@ -617,6 +624,7 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_QUEUE 0x04u /* frames beyond a smaller limit stay, new ones are dropped */
 #define CW_SET_ORDER 0x08u
 #define CW_SET_WARNING 0x10u
+#define CW_SET_TIMING 0x20u /* from the node's next bit on */
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
@@ -628,6 +636,7 @@ typedef struct cw_settings {
     uint16_t queue;
     uint16_t warning_limit;
     uint64_t restart_ticks;
+    cw_bit_timing timing;
 } cw_settings;
 
 /* A change of a frame's content. The CRC is right for the changed frame. `set` applies first, then
@@ -689,6 +698,13 @@ typedef struct cw_rule {
     uint64_t pattern_level;    /* GLITCH: bit i is the level of the i-th bit ... */
     uint64_t pattern_mask;     /* ... where this is set */
     uint64_t error_rate;       /* NOISE: of 2^64 */
+    cw_span pulse_offset;      /* PULSE: at most 16 bits of the bus, and pulse_permille of the bit
+                                  are added to it */
+    uint16_t pulse_permille;
+    cw_span pulse_length;      /* more than 0 */
+    cw_span jitter;            /* JITTER: more than 0, up to a bit of the bus */
+    cw_span quantum_from;      /* RAMP: see cw_bit_timing */
+    cw_span quantum_to;
     uint16_t tec;
     uint16_t rec;
     uint32_t number;
@@ -714,6 +730,8 @@ typedef struct cw_node_timing {
     cw_span rx_delay[2]; /* from the wire to the controller */
     cw_span place;       /* the way along the line to the node, from one end */
     cw_span stub;        /* the way from the line to the node */
+    cw_span ringing;     /* the wire swings for so long after each edge to recessive: the node sees
+                            it recessive for the first half, then dominant */
 } cw_node_timing;
 
 #define CW_DELAY_MAX (CW_TICK * 800000) /* 10 ms: of each delay and way */
@@ -762,7 +780,7 @@ typedef enum cw_event_kind {
 const char *cw_event_name(cw_event_kind kind);
 
 typedef struct cw_event {
-    uint64_t tick;  /* end of the bit, or when a dropped frame was handed in */
+    uint64_t tick;  /* end of the bit (rounded up), or when a dropped frame was handed in */
     uint64_t nodes; /* nodes that it concerns; several only for RX of the same frame; 0: the bus */
     cw_event_kind kind;
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */

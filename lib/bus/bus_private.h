@@ -44,6 +44,21 @@ cw_span cw_shortest_bit(const cw_bus_config *config);
 /* Returns the most bits of a node that end in a bit time of the bus. */
 unsigned cw_bits_of_bit_time(const cw_bus_config *config);
 
+/* Notes how late rules on jitter let edges come. */
+void cw_find_longest(cw_bus *bus);
+
+/* Returns true when a node of the running bus can have that bit timing. */
+bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing);
+
+/* Gives a node another bit timing, which must be valid, from its next bit on. */
+void cw_retime(cw_bus *bus, unsigned node, const cw_bit_timing *timing);
+
+/* Does the same with the quantum alone of some nodes, for rules. */
+void cw_retime_quantum(cw_bus *bus, uint64_t nodes, cw_span quantum);
+
+/* Returns the bit timing of a node from its next bit on. */
+cw_bit_timing cw_timing_now(const cw_bus *bus, unsigned node);
+
 /* Sets up clocks and delays; the memory must have been laid out. */
 void cw_init_timing(cw_bus *bus, const cw_bus_config *config);
 
@@ -52,6 +67,6 @@ void cw_init_timing(cw_bus *bus, const cw_bus_config *config);
 /* Runs everything that is due for a node now: frames from the inbox, a restart. */
 void cw_run_due_node(cw_bus *bus, unsigned node);
 
-bool cw_settings_valid(const bus_node *node, const cw_settings *settings);
+bool cw_settings_valid(const cw_bus *bus, unsigned node, const cw_settings *settings);
 
 #endif

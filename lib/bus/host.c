@@ -120,11 +120,13 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-bool cw_settings_valid(const bus_node *n, const cw_settings *s)
+bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
+    const bus_node *n = &bus->nodes[i];
     bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
-    return queue && limit;
+    bool timing = !(s->which & CW_SET_TIMING) || cw_new_timing_valid(bus, &s->timing);
+    return queue && limit && timing;
 }
 
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
@@ -150,7 +152,7 @@ static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 
 cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
 {
-    if (i >= bus->node_count || !cw_settings_valid(&bus->nodes[i], s))
+    if (i >= bus->node_count || !cw_settings_valid(bus, i, s))
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
     cw_wake_controllers(bus);
@@ -166,6 +168,8 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
+    if (s->which & CW_SET_TIMING)
+        cw_retime(bus, i, &s->timing);
     bus->pending = true;
     return CW_OK;
 }
@@ -176,13 +180,15 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
         return CW_INVALID;
     const bus_node *n = &bus->nodes[i];
     *s = (cw_settings){
-        .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING,
+        .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING |
+                 CW_SET_TIMING,
         .modes_mask = UINT8_MAX,
         .modes = n->mac.modes,
         .order = n->queue.mode,
         .queue = n->queue_limit,
         .warning_limit = n->mac.confinement.warning_limit,
         .restart_ticks = n->restart_ticks,
+        .timing = cw_timing_now(bus, i),
     };
     return CW_OK;
 }

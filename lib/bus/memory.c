@@ -95,7 +95,7 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
  * some bits more. */
 static unsigned edges_under_way(const cw_bus_config *c)
 {
-    const uint64_t bits = 4 + (uint64_t)(cw_longest_delay(c) / cw_shortest_bit(c));
+    const uint64_t bits = 6 + (uint64_t)(cw_longest_delay(c) / cw_shortest_bit(c));
     unsigned room = 64;
     while (room < bits * c->node_count)
         room *= 2;
@@ -108,12 +108,13 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
+    cw_span *ringing = carve(a, c->node_count, sizeof *ringing);
     cw_edge *edges = carve(a, edges_under_way(c), sizeof *edges);
     cw_disturbance *list = carve(a, room, sizeof *list);
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
-    *t = (cw_timed){.nodes = nodes, .delays = delays,
+    *t = (cw_timed){.nodes = nodes, .delays = delays, .ringing = ringing,
                     .cable = {.edges = edges, .capacity = edges_under_way(c)},
                     .disturbances = {.list = list, .capacity = room}};
 }

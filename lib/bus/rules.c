@@ -37,6 +37,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
         .report_hit = cw_push_fault,
         .control = cw_control_nodes,
         .rewire = cw_apply_topology,
+        .retime = cw_retime_quantum,
         .queue = cw_queue_frame,
         .hand_out = cw_push_rx,
         .drop = drop,
@@ -63,7 +64,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
 static bool settings_fit(const cw_bus *bus, const cw_rule *r)
 {
     for (unsigned i = 0; r->action == CW_ACTION_SET && i < bus->node_count; i++)
-        if ((r->nodes & cw_node_bit(i)) && !cw_settings_valid(&bus->nodes[i], &r->settings))
+        if ((r->nodes & cw_node_bit(i)) && !cw_settings_valid(bus, i, &r->settings))
             return false;
     return true;
 }
@@ -78,6 +79,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
     cw_wake_controllers(bus); /* a frame step in progress relies on the rules from before */
     cw_rules_add(&bus->rules, place, rule);
     cw_ring_find_enough(bus);
+    cw_find_longest(bus);
     *index = place;
     return CW_OK;
 }
@@ -110,6 +112,7 @@ cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
     disown_frames(bus, index);
     cw_rules_remove(&bus->rules, index);
     cw_ring_find_enough(bus);
+    cw_find_longest(bus);
     return CW_OK;
 }
 

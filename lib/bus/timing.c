@@ -20,7 +20,7 @@ static bool node_timing_valid(const cw_node_timing *t)
 {
     return (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
            delay_valid(t->stub) && delay_valid(t->tx_delay[0]) && delay_valid(t->tx_delay[1]) &&
-           delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]);
+           delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
 }
 
 static uint64_t ticks_of_bit(const cw_bus_config *c)
@@ -91,17 +91,24 @@ cw_span cw_shortest_bit(const cw_bus_config *c)
 
 unsigned cw_bits_of_bit_time(const cw_bus_config *c)
 {
-    return (unsigned)((bit_time_of(c) + cw_shortest_bit(c) - 1) / cw_shortest_bit(c));
+    const cw_span bits = (bit_time_of(c) + cw_shortest_bit(c) - 1) / cw_shortest_bit(c);
+    return bits > 2 ? (unsigned)bits : 2;
+}
+
+/* Returns the bit timing of a node from its next bit on. */
+static const cw_bit_timing *coming(const cw_timed *t, unsigned i)
+{
+    return t->nodes[i].retimed ? &t->nodes[i].next_timing : &t->nodes[i].timing;
 }
 
 /* Returns true when bits are common to all nodes. */
-static bool is_uniform(const cw_bus *bus, const cw_bus_config *c)
+static bool is_uniform(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    bool uniform = t->cable.longest == 0;
+    bool uniform = t->longest == 0 && !t->rings;
     for (unsigned i = 0; i < bus->node_count; i++)
-        uniform = uniform && same_timing(&t->nodes[0].timing, &t->nodes[i].timing);
-    return uniform && bit_length(&t->nodes[0].timing) == bit_time_of(c);
+        uniform = uniform && same_timing(coming(t, 0), coming(t, i));
+    return uniform && bit_length(coming(t, 0)) == t->bit_time;
 }
 
 /* Returns true when the clocks and delays of nodes can be simulated on the bus. */
@@ -132,9 +139,14 @@ static uint32_t fastest_permille(const cw_bus_config *c)
     return permille < 999 ? (uint32_t)permille : 999;
 }
 
-void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
+/* Finds out whether bits are common to all nodes. Longer ones than the longest are. */
+static void find_uniform(cw_bus *bus)
 {
-    cw_timed *t = &bus->timed;
+    bus->timed.uniform = is_uniform(bus) || !bus->timed.divides;
+}
+
+static void init_delays(cw_timed *t, const cw_bus_config *c)
+{
     for (unsigned from = 0; from < c->node_count; from++)
         for (unsigned to = 0; to < c->node_count; to++)
             for (unsigned level = 0; level < 2; level++)
@@ -142,11 +154,73 @@ void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
                     delay_between(c, from, to, level);
     t->cable.delays = t->delays;
     t->cable.node_count = c->node_count;
-    t->cable.longest = cw_longest_delay(c);
-    for (unsigned i = 0; i < c->node_count; i++)
+    t->longest = cw_longest_delay(c);
+}
+
+void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
+{
+    cw_timed *t = &bus->timed;
+    init_delays(t, c);
+    for (unsigned i = 0; i < c->node_count; i++) {
         t->nodes[i].timing = cw_bit_timing_of(c, i);
+        t->ringing[i] = c->nodes[i].timing.ringing;
+        t->rings = t->rings || t->ringing[i] > 0;
+    }
+    t->bit_time = bit_time_of(c);
     t->divides = divides_bits(c);
-    t->uniform = is_uniform(bus, c) || !t->divides;
     t->bits_of_bit_time = cw_bits_of_bit_time(c);
     t->fastest_permille = fastest_permille(c);
+    find_uniform(bus);
+    cw_find_longest(bus);
+}
+
+void cw_find_longest(cw_bus *bus)
+{
+    const cw_span longest = bus->timed.longest + bus->rules.jitter;
+    if (longest > bus->timed.cable.longest) /* edges may still be under way */
+        bus->timed.cable.longest = longest;
+}
+
+/* ---- Changes --------------------------------------------------------------------------------- */
+
+bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing)
+{
+    const cw_timed *t = &bus->timed;
+    if (!t->divides || !cw_bit_timing_valid(timing))
+        return false;
+    return bit_length(timing) <= t->bit_time * CW_BIT_RATIO_MAX &&
+           t->bit_time <= bit_length(timing) * t->bits_of_bit_time &&
+           t->longest <= bit_length(timing) * CW_DELAY_BITS_MAX;
+}
+
+void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
+{
+    timed_node *n = &bus->timed.nodes[i];
+    n->next_timing = *timing;
+    n->retimed = bus->timed.active;
+    if (!bus->timed.active)
+        n->timing = *timing;
+    const uint32_t permille = (uint32_t)(bit_length(timing) / (bus->timed.bit_time / 1000));
+    if (permille < bus->timed.fastest_permille)
+        bus->timed.fastest_permille = permille;
+    find_uniform(bus);
+}
+
+cw_bit_timing cw_timing_now(const cw_bus *bus, unsigned i)
+{
+    return *coming(&bus->timed, i);
+}
+
+/* The quantum of a rule may be too far from that of a node. Then it goes as far as it may. */
+void cw_retime_quantum(cw_bus *bus, uint64_t nodes, cw_span quantum)
+{
+    for (uint64_t rest = nodes & bus->all; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        cw_bit_timing timing = cw_timing_now(bus, i);
+        if (timing.quantum == quantum)
+            continue;
+        timing.quantum = quantum;
+        if (cw_new_timing_valid(bus, &timing))
+            cw_retime(bus, i, &timing);
+    }
 }

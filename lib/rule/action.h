@@ -27,6 +27,7 @@ struct cw_passing;
 #define CW_RANDOM_BITS 0x100u    /* its hits are bits that it flips, not its beginning */
 #define CW_REWIRES 0x200u        /* changes the nodes' wires, or the nodes that acknowledge */
 #define CW_SENDS_FRAME 0x400u    /* sends the rule's frame, which must be valid */
+#define CW_IN_TIME 0x1000u       /* acts for parts of bits, see in_time.c */
 #define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is a reason, not at ticks known before */
 
 /* The values that a number of a rule may have. */

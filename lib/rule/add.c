@@ -19,8 +19,8 @@ static unsigned free_place(const cw_rule_set *set)
 static bool divides_bits(const cw_rule_set *set, const cw_rule_state *s)
 {
     const cw_rate rate = cw_wire_rate(set->bus.time);
-    return cw_rule_is(s, CW_ON_LINE) &&
-           cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks)) != s->rule.for_ticks;
+    return cw_rule_is(s, CW_IN_TIME) ||
+           (cw_rule_is(s, CW_ON_LINE) && cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks)) != s->rule.for_ticks);
 }
 
 /* Counts rules by kind, so that the common cases are skipped quickly. */
@@ -35,6 +35,7 @@ static void count_kinds(cw_rule_set *set)
     set->after_rules = 0;
     set->copies = 0;
     set->timed_rules = 0;
+    set->jitter = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = &set->rules[i];
         set->host_rules += s->used && s->does->kind == CW_KIND_HOST;
@@ -45,6 +46,8 @@ static void count_kinds(cw_rule_set *set)
         set->error_rules += s->used && s->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += s->used && s->rule.has_after;
         set->timed_rules += s->used && divides_bits(set, s);
+        if (s->used && s->rule.action == CW_ACTION_JITTER)
+            set->jitter += s->rule.jitter;
         if (s->used && s->rule.action == CW_ACTION_DUPLICATE)
             set->copies += s->rule.number;
     }

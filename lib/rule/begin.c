@@ -19,6 +19,7 @@ void cw_rule_end_action(cw_rule_set *set, unsigned rule)
     s->bound = 0;
     s->bits_left = 0;
     s->disturbs = false;
+    s->pulses = false;
     s->to_act = false;
     s->active_until = CW_NEVER;
     cw_rule_let_go(set, rule);
@@ -56,10 +57,15 @@ static void command(cw_rule_set *set, const cw_rule *rule)
 
 void cw_rule_act(cw_rule_set *set, unsigned rule)
 {
-    if (cw_rule_is(cw_rule_at(set, rule), CW_LASTS))
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (cw_rule_is(s, CW_LASTS)) {
         cw_rule_begin_window(set, rule, 0);
-    else
-        command(set, &cw_rule_at(set, rule)->rule);
+    } else if (s->rule.action == CW_ACTION_PULSE) {
+        s->pulses = true;
+        cw_rule_wake(set, rule);
+    } else {
+        command(set, &s->rule);
+    }
 }
 
 /* The hits of noise are the bits that it flips, so its begin is none. */

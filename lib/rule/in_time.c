@@ -8,6 +8,7 @@
 #include "rule/private.h"
 
 #define ALL_NODES UINT64_MAX
+#define RAMP_STEPS 65536u
 
 /* ---- What an action does to a level ---------------------------------------------------------- */
 
@@ -20,6 +21,33 @@ static cw_disturb_effect effect_now(cw_rule_set *set, cw_rule_state *s)
     if (dominant == recessive)
         return dominant ? CW_DISTURB_RECESSIVE : CW_DISTURB_DOMINANT;
     return dominant ? CW_DISTURB_INVERT : CW_DISTURB_NOTHING;
+}
+
+static cw_span bit_time(const cw_rule_set *set)
+{
+    return (cw_span)cw_rate_ticks(cw_wire_rate(set->bus.time), 1) * CW_TICK;
+}
+
+/* ---- Pulses ---------------------------------------------------------------------------------- */
+
+/* Puts a pulse into the bit that begins at a moment. */
+static void pulse(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin, cw_span bit)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    const cw_rule *r = &s->rule;
+    const cw_span from = begin + r->pulse_offset + bit / 1000 * r->pulse_permille;
+    const uint64_t self = cw_node_bit(r->node);
+    const bool wire = r->line == CW_LINE_WIRE && r->at == 0;
+    const cw_disturbance d = {.begin = from, .end = from + r->pulse_length,
+                              .lines = r->line == CW_LINE_TX ? self : 0,
+                              .wires = wire ? s->on_wire : 0,
+                              .samples = r->line == CW_LINE_RX ? self : r->at,
+                              .source = s->source,
+                              .effect = r->level ? CW_DISTURB_RECESSIVE : CW_DISTURB_DOMINANT,
+                              .rule = (uint16_t)rule};
+    cw_disturb(all, &d);
+    s->pulses = false;
+    s->bits_left = 0;
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -71,7 +99,9 @@ static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule,
         s->source = (uint8_t)cw_lowest_node(there);
         begins = true;
     }
-    if (begins)
+    if (begins && s->rule.action == CW_ACTION_PULSE)
+        pulse(set, all, rule, moment, bit_time(set));
+    else if (begins)
         begin_bit(set, all, rule, moment);
 }
 
@@ -106,6 +136,14 @@ static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
     cw_disturb(all, &d);
 }
 
+/* A pulse on the wire comes to all nodes at once: it belongs to no node. */
+static void pulse_without_frame(cw_rule_set *set, cw_disturbances *all, unsigned rule,
+                                cw_span begin)
+{
+    cw_rule_at(set, rule)->source = CW_NO_NODE;
+    pulse(set, all, rule, begin, bit_time(set));
+}
+
 static void flip_at_random(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
                            cw_span end)
 {
@@ -117,6 +155,21 @@ static void flip_at_random(cw_rule_set *set, cw_disturbances *all, unsigned rule
                               .effect = CW_DISTURB_INVERT, .rule = (uint16_t)rule};
     if (flipped)
         cw_disturb(all, &d);
+}
+
+/* The quantum of a node goes evenly from one value to another. */
+static void drift(cw_rule_set *set, unsigned rule)
+{
+    const cw_rule_state *s = cw_rule_at(set, rule);
+    const cw_rule *r = &s->rule;
+    const uint64_t left = s->active_until - cw_rules_bit_end(set);
+    const uint64_t passed = s->active_until > cw_rules_bit_end(set) ? r->for_ticks - left
+                                                                    : r->for_ticks;
+    const int64_t steps = (int64_t)(passed / (r->for_ticks / RAMP_STEPS + 1));
+    const int64_t most = (int64_t)(r->for_ticks / (r->for_ticks / RAMP_STEPS + 1));
+    const cw_span step = (r->quantum_to - r->quantum_from) / most;
+    set->bus.effects->retime(set->bus.self, r->nodes,
+                             steps == most ? r->quantum_to : r->quantum_from + steps * step);
 }
 
 /* Ends what a rule did to a bit when the rule has been cleared or stopped meanwhile. */
@@ -136,11 +189,29 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
         const unsigned rule = set->awake[i];
         cw_rule_state *s = cw_rule_at(set, rule);
         cw_rule_check_scope(set, rule);
+        if (s->pulses)
+            pulse_without_frame(set, all, rule, begin);
         if (!s->active)
             continue;
         if (cw_rule_is(s, CW_ON_LINE))
             hold_line(set, all, rule, begin, end);
         else if (cw_rule_is(s, CW_RANDOM_BITS))
             flip_at_random(set, all, rule, begin, end);
+        else if (s->rule.action == CW_ACTION_RAMP)
+            drift(set, rule);
     }
+}
+
+/* ---- Edges ----------------------------------------------------------------------------------- */
+
+cw_span cw_rules_edge_delay(cw_rule_set *set, unsigned node)
+{
+    cw_span late = 0;
+    for (unsigned i = 0; set->jitter && i < set->count; i++) {
+        cw_rule_state *s = cw_rule_at(set, i);
+        if (s->used && s->active && s->rule.action == CW_ACTION_JITTER &&
+            (s->rule.nodes >> node & 1u))
+            late += (cw_span)(cw_prng_next(&s->prng) % ((uint64_t)s->rule.jitter + 1));
+    }
+    return late;
 }

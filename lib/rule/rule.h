@@ -57,6 +57,7 @@ typedef struct cw_rule_state {
     uint64_t bits_left;
     uint64_t reached_at;  /* tick of the bit time in which the position was last reached ... */
     uint8_t source;       /* ... by this node, whose bits count */
+    bool pulses;          /* a pulse is to come in the next bit time */
     bool disturbs;        /* it acts in the present bit of that node, see in_time.c */
     uint64_t on_wire;     /* nodes whose wire it acts on, if it acts on levels ... */
     uint64_t at_nodes;    /* ... and nodes whose samples it changes */
@@ -111,6 +112,8 @@ typedef struct cw_rule_effects {
     /* Applies the topology when a rule on topology or acknowledging has begun or ended: see
      * cw_rules_find_topology(). */
     void (*rewire)(cw_bus *bus);
+    /* Gives clocks of nodes another time quantum, from their next bits on. */
+    void (*retime)(cw_bus *bus, uint64_t nodes, cw_span quantum);
     /* Queues a frame at a node. source: 0, or the rule's index plus 1 when it is its traffic; the
      * bus counts such frames in and out of `outstanding`. */
     void (*queue)(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
@@ -198,6 +201,7 @@ typedef struct cw_rule_set {
     unsigned error_rules;
     unsigned after_rules;   /* rules that come after another one */
     unsigned timed_rules;   /* rules that act for parts of bits */
+    cw_span jitter;         /* the most that JITTER rules can add to the delay of an edge */
     unsigned copies;        /* copies that DUPLICATE rules can make of one frame, in all */
     uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
@@ -411,6 +415,9 @@ void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
 /* Disturbs levels where nodes have clocks of their own. A bit time of the bus begins at the present
  * tick. Rules that are looked at in every bit act for all of it. */
 void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span begin, cw_span end);
+
+/* Returns how late an edge of a node comes, by rules on jitter. */
+cw_span cw_rules_edge_delay(cw_rule_set *set, unsigned node);
 
 /* Nodes begin a bit at a moment; rules on positions act in it. driven: as in cw_levels. */
 void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,

@@ -20,10 +20,14 @@ static bool kinds_exist(const cw_rule *r)
            r->data_length <= 8 && r->name;
 }
 
-/* Returns whether the rule has what its moment needs: a frame, a position in it. */
+/* Returns whether the rule has what its moment needs: a frame, a position in it. A pulse that waits
+ * for no frame has no position. */
 static bool moment_known(const cw_rule *r, unsigned traits)
 {
-    bool position = r->field != CW_FIELD_NONE && (r->bits >= 1 || r->for_ticks > 0);
+    const bool pulse = r->action == CW_ACTION_PULSE;
+    const bool none = pulse && r->trigger != CW_TRIGGER_FRAME;
+    bool position = none || (r->field != CW_FIELD_NONE &&
+                             (pulse || r->bits >= 1 || r->for_ticks > 0));
     return (!(traits & CW_NEEDS_FRAME) || r->trigger == CW_TRIGGER_FRAME) &&
            (!(traits & CW_HAS_POSITION) || position);
 }
@@ -58,11 +62,24 @@ static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
     return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
 }
 
+/* Checks the times of actions for parts of bits. */
+static bool spans_in_range(const cw_rule_set *set, const cw_rule *r)
+{
+    const cw_span bit = (cw_span)cw_least(cw_rate_ticks(cw_wire_rate(set->bus.time), 1),
+                                          INT32_MAX) * CW_TICK;
+    if (r->action == CW_ACTION_PULSE)
+        return r->pulse_offset >= 0 && r->pulse_offset / 16 <= bit && r->pulse_length > 0 &&
+               r->pulse_length <= INT64_MAX / 4;
+    if (r->action == CW_ACTION_JITTER)
+        return r->jitter > 0 && r->jitter <= bit;
+    return r->action != CW_ACTION_RAMP || r->for_ticks > 0;
+}
+
 /* The rule of `after` may be added later. The nodes know whether settings fit. */
 bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
 {
     return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
-           numbers_in_range(r, &cw_actions[r->action]) &&
+           numbers_in_range(r, &cw_actions[r->action]) && spans_in_range(set, r) &&
            nodes_exist(set, r->from | r->at | r->nodes | r->state_nodes) &&
            r->node < set->bus.node_count &&
            (!r->has_after || r->after < set->capacity);

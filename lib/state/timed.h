@@ -23,6 +23,8 @@ typedef enum cw_doing {
 typedef struct timed_node {
     cw_pcs pcs;
     cw_bit_timing timing;
+    cw_bit_timing next_timing; /* if `retimed`: from the next bit on */
+    bool retimed;
     cw_span begin;      /* of the present bit, that of its Sync_Seg */
     cw_span next_begin; /* of the next one, while the node ends and begins bits */
     cw_span looked;     /* edges that came before the look at this moment have been dealt with */
@@ -47,8 +49,10 @@ typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
     bool uniform;   /* all nodes have the bit timing of the bus, and no delays */
+    bool rings;     /* the wire swings at some node after edges to recessive */
     bool requested; /* by cw_bus_set_own_clocks() */
     unsigned bits_of_bit_time; /* of a node that can end in one bit time of the bus */
+    uint64_t touched; /* nodes whose controllers have been changed from outside */
     uint32_t fastest_permille; /* the shortest bit of a node, in thousandths of a bit time, less
                                   than 1000 */
     uint64_t epoch; /* tick; moments count from here */
@@ -56,6 +60,9 @@ typedef struct cw_timed {
     cw_disturbances disturbances;
     cw_agenda agenda;
     cw_span *delays;
+    cw_span *ringing;    /* of each node */
+    cw_span bit_time;    /* of the bus */
+    cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
     timed_node *nodes;
 } cw_timed;
 

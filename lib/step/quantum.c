@@ -79,9 +79,10 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     if (n->driven == level)
         return;
     n->driven = level;
-    const cw_edge edge = {.moment = moment, .node = (uint8_t)i, .level = level};
+    const cw_edge edge = {.moment = moment, .late = cw_rules_edge_delay(&bus->rules, i),
+                          .node = (uint8_t)i, .level = level};
     cw_cable_put(&bus->timed.cable, &edge);
-    if (level == CW_DOMINANT)
+    if (level == CW_DOMINANT || bus->timed.rings)
         alert(bus);
 }
 
@@ -98,6 +99,7 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
+    cw_timed_retime(n);
     n->begin = n->next_begin;
     n->looked = moment;
     cw_pcs_begin_bit(&n->pcs, &n->timing);
@@ -247,6 +249,19 @@ static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
         alert(bus);
 }
 
+/* Lets controllers that have been changed in the middle of their bits, by rules or hosts, drive what
+ * they do now. */
+static void drive_again(cw_bus *bus, cw_span moment)
+{
+    for (uint64_t rest = bus->timed.touched; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        cw_mac *mac = &bus->nodes[i].mac;
+        if (!node_at(bus, i)->pcs.sampled && !cw_mac_can_start(mac))
+            put_level(bus, i, cw_mac_drive(mac), moment);
+    }
+    bus->timed.touched = 0;
+}
+
 /* Returns the level of all wires together at the end of the bit time. */
 static bool level_of_wires(const cw_bus *bus, cw_span moment)
 {
@@ -275,6 +290,8 @@ void cw_step_bit_time(cw_bus *bus)
     const cw_span begin = cw_moment_of(bus, cw_now(bus));
     const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
     const uint64_t nodes = begin_bits(bus, begin);
+    bus->timed.touched &= ~nodes;
+    drive_again(bus, begin);
     cw_watch_wire(bus, 1);
     if (bus->timed.disturbances.count)
         cw_disturb_forget(&bus->timed.disturbances, begin - bus->timed.cable.longest);

@@ -10,7 +10,8 @@
 
 #include "step/step.h"
 
-/* Returns the moment of a tick, and the last tick up to a moment. */
+/* Returns the moment of a tick, and the first tick at or after a moment. So what happens in a bit
+ * time has a tick of it. */
 static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
 {
     return (cw_span)(tick - bus->timed.epoch) * CW_TICK;
@@ -18,7 +19,15 @@ static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
 
 static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 {
-    return bus->timed.epoch + (uint64_t)(moment / CW_TICK);
+    return bus->timed.epoch + (uint64_t)((moment + CW_TICK - 1) / CW_TICK);
+}
+
+/* Takes the new bit timing of a node between two of its bits, if it has been given one. */
+static inline void cw_timed_retime(timed_node *n)
+{
+    if (n->retimed)
+        n->timing = n->next_timing;
+    n->retimed = false;
 }
 
 /* ---- quantum_look.c -------------------------------------------------------------------------- */

@@ -15,10 +15,12 @@ static bool last_driven(const cw_mac *mac)
                                                                                   : CW_DOMINANT;
 }
 
-static void enter_node(cw_bus *bus, unsigned i)
+/* Lets a node begin a bit at a moment. */
+static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
-    n->begin = n->next_begin = n->looked = 0;
+    cw_timed_retime(n);
+    n->begin = n->next_begin = n->looked = moment;
     n->driven = last_driven(&bus->nodes[i].mac);
     n->report.what = 0;
     n->pcs.sampled = true;
@@ -26,24 +28,78 @@ static void enter_node(cw_bus *bus, unsigned i)
     n->pcs.last_sample = bus->wire;
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
-    cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, 0);
+    cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
 }
 
-void cw_timed_enter(cw_bus *bus)
+/* Forgets all edges and all that was to come. */
+static void clear(cw_timed *t, uint64_t epoch)
 {
-    cw_timed *t = &bus->timed;
-    cw_wake_controllers(bus);
-    cw_leave(bus, bus->all);
     t->active = true;
-    t->epoch = cw_now(bus);
+    t->touched = 0;
+    t->epoch = epoch;
     t->cable.count = 0;
     t->cable.dominant = 0;
     t->cable.newest = -t->cable.longest - 1;
     t->disturbances.count = 0;
     cw_agenda_clear(&t->agenda);
-    for (unsigned i = 0; i < bus->node_count; i++)
-        enter_node(bus, i);
 }
+
+void cw_timed_enter(cw_bus *bus)
+{
+    cw_wake_controllers(bus);
+    cw_leave(bus, bus->all);
+    clear(&bus->timed, cw_now(bus));
+    for (unsigned i = 0; i < bus->node_count; i++)
+        enter_node(bus, i, 0);
+}
+
+/* ---- Taking over ----------------------------------------------------------------------------- */
+
+/* The node goes on in the middle of its bit, and gets its new bit timing with the next one. */
+static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
+{
+    timed_node *n = &bus->timed.nodes[i];
+    const agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
+    const cw_bit_timing timing = n->timing;
+    *n = old->timed.nodes[from];
+    n->next_timing = timing;
+    n->retimed = true;
+    if (n->driven == CW_DOMINANT)
+        bus->timed.cable.dominant |= cw_node_bit(i);
+    cw_agenda_put(&bus->timed.agenda, i, cw_agenda_what(e), e->moment);
+}
+
+static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t *to)
+{
+    const unsigned kept = old->count < old->capacity ? old->count : old->capacity;
+    for (unsigned n = kept; n-- > 0;) {
+        cw_edge edge = old->edges[(old->count - 1 - n) & (old->capacity - 1)];
+        edge.node = to[edge.node];
+        if (edge.node != CW_NO_NODE)
+            cw_cable_put(cable, &edge);
+    }
+}
+
+void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
+{
+    uint8_t to[CW_NODES_MAX];
+    if (!old->timed.active)
+        return;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        to[i] = CW_NO_NODE;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            to[from[i]] = (uint8_t)i;
+    clear(&bus->timed, old->timed.epoch);
+    take_over_edges(&bus->timed.cable, &old->timed.cable, to);
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            take_over_node(bus, i, old, from[i]);
+        else
+            enter_node(bus, i, cw_moment_of(bus, cw_now(bus)));
+}
+
+/* ---- Back to the grid ------------------------------------------------------------------------ */
 
 /* Returns true when all nodes begin a bit at a moment, on time. */
 static bool all_begin_at(const cw_timed *t, cw_span moment)

@@ -15,13 +15,25 @@ static uint64_t wire_of(const cw_bus *bus, unsigned i)
     return cw_node_bit(i);
 }
 
-bool cw_timed_wire(const cw_bus *bus, unsigned i, cw_span moment)
+/* Returns the level of the wire that does not swing. */
+static bool calm_level(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_timed *t = &bus->timed;
     const uint64_t seen = cw_cable_seen(&t->cable, i, moment);
     if (t->disturbances.count == 0)
         return !(seen & wire_of(bus, i));
     return cw_disturbed_wire(&t->disturbances, &t->cable, i, moment, seen, wire_of(bus, i));
+}
+
+/* The wire swings after an edge to recessive: then it is dominant once more. */
+bool cw_timed_wire(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    const cw_span ringing = bus->timed.ringing[i];
+    const bool level = calm_level(bus, i, moment);
+    if (level == CW_DOMINANT || ringing == 0)
+        return level;
+    return calm_level(bus, i, moment - ringing / 2) == CW_DOMINANT ||
+           calm_level(bus, i, moment - ringing) == CW_RECESSIVE;
 }
 
 bool cw_timed_level(const cw_bus *bus, unsigned i, cw_span moment)
@@ -86,9 +98,9 @@ static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
 {
     const cw_cable *cable = &bus->timed.cable;
-    if (bus->timed.disturbances.count)
-        return scan(bus, i, until);
-    if (cable->newest + cable->longest < bus->timed.nodes[i].looked)
+    const bool disturbed = bus->timed.disturbances.count;
+    const cw_span ringing = bus->timed.ringing[i];
+    if (!disturbed && cable->newest + cable->longest + ringing < bus->timed.nodes[i].looked)
         return CW_SPAN_MAX;
-    return follow_arrivals(bus, i, until);
+    return disturbed || ringing ? scan(bus, i, until) : follow_arrivals(bus, i, until);
 }

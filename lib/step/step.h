@@ -53,8 +53,9 @@ void cw_step_bit_time(cw_bus *bus);
 /* Returns true when a node has something to report at the end of a bit that it has sampled. */
 bool cw_timed_has_report(const cw_bus *bus);
 
-/* Notes that a controller has been changed from outside, perhaps in the middle of its bit. */
-void cw_timed_touch(cw_bus *bus, unsigned node);
+/* Takes over the nodes of an old bus that is off the grid, in the middle of their bits. from: as in
+ * cw_bus_take_over(). */
+void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);
 
 /* ---- run.c ----------------------------------------------------------------------------------- */
 

@@ -21,7 +21,8 @@
      ACTION(COUNTERS) | ACTION(OVERLOAD) | ACTION(SET))
 #define HOST (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
 #define TRAFFIC (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY))
-#define ALL_ACTIONS (ACTION(COUNT) - 1)
+#define TIMED (ACTION(PULSE) | ACTION(JITTER) | ACTION(RAMP)) /* they leave the grid */
+#define ALL_ACTIONS ((ACTION(COUNT) - 1) & ~TIMED)
 
 typedef struct style {
     const char *name;
@@ -38,29 +39,32 @@ typedef struct style {
     bool small;       /* rings and inboxes */
     bool helps;       /* see add_plan_helper() */
     bool lines;       /* see add_line_rule() */
+    bool clocks;      /* nodes have clocks of their own */
 } style;
 
 static const style styles[DIFF_STYLES] = {
-    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false, false},
-    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false, false},
-    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false, false},
+    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false, false, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false, false, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false, false, false},
     {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     6, 10, false, true, false},
+     6, 10, false, true, false, false},
     {"bits", 12, 4000, 60000, 12,
      POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
-     2, 40, false, true, false},
+     2, 40, false, true, false, false},
     {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false, false,
-     false},
+     false, false},
     {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false, false,
-     false},
+     false, false},
     {"lines", 8, 4000, 50000, 40, ACTION(STUCK) | ACTION(FORCE) | ACTION(BABBLE) | ACTION(LOAD), 4,
-     900, 20, 2, 20, false, false, true},
-    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false, false},
-    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false, false},
-    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false, false},
-    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false, false},
+     900, 20, 2, 20, false, false, true, false},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false, false, false},
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false, false, false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false, false, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false, false, false},
     {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false,
-     false},
+     false, false},
+    {"clocks", 6, 2000, 20000, 12, ALL_ACTIONS | TIMED, 10, 500, 50, 20, 20, false, false, false,
+     true},
 };
 
 const char *diff_style_name(unsigned number)
@@ -131,6 +135,8 @@ static cw_node_config random_node(generator *g)
         node.warning_limit = (uint16_t)diff_magnitude(r, 1, 255);
     if (diff_chance(r, 600))
         node.restart_ticks = diff_random_ticks(m, 1, 3000);
+    if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX)
+        diff_random_timing(m, &node.timing);
     return node;
 }
 
@@ -690,6 +696,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     random_lengths(s, m, g.style);
     m->actions = g.style->actions;
     m->rarity = g.style->rarity;
+    m->clocks = g.style->clocks;
     m->owned = diff_chance(&m->random, g.style->orderly);
     random_frames(m);
     random_plan(&g, &s->plans[0]);

@@ -42,6 +42,34 @@ unsigned diff_random_modes(diff_maker *m)
     return modes;
 }
 
+/* Draws a bit timing whose bits are nearly those of the bus. */
+static cw_bit_timing random_bit_timing(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    cw_bit_timing t = {.prop_seg = (uint16_t)diff_between(r, 1, 8),
+                       .phase_seg1 = (uint16_t)diff_between(r, 1, 8),
+                       .phase_seg2 = (uint16_t)diff_between(r, 2, 8), .sjw = 1,
+                       .triple_sampling = diff_chance(r, 100)};
+    t.quantum = (cw_span)m->bit * CW_TICK / cw_bit_timing_quanta(&t);
+    const cw_span off = (cw_span)diff_magnitude(r, 1, (uint64_t)t.quantum / 20);
+    t.quantum += diff_chance(r, 500) ? off : -off;
+    return t;
+}
+
+void diff_random_timing(diff_maker *m, cw_node_timing *timing)
+{
+    diff_random *r = &m->random;
+    if (diff_chance(r, 500))
+        timing->bit = random_bit_timing(m);
+    const uint64_t bit = m->bit * (uint64_t)CW_TICK;
+    if (diff_chance(r, 300))
+        timing->place = (cw_span)diff_below(r, bit / 3);
+    for (unsigned level = 0; level < 2 && diff_chance(r, 300); level++)
+        timing->tx_delay[level] = timing->rx_delay[level] = (cw_span)diff_below(r, bit / 8);
+    if (diff_chance(r, 100))
+        timing->ringing = (cw_span)diff_below(r, bit / 2);
+}
+
 cw_settings diff_random_settings(diff_maker *m)
 {
     diff_random *r = &m->random;
@@ -54,6 +82,10 @@ cw_settings diff_random_settings(diff_maker *m)
     s.queue = (uint16_t)diff_between(r, 1, diff_chance(r, 100) ? 40 : 8);
     s.warning_limit = (uint16_t)diff_between(r, diff_chance(r, 50) ? 0 : 1, 255);
     s.restart_ticks = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 1, 3000);
+    if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX && diff_chance(r, 200)) {
+        s.which |= CW_SET_TIMING;
+        s.timing = random_bit_timing(m);
+    }
     return s;
 }
 
@@ -283,6 +315,21 @@ static void random_levels(diff_maker *m, cw_rule *rule)
         rule->group[i] = (uint8_t)diff_below(r, diff_between(r, 1, 4));
 }
 
+/* Actions for parts of bits. */
+static void random_spans(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    const uint64_t bit = m->bit * (uint64_t)CW_TICK;
+    const cw_bit_timing from = random_bit_timing(m);
+    rule->line = (cw_line)diff_below(r, 3);
+    rule->pulse_permille = (uint16_t)diff_below(r, 1000);
+    rule->pulse_offset = diff_chance(r, 500) ? 0 : (cw_span)diff_below(r, 3 * bit);
+    rule->pulse_length = (cw_span)diff_between(r, 1, diff_chance(r, 500) ? bit / 4 : 3 * bit);
+    rule->jitter = (cw_span)diff_between(r, 1, bit / 8);
+    rule->quantum_from = from.quantum;
+    rule->quantum_to = from.quantum + from.quantum / 50;
+}
+
 static void random_counters(diff_maker *m, cw_rule *rule)
 {
     diff_random *r = &m->random;
@@ -347,6 +394,9 @@ static void random_do(diff_maker *m, cw_rule *rule)
         [CW_KIND_CONTROL] = random_counters,  [CW_KIND_HOST] = random_host,
         [CW_KIND_TRAFFIC] = random_traffic};
     fill[cw_action_kind_of(rule->action)](m, rule);
+    random_spans(m, rule);
+    if (rule->action == CW_ACTION_RAMP && rule->for_ticks == 0)
+        rule->for_ticks = m->bit;
     if (diff_chance(&m->random, 400))
         rule->at = diff_random_nodes(m);
 }

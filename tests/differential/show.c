@@ -192,6 +192,19 @@ static void write_levels(FILE *out, const cw_rule *r)
         write_mask(out, "pattern_level", r->pattern_level);
         write_mask(out, "pattern_mask", r->pattern_mask);
     }
+    if (r->action == CW_ACTION_PULSE)
+        write_number(out, "line", r->line);
+    if (r->action == CW_ACTION_PULSE)
+        write_number(out, "pulse_permille", r->pulse_permille);
+    if (r->action == CW_ACTION_PULSE)
+        write_number(out, "pulse_offset", (uint64_t)r->pulse_offset);
+    if (r->action == CW_ACTION_PULSE)
+        write_number(out, "pulse_length", (uint64_t)r->pulse_length);
+    if (r->action == CW_ACTION_JITTER)
+        write_number(out, "jitter", (uint64_t)r->jitter);
+    if (r->action == CW_ACTION_RAMP)
+        fprintf(out, ".quantum_from = %" PRId64 ", .quantum_to = %" PRId64 ", ", r->quantum_from,
+                r->quantum_to);
     if (r->action == CW_ACTION_NOISE)
         write_number(out, "error_rate", r->error_rate);
     if (r->action == CW_ACTION_PARTITION)
@@ -250,7 +263,27 @@ static void write_rule(FILE *out, const diff_rule *rule)
 static bool same_node(const cw_node_config *a, const cw_node_config *b)
 {
     return a->modes == b->modes && a->order == b->order && a->queue == b->queue &&
-           a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks;
+           a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks &&
+           memcmp(&a->timing, &b->timing, sizeof a->timing) == 0;
+}
+
+static void write_bit_timing(FILE *out, const cw_bit_timing *t)
+{
+    fprintf(out, "{.quantum = %" PRId64 ", .prop_seg = %u, .phase_seg1 = %u, .phase_seg2 = %u, "
+            ".sjw = %u, .triple_sampling = %d}, ", t->quantum, t->prop_seg, t->phase_seg1,
+            t->phase_seg2, t->sjw, t->triple_sampling);
+}
+
+static void write_timing(FILE *out, const cw_node_timing *t)
+{
+    fputs(".timing = {", out);
+    if (t->bit.quantum) {
+        fputs(".bit = ", out);
+        write_bit_timing(out, &t->bit);
+    }
+    fprintf(out, ".tx_delay = {%" PRId64 ", %" PRId64 "}, .rx_delay = {%" PRId64 ", %" PRId64 "}, ",
+            t->tx_delay[0], t->tx_delay[1], t->rx_delay[0], t->rx_delay[1]);
+    fprintf(out, ".place = %" PRId64 ", .ringing = %" PRId64 "}, ", t->place, t->ringing);
 }
 
 static void write_nodes(FILE *out, const diff_plan *plan)
@@ -266,6 +299,7 @@ static void write_nodes(FILE *out, const diff_plan *plan)
         write_number(out, "queue", n->queue);
         write_number(out, "warning_limit", n->warning_limit);
         write_number(out, "restart_ticks", n->restart_ticks);
+        write_timing(out, &n->timing);
         fputs("},\n", out);
     }
 }

@@ -211,6 +211,8 @@ static const struct {
     FIELD(line),
     FIELD(side),
     FIELD(dominant_timeout),
+    FIELD(pulse_offset),
+    FIELD(pulse_permille),
     FIELD(pattern_level),
     FIELD(pattern_mask),
     FIELD(number),

@@ -164,7 +164,7 @@ static void note_report(const quanta *q, unsigned i)
 {
     const quanta_node *n = &q->nodes[i];
     const cw_mac_report *r = &n->report;
-    const uint64_t tick = (uint64_t)(n->now / CW_TICK);
+    const uint64_t tick = (uint64_t)((n->now + CW_TICK - 1) / CW_TICK);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         add_event(&of_quanta, tick, i, CW_EVENT_ARBITRATION_LOST, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
