@@ -565,9 +565,9 @@ typedef enum cw_action {
     CW_ACTION_NOISE,      /* flips each bit with error_rate, independently for each node of `at` */
     CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
     CW_ACTION_PULSE,      /* `level` for pulse_length, pulse_offset after the begin of the bit at
-                             (field, index), on `line` of the wire or of `node`; with `at`, only what
-                             these nodes see. Without a frame trigger the bit is the next bit time
-                             of the bus */
+                             (field, index), on `line` of the wire or of `node`; with `at`, only
+                             what these nodes see. Without a frame trigger the bit is the next
+                             bit time of the bus */
     CW_ACTION_JITTER,     /* edges of `nodes` come up to jitter late, each one another time */
     CW_ACTION_RAMP,       /* the time quantum of `nodes` goes from quantum_from to quantum_to in
                              for_ticks, and stays there */

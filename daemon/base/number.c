@@ -191,6 +191,18 @@ uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate 
                            wide_sum(wide_product(k, step.bits), wide_of(start.bits)), rate);
 }
 
+/* A nanosecond is 2 / 25 ticks. */
+cw_span text_time_fine(cfg_time time, cw_rate rate)
+{
+    const uint64_t most = UINT64_C(1) << 60;
+    const uint64_t ticks = text_time_ticks(time, rate);
+
+    if (ticks >= most / CW_TICK)
+        return (cw_span)most;
+    const uint64_t of_ns = ((time.ns * 2 % 25) * CW_TICK + 12) / 25 + time.ns * 2 / 25 * CW_TICK;
+    return (cw_span)(of_ns + cw_rate_ticks(rate, time.bits) * CW_TICK);
+}
+
 char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick)
 {
     uint64_t ns = tick % CW_CLOCK_HZ * NS_PER_S / CW_CLOCK_HZ;

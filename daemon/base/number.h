@@ -49,6 +49,9 @@ uint64_t text_time_ticks(cfg_time time, cw_rate rate);
  * Saturates. */
 uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate rate);
 
+/* Returns a span in 2^-32 ticks, rounded to the nearest; at most 2^60 (3 s). */
+cw_span text_time_fine(cfg_time time, cw_rate rate);
+
 /* Returns the nanoseconds of a number of ticks of 12.5 ns, rounded down. */
 static inline uint64_t text_ticks_ns(uint64_t ticks)
 {

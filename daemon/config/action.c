@@ -32,8 +32,8 @@ typedef struct setting {
     uint8_t which;
 } setting;
 
-static schema_reader read_position, read_level, read_levels, read_line, read_at, read_node,
-    read_groups, read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
+static schema_reader read_level, read_levels, read_at, read_node, read_groups,
+    read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
     read_restart, read_order, read_period;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble;
@@ -74,7 +74,7 @@ static const schema_choice sides[] = {
     }
 #define FROM                                                                                       \
     {                                                                                              \
-        .name = "from", .read = read_position, .required = true                                    \
+        .name = "from", .read = cfg_read_position, .required = true                                \
     }
 #define AS                                                                                         \
     {                                                                                              \
@@ -105,7 +105,7 @@ static const schema_choice sides[] = {
         .name = NULL                                                                               \
     }
 
-static const schema_key flip_keys[] = {{.name = "flip", .read = read_position}, BITS, AT, END};
+static const schema_key flip_keys[] = {{.name = "flip", .read = cfg_read_position}, BITS, AT, END};
 static const schema_key force_keys[] = {
     {.name = "force", .read = read_level},
     FROM,
@@ -117,8 +117,8 @@ static const schema_key force_keys[] = {
 static const schema_key glitch_keys[] = {{.name = "glitch", .read = read_levels}, FROM, AT, END};
 static const schema_key stuck_keys[] = {
     {.name = "stuck", .read = read_level},
-    {.name = "on", .read = read_line},
-    FOR,
+    {.name = "on", .read = cfg_read_line},
+    {.name = "for", .read = cfg_read_ticks, MEMBER(for_ticks)},
     {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout)},
     END,
 };
@@ -155,6 +155,7 @@ static const schema_key set_keys[] = {
      .read = read_setting,
      MEMBER(settings.warning_limit),
      .arg = &warning_setting},
+    {.name = "ramp", .read = cfg_read_ramp},
     END,
 };
 static const schema_key disconnect_keys[] = {NODES("disconnect"), FOR, END};
@@ -198,6 +199,8 @@ static const action actions[] = {
     {CW_ACTION_GLITCH, glitch_keys, NULL},
     {CW_ACTION_STUCK, stuck_keys, complete_stuck},
     {CW_ACTION_NOISE, noise_keys, NULL},
+    {CW_ACTION_PULSE, cfg_pulse_keys, NULL},
+    {CW_ACTION_JITTER, cfg_jitter_keys, NULL},
     {CW_ACTION_NO_ACK, no_ack_keys, NULL},
     {CW_ACTION_WRONG_CRC, wrong_crc_keys, complete_wrong_crc},
     {CW_ACTION_BUS_OFF, bus_off_keys, NULL},
@@ -292,15 +295,6 @@ static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
         schema_complain(self, map, "do: an action is missing; one of: %s", list);
 }
 
-static void read_position(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_rule *rule = object;
-    const char *text = schema_text(self, key, value, "a position such as crc[3]");
-
-    if (text)
-        schema_problem(self, key, value, text_parse_position(&rule->field, &rule->index, text));
-}
-
 static void read_level(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
@@ -321,27 +315,6 @@ static void read_levels(schema *self, const schema_key *key, yaml_node_t *value,
     rule->bits = found.bits;
     rule->pattern_level = found.level;
     rule->pattern_mask = found.mask;
-}
-
-/* Reads wire, NODE.tx or NODE.rx; names of nodes may contain points. */
-static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    static const char expected[] = "wire, NODE.tx or NODE.rx";
-    cw_rule *rule = object;
-    const char *text = schema_text(self, key, value, expected);
-
-    if (!text || strcmp(text, "wire") == 0)
-        return;
-    const char *point = strrchr(text, '.');
-    bool tx = point && strcmp(point, ".tx") == 0;
-    if (!tx && !(point && strcmp(point, ".rx") == 0)) {
-        schema_expected(self, key, value, expected);
-        return;
-    }
-    const char *name = schema_print(self, "%.*s", (int)(point - text), text);
-    int node = name ? cfg_read_node(self, key, value, name) : -1;
-    rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
-    rule->node = (uint8_t)(node < 0 ? 0 : node);
 }
 
 /* Reads nodes, or `wire`, the default, for all nodes. A node may have the name `wire`. */
@@ -550,10 +523,16 @@ static void complete_counters(schema *self, yaml_node_t *map, cw_rule *rule)
 static void complete_set(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     yaml_node_t *value;
+    const bool alone = schema_pair(self, &value, map, 1) && !schema_pair(self, &value, map, 2);
 
-    (void)rule;
     if (!schema_pair(self, &value, map, 1))
         complain_at(self, map, "set", "there is no key that says what to set");
+    if (rule->action != CW_ACTION_RAMP)
+        return;
+    if (alone)
+        cfg_complete_ramp(self, map, rule);
+    else
+        complain_at(self, map, "ramp", "use a rule of its own for the other keys");
 }
 
 /* Completes a rule of the host side. `at` names receivers, or with the side of the sender one more

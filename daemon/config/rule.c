@@ -302,11 +302,23 @@ static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_r
                         "error frame (#MASK) is none");
 }
 
+/* Returns true when the rule acts in frames, at a position if its action has one. */
+static bool acts_in_frames(schema *self, const yaml_node_t *map, const cw_rule *rule)
+{
+    const bool pulse = rule->action == CW_ACTION_PULSE;
+    const bool waits = find_when(self, map, "frame") || find_when(self, map, "data") ||
+                       find_when(self, map, "from");
+
+    if (pulse && waits && rule->field == CW_FIELD_NONE && !rule->error_mask)
+        schema_complain(self, schema_find(self, map, "do"),
+                        "from: a pulse in a frame needs a position, such as crc[3]");
+    return waits || cw_action_needs_frame(rule->action) || (pulse && rule->field);
+}
+
 /* Derives the trigger of the rule from its conditions and its action. */
 static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
-    bool on_frames = cw_action_needs_frame(rule->action) || find_when(self, map, "frame") ||
-                     find_when(self, map, "data") || find_when(self, map, "from");
+    const bool on_frames = acts_in_frames(self, map, rule);
 
     if (rule->error_mask) {
         rule->trigger = CW_TRIGGER_ERROR;

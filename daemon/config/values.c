@@ -138,6 +138,27 @@ void cfg_read_bits_min(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_warn_rounded(self, key, value, *ticks);
 }
 
+void cfg_read_fine(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_span *span = schema_member(key, object);
+    cfg_time time = {0};
+    const char *text = schema_text(self, key, value, "a time such as 90ns");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_time(&time, text));
+    *span = text_time_fine(time, cfg_of(self)->rate);
+}
+
+void cfg_read_fine_min(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cw_span *span = schema_member(key, object);
+    const size_t errors = self->errors->errors;
+
+    cfg_read_fine(self, key, value, object);
+    if (self->errors->errors == errors && *span == 0)
+        schema_complain(self, value, "%s: the time must be more than 0", key->name);
+}
+
 void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a decimal fraction from 0 to 1");
@@ -331,4 +352,36 @@ uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
             mask |= 1u << state;
     }
     return (uint8_t)mask;
+}
+
+/* ---- Places of rules ------------------------------------------------------------------------ */
+
+void cfg_read_position(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, "a position such as crc[3]");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_position(&rule->field, &rule->index, text));
+}
+
+/* Reads wire, NODE.tx or NODE.rx; names of nodes may contain points. */
+void cfg_read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "wire, NODE.tx or NODE.rx";
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text || strcmp(text, "wire") == 0)
+        return;
+    const char *point = strrchr(text, '.');
+    bool tx = point && strcmp(point, ".tx") == 0;
+    if (!tx && !(point && strcmp(point, ".rx") == 0)) {
+        schema_expected(self, key, value, expected);
+        return;
+    }
+    const char *name = schema_print(self, "%.*s", (int)(point - text), text);
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+    rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
+    rule->node = (uint8_t)(node < 0 ? 0 : node);
 }

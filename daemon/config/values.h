@@ -16,11 +16,15 @@ schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */
 schema_reader cfg_read_ticks_min; /* the same, not 0 */
 schema_reader cfg_read_bits;      /* the same, of what acts at bits: warns when it is rounded */
 schema_reader cfg_read_bits_min;  /* the same, not 0 */
+schema_reader cfg_read_fine;      /* member: cw_span, of a time */
+schema_reader cfg_read_fine_min;  /* the same, not 0 */
 schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */
 schema_reader cfg_read_window;    /* the same; exact */
+schema_reader cfg_read_position;  /* object: a cw_rule */
+schema_reader cfg_read_line;      /* the same; wire, NODE.tx or NODE.rx */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
 
 /* Reads a name of letters, digits, '_', '.' and '-'. It complains about other names, but returns

@@ -19,8 +19,8 @@ static unsigned free_place(const cw_rule_set *set)
 static bool divides_bits(const cw_rule_set *set, const cw_rule_state *s)
 {
     const cw_rate rate = cw_wire_rate(set->bus.time);
-    return cw_rule_is(s, CW_IN_TIME) ||
-           (cw_rule_is(s, CW_ON_LINE) && cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks)) != s->rule.for_ticks);
+    const uint64_t whole = cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks));
+    return cw_rule_is(s, CW_IN_TIME) || (cw_rule_is(s, CW_ON_LINE) && whole != s->rule.for_ticks);
 }
 
 /* Counts rules by kind, so that the common cases are skipped quickly. */

@@ -249,8 +249,7 @@ static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
         alert(bus);
 }
 
-/* Lets controllers that have been changed in the middle of their bits, by rules or hosts, drive what
- * they do now. */
+/* Lets controllers drive anew that rules or hosts have changed in the middle of their bits. */
 static void drive_again(cw_bus *bus, cw_span moment)
 {
     for (uint64_t rest = bus->timed.touched; rest; rest &= rest - 1) {

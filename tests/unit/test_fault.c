@@ -211,6 +211,8 @@ static void each_action_is_what_its_row_says(void **state)
         rule.field = CW_FIELD_SOF;
         rule.bits = 1;
         rule.number = 1;
+        rule.for_ticks = BIT;
+        rule.pulse_length = rule.jitter = rule.quantum_from = rule.quantum_to = CW_TICK;
         assert_true(cw_action_name(action)[0] != '\0');
         for (unsigned k = 0; k < i; k++)
             assert_string_not_equal(cw_action_name(action), cw_action_name((cw_action)k));

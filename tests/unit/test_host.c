@@ -438,7 +438,9 @@ static void settings_are_changed_and_read(void **state)
     const cw_settings all = {.which = UINT8_MAX, .modes_mask = CW_MODE_ONE_SHOT,
                              .modes = CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY,
                              .order = CW_ORDER_FIFO, .queue = 3, .warning_limit = 50,
-                             .restart_ticks = 1000};
+                             .restart_ticks = 1000,
+                             .timing = {.quantum = CW_TICK * BIT / 20, .prop_seg = 8,
+                                        .phase_seg1 = 6, .phase_seg2 = 5, .sjw = 4}};
     r->nodes[1].modes = CW_MODE_PRESUME_ACK;
     rig_start(r);
     assert_int_equal(cw_node_set(r->bus, 1, &all), CW_OK);
@@ -448,6 +450,9 @@ static void settings_are_changed_and_read(void **state)
     assert_int_equal(s.queue, 3);
     assert_int_equal(s.warning_limit, 50);
     assert_int_equal(s.restart_ticks, 1000);
+    assert_int_equal(s.timing.quantum, CW_TICK * BIT / 20);
+    assert_int_equal(s.timing.sjw, 4);
+    assert_false(cw_bus_is_on_grid(r->bus)); /* the other node has another bit timing */
     const cw_settings none = {.which = 0, .queue = 0, .warning_limit = 0};
     assert_int_equal(cw_node_set(r->bus, 1, &none), CW_OK);
     const cw_settings bad[] = {{.which = CW_SET_QUEUE, .queue = 0},
