@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * work_bus.c - a bus at 100 % load: clean, with faults, with rules, bit by bit.
+ * work_bus.c - a bus at 100 % load: clean, with faults, with rules, bit by bit, with clocks that
+ * differ; also at less load.
  */
 #include "works.h"
 
@@ -12,6 +13,7 @@
 #define SLICE_BITS 1000u  /* between two looks at the events */
 #define EVENTS 4096u
 #define JOIN_BITS 11u
+#define FRAME_BITS 125u   /* about as many as a frame of 8 bytes has */
 #define ALL_BUT_LOST (UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST))
 
 typedef struct saturation {
@@ -75,6 +77,24 @@ static unsigned make_rules(cw_rule *rules, const bench_bus_options *o)
     return count;
 }
 
+/* ---- Clocks and delays ----------------------------------------------------------------------- */
+
+#define QUANTUM_CLOCK_HZ 16000000u /* 16 quanta a bit */
+#define PPM_STEPS 64               /* different clocks */
+
+/* Gives a node a clock of its own, and a place on a line of 25 m. The steps are spread by a
+ * multiplier that shares no factor with their number. */
+static cw_node_timing timing_of(unsigned node, int32_t ppm)
+{
+    const int32_t step = (int32_t)(node * 37u % PPM_STEPS);
+    const int32_t own = ppm * (2 * step - PPM_STEPS + 1) / (PPM_STEPS - 1);
+    return (cw_node_timing){
+        .bit = {.quantum = cw_quantum(QUANTUM_CLOCK_HZ, 1, own),
+                .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4, .sjw = 4},
+        .place = (cw_span)(node * 29u % PPM_STEPS) * CW_TICK * 2 / 13, /* 2 ns */
+        .tx_delay = {2 * CW_TICK, 2 * CW_TICK}, .rx_delay = {4 * CW_TICK, 4 * CW_TICK}};
+}
+
 /* ---- The bus --------------------------------------------------------------------------------- */
 
 static cw_bus *make_bus(const bench_bus_options *o)
@@ -84,8 +104,11 @@ static cw_bus *make_bus(const bench_bus_options *o)
     cw_bus_config config = {.bit_ticks = BENCH_BIT_TICKS, .node_count = (uint8_t)o->nodes,
                             .inbox = 64, .events = EVENTS, .nodes = nodes, .rules = rules};
     config.rule_count = (uint16_t)make_rules(rules, o);
-    for (unsigned i = 0; i < o->nodes; i++)
+    for (unsigned i = 0; i < o->nodes; i++) {
         nodes[i] = (cw_node_config){.queue = QUEUE, .warning_limit = 96};
+        if (o->ppm)
+            nodes[i].timing = timing_of(i, o->ppm);
+    }
     cw_bus *bus = cw_bus_init(bench_alloc(cw_bus_size(&config)), &config);
     if (!bus)
         bench_fail("the bus cannot be made");
@@ -95,10 +118,10 @@ static cw_bus *make_bus(const bench_bus_options *o)
     return bus;
 }
 
-static void hand_in(saturation *s, unsigned node)
+static void hand_in(saturation *s, unsigned node, uint64_t tick)
 {
     const cw_frame *f = &s->frames[node][s->handed_in++ % (BENCH_FRAMES / CW_NODES_MAX)];
-    if (cw_node_send(s->bus, node, f, 0) == CW_FULL)
+    if (cw_node_send(s->bus, node, f, tick) == CW_FULL)
         bench_fail("the inbox is full");
 }
 
@@ -112,7 +135,8 @@ static void keep_busy(saturation *s)
             if (events[i].kind != CW_EVENT_TX)
                 continue;
             s->sent++;
-            hand_in(s, (unsigned)__builtin_ctzll(events[i].nodes));
+            if (!s->options.load)
+                hand_in(s, (unsigned)__builtin_ctzll(events[i].nodes), 0);
         }
         cw_bus_take(s->bus, count);
     }
@@ -125,8 +149,18 @@ static void advance(saturation *s, uint64_t tick)
     keep_busy(s);
 }
 
+/* Hands in a frame of the next node for each part of the slice that it is to load. */
+static void hand_in_load(saturation *s)
+{
+    const uint64_t begin = cw_bus_now(s->bus);
+    for (uint64_t bits = 0; bits < SLICE_BITS; bits += FRAME_BITS * 100u / s->options.load)
+        hand_in(s, (unsigned)(s->handed_in % s->options.senders), begin + bits * BENCH_BIT_TICKS);
+}
+
 static void advance_slice(saturation *s)
 {
+    if (s->options.load)
+        hand_in_load(s);
     advance(s, cw_bus_now(s->bus) + SLICE_BITS * BENCH_BIT_TICKS);
 }
 
@@ -137,8 +171,9 @@ void *bench_bus_start(const void *options)
     s->bus = make_bus(&s->options);
     for (unsigned i = 0; i < BENCH_FRAMES; i++)
         s->frames[i % CW_NODES_MAX][i / CW_NODES_MAX] = bench_frame(i, i % CW_NODES_MAX, false);
-    for (unsigned i = 0; i < s->options.senders * QUEUE; i++) {
-        hand_in(s, i % s->options.senders);
+    const unsigned waiting = s->options.load ? 0 : s->options.senders * QUEUE;
+    for (unsigned i = 0; i < waiting; i++) {
+        hand_in(s, i % s->options.senders, 0);
         advance(s, 0); /* takes it from the inbox */
     }
     advance_slice(s);
@@ -180,7 +215,9 @@ void bench_bus_end(void *state)
     cw_bus_stats stats;
     cw_bus_get_stats(s->bus, &stats);
     check_faults(s, &stats);
-    if (stats.busy_bits + JOIN_BITS + 1 < stats.bits)
+    const uint64_t between = s->options.ppm ? stats.bits / 50 : 0; /* a node becomes idle before
+                                                                      its next bit begins */
+    if (!s->options.load && stats.busy_bits + between + JOIN_BITS + 1 < stats.bits)
         bench_fail("the bus was idle for %" PRIu64 " bits", stats.bits - stats.busy_bits);
     for (unsigned i = 0; i < s->options.nodes; i++) {
         cw_node_stats node;

@@ -64,6 +64,9 @@ typedef struct bench_bus_options {
     unsigned every;   /* attempt that gets a wrong CRC bit, 0: none */
     unsigned rules;   /* for identifiers without a sender */
     unsigned wild;    /* of these, with a mask for two of them each; the others are exact */
+    int32_t ppm;      /* nodes have clocks of their own, which differ by up to twice that, and
+                         delays; 0: all clocks agree */
+    unsigned load;    /* percent; 0: as much as fits */
 } bench_bus_options;
 
 void *bench_bus_start(const void *options);
