@@ -196,6 +196,7 @@ bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing)
 void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
 {
     timed_node *n = &bus->timed.nodes[i];
+    cw_timed_settle(&bus->timed, i);
     n->next_timing = *timing;
     n->retimed = bus->timed.active;
     if (!bus->timed.active)

@@ -2,7 +2,8 @@
  *
  * agenda.c - what each node does next, in the order of moments.
  *
- * All bits have about the same length, so a new entry nearly always belongs near the end.
+ * All bits have about the same length, so a new entry nearly always belongs near the end of its
+ * list.
  */
 #include "state/timed.h"
 
@@ -11,60 +12,89 @@
 
 void cw_agenda_clear(cw_agenda *agenda)
 {
-    agenda->first = agenda->count = 0;
-}
-
-static inline bool comes_before(const agenda_entry *a, const agenda_entry *b)
-{
-    return a->moment != b->moment ? a->moment < b->moment : a->what < b->what;
+    agenda->looks.first = agenda->looks.count = 0;
+    agenda->others.first = agenda->others.count = 0;
 }
 
 /* Moves the entries to the front of the array when they have come to its end. */
-static void make_room(cw_agenda *agenda)
+static void make_room(agenda_list *list)
 {
-    if (agenda->first + agenda->count < 2 * CW_NODES_MAX)
+    if (list->first + list->count < 2 * CW_NODES_MAX)
         return;
-    memmove(agenda->entries, &agenda->entries[agenda->first],
-            agenda->count * sizeof agenda->entries[0]);
-    agenda->first = 0;
+    memmove(list->entries, &list->entries[list->first], list->count * sizeof list->entries[0]);
+    list->first = 0;
 }
 
 void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment)
 {
     const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
-    assert(agenda->count < CW_NODES_MAX);
-    make_room(agenda);
-    agenda_entry *place = &agenda->entries[agenda->first + agenda->count++];
-    for (; place > &agenda->entries[agenda->first] && comes_before(&entry, place - 1); place--)
+    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
+    assert(list->count < CW_NODES_MAX);
+    make_room(list);
+    agenda_entry *first = &list->entries[list->first], *place = first + list->count++;
+    for (; place > first && cw_agenda_before(&entry, place - 1); place--)
         *place = place[-1];
     *place = entry;
 }
 
-static unsigned place_of(const cw_agenda *agenda, unsigned node)
+/* Returns the place of a node's entry, behind the last one when it has none. */
+static unsigned place_of(const agenda_list *list, unsigned node)
 {
-    unsigned place = agenda->first;
-    while (cw_agenda_node(&agenda->entries[place]) != node)
+    unsigned place = list->first;
+    while (place < list->first + list->count && cw_agenda_node(&list->entries[place]) != node)
         place++;
-    assert(place < agenda->first + agenda->count);
     return place;
+}
+
+static bool is_behind(const agenda_list *list, unsigned place)
+{
+    return place == list->first + list->count;
 }
 
 const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node)
 {
-    return &agenda->entries[place_of(agenda, node)];
+    const unsigned look = place_of(&agenda->looks, node);
+    const bool other = is_behind(&agenda->looks, look);
+    return other ? &agenda->others.entries[place_of(&agenda->others, node)]
+                 : &agenda->looks.entries[look];
 }
 
 void cw_agenda_remove(cw_agenda *agenda, unsigned node)
 {
-    const unsigned place = place_of(agenda, node);
-    const unsigned behind = agenda->first + agenda->count - 1 - place;
-    memmove(&agenda->entries[place], &agenda->entries[place + 1],
-            behind * sizeof agenda->entries[0]);
-    agenda->count--;
+    agenda_list *list = &agenda->looks;
+    unsigned place = place_of(list, node);
+    if (is_behind(list, place)) {
+        list = &agenda->others;
+        place = place_of(list, node);
+    }
+    assert(!is_behind(list, place));
+    const unsigned behind = list->first + list->count - 1 - place;
+    memmove(&list->entries[place], &list->entries[place + 1], behind * sizeof list->entries[0]);
+    list->count--;
+}
+
+static void rebase(agenda_list *list, cw_span by)
+{
+    for (unsigned k = 0; k < list->count; k++)
+        list->entries[list->first + k].moment -= by;
 }
 
 void cw_agenda_rebase(cw_agenda *agenda, cw_span by)
 {
-    for (unsigned i = 0; i < agenda->count; i++)
-        agenda->entries[agenda->first + i].moment -= by;
+    rebase(&agenda->looks, by);
+    rebase(&agenda->others, by);
+}
+
+void cw_timed_settle(cw_timed *timed, unsigned i)
+{
+    timed_node *n = &timed->nodes[i];
+    if (!timed->active || !n->ahead)
+        return;
+    n->ahead = false;
+    if (n->next_begin < timed->moment) {
+        cw_timed_begin(n);
+        return;
+    }
+    cw_agenda_remove(&timed->agenda, i);
+    cw_agenda_put(&timed->agenda, i, CW_BEGINS, n->next_begin);
 }

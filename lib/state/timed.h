@@ -29,6 +29,8 @@ typedef struct timed_node {
     cw_span next_begin; /* of the next one, while the node ends and begins bits */
     cw_span looked;     /* edges that came before the look at this moment have been dealt with */
     bool driven;        /* the level that it puts onto its wire */
+    bool ahead;         /* its next bit begins at next_begin with nothing to do, so that the agenda
+                           has the sample point of that bit */
     cw_mac_report report; /* of the last sample, to be committed at the end of the bit */
 } timed_node;
 
@@ -38,11 +40,18 @@ typedef struct agenda_entry {
     uint16_t what; /* cw_doing << 8 | node */
 } agenda_entry;
 
-/* The next thing of each node, sorted. */
-typedef struct cw_agenda {
+/* Entries, sorted. */
+typedef struct agenda_list {
     agenda_entry entries[2 * CW_NODES_MAX];
     unsigned first;
     unsigned count;
+} agenda_list;
+
+/* The next thing of each node: looks, ends and begins. A bit that begins comes before nearly all
+ * looks, so that one list would be moved about. */
+typedef struct cw_agenda {
+    agenda_list looks;
+    agenda_list others;
 } cw_agenda;
 
 typedef struct cw_timed {
@@ -58,6 +67,7 @@ typedef struct cw_timed {
     uint64_t epoch; /* tick; moments count from here */
     cw_cable cable;
     cw_disturbances disturbances;
+    cw_span moment; /* all has been done up to it */
     cw_agenda agenda;
     cw_span *delays;
     cw_span *ringing;    /* of each node */
@@ -70,20 +80,6 @@ typedef struct cw_timed {
 
 void cw_agenda_clear(cw_agenda *agenda);
 
-/* Adds what a node does next; it must have no entry. */
-void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment);
-
-/* Returns the entry of a node. */
-const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
-
-/* Takes the entry of a node away. */
-void cw_agenda_remove(cw_agenda *agenda, unsigned node);
-
-static inline const agenda_entry *cw_agenda_first(const cw_agenda *agenda)
-{
-    return &agenda->entries[agenda->first];
-}
-
 static inline cw_doing cw_agenda_what(const agenda_entry *entry)
 {
     return (cw_doing)(entry->what >> 8);
@@ -94,13 +90,58 @@ static inline unsigned cw_agenda_node(const agenda_entry *entry)
     return entry->what & 0xFFu;
 }
 
+static inline bool cw_agenda_before(const agenda_entry *a, const agenda_entry *b)
+{
+    return a->moment != b->moment ? a->moment < b->moment : a->what < b->what;
+}
+
+/* Adds what a node does next; it must have no entry. */
+void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment);
+
+/* Returns the entry of a node. */
+const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
+
+/* Takes the entry of a node away. */
+void cw_agenda_remove(cw_agenda *agenda, unsigned node);
+
+/* Returns the list with the first entry; there must be one. */
+static inline agenda_list *cw_agenda_next(cw_agenda *agenda)
+{
+    agenda_list *looks = &agenda->looks, *others = &agenda->others;
+    if (others->count == 0)
+        return looks;
+    const bool other = looks->count == 0 || cw_agenda_before(&others->entries[others->first],
+                                                             &looks->entries[looks->first]);
+    return other ? others : looks;
+}
+
+static inline const agenda_entry *cw_agenda_first(cw_agenda *agenda)
+{
+    const agenda_list *list = cw_agenda_next(agenda);
+    return &list->entries[list->first];
+}
+
+/* Takes the first entry away. */
 static inline void cw_agenda_take(cw_agenda *agenda)
 {
-    agenda->first++;
-    agenda->count--;
+    agenda_list *list = cw_agenda_next(agenda);
+    list->first++;
+    list->count--;
 }
 
 /* Moves the epoch forward. */
 void cw_agenda_rebase(cw_agenda *agenda, cw_span by);
+
+/* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */
+static inline void cw_timed_begin(timed_node *n)
+{
+    n->begin = n->looked = n->next_begin;
+    cw_pcs_begin_bit(&n->pcs, &n->timing);
+}
+
+/* Makes a node that is ahead begin its bit as others do: it has begun, or that is on the agenda.
+ * This comes before a controller or its bit timing is changed, since it may drive another level
+ * then. It also comes before rules act, since they have to see the begin. */
+void cw_timed_settle(cw_timed *timed, unsigned node);
 
 #endif

@@ -4,7 +4,9 @@
  *
  * Each node begins its bits, samples them and ends them by its own clock. The events of a bit come
  * at its end, when its controller goes on to the next one. Nothing is skipped, but nodes look only
- * when it matters: at sample points, and where an edge may have come. Rules T1 to T12 of RULES.md.
+ * when it matters: at sample points, and where an edge may have come. Most nodes keep their levels
+ * and have nothing to report; they go ahead from one sample point to the next (goes_ahead()). Rules
+ * T1 to T12 of RULES.md.
  *
  * The step is one bit time of the bus, in which a node may have two bits, or none. All that has no
  * clock of its own happens between the steps: frames and commands of hosts, restarts, rules on
@@ -27,13 +29,18 @@ static cw_span after_quanta(const timed_node *n, unsigned quanta)
     return n->begin + quanta * n->timing.quantum;
 }
 
+static bool has_report(const timed_node *n)
+{
+    return n->report.what & ~CW_REPORT_STARTED;
+}
+
 /* ---- Edges ----------------------------------------------------------------------------------- */
 
 /* Takes an edge that a look has found. */
 static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
 {
     timed_node *n = node_at(bus, i);
-    const unsigned in = (unsigned)((look - n->begin) / n->timing.quantum) - 1;
+    const unsigned in = (unsigned)cw_quanta_in(n, look - n->timing.quantum - n->begin);
     const bool hard = cw_mac_synchronises_hard(&bus->nodes[i].mac);
     n->looked = look;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
@@ -44,6 +51,30 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     return effect;
 }
 
+/* Returns true when a node has nothing to do at the begin of its next bit. It keeps its level, and
+ * cannot begin to send a frame that comes meanwhile. Such a node drives the bit beforehand. */
+static bool goes_ahead(cw_bus *bus, unsigned i)
+{
+    const cw_timed *t = &bus->timed;
+    cw_mac *m = &bus->nodes[i].mac;
+    if (bus->rules.awake_count || t->disturbances.count || t->rings || t->nodes[i].retimed ||
+        cw_mac_can_start(m))
+        return false;
+    return cw_mac_drive(m) == t->nodes[i].driven;
+}
+
+/* Plans the next bit of a node that has nothing to report at the end of this one. */
+static void plan_next(cw_bus *bus, unsigned i, cw_span end)
+{
+    timed_node *n = node_at(bus, i);
+    n->ahead = goes_ahead(bus, i);
+    if (n->ahead)
+        cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS,
+                      end + cw_bit_timing_sample_at(&n->timing) * n->timing.quantum);
+    else
+        cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, end);
+}
+
 /* Plans what comes after the sample point: the end of the bit, or a look at an edge before. */
 static void plan_end(cw_bus *bus, unsigned i)
 {
@@ -51,22 +82,44 @@ static void plan_end(cw_bus *bus, unsigned i)
     const cw_span end = after_quanta(n, n->pcs.end_at);
     const cw_span edge = cw_pcs_is_open(&n->pcs) ? cw_timed_next_edge(bus, i, end) : CW_SPAN_MAX;
     n->next_begin = end;
-    if (edge == CW_SPAN_MAX)
+    n->ahead = false;
+    if (edge != CW_SPAN_MAX)
+        cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, edge);
+    else if (has_report(n))
         cw_agenda_put(&bus->timed.agenda, i, CW_ENDS, end);
     else
-        cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, edge);
+        plan_next(bus, i, end);
 }
 
-/* Plans anew for nodes after their sample points, since a dominant level is under way. */
+/* Plans anew for a node after its sample point, since a dominant level comes before the end of its
+ * bit. */
+static void plan_anew(cw_bus *bus, unsigned i)
+{
+    cw_agenda_remove(&bus->timed.agenda, i);
+    plan_end(bus, i);
+}
+
+/* Plans anew for nodes to which a dominant edge comes before the end of their bits. Nodes before
+ * their sample points see it there, also those that have gone ahead. */
+static void alert_of_edge(cw_bus *bus, const cw_edge *edge)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const timed_node *n = node_at(bus, i);
+        if (cw_cable_arrival(&bus->timed.cable, edge, i) < n->next_begin && n->pcs.sampled &&
+            cw_pcs_is_open(&n->pcs))
+            plan_anew(bus, i);
+    }
+}
+
+/* Plans anew for nodes after their sample points, since rules change levels. From now on no node
+ * goes ahead. */
 static void alert(cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
         const timed_node *n = node_at(bus, i);
-        if (!n->pcs.sampled || !cw_pcs_is_open(&n->pcs) ||
-            cw_agenda_what(cw_agenda_of(&bus->timed.agenda, i)) == CW_BEGINS)
-            continue;
-        cw_agenda_remove(&bus->timed.agenda, i);
-        plan_end(bus, i);
+        cw_timed_settle(&bus->timed, i);
+        if (n->pcs.sampled && cw_pcs_is_open(&n->pcs) && n->next_begin > bus->timed.moment)
+            plan_anew(bus, i);
     }
 }
 
@@ -82,8 +135,11 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     const cw_edge edge = {.moment = moment, .late = cw_rules_edge_delay(&bus->rules, i),
                           .node = (uint8_t)i, .level = level};
     cw_cable_put(&bus->timed.cable, &edge);
-    if (level == CW_DOMINANT || bus->timed.rings)
+    const bool scans = bus->timed.disturbances.count || bus->timed.rings;
+    if (scans && (level == CW_DOMINANT || bus->timed.rings))
         alert(bus);
+    else if (level == CW_DOMINANT)
+        alert_of_edge(bus, &edge);
 }
 
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
@@ -100,9 +156,8 @@ static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
     cw_timed_retime(n);
-    n->begin = n->next_begin;
+    cw_timed_begin(n);
     n->looked = moment;
-    cw_pcs_begin_bit(&n->pcs, &n->timing);
     cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, after_quanta(n, n->pcs.sample_at));
     drive(bus, i, moment);
 }
@@ -138,8 +193,9 @@ static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
 /* Returns true when all nodes sample at one moment. */
 static bool all_look_at(const cw_agenda *agenda, cw_span moment)
 {
-    const agenda_entry *last = &agenda->entries[agenda->first + agenda->count - 1];
-    return last->moment == moment && cw_agenda_what(last) == CW_LOOKS;
+    const agenda_list *looks = &agenda->looks;
+    const agenda_entry *last = &looks->entries[looks->first + looks->count - 1];
+    return agenda->others.count == 0 && (looks->count == 0 || last->moment == moment);
 }
 
 /* Hands in the frames that come before the end of the bit: the controller cannot tell when in the
@@ -149,7 +205,7 @@ static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
     const timed_node *n = node_at(bus, i);
     if (cw_inbox_first(bus) >= cw_bit_end(bus))
         return;
-    if (bus->timed.agenda.count == 0 || all_look_at(&bus->timed.agenda, moment))
+    if (all_look_at(&bus->timed.agenda, moment))
         cw_take_inbox_before(bus, cw_bit_end(bus));
     else
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, after_quanta(n, n->pcs.end_at)));
@@ -183,6 +239,15 @@ static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
         sample(bus, i, moment);
 }
 
+/* A node that has gone ahead begins its bit now, when it is about to sample it. */
+static void look_in_next_bit(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    n->ahead = false;
+    cw_timed_begin(n);
+    look_before_sample(bus, i, moment);
+}
+
 static void look_after_sample(cw_bus *bus, unsigned i, cw_span moment)
 {
     const bool edge = cw_timed_next_edge(bus, i, moment) == moment;
@@ -198,8 +263,6 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
     cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
-    if (!(n->report.what & ~CW_REPORT_STARTED))
-        return;
     const uint64_t now = cw_now(bus);
     cw_wire_go_to(&bus->time, cw_tick_of(bus, moment));
     cw_commit_node(bus, i, &n->report);
@@ -210,7 +273,7 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
 bool cw_timed_has_report(const cw_bus *bus)
 {
     for (unsigned i = 0; bus->timed.active && i < bus->node_count; i++)
-        if (bus->timed.nodes[i].report.what & ~CW_REPORT_STARTED)
+        if (has_report(&bus->timed.nodes[i]))
             return true;
     return false;
 }
@@ -222,6 +285,7 @@ static void go_on(cw_bus *bus)
 {
     const agenda_entry e = *cw_agenda_first(&bus->timed.agenda);
     const unsigned i = cw_agenda_node(&e);
+    bus->timed.moment = e.moment;
     if (cw_agenda_what(&e) == CW_BEGINS) {
         disturb_bits(bus, begin_bits(bus, e.moment), e.moment);
         return;
@@ -229,6 +293,8 @@ static void go_on(cw_bus *bus)
     cw_agenda_take(&bus->timed.agenda);
     if (cw_agenda_what(&e) == CW_ENDS)
         end_bit(bus, i, e.moment);
+    else if (node_at(bus, i)->ahead)
+        look_in_next_bit(bus, i, e.moment);
     else if (node_at(bus, i)->pcs.sampled)
         look_after_sample(bus, i, e.moment);
     else
@@ -264,6 +330,10 @@ static void drive_again(cw_bus *bus, cw_span moment)
 /* Returns the level of all wires together at the end of the bit time. */
 static bool level_of_wires(const cw_bus *bus, cw_span moment)
 {
+    const cw_cable *cable = &bus->timed.cable;
+    if (bus->group_count == 1 && bus->timed.disturbances.count == 0 && !bus->timed.rings &&
+        cable->newest + cable->longest < moment)
+        return cable->dominant == 0;
     for (unsigned i = 0; i < bus->node_count; i++)
         if (cw_timed_wire(bus, i, moment) == CW_DOMINANT)
             return CW_DOMINANT;
@@ -280,6 +350,15 @@ static void end_bit_time(cw_bus *bus, cw_span end)
         cw_rules_emit(&bus->rules);
 }
 
+/* Rules look at the begin of each bit. */
+static void settle_for_rules(cw_bus *bus)
+{
+    if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        cw_timed_settle(&bus->timed, i);
+}
+
 void cw_step_bit_time(cw_bus *bus)
 {
     bus->outlook.valid = false;
@@ -288,6 +367,8 @@ void cw_step_bit_time(cw_bus *bus)
     cw_timed_rebase(bus);
     const cw_span begin = cw_moment_of(bus, cw_now(bus));
     const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
+    bus->timed.moment = begin;
+    settle_for_rules(bus);
     const uint64_t nodes = begin_bits(bus, begin);
     bus->timed.touched &= ~nodes;
     drive_again(bus, begin);
@@ -304,5 +385,6 @@ void cw_step_bit_time(cw_bus *bus)
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment == end && cw_agenda_what(e) == CW_ENDS)
         go_on(bus);
+    bus->timed.moment = end;
     cw_timed_leave(bus);
 }

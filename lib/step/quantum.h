@@ -30,6 +30,12 @@ static inline void cw_timed_retime(timed_node *n)
     n->retimed = false;
 }
 
+/* Returns the quanta of a node that fit into a span. Mostly none does: edges come in Sync_Seg. */
+static inline cw_span cw_quanta_in(const timed_node *n, cw_span span)
+{
+    return span < n->timing.quantum ? 0 : span / n->timing.quantum;
+}
+
 /* ---- quantum_look.c -------------------------------------------------------------------------- */
 
 /* Returns the level that a node sees when it looks at a moment. */

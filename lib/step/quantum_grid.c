@@ -22,6 +22,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
     cw_timed_retime(n);
     n->begin = n->next_begin = n->looked = moment;
     n->driven = last_driven(&bus->nodes[i].mac);
+    n->ahead = false;
     n->report.what = 0;
     n->pcs.sampled = true;
     n->pcs.synchronised = false;
@@ -37,10 +38,9 @@ static void clear(cw_timed *t, uint64_t epoch)
     t->active = true;
     t->touched = 0;
     t->epoch = epoch;
-    t->cable.count = 0;
-    t->cable.dominant = 0;
-    t->cable.newest = -t->cable.longest - 1;
+    cw_cable_clear(&t->cable);
     t->disturbances.count = 0;
+    t->moment = 0;
     cw_agenda_clear(&t->agenda);
 }
 
@@ -62,11 +62,12 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned 
     const agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
     const cw_bit_timing timing = n->timing;
     *n = old->timed.nodes[from];
-    n->next_timing = timing;
-    n->retimed = true;
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
     cw_agenda_put(&bus->timed.agenda, i, cw_agenda_what(e), e->moment);
+    cw_timed_settle(&bus->timed, i);
+    n->next_timing = timing;
+    n->retimed = true;
 }
 
 static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t *to)
@@ -91,6 +92,7 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
         if (from[i] != CW_NO_NODE)
             to[from[i]] = (uint8_t)i;
     clear(&bus->timed, old->timed.epoch);
+    bus->timed.moment = old->timed.moment;
     take_over_edges(&bus->timed.cable, &old->timed.cable, to);
     for (unsigned i = 0; i < bus->node_count; i++)
         if (from[i] != CW_NO_NODE)
@@ -101,15 +103,19 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
 
 /* ---- Back to the grid ------------------------------------------------------------------------ */
 
-/* Returns true when all nodes begin a bit at a moment, on time. */
+/* Returns true when a node begins a bit at a moment, on time: not with an edge of before. Nothing
+ * is left to be done before the moment. */
+static bool begins_at(const cw_timed *t, unsigned i, cw_span moment)
+{
+    return t->nodes[i].pcs.sampled && t->nodes[i].next_begin == moment;
+}
+
+/* Returns true when all nodes begin a bit at a moment. */
 static bool all_begin_at(const cw_timed *t, cw_span moment)
 {
-    for (unsigned k = 0; k < t->agenda.count; k++) {
-        const agenda_entry *e = &t->agenda.entries[t->agenda.first + k];
-        if (e->moment != moment || cw_agenda_what(e) != CW_BEGINS ||
-            t->nodes[cw_agenda_node(e)].next_begin != moment)
+    for (unsigned i = 0; i < t->cable.node_count; i++)
+        if (!begins_at(t, i, moment))
             return false;
-    }
     return true;
 }
 
@@ -118,7 +124,9 @@ void cw_timed_leave(cw_bus *bus)
     cw_timed *t = &bus->timed;
     if (t->requested || !t->uniform || bus->rules.timed_rules || t->disturbances.count)
         return;
-    t->active = !all_begin_at(t, cw_moment_of(bus, cw_now(bus)));
+    if (!all_begin_at(t, cw_moment_of(bus, cw_now(bus))))
+        return;
+    t->active = false;
 }
 
 void cw_timed_rebase(cw_bus *bus)
@@ -132,6 +140,7 @@ void cw_timed_rebase(cw_bus *bus)
     cw_cable_rebase(&t->cable, by);
     cw_disturb_rebase(&t->disturbances, by);
     cw_agenda_rebase(&t->agenda, by);
+    t->moment -= by;
     for (unsigned i = 0; i < bus->node_count; i++) {
         t->nodes[i].begin -= by;
         t->nodes[i].next_begin -= by;

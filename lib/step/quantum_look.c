@@ -74,7 +74,20 @@ static cw_span scan(const cw_bus *bus, unsigned i, cw_span until)
 /* Returns the look after an arrival: the end of the quantum that it comes in. */
 static cw_span look_after(const timed_node *n, cw_span arrival)
 {
-    return n->begin + ((arrival - n->begin) / n->timing.quantum + 1) * n->timing.quantum;
+    return n->begin + (cw_quanta_in(n, arrival - n->begin) + 1) * n->timing.quantum;
+}
+
+/* Returns the look that finds an edge, the only one under way. */
+static cw_span follow_edge(const cw_bus *bus, unsigned i, const cw_edge *edge, cw_span until)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    const uint64_t others = bus->timed.cable.dominant & ~cw_node_bit(edge->node);
+    const uint64_t wire = wire_of(bus, i);
+    const cw_span arrival = cw_cable_arrival(&bus->timed.cable, edge, i);
+    if ((others & wire) || !(wire >> edge->node & 1u) || arrival < n->looked || arrival >= until)
+        return CW_SPAN_MAX;
+    const cw_span moment = look_after(n, arrival);
+    return moment <= until ? moment : CW_SPAN_MAX;
 }
 
 /* Returns the next edge by looking where dominant levels arrive. */
@@ -98,9 +111,14 @@ static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
 {
     const cw_cable *cable = &bus->timed.cable;
-    const bool disturbed = bus->timed.disturbances.count;
-    const cw_span ringing = bus->timed.ringing[i];
-    if (!disturbed && cable->newest + cable->longest + ringing < bus->timed.nodes[i].looked)
+    const cw_span looked = bus->timed.nodes[i].looked, ringing = bus->timed.ringing[i];
+    if (bus->timed.disturbances.count)
+        return scan(bus, i, until);
+    if (ringing)
+        return cable->newest + cable->longest + ringing < looked ? CW_SPAN_MAX
+                                                                 : scan(bus, i, until);
+    if (cw_cable_rests(cable, looked))
         return CW_SPAN_MAX;
-    return disturbed || ringing ? scan(bus, i, until) : follow_arrivals(bus, i, until);
+    const cw_edge *only = cw_cable_only_edge(cable, looked);
+    return only ? follow_edge(bus, i, only, until) : follow_arrivals(bus, i, until);
 }

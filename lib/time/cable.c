@@ -19,12 +19,22 @@ static inline unsigned kept(const cw_cable *cable)
     return cable->count < cable->capacity ? cable->count : cable->capacity;
 }
 
+void cw_cable_clear(cw_cable *cable)
+{
+    cable->count = 0;
+    cable->dominant = 0;
+    cable->newest = cable->before_it = cable->to_dominant = -cable->longest - 1;
+}
+
 void cw_cable_put(cw_cable *cable, const cw_edge *edge)
 {
     const uint64_t self = UINT64_C(1) << edge->node;
     assert(cable->count == 0 || edge->moment >= cable->newest);
     cable->edges[cable->count++ & (cable->capacity - 1)] = *edge;
+    cable->before_it = cable->newest;
     cable->newest = edge->moment;
+    if (edge->level == CW_DOMINANT)
+        cable->to_dominant = edge->moment;
     cable->dominant = edge->level == CW_DOMINANT ? cable->dominant | self : cable->dominant & ~self;
 }
 
@@ -34,7 +44,8 @@ uint64_t cw_cable_seen_now(const cw_cable *cable, unsigned node, cw_span moment)
 {
     uint64_t seen = cable->dominant;
     uint64_t arrived = 0;
-    for (unsigned n = 0; n < kept(cable); n++) {
+    const unsigned count = kept(cable);
+    for (unsigned n = 0; n < count; n++) {
         const cw_edge *e = nth_from_end(cable, n);
         const uint64_t self = UINT64_C(1) << e->node;
         if (e->moment + cable->longest < moment)
@@ -52,7 +63,8 @@ uint64_t cw_cable_seen_now(const cw_cable *cable, unsigned node, cw_span moment)
 cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span moment, uint64_t from)
 {
     cw_span first = CW_SPAN_MAX;
-    for (unsigned n = 0; n < kept(cable); n++) {
+    const unsigned count = kept(cable);
+    for (unsigned n = 0; n < count; n++) {
         const cw_edge *e = nth_from_end(cable, n);
         if (e->moment + cable->longest < moment)
             break;
@@ -66,12 +78,16 @@ cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span mome
 }
 
 /* Edges that came long ago stay long ago. */
+static void rebase(cw_span *moment, cw_span by)
+{
+    *moment = *moment > 0 ? *moment - by : -by;
+}
+
 void cw_cable_rebase(cw_cable *cable, cw_span by)
 {
-    const cw_span long_ago = -by;
-    cable->newest = cable->newest > 0 ? cable->newest - by : long_ago;
-    for (unsigned n = 0; n < kept(cable); n++) {
-        cw_edge *e = &cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)];
-        e->moment = e->moment > 0 ? e->moment - by : long_ago;
-    }
+    rebase(&cable->newest, by);
+    rebase(&cable->before_it, by);
+    rebase(&cable->to_dominant, by);
+    for (unsigned n = 0; n < kept(cable); n++)
+        rebase(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment, by);
 }

@@ -26,7 +26,9 @@ typedef struct cw_cable {
     unsigned count;      /* edges so far; the last `capacity` of them are kept */
     unsigned node_count;
     uint64_t dominant;   /* nodes whose last edge is dominant */
-    cw_span newest;      /* moment of the last edge */
+    cw_span newest;      /* moment of the last edge, */
+    cw_span before_it;   /* ... of the one before it, */
+    cw_span to_dominant; /* ... and of the last dominant one; long ago: there is none */
     cw_span longest;     /* no edge is under way for longer */
     const cw_span *delays; /* see cw_cable_delay() */
 } cw_cable;
@@ -43,6 +45,9 @@ static inline cw_span cw_cable_arrival(const cw_cable *cable, const cw_edge *edg
     return edge->moment + edge->late + cw_cable_delay(cable, edge->node, node, edge->level);
 }
 
+/* Forgets all edges: all nodes are recessive. */
+void cw_cable_clear(cw_cable *cable);
+
 /* Adds an edge, not before the last one. */
 void cw_cable_put(cw_cable *cable, const cw_edge *edge);
 
@@ -54,6 +59,21 @@ static inline uint64_t cw_cable_seen(const cw_cable *cable, unsigned node, cw_sp
 {
     return cable->newest + cable->longest < moment ? cable->dominant
                                                  : cw_cable_seen_now(cable, node, moment);
+}
+
+/* Returns true when no dominant edge arrives anywhere at a moment or later. */
+static inline bool cw_cable_rests(const cw_cable *cable, cw_span moment)
+{
+    return cable->to_dominant + cable->longest < moment;
+}
+
+/* Returns the last edge when it is dominant, and all others have arrived before a moment; else
+ * NULL. */
+static inline const cw_edge *cw_cable_only_edge(const cw_cable *cable, cw_span moment)
+{
+    const cw_edge *last = &cable->edges[(cable->count - 1) & (cable->capacity - 1)];
+    const bool alone = cable->before_it + cable->longest < moment;
+    return alone && cable->count > 0 && last->level == CW_DOMINANT ? last : NULL;
 }
 
 /* Returns the first moment, at or after another, at which a dominant edge arrives at a node. from:
