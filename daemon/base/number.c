@@ -46,6 +46,12 @@ static const char frequency_problem[] =
 static const char length_problem[] =
     "expected a length with unit such as 40m (units: mm cm m km), in whole millimetres";
 
+static const char line_delay_problem[] =
+    "expected the delay of a metre such as 5ns/m (units: ps/m ns/m), in whole picoseconds";
+
+static const char sample_point_problem[] =
+    "expected a part of the bit such as 87.5% or 0.875, from 10% to 99.9%";
+
 static const char time_problem[] =
     "expected a time with unit such as 10ms (units: ns us ms s min h bit)";
 
@@ -178,6 +184,31 @@ const char *text_parse_length(uint64_t *mm, const char *text)
         return NULL;
     }
     return parse_quantity(mm, text, units) ? NULL : length_problem;
+}
+
+const char *text_parse_line_delay(uint64_t *ps, const char *text)
+{
+    static const scale_unit units[] = {{"ps/m", 1}, {"ns/m", 1000}, {NULL, 0}};
+
+    return parse_quantity(ps, text, units) ? NULL : line_delay_problem;
+}
+
+const char *text_parse_sample_point(uint16_t *permille, const char *text)
+{
+    const size_t length = strlen(text);
+    decimal number;
+    uint16_t value = 0;
+
+    if (text_parse_percent(&value, text)) {
+        if (length > strlen("0.875") || !parse_decimal(&number, &text) || *text != '\0' ||
+            number.whole > 0)
+            return sample_point_problem;
+        value = (uint16_t)(number.fraction * (1000 / power_of_ten(number.digits)));
+    }
+    if (value < 100 || value > 999)
+        return sample_point_problem;
+    *permille = value;
+    return NULL;
 }
 
 uint64_t text_time_ticks(cfg_time time, cw_rate rate)

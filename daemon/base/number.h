@@ -41,6 +41,12 @@ const char *text_parse_frequency(uint64_t *hz, const char *text);
 /* Reads a length: 40m, 12.5m, 30cm. Only 0 may have no unit. */
 const char *text_parse_length(uint64_t *mm, const char *text);
 
+/* Reads the delay of a metre of line: 5ns/m, 5.5ns/m, 5050ps/m. */
+const char *text_parse_line_delay(uint64_t *ps, const char *text);
+
+/* Reads a sample point, "87.5%" or "0.875", as permille: 10% to 99.9%. */
+const char *text_parse_sample_point(uint16_t *permille, const char *text);
+
 /* Returns the ticks of a span, rounded up, so that `<=` against ends of bits stays exact.
  * Saturates. */
 uint64_t text_time_ticks(cfg_time time, cw_rate rate);

@@ -120,29 +120,15 @@ static bool take_clock(uint32_t *out, const char *text)
     return true;
 }
 
-/* Reads 87.5% or 0.875. Returns permille, 0: it is neither. */
-static uint32_t sample_permille(const char *text)
-{
-    static const char digits[] = "0123456789";
-    uint16_t permille = 0;
-    size_t count = strncmp(text, "0.", 2) == 0 ? strspn(text + 2, digits) : 0;
-
-    if (!text_parse_percent(&permille, text))
-        return permille;
-    if (count == 0 || count > 3 || text[2 + count] != '\0')
-        return 0;
-    for (size_t i = 0; i < 3; i++)
-        permille = (uint16_t)(permille * 10 + (i < count ? text[2 + i] - '0' : 0));
-    return permille;
-}
-
 static bool take_sample(uint32_t *out, const char *text)
 {
-    *out = sample_permille(text);
-    if (*out >= TIMING_SAMPLE_MIN && *out <= TIMING_SAMPLE_MAX)
-        return true;
-    return refuse_value("--sample-point", text,
-                        "expected a part of the bit such as 87.5% or 0.875, from 10% to 99.9%");
+    uint16_t permille;
+    const char *wrong = text_parse_sample_point(&permille, text);
+
+    if (wrong)
+        return refuse_value("--sample-point", text, wrong);
+    *out = permille;
+    return true;
 }
 
 static bool take_delay(uint64_t *out, const char *option, const char *text)

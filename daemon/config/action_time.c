@@ -134,13 +134,6 @@ void cfg_read_ramp(schema *self, const schema_key *key, yaml_node_t *value, void
     rule->action = CW_ACTION_RAMP;
 }
 
-/* The default of the library: a bit in 16 quanta. */
-cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
-{
-    (void)node;
-    return (cw_span)cw_rate_ticks(config->rate, 1) * (CW_TICK / 16);
-}
-
 static cw_span drifted(cw_span quantum, cw_span ppm)
 {
     return quantum - quantum / (MILLION + ppm) * ppm;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus.c - the keys of `bus`: its name and bit rate.
+ * bus.c - the keys of `bus`: its name, its bit rate and its line.
  */
 #include "config/parts.h"
 
@@ -10,9 +10,10 @@
 
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
+#define LINE_PS_MAX 100000u /* of a metre */
 #define BITRATE_ERROR_INVERSE 1000u /* the used rate differs by at most 1/1000 */
 
-static schema_reader read_bus_name, read_bitrate;
+static schema_reader read_bus_name, read_bitrate, read_line, read_line_delay;
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 
 static const schema_key bus_keys[] = {
@@ -21,6 +22,18 @@ static const schema_key bus_keys[] = {
      .read = read_bitrate,
      .offset = offsetof(cfg, bitrate_bps),
      .arg = &bitrate_range,
+     .required = true},
+    {.name = "sample-point",
+     .read = cfg_read_sample_point,
+     .offset = offsetof(cfg, sample_permille)},
+    {.name = "line", .read = read_line},
+    {.name = NULL},
+};
+
+static const schema_key line_keys[] = {
+    {.name = "delay",
+     .read = read_line_delay,
+     .offset = offsetof(cfg, line_ps_per_m),
      .required = true},
     {.name = NULL},
 };
@@ -36,6 +49,22 @@ static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *valu
 
     config->bus_name_place = cfg_place_of(value);
     config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+}
+
+static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    schema_map(self, key->name, value, line_keys, object);
+}
+
+static void read_line_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *ps = schema_member(key, object);
+    const char *text = schema_text(self, key, value, "the delay of a metre such as 5ns/m");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_line_delay(ps, text));
+    if (*ps > LINE_PS_MAX)
+        schema_complain(self, value, "%s: at most 100ns/m is allowed", key->name);
 }
 
 /* Returns true when a bit of ticks / CW_CLOCK_HZ is near enough to the rate. */

@@ -33,6 +33,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .queue = node->queue,
             .warning_limit = node->warning_limit,
             .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
+            .timing = node->time.timing,
         };
     }
     *out = (cw_bus_config){

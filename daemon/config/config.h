@@ -10,6 +10,7 @@
 
 #include "base/number.h"
 #include "canwire.h"
+#include "timing/controllers.h"
 #include "trace/read.h"
 
 #include <stdio.h>
@@ -57,6 +58,19 @@ typedef enum cfg_when_full {
     CFG_WHEN_FULL_WAIT      /* frames stay in the port, which is not read: default of sockets */
 } cfg_when_full;
 
+/* The clock of a node and its place on the line, by its keys. */
+typedef struct cfg_node_time {
+    bool used;                   /* there is a key of time */
+    bool triple_sampling;
+    const timing_limits *limits; /* of its controller */
+    bit_timing bit;              /* clock_hz 0: the bits are those of the bus */
+    int32_t ppm;                 /* error of the clock */
+    uint16_t sample_permille;    /* wish; 0: none */
+    uint64_t position_mm;        /* along the line */
+    uint64_t stub_mm;
+    cw_node_timing timing;       /* for the library */
+} cfg_node_time;
+
 typedef struct cfg_node {
     char *name;          /* "", which is no node's name, while it is unknown */
     char *port;          /* interface name, or NULL */
@@ -70,6 +84,7 @@ typedef struct cfg_node {
     cfg_when_full when_full;
     uint16_t warning_limit;
     uint32_t restart_ms;
+    cfg_node_time time;
     size_t traffic_count;
     cfg_traffic *traffic;
     int line; /* of the node in its file */
@@ -170,6 +185,8 @@ typedef struct cfg {
     uint32_t bitrate_bps;
     cfg_place bitrate_place;
     cw_rate rate;
+    uint16_t sample_permille;  /* of all nodes that have no other wish; 0: none */
+    uint64_t line_ps_per_m;    /* delay of a metre of line; default 5000 */
     uint64_t seed;
     size_t node_count;
     cfg_node *nodes;

@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LINE_PS_DEFAULT 5000u /* of a metre (T2) */
 #define CATCH_UP_DEFAULT_NS 1000000000u
 
 /* The owner of a configuration; cfg_load() returns its first member. */
@@ -196,6 +197,7 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
         return false;
     owner->config.rate = cw_rate_of(1); /* for computations while the bit rate is wrong */
     owner->config.bus_name = schema_copy(&self, "can");
+    owner->config.line_ps_per_m = LINE_PS_DEFAULT;
     owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
     yaml_node_t *root = yaml_document_get_root_node(&document);
     if (!root)

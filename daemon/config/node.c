@@ -23,6 +23,11 @@ static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
 
+static const schema_range brp_range = {1, 1024, sizeof(uint32_t)};
+static const schema_range prop_range = {0, 256, sizeof(uint32_t)};
+static const schema_range phase_range = {1, 256, sizeof(uint32_t)};
+static const schema_range sjw_range = {1, 128, sizeof(uint32_t)};
+
 static const schema_choice when_full_choices[] = {
     {.name = "drop", .value = CFG_WHEN_FULL_DROP},
     {.name = "wait", .value = CFG_WHEN_FULL_WAIT},
@@ -56,6 +61,37 @@ static const schema_choice when_full_choices[] = {
         .offset = offsetof(cfg_node, warning_limit), .arg = &warning_range                         \
     }
 
+#define MEMBER(member) .offset = offsetof(cfg_node, member)
+/* Keys of time; node_time.c does the rest. */
+#define TIME                                                                                       \
+    {.name = "clock", .read = cfg_read_clock},                                                     \
+        {.name = "ppm", .read = cfg_read_ppm},                                                     \
+        {.name = "controller", .read = cfg_read_controller},                                       \
+        {.name = "sample-point",                                                                   \
+         .read = cfg_read_sample_point,                                                            \
+         MEMBER(time.sample_permille)},                                                            \
+        {.name = "brp", .read = schema_read_uint, MEMBER(time.bit.brp), .arg = &brp_range},        \
+        {.name = "prop-seg",                                                                       \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.bit.prop_seg),                                                                \
+         .arg = &prop_range},                                                                      \
+        {.name = "phase-seg1",                                                                     \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.bit.phase_seg1),                                                              \
+         .arg = &phase_range},                                                                     \
+        {.name = "phase-seg2",                                                                     \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.bit.phase_seg2),                                                              \
+         .arg = &phase_range},                                                                     \
+        {.name = "sjw", .read = schema_read_uint, MEMBER(time.bit.sjw), .arg = &sjw_range},        \
+        {.name = "triple-sampling", .read = schema_read_bool, MEMBER(time.triple_sampling)},       \
+        {.name = "tx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.tx_delay)},          \
+        {.name = "rx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.rx_delay)},          \
+        {.name = "position", .read = cfg_read_length, MEMBER(time.position_mm)},                   \
+        {.name = "stub", .read = cfg_read_length, MEMBER(time.stub_mm)}, {                         \
+        .name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing)                      \
+    }
+
 /* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */
 static const schema_key default_keys[] = {
     RESTART_AND_MODES,
@@ -83,6 +119,7 @@ static const schema_key node_keys[] = {
      .arg = when_full_choices},
     ORDER,
     WARNING_LIMIT,
+    TIME,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
 };
@@ -160,6 +197,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     for (; config->node_count < count; config->node_count++)
         read_node(self, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
+    cfg_complete_time(self, value);
 }
 
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -30,6 +30,14 @@ cw_span cfg_nominal_quantum(const cfg *config, unsigned node);
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */
 
+/* Keys of nodes about time, node_time.c; object: a cfg_node. */
+schema_reader cfg_read_clock, cfg_read_ppm, cfg_read_controller, cfg_read_length,
+    cfg_read_edge_delays;
+schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
+
+/* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
+void cfg_complete_time(schema *self, yaml_node_t *nodes);
+
 /* Sets the values of a node without keys; its name is unknown, and no search finds it. */
 void cfg_node_defaults(cfg_node *node);
 

@@ -44,6 +44,8 @@ SEMANTIC = [
     "expected a line of candump", "expected an event such as", "at most as long as 'every'",
     "at most 107 bytes", "merge keys", "expected a size from", "$$ stands for a dollar",
     "error frames (bit 20000000)",
+    "would be", "5 % are allowed", "has no segments", "100kHz to 1GHz", "a length of at most 10km",
+    "in whole", "no edge is under way", "lasts between", "no delay and no way", "at most 100ns/m",
     "min is more than max", "does not get its own frames",
 ]
 

@@ -1,0 +1,347 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * node_time.c - the clock, the bit timing and the place of each node (T1, T2).
+ */
+#include "config/parts.h"
+
+#include "base/wide.h"
+#include "config/values.h"
+#include "timing/request.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#define CLOCK_DEFAULT_HZ 80000000u
+#define CLOCK_MIN_HZ 100000u
+#define CLOCK_MAX_HZ 1000000000u
+#define PPM_MAX 100000u
+#define LENGTH_MAX_MM 10000000u /* 10 km */
+#define FS_PER_TICK 12500000u
+#define BIT_RATIO_MAX 64        /* limits of the library */
+#define DELAY_BITS_MAX 16
+#define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
+
+/* The keys of time. The first four are needed together. */
+static const char *const keys[] = {
+    "brp", "prop-seg", "phase-seg1", "phase-seg2", "sjw", "clock", "ppm", "controller",
+    "sample-point", "triple-sampling", "tx-delay", "rx-delay", "position", "stub", "ringing",
+};
+#define SEGMENT_KEYS 4u
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+void cfg_read_sample_point(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a part of the bit such as 87.5%");
+
+    if (text)
+        schema_problem(self, key, value,
+                       text_parse_sample_point(schema_member(key, object), text));
+}
+
+void cfg_read_clock(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    uint64_t hz = CLOCK_DEFAULT_HZ;
+    const char *text = schema_text(self, key, value, "a frequency such as 16MHz");
+    const char *problem = text ? text_parse_frequency(&hz, text) : NULL;
+
+    schema_problem(self, key, value, problem);
+    if (hz < CLOCK_MIN_HZ || hz > CLOCK_MAX_HZ)
+        schema_expected(self, key, value, "100kHz to 1GHz");
+    else
+        node->time.bit.clock_hz = (uint32_t)hz;
+}
+
+void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a whole number of millionths from -100000 to 100000";
+    cfg_node *node = object;
+    const char *text = schema_text(self, key, value, expected);
+    uint64_t ppm;
+
+    if (!text)
+        return;
+    const bool negative = *text == '-';
+    if (text_parse_uint(&ppm, text + negative) || ppm > PPM_MAX)
+        schema_expected(self, key, value, expected);
+    else
+        node->time.ppm = negative ? -(int32_t)ppm : (int32_t)ppm;
+}
+
+void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    const char *text = schema_text(self, key, value, "the name of a controller such as sja1000");
+    const timing_limits *found = text ? timing_controller(text) : NULL;
+    nearest guess = {.word = text};
+    const char *list = "";
+    size_t count;
+    const timing_limits *all = timing_controllers(&count);
+
+    if (found)
+        node->time.limits = found;
+    if (!text || found)
+        return;
+    for (size_t i = 0; i < count; i++) {
+        nearest_consider(&guess, all[i].name);
+        list = schema_join(self, list, all[i].name);
+    }
+    schema_complain(self, value, "%s: there is no controller '%.40s'%s; allowed: %s", key->name,
+                    text, schema_suggestion(self, &guess), list);
+}
+
+void cfg_read_length(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint64_t *mm = schema_member(key, object);
+    const char *text = schema_text(self, key, value, "a length such as 12m");
+
+    if (text)
+        schema_problem(self, key, value, text_parse_length(mm, text));
+    if (*mm > LENGTH_MAX_MM) {
+        schema_expected(self, key, value, "a length of at most 10km");
+        *mm = 0;
+    }
+}
+
+static const schema_key edge_keys[] = {
+    {.name = "dominant",
+     .read = cfg_read_fine,
+     .offset = CW_DOMINANT * sizeof(cw_span),
+     .required = true},
+    {.name = "recessive",
+     .read = cfg_read_fine,
+     .offset = CW_RECESSIVE * sizeof(cw_span),
+     .required = true},
+    {.name = NULL},
+};
+
+void cfg_read_edge_delays(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_span *delays = schema_member(key, object);
+
+    if (value->type == YAML_MAPPING_NODE) {
+        schema_map(self, key->name, value, edge_keys, delays);
+        return;
+    }
+    cfg_read_fine(self, key, value, object);
+    delays[1] = delays[0];
+}
+
+/* ---- Bit timing ------------------------------------------------------------------------------ */
+
+/* Returns the value of the first of these keys that the node has, or the node. */
+static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *const *names)
+{
+    yaml_node_t *found = NULL;
+
+    for (; !found && *names; names++)
+        found = schema_find(self, item, *names);
+    return found ? found : item;
+}
+
+/* Completes the segments that keys give. */
+static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
+{
+    bit_timing *bit = &time->bit;
+    char problem[TIMING_PROBLEM_MAX];
+
+    for (size_t i = 0; i < SEGMENT_KEYS; i++)
+        if (!schema_find(self, item, keys[i])) {
+            schema_complain(self, item, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 "
+                            "are needed together", keys[i]);
+            return;
+        }
+    if (schema_find(self, item, "sample-point"))
+        schema_complain(self, schema_find(self, item, "sample-point"),
+                        "sample-point: the segments say where it is; use one or the other");
+    if (bit->sjw == 0) /* as Linux does */
+        bit->sjw = timing_least(bit->phase_seg1, timing_least(time->limits->sjw_max,
+                                                              bit->phase_seg2 / 2));
+    if (bit->sjw == 0)
+        bit->sjw = 1;
+    if (!timing_fits(problem, bit, time->limits)) {
+        const char *const first = schema_print(self, "%.*s", (int)strcspn(problem, " "), problem);
+        const char *const names[] = {first, NULL};
+        schema_complain(self, place_of(self, item, names), "%s", problem);
+    }
+}
+
+/* Finds segments as Linux does. */
+static void find_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
+{
+    static const char *const names[] = {"sjw", "sample-point", "controller", "clock", NULL};
+    const cfg *config = cfg_of(self);
+    const timing_request request = {
+        .limits = time->limits,
+        .clock_hz = time->bit.clock_hz,
+        .bitrate_bps = config->bitrate_bps,
+        .sample_permille = time->sample_permille ? time->sample_permille : config->sample_permille,
+        .sjw = time->bit.sjw,
+    };
+    char problem[TIMING_PROBLEM_MAX];
+
+    if (!timing_by_kernel(&time->bit, problem, &request))
+        schema_complain(self, place_of(self, item, names), "%s", problem);
+}
+
+/* Warns about a bit rate that is far from the bus's. */
+static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
+{
+    static const char *const names[] = {"brp", "clock", NULL};
+    const uint64_t bus = cfg_of(self)->bitrate_bps * timing_bit_clocks(bit);
+    const uint64_t error = bus > bit->clock_hz ? bus - bit->clock_hz : bit->clock_hz - bus;
+
+    if (error * RATE_ERROR_INVERSE > bus)
+        schema_warn(self, place_of(self, item, names),
+                    "the node's bit rate is %" PRIu32 " bit/s, the bus has %" PRIu32,
+                    timing_bitrate_bps(bit), cfg_of(self)->bitrate_bps);
+}
+
+static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
+{
+    const size_t errors = self->errors->errors;
+    bit_timing *bit = &time->bit;
+    bool has_segments = false;
+
+    for (size_t i = 0; i < SEGMENT_KEYS; i++)
+        has_segments = has_segments || schema_find(self, item, keys[i]);
+    if (bit->clock_hz == 0)
+        bit->clock_hz = CLOCK_DEFAULT_HZ;
+    if (has_segments)
+        use_segments(self, item, time);
+    else
+        find_segments(self, item, time);
+    if (self->errors->errors > errors)
+        return;
+    check_rate(self, item, bit);
+    time->timing.bit = (cw_bit_timing){
+        .quantum = cw_quantum(bit->clock_hz, bit->brp, time->ppm),
+        .prop_seg = (uint16_t)bit->prop_seg,
+        .phase_seg1 = (uint16_t)bit->phase_seg1,
+        .phase_seg2 = (uint16_t)bit->phase_seg2,
+        .sjw = (uint16_t)bit->sjw,
+        .triple_sampling = time->triple_sampling,
+    };
+}
+
+cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
+{
+    const bit_timing *bit = &config->nodes[node].time.bit;
+
+    /* without keys the default of the library: a bit in 16 quanta */
+    return bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, 0)
+                         : (cw_span)cw_rate_ticks(config->rate, 1) * (CW_TICK / 16);
+}
+
+/* ---- The line -------------------------------------------------------------------------------- */
+
+/* Returns the time for a way, rounded to the nearest. */
+static cw_span span_of_way(uint64_t mm, uint64_t ps_per_m)
+{
+    uint64_t rest;
+    const wide way = wide_product(mm * ps_per_m, CW_TICK); /* mm x ps/m = fs */
+    const uint64_t whole = wide_divide(&rest, way, FS_PER_TICK).low;
+
+    return (cw_span)(whole + (rest >= FS_PER_TICK / 2));
+}
+
+static cw_span bit_length(const cfg *config, const cfg_node_time *time)
+{
+    const cw_bit_timing *bit = &time->timing.bit;
+    return bit->quantum ? bit->quantum * cw_bit_timing_quanta(bit)
+                        : (cw_span)cw_rate_ticks(config->rate, 1) * CW_TICK;
+}
+
+static void check_lengths(schema *self, yaml_node_t *item, const cfg_node_time *time)
+{
+    static const char *const names[] = {"brp", "clock", NULL};
+    static const char *const ways[] = {"position", "stub", "tx-delay", "rx-delay", "ringing", NULL};
+    const cfg *config = cfg_of(self);
+    const cw_node_timing *t = &time->timing;
+    const cw_span bus = (cw_span)cw_rate_ticks(config->rate, 1) * CW_TICK;
+    const cw_span own = bit_length(config, time);
+    const cw_span delays[] = {t->place,       t->stub,        t->tx_delay[0], t->tx_delay[1],
+                              t->rx_delay[0], t->rx_delay[1], t->ringing};
+
+    if (own > bus * BIT_RATIO_MAX || own < bus / BIT_RATIO_MAX)
+        schema_complain(self, place_of(self, item, names),
+                        "a bit of a node lasts between 1/64 and 64 bits of the bus");
+    for (size_t i = 0; i < sizeof delays / sizeof delays[0]; i++)
+        if (delays[i] > CW_DELAY_MAX) {
+            schema_complain(self, place_of(self, item, ways),
+                            "no delay and no way is longer than 10 ms");
+            return;
+        }
+}
+
+/* Returns the longest way of an edge from one node to another. */
+static cw_span way_between(const cw_node_timing *a, const cw_node_timing *b)
+{
+    const cw_span line = a->place < b->place ? b->place - a->place : a->place - b->place;
+    const cw_span stubs = a == b ? 0 : a->stub + b->stub;
+    const cw_span dominant = a->tx_delay[CW_DOMINANT] + b->rx_delay[CW_DOMINANT];
+    const cw_span recessive = a->tx_delay[CW_RECESSIVE] + b->rx_delay[CW_RECESSIVE];
+
+    return line + stubs + (dominant > recessive ? dominant : recessive);
+}
+
+/* Complains about the first way that is too long. */
+static void check_ways(schema *self, yaml_node_t *nodes)
+{
+    static const char *const names[] = {"position", "stub", "rx-delay", "tx-delay", NULL};
+    const cfg *config = cfg_of(self);
+    cw_span shortest = INT64_MAX;
+
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cw_span own = bit_length(config, &config->nodes[i].time);
+        shortest = own < shortest ? own : shortest;
+    }
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t k = 0; k < config->node_count; k++) {
+            const cw_node_timing *a = &config->nodes[i].time.timing;
+            const cw_node_timing *b = &config->nodes[k].time.timing;
+            if (way_between(a, b) > shortest * DELAY_BITS_MAX) {
+                schema_complain(self, place_of(self, schema_item(self, nodes, k), names),
+                                "no edge is under way for longer than %d of the shortest bits, "
+                                "but those from '%s' are", DELAY_BITS_MAX, config->nodes[i].name);
+                return;
+            }
+        }
+}
+
+/* ---- All nodes ------------------------------------------------------------------------------- */
+
+static bool uses_time(schema *self, yaml_node_t *item)
+{
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
+        if (schema_find(self, item, keys[i]))
+            return true;
+    return false;
+}
+
+/* Without any key of time there is nothing to do: all nodes have the bits of the bus. */
+void cfg_complete_time(schema *self, yaml_node_t *nodes)
+{
+    cfg *config = cfg_of(self);
+    const size_t errors = self->errors->errors;
+    bool used = config->sample_permille > 0;
+
+    for (size_t i = 0; i < config->node_count; i++)
+        used = used || uses_time(self, schema_item(self, nodes, i));
+    if (!used || errors > 0)
+        return;
+    for (size_t i = 0; i < config->node_count; i++) {
+        cfg_node_time *time = &config->nodes[i].time;
+        yaml_node_t *item = schema_item(self, nodes, i);
+        time->used = true;
+        if (!time->limits)
+            time->limits = timing_controller("any");
+        complete_bit(self, item, time);
+        time->timing.place = span_of_way(time->position_mm, config->line_ps_per_m);
+        time->timing.stub = span_of_way(time->stub_mm, config->line_ps_per_m);
+        check_lengths(self, item, time);
+    }
+    if (self->errors->errors == errors)
+        check_ways(self, nodes);
+}

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: MIT
+"""Nodes with clocks of their own, by the keys of a configuration."""
+
+import pytest
+
+from simtool import sim
+
+PLAIN = ""
+SAME = "clock: 40MHz, sample-point: 80%"
+WRONG = "clock: 16MHz, brp: 2, prop-seg: 4, phase-seg1: 5, phase-seg2: 6, ppm: 60000"
+
+
+def config(keys_a, keys_b, name="can"):
+    return f"""
+bus: {{ name: {name}, bitrate: 500000 }}
+nodes:
+  - {{ name: a, {keys_a} }}
+  - {{ name: b, {keys_b} }}
+"""
+
+
+def traffic(keys):
+    return keys + (", " if keys else "") + "traffic: [{ send: 123#00FF00FF00, every: 1ms, count: 9 }]"
+
+
+@pytest.fixture(name="run")
+def fixture_run(tmp_path):
+    def run(text):
+        path = tmp_path / "bus.yaml"
+        path.write_text(text)
+        return sim(path, "--events", "-", "--until", "20ms").stdout
+
+    return run
+
+
+def test_equal_clocks_change_no_event(run):
+    plain = run(config(traffic(PLAIN), PLAIN))
+    assert plain.count('"tx"') == 9
+    assert run(config(traffic(SAME), SAME)) == plain
+
+
+def test_a_clock_inside_of_the_tolerance_makes_no_error(run):
+    out = run(config(traffic(SAME), SAME + ", ppm: 300"))
+    assert out.count('"tx"') == 9 and '"error"' not in out
+
+
+def test_a_clock_outside_of_the_tolerance_makes_errors(run):
+    assert '"error"' in run(config(traffic(PLAIN), WRONG))
