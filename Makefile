@@ -265,7 +265,7 @@ fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 
 # The tests that scripts/mutate builds and runs for each changed controller.
 MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
-  test_fault_match test_fault_level test_prng test_format test_time) $(CONFORMANCE)
+  test_fault_match test_fault_level test_prng test_format test_time test_timed_mac) $(CONFORMANCE)
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
