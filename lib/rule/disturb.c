@@ -78,9 +78,8 @@ static bool changed(const cw_disturbance *d, bool level)
     return d->effect == CW_DISTURB_NOTHING ? level : d->effect == CW_DISTURB_RECESSIVE;
 }
 
-/* Returns the nodes whose dominant level comes to a node, after changes of their lines. */
-static uint64_t change_lines(const cw_disturbances *all, const cw_cable *cable, unsigned node,
-                             cw_span moment, uint64_t seen)
+uint64_t cw_disturbed_lines(const cw_disturbances *all, const cw_cable *cable, unsigned node,
+                            cw_span moment, uint64_t seen)
 {
     for (unsigned i = 0; i < all->count; i++) {
         const cw_disturbance *d = &all->list[i];
@@ -97,7 +96,7 @@ static uint64_t change_lines(const cw_disturbances *all, const cw_cable *cable, 
 bool cw_disturbed_wire(const cw_disturbances *all, const cw_cable *cable, unsigned node,
                        cw_span moment, uint64_t seen, uint64_t wire)
 {
-    bool level = !(change_lines(all, cable, node, moment, seen) & wire);
+    bool level = !(cw_disturbed_lines(all, cable, node, moment, seen) & wire);
     for (unsigned i = 0; i < all->count; i++) {
         const cw_disturbance *d = &all->list[i];
         if ((d->wires >> node & 1u) && acts(d, cable, d->source, node, moment))

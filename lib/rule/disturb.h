@@ -44,6 +44,10 @@ void cw_disturb_forget(cw_disturbances *all, cw_span moment);
 
 void cw_disturb_rebase(cw_disturbances *all, cw_span by);
 
+/* Returns the nodes whose dominant level comes to a node, after what rules do to their lines. */
+uint64_t cw_disturbed_lines(const cw_disturbances *all, const cw_cable *cable, unsigned node,
+                            cw_span moment, uint64_t seen);
+
 /* Returns the level of a node's wire at a moment, as it comes to the node. seen: the nodes whose
  * dominant level comes to it then. wire: the nodes on its wire. */
 bool cw_disturbed_wire(const cw_disturbances *all, const cw_cable *cable, unsigned node,

@@ -76,8 +76,7 @@ static uint64_t drive_all(cw_bus *bus)
     return levels;
 }
 
-/* Returns the wired-AND of each wire, as its nodes see it. */
-static uint64_t wired_and(const cw_bus *bus, uint64_t driven)
+uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven)
 {
     uint64_t levels = UINT64_MAX;
     for (unsigned g = 0; g < bus->group_count; g++)
@@ -201,7 +200,7 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels)
             cw_apply_topology(bus);
         cw_rules_change_driven(&bus->rules, levels);
     }
-    levels->clean = levels->wire = levels->sampled = wired_and(bus, levels->driven);
+    levels->clean = levels->wire = levels->sampled = cw_wired_and(bus, levels->driven);
     if (bus->rules.awake_count)
         cw_rules_change_sampled(&bus->rules, levels);
     bus->wire = levels->wire == UINT64_MAX;

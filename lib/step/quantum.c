@@ -359,6 +359,14 @@ static void settle_for_rules(cw_bus *bus)
         cw_timed_settle(&bus->timed, i);
 }
 
+/* Notes the levels at the begin of the bit time, for traces. */
+static void note_levels(cw_bus *bus, cw_span moment)
+{
+    cw_levels levels;
+    cw_timed_levels(bus, &levels, moment);
+    cw_view_note(bus, &levels);
+}
+
 void cw_step_bit_time(cw_bus *bus)
 {
     bus->outlook.valid = false;
@@ -377,6 +385,8 @@ void cw_step_bit_time(cw_bus *bus)
         cw_disturb_forget(&bus->timed.disturbances, begin - bus->timed.cable.longest);
     if (bus->rules.awake_count || bus->timed.disturbances.count)
         disturb(bus, nodes, begin, end);
+    if (bus->stepping || bus->watching)
+        note_levels(bus, begin);
     const agenda_entry *e;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))

@@ -44,6 +44,9 @@ bool cw_timed_level(const cw_bus *bus, unsigned node, cw_span moment);
 /* Returns the level of its wire, without what rules do to its own samples. */
 bool cw_timed_wire(const cw_bus *bus, unsigned node, cw_span moment);
 
+/* Returns all levels right after a moment. */
+void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment);
+
 /* Returns the level that its controller takes at a sample point (T7). */
 bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment);
 

@@ -45,6 +45,26 @@ bool cw_timed_level(const cw_bus *bus, unsigned i, cw_span moment)
     return cw_disturbed_sample(&t->disturbances, &t->cable, i, moment, level);
 }
 
+static void set_bit(uint64_t *levels, unsigned i, bool level)
+{
+    *levels = level ? *levels | cw_node_bit(i) : *levels & ~cw_node_bit(i);
+}
+
+void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment)
+{
+    const cw_timed *t = &bus->timed;
+    const cw_span after = moment + 1; /* T12 */
+    levels->driven = levels->wire = levels->sampled = UINT64_MAX;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const uint64_t seen = cw_disturbed_lines(&t->disturbances, &t->cable, i, after,
+                                                 t->cable.dominant);
+        set_bit(&levels->driven, i, !(seen >> i & 1u));
+        set_bit(&levels->wire, i, cw_timed_wire(bus, i, after));
+        set_bit(&levels->sampled, i, cw_timed_level(bus, i, after));
+    }
+    levels->clean = cw_wired_and(bus, levels->driven);
+}
+
 bool cw_timed_sample(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_bit_timing *timing = &bus->timed.nodes[i].timing;

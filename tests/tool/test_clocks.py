@@ -20,7 +20,8 @@ nodes:
 
 
 def traffic(keys):
-    return keys + (", " if keys else "") + "traffic: [{ send: 123#00FF00FF00, every: 1ms, count: 9 }]"
+    sends = "traffic: [{ send: 123#00FF00FF00, every: 1ms, count: 9 }]"
+    return keys + (", " if keys else "") + sends
 
 
 @pytest.fixture(name="run")
@@ -46,3 +47,12 @@ def test_a_clock_inside_of_the_tolerance_makes_no_error(run):
 
 def test_a_clock_outside_of_the_tolerance_makes_errors(run):
     assert '"error"' in run(config(traffic(PLAIN), WRONG))
+
+
+def test_a_trace_of_nodes_with_clocks_of_their_own(tmp_path):
+    path = tmp_path / "bus.yaml"
+    path.write_text(config(traffic(SAME), SAME + ", ppm: 300, position: 12m"))
+    done = sim(path, "--vcd", tmp_path / "v", "--svg", tmp_path / "s", "--to", "2ms")
+    assert done.returncode == 0, done.stderr
+    assert "$timescale" in (tmp_path / "v").read_text()
+    assert "<svg" in (tmp_path / "s").read_text()
