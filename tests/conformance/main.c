@@ -42,18 +42,21 @@ static const requirement requirements[] = {
     {"8.6.19", 1}, {"8.6.20", 1},  {"8.6.21", 1}, {"9.6.1", 1},  {"9.6.2", 1},  {"X1", 1},
     {"X2", 1},     {"X3", 1},      {"X4", 1},     {"X5", 1},     {"X6", 1},     {"X7", 1},
     {"X8", 1},     {"X9", 1},      {"X10", 1},    {"X11", 1},    {"X12", 1},    {"X13", 1},
-    {"X14", 1},
-    /* Inside the bit: all timings of s_7_7.c. */
+    {"X14", 1},    {"X15", 122},   {"X16", 16},
+    /* Inside the bit: all timings of timed.c. */
     {"7.7.1", 3512}, {"7.7.2", 278}, {"7.7.3", 224}, {"7.7.4", 424},
     {"7.7.5", 224}, {"7.7.6", 112}, {"7.7.7", 64}, {"7.7.8", 64},
     {"7.7.9.1", 178}, {"7.7.9.2", 14}, {"7.7.10", 16}, {"7.7.11", 56},
+    {"8.7.1", 32},   {"8.7.2", 16},  {"8.7.3", 16},  {"8.7.4", 56},
+    {"8.7.5", 28},   {"8.7.6", 16},  {"8.7.7", 178}, {"8.7.8", 16},
+    {"8.7.9", 16},
 };
 #define REQUIRED_COUNT (sizeof requirements / sizeof requirements[0])
 
 static const section *const sections[] = {
     &section_7_1, &section_7_2, &section_7_3, &section_7_4, &section_7_5,
     &section_7_6, &section_7_7, &section_8_1, &section_8_2, &section_8_3, &section_8_4,
-    &section_8_5, &section_8_6, &section_9_6, &section_x,
+    &section_8_5, &section_8_6, &section_8_7, &section_9_6, &section_x,
 };
 #define SECTION_COUNT (sizeof sections / sizeof sections[0])
 

@@ -7,11 +7,8 @@
 #define TIMING(prop, seg1, seg2, width) \
     {.quantum = CW_TICK, .prop_seg = prop, .phase_seg1 = seg1, .phase_seg2 = seg2, .sjw = width}
 
-static const cw_bit_timing timings[] = {
-    TIMING(4, 1, 2, 1), TIMING(2, 2, 3, 2), TIMING(1, 4, 4, 4), TIMING(6, 1, 2, 1),
-    TIMING(4, 5, 6, 4), TIMING(4, 3, 4, 3), TIMING(8, 8, 8, 4), TIMING(20, 16, 13, 9),
-};
-#define TIMINGS (sizeof timings / sizeof timings[0])
+#define timings timed_timings
+#define TIMINGS TIMED_TIMINGS
 
 static unsigned at_most(unsigned quanta, unsigned most)
 {

@@ -3,6 +3,7 @@
  * s_x.c - beyond the numbered cases.
  */
 #include "net.h"
+#include "timed.h"
 
 #define RECOVERED "r10 r(T=0 R=0) "
 
@@ -333,6 +334,8 @@ static const test_case cases[] = {
      NULL},
     {"X13", "disconnect set=256,0 restart 127[r11] " RECOVERED AGAIN, NULL},
     {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
+    {"X15", NULL, timed_run_intermission},
+    {"X16", NULL, timed_run_triple_sampling},
 };
 
 /* Checks the error of a wrong level in every bit up to EOF, for both roles. */
