@@ -57,7 +57,8 @@ static void run_all_due(cw_bus *bus)
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     if (cw_is_off_grid(bus)) {
-        cw_step_bit_time(bus);
+        if (!cw_timed_rest_go(bus, tick))
+            cw_step_bit_time(bus);
         return;
     }
     if (bus->stepping || bus->watching) {

@@ -145,6 +145,8 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
     bus_node *n = &bus->nodes[i];
+    if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) /* it comes just now */
+        cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
     if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
         cw_offer_first(n);
     put_level(bus, i, cw_mac_drive(&n->mac), moment);
@@ -203,12 +205,16 @@ static bool all_look_at(const cw_agenda *agenda, cw_span moment)
 static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const timed_node *n = node_at(bus, i);
-    if (cw_inbox_first(bus) >= cw_bit_end(bus))
+    const cw_span end_of_bit = after_quanta(n, n->pcs.end_at);
+    const bool together = end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
+                          all_look_at(&bus->timed.agenda, moment);
+    const uint64_t end = together ? cw_bit_end(bus) : cw_tick_of(bus, end_of_bit);
+    if (cw_inbox_first(bus) >= end)
         return;
-    if (all_look_at(&bus->timed.agenda, moment))
-        cw_take_inbox_before(bus, cw_bit_end(bus));
+    if (together)
+        cw_take_inbox_before(bus, end);
     else
-        cw_take_inbox_of_before(bus, i, cw_tick_of(bus, after_quanta(n, n->pcs.end_at)));
+        cw_take_inbox_of_before(bus, i, end);
 }
 
 static void sample(cw_bus *bus, unsigned i, cw_span moment)

@@ -4,6 +4,7 @@
  *
  *   quantum.c       all that nodes do, in the order of time
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
+ *   quantum_rest.c  bit times in which all nodes rest
  */
 #ifndef CANWIRE_STEP_QUANTUM_H
 #define CANWIRE_STEP_QUANTUM_H

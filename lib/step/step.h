@@ -53,6 +53,10 @@ static inline bool cw_is_off_grid(const cw_bus *bus)
 /* Simulates the next bit time of the bus, in which each node goes by its own clock. */
 void cw_step_bit_time(cw_bus *bus);
 
+/* Goes through bit times up to a tick in which all nodes rest. Returns false, with nothing done,
+ * when there are none, or few. */
+bool cw_timed_rest_go(cw_bus *bus, uint64_t tick);
+
 /* Returns true when a node has something to report at the end of a bit that it has sampled. */
 bool cw_timed_has_report(const cw_bus *bus);
 

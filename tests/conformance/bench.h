@@ -68,7 +68,7 @@ typedef struct section {
 } section;
 
 extern const section section_7_1, section_7_2, section_7_3, section_7_4, section_7_5, section_7_6;
-extern const section section_8_1, section_8_2, section_8_3, section_8_4, section_8_5, section_8_6, section_8_7;
+extern const section section_8_1, section_8_2, section_8_3, section_8_4, section_8_5, section_8_6;
 extern const section section_7_7, section_8_7, section_9_6, section_x;
 
 /* Runs the elementary tests of a case that has just been begun. */

@@ -48,8 +48,8 @@ void timed_offer(timed *t);
 /* Begins a script as timed_begin() does, with the offer in time for the first bit after it. */
 void timed_begin_sending(timed *t, const cw_bit_timing *timing, bool extended);
 
-/* The controller sends bits of the frame, and the bench acknowledges. Or the rest of the frame, with
- * intermission. */
+/* The controller sends bits of the frame, and the bench acknowledges. Or the rest of the frame,
+ * with intermission. */
 void timed_sends(timed *t, unsigned from, unsigned before);
 void timed_sends_rest(timed *t, unsigned from);
 

@@ -50,6 +50,7 @@ typedef struct scenario {
     cw_node_config nodes[QUANTA_NODES_MAX];
     cw_frame frames[QUANTA_NODES_MAX][FRAMES];
     unsigned frame_count[QUANTA_NODES_MAX];
+    uint64_t at_tick[QUANTA_NODES_MAX][FRAMES]; /* of which on a frame can be sent */
 } scenario;
 
 static scenario now_tested;
@@ -100,7 +101,7 @@ static void draw_scenario(uint64_t seed)
     *s = (scenario){.node_count = (unsigned)between(2, QUANTA_NODES_MAX)};
     const int64_t permille = clocks[draw() % 4];
     const cw_span most = CW_TICK * BIT_TICKS / 100 * delays[draw() % 4];
-    const bool same = draw() % 2;
+    const bool same = draw() % 2, gaps = draw() % 2;
     const cw_bit_timing common = draw_timing(0);
     for (unsigned i = 0; i < s->node_count; i++) {
         cw_node_config *n = &s->nodes[i];
@@ -112,6 +113,8 @@ static void draw_scenario(uint64_t seed)
         s->frame_count[i] = draw() % 3 ? (unsigned)between(0, FRAMES) : 0;
         for (unsigned k = 0; k < s->frame_count[i]; k++)
             s->frames[i][k] = draw_frame(i);
+        for (unsigned k = 1; gaps && k < s->frame_count[i]; k++)
+            s->at_tick[i][k] = s->at_tick[i][k - 1] + (uint64_t)between(0, 600 * BIT_TICKS);
     }
 }
 
@@ -160,10 +163,13 @@ static uint64_t details_of_frame(const cw_frame *f)
     return sum;
 }
 
+static cw_span begin_of_bit; /* that a controller of quanta begins now */
+
 static void note_report(const quanta *q, unsigned i)
 {
     const quanta_node *n = &q->nodes[i];
     const cw_mac_report *r = &n->report;
+    begin_of_bit = n->now;
     const uint64_t tick = (uint64_t)((n->now + CW_TICK - 1) / CW_TICK);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         add_event(&of_quanta, tick, i, CW_EVENT_ARBITRATION_LOST, r->lost_bit);
@@ -206,7 +212,8 @@ static void note_event(const cw_event *e)
 
 static bool next_frame(cw_frame *frame, unsigned node, unsigned number)
 {
-    if (number >= now_tested.frame_count[node])
+    const cw_span due = (cw_span)now_tested.at_tick[node][number % FRAMES] * CW_TICK;
+    if (number >= now_tested.frame_count[node] || begin_of_bit < due)
         return false;
     *frame = now_tested.frames[node][number];
     return true;
@@ -256,7 +263,8 @@ static void run_bus(const scenario *s)
     cw_bus_set_own_clocks(bus, true);
     for (unsigned i = 0; i < s->node_count; i++)
         for (unsigned k = 0; k < s->frame_count[i]; k++)
-            assert_int_equal(cw_node_send(bus, i, &s->frames[i][k], 0), CW_OK);
+            assert_int_equal(cw_node_send(bus, i, &s->frames[i][k], s->at_tick[i][k]),
+                             CW_OK);
     while (cw_bus_advance(bus, (uint64_t)BIT_TIMES * BIT_TICKS) != CW_OK)
         while (cw_bus_poll(bus, &e))
             note_event(&e);
@@ -279,7 +287,7 @@ static void compare(uint64_t seed)
             a->details == b->details)
             continue;
         write_event("quanta", a);
-            write_event("bus", b);
+        write_event("bus", b);
         fail_msg("seed %" PRIu64 ": event %u differs", seed, i);
     }
     if (of_quanta.count != of_bus.count)
