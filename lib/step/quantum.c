@@ -365,6 +365,20 @@ static void settle_for_rules(cw_bus *bus)
         cw_timed_settle(&bus->timed, i);
 }
 
+/* Forgets what rules did to levels before the last look of each node. A node in the middle of its
+ * bit still looks back at all of it, by two quanta more for triple sampling. */
+static void forget_disturbances(cw_bus *bus, cw_span begin)
+{
+    cw_timed *t = &bus->timed;
+    cw_span first = begin;
+    for (unsigned i = 0; t->disturbances.count && i < bus->node_count; i++) {
+        const timed_node *n = &t->nodes[i];
+        const cw_span back = n->looked - 2 * n->timing.quantum - t->ringing[i];
+        first = back < first ? back : first;
+    }
+    cw_disturb_forget(&t->disturbances, first - t->cable.longest);
+}
+
 /* Notes the levels at the begin of the bit time, for traces. */
 static void note_levels(cw_bus *bus, cw_span moment)
 {
@@ -387,8 +401,7 @@ void cw_step_bit_time(cw_bus *bus)
     bus->timed.touched &= ~nodes;
     drive_again(bus, begin);
     cw_watch_wire(bus, 1);
-    if (bus->timed.disturbances.count)
-        cw_disturb_forget(&bus->timed.disturbances, begin - bus->timed.cable.longest);
+    forget_disturbances(bus, begin);
     if (bus->rules.awake_count || bus->timed.disturbances.count)
         disturb(bus, nodes, begin, end);
     if (bus->stepping || bus->watching)
