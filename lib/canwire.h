@@ -624,7 +624,10 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_QUEUE 0x04u /* frames beyond a smaller limit stay, new ones are dropped */
 #define CW_SET_ORDER 0x08u
 #define CW_SET_WARNING 0x10u
-#define CW_SET_TIMING 0x20u /* from the node's next bit on */
+#define CW_SET_QUANTUM 0x20u  /* parts of the bit timing, from the node's next bit on */
+#define CW_SET_SEGMENTS 0x40u /* ... with sjw */
+#define CW_SET_SAMPLING 0x80u /* ... triple_sampling */
+#define CW_SET_TIMING (CW_SET_QUANTUM | CW_SET_SEGMENTS | CW_SET_SAMPLING)
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 

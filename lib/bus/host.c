@@ -120,12 +120,24 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
+/* Returns the present bit timing of a node with the parts that change. */
+static cw_bit_timing new_timing(const cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    const cw_bit_timing now = cw_timing_now(bus, i);
+    cw_bit_timing next = s->which & CW_SET_SEGMENTS ? s->timing : now;
+    next.quantum = s->which & CW_SET_QUANTUM ? s->timing.quantum : now.quantum;
+    next.triple_sampling =
+        s->which & CW_SET_SAMPLING ? s->timing.triple_sampling : now.triple_sampling;
+    return next;
+}
+
 bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
     const bus_node *n = &bus->nodes[i];
     bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
-    bool timing = !(s->which & CW_SET_TIMING) || cw_new_timing_valid(bus, &s->timing);
+    const cw_bit_timing next = new_timing(bus, i, s);
+    bool timing = !(s->which & CW_SET_TIMING) || cw_new_timing_valid(bus, &next);
     return queue && limit && timing;
 }
 
@@ -155,6 +167,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     if (i >= bus->node_count || !cw_settings_valid(bus, i, s))
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
+    const cw_bit_timing timing = new_timing(bus, i, s);
     cw_wake_controllers(bus);
     if (s->which & CW_SET_MODES)
         set_modes(bus, i, s);
@@ -169,7 +182,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
     if (s->which & CW_SET_TIMING)
-        cw_retime(bus, i, &s->timing);
+        cw_retime(bus, i, &timing);
     bus->pending = true;
     return CW_OK;
 }

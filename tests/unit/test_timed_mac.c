@@ -140,10 +140,59 @@ static void a_controller_in_time_does_what_the_rules_say(void **state)
     assert_true(received > 100 && sent > 100 && errors > 1000);
 }
 
+/* ---- Limits ---------------------------------------------------------------------------------- */
+
+#define LONGEST ((INT64_C(1) << 53) - 1)
+
+static void a_bit_timing_is_valid_up_to_its_limits(void **state)
+{
+    (void)state;
+    const struct {
+        cw_bit_timing timing;
+        bool valid;
+    } cases[] = {
+        {{1, 0, 1, 1, 1, false}, true},
+        {{0, 0, 1, 1, 1, false}, false},
+        {{-1, 0, 1, 1, 1, false}, false},
+        {{LONGEST, 0, 1, 1, 1, true}, true},
+        {{LONGEST + 1, 0, 1, 1, 1, true}, false},
+        {{1, 0, 0, 1, 1, false}, false},
+        {{1, 0, 1, 0, 1, false}, false},
+        {{1, 0, 1, 1, 0, false}, false},
+        {{1, 8, 4, 5, 4, false}, true}, /* sjw as long as Phase_Seg1 */
+        {{1, 8, 4, 5, 5, false}, false},
+        {{1, 8, 5, 4, 4, false}, true}, /* ... as Phase_Seg2 */
+        {{1, 8, 5, 4, 5, false}, false},
+        {{1, CW_BIT_QUANTA_MAX - 3, 1, 1, 1, false}, true},
+        {{1, CW_BIT_QUANTA_MAX - 2, 1, 1, 1, false}, false},
+        {{1, UINT16_MAX, UINT16_MAX, UINT16_MAX, 1, false}, false},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        if (cw_bit_timing_valid(&cases[i].timing) != cases[i].valid)
+            fail_msg("case %zu should be %s", i, cases[i].valid ? "valid" : "invalid");
+}
+
+static void a_quantum_has_limits(void **state)
+{
+    (void)state;
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, 0), CW_TICK);
+    assert_int_equal(cw_quantum(1, 1, 0), 0); /* a second is too long */
+    assert_int_equal(cw_quantum(0, 1, 0), 0);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 0, 0), 0);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 65537, 0), 0);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 65536, 0), CW_TICK * 65536);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, 500000), (CW_TICK * 2 + 1) / 3);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, -500000), CW_TICK * 2);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, 500001), 0);
+    assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, -500001), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_controller_in_time_does_what_the_rules_say),
+        cmocka_unit_test(a_bit_timing_is_valid_up_to_its_limits),
+        cmocka_unit_test(a_quantum_has_limits),
     };
     return cmocka_run_group_tests_name("a controller in time", tests, NULL, NULL);
 }
