@@ -23,7 +23,7 @@ typedef struct command {
 static const command commands[] = {
     {"check", "validate a configuration file", cli_check},
     {"bits", "show the wire bits of a frame, annotated by field", cli_bits},
-    {"timing", "find the segments of a bit, from bit rate, clock and delays", cli_timing},
+    {"timing", "find the segments of a bit, or show those of a configuration", cli_timing},
     {"vcan", "make or remove the interfaces of a configuration", cli_vcan},
     {"sim", "run a configuration in virtual time, without sockets", cli_sim},
     {"status", "show a running bus and its nodes", cli_status},

@@ -1,13 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * timing.c - canwire timing: the segments of a bit, from bit rate, clock and delays.
+ * timing.c - canwire timing: the segments of a bit, from bit rate, clock and delays, or those of a
+ *            configuration.
  */
 #include "cli/cli.h"
 
 #include "base/nearest.h"
 #include "base/number.h"
 #include "base/plain.h"
+#include "cli/timing_table.h"
 #include "cli/timing_text.h"
+#include "config/config.h"
 
 #include <getopt.h>
 #include <inttypes.h>
@@ -36,12 +39,15 @@ typedef struct timing_options {
     uint64_t rx_ns;
     bool kernel;
     bool json;
+    bool has_numbers; /* an option but --json */
+    const char *file; /* a configuration, or NULL */
 } timing_options;
 
 static const char usage[] =
     "usage: canwire timing --bitrate N --clock F [--kernel[=VERSION]] [--tq N] [--sample-point P]\n"
     "       [--delay TIME] [--length L] [--tx-delay TIME] [--rx-delay TIME] [--sjw N]\n"
-    "       [--controller NAME] [--json]\n";
+    "       [--controller NAME] [--json]\n"
+    "       canwire timing FILE [--json]\n";
 
 static const char help[] =
     "\n"
@@ -74,11 +80,22 @@ static const char help[] =
     "                 as Linux does it for ip link set can0 type can bitrate N: a bit rate within\n"
     "                 5 %, then the sample point; delays do not count. VERSION is 4.8 or later;\n"
     "                 before 6.3 sjw was 1, before 5.19 brp was large where others are as good\n"
-    "  --json         as JSON: segments in tq, sample point and tolerance as fractions\n"
+    "  --json         as JSON: segments in tq, sample point and tolerance as fractions; with FILE\n"
+    "                 tq and round trip in ns, lines in m, errors of clock and bit rate in ppm\n"
     "  -h, --help     this text\n"
     "\n"
     "tolerance is how far the clock of each node may be off, the smaller of sjw / (20 bits) and\n"
     "min(phase-seg1, phase-seg2) / (2 (13 bits - phase-seg2)).\n"
+    "\n"
+    "With FILE, a configuration, it shows all nodes: tq, segments and sjw, prescaler, sample "
+    "point\n"
+    "and its distance from that of the bus, and the errors of the clock and, by the prescaler, of\n"
+    "the bit rate. LEFT is what the node with the most different clock leaves of the tolerance, "
+    "and\n"
+    "SURE is the same with a phase-seg2 that is 1 tq shorter. LINE is the longest line to the "
+    "node\n"
+    "that is nearest to its limit. RESYNCS counts the edges of the longest frame, ten bits apart,\n"
+    "that are off by 1 tq or more.\n"
     "\n"
     "Exit status: 0, 1 a value is bad or no segments are possible, 2 wrong usage.\n"
     "\n";
@@ -254,7 +271,7 @@ static bool take_option(timing_options *o, int option)
 static int check_options(const timing_options *o, const char *word)
 {
     if (word)
-        return refuse(word, "only options are taken");
+        return refuse(word, "FILE stands alone, or with --json; else only options are taken");
     if (o->request.bitrate_bps == 0 || o->request.clock_hz == 0)
         return refuse("--bitrate and --clock", "both are needed");
     if (o->has_delay && o->has_line)
@@ -290,8 +307,29 @@ static int parse_options(timing_options *o, int argc, char **argv)
         }
         if (!take_option(o, c))
             return CLI_BAD_INPUT;
+        o->has_numbers = o->has_numbers || c != 'j';
+    }
+    if (!o->has_numbers && optind == argc - 1) {
+        o->file = argv[optind];
+        return -1;
     }
     return check_options(o, optind < argc ? argv[optind] : NULL);
+}
+
+/* Shows the nodes of a configuration. */
+static int show_file(const timing_options *o)
+{
+    cfg *config = cfg_load(o->file, stderr);
+
+    if (!config)
+        return CLI_BAD_INPUT;
+    fputs(config->warnings, stderr);
+    if (o->json)
+        timing_table_print_json(stdout, config);
+    else
+        timing_table_print(stdout, config);
+    cfg_free(config);
+    return CLI_OK;
 }
 
 /* Returns 2 x (transmitter + line + receiver), rounded up (T10). */
@@ -315,6 +353,8 @@ int cli_timing(int argc, char **argv)
 
     if (status >= 0)
         return status;
+    if (o.file)
+        return show_file(&o);
     o.request.has_round_trip = o.has_delay || o.has_line;
     if (o.request.has_round_trip)
         o.request.round_trip_ns = round_trip_ns(&o);

@@ -4,38 +4,14 @@
  */
 #include "cli/timing_text.h"
 
+#include "base/decimal.h"
+
 #include <inttypes.h>
 
-#define DECIMAL_TEXT_MAX 32 /* bytes of a decimal number with its final 0 */
 #define PPB_DIGITS 9u
 #define PPB_PER_MILLIPERCENT 10000u
 #define PPB_PER_CENTIPERCENT 100000u
 #define PPB_PER_PERMILLE 1000000u
-
-typedef struct decimal_text {
-    char text[DECIMAL_TEXT_MAX];
-} decimal_text;
-
-/* Writes value / 10^digits without zeros at the end. */
-static decimal_text decimal(uint64_t value, unsigned digits)
-{
-    decimal_text result;
-    uint64_t one = 1;
-
-    for (unsigned i = 0; i < digits; i++)
-        one *= 10;
-    while (digits > 0 && value % 10 == 0) {
-        value /= 10;
-        one /= 10;
-        digits--;
-    }
-    if (digits == 0)
-        snprintf(result.text, sizeof result.text, "%" PRIu64, value);
-    else
-        snprintf(result.text, sizeof result.text, "%" PRIu64 ".%0*" PRIu64, value / one,
-                 (int)digits, value % one);
-    return result;
-}
 
 static decimal_text percent_of_ppb(uint32_t ppb)
 {

@@ -11,6 +11,7 @@
 #include "base/number.h"
 #include "canwire.h"
 #include "timing/controllers.h"
+#include "timing/pairs.h"
 #include "trace/read.h"
 
 #include <stdio.h>
@@ -64,6 +65,7 @@ typedef struct cfg_node_time {
     bool triple_sampling;
     const timing_limits *limits; /* of its controller */
     bit_timing bit;              /* clock_hz 0: the bits are those of the bus */
+    bool found;                  /* no key gives the segments: they were found as Linux does it */
     int32_t ppm;                 /* error of the clock */
     uint16_t sample_permille;    /* wish; 0: none */
     uint64_t position_mm;        /* along the line */
@@ -272,6 +274,12 @@ uint8_t cfg_find_node(const cfg *config, const char *name);
 
 /* Finds for each node of a configuration the node of that name in an old one, or CW_NO_NODE. */
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);
+
+/* Describes what T10 looks at: the clock, the bit timing and the place of a node. A node without
+ * keys for them has the bits of the bus, in 16 quanta. Segments that were found, and those with a
+ * prop-seg of 0, only say where the sample point is. Of them phase-seg1 is as long as phase-seg2,
+ * and all else is for delays. */
+void cfg_timing_node(timing_node *out, const cfg *config, size_t node);
 
 /* Describes the bus of this configuration; *out points into *nodes (node_count of them, from the
  * caller) and into the cfg. There is room for the replies, see release_add_replies(). */

@@ -181,6 +181,7 @@ static void find_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
     };
     char problem[TIMING_PROBLEM_MAX];
 
+    time->found = true;
     if (!timing_by_kernel(&time->bit, problem, &request))
         schema_complain(self, place_of(self, item, names), "%s", problem);
 }
@@ -320,7 +321,7 @@ static bool uses_time(schema *self, yaml_node_t *item)
     return false;
 }
 
-/* Without any key of time there is nothing to do: all nodes have the bits of the bus. */
+/* Without any key of time all nodes have the bits of the bus. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes)
 {
     cfg *config = cfg_of(self);
@@ -329,9 +330,9 @@ void cfg_complete_time(schema *self, yaml_node_t *nodes)
 
     for (size_t i = 0; i < config->node_count; i++)
         used = used || uses_time(self, schema_item(self, nodes, i));
-    if (!used || errors > 0)
+    if (errors > 0)
         return;
-    for (size_t i = 0; i < config->node_count; i++) {
+    for (size_t i = 0; used && i < config->node_count; i++) {
         cfg_node_time *time = &config->nodes[i].time;
         yaml_node_t *item = schema_item(self, nodes, i);
         time->used = true;
@@ -342,6 +343,8 @@ void cfg_complete_time(schema *self, yaml_node_t *nodes)
         time->timing.stub = span_of_way(time->stub_mm, config->line_ps_per_m);
         check_lengths(self, item, time);
     }
-    if (self->errors->errors == errors)
+    if (used && self->errors->errors == errors)
         check_ways(self, nodes);
+    if (self->errors->errors == errors)
+        cfg_check_pairs(self, nodes);
 }

@@ -36,17 +36,28 @@ uint32_t timing_tolerance_of_sjw_ppb(const bit_timing *t)
     return (uint32_t)(t->sjw * TIMING_ONE_PPB / (SJW_BITS * timing_quanta(t)));
 }
 
-uint32_t timing_tolerance_of_phases_ppb(const bit_timing *t)
+/* Returns the tolerance for a phase error of so many tq behind an error flag. */
+static uint32_t tolerance_of_slack_ppb(const bit_timing *t, uint64_t slack)
 {
-    uint64_t slack = timing_least(t->phase_seg1, t->phase_seg2);
-
     return (uint32_t)(slack * TIMING_ONE_PPB /
                       (2 * (FLAG_BITS * timing_quanta(t) - t->phase_seg2)));
+}
+
+uint32_t timing_tolerance_of_phases_ppb(const bit_timing *t)
+{
+    return tolerance_of_slack_ppb(t, timing_least(t->phase_seg1, t->phase_seg2));
 }
 
 uint32_t timing_tolerance_ppb(const bit_timing *t)
 {
     return timing_least(timing_tolerance_of_sjw_ppb(t), timing_tolerance_of_phases_ppb(t));
+}
+
+uint32_t timing_sufficient_ppb(const bit_timing *t)
+{
+    const uint32_t slack = timing_least(t->phase_seg1, t->phase_seg2 - 1);
+
+    return timing_least(timing_tolerance_of_sjw_ppb(t), tolerance_of_slack_ppb(t, slack));
 }
 
 uint64_t timing_quanta_of_ns(uint32_t clock_hz, uint32_t brp, uint64_t ns)

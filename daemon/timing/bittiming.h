@@ -72,6 +72,10 @@ uint32_t timing_tolerance_of_phases_ppb(const bit_timing *t);
 /* Returns the smaller of both: the tolerance of T10. */
 uint32_t timing_tolerance_ppb(const bit_timing *t);
 
+/* Returns the tolerance that holds at the resolution of a quantum, too (T10). Edges are seen up to
+ * 1 tq late, so phase_seg2 is 1 tq shorter in the second limit; sjw / (20 bits) stays. */
+uint32_t timing_sufficient_ppb(const bit_timing *t);
+
 /* Returns how many tq a span of at most TIMING_NS_MAX takes, rounded up. */
 uint64_t timing_quanta_of_ns(uint32_t clock_hz, uint32_t brp, uint64_t ns);
 

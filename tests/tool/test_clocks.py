@@ -3,7 +3,7 @@
 
 import pytest
 
-from simtool import sim
+from simtool import canwire, sim
 
 PLAIN = ""
 SAME = "clock: 40MHz, sample-point: 80%"
@@ -56,3 +56,13 @@ def test_a_trace_of_nodes_with_clocks_of_their_own(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "$timescale" in (tmp_path / "v").read_text()
     assert "<svg" in (tmp_path / "s").read_text()
+
+
+@pytest.mark.parametrize("bitrate, most", [(125000, 20), (125001, 30), (1000000, 30)])
+def test_more_nodes_than_a_line_has_are_told(tmp_path, bitrate, most):
+    path = tmp_path / "bus.yaml"
+    for count, told in ((most, False), (most + 1, True), (64, True)):
+        nodes = "".join(f"  - name: n{i}\n" for i in range(count))
+        path.write_text(f"bus: {{ bitrate: {bitrate} }}\nnodes:\n{nodes}")
+        error = canwire("check", path).stderr
+        assert (f":3:3: warning: a line has at most {most} nodes by ISO 11" in error) == told

@@ -154,6 +154,89 @@ def test_the_example_of_the_manual_is_true():
     assert "tolerance     0.99 %: " in other
 
 
+# ---- Of a configuration --------------------------------------------------------------------------
+
+# tq of 125 ns, and 62.5 ns on the line and in the transceivers of `far`
+BUS = """
+bus: { name: body, bitrate: 500000, sample-point: 80%, line: { delay: 5ns/m } }
+nodes:
+  - { name: near, clock: 16MHz, brp: 2, prop-seg: 4, phase-seg1: 5, phase-seg2: 6, sjw: 4 }
+  - { name: far, clock: 16MHz, ppm: 600, brp: 2, prop-seg: 6, phase-seg1: 5, phase-seg2: 4, sjw: 3,
+      tx-delay: 40ns, rx-delay: { dominant: 20ns, recessive: 60ns }, position: 20m, stub: 50cm }
+  - { name: odd, clock: 8MHz, brp: 1, prop-seg: 8, phase-seg1: 4, phase-seg2: 4, ppm: -100 }
+"""
+
+
+@pytest.fixture(name="table")
+def fixture_table(tmp_path):
+    def table(text, *words, status=0):
+        path = tmp_path / "bus.yaml"
+        path.write_text(text)
+        return timing(path, *words, status=status)
+
+    return table
+
+
+def test_the_nodes_of_a_configuration_as_json(table):
+    bus = json.loads(table(BUS, "--json").stdout)
+    near, far, odd = bus.pop("nodes")
+    assert bus == {"bus": "body", "bitrate": 500000, "sample-point": 0.8}
+    assert set(KEYS) < set(near)
+    assert [near[key] for key in KEYS] == [2, 4, 5, 6, 4, 0.625, 0.012376237]
+    assert (near["tq"], near["sample-point-error"], near["ppm"]) == (125, -0.175, 0)
+    # 17 tq in place of 16: 58823.529 ppm below; 17 x (1 - 100 ppm) against 16 x (1 + 600 ppm)
+    assert odd["bitrate-error"] == -58823.529
+    need = (17 * 1000600 - 16 * 999900) / (17 * 1000600 + 16 * 999900)
+    limit = min(far["tolerance"], odd["tolerance"])
+    assert far["clock-node"] == "odd" and odd["clock-node"] == "far"
+    assert far["tolerance-left"] == pytest.approx(limit - need, abs=2e-9)
+    assert odd["tolerance-left"] == far["tolerance-left"]
+    assert odd["resynchronisations"] == 15
+    # 4 tq are 500 ns; the transceivers take 40 + 60 ns, and 200 ns are 40 m with the stub
+    assert near["line-node"] == "far" and near["longest-line"] == 39.5
+    assert near["round-trip"] == 2 * (20 + 0.5) * 5 + 100
+
+
+def test_the_sufficient_tolerance_is_shown_too(table):
+    segments = "clock: 16MHz, brp: 8, prop-seg: 11, phase-seg1: 2, phase-seg2: 2, sjw: 2"
+    nodes = json.loads(table(f"""
+bus: {{ bitrate: 125000 }}
+nodes: [ {{ name: a, {segments} }}, {{ name: b, {segments}, ppm: 1000 }} ]
+""", "--json").stdout)["nodes"]
+    need = 1000 / 2001000
+    assert nodes[0]["sufficient"] == 0.002427184
+    assert nodes[0]["tolerance-left"] == pytest.approx(2 / 412 - need, abs=2e-9)
+    assert nodes[0]["sufficient-left"] == pytest.approx(1 / 412 - need, abs=2e-9)
+
+
+def test_the_nodes_of_a_configuration_as_a_table(table):
+    bus, title, *rows = table(BUS).stdout.splitlines()
+    assert bus == "bus body: bitrate 500000 sample-point 0.8 line-delay 5 ns/m"
+    assert len({len(row) for row in [title, *rows]}) == 1
+    # near and odd: (17 - 16 x 0.9999) / (17 + 16 x 0.9999) is 3.0353 %; sjw 2 allows 0.5882
+    assert rows[0].split() == ["near", "125", "4-5-6/4", "2", "62.5", "-17.5", "0", "0",
+                               "-2.448", "-2.448", "odd", "39.5", "far", "15"]
+    assert [row.split()[0] for row in rows] == ["near", "far", "odd"]
+
+
+def test_without_keys_of_time_all_nodes_have_the_bits_of_the_bus(table):
+    text = "{ bus: { bitrate: 800000 }, nodes: [ { name: a }, { name: b } ] }"
+    for node in json.loads(table(text, "--json").stdout)["nodes"]:
+        assert node["bitrate-error"] == 0 and node["tq"] == 78.125
+        assert node["tolerance-left"] == node["tolerance"] and node["resynchronisations"] == 0
+
+
+def test_a_node_alone_has_nobody_to_differ_from(table):
+    text = "{ bus: { bitrate: 500000 }, nodes: [ { name: a } ] }"
+    assert "tolerance-left" not in json.loads(table(text, "--json").stdout)["nodes"][0]
+    assert table(text).stdout.splitlines()[2].split()[8:] == ["-"] * 6
+
+
+def test_a_bad_configuration_has_no_table(table):
+    result = table("{ bus: { bitrate: 1 }, nodes: [ { name: a } ] }", status=1)
+    assert result.stdout == "" and "bus.yaml:1:19: bitrate" in result.stderr
+
+
 # ---- As Linux ------------------------------------------------------------------------------------
 
 

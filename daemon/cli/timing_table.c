@@ -1,0 +1,283 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * timing_table.c - the bit timings of a configuration, one row per node, and what they leave.
+ */
+#include "cli/timing_table.h"
+
+#include "base/decimal.h"
+#include "base/wide.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#define PPB_DIGITS 9u
+#define PERMILLE_DIGITS 3u
+#define PS_DIGITS 3u  /* of ns */
+#define PPB_OF_PPM 3u /* digits */
+#define MM_DIGITS 3u  /* of m */
+#define MM_PER_M 1000u
+#define PPB_PER_PERMILLE 1000000
+#define PPB_PER_CENTIPERCENT 100000
+#define PPB_PER_MILLIPERCENT 10000
+#define COLUMNS 14
+#define CELL_MAX 72 /* the longest name and its final 0 fit */
+
+/* All nodes of a bus, and the values of one of them. */
+typedef struct table {
+    const cfg *config;
+    timing_node nodes[CW_NODES_MAX];
+} table;
+
+typedef struct row {
+    const char *name;
+    const timing_node *node;
+    uint32_t sample_ppb;
+    int64_t sample_error_ppb; /* against the wish */
+    int64_t divider_ppb;      /* error of the bit rate by brp and segments alone */
+    bool has_others;
+    timing_worst worst;
+    const char *clock_node; /* the names of worst */
+    const char *line_node;
+    bool has_line; /* the longest line is known */
+    uint64_t line_mm;
+} row;
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+/* Returns the sample point that is wanted on the bus: its own, or what Linux takes. */
+static uint32_t wanted_permille(const cfg *config)
+{
+    return config->sample_permille > 0 ? config->sample_permille
+                                       : timing_cia_sample_permille(config->bitrate_bps);
+}
+
+/* Returns clock / (brp x tq x bit rate) - 1, rounded towards 0. */
+static int64_t divider_error_ppb(const bit_timing *t, uint32_t wanted_bps)
+{
+    const uint64_t wanted_hz = timing_bit_clocks(t) * wanted_bps;
+    const bool below = t->clock_hz < wanted_hz;
+    const uint64_t error = below ? wanted_hz - t->clock_hz : t->clock_hz - wanted_hz;
+    uint64_t rest;
+    const int64_t ppb =
+        (int64_t)wide_divide(&rest, wide_product(error, TIMING_ONE_PPB), wanted_hz).low;
+
+    return below ? -ppb : ppb;
+}
+
+static uint64_t stubs_ps(const timing_node *a, const timing_node *b)
+{
+    return a->stub_ps + b->stub_ps;
+}
+
+static void fill_worst(row *r, const table *all, size_t i)
+{
+    const cfg *config = all->config;
+    timing_worst *worst = &r->worst;
+
+    *worst = timing_worst_of(all->nodes, config->node_count, i);
+    r->clock_node = config->nodes[worst->clock].name;
+    r->line_node = config->nodes[worst->line].name;
+    const uint64_t stubs = stubs_ps(r->node, &all->nodes[worst->line]);
+    const uint64_t longest = worst->line_pair.longest_ps;
+    r->has_line = config->line_ps_per_m > 0;
+    if (r->has_line && longest > stubs)
+        r->line_mm = (longest - stubs) * MM_PER_M / config->line_ps_per_m;
+}
+
+static row row_of(const table *all, size_t i)
+{
+    const cfg *config = all->config;
+    row r = {.name = config->nodes[i].name,
+             .node = &all->nodes[i],
+             .sample_ppb = timing_sample_point_ppb(&all->nodes[i].bit),
+             .divider_ppb = divider_error_ppb(&all->nodes[i].bit, config->bitrate_bps),
+             .has_others = config->node_count > 1};
+
+    r.sample_error_ppb =
+        (int64_t)r.sample_ppb - (int64_t)wanted_permille(config) * PPB_PER_PERMILLE;
+    if (r.has_others)
+        fill_worst(&r, all, i);
+    return r;
+}
+
+static void fill(table *all, const cfg *config)
+{
+    all->config = config;
+    for (size_t i = 0; i < config->node_count; i++)
+        cfg_timing_node(&all->nodes[i], config, i);
+}
+
+/* ---- Text ------------------------------------------------------------------------------------ */
+
+typedef char cells[COLUMNS][CELL_MAX];
+
+static const char *const titles[COLUMNS] = {
+    "NODE",   "TQ/NS", "SEGMENTS", "BRP",    "SAMPLE/%", "ERROR/%",   "CLOCK/PPM",
+    "RATE/PPM", "LEFT/%", "SURE/%",   "TO NODE", "LINE/M",   "TO NODE", "RESYNCS",
+};
+
+static void put_cell(cells c, size_t column, const char *value)
+{
+    snprintf(c[column], CELL_MAX, "%s", value);
+}
+
+/* Rounds down, so that nothing looks like more than it is. */
+static int64_t floor_divide(int64_t number, int64_t by)
+{
+    return number / by - (number % by < 0);
+}
+
+static decimal_text percent(int64_t ppb)
+{
+    return decimal_signed(floor_divide(ppb, PPB_PER_MILLIPERCENT), 3);
+}
+
+static decimal_text rounded_percent(int64_t ppb)
+{
+    return decimal_signed(ppb / PPB_PER_CENTIPERCENT, 2);
+}
+
+static void put_worst(cells c, const row *r)
+{
+    const timing_worst *worst = &r->worst;
+
+    for (size_t column = 8; column < COLUMNS; column++)
+        put_cell(c, column, "-");
+    if (!r->has_others)
+        return;
+    put_cell(c, 8, percent(timing_tolerance_left_ppb(&worst->clock_pair)).text);
+    put_cell(c, 9, percent(timing_sufficient_left_ppb(&worst->clock_pair)).text);
+    put_cell(c, 10, r->clock_node);
+    if (r->has_line)
+        put_cell(c, 11, decimal(r->line_mm, MM_DIGITS).text);
+    put_cell(c, 12, r->line_node);
+    snprintf(c[13], CELL_MAX, "%u", worst->resynchronisations);
+}
+
+static void put_row(cells c, const row *r)
+{
+    const bit_timing *t = &r->node->bit;
+
+    put_cell(c, 0, r->name);
+    put_cell(c, 1, decimal(timing_quanta_ps(t, 1), PS_DIGITS).text);
+    snprintf(c[2], CELL_MAX, "%" PRIu32 "-%" PRIu32 "-%" PRIu32 "/%" PRIu32, t->prop_seg,
+             t->phase_seg1, t->phase_seg2, t->sjw);
+    snprintf(c[3], CELL_MAX, "%" PRIu32, t->brp);
+    put_cell(c, 4, rounded_percent(r->sample_ppb).text);
+    put_cell(c, 5, rounded_percent(r->sample_error_ppb).text);
+    snprintf(c[6], CELL_MAX, "%" PRId32, r->node->ppm);
+    put_cell(c, 7, decimal_signed(r->divider_ppb, PPB_OF_PPM).text);
+    put_worst(c, r);
+}
+
+static void widen(int widths[COLUMNS], cells c)
+{
+    for (size_t i = 0; i < COLUMNS; i++)
+        if ((int)strlen(c[i]) > widths[i])
+            widths[i] = (int)strlen(c[i]);
+}
+
+static bool is_name(size_t column)
+{
+    return column == 0 || column == 10 || column == 12;
+}
+
+/* Numbers stand at the right of their columns, names at the left. */
+static void print_cells(FILE *out, const int widths[COLUMNS], cells c)
+{
+    for (size_t i = 0; i < COLUMNS; i++)
+        fprintf(out, "%s%*s", i == 0 ? "" : "  ", is_name(i) ? -widths[i] : widths[i], c[i]);
+    fputc('\n', out);
+}
+
+static void print_bus(FILE *out, const cfg *config)
+{
+    fprintf(out, "bus %s: bitrate %" PRIu32 " sample-point %s line-delay %s ns/m\n",
+            config->bus_name, config->bitrate_bps,
+            decimal(wanted_permille(config), PERMILLE_DIGITS).text,
+            decimal(config->line_ps_per_m, PS_DIGITS).text);
+}
+
+void timing_table_print(FILE *out, const cfg *config)
+{
+    int widths[COLUMNS] = {0};
+    table all;
+    cells c;
+
+    fill(&all, config);
+    print_bus(out, config);
+    for (size_t i = 0; i < COLUMNS; i++)
+        put_cell(c, i, titles[i]);
+    widen(widths, c);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const row r = row_of(&all, i);
+        put_row(c, &r);
+        widen(widths, c);
+    }
+    for (size_t i = 0; i < COLUMNS; i++)
+        put_cell(c, i, titles[i]);
+    print_cells(out, widths, c);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const row r = row_of(&all, i);
+        put_row(c, &r);
+        print_cells(out, widths, c);
+    }
+}
+
+/* ---- JSON ------------------------------------------------------------------------------------ */
+
+static void print_fraction(FILE *out, const char *key, int64_t ppb)
+{
+    fprintf(out, ",\"%s\":%s", key, decimal_signed(ppb, PPB_DIGITS).text);
+}
+
+/* Prints what depends on other nodes. */
+static void print_worst_json(FILE *out, const row *r)
+{
+    const timing_worst *worst = &r->worst;
+
+    print_fraction(out, "tolerance-left", timing_tolerance_left_ppb(&worst->clock_pair));
+    print_fraction(out, "sufficient-left", timing_sufficient_left_ppb(&worst->clock_pair));
+    fprintf(out, ",\"clock-node\":\"%s\",\"resynchronisations\":%u", r->clock_node,
+            worst->resynchronisations);
+    fprintf(out, ",\"round-trip\":%s,\"longest-line\":%s,\"line-node\":\"%s\"",
+            decimal(worst->line_pair.round_trip_ps, PS_DIGITS).text,
+            r->has_line ? decimal(r->line_mm, MM_DIGITS).text : "null", r->line_node);
+}
+
+static void print_row_json(FILE *out, const row *r)
+{
+    const bit_timing *t = &r->node->bit;
+
+    fprintf(out,
+            "{\"name\":\"%s\",\"clock\":%" PRIu32 ",\"tq\":%s,\"brp\":%" PRIu32
+            ",\"prop-seg\":%" PRIu32 ",\"phase-seg1\":%" PRIu32 ",\"phase-seg2\":%" PRIu32
+            ",\"sjw\":%" PRIu32,
+            r->name, t->clock_hz, decimal(timing_quanta_ps(t, 1), PS_DIGITS).text, t->brp,
+            t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw);
+    print_fraction(out, "sample-point", r->sample_ppb);
+    print_fraction(out, "sample-point-error", r->sample_error_ppb);
+    fprintf(out, ",\"ppm\":%" PRId32 ",\"bitrate-error\":%s", r->node->ppm,
+            decimal_signed(r->divider_ppb, PPB_OF_PPM).text);
+    print_fraction(out, "tolerance", timing_tolerance_ppb(t));
+    print_fraction(out, "sufficient", timing_sufficient_ppb(t));
+    if (r->has_others)
+        print_worst_json(out, r);
+    fputc('}', out);
+}
+
+void timing_table_print_json(FILE *out, const cfg *config)
+{
+    table all;
+
+    fill(&all, config);
+    fprintf(out, "{\"bus\":\"%s\",\"bitrate\":%" PRIu32 ",\"sample-point\":%s,\"nodes\":[",
+            config->bus_name, config->bitrate_bps,
+            decimal(wanted_permille(config), PERMILLE_DIGITS).text);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const row r = row_of(&all, i);
+        fputs(i == 0 ? "" : ",", out);
+        print_row_json(out, &r);
+    }
+    fputs("]}\n", out);
+}
