@@ -4,6 +4,7 @@
  */
 #include "serve/status.h"
 
+#include "base/decimal.h"
 #include "base/plain.h"
 
 #include <ctype.h>
@@ -106,6 +107,27 @@ static bool has_link(const json_t *node)
     return *link == '\0' || strcmp(link, "up") == 0;
 }
 
+/* Prints the bit timing. A bus of an older version does not tell it. */
+static void print_timing(FILE *out, const json_t *timing, intmax_t bitrate, intmax_t warning_limit)
+{
+    intmax_t tq_ps = number(timing, "tq_ps");
+    if (!timing) {
+        fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, warning_limit);
+        return;
+    }
+    fprintf(out, "\t  bitrate %jd sample-point %s warning-limit %jd\n", number(timing, "bitrate"),
+            text(timing, "sample-point"), warning_limit);
+    fprintf(out, "\t  tq %s prop-seg %jd phase-seg1 %jd phase-seg2 %jd sjw %jd brp %jd\n",
+            decimal_signed(tq_ps, 3).text, number(timing, "prop-seg"),
+            number(timing, "phase-seg1"), number(timing, "phase-seg2"), number(timing, "sjw"),
+            number(timing, "brp"));
+    fprintf(out, "\t  clock %jd", number(timing, "clock"));
+    if (number(timing, "ppm") != 0)
+        fprintf(out, " ppm %jd", number(timing, "ppm"));
+    fputs(json_is_true(json_object_get(timing, "triple-sampling")) ? " triple-sampling on\n" : "\n",
+          out);
+}
+
 static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -116,7 +138,7 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
             has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
             number(node, "tec"), number(node, "rec"),
             number(settings, "restart-ms"));
-    fprintf(out, "\t  bitrate %jd warning-limit %jd\n", bitrate, number(settings, "warning-limit"));
+    print_timing(out, json_object_get(node, "timing"), bitrate, number(settings, "warning-limit"));
 }
 
 /* Returns the width of column i, of its name and its number; the last column ends the line. */

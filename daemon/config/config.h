@@ -281,6 +281,11 @@ void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *o
  * and all else is for delays. */
 void cfg_timing_node(timing_node *out, const cfg *config, size_t node);
 
+/* Finds prescaler and error of a node's clock for what the library has just now. The prescaler is
+ * that of the configuration, while the clock can have such an error. */
+void cfg_timing_now(bit_timing *bit, int64_t *ppm, const cfg *config, size_t node,
+                    const cw_bit_timing *now);
+
 /* Describes the bus of this configuration; *out points into *nodes (node_count of them, from the
  * caller) and into the cfg. There is room for the replies, see release_add_replies(). */
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);

@@ -5,6 +5,7 @@
 #include "config/parts.h"
 
 #include "base/decimal.h"
+#include "base/wide.h"
 
 #include <inttypes.h>
 
@@ -16,6 +17,8 @@
 #define SLOW_BPS 125000u   /* ... which goes so far */
 #define MM_PER_M 1000u
 #define PPB_PER_MILLIPERCENT 10000u
+#define PPM 1000000u
+#define PPM_MAX 100000 /* of a clock in a configuration */
 #define NODE_TEXT 40 /* most bytes of a node's name in a message */
 
 /* ---- One node -------------------------------------------------------------------------------- */
@@ -67,6 +70,34 @@ void cfg_timing_node(timing_node *out, const cfg *config, size_t node)
         .transfer_ps = slower_ps(t->tx_delay) + slower_ps(t->rx_delay),
     };
     out->delay_tq = delay_tq(&out->bit, time->found || !time->used);
+}
+
+/* Returns a / b x scale, rounded to the nearest; b is more than 0, and a not much more than it. */
+static int64_t ratio(cw_span a, cw_span b, uint64_t scale)
+{
+    uint64_t rest;
+    const wide quotient = wide_divide(&rest, wide_product((uint64_t)a, scale), (uint64_t)b);
+
+    return (int64_t)(quotient.low + (rest >= (uint64_t)b - rest));
+}
+
+void cfg_timing_now(bit_timing *bit, int64_t *ppm, const cfg *config, size_t node,
+                    const cw_bit_timing *now)
+{
+    timing_node was;
+
+    cfg_timing_node(&was, config, node);
+    *bit = was.bit;
+    bit->prop_seg = now->prop_seg;
+    bit->phase_seg1 = now->phase_seg1;
+    bit->phase_seg2 = now->phase_seg2;
+    bit->sjw = now->sjw;
+    *ppm = ratio(cw_quantum(bit->clock_hz, bit->brp, 0), now->quantum, PPM) - PPM;
+    if (*ppm >= -PPM_MAX && *ppm <= PPM_MAX)
+        return;
+    const int64_t brp = ratio(now->quantum, cw_quantum(bit->clock_hz, 1, 0), 1);
+    bit->brp = brp > 0 && brp <= UINT16_MAX ? (uint32_t)brp : 1;
+    *ppm = ratio(cw_quantum(bit->clock_hz, bit->brp, 0), now->quantum, PPM) - PPM;
 }
 
 /* ---- Warnings -------------------------------------------------------------------------------- */

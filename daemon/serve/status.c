@@ -8,6 +8,7 @@
 #include "record/output.h"
 #include "run/settings.h"
 
+#include <inttypes.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -32,6 +33,33 @@ static const char *const when_full_names[] = {
     [CFG_WHEN_FULL_DROP] = "drop",
     [CFG_WHEN_FULL_WAIT] = "wait",
 };
+
+#define PPB_PER_PERMILLE 1000000u
+#define SAMPLE_POINT_MAX 16 /* bytes of "0.875" and of any 32 bits */
+
+/* Returns the bit timing that the node has now. */
+static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing *now)
+{
+    json_t *object = json_object();
+    bit_timing t;
+    int64_t ppm;
+    char sample_point[SAMPLE_POINT_MAX];
+    cfg_timing_now(&t, &ppm, config, node, now);
+    (void)snprintf(sample_point, sizeof sample_point, "0.%03" PRIu32,
+                   timing_sample_point_ppb(&t) / PPB_PER_PERMILLE);
+    put_count(object, "bitrate", timing_bitrate_bps(&t));
+    put_text(object, "sample-point", sample_point);
+    put_count(object, "tq_ps", timing_quanta_ps(&t, 1));
+    put_count(object, "prop-seg", t.prop_seg);
+    put_count(object, "phase-seg1", t.phase_seg1);
+    put_count(object, "phase-seg2", t.phase_seg2);
+    put_count(object, "sjw", t.sjw);
+    put_count(object, "brp", t.brp);
+    put_count(object, "clock", t.clock_hz);
+    put(object, "ppm", json_integer(ppm));
+    put_bool(object, "triple-sampling", now->triple_sampling);
+    return object;
+}
 
 /* Returns the counters between the node and its ECU. */
 static json_t *interface_json(const port_stats *stats)
@@ -67,6 +95,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "rx_errors", errors->rx[node]);
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
+    put(object, "timing", timing_json(config, node, &settings.timing));
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);

@@ -472,3 +472,32 @@ def test_the_messages_of_a_refused_reload_come_before_its_end_is_told(canwired, 
             pass
         daemon.process.terminate()
         assert daemon.process.wait(PATIENCE_S) == 0
+
+
+# ---- Bit timing ----------------------------------------------------------------------------------
+
+CLOCKS = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes:
+  - { name: engine, clock: 16MHz, ppm: -120, sample-point: 75%, sjw: 1, controller: sja1000 }
+  - { name: dash, clock: 20MHz, brp: 2, prop-seg: 7, phase-seg1: 8, phase-seg2: 4,
+      triple-sampling: on }
+faults:
+  - { name: warm, when: { manual: yes }, do: { set: dash, ramp: { ppm: 0..-3000, over: 1us } } }
+"""
+
+
+def test_the_status_shows_the_bit_timing_that_a_node_has_now(canwired):
+    bus = canwired(text=CLOCKS)
+    engine, dash = (node["timing"] for node in bus.status()["nodes"])
+    assert engine == {"bitrate": 500000, "sample-point": "0.750", "tq_ps": 125000, "prop-seg": 5,
+                      "phase-seg1": 6, "phase-seg2": 4, "sjw": 1, "brp": 2, "clock": 16000000,
+                      "ppm": -120, "triple-sampling": False}
+    assert (dash["brp"], dash["tq_ps"], dash["ppm"]) == (2, 100000, 0)
+    bus.canwire("fire", "./day.sock", "warm")
+    wait_until(lambda: bus.status()["nodes"][1]["timing"]["ppm"] == -3000, "a cold clock")
+    text = bus.canwire("status", "./day.sock")
+    assert "\n\t  clock 16000000 ppm -120\n" in text
+    assert ("\t  bitrate 500000 sample-point 0.800 warning-limit 96\n"
+            "\t  tq 100 prop-seg 7 phase-seg1 8 phase-seg2 4 sjw 2 brp 2\n"
+            "\t  clock 20000000 ppm -3000 triple-sampling on\n") in text

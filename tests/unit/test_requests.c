@@ -133,7 +133,11 @@ static void status_prints_as_ip_does(void **state)
     assert_non_null(strstr(printed, "\n3: c: qlen 16 order priority\n"
                                     "    can state ERROR-ACTIVE (berr-counter tx 0 rx 0) "
                                     "restart-ms 100\n"
-                                    "\t  bitrate 500000 "));
+                                    "\t  bitrate 500000 sample-point 0.875 warning-limit 96\n"
+                                    "\t  tq 125 prop-seg 6 phase-seg1 7 phase-seg2 2 sjw 1 "
+                                    "brp 10\n"
+                                    "\t  clock 80000000\n"
+                                    "\t  re-started "));
     assert_non_null(strstr(printed, "    can <LISTEN-ONLY,ONE-SHOT> state ERROR-ACTIVE ("));
     assert_non_null(strstr(printed, "\n\t  re-started bus-errors arbit-lost error-warn error-pass "
                                     "bus-off\n"
