@@ -1089,6 +1089,41 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
+/* How the clock of one node kept up with the bus (T3 to T5), while bits are not common to all
+ * nodes. */
+typedef struct cw_sync_stats {
+    uint64_t hard_syncs;    /* hard synchronisations (T4) */
+    uint64_t resyncs;       /* resynchronisations with a phase error other than 0 (T5) */
+    int32_t phase_error_tq; /* the largest of these, in quanta: positive where the edge was late */
+    cw_span phase_error;    /* the same as a time */
+    cw_span margin;         /* the least time between a sample point and a change of the level that
+                               the node sees; CW_NO_MARGIN: none yet */
+} cw_sync_stats;
+
+#define CW_NO_MARGIN INT64_MAX
+
+/* Adds what was counted later to what was counted before. */
+void cw_sync_stats_add(cw_sync_stats *sum, const cw_sync_stats *more);
+
+/* What a bus counts of one node, in memory of the caller. The fields are the library's. */
+typedef struct cw_sync_record {
+    cw_sync_stats stats;
+    cw_span sampled_at; /* the last sample point */
+    bool measures;      /* edges after it have a margin */
+} cw_sync_record;
+
+/* Counts synchronisations from the next bit on, in a record for each node. The records are cleared,
+ * and stay the caller's; NULL ends it. This is off after cw_bus_init(). Only time in which the
+ * timings of nodes differ counts: the records of a bus with common bits stay empty, also while
+ * pulses and jitter take it off the grid. A margin is measured between two samples of different
+ * levels. There the level changes with the first dominant edge, or the last recessive one, that
+ * nodes drive. What rules and ringing do to levels does not count, and nor do edges at which the
+ * node synchronises hard, or could. */
+void cw_bus_set_sync_records(cw_bus *bus, cw_sync_record *records);
+
+/* CW_INVALID: no such node. CW_REFUSED: synchronisations are not counted. */
+cw_status cw_node_get_sync_stats(const cw_bus *bus, unsigned node, cw_sync_stats *stats);
+
 typedef struct cw_rule_stats {
     uint64_t matches;
     uint64_t misses;  /* matches that were passed over */

@@ -149,3 +149,21 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     stats->state = cw_mac_state(&n->mac);
     return CW_OK;
 }
+
+void cw_bus_set_sync_records(cw_bus *bus, cw_sync_record *records)
+{
+    bus->timed.records = records;
+    bus->timed.counts = false;
+    for (unsigned i = 0; records && i < bus->node_count; i++)
+        records[i] = (cw_sync_record){.stats.margin = CW_NO_MARGIN};
+}
+
+cw_status cw_node_get_sync_stats(const cw_bus *bus, unsigned i, cw_sync_stats *stats)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (!bus->timed.records)
+        return CW_REFUSED;
+    *stats = bus->timed.records[i].stats;
+    return CW_OK;
+}

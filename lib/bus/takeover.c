@@ -71,6 +71,16 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     apply_settings(bus, i, old);
 }
 
+/* Statistics go on where both buses have records. */
+static void take_over_sync_stats(cw_bus *bus, const cw_bus *old, const uint8_t *from)
+{
+    if (!bus->timed.records || !old->timed.records)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            bus->timed.records[i].stats = old->timed.records[from[i]].stats;
+}
+
 static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->inbox.count; i++) {
@@ -152,6 +162,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
             bus->removed |= cw_node_bit(i);
     }
     cw_timed_take_over(bus, old, from);
+    take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);
     cw_find_next_restart(bus);
     take_over_inbox(bus, old, to);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * stats.c - delay histograms, the load of the last second, the balance of frames.
+ * stats.c - delay histograms, synchronisations, the load of the last second, the balance of frames.
  */
 #include "state/stats.h"
 
@@ -53,6 +53,25 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille)
         return edge < delay->max_ticks ? edge : delay->max_ticks;
     }
     return 0;
+}
+
+/* ---- Synchronisations ------------------------------------------------------------------------ */
+
+static cw_span magnitude(cw_span span)
+{
+    return span < 0 ? -span : span;
+}
+
+void cw_sync_stats_add(cw_sync_stats *sum, const cw_sync_stats *more)
+{
+    sum->hard_syncs += more->hard_syncs;
+    sum->resyncs += more->resyncs;
+    if (magnitude(more->phase_error) > magnitude(sum->phase_error)) {
+        sum->phase_error = more->phase_error;
+        sum->phase_error_tq = more->phase_error_tq;
+    }
+    if (more->margin < sum->margin)
+        sum->margin = more->margin;
 }
 
 /* ---- Load ------------------------------------------------------------------------------------ */

@@ -74,6 +74,8 @@ typedef struct cw_timed {
     cw_span bit_time;    /* of the bus */
     cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
     timed_node *nodes;
+    cw_sync_record *records; /* of each node; NULL: nothing is counted */
+    bool counts;             /* in this bit time */
 } cw_timed;
 
 /* ---- agenda.c -------------------------------------------------------------------------------- */

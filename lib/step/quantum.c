@@ -42,8 +42,11 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     timed_node *n = node_at(bus, i);
     const unsigned in = (unsigned)cw_quanta_in(n, look - n->timing.quantum - n->begin);
     const bool hard = cw_mac_synchronises_hard(&bus->nodes[i].mac);
+    const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
     n->looked = look;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
+    if (effect != CW_EDGE_IGNORED && bus->timed.counts)
+        cw_sync_count(bus, i, hard, phase_error);
     if (effect == CW_EDGE_RESTARTS)
         n->begin = look - n->timing.quantum;
     if (effect == CW_EDGE_ENDS_BIT)
@@ -222,8 +225,12 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     timed_node *n = node_at(bus, i);
     const bool level = cw_timed_sample(bus, i, moment);
     take_frames(bus, i, moment);
+    if (bus->timed.counts)
+        cw_sync_count_sample(bus, i, level, moment);
     cw_mac_sample(&bus->nodes[i].mac, level, &n->report);
     cw_pcs_sampled(&n->pcs, level);
+    if (bus->timed.counts)
+        cw_sync_sampled(bus, i, moment);
     n->looked = moment;
     plan_end(bus, i);
 }
@@ -393,6 +400,7 @@ void cw_step_bit_time(cw_bus *bus)
     if (!bus->timed.active)
         cw_timed_enter(bus);
     cw_timed_rebase(bus);
+    cw_sync_begin_bit_time(bus);
     const cw_span begin = cw_moment_of(bus, cw_now(bus));
     const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
     bus->timed.moment = begin;

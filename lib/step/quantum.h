@@ -3,6 +3,7 @@
  * quantum.h - declarations that the parts of the timed step share.
  *
  *   quantum.c       all that nodes do, in the order of time
+ *   quantum_sync.c  counts synchronisations and margins
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_rest.c  bit times in which all nodes rest
  */
@@ -54,6 +55,25 @@ bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment);
 /* Returns the next look of a node that finds an edge from recessive to dominant, up to a moment.
  * CW_SPAN_MAX: none does. */
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
+
+/* Returns when the level of its wire changed between two moments, as its nodes drove it;
+ * CW_SPAN_MAX: it did not. */
+cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span after,
+                        cw_span before);
+
+/* ---- quantum_sync.c -------------------------------------------------------------------------- */
+
+/* Finds out whether the bit time that begins is one that counts. */
+void cw_sync_begin_bit_time(cw_bus *bus);
+
+/* Counts a synchronisation. phase_error: in quanta (T5). */
+void cw_sync_count(cw_bus *bus, unsigned node, bool hard, int phase_error);
+
+/* Counts the margins of the level that a node is about to sample. */
+void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment);
+
+/* Notes that the controller has gone on after a sample. */
+void cw_sync_sampled(cw_bus *bus, unsigned node, cw_span moment);
 
 /* ---- quantum_grid.c -------------------------------------------------------------------------- */
 

@@ -145,5 +145,7 @@ void cw_timed_rebase(cw_bus *bus)
         t->nodes[i].begin -= by;
         t->nodes[i].next_begin -= by;
         t->nodes[i].looked -= by;
+        if (t->counts)
+            t->records[i].sampled_at -= by;
     }
 }

@@ -76,6 +76,11 @@ bool cw_timed_sample(const cw_bus *bus, unsigned i, cw_span moment)
     return level + before + first >= 2;
 }
 
+cw_span cw_timed_change(const cw_bus *bus, unsigned i, bool level, cw_span after, cw_span before)
+{
+    return cw_cable_change(&bus->timed.cable, i, level, after, before, wire_of(bus, i));
+}
+
 /* Returns the next edge by looking at the end of each quantum. */
 static cw_span scan(const cw_bus *bus, unsigned i, cw_span until)
 {

@@ -77,6 +77,25 @@ cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span mome
     return first;
 }
 
+cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_span after,
+                        cw_span before, uint64_t from)
+{
+    cw_span found = CW_SPAN_MAX;
+    const unsigned count = kept(cable);
+    for (unsigned n = 0; n < count; n++) {
+        const cw_edge *e = nth_from_end(cable, n);
+        if (e->moment + cable->longest < after)
+            break;
+        if (e->level != level || !(from >> e->node & 1u))
+            continue;
+        const cw_span arrival = cw_cable_arrival(cable, e, node);
+        const bool nearer = found == CW_SPAN_MAX || (arrival < found) == (level == CW_DOMINANT);
+        if (arrival >= after && arrival < before && nearer)
+            found = arrival;
+    }
+    return found;
+}
+
 /* Edges that came long ago stay long ago. */
 static void rebase(cw_span *moment, cw_span by)
 {

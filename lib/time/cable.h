@@ -80,6 +80,11 @@ static inline const cw_edge *cw_cable_only_edge(const cw_cable *cable, cw_span m
  * the nodes whose edges count. CW_SPAN_MAX: none is under way. */
 cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span moment, uint64_t from);
 
+/* Returns the arrival at a node of the first dominant edge, or the last recessive one, at or after
+ * one moment and before another. from: the nodes whose edges count. CW_SPAN_MAX: there is none. */
+cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_span after,
+                        cw_span before, uint64_t from);
+
 /* Moves the epoch forward. */
 void cw_cable_rebase(cw_cable *cable, cw_span by);
 

@@ -134,6 +134,15 @@ static void compare_node_stats(comparison *c, const cw_node_stats *a, const cw_n
     compare_delays(c, &a->delay, &b->delay);
 }
 
+static void compare_syncs(comparison *c, const cw_sync_stats *a, const cw_sync_stats *b)
+{
+    SAME(hard_syncs);
+    SAME(resyncs);
+    SAME(phase_error_tq);
+    same(c, "phase error", (uint64_t)a->phase_error, (uint64_t)b->phase_error);
+    same(c, "margin", (uint64_t)a->margin, (uint64_t)b->margin);
+}
+
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
 {
     SAME(which);
@@ -149,12 +158,17 @@ static void compare_settings(comparison *c, const cw_settings *a, const cw_setti
 static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *reference)
 {
     cw_node_stats stats[2];
+    cw_sync_stats syncs[2];
     cw_settings settings[2];
     cw_status status = cw_node_get_stats(fast, c->number, &stats[0]);
     same(c, "status", status, cw_node_get_stats(reference, c->number, &stats[1]));
     if (status != CW_OK)
         return false;
     compare_node_stats(c, &stats[0], &stats[1]);
+    status = cw_node_get_sync_stats(fast, c->number, &syncs[0]);
+    same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
+    if (status == CW_OK)
+        compare_syncs(c, &syncs[0], &syncs[1]);
     same(c, "balance", cw_node_stats_balance(&stats[0]), true);
     same(c, "attached", cw_node_attached(fast, c->number), cw_node_attached(reference, c->number));
     status = cw_node_get_settings(fast, c->number, &settings[0]);

@@ -24,6 +24,8 @@ typedef struct side {
     size_t count;
     size_t room;
     bool drained;  /* the ring has no events */
+    bool second;   /* records[1] are those of the bus, else records[0] */
+    cw_sync_record records[2][CW_NODES_MAX];
     uint64_t full; /* times that the ring was full */
 } side;
 
@@ -343,9 +345,11 @@ static cw_status side_take_over(side *s, const cw_bus_config *config, const uint
     void *memory = make_bus(&bus, config, s->name[0]);
     if (!bus)
         return CW_REFUSED;
+    cw_bus_set_sync_records(bus, s->records[!s->second]);
     cw_status status = cw_bus_take_over(bus, s->bus, from);
     if (status == CW_OK) {
         free(s->memory);
+        s->second = !s->second;
         s->memory = memory;
         s->bus = bus;
     } else {
@@ -542,6 +546,8 @@ static bool start(side *s, const char *name, const cw_bus_config *config)
     s->name = name;
     s->drained = true;
     s->memory = make_bus(&s->bus, config, name[0]);
+    if (s->bus)
+        cw_bus_set_sync_records(s->bus, s->records[0]);
     return s->bus != NULL;
 }
 

@@ -47,6 +47,9 @@ typedef struct quanta_node {
     unsigned received, sent, errors;
     cw_error first_error;
     cw_mac_report report; /* of the last sample */
+    cw_sync_stats sync;   /* its margin is in the unit of the test; 0: none yet */
+    int64_t sampled_at;
+    bool measures;        /* edges after the last sample have a margin */
 } quanta_node;
 
 typedef struct quanta quanta;
@@ -136,12 +139,26 @@ static inline void quanta_begin_bit(quanta *q, unsigned i, unsigned passed)
     quanta_drive(q, i);
 }
 
+/* Counts a synchronisation with a phase error in quanta. */
+static inline void quanta_count_sync(quanta_node *n, int e)
+{
+    const int64_t error = e * n->timing.quantum, most = n->sync.phase_error;
+    const bool hard = quanta_synchronises_hard(n);
+    n->sync.hard_syncs += hard;
+    n->sync.resyncs += !hard && e != 0;
+    if (hard || (error < 0 ? -error : error) <= (most < 0 ? -most : most))
+        return;
+    n->sync.phase_error = error;
+    n->sync.phase_error_tq = e;
+}
+
 /* An edge before the sample point: it belongs to this bit, and came in quantum e. */
 static inline void quanta_synchronise_late(quanta_node *n, unsigned e)
 {
     if (n->driven == CW_DOMINANT && e > 0) /* T6 */
         return;
     n->synchronised = true;
+    quanta_count_sync(n, (int)e);
     if (quanta_synchronises_hard(n)) {
         n->count = 1;
         return;
@@ -156,6 +173,7 @@ static inline void quanta_synchronise_early(quanta *q, unsigned i, unsigned earl
 {
     quanta_node *n = &q->nodes[i];
     n->synchronised = true;
+    quanta_count_sync(n, -(int)early);
     if (quanta_synchronises_hard(n) || early <= n->timing.sjw)
         quanta_begin_bit(q, i, 1);
     else
@@ -191,6 +209,47 @@ static inline void quanta_sample(quanta_node *n, bool level)
         n->first_error = report.error;
 }
 
+static inline bool quanta_level_at(const quanta *q, unsigned self, int64_t moment)
+{
+    bool level = CW_RECESSIVE;
+    for (unsigned i = 0; i < q->node_count; i++)
+        level = level && quanta_level_before(&q->nodes[i], q->delay[i][self], moment);
+    return level;
+}
+
+/* Returns when the level that a node sees became another one between two samples: the first time to
+ * dominant, the last time to recessive. -1: it did not. */
+static inline int64_t quanta_change(const quanta *q, unsigned self, bool level, int64_t after,
+                                    int64_t before)
+{
+    int64_t found = -1;
+    for (unsigned i = 0; i < q->node_count; i++) {
+        const quanta_node *n = &q->nodes[i];
+        const unsigned oldest = n->edges > QUANTA_EDGES ? n->edges - QUANTA_EDGES : 0;
+        for (unsigned k = oldest; k < n->edges; k++) {
+            const int64_t at = n->edge_at[k % QUANTA_EDGES] + q->delay[i][self][(k + 1) % 2 == 0];
+            if (at < after || at >= before || quanta_level_at(q, self, at) == level ||
+                quanta_level_at(q, self, at + 1) != level)
+                continue;
+            if (found < 0 || (at < found) == (level == CW_DOMINANT))
+                found = at;
+        }
+    }
+    return found;
+}
+
+/* Measures how near to a sample point the level changed, where the levels of two samples differ. */
+static inline void quanta_measure(quanta *q, unsigned i, bool level)
+{
+    quanta_node *n = &q->nodes[i];
+    const int64_t change = n->measures && level != n->last_sample
+                               ? quanta_change(q, i, level, n->sampled_at, n->now) : -1;
+    const int64_t near = change - n->sampled_at < n->now - change ? change - n->sampled_at
+                                                                  : n->now - change;
+    if (change >= 0 && (n->sync.margin == 0 || near < n->sync.margin))
+        n->sync.margin = near;
+}
+
 /* Ends a quantum: the edge first, then the sample, then the next bit. */
 static inline void quanta_step_node(quanta *q, unsigned i)
 {
@@ -201,8 +260,13 @@ static inline void quanta_step_node(quanta *q, unsigned i)
     const bool majority = level + n->before + n->first >= 2;
     n->first = n->before;
     quanta_watch_edge(q, i, level);
-    if (!n->sampled && n->count == n->sample_at)
-        quanta_sample(n, n->timing.triple ? majority : level);
+    if (!n->sampled && n->count == n->sample_at) {
+        const bool taken = n->timing.triple ? majority : level;
+        quanta_measure(q, i, taken);
+        quanta_sample(n, taken);
+        n->sampled_at = n->now;
+        n->measures = !quanta_synchronises_hard(n);
+    }
     if (n->sampled && n->count >= n->end_at)
         quanta_begin_bit(q, i, 0);
 }

@@ -12,6 +12,7 @@
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -239,9 +240,11 @@ static quanta_timing timing_of(const cw_bit_timing *t)
                            .triple = t->triple_sampling};
 }
 
+static quanta q;
+static cw_sync_record records[QUANTA_NODES_MAX];
+
 static void run_quanta(const scenario *s)
 {
-    static quanta q;
     q = (quanta){.next_frame = next_frame, .bit_ended = note_report};
     set_delays(&q, s);
     for (unsigned i = 0; i < s->node_count; i++) {
@@ -261,6 +264,7 @@ static void run_bus(const scenario *s)
     cw_event e;
     assert_non_null(bus);
     cw_bus_set_own_clocks(bus, true);
+    cw_bus_set_sync_records(bus, records);
     for (unsigned i = 0; i < s->node_count; i++)
         for (unsigned k = 0; k < s->frame_count[i]; k++)
             assert_int_equal(cw_node_send(bus, i, &s->frames[i][k], s->at_tick[i][k]),
@@ -295,22 +299,62 @@ static void compare(uint64_t seed)
                  of_bus.count);
 }
 
+/* The bus looks at edges when it samples: the last one may still be to come. Margins are those of
+ * edges that do not overtake others. */
+static unsigned compare_syncs(uint64_t seed, const scenario *s)
+{
+    unsigned resyncs = 0;
+    for (unsigned i = 0; i < s->node_count; i++) {
+        const cw_sync_stats *a = &q.nodes[i].sync, *b = &records[i].stats;
+        const uint64_t by_quanta = a->hard_syncs + a->resyncs;
+        const uint64_t of_it = b->hard_syncs + b->resyncs;
+        if (of_it != by_quanta && of_it + 1 != by_quanta)
+            fail_msg("seed %" PRIu64 " node %u: %" PRIu64 " synchronisations by quanta, %" PRIu64
+                     " of the bus", seed, i, by_quanta, of_it);
+        if (of_it == by_quanta && a->phase_error != b->phase_error)
+            fail_msg("seed %" PRIu64 " node %u: phase error %d by quanta, %d of the bus", seed, i,
+                     (int)a->phase_error_tq, (int)b->phase_error_tq);
+        if (of_it == by_quanta && (a->margin ? a->margin : CW_NO_MARGIN) != b->margin)
+            fail_msg("seed %" PRIu64 " node %u: margin %" PRId64 " by quanta, %" PRId64
+                     " of the bus", seed, i, a->margin, b->margin);
+        resyncs += (unsigned)b->resyncs;
+    }
+    return resyncs;
+}
+
+/* Returns true when all bits are common to all nodes, so that none synchronises. */
+static bool is_on_grid(const scenario *s)
+{
+    const cw_node_timing *first = &s->nodes[0].timing;
+    bool same = first->bit.quantum * cw_bit_timing_quanta(&first->bit) == CW_TICK * BIT_TICKS;
+    for (unsigned a = 0; a < s->node_count; a++) {
+        const cw_bit_timing *b = &s->nodes[a].timing.bit;
+        same = same && memcmp(&first->bit, b, sizeof *b) == 0;
+        for (unsigned to = 0; to < s->node_count; to++)
+            same = same && q.delay[a][to][0] == 0 && q.delay[a][to][1] == 0;
+    }
+    return same;
+}
+
 static void a_bus_does_what_its_nodes_do_quantum_by_quantum(void **unused)
 {
     (void)unused;
-    unsigned kinds[CW_EVENT_COUNT] = {0};
+    unsigned kinds[CW_EVENT_COUNT] = {0}, resyncs = 0;
     for (uint64_t seed = 1; seed <= SEEDS; seed++) {
         draw_scenario(seed);
         of_quanta.count = of_bus.count = 0;
         run_quanta(&now_tested);
         run_bus(&now_tested);
         compare(seed);
+        if (!is_on_grid(&now_tested))
+            resyncs += compare_syncs(seed, &now_tested);
         for (unsigned i = 0; i < of_bus.count; i++)
             kinds[of_bus.list[i].kind]++;
     }
     assert_true(kinds[CW_EVENT_RX] > 1000 && kinds[CW_EVENT_TX] > 1000);
     assert_true(kinds[CW_EVENT_ERROR] > 1000 && kinds[CW_EVENT_ARBITRATION_LOST] > 1000);
     assert_true(kinds[CW_EVENT_OVERLOAD] > 10);
+    assert_true(resyncs > 1000);
 }
 
 int main(void)
