@@ -16,7 +16,7 @@ from simtool import ROOT, events, sim, stats
 
 SCENARIOS = sorted((ROOT / "tests/scenarios").glob("*.yaml"))
 
-BIT_NS = 2000  # all scenarios and tests here run at 500 kbit/s
+BIT_NS = 2000  # the tests here run at 500 kbit/s
 TX_BIT = 89  # end of EOF of 123#DEADBEEF when it starts first: 11 + 78 wire bits
 
 SMALL = """
