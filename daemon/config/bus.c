@@ -16,6 +16,13 @@
 static schema_reader read_bus_name, read_bitrate, read_line, read_line_delay;
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 
+static const schema_choice terminations[] = {
+    {.name = "both", .value = CFG_TERMINATION_BOTH},
+    {.name = "one", .value = CFG_TERMINATION_ONE},
+    {.name = "none", .value = CFG_TERMINATION_NONE},
+    {.name = NULL},
+};
+
 static const schema_key bus_keys[] = {
     {.name = "name", .read = read_bus_name},
     {.name = "bitrate",
@@ -27,6 +34,10 @@ static const schema_key bus_keys[] = {
      .read = cfg_read_sample_point,
      .offset = offsetof(cfg, sample_permille)},
     {.name = "line", .read = read_line},
+    {.name = "termination",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg, termination),
+     .arg = terminations},
     {.name = NULL},
 };
 

@@ -92,6 +92,13 @@ typedef struct cfg_node {
     int line; /* of the node in its file */
 } cfg_node;
 
+/* The terminators of the line that are there. */
+typedef enum cfg_termination {
+    CFG_TERMINATION_BOTH = 0,
+    CFG_TERMINATION_ONE,
+    CFG_TERMINATION_NONE
+} cfg_termination;
+
 typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK, CFG_PACING_SPIN } cfg_pacing;
 
 /* The action at the start, and at a reload, when the interface of a port is missing. */
@@ -189,6 +196,7 @@ typedef struct cfg {
     cw_rate rate;
     uint16_t sample_permille;  /* of all nodes that have no other wish; 0: none */
     uint64_t line_ps_per_m;    /* delay of a metre of line; default 5000 */
+    cfg_termination termination; /* of which the ringing of the nodes has been made */
     uint64_t seed;
     size_t node_count;
     cfg_node *nodes;

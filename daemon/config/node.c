@@ -102,6 +102,7 @@ static const schema_key default_keys[] = {
      .arg = when_full_choices},
     ORDER,
     WARNING_LIMIT,
+    TIME,
     {.name = NULL},
 };
 
@@ -182,6 +183,7 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
     schema_map(self, key->name, value, default_keys, &walk->defaults);
     if (value->type != YAML_MAPPING_NODE)
         return;
+    walk->default_map = value;
     walk->default_queue = schema_find(self, value, "queue");
     walk->default_when_full = schema_find(self, value, "when-full");
 }

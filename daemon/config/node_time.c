@@ -140,21 +140,39 @@ static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *const 
     return found ? found : item;
 }
 
+/* Returns true when a node, or `defaults`, has a key of segments. */
+static bool has_segments(schema *self, const yaml_node_t *map)
+{
+    for (size_t i = 0; i < SEGMENT_KEYS; i++)
+        if (schema_find(self, map, keys[i]))
+            return true;
+    return false;
+}
+
+/* Checks that a node, or `defaults`, says all or nothing of the segments. */
+static void check_together(schema *self, const yaml_node_t *map)
+{
+    yaml_node_t *const sample_point = schema_find(self, map, "sample-point");
+
+    if (!has_segments(self, map))
+        return;
+    for (size_t i = 0; i < SEGMENT_KEYS; i++)
+        if (!schema_find(self, map, keys[i])) {
+            schema_complain(self, map, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 "
+                            "are needed together", keys[i]);
+            return;
+        }
+    if (sample_point)
+        schema_complain(self, sample_point,
+                        "sample-point: the segments say where it is; use one or the other");
+}
+
 /* Completes the segments that keys give. */
 static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     bit_timing *bit = &time->bit;
     char problem[TIMING_PROBLEM_MAX];
 
-    for (size_t i = 0; i < SEGMENT_KEYS; i++)
-        if (!schema_find(self, item, keys[i])) {
-            schema_complain(self, item, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 "
-                            "are needed together", keys[i]);
-            return;
-        }
-    if (schema_find(self, item, "sample-point"))
-        schema_complain(self, schema_find(self, item, "sample-point"),
-                        "sample-point: the segments say where it is; use one or the other");
     if (bit->sjw == 0) /* as Linux does */
         bit->sjw = timing_least(bit->phase_seg1, timing_least(time->limits->sjw_max,
                                                               bit->phase_seg2 / 2));
@@ -199,17 +217,29 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
                     timing_bitrate_bps(bit), cfg_of(self)->bitrate_bps);
 }
 
+/* Returns true when keys give the segments. A node's own sample point replaces those of
+ * `defaults`. */
+static bool gives_segments(schema *self, const yaml_node_t *item)
+{
+    const cfg_walk *walk = self->user;
+
+    if (has_segments(self, item))
+        return true;
+    return walk->default_map && has_segments(self, walk->default_map) &&
+           !schema_find(self, item, "sample-point");
+}
+
 static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     const size_t errors = self->errors->errors;
     bit_timing *bit = &time->bit;
-    bool has_segments = false;
 
-    for (size_t i = 0; i < SEGMENT_KEYS; i++)
-        has_segments = has_segments || schema_find(self, item, keys[i]);
+    check_together(self, item);
+    if (self->errors->errors > errors)
+        return;
     if (bit->clock_hz == 0)
         bit->clock_hz = CLOCK_DEFAULT_HZ;
-    if (has_segments)
+    if (gives_segments(self, item))
         use_segments(self, item, time);
     else
         find_segments(self, item, time);
@@ -313,38 +343,67 @@ static void check_ways(schema *self, yaml_node_t *nodes)
 
 /* ---- All nodes ------------------------------------------------------------------------------- */
 
-static bool uses_time(schema *self, yaml_node_t *item)
+static bool uses_time(schema *self, const yaml_node_t *map)
 {
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
-        if (schema_find(self, item, keys[i]))
+        if (schema_find(self, map, keys[i]))
             return true;
     return false;
+}
+
+/* Returns true when a key says anything about time. */
+static bool any_uses_time(schema *self, yaml_node_t *nodes)
+{
+    const cfg_walk *walk = self->user;
+    const cfg *config = walk->config;
+    bool used = config->sample_permille > 0 || config->termination != CFG_TERMINATION_BOTH ||
+                (walk->default_map && uses_time(self, walk->default_map));
+
+    for (size_t i = 0; i < config->node_count; i++)
+        used = used || uses_time(self, schema_item(self, nodes, i));
+    return used;
+}
+
+static void complete_node(schema *self, yaml_node_t *item, cfg_node_time *time)
+{
+    const uint64_t ps_per_m = cfg_of(self)->line_ps_per_m;
+
+    time->used = true;
+    if (!time->limits)
+        time->limits = timing_controller("any");
+    complete_bit(self, item, time);
+    time->timing.place = span_of_way(time->position_mm, ps_per_m);
+    time->timing.stub = span_of_way(time->stub_mm, ps_per_m);
+}
+
+static void complete_nodes(schema *self, yaml_node_t *nodes)
+{
+    const cfg_walk *walk = self->user;
+    cfg *config = walk->config;
+    const size_t errors = self->errors->errors;
+
+    if (walk->default_map)
+        check_together(self, walk->default_map);
+    if (self->errors->errors > errors)
+        return;
+    for (size_t i = 0; i < config->node_count; i++)
+        complete_node(self, schema_item(self, nodes, i), &config->nodes[i].time);
+    cfg_add_ringing(self, nodes);
+    for (size_t i = 0; i < config->node_count; i++)
+        check_lengths(self, schema_item(self, nodes, i), &config->nodes[i].time);
+    if (self->errors->errors == errors)
+        check_ways(self, nodes);
 }
 
 /* Without any key of time all nodes have the bits of the bus. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes)
 {
-    cfg *config = cfg_of(self);
     const size_t errors = self->errors->errors;
-    bool used = config->sample_permille > 0;
 
-    for (size_t i = 0; i < config->node_count; i++)
-        used = used || uses_time(self, schema_item(self, nodes, i));
     if (errors > 0)
         return;
-    for (size_t i = 0; used && i < config->node_count; i++) {
-        cfg_node_time *time = &config->nodes[i].time;
-        yaml_node_t *item = schema_item(self, nodes, i);
-        time->used = true;
-        if (!time->limits)
-            time->limits = timing_controller("any");
-        complete_bit(self, item, time);
-        time->timing.place = span_of_way(time->position_mm, config->line_ps_per_m);
-        time->timing.stub = span_of_way(time->stub_mm, config->line_ps_per_m);
-        check_lengths(self, item, time);
-    }
-    if (used && self->errors->errors == errors)
-        check_ways(self, nodes);
+    if (any_uses_time(self, nodes))
+        complete_nodes(self, nodes);
     if (self->errors->errors == errors)
         cfg_check_pairs(self, nodes);
 }

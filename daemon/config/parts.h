@@ -38,6 +38,10 @@ schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
 /* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes);
 
+/* Adds what missing terminators cause to the ringing of the nodes that have no such key. Their
+ * places are known. */
+void cfg_add_ringing(schema *self, yaml_node_t *nodes); /* termination.c */
+
 /* Warns of what ISO 11898 does not promise to work: clocks that differ too much, a line that is too
  * long, too many nodes. Their timing is complete. */
 void cfg_check_pairs(schema *self, yaml_node_t *nodes); /* pairs.c */

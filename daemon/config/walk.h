@@ -23,6 +23,7 @@ typedef struct cfg_walk {
     bool default_queue;         /* ... `defaults` sets its queue, which then does not depend on the
                                    port */
     bool default_when_full;
+    yaml_node_t *default_map;   /* `defaults`, or NULL */
     bool any_node;              /* unknown nodes are made: a profile is checked alone */
     bool unnamed;               /* a node's name could not be read: any name may refer to it */
 } cfg_walk;

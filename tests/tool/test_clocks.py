@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Nodes with clocks of their own, by the keys of a configuration."""
 
+import re
+
 import pytest
 
-from simtool import canwire, sim
+from simtool import ROOT, canwire, sim
 
 PLAIN = ""
 SAME = "clock: 40MHz, sample-point: 80%"
@@ -66,3 +68,27 @@ def test_more_nodes_than_a_line_has_are_told(tmp_path, bitrate, most):
         path.write_text(f"bus: {{ bitrate: {bitrate} }}\nnodes:\n{nodes}")
         error = canwire("check", path).stderr
         assert (f":3:3: warning: a line has at most {most} nodes by ISO 11" in error) == told
+
+
+@pytest.mark.parametrize("termination, has_errors", [("both", False), ("one", False),
+                                                     ("none", True)])
+def test_a_line_without_terminators_rings(tmp_path, termination, has_errors):
+    """Bits of 1 us are sampled after 750 ns. 30 m ring for 300 ns, or for 900 ns."""
+    path = tmp_path / "bus.yaml"
+    path.write_text(f"""
+bus: {{ bitrate: 1000000, termination: {termination} }}
+nodes:
+  - name: a
+    traffic: [ {{ send: 123#00FF00FF00, every: 1ms, count: 9 }} ]
+  - {{ name: b, position: 30m }}
+""")
+    out = sim(path, "--events", "-", "--until", "20ms").stdout
+    assert ('"error"' in out) == has_errors
+    assert (out.count('"tx"') == 9) != has_errors
+
+
+def test_the_example_of_the_reference_is_good(tmp_path):
+    text = (ROOT / "config/timing.md").read_text()
+    path = tmp_path / "bus.yaml"
+    path.write_text(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1])
+    assert canwire("check", path).stderr == ""

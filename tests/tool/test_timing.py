@@ -237,6 +237,22 @@ def test_a_bad_configuration_has_no_table(table):
     assert result.stdout == "" and "bus.yaml:1:19: bitrate" in result.stderr
 
 
+DOOR = """
+bus: { name: door, bitrate: 500000 }
+defaults: { clock: 16MHz, brp: 2, prop-seg: 4, phase-seg1: 5, phase-seg2: 6, sjw: 4 }
+nodes:
+  - { name: lock, ppm: -100 }
+  - { name: dash, brp: 2, prop-seg: 11, phase-seg1: 2, phase-seg2: 2, sjw: 2, ppm: 300 }
+"""
+
+
+def test_the_table_of_the_manual_is_true(table):
+    page = (ROOT / "daemon/man/canwire.1.md").read_text(encoding="utf-8")
+    shown = re.search(r"^    bus door.*\n(?:    .+\n)+", page, re.MULTILINE)[0].splitlines()
+    for line, told in zip(shown, table(DOOR).stdout.splitlines(), strict=True):
+        assert told.startswith(line.strip().removesuffix("  ..."))
+
+
 # ---- As Linux ------------------------------------------------------------------------------------
 
 

@@ -50,9 +50,100 @@ static void prescaler_and_error_are_found_from_a_quantum(void **state)
     cfg_free(config);
 }
 
+/* ---- Defaults -------------------------------------------------------------------------------- */
+
+static void assert_segments(const cfg_node *node, bit_timing expected)
+{
+    const bit_timing *bit = &node->time.bit;
+
+    assert_int_equal(bit->clock_hz, expected.clock_hz);
+    assert_int_equal(bit->brp, expected.brp);
+    assert_int_equal(bit->prop_seg, expected.prop_seg);
+    assert_int_equal(bit->phase_seg1, expected.phase_seg1);
+    assert_int_equal(bit->phase_seg2, expected.phase_seg2);
+    assert_int_equal(bit->sjw, expected.sjw);
+}
+
+static void keys_of_time_have_defaults_and_nodes_may_say_otherwise(void **state)
+{
+    cfg *config = load_good(GOOD "time-defaults.yaml");
+    const cfg_node *nodes = config->nodes;
+
+    (void)state;
+    assert_segments(&nodes[0], (bit_timing){16000000, 2, 4, 5, 6, 4});
+    assert_segments(&nodes[1], (bit_timing){16000000, 4, 2, 2, 3, 2});
+    assert_segments(&nodes[2], (bit_timing){16000000, 2, 5, 6, 4, 1}); /* as Linux finds them */
+    assert_segments(&nodes[3], (bit_timing){32000000, 4, 4, 5, 6, 4});
+    assert_int_equal(nodes[0].time.ppm, 100);
+    assert_int_equal(nodes[3].time.ppm, 0);
+    assert_true(nodes[0].time.timing.bit.triple_sampling);
+    assert_false(nodes[2].time.timing.bit.triple_sampling);
+    assert_int_equal(nodes[0].time.timing.tx_delay[CW_DOMINANT], CW_TICK * 2);
+    assert_int_equal(nodes[2].time.timing.tx_delay[CW_DOMINANT], 0);
+    assert_int_equal(nodes[2].time.timing.rx_delay[CW_RECESSIVE], CW_TICK * 4);
+    assert_int_equal(nodes[0].time.timing.stub, CW_TICK);
+    assert_int_equal(nodes[2].time.timing.stub, 0);
+    assert_string_equal(config->warnings, "");
+    cfg_free(config);
+}
+
+/* ---- Termination ----------------------------------------------------------------------------- */
+
+/* The longest way is 30 m with two stubs of 2.5 m, 14 ticks of 12.5 ns. */
+static void missing_terminators_ring_for_round_trips(void **state)
+{
+    static const struct {
+        const char *termination;
+        int trips;
+    } cases[] = {{"both", 0}, {"one", 1}, {"none", 3}};
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        char text[400];
+        snprintf(text, sizeof text,
+                 "bus: { bitrate: 500000, termination: %s }\n"
+                 "defaults: { stub: 2.5m }\n"
+                 "nodes: [ { name: a, position: 40m }, { name: b, position: 20m, stub: 0 },\n"
+                 "         { name: c, position: 10m }, { name: d, position: 12m, ringing: 25ns } ]",
+                 cases[i].termination);
+        cfg *config = load_text(text);
+        for (size_t n = 0; n < 3; n++)
+            assert_int_equal(config->nodes[n].time.timing.ringing,
+                             CW_TICK * 28 * cases[i].trips);
+        assert_int_equal(config->nodes[3].time.timing.ringing, CW_TICK * 2);
+        assert_string_equal(config->warnings, "");
+        cfg_free(config);
+    }
+}
+
+static void termination_adds_to_the_ringing_of_defaults(void **state)
+{
+    cfg *config = load_good(GOOD "time-defaults.yaml");
+
+    (void)state;
+    assert_int_equal(config->nodes[0].time.timing.ringing, CW_TICK * (8 + 28));
+    assert_int_equal(config->nodes[4].time.timing.ringing, 0);
+    cfg_free(config);
+}
+
+static void a_line_without_length_does_not_ring(void **state)
+{
+    cfg *config = load_text("bus: { bitrate: 500000, termination: none }\n"
+                            "nodes: [ { name: a }, { name: b, position: 0 } ]");
+
+    (void)state;
+    assert_int_equal(config->nodes[0].time.timing.ringing, 0);
+    assert_non_null(strstr(config->warnings, "bus.yaml:2:8: warning: termination: nothing rings"));
+    cfg_free(config);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(keys_of_time_have_defaults_and_nodes_may_say_otherwise),
+        cmocka_unit_test(missing_terminators_ring_for_round_trips),
+        cmocka_unit_test(termination_adds_to_the_ringing_of_defaults),
+        cmocka_unit_test(a_line_without_length_does_not_ring),
         cmocka_unit_test(prescaler_and_error_are_found_from_a_quantum),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
