@@ -197,6 +197,7 @@ void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
 {
     timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
+    bus->timed.proof.valid = false;
     n->next_timing = *timing;
     n->retimed = bus->timed.active;
     if (!bus->timed.active)

@@ -53,6 +53,10 @@ void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
  * n at least 1. After the frame comes its intermission. The ACK slot was dominant. */
 void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits, unsigned n);
 
+/* Moves an idle controller, or one in the intermission, to the intermission of the next frame. The
+ * frame had no errors. So many bits of its intermission have passed. */
+void cw_mac_go_behind_frame(cw_mac *mac, cw_role role, unsigned bits);
+
 /* Makes a receiver at a point of its own offered frame the transmitter of that frame. So many bits
  * of it are on the wire. */
 void cw_mac_become_transmitter(cw_mac *mac, unsigned bits);

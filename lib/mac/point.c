@@ -128,6 +128,16 @@ static void count_run(cw_mac *m, const cw_bits *bits, unsigned n)
         m->run++;
 }
 
+void cw_mac_go_behind_frame(cw_mac *m, cw_role role, unsigned bits)
+{
+    m->overloads_in_row = 0;
+    m->role = (uint8_t)role;
+    cw_mac_enter(m, CW_MAC_INTERMISSION);
+    m->count = (uint8_t)bits;
+    if (bits == CW_INTERMISSION_BITS)
+        cw_mac_become_idle(m);
+}
+
 void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned n)
 {
     cw_mac_begin_frame(m, CW_ROLE_RECEIVER);

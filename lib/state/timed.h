@@ -54,6 +54,17 @@ typedef struct cw_agenda {
     agenda_list others;
 } cw_agenda;
 
+/* The nodes that read all bits of a clean frame right, see step/quantum_proof.c. */
+typedef struct cw_clean_proof {
+    bool valid;
+    cw_span least_delay;  /* of a dominant edge from a node to another one */
+    uint64_t harmless[CW_NODES_MAX];     /* for a sender: nodes that read it right, or not at all */
+    cw_span last_arrival[CW_NODES_MAX];  /* the longest delay of a recessive edge from a node */
+    cw_span bit[CW_NODES_MAX];           /* of each node */
+    cw_span to_sample[CW_NODES_MAX];     /* from the begin of a bit */
+    cw_span to_first_look[CW_NODES_MAX]; /* ... to the first of three looks for a sample (T7) */
+} cw_clean_proof;
+
 typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
@@ -76,6 +87,7 @@ typedef struct cw_timed {
     timed_node *nodes;
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
+    cw_clean_proof proof;
 } cw_timed;
 
 /* ---- agenda.c -------------------------------------------------------------------------------- */

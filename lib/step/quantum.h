@@ -6,6 +6,8 @@
  *   quantum_sync.c  counts synchronisations and margins
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_rest.c  bit times in which all nodes rest
+ *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
+ *                   quantum_edge.c: one edge that several nodes drive
  */
 #ifndef CANWIRE_STEP_QUANTUM_H
 #define CANWIRE_STEP_QUANTUM_H
@@ -74,6 +76,31 @@ void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment
 
 /* Notes that the controller has gone on after a sample. */
 void cw_sync_sampled(cw_bus *bus, unsigned node, cw_span moment);
+
+/* ---- quantum_proof.c ------------------------------------------------------------------------- */
+
+/* Returns the proof for the present bit timings and delays. */
+const cw_clean_proof *cw_timed_proof(cw_bus *bus);
+
+/* ---- quantum_edge.c -------------------------------------------------------------------------- */
+
+/* A bit of each node, before which the wire is recessive for all. Some of them drive the bit
+ * dominant. */
+typedef struct cw_common_edge {
+    uint64_t nodes;
+    uint64_t drivers;
+    uint64_t hard; /* nodes that synchronise hard (T4) */
+    cw_span begin[CW_NODES_MAX];   /* of the bit, as planned; then as it is counted */
+    cw_span drive[CW_NODES_MAX];   /* of drivers: the moment at which they drive it */
+    cw_span arrival[CW_NODES_MAX]; /* of the first edge of another node */
+    cw_span sample[CW_NODES_MAX];
+    cw_span next[CW_NODES_MAX]; /* the begin of the next bit, which is recessive */
+    cw_span released;           /* the wire is recessive everywhere */
+} cw_common_edge;
+
+/* Finds out who synchronises to whom (T4 to T6, T12). Returns false when the edge comes too early
+ * or too late for a node. Then a sample of the bit, or of one beside it, may go wrong. */
+bool cw_timed_find_edge(const cw_bus *bus, cw_common_edge *edge);
 
 /* ---- quantum_grid.c -------------------------------------------------------------------------- */
 

@@ -61,13 +61,13 @@ static uint64_t bit_times_of_longest(const cw_bus *bus)
  * before a frame comes, since a sample takes the frames up to the end of the bit. */
 static uint64_t reach(const cw_bus *bus, uint64_t tick)
 {
-    uint64_t bits = cw_wire_bits_to(&bus->time, tick);
-    bits = cw_least(bits, cw_wire_bits_before(&bus->time, cw_inbox_first(bus)));
+    const uint64_t left = bit_times_of_longest(bus);
+    uint64_t bits = cw_wire_bits_before(&bus->time, cw_inbox_first(bus));
+    bits = bits > left ? bits - left : 0;
+    bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->next_restart));
     bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->rules.next_due));
-    bits = cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), MOST_TICKS));
-    const uint64_t left = bit_times_of_longest(bus);
-    return bits > left ? bits - left : 0;
+    return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), MOST_TICKS));
 }
 
 /* Lets a node go on by whole bits, past a moment. A bit may begin at the moment itself, as it is

@@ -57,6 +57,10 @@ void cw_step_bit_time(cw_bus *bus);
  * when there are none, or few. */
 bool cw_timed_rest_go(cw_bus *bus, uint64_t tick);
 
+/* Takes the next frame at once, with its intermission up to the last bit time, if its course is
+ * known. Returns false, with nothing done, when it is not, or when it ends after a tick. */
+bool cw_timed_frame_go(cw_bus *bus, uint64_t tick);
+
 /* Returns true when a node has something to report at the end of a bit that it has sampled. */
 bool cw_timed_has_report(const cw_bus *bus);
 

@@ -110,7 +110,7 @@ static size_t exchange(rig *r)
     return rig_count(r, CW_EVENT_RX, -1) - before;
 }
 
-/* Where only the sample point differs, bits still begin together. */
+/* Bits still begin together when only the sample point differs. */
 static void a_bus_leaves_the_grid_and_comes_back(void **state)
 {
     (void)state;
