@@ -17,7 +17,9 @@
 static const char help[] = "Shows per node what `ip -details -statistics link show` shows for a "
                            "CAN device, and more: its\n"
                            "queue, overload frames, retransmissions, bus errors by type, dropped "
-                           "frames by reason. Without\n"
+                           "frames by reason. The\n"
+                           "bit timing is that of the moment, with the error of the clock (ppm) if "
+                           "there is one. Without\n"
                            "BUS: all buses that run.\n"
                            "\n"
                            "      --json   as JSON; without BUS as a list\n";

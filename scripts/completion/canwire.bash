@@ -89,7 +89,7 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    check:0 | sim:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
+    check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
     vcan:0) _canwire_words "up down" ;;
     status:0 | watch:0 | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
         set:0 | reload:0)
