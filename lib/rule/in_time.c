@@ -35,7 +35,8 @@ static void pulse(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     const cw_rule *r = &s->rule;
-    const cw_span from = begin + r->pulse_offset + bit / 1000 * r->pulse_permille;
+    const cw_span part = bit / 1000 * r->pulse_permille + bit % 1000 * r->pulse_permille / 1000;
+    const cw_span from = begin + r->pulse_offset + part;
     const uint64_t self = cw_node_bit(r->node);
     const bool wire = r->line == CW_LINE_WIRE && r->at == 0;
     const cw_disturbance d = {.begin = from, .end = from + r->pulse_length,

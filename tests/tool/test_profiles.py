@@ -8,7 +8,9 @@ listens. Without faults that are 150 and 100 frames in 300 ms.
 
 import collections
 import json
+import re
 import subprocess
+import sys
 
 import pytest
 
@@ -355,6 +357,35 @@ def test_error_passive_spoofing_of_a_dominant_bit_gives_no_frame(play):
     run = play("error-passive-spoofing", f'victim: engine, frame: "123", from: "bit[{first}]", '
                f"bits: {sim_bits(false)[first:-10].replace('1', 'x')}")
     assert {e["frame"] for e in run.of("rx", "dash") if e["frame"].startswith("123")} == {true}
+
+
+def test_janus(play):
+    """The dash sends one frame and the others, whose sample points are later, get another one."""
+    run = play("janus", "attacker: dash",
+               dash=", sample-point: 75%, traffic: [ { send: 124#68, every: 3ms, offset: 600us } ]")
+    false = [e for e in run.of("rx") if e["frame"].startswith("124")]
+    assert {(e["node"], e["frame"]) for e in false} == {
+        ("engine", "124#E8"), ("gearbox", "124#E8")}
+    assert {e["frame"] for e in run.of("tx", "dash")} == {"124#68"}
+    assert run.counts["dash", "tx"] == 100 and len(false) == 200
+    assert run.nothing_lost() and not run.of("error")
+
+
+def test_janus_with_one_sample_point_gives_one_frame(play):
+    run = play("janus", "attacker: dash, offset: 90%, for: 200ns",
+               dash=", sample-point: 75%, traffic: [ { send: 124#68, every: 3ms, offset: 600us } ]")
+    assert {e["frame"] for e in run.of("rx") if e["frame"].startswith("124")} == {"124#68"}
+    assert run.nothing_lost() and not run.of("error")
+
+
+def test_find_janus_finds_the_pair_of_the_profile():
+    found = subprocess.run(
+        [sys.executable, ROOT / "tests/scenarios/find_janus.py", "124"], check=True,
+        capture_output=True, text=True, timeout=TIMEOUT_S).stdout.splitlines()
+    first, second, *bits = found[-1].split()
+    text = (PROFILES / "janus.yaml").read_text()
+    assert f"{first} and {second}" in text
+    assert re.findall(r'from: "(.*?)"', text) == bits
 
 
 def test_bus_off_by_timing(play):
