@@ -759,6 +759,7 @@ typedef struct cw_bus_config {
     uint16_t events;    /* size of the event ring; raised to the least that works */
     uint16_t rule_count;
     uint16_t rule_room;          /* further rules that can be added while the bus runs */
+    bool marks;                  /* room for the marks of cw_bit_view */
     const cw_node_config *nodes; /* node_count of them; not kept */
     const cw_rule *rules;        /* rule_count of them; not kept */
 } cw_bus_config;
@@ -986,6 +987,24 @@ typedef struct cw_bit_node {
     uint16_t rec;
 } cw_bit_node;
 
+/* Things that a node does at a moment inside of a bit time. */
+typedef enum cw_mark_kind {
+    CW_MARK_BEGIN = 0, /* it begins a bit, as the first quantum of many */
+    CW_MARK_DRIVE,     /* it puts another level onto its wire */
+    CW_MARK_SAMPLE,    /* it samples a level */
+    CW_MARK_HARD_SYNC, /* it has seen an edge, at the end of the quantum of the edge (T4) */
+    CW_MARK_RESYNC,    /* ... with a phase error (T5) */
+} cw_mark_kind;
+
+typedef struct cw_mark {
+    cw_span at;       /* since the begin of the bit time; 0 for an edge that came before */
+    cw_span quantum;  /* of the node */
+    cw_mark_kind kind;
+    int16_t phase_error; /* RESYNC: in quanta */
+    uint8_t node;
+    bool level;       /* DRIVE, SAMPLE */
+} cw_mark;
+
 /* A bit of bus time. In the sets of levels bit i is 1 where the level of node i is recessive, and 1
  * beyond the last node. In the sets of faults it is 1 where rules changed the level in this bit. */
 typedef struct cw_bit_view {
@@ -1002,6 +1021,9 @@ typedef struct cw_bit_view {
                              same */
     unsigned node_count;
     unsigned wire_count;
+    unsigned mark_count;
+    const cw_mark *marks; /* in any order, while bits are not common to all nodes and the bus has
+                             room for marks; valid until the bus goes on */
     cw_bit_node nodes[CW_NODES_MAX]; /* the first node_count */
 } cw_bit_view;
 
@@ -1089,8 +1111,7 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
-/* How the clock of one node kept up with the bus (T3 to T5), while bits are not common to all
- * nodes. */
+/* Synchronisations of one node (T3 to T5), while bits are not common to all nodes. */
 typedef struct cw_sync_stats {
     uint64_t hard_syncs;    /* hard synchronisations (T4) */
     uint64_t resyncs;       /* resynchronisations with a phase error other than 0 (T5) */
@@ -1105,7 +1126,7 @@ typedef struct cw_sync_stats {
 /* Adds what was counted later to what was counted before. */
 void cw_sync_stats_add(cw_sync_stats *sum, const cw_sync_stats *more);
 
-/* What a bus counts of one node, in memory of the caller. The fields are the library's. */
+/* A record of one node, in memory of the caller. The fields are the library's. */
 typedef struct cw_sync_record {
     cw_sync_stats stats;
     cw_span sampled_at; /* the last sample point */
@@ -1113,12 +1134,13 @@ typedef struct cw_sync_record {
 } cw_sync_record;
 
 /* Counts synchronisations from the next bit on, in a record for each node. The records are cleared,
- * and stay the caller's; NULL ends it. This is off after cw_bus_init(). Only time in which the
- * timings of nodes differ counts: the records of a bus with common bits stay empty, also while
+ * and stay the caller's; NULL ends it. This is off after cw_bus_init(). With
+ * it, clean frames are no longer faster than others. Only time in which the
+ * timings of nodes differ counts. The records of a bus with common bits stay empty, also while
  * pulses and jitter take it off the grid. A margin is measured between two samples of different
  * levels. There the level changes with the first dominant edge, or the last recessive one, that
- * nodes drive. What rules and ringing do to levels does not count, and nor do edges at which the
- * node synchronises hard, or could. */
+ * nodes drive. Changes by rules and by ringing do not count, and nor do edges at which the node
+ * synchronises hard, or could. */
 void cw_bus_set_sync_records(cw_bus *bus, cw_sync_record *records);
 
 /* CW_INVALID: no such node. CW_REFUSED: synchronisations are not counted. */

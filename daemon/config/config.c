@@ -23,6 +23,17 @@ void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *o
         from[i] = i < config->node_count ? cfg_find_node(old, config->nodes[i].name) : CW_NO_NODE;
 }
 
+bool cfg_has_clocks(const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cw_node_timing *t = &config->nodes[i].time.timing;
+        if (t->bit.quantum || t->tx_delay[0] || t->tx_delay[1] || t->rx_delay[0] ||
+            t->rx_delay[1] || t->place || t->stub || t->ringing)
+            return true;
+    }
+    return false;
+}
+
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++) {
@@ -44,6 +55,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .events = BUS_EVENTS,
         .rule_count = (uint16_t)config->rule_count,
         .rule_room = (uint16_t)config->reply_count,
+        .marks = cfg_has_clocks(config),
         .nodes = nodes,
         .rules = config->rules,
     };

@@ -294,6 +294,9 @@ void cfg_timing_node(timing_node *out, const cfg *config, size_t node);
 void cfg_timing_now(bit_timing *bit, int64_t *ppm, const cfg *config, size_t node,
                     const cw_bit_timing *now);
 
+/* Returns true when a node has a clock, a bit timing or delays of its own. */
+bool cfg_has_clocks(const cfg *config);
+
 /* Describes the bus of this configuration; *out points into *nodes (node_count of them, from the
  * caller) and into the cfg. There is room for the replies, see release_add_replies(). */
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config);

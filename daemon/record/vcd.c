@@ -12,6 +12,7 @@
 #include "record/vcd.h"
 
 #include "base/chars.h"
+#include "record/bit_moments.h"
 #include "record/bitpart.h"
 
 #include <assert.h>
@@ -19,12 +20,25 @@
 #include <string.h>
 
 #define TICK_PS 12500u
+#define INSIDE_PS 100u /* the unit where nodes have clocks of their own */
 #define UNITS_PER_BIT_MIN 10u /* so that sigrok's decoder can place its sample points */
 #define RULES_TEXT_MAX 256    /* bytes of the names of rules in one bit, with the final 0 */
 #define NO_ERROR CW_ERROR_COUNT
 #define NO_MARK UINT32_MAX
 #define TEXT_BYTES 4096u    /* that are written at once */
 #define CHANGE_MAX (CW_NODES_MAX * 4u + RULES_TEXT_MAX + 32u) /* of a time and values */
+
+/* The inside of bits, as far as it has been written, where nodes have clocks of their own. */
+typedef struct inside {
+    bit_clocks clocks;
+    uint64_t driven;    /* by the controllers */
+    uint64_t tx_faults; /* rules change what these nodes drive */
+    bool wire_fault;    /* ... or what the wire carries */
+    uint64_t quanta;    /* levels of NODE.tq */
+    uint64_t sampling;  /* NODE.sample is 1 */
+    uint64_t synced;    /* NODE.sync is not empty */
+    bit_walk walk;
+} inside;
 
 /* The last written values of a node. */
 typedef struct vcd_node {
@@ -41,7 +55,9 @@ struct vcd {
     FILE *out;
     const cfg *config;
     bool begun;    /* all variables have values */
-    uint64_t time; /* tick last written */
+    uint64_t time; /* tick last written; CW_NEVER: there is none, or it was inside of a bit */
+    uint64_t units; /* ... as written */
+    inside *inside; /* NULL: all bits are common to all nodes */
     uint64_t end;  /* tick of the end of the last bit */
     uint64_t units_per_bit;
     uint64_t driven; /* as in cw_bit_view */
@@ -77,6 +93,8 @@ static void write_scale(vcd *self)
     size_t i = 0;
     while (bit_ps % units[i].ps != 0 || bit_ps / units[i].ps < UNITS_PER_BIT_MIN)
         i++; /* 100 ps divide a tick */
+    if (self->inside)
+        i = sizeof units / sizeof units[0] - 1;
     self->units_per_bit = bit_ps / units[i].ps;
     fprintf(self->out, "$timescale %s $end\n", units[i].name);
 }
@@ -98,6 +116,12 @@ static void write_header(vcd *self)
         fprintf(out, "$var string 1 q%zu %s.state $end\n", i, name);
         fprintf(out, "$var real 64 c%zu %s.tec $end\n", i, name);
         fprintf(out, "$var real 64 k%zu %s.rec $end\n", i, name);
+        if (!self->inside)
+            continue;
+        fprintf(out, "$var wire 1 u%zu %s.tq $end\n", i, name);
+        fprintf(out, "$var wire 1 a%zu %s.sample $end\n", i, name);
+        fprintf(out, "$var string 1 f%zuy %s.sync $end\n", i, name);
+        fprintf(out, "$var real 64 p%zu %s.phase_error $end\n", i, name);
     }
     fprintf(out, "$var wire 1 m fault $end\n");
     fprintf(out, "$var string 1 n rule $end\n");
@@ -112,7 +136,14 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
     self->out = out;
     self->config = config;
     self->node_count = config->node_count;
-    self->time = CW_NEVER;
+    self->time = self->units = CW_NEVER;
+    if (cfg_has_clocks(config) && !cw_bus_is_on_grid(bus)) {
+        self->inside = calloc(1, sizeof *self->inside);
+        if (!self->inside) {
+            free(self);
+            return NULL;
+        }
+    }
     self->end = cw_bus_now(bus);
     for (unsigned i = 0; i < self->node_count; i++) {
         cw_node_stats stats;
@@ -151,6 +182,23 @@ static void write_out(vcd *self)
     self->used = 0;
 }
 
+/* Writes a time, unless it is the last one. */
+static char *put_time(vcd *self, char *at, uint64_t units)
+{
+    if (units == self->units)
+        return at;
+    self->units = units;
+    *at++ = '#';
+    at = chars_decimal(at, units);
+    *at++ = '\n';
+    return at;
+}
+
+static uint64_t units_of(const vcd *self, uint64_t tick)
+{
+    return cw_rate_bits(self->config->rate, tick) * self->units_per_bit;
+}
+
 /* Returns the place for a change, behind its time. */
 static char *begin_change(vcd *self, uint64_t tick)
 {
@@ -161,10 +209,16 @@ static char *begin_change(vcd *self, uint64_t tick)
         return at;
     assert(tick == cw_rate_bit_begin(self->config->rate, tick));
     self->time = tick;
-    *at++ = '#';
-    at = chars_decimal(at, cw_rate_bits(self->config->rate, tick) * self->units_per_bit);
-    *at++ = '\n';
-    return at;
+    return put_time(self, at, units_of(self, tick));
+}
+
+/* Writes a time inside of a bit. The changes that follow have no tick. */
+static void write_time_inside(vcd *self, uint64_t units)
+{
+    if (TEXT_BYTES - self->used < CHANGE_MAX)
+        write_out(self);
+    self->used = (size_t)(put_time(self, self->text + self->used, units) - self->text);
+    self->time = CW_NEVER;
 }
 
 /* Ends one or several changes at `at`. */
@@ -338,6 +392,155 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t node
     }
 }
 
+/* ---- Inside of bits -------------------------------------------------------------------------- */
+
+static void write_bit(vcd *self, char id, unsigned node, bool level)
+{
+    char *at = begin_change(self, self->time);
+    *at++ = level ? '1' : '0';
+    end_change(self, put_id(at, id, node));
+}
+
+static void write_sync(vcd *self, unsigned node, const char *text)
+{
+    char *at = begin_change(self, self->time);
+    *at++ = 's';
+    at = chars_text(at, text);
+    *at++ = ' ';
+    at = put_id(at, 'f', node);
+    *at++ = 'y';
+    end_change(self, at);
+}
+
+static void write_phase_error(vcd *self, unsigned node, int error)
+{
+    char *at = begin_change(self, self->time);
+    *at++ = 'r';
+    if (error < 0)
+        *at++ = '-';
+    at = chars_decimal(at, (uint64_t)(error < 0 ? -error : error));
+    *at++ = ' ';
+    end_change(self, put_id(at, 'p', node));
+}
+
+/* Writes all values at the start of the dump. */
+static void begin_inside(vcd *self, const cw_bit_view *bit)
+{
+    self->inside->driven = bit->driven;
+    for (unsigned i = 0; i < bit->node_count; i++) {
+        write_bit(self, 'u', i, false);
+        write_bit(self, 'a', i, false);
+        write_sync(self, i, "");
+        write_phase_error(self, i, 0);
+    }
+}
+
+/* Returns true when a set has a node, and takes it out. */
+static bool take_out(uint64_t *nodes, unsigned node)
+{
+    const uint64_t self = UINT64_C(1) << node;
+    const bool in = *nodes & self;
+    *nodes &= ~self;
+    return in;
+}
+
+/* A sample point and a synchronisation are shown up to the next quantum. */
+static void write_quantum(vcd *self, unsigned node)
+{
+    inside *in = self->inside;
+    in->quanta ^= UINT64_C(1) << node;
+    write_bit(self, 'u', node, in->quanta >> node & 1u);
+    if (take_out(&in->sampling, node))
+        write_bit(self, 'a', node, false);
+    if (take_out(&in->synced, node))
+        write_sync(self, node, "");
+}
+
+static void put_level(uint64_t *levels, unsigned node, bool level)
+{
+    const uint64_t self = UINT64_C(1) << node;
+    *levels = level ? *levels | self : *levels & ~self;
+}
+
+static void write_drive(vcd *self, const cw_mark *m)
+{
+    inside *in = self->inside;
+    uint64_t driven = self->driven;
+    put_level(&in->driven, m->node, m->level);
+    if (in->tx_faults >> m->node & 1u)
+        return;
+    put_level(&driven, m->node, m->level);
+    if (!in->wire_fault)
+        write_level(self, self->time, &self->wire, driven == UINT64_MAX, 'w');
+    write_levels(self, self->time, &self->driven, driven, 'd');
+}
+
+static void write_mark(vcd *self, const cw_mark *m)
+{
+    inside *in = self->inside;
+    uint64_t sampled = self->sampled;
+    switch (m->kind) {
+    case CW_MARK_BEGIN:
+        break;
+    case CW_MARK_DRIVE:
+        write_drive(self, m);
+        break;
+    case CW_MARK_SAMPLE:
+        put_level(&sampled, m->node, m->level);
+        write_levels(self, self->time, &self->sampled, sampled, 's');
+        write_bit(self, 'a', m->node, true);
+        put_level(&in->sampling, m->node, true);
+        break;
+    case CW_MARK_HARD_SYNC:
+    case CW_MARK_RESYNC:
+        write_sync(self, m->node, m->kind == CW_MARK_RESYNC ? "resync" : "hard");
+        write_phase_error(self, m->node, m->phase_error);
+        put_level(&in->synced, m->node, true);
+        break;
+    }
+}
+
+/* Writes what nodes do by their own clocks. All that changes at the start of the bit time has been
+ * written. Bit times that may be left out write nothing, so that idle time costs nothing. */
+static void write_inside(vcd *self, const cw_bit_view *bit)
+{
+    bit_walk *walk = &self->inside->walk;
+    if (bit_rests(bit)) {
+        memset(&self->inside->clocks, 0, sizeof self->inside->clocks);
+        return;
+    }
+    const uint64_t start = units_of(self, bit->start);
+    bit_moment m;
+    bit_walk_begin(walk, &self->inside->clocks, bit);
+    while (bit_walk_next(walk, &m)) {
+        write_time_inside(self, start + bit_moment_units(m.at, TICK_PS / INSIDE_PS));
+        if (m.mark)
+            write_mark(self, m.mark);
+        else
+            write_quantum(self, m.node);
+    }
+}
+
+/* Writes levels at the start of a bit time: those that rules have changed, since all others change
+ * inside of it. Without marks the bits are common to all nodes just then. */
+static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
+{
+    inside *in = self->inside;
+    const bool all = !in || !self->begun || bit->mark_count == 0;
+    uint64_t driven = bit->driven, sampled = bit->sampled;
+    bool wire = bit->wire == UINT64_MAX;
+    if (!all) {
+        driven = (in->driven & ~bit->tx_faults) | (bit->driven & bit->tx_faults);
+        sampled = self->sampled;
+        in->tx_faults = bit->tx_faults;
+        in->wire_fault = bit->wire_faults != 0;
+        wire = in->wire_fault ? wire : driven == UINT64_MAX;
+    }
+    write_level(self, bit->start, &self->wire, wire, 'w');
+    write_levels(self, bit->start, &self->driven, driven, 'd');
+    write_levels(self, bit->start, &self->sampled, sampled, 's');
+}
+
 /* ---- Bits and events ------------------------------------------------------------------------- */
 
 /* Nodes that may have changes in a bit; each of these sets is computed for every bit. */
@@ -394,18 +597,20 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
         write_time(self, start);
         write_word(self, "$dumpvars");
     }
-    write_level(self, start, &self->wire, bit->wire == UINT64_MAX, 'w');
-    write_levels(self, start, &self->driven, bit->driven, 'd');
-    write_levels(self, start, &self->sampled, bit->sampled, 's');
+    write_levels_at_start(self, bit);
     write_levels(self, start, &self->stuff, found.stuff, 't');
     write_parts(self, bit, found.parts);
     write_level(self, start, &self->fault, fault, 'm');
     write_rules(self, start);
     if (!self->begun) {
         write_states(self, start);
+        if (self->inside)
+            begin_inside(self, bit);
         write_word(self, "$end");
         self->begun = true;
     }
+    if (self->inside)
+        write_inside(self, bit);
     write_state_changes(self, bit, found.states);
     self->end = bit->end;
 }
@@ -453,5 +658,6 @@ void vcd_close(vcd *self)
     if (self->begun)
         write_time(self, self->end);
     write_out(self);
+    free(self->inside);
     free(self);
 }

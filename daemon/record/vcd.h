@@ -15,6 +15,14 @@
  *   NODE.state         text: error-active ... bus-off
  *   NODE.tec NODE.rec  whole numbers, of type real
  *
+ * If nodes have clocks of their own, driven, sampled and wire change at their true times. The unit
+ * of time is 100 ps then, and there are also these variables, which stand still in idle time:
+ *
+ *   NODE.tq            changes with each time quantum
+ *   NODE.sample        1 from the sample point to the next quantum
+ *   NODE.sync          text: hard or resync, from there to the next quantum
+ *   NODE.phase_error   of the last resynchronisation, in quanta, of type real
+ *
  * Only changes are written, so idle time costs nothing. The unit of time is the coarsest that
  * divides a bit into ten or more: sigrok unfolds the file to a sample for each unit.
  *

@@ -102,6 +102,13 @@ static unsigned edges_under_way(const cw_bus_config *c)
     return room;
 }
 
+/* Returns the room for marks: a node begins, drives and samples its bits, and sees an edge before
+ * and one after each sample point. */
+static unsigned mark_room(const cw_bus_config *c)
+{
+    return c->marks ? 6u * (1 + cw_bits_of_bit_time(c)) * c->node_count : 0;
+}
+
 static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
 {
     const size_t pairs = (size_t)c->node_count * c->node_count;
@@ -111,12 +118,14 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     cw_span *ringing = carve(a, c->node_count, sizeof *ringing);
     cw_edge *edges = carve(a, edges_under_way(c), sizeof *edges);
     cw_disturbance *list = carve(a, room, sizeof *list);
+    cw_mark *marks = carve(a, mark_room(c), sizeof *marks);
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
     *t = (cw_timed){.nodes = nodes, .delays = delays, .ringing = ringing,
                     .cable = {.edges = edges, .capacity = edges_under_way(c)},
-                    .disturbances = {.list = list, .capacity = room}};
+                    .disturbances = {.list = list, .capacity = room},
+                    .marks = marks, .mark_room = mark_room(c)};
 }
 
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)

@@ -32,6 +32,8 @@ cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
     view->alike = note->alike;
     view->node_count = bus->node_count;
     view->wire_count = note->wire_count;
+    view->marks = bus->timed.marks;
+    view->mark_count = bus->timed.marking ? bus->timed.mark_count : 0;
     for (unsigned i = 0; i < bus->node_count; i++)
         view_node(bus, i, &view->nodes[i]);
     return CW_OK;

@@ -88,6 +88,10 @@ typedef struct cw_timed {
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
     cw_clean_proof proof;
+    bool marking;            /* in this bit time */
+    cw_mark *marks;          /* of this bit time */
+    unsigned mark_room;
+    unsigned mark_count;
 } cw_timed;
 
 /* ---- agenda.c -------------------------------------------------------------------------------- */

@@ -47,6 +47,9 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
     if (effect != CW_EDGE_IGNORED && bus->timed.counts)
         cw_sync_count(bus, i, hard, phase_error);
+    if (effect != CW_EDGE_IGNORED && bus->timed.marking)
+        cw_mark_put(bus, hard ? CW_MARK_HARD_SYNC : CW_MARK_RESYNC, i, look, CW_DOMINANT,
+                    hard ? 0 : phase_error);
     if (effect == CW_EDGE_RESTARTS)
         n->begin = look - n->timing.quantum;
     if (effect == CW_EDGE_ENDS_BIT)
@@ -61,7 +64,7 @@ static bool goes_ahead(cw_bus *bus, unsigned i)
     const cw_timed *t = &bus->timed;
     cw_mac *m = &bus->nodes[i].mac;
     if (bus->rules.awake_count || t->disturbances.count || t->rings || t->nodes[i].retimed ||
-        cw_mac_can_start(m))
+        t->marking || cw_mac_can_start(m))
         return false;
     return cw_mac_drive(m) == t->nodes[i].driven;
 }
@@ -135,6 +138,8 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     if (n->driven == level)
         return;
     n->driven = level;
+    if (bus->timed.marking)
+        cw_mark_put(bus, CW_MARK_DRIVE, i, moment, level, 0);
     const cw_edge edge = {.moment = moment, .late = cw_rules_edge_delay(&bus->rules, i),
                           .node = (uint8_t)i, .level = level};
     cw_cable_put(&bus->timed.cable, &edge);
@@ -163,6 +168,8 @@ static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
     cw_timed_retime(n);
     cw_timed_begin(n);
     n->looked = moment;
+    if (bus->timed.marking)
+        cw_mark_put(bus, CW_MARK_BEGIN, i, moment, n->driven, 0);
     cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, after_quanta(n, n->pcs.sample_at));
     drive(bus, i, moment);
 }
@@ -227,6 +234,9 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     take_frames(bus, i, moment);
     if (bus->timed.counts)
         cw_sync_count_sample(bus, i, level, moment);
+    if (bus->timed.marking)
+        cw_mark_put(bus, CW_MARK_SAMPLE, i, moment,
+                    cw_mac_visible(&bus->nodes[i].mac, level), 0);
     cw_mac_sample(&bus->nodes[i].mac, level, &n->report);
     cw_pcs_sampled(&n->pcs, level);
     if (bus->timed.counts)

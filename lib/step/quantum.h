@@ -3,7 +3,7 @@
  * quantum.h - declarations that the parts of the timed step share.
  *
  *   quantum.c       all that nodes do, in the order of time
- *   quantum_sync.c  counts synchronisations and margins
+ *   quantum_sync.c  counts synchronisations and margins, and marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_rest.c  bit times in which all nodes rest
  *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
@@ -65,8 +65,13 @@ cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span af
 
 /* ---- quantum_sync.c -------------------------------------------------------------------------- */
 
-/* Finds out whether the bit time that begins is one that counts. */
+/* Finds out whether the bit time that begins is one that counts, and whether moments in it are
+ * marked. */
 void cw_sync_begin_bit_time(cw_bus *bus);
+
+/* Notes what a node does at a moment, if there is room. phase_error: as in cw_mark. */
+void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned node, cw_span moment, bool level,
+                 int phase_error);
 
 /* Counts a synchronisation. phase_error: in quanta (T5). */
 void cw_sync_count(cw_bus *bus, unsigned node, bool hard, int phase_error);

@@ -62,7 +62,7 @@ void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment)
         set_bit(&levels->wire, i, cw_timed_wire(bus, i, after));
         set_bit(&levels->sampled, i, cw_timed_level(bus, i, after));
     }
-    levels->clean = cw_wired_and(bus, levels->driven);
+    levels->clean = t->disturbances.count ? cw_wired_and(bus, levels->driven) : levels->wire;
 }
 
 bool cw_timed_sample(const cw_bus *bus, unsigned i, cw_span moment)

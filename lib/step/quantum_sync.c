@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * quantum_sync.c - counts how the clocks of nodes keep up with the bus (T3 to T5).
+ * quantum_sync.c - counts how the clocks of nodes keep up with the bus (T3 to T5), and marks what
+ * they do, for traces.
  */
 #include "step/quantum.h"
 
@@ -18,6 +19,21 @@ void cw_sync_begin_bit_time(cw_bus *bus)
     for (unsigned i = 0; counts && !t->counts && i < bus->node_count; i++)
         t->records[i].measures = false;
     t->counts = counts;
+    t->marking = bus->watching && t->mark_room > 0 && !t->uniform;
+    t->mark_count = 0;
+}
+
+void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned i, cw_span moment, bool level,
+                 int phase_error)
+{
+    cw_timed *t = &bus->timed;
+    const cw_span since = moment - cw_moment_of(bus, cw_now(bus));
+    if (t->mark_count == t->mark_room)
+        return;
+    t->marks[t->mark_count++] = (cw_mark){.at = since > 0 ? since : 0, .kind = kind,
+                                          .quantum = t->nodes[i].timing.quantum,
+                                          .phase_error = (int16_t)phase_error,
+                                          .node = (uint8_t)i, .level = level};
 }
 
 void cw_sync_count(cw_bus *bus, unsigned i, bool hard, int phase_error)

@@ -75,7 +75,7 @@ class Vcd:
             return
         if line in ("$dumpvars", "$end"):
             return
-        change = re.fullmatch(r"([01])(\S+)|r(\d+) (\S+)|s(\S*) (\S+)", line)
+        change = re.fullmatch(r"([01])(\S+)|r(-?\d+) (\S+)|s(\S*) (\S+)", line)
         assert change, line
         level, wire, number, real, text, string = change.groups()
         if wire:
@@ -396,3 +396,73 @@ def test_gtkwave_reads_what_was_written(write, tmp_path):
     assert sorted(names.values()) == sorted(written.ids)
     for name in written.ids:
         assert read.values(name) == written.values(name), name
+
+
+@pytest.fixture(name="inside", scope="module")
+def fixture_inside(tmp_path_factory):
+    """The dump of one frame: b has a clock that is slow by 1000 ppm, 12 m away; 20 quanta a bit."""
+    path = tmp_path_factory.mktemp("inside")
+    keys = "clock: 40MHz, brp: 4, prop-seg: 7, phase-seg1: 8, phase-seg2: 4, sjw: 2"
+    (path / "bus.yaml").write_text(f"""
+bus: {{ name: can, bitrate: 500000 }}
+nodes:
+  - {{ name: a, {keys}, traffic: [{{ send: 123#00FF00FF00 }}] }}
+  - {{ name: b, {keys}, ppm: -1000, position: 12m }}
+""")
+    done = sim(path / "bus.yaml", "--vcd", path / "v")
+    assert done.returncode == 0, done.stderr
+    return Vcd((path / "v").read_text())
+
+
+def gaps(times):
+    return [b - a for a, b in zip(times, times[1:])]
+
+
+def test_quanta_of_a_bus_whose_nodes_have_clocks(inside):
+    assert inside.scale == "100 ps"
+    for name, quantum in (("a", 1000), ("b", 1001)):  # 100 ns, and 1000 ppm more
+        times = [t for t, _ in inside.values(f"{name}.tq")][2:]
+        assert len(times) > 100 * 20
+        assert set(gaps(times)) <= {quantum, quantum + 1}
+
+
+def test_sample_points_come_20_quanta_apart_but_for_synchronisations(inside):
+    for name, quantum in (("a", 1000), ("b", 1001)):
+        samples = [t for t, value in inside.values(f"{name}.sample") if value]
+        quanta = [round(gap / quantum) for gap in gaps(samples)]
+        assert quanta.count(20) > len(quanta) * 3 / 4
+        assert all(abs(20 - q) <= 2 for q in quanta[12:])
+
+
+def test_levels_change_at_their_true_times(inside):
+    samples = {t for t, value in inside.values("b.sample") if value}
+    assert {t for t, _ in inside.values("b.sampled")[1:]} <= samples
+    sof = JOIN * 20000
+    assert inside.values("a.driven")[1] == (sof, 0) == inside.values("wire")[1]
+    assert inside.at("fault", sof) == 0
+    ack = inside.values("b.driven")[1]
+    assert ack[1] == 0 and ack[0] % 20000 != 0  # by the clock of b
+
+
+def test_the_synchronisations_and_phase_errors_of_each_node(inside):
+    syncs = [text for _, text in inside.values("b.sync") if text]
+    assert syncs.count("hard") == 1 and syncs.count("resync") > 4
+    hard = next(t for t, text in inside.values("b.sync") if text == "hard")
+    # the edge of SOF has 12 m of line behind it, and is seen at the end of the quantum it is in
+    assert JOIN * 20000 + 600 < hard <= JOIN * 20000 + 600 + 1001
+    errors = {value for _, value in inside.values("b.phase_error")}
+    assert errors <= {-1, 0} and -1 in errors  # 10 bits late by 0.2 quanta (T5)
+
+
+def test_equal_clocks_have_the_dump_of_the_grid(tmp_path):
+    dumps = []
+    for keys in ("", "clock: 40MHz, sample-point: 80%"):
+        nodes = "".join(f"  - {{ name: {n}{', ' if keys else ''}{keys} }}\n" for n in "bc")
+        (tmp_path / "bus.yaml").write_text(
+            "bus: { name: can, bitrate: 500000 }\nnodes:\n"
+            f"  - {{ name: a, {keys}{', ' if keys else ''}traffic: [{{ send: 123#00 }}] }}\n"
+            + nodes)
+        done = sim(tmp_path / "bus.yaml", "--vcd", tmp_path / "v")
+        assert done.returncode == 0, done.stderr
+        dumps.append((tmp_path / "v").read_text())
+    assert dumps[0] == dumps[1] and ".tq" not in dumps[0]

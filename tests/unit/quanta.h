@@ -217,8 +217,8 @@ static inline bool quanta_level_at(const quanta *q, unsigned self, int64_t momen
     return level;
 }
 
-/* Returns when the level that a node sees became another one between two samples: the first time to
- * dominant, the last time to recessive. -1: it did not. */
+/* Returns when the level that a node sees became another one between two samples. That is the first
+ * time to dominant, or the last time to recessive. -1: it did not. */
 static inline int64_t quanta_change(const quanta *q, unsigned self, bool level, int64_t after,
                                     int64_t before)
 {

@@ -90,8 +90,8 @@ static void a_slow_receiver_sees_edges_early_and_a_fast_one_late(void **unused)
     assert_true(fast.receiver.phase_error_tq == 1 || fast.receiver.phase_error_tq == 2);
 }
 
-/* In 10 bits a receiver that is slow by 1000 ppm falls behind by 0.16 quanta: an edge comes at most
- * in the last quantum of a bit, and its level changes at least 4 - 1 quanta behind a sample point. */
+/* In 10 bits a receiver that is slow by 1000 ppm falls behind by 0.16 quanta. So an edge comes at
+ * most in the last quantum of a bit, at least 4 - 1 quanta behind a sample point. */
 static void a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum(void **unused)
 {
     (void)unused;
@@ -101,15 +101,15 @@ static void a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum(void **unus
     assert_int_equal(slow.sender.hard_syncs, 0);
 }
 
-/* The receiver's acknowledgement comes 2 x 52 ticks late, or up to a quantum less: it leads the edge
- * that it has synchronised to. With the quantum of SJW it is 26 to 36 ticks to the sample point.
- * With 2 x 25 ticks the sender's own edges are nearer: 4 quanta behind its sample points. */
+/* The receiver's acknowledgement comes 2 x 52 ticks late, or up to a quantum less, since it leads
+ * the edge that it has synchronised to. With the quantum of SJW it is 26 to 36 ticks to the sample
+ * point. With 2 x 25 ticks the sender's own edges are nearer: 4 quanta behind its sample points. */
 static void a_long_line_takes_from_the_margin_of_the_acknowledgement(void **unused)
 {
     (void)unused;
-    const rig far = run_frame(QUANTUM, 25 * CW_TICK, false);
+    const rig near = run_frame(QUANTUM, 25 * CW_TICK, false);
     const rig farther = run_frame(QUANTUM, 52 * CW_TICK, false);
-    assert_true(far.sender.margin == 4 * QUANTUM);
+    assert_true(near.sender.margin == 4 * QUANTUM);
     assert_true(farther.sender.margin >= 26 * CW_TICK && farther.sender.margin <= 36 * CW_TICK);
 }
 
