@@ -64,6 +64,12 @@ static inline uint64_t text_ticks_ns(uint64_t ticks)
     return ticks / 2 * 25 + ticks % 2 * 12;
 }
 
+/* Returns the picoseconds of a span of 2^-32 ticks, truncated. */
+static inline int64_t text_span_ps(cw_span span)
+{
+    return span / CW_TICK * 12500 + span % CW_TICK * 12500 / CW_TICK;
+}
+
 /* Prints bus time in seconds with 9 decimals, truncated: "0.000176000". */
 char *text_print_seconds(char out[TIME_TEXT_MAX], uint64_t tick);
 

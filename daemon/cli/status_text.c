@@ -128,6 +128,20 @@ static void print_timing(FILE *out, const json_t *timing, intmax_t bitrate, intm
           out);
 }
 
+/* Prints how the clock of a node keeps up with the bus, where nodes have clocks of their own. */
+static void print_synchronisation(FILE *out, const json_t *sync)
+{
+    if (!json_is_object(sync))
+        return;
+    fprintf(out, "\t  hard-syncs %jd resyncs %jd phase-error %jd tq (%s ns) margin ",
+            number(sync, "hard"), number(sync, "resync"), number(sync, "phase_error_tq"),
+            decimal_signed(number(sync, "phase_error_ps"), 3).text);
+    if (json_is_integer(json_object_get(sync, "margin_ps")))
+        fprintf(out, "%s ns\n", decimal_signed(number(sync, "margin_ps"), 3).text);
+    else
+        fputs("none\n", out);
+}
+
 static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -139,6 +153,7 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
             number(node, "tec"), number(node, "rec"),
             number(settings, "restart-ms"));
     print_timing(out, json_object_get(node, "timing"), bitrate, number(settings, "warning-limit"));
+    print_synchronisation(out, json_object_get(node, "synchronisation"));
 }
 
 /* Returns the width of column i, of its name and its number; the last column ends the line. */

@@ -6,10 +6,18 @@
 
 #include "run/release.h"
 
+#include <stddef.h>
 #include <stdlib.h>
 
 #define INBOX_FRAMES 9216 /* the engine keeps 1024 of them for traffic */
 #define EVENT_RING 4096
+
+/* Returns the bytes of a bus, with room behind it for records of the nodes' clocks. */
+static size_t bytes_of(const cw_bus_config *config)
+{
+    const size_t align = _Alignof(max_align_t);
+    return (cw_bus_size(config) + align - 1) / align * align;
+}
 
 cw_bus *bus_make(void **memory, const cfg *config)
 {
@@ -21,8 +29,14 @@ cw_bus *bus_make(void **memory, const cfg *config)
     bus_config.inbox = INBOX_FRAMES;
     bus_config.events = EVENT_RING;
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
-    *memory = malloc(cw_bus_size(&bus_config));
+    const size_t bytes = bytes_of(&bus_config);
+    const size_t records = cfg_has_clocks(config) ? config->node_count : 0;
+    *memory = malloc(bytes + records * sizeof(cw_sync_record));
     cw_bus *bus = *memory ? cw_bus_init(*memory, &bus_config) : NULL;
+    if (bus && records) {
+        void *behind = (unsigned char *)*memory + bytes;
+        cw_bus_set_sync_records(bus, behind);
+    }
     if (bus)
         release_add_replies(bus, config);
     return bus;

@@ -5,6 +5,7 @@
 #include "serve/publish.h"
 
 #include "base/log.h"
+#include "base/number.h"
 #include "base/thread.h"
 #include "engine/reload.h"
 #include "record/output.h"
@@ -13,6 +14,7 @@
 #include <canwire_event_t.h>
 #include <canwire_file_t.h>
 #include <canwire_node_stats_t.h>
+#include <canwire_node_timing_t.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <lcm/lcm.h>
@@ -52,6 +54,7 @@ struct publisher {
     char *url; /* of the thread: the configuration may change */
     char channel_bus[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
+    char channel_timing[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
     char channel_file[CHANNEL_MAX];
     cw_bus_stats last_bus;
@@ -211,6 +214,7 @@ static void name_channels(publisher *p)
     const char *bus = p->config->bus_name;
     (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
     (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
+    (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
     (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
     (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
 }
@@ -419,6 +423,25 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
 }
 
+static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
+{
+    cw_sync_stats s;
+    if (cw_node_get_sync_stats(bus, i, &s) != CW_OK)
+        return;
+    const canwire_node_timing_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
+        .bus = p->config->bus_name,
+        .node = p->config->nodes[i].name,
+        .hard_syncs = (int64_t)s.hard_syncs,
+        .resyncs = (int64_t)s.resyncs,
+        .phase_error_tq = s.phase_error_tq,
+        .phase_error_ps = text_span_ps(s.phase_error),
+        .margin_ps = s.margin == CW_NO_MARGIN ? -1 : text_span_ps(s.margin),
+    };
+    PUBLISH(p, p->channel_timing, canwire_node_timing_t, &m);
+}
+
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 {
     cw_bus_stats stats;
@@ -428,6 +451,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
         cw_node_stats node;
         if (cw_node_get_stats(bus, i, &node) == CW_OK)
             publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
+        publish_timing(p, bus, i);
     }
     p->last_bus = stats;
 }

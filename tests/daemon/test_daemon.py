@@ -501,3 +501,40 @@ def test_the_status_shows_the_bit_timing_that_a_node_has_now(canwired):
     assert ("\t  bitrate 500000 sample-point 0.800 warning-limit 96\n"
             "\t  tq 100 prop-seg 7 phase-seg1 8 phase-seg2 4 sjw 2 brp 2\n"
             "\t  clock 20000000 ppm -3000 triple-sampling on\n") in text
+
+
+DRIFTING = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes:
+  - { name: engine, clock: 16MHz, traffic: [ { send: 123#00FF00FF00, every: 2ms } ] }
+  - { name: dash, clock: 16MHz, ppm: -1000 }
+"""
+
+
+def test_the_status_tells_how_clocks_keep_up_with_the_bus(canwired):
+    bus = canwired(text=DRIFTING)
+    wait_frames(bus, 5)
+    engine, dash = (node["synchronisation"] for node in bus.status()["nodes"])
+    assert dash["hard"] >= 5 and dash["resync"] > 0 and dash["phase_error_tq"] < 0
+    quantum_ps = bus.status()["nodes"][1]["timing"]["tq_ps"]
+    assert abs(dash["phase_error_ps"] - dash["phase_error_tq"] * quantum_ps) <= 100
+    assert 0 < dash["margin_ps"] < 2000000 > engine["margin_ps"] > 0
+    assert "\n\t  hard-syncs " in bus.canwire("status", "./day.sock")
+
+
+def test_the_status_of_equal_clocks_tells_no_synchronisations(canwired):
+    bus = canwired(text=DRIFTING.replace("clock: 16MHz, ", "").replace(", ppm: -1000", "").replace(
+        "dash, clock: 16MHz", "dash"))
+    assert [node["synchronisation"] for node in bus.status()["nodes"]] == [None, None]
+    assert "hard-syncs" not in bus.canwire("status", "./day.sock")
+
+
+def test_how_clocks_keep_up_is_told_over_lcm(canwired, lcm_server):
+    server = lcm_server()
+    bus = canwired(text=DRIFTING + f"lcm: {{ url: 'tcpq://{HOST}:{server.port}', period: 50ms }}\n")
+    server.accept()
+    received = b""
+    while received.count(b"CANWIRE.day.TIMING") < 4 or b"CANWIRE.day.NODE" not in received:
+        received += server.client.recv(1 << 16)
+    server.close()
+    bus.stop()
