@@ -159,6 +159,14 @@ static bool find_begin(clean_frame *f, cw_bus *bus)
     return latest <= f->begin + bus->timed.proof.least_delay;
 }
 
+/* Returns true when a rule waits for such a frame. It may wait for one that is still to come. */
+static bool is_watched(cw_bus *bus, const clean_frame *f)
+{
+    if (f->due)
+        return cw_rules_wait_for_frames(&bus->rules);
+    return cw_find_watched(bus, bus->waiting, f->sender);
+}
+
 static bool may_send(const cw_bus *bus, const clean_frame *f)
 {
     const cw_mac *m = &bus->nodes[f->sender].mac;
@@ -240,12 +248,13 @@ static uint64_t next_frame_at(const cw_bus *bus, const clean_frame *f)
     return in->count < 2 ? CW_NEVER : in->entries[(in->first + 1) % in->capacity].at_tick;
 }
 
-/* Returns true when all frames that come find room in their queues. */
+/* Returns true when no frame that comes is dropped. */
 static bool takes_all(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
         const bus_node *n = &bus->nodes[i];
-        if (n->inbox && n->queue.count + n->inbox > n->queue_limit)
+        const bool room = n->queue.count + n->inbox <= n->queue_limit;
+        if (n->inbox && (!room || cw_refusal(bus, i) != CW_DROP_COUNT))
             return false;
     }
     return true;
@@ -410,7 +419,7 @@ bool cw_timed_frame_go(cw_bus *bus, uint64_t tick)
     f.away = 0;
     f.now = f.busy = f.begin = cw_moment_of(bus, cw_now(bus));
     if (!may_send(bus, &f) || !find_begin(&f, bus) ||
-        cw_rules_wait_for_frames(&bus->rules) || !find_course(&f, bus) ||
+        is_watched(bus, &f) || !find_course(&f, bus) ||
         !find_end(&f, bus) || !is_undisturbed(bus, &f, tick))
         return false;
     go_to_end(bus, &f);
