@@ -808,6 +808,10 @@ typedef struct cw_event {
  * ranges. */
 size_t cw_bus_size(const cw_bus_config *config);
 
+/* Returns true when cw_node_set() takes the bit timing of these settings, from the configuration's
+ * bit timing of a node that exists. */
+bool cw_bus_config_takes(const cw_bus_config *config, unsigned node, const cw_settings *settings);
+
 /* Sets up a bus at tick 0 in memory of cw_bus_size() bytes, aligned as malloc aligns. The memory
  * stays the caller's; throwing it away ends the bus. Returns NULL when the configuration is
  * invalid. */

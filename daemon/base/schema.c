@@ -167,6 +167,16 @@ bool schema_choose_bool(schema *self, bool *out, const schema_key *key, const ya
     return true;
 }
 
+bool schema_parse_bool(bool *out, const char *text)
+{
+    for (const schema_choice *choice = booleans; choice->name; choice++)
+        if (strcmp(choice->name, text) == 0) {
+            *out = choice->value;
+            return true;
+        }
+    return false;
+}
+
 void schema_read_uint(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const schema_range *range = key->arg;

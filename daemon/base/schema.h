@@ -97,6 +97,9 @@ bool schema_choose(schema *self, unsigned *out, const schema_key *key, const yam
 /* Reads on, yes, true, off, no or false. Returns false after a complaint. */
 bool schema_choose_bool(schema *self, bool *out, const schema_key *key, const yaml_node_t *value);
 
+/* Reads one of the words that schema_choose_bool() knows. */
+bool schema_parse_bool(bool *out, const char *text);
+
 schema_reader schema_read_uint;   /* arg: a schema_range */
 schema_reader schema_read_bool;   /* member: bool */
 schema_reader schema_read_choice; /* arg: schema_choice[]; member: an enum */

@@ -22,8 +22,14 @@ static const char help[] =
     "  queue            1 to 4096 frames\n"
     "  order            priority or fifo\n"
     "  warning-limit    1 to 255\n"
+    "  ppm              -100000 to 100000, error of the clock in millionths\n"
+    "  clock            100kHz to 1GHz\n"
+    "  sample-point     10% to 99.9%; finds the segments, as in the configuration\n"
+    "  brp, prop-seg, phase-seg1, phase-seg2, sjw                     as the controller allows\n"
+    "  triple-sampling  on or off\n"
     "\n"
-    "when-full and all other keys change in the configuration, see `canwire reload`.\n"
+    "A bit timing changes from the node's next bit on. when-full, delays, places and all other\n"
+    "keys change in the configuration, see `canwire reload`.\n"
     "\n";
 
 /* Puts KEY=VALUE into an object. */

@@ -155,6 +155,15 @@ static const schema_key set_keys[] = {
      .read = read_setting,
      MEMBER(settings.warning_limit),
      .arg = &warning_setting},
+    {.name = "clock", .read = cfg_read_retime},
+    {.name = "ppm", .read = cfg_read_retime},
+    {.name = "sample-point", .read = cfg_read_retime},
+    {.name = "brp", .read = cfg_read_retime},
+    {.name = "prop-seg", .read = cfg_read_retime},
+    {.name = "phase-seg1", .read = cfg_read_retime},
+    {.name = "phase-seg2", .read = cfg_read_retime},
+    {.name = "sjw", .read = cfg_read_retime},
+    {.name = "triple-sampling", .read = cfg_read_retime},
     {.name = "ramp", .read = cfg_read_ramp},
     END,
 };
@@ -528,8 +537,8 @@ static void complete_set(schema *self, yaml_node_t *map, cw_rule *rule)
     if (!schema_pair(self, &value, map, 1))
         complain_at(self, map, "set", "there is no key that says what to set");
     if (rule->action != CW_ACTION_RAMP)
-        return;
-    if (alone)
+        cfg_complete_retime(self, map, rule);
+    else if (alone)
         cfg_complete_ramp(self, map, rule);
     else
         complain_at(self, map, "ramp", "use a rule of its own for the other keys");

@@ -3,12 +3,12 @@
  * action_time.c - the actions that act for parts of bits: pulses, jitter, clocks that drift.
  */
 #include "config/parts.h"
+#include "config/retime.h"
 #include "config/values.h"
 #include "trace/frametext.h"
 
 #include <string.h>
 
-#define MILLION 1000000
 #define PPM_MAX 100000 /* either way */
 
 static schema_reader read_offset, read_place, read_ppm_range;
@@ -91,6 +91,72 @@ static void read_place(schema *self, const schema_key *key, yaml_node_t *value, 
         cfg_read_node_set(self, &(schema_key){.name = key->name, MEMBER(at)}, value, object);
 }
 
+/* ---- Bit timings ----------------------------------------------------------------------------- */
+
+/* Reads a key of `set` about time. cfg_complete_retime() takes all of them together. */
+void cfg_read_retime(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    char problem[RETIME_PROBLEM_MAX];
+    cfg_retime change = {.given = 0};
+    const char *text = schema_text(self, key, value, "a text or a number");
+
+    (void)object;
+    if (text && !cfg_retime_put(&change, problem, cfg_retime_find(key->name), text))
+        schema_complain(self, value, "%s", problem);
+}
+
+/* Returns the keys of `set` about time. Those whose values are open are left out. */
+static cfg_retime changes_of(schema *self, const yaml_node_t *map)
+{
+    char problem[RETIME_PROBLEM_MAX];
+    cfg_retime change = {.given = 0};
+
+    for (retime_key key = 0; key < RETIME_KEYS; key++) {
+        const yaml_node_t *value = schema_find(self, map, cfg_retime_name(key));
+        if (value && value->type == YAML_SCALAR_NODE && !schema_is_open(self, value))
+            (void)cfg_retime_put(&change, problem, key, (const char *)value->data.scalar.value);
+    }
+    return change;
+}
+
+static bool same_bits(const cw_settings *a, const cw_settings *b)
+{
+    const cw_bit_timing *s = &a->timing, *t = &b->timing;
+    return a->which == b->which && s->quantum == t->quantum && s->prop_seg == t->prop_seg &&
+           s->phase_seg1 == t->phase_seg1 && s->phase_seg2 == t->phase_seg2 && s->sjw == t->sjw &&
+           s->triple_sampling == t->triple_sampling;
+}
+
+/* A rule gives one bit timing to all of its nodes. Their bits are not known in a profile that is
+ * checked alone, and after an error of the bus or a node. */
+void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    const cfg_walk *walk = self->user;
+    const cfg_retime change = changes_of(self, map);
+    const bool known = !walk->any_node && !walk->untimed;
+    cw_settings *all = &rule->settings;
+    bool first = true;
+
+    for (unsigned i = 0; change.given && known && i < walk->config->node_count; i++) {
+        char problem[RETIME_PROBLEM_MAX];
+        cfg_node_time time;
+        cw_settings own = rule->settings;
+        if (!(rule->nodes >> i & 1u))
+            continue;
+        if (!cfg_retime_node(&time, &own, problem, walk->config, i, &change)) {
+            schema_complain(self, map, "set: %s", problem);
+            return;
+        }
+        if (!first && !same_bits(all, &own)) {
+            schema_complain(self, map, "set: the nodes of one rule have the same clock and bit "
+                            "timing; use a rule for each other node");
+            return;
+        }
+        *all = own;
+        first = false;
+    }
+}
+
 /* ---- Clocks that drift ----------------------------------------------------------------------- */
 
 /* Reads one whole number of a range, from -PPM_MAX to PPM_MAX. Returns its end, or NULL. */
@@ -134,11 +200,6 @@ void cfg_read_ramp(schema *self, const schema_key *key, yaml_node_t *value, void
     rule->action = CW_ACTION_RAMP;
 }
 
-static cw_span drifted(cw_span quantum, cw_span ppm)
-{
-    return quantum - quantum / (MILLION + ppm) * ppm;
-}
-
 /* All nodes of the rule get one quantum, so their clocks must be alike. */
 void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule)
 {
@@ -156,6 +217,6 @@ void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule)
         }
         quantum = own;
     }
-    rule->quantum_from = drifted(quantum, rule->quantum_from);
-    rule->quantum_to = drifted(quantum, rule->quantum_to);
+    rule->quantum_from = cfg_drifted(quantum, rule->quantum_from);
+    rule->quantum_to = cfg_drifted(quantum, rule->quantum_to);
 }

@@ -6,6 +6,7 @@
 
 #include "config/portname.h"
 #include "config/source.h"
+#include "config/retime.h"
 #include "config/values.h"
 
 #include <string.h>
@@ -23,10 +24,10 @@ static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
 
-static const schema_range brp_range = {1, 1024, sizeof(uint32_t)};
-static const schema_range prop_range = {0, 256, sizeof(uint32_t)};
-static const schema_range phase_range = {1, 256, sizeof(uint32_t)};
-static const schema_range sjw_range = {1, 128, sizeof(uint32_t)};
+static const schema_range brp_range = {1, CFG_BRP_MAX, sizeof(uint32_t)};
+static const schema_range prop_range = {0, CFG_SEGMENT_MAX, sizeof(uint32_t)};
+static const schema_range phase_range = {1, CFG_SEGMENT_MAX, sizeof(uint32_t)};
+static const schema_range sjw_range = {1, CFG_SJW_MAX, sizeof(uint32_t)};
 
 static const schema_choice when_full_choices[] = {
     {.name = "drop", .value = CFG_WHEN_FULL_DROP},

@@ -5,16 +5,12 @@
 #include "config/parts.h"
 
 #include "base/wide.h"
+#include "config/retime.h"
 #include "config/values.h"
-#include "timing/request.h"
 
 #include <inttypes.h>
 #include <string.h>
 
-#define CLOCK_DEFAULT_HZ 80000000u
-#define CLOCK_MIN_HZ 100000u
-#define CLOCK_MAX_HZ 1000000000u
-#define PPM_MAX 100000u
 #define LENGTH_MAX_MM 10000000u /* 10 km */
 #define FS_PER_TICK 12500000u
 #define BIT_RATIO_MAX 64        /* limits of the library */
@@ -42,31 +38,24 @@ void cfg_read_sample_point(schema *self, const schema_key *key, yaml_node_t *val
 void cfg_read_clock(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
-    uint64_t hz = CLOCK_DEFAULT_HZ;
+    uint64_t hz = CFG_CLOCK_DEFAULT_HZ;
     const char *text = schema_text(self, key, value, "a frequency such as 16MHz");
     const char *problem = text ? text_parse_frequency(&hz, text) : NULL;
 
     schema_problem(self, key, value, problem);
-    if (hz < CLOCK_MIN_HZ || hz > CLOCK_MAX_HZ)
-        schema_expected(self, key, value, "100kHz to 1GHz");
+    if (!cfg_clock_valid(hz))
+        schema_expected(self, key, value, CFG_CLOCK_RANGE);
     else
         node->time.bit.clock_hz = (uint32_t)hz;
 }
 
 void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const char expected[] = "a whole number of millionths from -100000 to 100000";
     cfg_node *node = object;
-    const char *text = schema_text(self, key, value, expected);
-    uint64_t ppm;
+    const char *text = schema_text(self, key, value, CFG_PPM_RANGE);
 
-    if (!text)
-        return;
-    const bool negative = *text == '-';
-    if (text_parse_uint(&ppm, text + negative) || ppm > PPM_MAX)
-        schema_expected(self, key, value, expected);
-    else
-        node->time.ppm = negative ? -(int32_t)ppm : (int32_t)ppm;
+    if (text && !cfg_parse_ppm(&node->time.ppm, text))
+        schema_expected(self, key, value, CFG_PPM_RANGE);
 }
 
 void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -170,15 +159,9 @@ static void check_together(schema *self, const yaml_node_t *map)
 /* Completes the segments that keys give. */
 static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
-    bit_timing *bit = &time->bit;
     char problem[TIMING_PROBLEM_MAX];
 
-    if (bit->sjw == 0) /* as Linux does */
-        bit->sjw = timing_least(bit->phase_seg1, timing_least(time->limits->sjw_max,
-                                                              bit->phase_seg2 / 2));
-    if (bit->sjw == 0)
-        bit->sjw = 1;
-    if (!timing_fits(problem, bit, time->limits)) {
+    if (!cfg_fit_segments(time, problem)) {
         const char *const first = schema_print(self, "%.*s", (int)strcspn(problem, " "), problem);
         const char *const names[] = {first, NULL};
         schema_complain(self, place_of(self, item, names), "%s", problem);
@@ -189,18 +172,9 @@ static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 static void find_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     static const char *const names[] = {"sjw", "sample-point", "controller", "clock", NULL};
-    const cfg *config = cfg_of(self);
-    const timing_request request = {
-        .limits = time->limits,
-        .clock_hz = time->bit.clock_hz,
-        .bitrate_bps = config->bitrate_bps,
-        .sample_permille = time->sample_permille ? time->sample_permille : config->sample_permille,
-        .sjw = time->bit.sjw,
-    };
     char problem[TIMING_PROBLEM_MAX];
 
-    time->found = true;
-    if (!timing_by_kernel(&time->bit, problem, &request))
+    if (!cfg_find_segments(time, problem, cfg_of(self)))
         schema_complain(self, place_of(self, item, names), "%s", problem);
 }
 
@@ -238,7 +212,7 @@ static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
     if (self->errors->errors > errors)
         return;
     if (bit->clock_hz == 0)
-        bit->clock_hz = CLOCK_DEFAULT_HZ;
+        bit->clock_hz = CFG_CLOCK_DEFAULT_HZ;
     if (gives_segments(self, item))
         use_segments(self, item, time);
     else
@@ -246,23 +220,7 @@ static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
     if (self->errors->errors > errors)
         return;
     check_rate(self, item, bit);
-    time->timing.bit = (cw_bit_timing){
-        .quantum = cw_quantum(bit->clock_hz, bit->brp, time->ppm),
-        .prop_seg = (uint16_t)bit->prop_seg,
-        .phase_seg1 = (uint16_t)bit->phase_seg1,
-        .phase_seg2 = (uint16_t)bit->phase_seg2,
-        .sjw = (uint16_t)bit->sjw,
-        .triple_sampling = time->triple_sampling,
-    };
-}
-
-cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
-{
-    const bit_timing *bit = &config->nodes[node].time.bit;
-
-    /* without keys the default of the library: a bit in 16 quanta */
-    return bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, 0)
-                         : (cw_span)cw_rate_ticks(config->rate, 1) * (CW_TICK / 16);
+    time->timing.bit = cfg_bit_timing(time, 0);
 }
 
 /* ---- The line -------------------------------------------------------------------------------- */
@@ -396,7 +354,7 @@ static void complete_nodes(schema *self, yaml_node_t *nodes)
 }
 
 /* Without any key of time all nodes have the bits of the bus. */
-void cfg_complete_time(schema *self, yaml_node_t *nodes)
+static void complete_time(schema *self, yaml_node_t *nodes)
 {
     const size_t errors = self->errors->errors;
 
@@ -406,4 +364,12 @@ void cfg_complete_time(schema *self, yaml_node_t *nodes)
         complete_nodes(self, nodes);
     if (self->errors->errors == errors)
         cfg_check_pairs(self, nodes);
+}
+
+void cfg_complete_time(schema *self, yaml_node_t *nodes)
+{
+    cfg_walk *walk = self->user;
+
+    complete_time(self, nodes);
+    walk->untimed = self->errors->errors > 0;
 }

@@ -24,9 +24,8 @@ schema_reader cfg_read_action;  /* `do`; object: a cw_rule whose `when` has been
 extern const schema_key cfg_pulse_keys[], cfg_jitter_keys[];
 schema_reader cfg_read_ramp; /* `ramp` of a rule that sets; object: a cw_rule */
 void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule);
-
-/* Returns the time quantum of a node whose clock is right. */
-cw_span cfg_nominal_quantum(const cfg *config, unsigned node);
+schema_reader cfg_read_retime; /* a key of bit timing of a rule that sets */
+void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule);
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */
 

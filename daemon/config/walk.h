@@ -25,6 +25,7 @@ typedef struct cfg_walk {
     bool default_when_full;
     yaml_node_t *default_map;   /* `defaults`, or NULL */
     bool any_node;              /* unknown nodes are made: a profile is checked alone */
+    bool untimed;               /* the bits of nodes are not known, after errors */
     bool unnamed;               /* a node's name could not be read: any name may refer to it */
 } cfg_walk;
 

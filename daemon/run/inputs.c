@@ -203,9 +203,25 @@ cw_status inputs_restart(inputs *in, unsigned node)
 
 cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings)
 {
-    cw_status status = cw_node_set(in->bus, node, settings);
-    if (status == CW_OK)
-        note(in, (input){.kind = INPUT_SET, .node = node, .settings = settings});
+    char unused[RETIME_PROBLEM_MAX];
+    return inputs_set_all(in, unused, node, settings, &(cfg_retime){.given = 0});
+}
+
+cw_status inputs_set_all(inputs *in, char problem[RETIME_PROBLEM_MAX], unsigned node,
+                         const cw_settings *settings, const cfg_retime *time)
+{
+    cw_settings all = *settings;
+    cfg_node_time changed;
+    problem[0] = '\0';
+    if (time->given &&
+        !cfg_retime_node(&changed, &all, problem, live_config(in->config), node, time))
+        return CW_INVALID;
+    cw_status status = cw_node_set(in->bus, node, &all);
+    if (status != CW_OK)
+        return status;
+    if (time->given)
+        live_set_time(in->config, node, &changed);
+    note(in, (input){.kind = INPUT_SET, .node = node, .settings = settings, .time = time});
     return status;
 }
 

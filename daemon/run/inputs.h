@@ -9,6 +9,7 @@
 #ifndef CANWIRE_RUN_INPUTS_H
 #define CANWIRE_RUN_INPUTS_H
 
+#include "config/retime.h"
 #include "run/live.h"
 #include "run/release.h"
 
@@ -18,7 +19,7 @@ typedef enum input_kind {
     INPUT_CLEAR,    /* a rule is removed: rule */
     INPUT_FIRE,     /* a rule is armed by hand: rule */
     INPUT_RESTART,  /* a node leaves bus-off: node */
-    INPUT_SET,      /* settings of a node change: node, settings */
+    INPUT_SET,      /* settings of a node change: node, settings, time */
     INPUT_ATTACH,   /* a node is taken off the bus or put on again: node, on */
     INPUT_SKIP,     /* time passes without simulation: skipped */
     INPUT_RELOAD,   /* the bus takes over another configuration: config */
@@ -40,6 +41,7 @@ typedef struct input {
     bool refused;     /* INPUT_INJECT: the bus did not take the rules */
     const char *rule;
     const cw_settings *settings;
+    const cfg_retime *time; /* keys of its bit timing, or NULL */
     bool on;
     uint64_t skipped;  /* ticks */
     uint64_t earlier;  /* in the same way: waiting frames come earlier by so much */
@@ -96,6 +98,11 @@ cw_status inputs_restart(inputs *in, unsigned node);
 
 /* Calls cw_node_set(). */
 cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
+
+/* Does the same with keys of the node's bit timing, too: all, or nothing and CW_INVALID. The
+ * message then says why; it is "" when other settings are wrong. */
+cw_status inputs_set_all(inputs *in, char problem[RETIME_PROBLEM_MAX], unsigned node,
+                         const cw_settings *settings, const cfg_retime *time);
 
 /* Calls cw_node_attach() and takes all events. */
 void inputs_attach(inputs *in, unsigned node, bool on);

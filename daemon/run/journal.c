@@ -269,7 +269,7 @@ static void put_other(journal *j, const input *what)
         break;
     case INPUT_SET:
         put_text(line, "set", node);
-        put(line, "settings", settings_given_to_json(what->settings));
+        put(line, "settings", settings_given_to_json(what->settings, what->time));
         break;
     case INPUT_ATTACH:
         put_text(line, what->on ? "attach" : "detach", node);

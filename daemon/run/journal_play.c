@@ -173,6 +173,13 @@ static bool act_on_rule(journal_player *p)
     return true;
 }
 
+static void set(journal_player *p, unsigned node)
+{
+    const input *what = &p->entry.what;
+    char problem[RETIME_PROBLEM_MAX];
+    expect_ok(p, "set", inputs_set_all(&p->inputs, problem, node, what->settings, what->time));
+}
+
 static bool act_on_node(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -184,7 +191,7 @@ static bool act_on_node(journal_player *p)
     else if (what->kind == INPUT_RESTART)
         expect_ok(p, "restart", inputs_restart(&p->inputs, node));
     else if (what->kind == INPUT_SET)
-        expect_ok(p, "set", inputs_set(&p->inputs, node, what->settings));
+        set(p, node);
     else
         inputs_attach(&p->inputs, node, what->on);
     return true;

@@ -285,7 +285,8 @@ static bool read_set(journal_reader *r, journal_entry *entry)
     char error[SETTINGS_ERROR_MAX];
     entry->node = text_of(r, "set");
     entry->what.settings = &entry->settings;
-    return settings_from_json(&entry->settings, error, value_of(r, "settings")) ||
+    entry->what.time = &entry->time;
+    return settings_from_json(&entry->settings, &entry->time, error, value_of(r, "settings")) ||
            wrong(r, "settings", "settings: %s", error);
 }
 

@@ -29,6 +29,7 @@ typedef struct journal_entry {
     input what;         /* without node and config; now and advanced are set */
     cw_frame frame;     /* target of what.frame */
     cw_settings settings;
+    cfg_retime time;
     const cfg_file *files; /* JOURNAL_CONFIG, INPUT_RELOAD; at least one */
     size_t file_count;
     uint64_t counters[JOURNAL_COUNTERS];

@@ -59,6 +59,12 @@ const cfg *live_config(const live *l)
     return &l->now;
 }
 
+void live_set_time(live *l, unsigned node, const cfg_node_time *time)
+{
+    assert(node < l->file->node_count);
+    l->file->nodes[node].time = *time;
+}
+
 cfg_running live_running(const live *l)
 {
     return (cfg_running){.count = l->now.rule_count, .names = l->names};

@@ -26,6 +26,9 @@ void live_replace(live *l, cfg *config);
  * of the bus; the name of a missing rule is NULL. */
 const cfg *live_config(const live *l);
 
+/* Notes what the keys of a node's clock and bit timing are now. */
+void live_set_time(live *l, unsigned node, const cfg_node_time *time);
+
 /* Returns the names alone, for cfg_load_rules(). */
 cfg_running live_running(const live *l);
 

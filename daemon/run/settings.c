@@ -46,6 +46,11 @@ static const char *const order_names[] = {
     [CW_ORDER_FIFO] = "fifo",
 };
 
+/* Keys of a node that the bus knows from its begin. */
+static const char *const fixed_keys[] = {
+    "when-full", "controller", "tx-delay", "rx-delay", "position", "stub", "ringing",
+};
+
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
 
 static const mode_key *find_mode(const char *key)
@@ -148,14 +153,18 @@ static bool set_order(cw_settings *s, char *error, const json_t *value)
 static bool refuse_key(char *error, const char *key)
 {
     nearest guess = {.word = key};
-    if (strcmp(key, "when-full") == 0) {
-        snprintf(error, SETTINGS_ERROR_MAX, "when-full: change it in the configuration and reload");
-        return false;
-    }
+    for (size_t i = 0; i < COUNT_OF(fixed_keys); i++)
+        if (strcmp(fixed_keys[i], key) == 0) {
+            snprintf(error, SETTINGS_ERROR_MAX, "%s: change it in the configuration and reload",
+                     key);
+            return false;
+        }
     for (size_t i = 0; i < COUNT_OF(mode_keys); i++)
         nearest_consider(&guess, mode_keys[i].name);
     for (size_t i = 0; i < COUNT_OF(number_keys); i++)
         nearest_consider(&guess, number_keys[i].name);
+    for (retime_key i = 0; i < RETIME_KEYS; i++)
+        nearest_consider(&guess, cfg_retime_name(i));
     nearest_consider(&guess, order_key);
     if (guess.best)
         snprintf(error, SETTINGS_ERROR_MAX, "there is no setting '%.40s' (did you mean '%s'?)", key,
@@ -164,42 +173,83 @@ static bool refuse_key(char *error, const char *key)
         snprintf(error, SETTINGS_ERROR_MAX,
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
                  "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, "
-                 "order, warning-limit",
+                 "order, warning-limit, clock, ppm, sample-point, brp, prop-seg, phase-seg1, "
+                 "phase-seg2, sjw, triple-sampling",
                  key);
     return false;
 }
 
-static bool set_key(cw_settings *s, char *error, const char *key, const json_t *value)
+/* Returns a text, a number or a truth value as it stands in a configuration; "" for others. */
+static const char *as_text(char room[TIME_TEXT_MAX], const json_t *value)
+{
+    room[0] = '\0';
+    if (json_is_boolean(value))
+        return json_is_true(value) ? "on" : "off";
+    if (json_is_integer(value))
+        (void)snprintf(room, TIME_TEXT_MAX, "%" JSON_INTEGER_FORMAT, json_integer_value(value));
+    else if (json_is_real(value))
+        (void)snprintf(room, TIME_TEXT_MAX, "%g", json_real_value(value));
+    return json_is_string(value) ? json_string_value(value) : room;
+}
+
+static bool set_time(cfg_retime *time, char *error, retime_key key, const json_t *value)
+{
+    char room[TIME_TEXT_MAX], problem[RETIME_PROBLEM_MAX];
+    if (cfg_retime_put(time, problem, key, as_text(room, value)))
+        return true;
+    (void)snprintf(error, SETTINGS_ERROR_MAX, "%s", problem);
+    return false;
+}
+
+static bool set_key(cw_settings *s, cfg_retime *time, char *error, const char *key,
+                    const json_t *value)
 {
     const mode_key *mode = find_mode(key);
     const number_key *number = find_number(key);
+    const retime_key of_time = cfg_retime_find(key);
     if (mode)
         return set_mode(s, error, mode, value);
     if (number)
         return set_number(s, error, number, value);
+    if (of_time != RETIME_KEYS)
+        return set_time(time, error, of_time, value);
     if (strcmp(key, order_key) == 0)
         return set_order(s, error, value);
     return refuse_key(error, key);
 }
 
-bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object)
+bool settings_from_json(cw_settings *out, cfg_retime *time, char error[SETTINGS_ERROR_MAX],
+                        const json_t *object)
 {
     cw_settings read = {.which = 0};
+    cfg_retime of_time = {.given = 0};
     json_t *members = (json_t *)(uintptr_t)object; /* the iterator does not accept a const object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
-        if (!set_key(&read, error, json_object_iter_key(i), json_object_iter_value(i)))
+        if (!set_key(&read, &of_time, error, json_object_iter_key(i), json_object_iter_value(i)))
             return false;
-    if (read.which == 0) {
+    if (read.which == 0 && of_time.given == 0) {
         snprintf(error, SETTINGS_ERROR_MAX, "no settings are given");
         return false;
     }
     *out = read;
+    *time = of_time;
     return true;
 }
 
 /* ---- To JSON --------------------------------------------------------------------------------- */
 
-json_t *settings_given_to_json(const cw_settings *settings)
+static void put_time(json_t *object, const cfg_retime *time)
+{
+    for (retime_key key = 0; time && key < RETIME_KEYS; key++) {
+        char text[TIME_TEXT_MAX];
+        if (time->given >> key & 1u) {
+            cfg_retime_print(text, time, key);
+            put_text(object, cfg_retime_name(key), text);
+        }
+    }
+}
+
+json_t *settings_given_to_json(const cw_settings *settings, const cfg_retime *time)
 {
     json_t *object = json_object();
     uint8_t modes = settings->which & CW_SET_MODES ? settings->modes_mask : 0;
@@ -214,6 +264,7 @@ json_t *settings_given_to_json(const cw_settings *settings)
         put_text(object, order_key, order_names[settings->order]);
     if (settings->which & CW_SET_WARNING)
         put_count(object, "warning-limit", settings->warning_limit);
+    put_time(object, time);
     return object;
 }
 
@@ -222,5 +273,5 @@ json_t *settings_to_json(const cw_settings *settings)
     cw_settings all = *settings;
     all.which = UINT8_MAX;
     all.modes_mask = UINT8_MAX;
-    return settings_given_to_json(&all);
+    return settings_given_to_json(&all, NULL);
 }

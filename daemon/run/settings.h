@@ -2,26 +2,28 @@
  *
  * settings.h - the settings of a node that can change while the bus runs, as JSON.
  *
- * Keys are those of a node in the configuration: modes, restart-ms, queue, order, warning-limit.
+ * Keys are those of a node in the configuration: modes, restart-ms, queue, order, warning-limit,
+ * and those of its bit timing (config/retime.h).
  */
 #ifndef CANWIRE_RUN_SETTINGS_H
 #define CANWIRE_RUN_SETTINGS_H
 
-#include "canwire.h"
+#include "config/retime.h"
 
 #include <jansson.h>
 
-#define SETTINGS_ERROR_MAX 240
+#define SETTINGS_ERROR_MAX 400
 
-/* Reads an object; values may be texts as in KEY=VALUE. An error returns false and leaves *out
- * unchanged; `error` then names the problem and the allowed values. */
-bool settings_from_json(cw_settings *out, char error[SETTINGS_ERROR_MAX], const json_t *object);
+/* Reads an object; values may be texts as in KEY=VALUE. An error returns false and leaves *out and
+ * *time unchanged; `error` then names the problem and the allowed values. */
+bool settings_from_json(cw_settings *out, cfg_retime *time, char error[SETTINGS_ERROR_MAX],
+                        const json_t *object);
 
-/* Returns the settings that `which` and the mask of the modes name; settings_from_json() reads them
- * back. */
-json_t *settings_given_to_json(const cw_settings *settings);
+/* Returns the settings that `which` and the mask of the modes name. `time` adds the given keys of
+ * the bit timing; it may be NULL. settings_from_json() reads all of them back. */
+json_t *settings_given_to_json(const cw_settings *settings, const cfg_retime *time);
 
-/* Returns all settings, whatever `which` selects. */
+/* Returns all settings but the bit timing, whatever `which` selects. */
 json_t *settings_to_json(const cw_settings *settings);
 
 #endif

@@ -298,15 +298,19 @@ static bool run_set(request *r)
 {
     unsigned node = 0;
     cw_settings settings = {.which = 0};
-    char error[SETTINGS_ERROR_MAX];
+    cfg_retime time = {.given = 0};
+    char error[SETTINGS_ERROR_MAX], problem[RETIME_PROBLEM_MAX];
     if (!find_node(r, &node))
         return false;
-    if (!settings_from_json(&settings, error, json_object_get(r->asked, "settings")))
+    if (!settings_from_json(&settings, &time, error, json_object_get(r->asked, "settings")))
         return refuse(r, "%s", error);
-    if (inputs_set(r->inputs, node, &settings) != CW_OK)
-        return refuse(r, "node %s: the bus does not take these settings", text_of(r, "node"));
+    if (inputs_set_all(r->inputs, problem, node, &settings, &time) != CW_OK)
+        return refuse(r, "node %s: %s", text_of(r, "node"),
+                      *problem ? problem : "the bus does not take these settings");
     (void)cw_node_get_settings(r->inputs->bus, node, &settings);
+    time = cfg_retime_present(&live_config(r->world->config)->nodes[node].time);
     put(r->reply, "settings", settings_to_json(&settings));
+    put(r->reply, "timing", settings_given_to_json(&(cw_settings){.which = 0}, &time));
     return true;
 }
 

@@ -50,6 +50,9 @@ void cw_find_longest(cw_bus *bus);
 /* Returns true when a node of the running bus can have that bit timing. */
 bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing);
 
+/* Returns a bit timing with the parts that settings change. */
+cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *settings);
+
 /* Gives a node another bit timing, which must be valid, from its next bit on. */
 void cw_retime(cw_bus *bus, unsigned node, const cw_bit_timing *timing);
 

@@ -120,15 +120,10 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* Returns the present bit timing of a node with the parts that change. */
 static cw_bit_timing new_timing(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
     const cw_bit_timing now = cw_timing_now(bus, i);
-    cw_bit_timing next = s->which & CW_SET_SEGMENTS ? s->timing : now;
-    next.quantum = s->which & CW_SET_QUANTUM ? s->timing.quantum : now.quantum;
-    next.triple_sampling =
-        s->which & CW_SET_SAMPLING ? s->timing.triple_sampling : now.triple_sampling;
-    return next;
+    return cw_timing_with(&now, s);
 }
 
 bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)

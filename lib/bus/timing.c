@@ -183,14 +183,36 @@ void cw_find_longest(cw_bus *bus)
 
 /* ---- Changes --------------------------------------------------------------------------------- */
 
+/* The room for events is enough for so many bits of a node in one of the bus. */
+static bool change_fits(const cw_bit_timing *timing, cw_span bit_time, unsigned bits,
+                        cw_span longest)
+{
+    return cw_bit_timing_valid(timing) && bit_length(timing) <= bit_time * CW_BIT_RATIO_MAX &&
+           bit_time <= bit_length(timing) * bits &&
+           longest <= bit_length(timing) * CW_DELAY_BITS_MAX;
+}
+
 bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing)
 {
     const cw_timed *t = &bus->timed;
-    if (!t->divides || !cw_bit_timing_valid(timing))
-        return false;
-    return bit_length(timing) <= t->bit_time * CW_BIT_RATIO_MAX &&
-           t->bit_time <= bit_length(timing) * t->bits_of_bit_time &&
-           t->longest <= bit_length(timing) * CW_DELAY_BITS_MAX;
+    return t->divides && change_fits(timing, t->bit_time, t->bits_of_bit_time, t->longest);
+}
+
+cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *s)
+{
+    cw_bit_timing next = s->which & CW_SET_SEGMENTS ? s->timing : *now;
+    next.quantum = s->which & CW_SET_QUANTUM ? s->timing.quantum : now->quantum;
+    next.triple_sampling =
+        s->which & CW_SET_SAMPLING ? s->timing.triple_sampling : now->triple_sampling;
+    return next;
+}
+
+bool cw_bus_config_takes(const cw_bus_config *c, unsigned node, const cw_settings *s)
+{
+    const cw_bit_timing now = cw_bit_timing_of(c, node);
+    const cw_bit_timing next = cw_timing_with(&now, s);
+    return divides_bits(c) && change_fits(&next, bit_time_of(c), cw_bits_of_bit_time(c),
+                                          cw_longest_delay(c));
 }
 
 void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)

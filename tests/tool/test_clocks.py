@@ -51,6 +51,46 @@ def test_a_clock_outside_of_the_tolerance_makes_errors(run):
     assert '"error"' in run(config(traffic(PLAIN), WRONG))
 
 
+JITTER = """
+faults:
+  - { name: hum, do: { jitter: 700ns, at: [a] } }
+  - { name: needle, when: { frame: "123", probability: 0.5 },
+      do: { pulse: dominant, from: "data[1.3]", offset: 60%, for: 900ns } }
+"""
+
+
+def test_one_seed_gives_one_run_and_another_one_another(run):
+    def with_seed(seed):
+        return run(f"seed: {seed}" + config(traffic(SAME), SAME + ", ppm: 300") + JITTER)
+
+    first = with_seed(1)
+    assert '"error"' in first
+    assert with_seed(1) == first
+    assert with_seed(2) != first
+
+
+SETS = """
+faults:
+  - { name: warm, when: { time: 5ms, count: 1 }, do: { set: %s } }
+"""
+
+
+@pytest.mark.parametrize("keys", ["b, brp: 4", "b, ppm: 60000", "b, clock: 50MHz",
+                                  "b, prop-seg: 5, phase-seg1: 2", "a, sample-point: 10%"])
+def test_a_rule_changes_the_bits_of_a_node(run, keys):
+    """The sample point becomes one before the node sees its own edges."""
+    bit = "clock: 40MHz, brp: 5, prop-seg: 7, phase-seg1: 4, phase-seg2: 4, sjw: 1"
+    out = run(config(traffic(bit) + ", tx-delay: 300ns", bit) + SETS % keys)
+    before, after = out.split('"event":"fault"')
+    assert '"error"' not in before and '"error"' in after
+
+
+def test_a_rule_that_sets_what_is_brings_no_change(run):
+    plain = run(config(traffic(SAME), SAME))
+    same = run(config(traffic(SAME), SAME) + SETS % "b, ppm: 0, sample-point: 80%, clock: 40MHz")
+    assert [line for line in same.splitlines() if '"fault"' not in line] == plain.splitlines()
+
+
 def test_a_trace_of_nodes_with_clocks_of_their_own(tmp_path):
     path = tmp_path / "bus.yaml"
     path.write_text(config(traffic(SAME), SAME + ", ppm: 300, position: 12m"))

@@ -46,7 +46,8 @@ SEMANTIC = [
     "error frames (bit 20000000)",
     "would be", "5 % are allowed", "has no segments", "100kHz to 1GHz", "a length of at most 10km",
     "in whole", "no edge is under way", "lasts between", "no delay and no way", "at most 100ns/m",
-    "min is more than max", "does not get its own frames",
+    "as the configuration has none of them", "too long or too short for this bus",
+    "the nodes of one rule have", "min is more than max", "does not get its own frames",
 ]
 
 

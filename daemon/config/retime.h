@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * retime.h - keys of a node's bit timing as texts, and how they change a node that is in use.
+ *
+ * Files, fault rules and `canwire set` share these parsers and their limits.
+ */
+#ifndef CANWIRE_CONFIG_RETIME_H
+#define CANWIRE_CONFIG_RETIME_H
+
+#include "config/config.h"
+
+#define RETIME_PROBLEM_MAX 240
+
+/* The keys in the order of the documentation. */
+typedef enum retime_key {
+    RETIME_CLOCK = 0,
+    RETIME_PPM,
+    RETIME_SAMPLE_POINT,
+    RETIME_BRP,
+    RETIME_PROP_SEG,
+    RETIME_PHASE_SEG1,
+    RETIME_PHASE_SEG2,
+    RETIME_SJW,
+    RETIME_TRIPLE_SAMPLING,
+    RETIME_KEYS
+} retime_key;
+
+/* Values of some keys. */
+typedef struct cfg_retime {
+    uint16_t given; /* 1u << retime_key */
+    bit_timing bit;
+    int32_t ppm;
+    uint16_t sample_permille;
+    bool triple_sampling;
+} cfg_retime;
+
+/* Returns the name of a key, as in a configuration. */
+const char *cfg_retime_name(retime_key key);
+
+/* Returns RETIME_KEYS for a name that no key has. */
+retime_key cfg_retime_find(const char *name);
+
+/* Adds the value of a key. A wrong one returns false; the message then has the key and what is
+ * allowed, and *change stays as it is. */
+bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
+                    const char *text);
+
+/* Prints the value of a key in the form that cfg_retime_put() reads. */
+void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key);
+
+/* Returns the values of all keys that a node has at present. */
+cfg_retime cfg_retime_present(const cfg_node_time *time);
+
+/* Changes a node. *out becomes what its keys then say, with time->timing as it was, and `set` gets
+ * the parts of its bit timing that change. Keys that are not given stay as the configuration has
+ * them at present. A change that the node's controller or the bus does not
+ * allow returns false with a message; *out and *set are then undefined. */
+bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
+                     const cfg *config, unsigned node, const cfg_retime *change);
+
+/* ---- For the reader of configurations -------------------------------------------------------- */
+
+#define CFG_CLOCK_DEFAULT_HZ 80000000u
+#define CFG_CLOCK_RANGE "100kHz to 1GHz"
+#define CFG_PPM_RANGE "a whole number of millionths from -100000 to 100000"
+#define CFG_BRP_MAX 1024u
+#define CFG_SEGMENT_MAX 256u
+#define CFG_SJW_MAX 128u
+
+bool cfg_clock_valid(uint64_t hz);
+
+/* Returns false for a text that is not CFG_PPM_RANGE. */
+bool cfg_parse_ppm(int32_t *ppm, const char *text);
+
+/* Completes sjw as Linux does where it is 0, and checks the segments against the controller. */
+bool cfg_fit_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX]);
+
+/* Finds segments as Linux does, for clock, bit rate, sample point and sjw. */
+bool cfg_find_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config);
+
+/* Returns the bit timing that keys say. Without a clock the quantum is the nominal one with the
+ * error. */
+cw_bit_timing cfg_bit_timing(const cfg_node_time *time, cw_span nominal);
+
+/* Returns the time quantum of a node whose clock is right. */
+cw_span cfg_nominal_quantum(const cfg *config, unsigned node);
+
+/* Returns a quantum whose clock has an error in millionths. */
+cw_span cfg_drifted(cw_span quantum, cw_span ppm);
+
+#endif

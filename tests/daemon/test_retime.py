@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: MIT
+"""Clocks and bit timings that change while the bus runs, and a journal that has the same run.
+
+Nodes have traffic of their own here, so this needs no CAN in the kernel. CANWIRE and CANWIRED are
+the programs.
+"""
+
+import json
+import subprocess
+
+import pytest
+
+from simtool import CANWIRE, kill_all, sim
+from test_daemon import Daemon
+from test_record import PATIENCE_S, wait_until
+
+BUS = """bus: { name: day, bitrate: 500000, sample-point: 80% }
+control: day.sock
+seed: 7
+nodes:
+  - name: engine
+    ppm: 200
+    position: 12m
+    tx-delay: 120ns
+    traffic: [ { send: 123#DEADBEEF, every: 1ms, jitter: 100us } ]
+  - name: dash
+    rx-delay: { dominant: 120ns, recessive: 180ns }
+    traffic: [ { send: 100#00FF00FF00FF, every: 3ms } ]
+  - { name: brake, triple-sampling: on }
+faults:
+  - { name: hum, do: { jitter: 400ns, at: [engine] } }
+  - name: needle
+    when: { frame: "123", every: 7 }
+    do: { pulse: dominant, from: "data[1.2]", offset: 30%, for: 900ns }
+"""
+PLAIN = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes:
+  - { name: engine, traffic: [ { send: 123#DEADBEEF, every: 1ms } ] }
+  - { name: dash }
+"""
+
+
+class Watched:
+    """A bus with a journal, and the events of its live run from a moment on."""
+
+    def __init__(self, folder, text):
+        self.bus = Daemon(folder, "--journal", "day.journal", text=text)
+        self.bus.wait_ready()
+        self.live = folder / "live"
+        with self.live.open("w") as out:
+            self.watch = subprocess.Popen([CANWIRE, "watch", "./day.sock", "--json"], cwd=folder,
+                                          stdout=out, stderr=subprocess.DEVNULL)
+        self.wait_events(20)
+
+    def count(self, event):
+        return self.live.read_text().count(f'"event":"{event}"')
+
+    def wait_events(self, number):
+        """Waits for so many further events."""
+        before = self.live.read_text().count("\n")
+        wait_until(lambda: self.live.read_text().count("\n") >= before + number, "events")
+
+    def set(self, *words):
+        return self.bus.canwire("set", "./day.sock", *words)
+
+    def refused(self, *words):
+        """Returns the message about settings that are refused."""
+        done = subprocess.run([CANWIRE, "set", "./day.sock", *words], cwd=self.bus.folder,
+                              capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert done.returncode == 1, done.stderr
+        return done.stderr.strip()
+
+    def reload(self, *changes):
+        """Puts other texts into the configuration and reloads it."""
+        path = self.bus.folder / "bus.yaml"
+        text = path.read_text()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path.write_text(text)
+        self.bus.canwire("reload", "./day.sock")
+
+    def end(self):
+        """Ends it, and checks that its journal gives the same events. Returns its lines."""
+        self.bus.stop()
+        self.watch.wait(PATIENCE_S)
+        journal = self.bus.folder / "day.journal"
+        live = self.live.read_text()
+        assert live.count("\n") > 20
+        again = sim("--journal", journal, "--events", "-").stdout
+        assert live in again
+        assert sim("--journal", journal, "--events", "-").stdout == again
+        return [json.loads(line) for line in journal.read_text().splitlines()]
+
+
+@pytest.fixture(name="watched")
+def fixture_watched(tmp_path):
+    started = []
+
+    def start(text=BUS):
+        started.append(Watched(tmp_path, text))
+        return started[-1]
+
+    yield start
+    kill_all(process for each in started for process in (each.bus.process, each.watch))
+
+
+def test_clocks_pulses_jitter_and_settings_are_in_the_journal(watched):
+    run = watched()
+    run.set("engine", "ppm=-300")
+    run.wait_events(30)
+    run.set("engine", "sjw=2", "berr-reporting=on", "triple-sampling=on")
+    run.set("brake", "sample-point=0.7")
+    run.bus.canwire("inject", "./day.sock",
+                    "{ name: warm, do: { set: dash, ramp: { ppm: 0..900, over: 20ms } } }")
+    run.wait_events(30)
+    run.bus.canwire("inject", "./day.sock", "{ name: cold, do: { set: dash, ppm: -900 } }")
+    run.wait_events(30)
+    settings = [line["settings"] for line in run.end() if "set" in line]
+    assert settings == [{"ppm": "-300"},
+                        {"berr-reporting": True, "sjw": "2", "triple-sampling": "on"},
+                        {"sample-point": "0.700"}]
+
+
+def test_a_clock_that_is_far_off_makes_errors_and_the_right_one_none(watched):
+    run = watched(PLAIN.replace("traffic", "restart-ms: 1, traffic"))
+    assert run.count("error") == 0
+    run.set("dash", "ppm=60000")
+    wait_until(lambda: run.count("error") > 20, "errors")
+    run.set("dash", "ppm=0")
+    wait_until(lambda: run.bus.status()["nodes"][0]["state"] == "error-active", "health")
+    errors = run.bus.status()["nodes"][1]["errors"]
+    run.wait_events(30)
+    assert run.bus.status()["nodes"][1]["errors"] == errors
+    run.end()
+
+
+def test_what_set_changed_stays_until_a_reload(watched):
+    """brp changes the quantum, and the error of the clock stays."""
+    run = watched()
+    run.set("engine", "ppm=-300")
+    run.set("engine", "brp=1", "prop-seg=60", "phase-seg1=67", "phase-seg2=32")
+    run.wait_events(30)
+    run.reload(("ppm: 200", "ppm: 100"))
+    run.wait_events(30)
+    assert [line["reload"][0]["text"].count("ppm: 100")
+            for line in run.end() if "reload" in line] == [1]
+
+
+QUIET = BUS[:BUS.index("faults:")] + """faults:
+  - name: needle
+    when: { frame: "123" }
+    do: { pulse: dominant, from: "data[1.2]", offset: 45%, for: 300ns }
+"""
+
+
+@pytest.mark.parametrize("change", [("ppm: 200", "ppm: 60000"), ("12m", "400m"),
+                                    ("sample-point: 80%", "sample-point: 51%")])
+def test_a_reload_changes_time_at_once_and_the_journal_has_it(watched, change):
+    """Each makes errors: a wrong clock, a way of 2 us, and a sample point inside the pulses."""
+    run = watched(QUIET)
+    assert run.count("error") == 0
+    run.reload(change)
+    wait_until(lambda: run.count("error") > 20, "errors")
+    reloads = [line["reload"][0]["text"] for line in run.end() if "reload" in line]
+    assert [change[1] in text for text in reloads] == [True]
+
+
+WRONG = [
+    (["ppm=100001"], "ppm: expected a whole number of millionths from -100000 to 100000, not "
+                     "'100001'"),
+    (["ppm=fast"], "ppm: expected a whole number of millionths from -100000 to 100000, not 'fast'"),
+    (["clock=99999"], "clock: expected 100kHz to 1GHz, not '99999'"),
+    (["brp=0"], "brp: expected a decimal integer 1..1024, not '0'"),
+    (["sample-point=9%"], "sample-point: '9%': expected a part of the bit such as 87.5% or 0.875, "
+                          "from 10% to 99.9%"),
+    (["triple-sampling=3"], "triple-sampling: expected one of on, off, yes, no, true, false, not "
+                            "'3'"),
+    (["sjw=128"], "node engine: sjw would be 128, at most"),
+    (["ppm=5", "sample-point=80%", "brp=2"], "node engine: sample-point: the segments say where "
+                                             "it is; use one or the other"),
+    (["one-shot=on", "brp=1024"], "node engine: a bit of the node would be too long or too short "
+                                  "for this bus"),
+    (["position=3m"], "position: change it in the configuration and reload"),
+    (["pmm=3"], "there is no setting 'pmm' (did you mean 'ppm'?)"),
+]
+
+
+def test_wrong_values_change_nothing(watched):
+    run = watched(PLAIN.replace("name: engine,", "name: engine, ppm: 0, brp: 10, prop-seg: 6, "
+                                "phase-seg1: 6, phase-seg2: 3,"))
+    for words, message in WRONG:
+        assert message in run.refused("engine", *words)
+    assert not run.bus.status()["nodes"][0]["settings"]["one-shot"]
+    assert not [line for line in run.end() if "set" in line]
+
+
+def test_a_node_without_keys_of_time_needs_all_segments(watched):
+    run = watched(PLAIN)
+    assert "prop-seg is missing" in run.refused("dash", "brp=2")
+    run.set("dash", "brp=10", "prop-seg=6", "phase-seg1=6", "phase-seg2=3", "clock=80MHz")
+    run.set("dash", "brp=11")
+    run.end()
