@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Looks for two frames that a transmitter can send as one: what it drives first in each bit is one
-frame, and what it lets go of later in the bit is the other.
+"""Looks for two frames that a transmitter can send as one. It drives one frame at first in each
+bit, and the other one later in the bit, when it lets go of some of them.
 
 Both have the same identifier, length and number of wire bits, and both CRCs are right. Wherever
 they differ the first is dominant and the second recessive. So no edge to dominant moves, and
