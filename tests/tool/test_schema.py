@@ -36,6 +36,7 @@ SEMANTIC = [
     "is too long for one",
     "is in the list twice", "is in the map twice", "is named twice", "nothing is separated",
     "wait for the same states", "another node", "needs a frame on the bus",
+    "a pulse in a frame needs a position",
     "error frames (#MASK)", "for error frames (#MASK), not for both", "more frame filters than fit",
     "within 0.1 %", "whole nanoseconds", "too large", "window must end after", "No such file",
     "cannot read", "profiles: there are errors", "no fault profile", "has no parameter",
