@@ -75,24 +75,40 @@ def test_every_profile_is_played():
         assert f'"{profile.stem}"' in text, f"{profile.stem} has no run here"
 
 
+def errors_behind(run, hits):
+    """Returns the first error behind each hit, up to the next hit, or None."""
+    errors = run.of("error")
+    ends = [hit["t"] for hit in hits[1:]] + [1.0]
+    return [next((e for e in errors if hit["t"] <= e["t"] < end), None)
+            for hit, end in zip(hits, ends)]
+
+
 def test_noisy_harness(play):
+    """Of four pulses two miss the sample point, and do nothing."""
     run = play("noisy-harness")
-    hits = run.counts[None, "fault"]
-    assert 5 <= hits <= 30  # 15 expected of 150000 bits
-    assert run.nothing_lost()
-    assert not run.of("state")
-    assert run.bus["error_frames"] == hits
+    hits = run.of("fault")
+    assert 8 <= len(hits) <= 35  # 20 expected of 250 frames
+    assert run.nothing_lost() and not run.of("state")
+    errors = errors_behind(run, hits)
+    bad = [hit["rule"] for hit, error in zip(hits, errors) if error]
+    assert 0 < len(bad) == run.bus["error_frames"] < len(hits)
+    assert set(bad) <= {"pulse-3", "pulse-4"}
     assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
 
 
 def test_noisy_harness_at_one_ecu(play):
     """Whatever it reads wrongly, it is the first that finds an error."""
     run = play("noisy-harness", "victim: dash")
-    hits = [e["t"] for e in run.of("fault")]
-    assert 5 <= len(hits) <= 30 and run.nothing_lost()
-    errors = run.of("error")
-    for begin, end in zip(hits, hits[1:] + [1.0]):
-        assert next(e["node"] for e in errors if begin <= e["t"] < end) == "dash"
+    errors = [e for e in errors_behind(run, run.of("fault")) if e]
+    assert len(errors) == run.bus["error_frames"] > 0 and run.nothing_lost()
+    assert {e["node"] for e in errors} == {"dash"}
+
+
+def test_noisy_harness_whose_pulses_miss_the_sample_point(play):
+    """None of them reaches 87.5% of the bit: the last begins at 1700 ns, and ends at 1740."""
+    run = play("noisy-harness", "rate: 0.2, for: 40ns")
+    assert run.counts[None, "fault"] > 100
+    assert run.nothing_lost() and not run.of("error")
 
 
 def test_loose_connector(play):
@@ -161,11 +177,19 @@ def test_tx_stuck_dominant_with_timeout_of_a_sender(play):
 
 def test_missing_termination(play):
     run = play("missing-termination", "far: dash, rate: 0.05")
-    assert run.counts[None, "fault"] == run.bus["error_frames"] > 5
+    hits = run.of("fault")
+    assert len(hits) == run.bus["error_frames"] > 5
+    assert {e["node"] for e in errors_behind(run, hits)} == {"dash"}
     assert {e["type"] for e in run.of("error", "dash")} <= {"stuff", "form"}
     assert run.nothing_lost()
     assert run.counts["dash", "rx"] == ENGINE_FRAMES + GEARBOX_FRAMES
     assert not run.of("state")
+
+
+@pytest.mark.parametrize("length, has_errors", [("1749ns", False), ("1750ns", True)])
+def test_missing_termination_matters_at_the_sample_point(play, length, has_errors):
+    run = play("missing-termination", f"far: dash, rate: 0.05, for: {length}")
+    assert run.of("fault") and bool(run.of("error")) == has_errors
 
 
 def test_deaf_ecu_that_listens(play):
@@ -187,20 +211,56 @@ def test_deaf_ecu_that_sends(play):
 
 
 def test_wrong_bit_rate(play):
+    """Flags of nine bits: the senders are bus-off before the ECU is error-passive."""
     run = play("wrong-bit-rate", "victim: dash")
     assert not run.of("rx", "dash")
-    assert run.first("dash", "error-passive") < 0.001
-    assert run.nodes["dash"]["state"] == "error-passive"
+    for node in "engine", "gearbox":
+        assert run.first(node, "error-passive") < run.first(node, "bus-off") < 0.025
+    assert run.first("dash", "error-passive") > 0.025
+    assert run.nodes["dash"]["state"] == "error-passive" and "bus-off" not in run.states("dash")
+    assert not run.nothing_lost()
+    assert {e["why"] for e in run.of("drop")} == {"bus-off"}
+
+
+def test_wrong_bit_rate_twice_as_fast_disturbs_nobody(play):
+    """Flags of three bits are no stuff errors."""
+    run = play("wrong-bit-rate", "victim: dash, brp: 1")
+    assert not run.of("rx", "dash")
+    assert run.first("dash", "error-passive") < 0.0005
     assert run.nothing_lost()
-    assert "error-warning" in run.states("engine")
+    assert not run.of("state", "engine") and not run.of("state", "gearbox")
+
+
+def test_wrong_bit_rate_half_as_fast_loses_no_frame(play):
+    run = play("wrong-bit-rate", "victim: dash, brp: 4")
+    assert not run.of("rx", "dash")
+    assert run.first("dash", "error-passive") < 0.010
+    assert "error-passive" in run.states("engine") + run.states("gearbox")
     assert "bus-off" not in run.states("engine") + run.states("gearbox")
+    assert run.nothing_lost()
 
 
-def test_wrong_bit_rate_of_a_sender(play):
-    run = play("wrong-bit-rate", "victim: gearbox")
-    assert run.first("gearbox", "bus-off") < 0.010
+def test_wrong_bit_rate_begins_in_time_and_the_right_one_is_none(play):
+    run = play("wrong-bit-rate", "victim: dash, begin: 100ms")
+    assert run.of("rx", "dash", end=BEGIN) and not run.of("error", end=BEGIN)
+    assert not run.of("rx", "dash", begin=BEGIN + 0.001) and run.of("error")
+    right = play("wrong-bit-rate", "victim: dash, brp: 2")
+    assert right.nothing_lost() and not right.of("error")
+
+
+@pytest.mark.parametrize("brp", [3, 4, 5])
+def test_wrong_bit_rate_of_a_sender(play, brp):
+    run = play("wrong-bit-rate", f"victim: gearbox, brp: {brp}")
+    assert run.states("gearbox").count("bus-off") > 1  # again after a restart
     assert not run.of("tx", "gearbox") and not run.of("rx", "gearbox")
-    assert run.counts["engine", "tx"] == ENGINE_FRAMES
+    assert not [e for e in run.of("rx", "dash") if e["frame"].startswith("200")]
+
+
+def test_wrong_bit_rate_of_a_fast_sender_blocks_the_bus(play):
+    run = play("wrong-bit-rate", "victim: gearbox, brp: 1")
+    assert run.states("gearbox") == ["error-warning", "error-passive"]
+    assert {e["type"] for e in run.of("error", "gearbox", begin=0.01)} >= {"ack"}
+    assert not run.of("tx", begin=0.01)
 
 
 def test_bus_off_attack(play):
