@@ -82,6 +82,13 @@ void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment
 /* Notes that the controller has gone on after a sample. */
 void cw_sync_sampled(cw_bus *bus, unsigned node, cw_span moment);
 
+/* ---- quantum_rest.c -------------------------------------------------------------------------- */
+
+/* Puts a node into the recessive bit in which it is at a moment; it must have no entry on the
+ * agenda. It goes by its own clock from the begin of one of its bits on, the first of those that it
+ * has not sampled. Returns how many of them it has sampled by then. */
+unsigned cw_timed_place(cw_bus *bus, unsigned node, cw_span first, cw_span moment);
+
 /* ---- quantum_proof.c ------------------------------------------------------------------------- */
 
 /* Returns the proof for the present bit timings and delays. */

@@ -366,23 +366,11 @@ static void finish_transmission(cw_bus *bus, const clean_frame *f)
 /* Puts a node into the bit in which it is at the end of the step, in or after the intermission. */
 static void place_node(cw_bus *bus, const clean_frame *f, unsigned i)
 {
-    timed_node *n = &bus->timed.nodes[i];
-    const cw_span bit = bus->timed.proof.bit[i], to_sample = bus->timed.proof.to_sample[i];
-    cw_span begin = f->ack.next[i] + BITS_TO_EOF * bit;
-    unsigned sampled = 0;
-    for (; begin + to_sample <= f->until; begin += bit)
-        sampled++;
-    const bool begun = begin < f->until;
-    cw_pcs_begin_bit(&n->pcs, &n->timing);
-    n->pcs.synchronised = false;
-    n->pcs.sampled = !begun;
-    n->begin = n->looked = begun ? begin : begin - bit;
-    n->next_begin = begun ? begin + bit : begin;
-    cw_agenda_put(&bus->timed.agenda, i, begun ? CW_LOOKS : CW_BEGINS,
-                  begun ? begin + to_sample : begin);
+    const cw_role role = i == f->sender ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
+    const cw_span eof = f->ack.next[i] + BITS_TO_EOF * bus->timed.proof.bit[i];
+    const unsigned sampled = cw_timed_place(bus, i, eof, f->until);
     if (!(f->away >> i & 1u))
-        cw_mac_go_behind_frame(&bus->nodes[i].mac,
-                               i == f->sender ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER, sampled);
+        cw_mac_go_behind_frame(&bus->nodes[i].mac, role, sampled);
 }
 
 static void go_to_end(cw_bus *bus, const clean_frame *f)

@@ -70,24 +70,29 @@ static uint64_t reach(const cw_bus *bus, uint64_t tick)
     return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), MOST_TICKS));
 }
 
-/* Lets a node go on by whole bits, past a moment. A bit may begin at the moment itself, as it is
- * still to begin after the bit time. */
-static void go_past(cw_bus *bus, unsigned i, cw_span moment)
+/* Returns the samples from a bit on up to a moment, the moment included. */
+static cw_span samples(cw_span begin, cw_span to_sample, cw_span bit, cw_span moment)
+{
+    return begin + to_sample > moment ? 0 : (moment - begin - to_sample) / bit + 1;
+}
+
+/* A bit that begins at the moment itself is still to begin, as after a bit time. */
+unsigned cw_timed_place(cw_bus *bus, unsigned i, cw_span first, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
-    const agenda_entry e = *cw_agenda_of(&bus->timed.agenda, i);
     const cw_span bit = bit_of(n);
-    const bool begins = cw_agenda_what(&e) == CW_BEGINS;
-    if (e.moment > moment || (begins && e.moment == moment))
-        return;
-    cw_span bits = (moment - e.moment) / bit;
-    if (!begins || e.moment + bits * bit < moment)
-        bits++;
-    n->begin += bits * bit;
-    n->next_begin += bits * bit;
-    n->looked += bits * bit;
-    cw_agenda_remove(&bus->timed.agenda, i);
-    cw_agenda_put(&bus->timed.agenda, i, cw_agenda_what(&e), e.moment + bits * bit);
+    const cw_span to_sample = n->timing.quantum * cw_bit_timing_sample_at(&n->timing);
+    const cw_span sampled = samples(first, to_sample, bit, moment);
+    const cw_span begin = first + sampled * bit;
+    const bool begun = begin < moment;
+    cw_pcs_begin_bit(&n->pcs, &n->timing);
+    n->pcs.synchronised = false;
+    n->pcs.sampled = !begun;
+    n->begin = n->looked = begun ? begin : begin - bit;
+    n->next_begin = begun ? begin + bit : begin;
+    cw_agenda_put(&bus->timed.agenda, i, begun ? CW_LOOKS : CW_BEGINS,
+                  begun ? begin + to_sample : begin);
+    return (unsigned)cw_least((uint64_t)sampled, UINT32_MAX);
 }
 
 bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
@@ -99,8 +104,11 @@ bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
         return false;
     cw_timed_rebase(bus);
     const cw_span end = cw_moment_of(bus, cw_wire_tick(&bus->time, bits));
-    for (unsigned i = 0; i < bus->node_count; i++)
-        go_past(bus, i, end);
+    cw_agenda_clear(&bus->timed.agenda);
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const timed_node *n = &bus->timed.nodes[i];
+        (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, end);
+    }
     cw_watch_wire(bus, bits);
     cw_wire_pass(&bus->time, bits);
     bus->timed.moment = end;
