@@ -271,8 +271,9 @@ mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
 
 # In the same way for changed fast paths (scripts/mutate --short-cuts).
-mutant-short-cuts: $(DIFFERENTIAL)
+mutant-short-cuts: $(DIFFERENTIAL) $(BUILD)/test_clocks $(BUILD)/test_timed_frames
 mutant-short-cuts-run:
+	@$(BUILD)/test_clocks
 	@$(DIFFERENTIAL) --no-shrink --bits 5000000
 
 $(LIB): $(LIB_OBJECTS)

@@ -1,0 +1,204 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_timed_frames.c - clean frames of nodes with clocks of their own: they pass at once, with the
+ * events and statistics of single bits.
+ */
+#include "canwire.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define BIT_TICKS 160u
+#define NODES 4u
+#define FRAMES 40u
+#define FRAME_SPACE 200u /* bits from one frame to the next */
+#define WORK_OF_A_FRAME 20u /* with the idle time around it; bit by bit it is more than 100 */
+
+/* ---- Two buses, one of which counts synchronisations and so takes single bits ----------------- */
+
+typedef struct pair {
+    cw_node_config nodes[NODES];
+    cw_bus_config config;
+    cw_bus *fast, *single;
+    cw_sync_record records[NODES];
+} pair;
+
+static cw_bus *make_bus(const cw_bus_config *config)
+{
+    cw_bus *bus = cw_bus_init(malloc(cw_bus_size(config)), config);
+    assert_non_null(bus);
+    return bus;
+}
+
+/* Clocks are 100 ppm apart, and the nodes 10 ns. */
+static void set_up(pair *p)
+{
+    *p = (pair){.config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = FRAMES,
+                           .events = 4096}};
+    for (unsigned i = 0; i < NODES; i++) {
+        cw_node_timing *t = &p->nodes[i].timing;
+        p->nodes[i].queue = FRAMES;
+        p->nodes[i].warning_limit = 96;
+        t->bit = (cw_bit_timing){.quantum = CW_TICK * 10, .prop_seg = 6, .phase_seg1 = 7,
+                                 .phase_seg2 = 2, .sjw = 1};
+        t->bit.quantum += t->bit.quantum / 10000 * (cw_span)i;
+        t->place = CW_TICK * (cw_span)i;
+    }
+}
+
+static void begin(pair *p)
+{
+    p->config.nodes = p->nodes;
+    p->fast = make_bus(&p->config);
+    p->single = make_bus(&p->config);
+    cw_bus_set_sync_records(p->single, p->records);
+}
+
+static void end(pair *p)
+{
+    free(p->fast);
+    free(p->single);
+}
+
+static void send_frames(pair *p, unsigned first, unsigned senders)
+{
+    for (unsigned k = 0; k < FRAMES; k++) {
+        const cw_frame frame = {.id = 0x100 + k, .dlc = (uint8_t)(k % 9),
+                                .data = {0, 0, (uint8_t)(37 * k), 0xFF, 0xFF, (uint8_t)k}};
+        const uint64_t tick = (100 + (uint64_t)k * FRAME_SPACE) * BIT_TICKS + 13 * k;
+        assert_int_equal(cw_node_send(p->fast, first + k % senders, &frame, tick), CW_OK);
+        assert_int_equal(cw_node_send(p->single, first + k % senders, &frame, tick), CW_OK);
+    }
+}
+
+static void compare_events(pair *p)
+{
+    cw_event a, b;
+    while (cw_bus_poll(p->fast, &a)) {
+        assert_true(cw_bus_poll(p->single, &b));
+        assert_int_equal(a.tick, b.tick);
+        assert_int_equal(a.kind, b.kind);
+        assert_int_equal(a.nodes, b.nodes);
+        assert_int_equal(a.handed_in, b.handed_in);
+        assert_int_equal(a.from, b.from);
+    }
+    assert_false(cw_bus_poll(p->single, &b));
+}
+
+static void compare_stats(const pair *p)
+{
+    cw_bus_stats a, b;
+    cw_node_stats c, d;
+    memset(&a, 0, sizeof a);
+    memset(&b, 0, sizeof b);
+    cw_bus_get_stats(p->fast, &a);
+    cw_bus_get_stats(p->single, &b);
+    assert_memory_equal(&a, &b, sizeof a);
+    for (unsigned i = 0; i < NODES; i++) {
+        memset(&c, 0, sizeof c);
+        memset(&d, 0, sizeof d);
+        assert_int_equal(cw_node_get_stats(p->fast, i, &c), CW_OK);
+        assert_int_equal(cw_node_get_stats(p->single, i, &d), CW_OK);
+        assert_memory_equal(&c, &d, sizeof c);
+    }
+}
+
+/* Goes on up to the end, with looks in between. Returns the work of the fast bus. */
+static uint64_t run(pair *p)
+{
+    const uint64_t before = cw_bus_work(p->fast);
+    for (unsigned k = 1; k <= 4; k++) {
+        const uint64_t tick = (uint64_t)FRAMES * (FRAME_SPACE + 10) * BIT_TICKS / 4 * k;
+        assert_int_equal(cw_bus_advance(p->fast, tick), CW_OK);
+        assert_int_equal(cw_bus_advance(p->single, tick), CW_OK);
+        assert_int_equal(cw_bus_now(p->fast), cw_bus_now(p->single));
+        compare_events(p);
+        compare_stats(p);
+    }
+    return cw_bus_work(p->fast) - before;
+}
+
+static cw_bus_stats stats_of(const pair *p)
+{
+    cw_bus_stats stats;
+    cw_bus_get_stats(p->fast, &stats);
+    return stats;
+}
+
+/* ---- Tests ----------------------------------------------------------------------------------- */
+
+static void clean_frames_pass_at_once(void **unused)
+{
+    pair p;
+    (void)unused;
+    set_up(&p);
+    begin(&p);
+    send_frames(&p, 0, NODES);
+    assert_true(run(&p) < FRAMES * WORK_OF_A_FRAME);
+    assert_int_equal(stats_of(&p).frames, FRAMES);
+    end(&p);
+}
+
+/* Node 3 acknowledges nothing, node 2 is off the bus, and node 1 takes three samples a bit. */
+static void nodes_that_only_listen_or_are_away_change_nothing(void **unused)
+{
+    pair p;
+    (void)unused;
+    set_up(&p);
+    p.nodes[3].modes = CW_MODE_LISTEN_ONLY;
+    p.nodes[1].timing.bit.triple_sampling = true;
+    begin(&p);
+    assert_int_equal(cw_node_attach(p.fast, 2, false), CW_OK);
+    assert_int_equal(cw_node_attach(p.single, 2, false), CW_OK);
+    send_frames(&p, 0, 2);
+    assert_true(run(&p) < FRAMES * WORK_OF_A_FRAME);
+    assert_int_equal(stats_of(&p).frames, FRAMES);
+    end(&p);
+}
+
+/* Frames that come while others are on their way wait, and contend: all bits are simulated. */
+static void frames_that_contend_go_bit_by_bit(void **unused)
+{
+    pair p;
+    (void)unused;
+    set_up(&p);
+    begin(&p);
+    for (unsigned i = 0; i < NODES; i++) {
+        const cw_frame frame = {.id = 0x100 + i, .dlc = 8};
+        assert_int_equal(cw_node_send(p.fast, i, &frame, 5000), CW_OK);
+        assert_int_equal(cw_node_send(p.single, i, &frame, 5000), CW_OK);
+    }
+    assert_true(run(&p) > 3 * 100);
+    assert_int_equal(stats_of(&p).frames, NODES);
+    assert_int_equal(stats_of(&p).arbitration_lost, NODES * (NODES - 1) / 2);
+    end(&p);
+}
+
+/* In 10 bits 2 % are 3.2 quanta, more than SJW. */
+static void frames_without_proof_go_bit_by_bit(void **unused)
+{
+    pair p;
+    (void)unused;
+    set_up(&p);
+    p.nodes[1].timing.bit.quantum += p.nodes[1].timing.bit.quantum / 50;
+    begin(&p);
+    send_frames(&p, 0, 1);
+    assert_true(run(&p) > FRAMES * 40);
+    end(&p);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(clean_frames_pass_at_once),
+        cmocka_unit_test(nodes_that_only_listen_or_are_away_change_nothing),
+        cmocka_unit_test(frames_that_contend_go_bit_by_bit),
+        cmocka_unit_test(frames_without_proof_go_bit_by_bit),
+    };
+    return cmocka_run_group_tests_name("clean frames off the grid", tests, NULL, NULL);
+}
