@@ -273,7 +273,7 @@ mutant-run:
 # In the same way for changed fast paths (scripts/mutate --short-cuts).
 mutant-short-cuts: $(DIFFERENTIAL) $(BUILD)/test_clocks $(BUILD)/test_timed_frames
 mutant-short-cuts-run:
-	@$(BUILD)/test_clocks
+	@$(BUILD)/test_timed_frames && $(BUILD)/test_clocks
 	@$(DIFFERENTIAL) --no-shrink --bits 5000000
 
 $(LIB): $(LIB_OBJECTS)
