@@ -19,7 +19,7 @@
 #define FRAME_SPACE 200u /* bits from one frame to the next */
 #define WORK_OF_A_FRAME 20u /* with the idle time around it; bit by bit it is more than 100 */
 
-/* ---- Two buses, one of which counts synchronisations and so takes single bits ----------------- */
+/* ---- Two buses, of which one counts synchronisations and so takes single bits ---------------- */
 
 typedef struct pair {
     cw_node_config nodes[NODES];
