@@ -375,3 +375,29 @@ def test_an_output_that_cannot_be_written_is_status_one(write, tmp_path):
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
     assert "/dev/full" in sim(write(small()), "--svg", "/dev/full", status=1).stderr
+
+
+CLOCK = "clock: 40MHz, brp: 4, prop-seg: 7, phase-seg1: 8, phase-seg2: 4, sjw: 2"
+
+
+def clocks(ppm):
+    return f"""
+bus: {{ name: can, bitrate: 500000 }}
+nodes:
+  - {{ name: a, {CLOCK}, traffic: [{{ send: 123#00FF00FF00 }}] }}
+  - {{ name: b, {CLOCK}, ppm: {ppm} }}
+"""
+
+
+def test_what_nodes_do_by_their_own_clocks(write):
+    shown = picture(write(clocks(-1000)))
+    samples = shown.count("sample", "b")
+    assert samples > 90
+    assert abs(shown.count("tq", "b") - 20 * samples) < 60
+    assert shown.count("hard", "b") == 1 and shown.count("resync", "b") > 4
+    assert {"-1"} <= set(shown.texts("phase-error", "b")) <= {"-1", "0"}
+
+
+def test_equal_clocks_have_the_picture_of_common_bits(write):
+    shown = picture(write(clocks(0)))
+    assert shown.count("tq", "a") == shown.count("sample", "a") == 0

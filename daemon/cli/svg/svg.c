@@ -7,6 +7,7 @@
  */
 #include "cli/svg/svg.h"
 
+#include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
 #include "cli/svg/svg_parts.h"
 
@@ -26,6 +27,7 @@ struct svg {
     size_t count; /* taken; the first SVG_BITS_MAX of them are kept */
     size_t capacity;
     note_list notes;
+    inside_list *inside; /* NULL: all bits are common to all nodes */
     struct {
         cw_state state;
         uint16_t tec;
@@ -54,6 +56,13 @@ svg *svg_new(const cfg *config, const cw_bus *bus)
     svg *self = calloc(1, sizeof *self);
     if (!self)
         return NULL;
+    if (cfg_has_clocks(config) && !cw_bus_is_on_grid(bus)) {
+        self->inside = calloc(1, sizeof *self->inside);
+        if (!self->inside) {
+            free(self);
+            return NULL;
+        }
+    }
     self->config = config;
     notes_init(&self->notes, config, bus);
     for (unsigned i = 0; i < config->node_count; i++) {
@@ -69,6 +78,7 @@ void svg_free(svg *self)
     if (!self)
         return;
     notes_free(&self->notes);
+    inside_free(self->inside);
     free(self->bits);
     free(self);
 }
@@ -103,6 +113,8 @@ bool svg_bit(svg *self, const cw_bit_view *bit)
         return true;
     }
     if (!make_room(self))
+        return false;
+    if (self->inside && !inside_bit(self->inside, bit, self->count))
         return false;
     self->bits[self->count++] = *bit;
     return notes_bit(&self->notes, bit);
@@ -535,6 +547,18 @@ static void draw_node_name(const pen *p, unsigned node)
                  cw_state_name(state));
 }
 
+/* Draws what the node does by its own clock. */
+static void draw_inside(const pen *p, unsigned node, int top)
+{
+    const inside_list *in = p->svg->inside;
+    const size_t end = inside_before(in, p->row->end);
+    fputs("<g class=\"inside\">\n", p->out);
+    for (size_t i = inside_before(in, p->row->first); i < end; i++)
+        if (in->list[i].node == node)
+            inside_draw(p->out, &in->list[i], bit_x(p, in->list[i].bit), top, p->layout.bit);
+    fputs("</g>\n", p->out);
+}
+
 static void draw_node(pen *p, unsigned node)
 {
     const int wave = p->y + SVG_BAND + 4;
@@ -545,7 +569,9 @@ static void draw_node(pen *p, unsigned node)
     draw_wave(p, wave, sampled_level, node, " class=\"sampled\" stroke=\"" SAMPLED "\"");
     draw_wave(p, wave, driven_level, node,
               " class=\"driven\" stroke=\"" DRIVEN "\" stroke-width=\"2\"");
-    draw_node_notes(p, node, wave + SVG_WAVE + 2);
+    if (p->svg->inside)
+        draw_inside(p, node, wave + SVG_WAVE + 2);
+    draw_node_notes(p, node, wave + SVG_WAVE + 2 + p->row->inside);
     fputs("</g>\n", p->out);
     p->y += svg_layout_node(p->row, node);
 }
@@ -590,6 +616,8 @@ static void draw_legend(const pen *p)
 {
     int y = p->layout.height - 10;
     int x = SVG_MARGIN + p->layout.labels;
+    if (p->svg->inside)
+        y -= SVG_INSIDE_LEGEND;
     fputs("<g class=\"legend\" font-size=\"9.5\" fill=\"" FAINT "\">\n", p->out);
     put_line(p, x, y - 3, x + 18, y - 3, " stroke=\"" DRIVEN "\" stroke-width=\"2\"");
     put_text(p, x + 23, y, "", "driven");
@@ -605,13 +633,17 @@ static void draw_legend(const pen *p)
     put_text(p, x + 423, y, "", "transmitter");
     put_rect(p, x + 494, y - 11, 14, 14, " fill=\"#d4e6f7\"");
     put_text(p, x + 513, y, "", "receiver");
+    if (p->svg->inside)
+        put_text(p, x, y + SVG_INSIDE_LEGEND, "",
+                 "below: time quanta, sample points (longer), synchronisations with phase errors");
     fputs("</g>\n", p->out);
 }
 
 bool svg_write(FILE *out, const svg *self, uint64_t to)
 {
     pen p = {.out = out, .svg = self};
-    bool good = svg_layout_make(&p.layout, &self->notes, self->bits, self->count);
+    bool good = svg_layout_make(&p.layout, &self->notes, self->bits, self->count,
+                                self->inside != NULL);
     if (good) {
         fprintf(out,
                 "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "

@@ -39,7 +39,8 @@ int svg_layout_wire(void)
 
 int svg_layout_node(const svg_row *row, unsigned node)
 {
-    return SVG_BAND + 4 + SVG_WAVE + 2 + (int)row->levels[node] * SVG_NOTE + SVG_GAP;
+    return SVG_BAND + 4 + SVG_WAVE + 2 + row->inside +
+           (int)row->levels[node] * SVG_NOTE + SVG_GAP;
 }
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
@@ -226,27 +227,28 @@ static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
 
 /* ---- The whole layout ------------------------------------------------------------------------ */
 
-static void stack_rows(svg_layout *self, size_t node_count)
+static void stack_rows(svg_layout *self, size_t node_count, bool inside)
 {
     int y = SVG_TITLE;
     for (size_t r = 0; r < self->row_count; r++) {
         svg_row *row = &self->rows[r];
         row->y = y;
+        row->inside = inside ? SVG_INSIDE : 0;
         row->height = SVG_AXIS + svg_layout_faults(row) + (int)row->wires * svg_layout_wire();
         for (unsigned i = 0; i < node_count; i++)
             row->height += svg_layout_node(row, i);
         y += row->height + (r + 1 < self->row_count ? SVG_ROW_GAP : 0);
     }
-    self->height = y + SVG_LEGEND;
+    self->height = y + SVG_LEGEND + (inside ? SVG_INSIDE_LEGEND : 0);
 }
 
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
-                     size_t count)
+                     size_t count, bool inside)
 {
     *self = (svg_layout){.labels = find_labels(notes->config)};
     if (!make_rows(self, bits, count) || !place_notes(self, notes, count))
         return false;
-    stack_rows(self, bits[0].node_count);
+    stack_rows(self, bits[0].node_count, inside);
     return true;
 }
 

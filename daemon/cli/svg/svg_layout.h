@@ -20,6 +20,8 @@
 #define SVG_BAND 18 /* fields */
 #define SVG_WAVE 16
 #define SVG_DIGITS 11
+#define SVG_INSIDE 17 /* quanta, sample points and synchronisations of a node */
+#define SVG_INSIDE_LEGEND 14
 #define SVG_GAP 12 /* below a lane */
 #define SVG_ROW_GAP 26
 #define SVG_LEGEND 26
@@ -50,6 +52,7 @@ typedef struct svg_row {
     unsigned levels[CW_NODES_MAX + 1]; /* of notes, of each node and of the bus */
     int y;
     int height;
+    int inside; /* height of what is shown inside of bits, of each node */
 } svg_row;
 
 typedef struct svg_layout {
@@ -64,9 +67,10 @@ typedef struct svg_layout {
                            ones */
 } svg_layout;
 
-/* Lays out `count` bits. Returns false without memory. The layout must be freed in either case. */
+/* Lays out `count` bits, with room for what happens inside of them or without. Returns false when
+ * there is no memory. The layout must be freed in either case. */
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
-                     size_t count);
+                     size_t count, bool inside);
 
 void svg_layout_free(svg_layout *self);
 
