@@ -83,7 +83,7 @@ const cw_clean_proof *cw_timed_proof(cw_bus *bus)
     cw_clean_proof *proof = &bus->timed.proof;
     if (proof->valid)
         return proof;
-    proof->least_delay = CW_SPAN_MAX;
+    proof->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
     bool retimed = false;
     for (unsigned i = 0; i < bus->node_count; i++) {
         find_spans(proof, i, &bus->timed.nodes[i]);
