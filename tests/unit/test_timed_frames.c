@@ -99,7 +99,7 @@ static void compare_stats(const pair *p)
     cw_bus_get_stats(p->fast, &a);
     cw_bus_get_stats(p->single, &b);
     assert_memory_equal(&a, &b, sizeof a);
-    for (unsigned i = 0; i < NODES; i++) {
+    for (unsigned i = 0; i < p->config.node_count; i++) {
         memset(&c, 0, sizeof c);
         memset(&d, 0, sizeof d);
         assert_int_equal(cw_node_get_stats(p->fast, i, &c), CW_OK);
@@ -192,12 +192,27 @@ static void frames_without_proof_go_bit_by_bit(void **unused)
     end(&p);
 }
 
+static void nobody_acknowledges_the_frame_of_a_node_alone(void **unused)
+{
+    pair p;
+    (void)unused;
+    set_up(&p);
+    p.nodes[0].timing.bit.quantum += p.nodes[0].timing.bit.quantum / 10000;
+    p.config.node_count = 1;
+    begin(&p);
+    send_frames(&p, 0, 1);
+    (void)run(&p);
+    assert_int_equal(stats_of(&p).frames, 0);
+    end(&p);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(clean_frames_pass_at_once),
         cmocka_unit_test(nodes_that_only_listen_or_are_away_change_nothing),
         cmocka_unit_test(frames_that_contend_go_bit_by_bit),
+        cmocka_unit_test(nobody_acknowledges_the_frame_of_a_node_alone),
         cmocka_unit_test(frames_without_proof_go_bit_by_bit),
     };
     return cmocka_run_group_tests_name("clean frames off the grid", tests, NULL, NULL);
