@@ -778,8 +778,14 @@ typedef enum cw_event_kind {
     CW_EVENT_TX,
     CW_EVENT_STATE,
     CW_EVENT_SKIP, /* the host has let time pass without the bus; the bus itself makes none */
+    CW_EVENT_SYNC, /* its clock has been moved by an edge (T4, T5); only where the bit timings of
+                      nodes differ, and only when asked for: cw_bus_set_events() */
     CW_EVENT_COUNT
 } cw_event_kind;
+
+/* All kinds but synchronisations, as bits 1u << cw_event_kind. A bus has several synchronisations
+ * in each frame, and goes bit by bit while somebody wants them. */
+#define CW_EVENTS_USUAL (((1u << CW_EVENT_COUNT) - 1) & ~(1u << CW_EVENT_SYNC))
 
 const char *cw_event_name(cw_event_kind kind);
 
@@ -801,7 +807,12 @@ typedef struct cw_event {
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
-    uint64_t ticks; /* SKIP: the time skipped */
+    union {
+        uint64_t ticks;      /* SKIP: the time skipped */
+        cw_span phase_error; /* SYNC: of the edge */
+    };
+    int32_t phase_error_tq; /* SYNC: the same in quanta (T5); 0 of a hard synchronisation */
+    bool hard;              /* SYNC: a hard one (T4), else a resynchronisation (T5) */
 } cw_event;
 
 /* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
@@ -913,7 +924,7 @@ void cw_bus_set_watching(cw_bus *bus, bool watching);
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
 
 /* Selects the kinds of events that are kept for cw_bus_poll(), as bits 1u << cw_event_kind. The
- * others only count in the statistics. All kinds are kept after cw_bus_init(). Without lost
+ * others only count in the statistics. CW_EVENTS_USUAL are kept after cw_bus_init(). Without lost
  * arbitrations a bus with many busy nodes is faster. */
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 

@@ -15,10 +15,11 @@ static const char help[] =
     "from\n"
     "now on; a table on a terminal, else lines of JSON. When this reads too slowly, the bus does "
     "not\n"
-    "wait; how many events were lost is told.\n"
+    "wait; how many events were lost is told. Synchronisations of clocks come only when `sync` is\n"
+    "named.\n"
     "\n"
     "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
-    "               error, overload, rx, tx, state, skip, record\n"
+    "               error, overload, rx, tx, state, skip, record, sync\n"
     "      --json   lines of JSON, as the bus sends them, on a terminal, too\n"
     "      --text   the table, not only on a terminal\n";
 

@@ -36,6 +36,12 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
     return reached;
 }
 
+/* Synchronisations make the bus slower, so it reports them for those only who want them. */
+void engine_choose_events(engine *e)
+{
+    cw_bus_set_events(e->now.bus, CW_EVENTS_USUAL | e->kinds | e->config->lcm.events);
+}
+
 void engine_read_limits(engine *e)
 {
     e->catch_up_ticks = text_time_ticks(e->config->catch_up, e->config->rate);

@@ -52,6 +52,7 @@ struct engine {
     const cfg *config; /* the configuration in effect */
     engine_observer *observer;
     void *observer_user;
+    uint32_t kinds; /* of events, see engine_set_events() */
     engine_bit_observer *bit_observer;
     void *bit_user;
     unsigned calm_bits; /* bits shown to it since the last event */
@@ -134,6 +135,9 @@ uint64_t engine_run_to(engine *e, uint64_t tick);
 
 /* Takes the values for each wake-up from the configuration. */
 void engine_read_limits(engine *e);
+
+/* Selects the kinds of events that the bus reports. */
+void engine_choose_events(engine *e);
 
 /* ---- links.c --------------------------------------------------------------------------------- */
 

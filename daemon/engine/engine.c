@@ -251,6 +251,7 @@ engine *engine_start(struct ev_loop *loop, live *config)
     clock_begin(&e->clock);
     catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->clock.epoch_ns);
     engine_read_limits(e);
+    engine_choose_events(e);
     release_look(e->now.plan, e->now.bus);
     ev_io_start(loop, &e->timer);
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -327,6 +328,12 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
 {
     e->observer = observer;
     e->observer_user = user;
+}
+
+void engine_set_events(engine *e, uint32_t kinds)
+{
+    e->kinds = kinds;
+    engine_choose_events(e);
 }
 
 void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user)

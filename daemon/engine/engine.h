@@ -60,6 +60,10 @@ void engine_on_change(engine *e, engine_changed *changed, void *user);
 typedef void engine_observer(void *user, const cw_event *event);
 void engine_observe(engine *e, engine_observer *observer, void *user);
 
+/* Selects kinds of events that are reported beside CW_EVENTS_USUAL and those of the configuration,
+ * see cw_bus_set_events(). */
+void engine_set_events(engine *e, uint32_t kinds);
+
 /* Reports each bit of the bus, after its events. There is one observer at most, NULL for none.
  * Every bit is then simulated by itself, which costs time; bits of an idle bus are left out. */
 typedef void engine_bit_observer(void *user, const cw_bus *bus);

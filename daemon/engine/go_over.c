@@ -63,6 +63,7 @@ static void go_over(engine *e)
     live_replace(e->live, r->config);
     r->config = NULL;
     engine_read_limits(e);
+    engine_choose_events(e);
     reload_remap(e->arrived, sizeof e->arrived[0], r->from);
     reload_remap(e->overflowed, sizeof e->overflowed[0], r->from);
     e->ticking = false;

@@ -160,6 +160,14 @@ static char *put_word(char *at, const char *key, const char *word)
     return at;
 }
 
+static char *put_signed(char *at, const char *key, int64_t number)
+{
+    at = chars_text(at, key);
+    if (number < 0)
+        *at++ = '-';
+    return chars_decimal(at, number < 0 ? -(uint64_t)number : (uint64_t)number);
+}
+
 static char *put_number(char *at, const char *key, uint64_t number)
 {
     return chars_decimal(chars_text(at, key), number);
@@ -203,6 +211,16 @@ static char *put_error(char *at, const cw_event *event)
     return put_counters(at, event);
 }
 
+/* A hard synchronisation moves the whole bit, it has no phase error. */
+static char *put_sync(char *at, const cw_event *event)
+{
+    at = put_word(at, ",\"type\":\"", event->hard ? "hard" : "resync");
+    if (event->hard)
+        return at;
+    at = put_signed(at, ",\"phase_error_tq\":", event->phase_error_tq);
+    return put_signed(at, ",\"phase_error_ps\":", text_span_ps(event->phase_error));
+}
+
 /* Writes the details of an event beyond time, node and kind. */
 static char *put_details(char *at, const cfg *config, const cw_event *event)
 {
@@ -227,6 +245,8 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_counters(at, event);
     case CW_EVENT_SKIP:
         return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
+    case CW_EVENT_SYNC:
+        return put_sync(at, event);
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_TOLERATED:

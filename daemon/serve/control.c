@@ -50,6 +50,7 @@ static void set_watch(control *c, unsigned client, uint32_t kinds)
     c->kinds = 0;
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         c->kinds |= c->watchers[i].kinds;
+    engine_set_events(c->world.engine, c->kinds & ~REQUEST_WATCH_RECORD);
 }
 
 static void write_json(server_client *client, const json_t *value)

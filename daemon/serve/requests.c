@@ -19,6 +19,7 @@
 #define ERROR_TEXT_MAX 400
 #define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
 #define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
+#define USUAL_KINDS (EVERY_KIND & ~(1u << CW_EVENT_SYNC))
 #define RECORD_NAME "record"
 
 typedef struct request {
@@ -185,7 +186,7 @@ static bool refuse_kind(request *r, const char *word)
 static bool run_watch(request *r)
 {
     const json_t *events = json_object_get(r->asked, "events");
-    uint32_t kinds = events ? 0 : EVERY_KIND;
+    uint32_t kinds = events ? 0 : USUAL_KINDS;
     for (size_t i = 0; i < json_array_size(events); i++) {
         const char *word = json_string_value(json_array_get(events, i));
         uint32_t kind = kind_of(word);

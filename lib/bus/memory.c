@@ -181,7 +181,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->next_restart = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
-    bus->wanted = UINT32_MAX;
+    bus->wanted = CW_EVENTS_USUAL;
     cw_load_init(&bus->load, cw_wire_rate(&bus->time));
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)

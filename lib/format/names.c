@@ -73,6 +73,7 @@ const char *cw_event_name(cw_event_kind kind)
     static const char *const names[CW_EVENT_COUNT] = {
         "fault",     "link",     "drop", "restart", "arbitration-lost", "error",
         "tolerated", "overload", "rx",   "tx",      "state",            "skip",
+        "sync",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];

@@ -24,6 +24,7 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_RX:
     case CW_EVENT_TX:
     case CW_EVENT_SKIP:
+    case CW_EVENT_SYNC:
     case CW_EVENT_COUNT:
         break;
     }

@@ -253,7 +253,7 @@ void cw_find_next_restart(cw_bus *bus);
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 
 /* Events that one node can have in one bit besides drops of frames. */
-#define CW_EVENTS_PER_NODE 8u
+#define CW_EVENTS_PER_NODE 10u
 
 /* Finds the most room that a bit can need. Call it when rules come or go. */
 void cw_ring_find_enough(cw_bus *bus);

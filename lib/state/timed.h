@@ -20,6 +20,14 @@ typedef enum cw_doing {
     CW_BEGINS,    /* its next bit */
 } cw_doing;
 
+/* A synchronisation. A bit has one before its sample point at most, and one after it. */
+typedef struct cw_sync {
+    bool hard;
+    int16_t phase_error; /* in quanta */
+} cw_sync;
+
+#define CW_SYNCS_OF_BIT 2
+
 typedef struct timed_node {
     cw_pcs pcs;
     cw_bit_timing timing;
@@ -32,6 +40,8 @@ typedef struct timed_node {
     bool ahead;         /* its next bit begins at next_begin with nothing to do, so that the agenda
                            has the sample point of that bit */
     cw_mac_report report; /* of the last sample, to be committed at the end of the bit */
+    cw_sync syncs[CW_SYNCS_OF_BIT]; /* to be committed, too */
+    uint8_t sync_count;
 } timed_node;
 
 /* An entry of the agenda: moment, then what, then node. */
@@ -87,6 +97,7 @@ typedef struct cw_timed {
     timed_node *nodes;
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
+    bool reports_syncs;      /* by events, in this bit time */
     cw_clean_proof proof;
     bool marking;            /* in this bit time */
     cw_mark *marks;          /* of this bit time */

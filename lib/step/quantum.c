@@ -31,7 +31,7 @@ static cw_span after_quanta(const timed_node *n, unsigned quanta)
 
 static bool has_report(const timed_node *n)
 {
-    return n->report.what & ~CW_REPORT_STARTED;
+    return (n->report.what & ~CW_REPORT_STARTED) || n->sync_count > 0;
 }
 
 /* ---- Edges ----------------------------------------------------------------------------------- */
@@ -45,11 +45,8 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
     n->looked = look;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
-    if (effect != CW_EDGE_IGNORED && bus->timed.counts)
-        cw_sync_count(bus, i, hard, phase_error);
-    if (effect != CW_EDGE_IGNORED && bus->timed.marking)
-        cw_mark_put(bus, hard ? CW_MARK_HARD_SYNC : CW_MARK_RESYNC, i, look, CW_DOMINANT,
-                    hard ? 0 : phase_error);
+    if (effect != CW_EDGE_IGNORED)
+        cw_sync_note(bus, i, hard, phase_error, look);
     if (effect == CW_EDGE_RESTARTS)
         n->begin = look - n->timing.quantum;
     if (effect == CW_EDGE_ENDS_BIT)
@@ -289,6 +286,7 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
     const uint64_t now = cw_now(bus);
     cw_wire_go_to(&bus->time, cw_tick_of(bus, moment));
     cw_commit_node(bus, i, &n->report);
+    cw_sync_commit(bus, i);
     cw_wire_go_to(&bus->time, now);
     n->report.what = 0;
 }

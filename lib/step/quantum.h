@@ -3,7 +3,7 @@
  * quantum.h - declarations that the parts of the timed step share.
  *
  *   quantum.c       all that nodes do, in the order of time
- *   quantum_sync.c  counts synchronisations and margins, and marks moments for traces
+ *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_rest.c  bit times in which all nodes rest
  *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
@@ -73,8 +73,12 @@ void cw_sync_begin_bit_time(cw_bus *bus);
 void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned node, cw_span moment, bool level,
                  int phase_error);
 
-/* Counts a synchronisation. phase_error: in quanta (T5). */
-void cw_sync_count(cw_bus *bus, unsigned node, bool hard, int phase_error);
+/* Counts, reports and marks a synchronisation, for those who want that. phase_error: in quanta (T5).
+ * moment: of the look that has found the edge. */
+void cw_sync_note(cw_bus *bus, unsigned node, bool hard, int phase_error, cw_span moment);
+
+/* Reports the synchronisations of a bit at its end. */
+void cw_sync_commit(cw_bus *bus, unsigned node);
 
 /* Counts the margins of the level that a node is about to sample. */
 void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment);

@@ -52,8 +52,9 @@ static bool is_between_frames(const cw_mac *m)
 static bool may_go(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    return t->active && !t->records && bus->rules.awake_count == 0 && t->disturbances.count == 0 &&
-           t->cable.dominant == 0 && !t->rings && t->touched == 0 && !bus->stepping &&
+    return t->active && !t->records && !cw_wants_event(bus, CW_EVENT_SYNC) &&
+           bus->rules.awake_count == 0 && t->disturbances.count == 0 && t->cable.dominant == 0 &&
+           !t->rings && t->touched == 0 && !bus->stepping &&
            !bus->watching && !bus->pending && bus->group_count == 1 && !cw_host_side_acts(bus) &&
            !bus->error_flag.now && !bus->overload_flag.now;
 }
@@ -97,7 +98,7 @@ static bool is_away(const cw_mac *m)
 static bool is_in_plain_bit(const timed_node *n, cw_span before)
 {
     return !n->retimed && !n->pcs.synchronised && n->pcs.last_sample == CW_RECESSIVE &&
-           n->report.what == 0 && before < n->begin &&
+           n->report.what == 0 && n->sync_count == 0 && before < n->begin &&
            n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing);
 }

@@ -24,6 +24,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
     n->driven = last_driven(&bus->nodes[i].mac);
     n->ahead = false;
     n->report.what = 0;
+    n->sync_count = 0;
     n->pcs.sampled = true;
     n->pcs.synchronised = false;
     n->pcs.last_sample = bus->wire;

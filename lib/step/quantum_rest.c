@@ -25,7 +25,7 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
     const timed_node *n = &bus->timed.nodes[i];
     return rests(&bus->nodes[i].mac) && !n->retimed && !n->ahead && !n->pcs.synchronised &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
-           n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
+           n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&
            cable->newest + cable->longest < n->looked;
 }

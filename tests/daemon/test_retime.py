@@ -136,6 +136,23 @@ def test_a_clock_that_is_far_off_makes_errors_and_the_right_one_none(watched):
     run.end()
 
 
+def test_synchronisations_are_watched_only_when_named(watched):
+    """A client that names no kinds sees none of those that another one has asked for."""
+    run = watched()
+    named = subprocess.Popen([CANWIRE, "watch", "./day.sock", "sync", "tx", "--json"],
+                             cwd=run.bus.folder, stdout=subprocess.PIPE, text=True)
+    try:
+        events = [json.loads(named.stdout.readline()) for _ in range(40)]
+    finally:
+        named.kill()
+        named.wait()
+    assert {event["event"] for event in events} == {"sync", "tx"}
+    assert {"hard", "resync"} <= {event.get("type") for event in events}
+    run.wait_events(30)
+    assert run.count("sync") == 0
+    assert not any("sync" in line for line in run.end())
+
+
 def test_what_set_changed_stays_until_a_reload(watched):
     """brp changes the quantum, and the error of the clock stays."""
     run = watched()

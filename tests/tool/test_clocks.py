@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Nodes with clocks of their own, by the keys of a configuration."""
 
+import json
 import re
 
 import pytest
@@ -49,6 +50,42 @@ def test_a_clock_inside_of_the_tolerance_makes_no_error(run):
 
 def test_a_clock_outside_of_the_tolerance_makes_errors(run):
     assert '"error"' in run(config(traffic(PLAIN), WRONG))
+
+
+
+DRIFTED = config(traffic(SAME + ", ppm: 3000"), SAME)
+
+
+def test_synchronisations_are_events_when_asked_for(tmp_path):
+    """0.3 per cent of 10 bits of 20 quanta are 0.6: an edge comes a quantum early at most."""
+    path = tmp_path / "bus.yaml"
+    path.write_text(DRIFTED)
+    plain = sim(path, "--events", "-", "--until", "20ms").stdout.splitlines()
+    lines = sim(path, "--sync", "--events", "-", "--until", "20ms").stdout.splitlines()
+    syncs = [json.loads(line) for line in lines if '"sync"' in line]
+    assert [line for line in lines if '"sync"' not in line] == plain and '"sync"' not in str(plain)
+    of_b = [event for event in syncs if event["node"] == "b"]
+    hard = [event for event in of_b if event["type"] == "hard"]
+    assert len(hard) == 9 and all("phase_error_tq" not in event for event in hard)
+    resyncs = [event for event in of_b if event["type"] == "resync"]
+    assert len(resyncs) > 9
+    assert all(event["phase_error_tq"] in (-1, 1) for event in resyncs)
+    assert all(event["phase_error_ps"] == event["phase_error_tq"] * 100000 for event in resyncs)
+
+
+def test_a_synchronisation_can_be_awaited(tmp_path):
+    path = tmp_path / "bus.yaml"
+    path.write_text(DRIFTED)
+    lines = sim(path, "--until-event", "b:sync", "--sync", "--events", "-").stdout.splitlines()
+    assert json.loads(lines[-1]) == {"t": json.loads(lines[-1])["t"], "node": "b", "event": "sync",
+                                     "type": "hard"}
+    assert "sync" not in sim(path, "--until-event", "b:sync", "--events", "-").stdout
+
+
+def test_synchronisations_without_events_are_refused(tmp_path):
+    path = tmp_path / "bus.yaml"
+    path.write_text(DRIFTED)
+    assert "--sync: it is for --events" in sim(path, "--sync", status=2).stderr
 
 
 JITTER = """

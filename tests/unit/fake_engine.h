@@ -81,6 +81,11 @@ void engine_observe(engine *e, engine_observer *observer, void *user)
     e->observer_user = user;
 }
 
+void engine_set_events(engine *e, uint32_t kinds)
+{
+    cw_bus_set_events(e->bus, CW_EVENTS_USUAL | kinds);
+}
+
 /* Asks for a reload, as a control_reload; user is the engine. The next fake_engine_answer() ends
  * it. */
 static uint64_t fake_engine_ask(void *user, FILE *errors)

@@ -113,6 +113,84 @@ static void a_long_line_takes_from_the_margin_of_the_acknowledgement(void **unus
     assert_true(farther.sender.margin >= 26 * CW_TICK && farther.sender.margin <= 36 * CW_TICK);
 }
 
+/* Returns how many synchronisations of the receiver the events report, hard ones or others. All
+ * events are kept in `kept`, but for synchronisations. */
+static unsigned count_events(cw_bus *bus, bool hard, cw_event *kept, unsigned *kept_count)
+{
+    unsigned count = 0;
+    cw_event e;
+    *kept_count = 0;
+    while (cw_bus_poll(bus, &e)) {
+        if (e.kind != CW_EVENT_SYNC) {
+            kept[(*kept_count)++] = e;
+            continue;
+        }
+        count += e.hard == hard && e.nodes == 2;
+        assert_true(e.hard ? e.phase_error_tq == 0 : e.phase_error_tq != 0);
+        assert_true(e.phase_error == e.phase_error_tq * (QUANTUM + QUANTUM / 100));
+    }
+    return count;
+}
+
+/* The events agree with the statistics, and all other events are the same with and without them. */
+static void synchronisations_are_events_when_asked_for(void **unused)
+{
+    (void)unused;
+    cw_event events[2][16];
+    unsigned counts[2];
+    for (unsigned hard = 0; hard < 2; hard++) {
+        rig r = {.bus = make_bus(QUANTUM + QUANTUM / 100, 0)};
+        cw_bus_set_sync_records(r.bus, r.records);
+        cw_bus_set_events(r.bus, UINT32_MAX);
+        advance(&r, 20);
+        send(r.bus, 0);
+        advance(&r, 160);
+        const unsigned expected = (unsigned)(hard ? r.receiver.hard_syncs : r.receiver.resyncs);
+        assert_true(expected > 0);
+        assert_int_equal(count_events(r.bus, hard, events[0], &counts[0]), expected);
+        free(r.bus);
+    }
+    rig r = {.bus = make_bus(QUANTUM + QUANTUM / 100, 0)};
+    assert_int_equal(cw_bus_advance(r.bus, 20 * BIT_TICKS), CW_OK);
+    send(r.bus, 0);
+    assert_int_equal(cw_bus_advance(r.bus, 180 * BIT_TICKS), CW_OK);
+    assert_int_equal(count_events(r.bus, false, events[1], &counts[1]), 0);
+    assert_int_equal(counts[0], counts[1]);
+    assert_memory_equal(events[0], events[1], counts[0] * sizeof events[0][0]);
+    free(r.bus);
+}
+
+/* The receiver's event comes at the end of the bit that has been moved: SOF is hard, and all bits of
+ * common length have none. */
+static void a_hard_synchronisation_comes_at_the_end_of_sof(void **unused)
+{
+    (void)unused;
+    rig r = {.bus = make_bus(QUANTUM, 25 * CW_TICK)};
+    cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
+    assert_int_equal(cw_bus_advance(r.bus, 20 * BIT_TICKS), CW_OK);
+    send(r.bus, 0);
+    assert_int_equal(cw_bus_advance(r.bus, 40 * BIT_TICKS), CW_OK);
+    cw_event e;
+    assert_true(cw_bus_poll(r.bus, &e));
+    assert_true(e.kind == CW_EVENT_SYNC && e.hard && e.nodes == 2);
+    /* 25 ticks on the way are in the third quantum; SOF begins with it and lasts 16 */
+    assert_int_equal(e.tick, 20 * BIT_TICKS + 20 + BIT_TICKS);
+    free(r.bus);
+}
+
+static void common_bits_report_nothing(void **unused)
+{
+    (void)unused;
+    rig r = {.bus = make_bus(QUANTUM, 0)};
+    cw_bus_set_own_clocks(r.bus, true);
+    cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
+    send(r.bus, 0);
+    assert_int_equal(cw_bus_advance(r.bus, 200 * BIT_TICKS), CW_OK);
+    cw_event e;
+    assert_false(cw_bus_poll(r.bus, &e));
+    free(r.bus);
+}
+
 static void assert_empty(const cw_sync_stats *s)
 {
     assert_int_equal(s->hard_syncs, 0);
@@ -194,6 +272,9 @@ int main(void)
         cmocka_unit_test(a_long_line_takes_from_the_margin_of_the_acknowledgement),
         cmocka_unit_test(common_bits_count_nothing_on_the_grid_and_off_it),
         cmocka_unit_test(statistics_go_on_when_another_bus_takes_over),
+        cmocka_unit_test(synchronisations_are_events_when_asked_for),
+        cmocka_unit_test(a_hard_synchronisation_comes_at_the_end_of_sof),
+        cmocka_unit_test(common_bits_report_nothing),
         cmocka_unit_test(without_records_nothing_is_counted),
         cmocka_unit_test(the_sum_has_the_largest_phase_error_and_the_least_margin),
     };

@@ -44,6 +44,7 @@ typedef struct sim_options {
     uint64_t seed;
     const char *outputs[OUT_COUNT]; /* NULL: not wanted */
     bool step;
+    bool sync;
 } sim_options;
 
 typedef struct sim {
@@ -51,6 +52,7 @@ typedef struct sim {
     sim_journal journal;
     sim_run run;
     outfile out[OUT_COUNT];
+    bool sync; /* --events has synchronisations, too */
     sim_trace trace;
     sim_until awaited;
     sim_judge judge;
@@ -59,7 +61,7 @@ typedef struct sim {
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
     "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
-    "       [--step] [--junit F]\n"
+    "       [--sync] [--step] [--junit F]\n"
     "       canwire sim --journal FILE ...\n";
 
 static const char help[] =
@@ -79,6 +81,7 @@ static const char help[] =
     "                 done twice: outputs are written when it is known where the event comes\n"
     "  --seed N       instead of the seed in FILE\n"
     "  --events F     every event as a line of JSON\n"
+    "  --sync         ... synchronisations, too, where clocks or bit timings of nodes differ; slower\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from\n"
     "                 1970 on\n"
@@ -131,7 +134,7 @@ static bool set_until(sim *s, const time_option *o)
 static void write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
-    if (s->out[OUT_EVENTS].stream)
+    if (s->out[OUT_EVENTS].stream && (event->kind != CW_EVENT_SYNC || s->sync))
         output_event(s->out[OUT_EVENTS].stream, s->run.config, event);
     if (s->out[OUT_LOG].stream)
         output_log(s->out[OUT_LOG].stream, s->run.config, event);
@@ -168,7 +171,10 @@ static void add_writer(sim *s, const sim_options *o)
 {
     sim_sink writer = {.user = s, .event = write_event, .kinds = 1u << CW_EVENT_TX};
     if (o->outputs[OUT_EVENTS] || o->outputs[OUT_PCAPNG])
-        writer.kinds = 0;
+        writer.kinds = CW_EVENTS_USUAL;
+    if (o->sync)
+        writer.kinds |= 1u << CW_EVENT_SYNC;
+    s->sync = o->sync;
     s->run.step = o->step;
     sim_add_sink(&s->run, &writer);
 }
@@ -377,6 +383,8 @@ static bool take_option(sim_options *o, int option)
         o->until_event = optarg;
     else if (option == 'J')
         o->journal = optarg;
+    else if (option == 'y')
+        o->sync = true;
     else
         o->step = true;
     return true;
@@ -390,6 +398,8 @@ static int check_options(const sim_options *o)
         return refuse("--seed", "it is in the journal");
     if ((o->from.text || o->to.text) && !o->outputs[OUT_VCD] && !o->outputs[OUT_SVG])
         return refuse("--from and --to", "they are for --vcd and --svg");
+    if (o->sync && !o->outputs[OUT_EVENTS])
+        return refuse("--sync", "it is for --events");
     if (shared)
         return refuse(shared, "two outputs into one file");
     return -1;
@@ -405,6 +415,7 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"journal", required_argument, NULL, 'J'},
         {"from", required_argument, NULL, 'f'},
         {"to", required_argument, NULL, 'o'},
+        {"sync", no_argument, NULL, 'y'},
         {"step", no_argument, NULL, 'S'},
         {"help", no_argument, NULL, 'h'},
         {"events", required_argument, NULL, OPTION_OUTPUT + OUT_EVENTS},

@@ -326,7 +326,7 @@ static uint32_t wanted_events(const sim_run *s)
     uint32_t kinds = 1u << CW_EVENT_TX;
     for (unsigned i = 0; i < s->sink_count; i++)
         if (s->sinks[i].event)
-            kinds |= s->sinks[i].kinds ? s->sinks[i].kinds : UINT32_MAX;
+            kinds |= s->sinks[i].kinds ? s->sinks[i].kinds : CW_EVENTS_USUAL;
     return kinds;
 }
 

@@ -13,7 +13,7 @@
 
 static const char expected[] =
     "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
-    "arbitration-lost, state, link), a state (error-active, error-warning, error-passive, "
+    "arbitration-lost, state, link, sync), a state (error-active, error-warning, error-passive, "
     "bus-off), tx:FILTER or the like for frames, fault[:RULE], or skip";
 
 /* Events of the bus, which have no node. */
@@ -198,12 +198,13 @@ static void look_at_event(void *user, const cw_event *event)
 
 bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 {
-    const sim_sink sink = {.user = u, .event = look_at_event};
+    sim_sink sink = {.user = u, .event = look_at_event};
     *u = (sim_until){.text = text, .run = run, .nodes = UINT64_MAX};
     if (!text)
         return true;
     if (!read_event(u, text))
         return false;
+    sink.kinds = CW_EVENTS_USUAL | u->kinds;
     sim_be_careful(run, 0);
     sim_add_sink(run, &sink);
     return true;

@@ -110,6 +110,7 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_TOLERATED:
     case CW_EVENT_STATE:
     case CW_EVENT_SKIP:
+    case CW_EVENT_SYNC:
     case CW_EVENT_COUNT:
         break;
     }
