@@ -73,8 +73,8 @@ void cw_sync_begin_bit_time(cw_bus *bus);
 void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned node, cw_span moment, bool level,
                  int phase_error);
 
-/* Counts, reports and marks a synchronisation, for those who want that. phase_error: in quanta (T5).
- * moment: of the look that has found the edge. */
+/* Counts, reports and marks a synchronisation, for those who want that. phase_error: in quanta
+ * (T5). moment: of the look that has found the edge. */
 void cw_sync_note(cw_bus *bus, unsigned node, bool hard, int phase_error, cw_span moment);
 
 /* Reports the synchronisations of a bit at its end. */

@@ -160,8 +160,7 @@ static void synchronisations_are_events_when_asked_for(void **unused)
     free(r.bus);
 }
 
-/* The receiver's event comes at the end of the bit that has been moved: SOF is hard, and all bits of
- * common length have none. */
+/* The receiver's event comes at the end of the bit that has been moved, SOF. */
 static void a_hard_synchronisation_comes_at_the_end_of_sof(void **unused)
 {
     (void)unused;

@@ -15,8 +15,8 @@
 typedef struct sim_sink {
     void *user;
     void (*event)(void *user, const cw_event *event); /* each event, in order */
-    uint32_t kinds; /* kinds of events it needs, as bits 1u << cw_event_kind; 0: CW_EVENTS_USUAL. It may get
-                       others */
+    uint32_t kinds; /* kinds of events it needs, as bits 1u << cw_event_kind; 0: CW_EVENTS_USUAL.
+                       It may get others */
     void (*bit)(void *user, const cw_bus *bus); /* at the end of each bit; after its events */
     uint64_t bits_from; /* ticks: only bits that end after this */
     uint64_t bits_to;   /* ... and start before this; 0: no end. Other bits are not simulated singly
