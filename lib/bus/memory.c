@@ -114,6 +114,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     const size_t pairs = (size_t)c->node_count * c->node_count;
     const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
     cw_span *ringing = carve(a, c->node_count, sizeof *ringing);
     cw_edge *edges = carve(a, edges_under_way(c), sizeof *edges);
@@ -122,7 +123,8 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
-    *t = (cw_timed){.nodes = nodes, .delays = delays, .ringing = ringing,
+    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .delays = delays,
+                    .ringing = ringing,
                     .cable = {.edges = edges, .capacity = edges_under_way(c)},
                     .disturbances = {.list = list, .capacity = room},
                     .marks = marks, .mark_room = mark_room(c)};

@@ -98,7 +98,7 @@ unsigned cw_bits_of_bit_time(const cw_bus_config *c)
 /* Returns the bit timing of a node from its next bit on. */
 static const cw_bit_timing *coming(const cw_timed *t, unsigned i)
 {
-    return t->nodes[i].retimed ? &t->nodes[i].next_timing : &t->nodes[i].timing;
+    return t->nodes[i].retimed ? &t->next_timings[i] : &t->nodes[i].timing;
 }
 
 /* Returns true when bits are common to all nodes. */
@@ -162,7 +162,8 @@ void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
     cw_timed *t = &bus->timed;
     init_delays(t, c);
     for (unsigned i = 0; i < c->node_count; i++) {
-        t->nodes[i].timing = cw_bit_timing_of(c, i);
+        const cw_bit_timing timing = cw_bit_timing_of(c, i);
+        cw_timed_set_timing(&t->nodes[i], &timing);
         t->ringing[i] = c->nodes[i].timing.ringing;
         t->rings = t->rings || t->ringing[i] > 0;
     }
@@ -220,10 +221,10 @@ void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
     timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
     bus->timed.proof.valid = false;
-    n->next_timing = *timing;
+    bus->timed.next_timings[i] = *timing;
     n->retimed = bus->timed.active;
     if (!bus->timed.active)
-        n->timing = *timing;
+        cw_timed_set_timing(n, timing);
     const uint32_t permille = (uint32_t)(bit_length(timing) / (bus->timed.bit_time / 1000));
     if (permille < bus->timed.fastest_permille)
         bus->timed.fastest_permille = permille;

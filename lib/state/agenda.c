@@ -10,10 +10,16 @@
 #include <assert.h>
 #include <string.h>
 
+static void clear(agenda_list *list)
+{
+    list->first = list->count = 0;
+    list->entries[0].moment = CW_SPAN_MAX;
+}
+
 void cw_agenda_clear(cw_agenda *agenda)
 {
-    agenda->looks.first = agenda->looks.count = 0;
-    agenda->others.first = agenda->others.count = 0;
+    clear(&agenda->looks);
+    clear(&agenda->others);
 }
 
 /* Moves the entries to the front of the array when they have come to its end. */
@@ -21,7 +27,8 @@ static void make_room(agenda_list *list)
 {
     if (list->first + list->count < 2 * CW_NODES_MAX)
         return;
-    memmove(list->entries, &list->entries[list->first], list->count * sizeof list->entries[0]);
+    memmove(list->entries, &list->entries[list->first],
+            (list->count + 1) * sizeof list->entries[0]);
     list->first = 0;
 }
 
@@ -32,6 +39,7 @@ void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span mome
     assert(list->count < CW_NODES_MAX);
     make_room(list);
     agenda_entry *first = &list->entries[list->first], *place = first + list->count++;
+    place[1].moment = CW_SPAN_MAX;
     for (; place > first && cw_agenda_before(&entry, place - 1); place--)
         *place = place[-1];
     *place = entry;
@@ -68,7 +76,7 @@ void cw_agenda_remove(cw_agenda *agenda, unsigned node)
         place = place_of(list, node);
     }
     assert(!is_behind(list, place));
-    const unsigned behind = list->first + list->count - 1 - place;
+    const unsigned behind = list->first + list->count - place;
     memmove(&list->entries[place], &list->entries[place + 1], behind * sizeof list->entries[0]);
     list->count--;
 }

@@ -28,20 +28,24 @@ typedef struct cw_sync {
 
 #define CW_SYNCS_OF_BIT 2
 
+/* Its size is a power of two: an index costs one shift then. */
 typedef struct timed_node {
     cw_pcs pcs;
-    cw_bit_timing timing;
-    cw_bit_timing next_timing; /* if `retimed`: from the next bit on */
-    bool retimed;
-    cw_span begin;      /* of the present bit, that of its Sync_Seg */
-    cw_span next_begin; /* of the next one, while the node ends and begins bits */
-    cw_span looked;     /* edges that came before the look at this moment have been dealt with */
     bool driven;        /* the level that it puts onto its wire */
     bool ahead;         /* its next bit begins at next_begin with nothing to do, so that the agenda
                            has the sample point of that bit */
-    cw_mac_report report; /* of the last sample, to be committed at the end of the bit */
-    cw_sync syncs[CW_SYNCS_OF_BIT]; /* to be committed, too */
+    bool retimed;       /* it has another bit timing from the next bit on: next_timings */
     uint8_t sync_count;
+    cw_sync syncs[CW_SYNCS_OF_BIT]; /* to be committed at the end of the bit */
+    cw_span begin;      /* of the present bit, that of its Sync_Seg */
+    cw_span next_begin; /* of the next one, while the node ends and begins bits */
+    cw_span looked;     /* edges that came before the look at this moment have been dealt with */
+    cw_span first_arrival; /* of a dominant edge of the present rise, see cw_cable */
+    cw_span last_arrival;  /* of any dominant edge so far */
+    cw_bit_timing timing;
+    cw_span to_sample; /* from the begin of a bit that no edge moves, by the bit timing */
+    cw_span bit;       /* ... to its end */
+    cw_mac_report report; /* of the last sample, to be committed, too */
 } timed_node;
 
 /* An entry of the agenda: moment, then what, then node. */
@@ -52,7 +56,7 @@ typedef struct agenda_entry {
 
 /* Entries, sorted. */
 typedef struct agenda_list {
-    agenda_entry entries[2 * CW_NODES_MAX];
+    agenda_entry entries[2 * CW_NODES_MAX + 1]; /* behind the last one: CW_SPAN_MAX */
     unsigned first;
     unsigned count;
 } agenda_list;
@@ -95,6 +99,7 @@ typedef struct cw_timed {
     cw_span bit_time;    /* of the bus */
     cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
     timed_node *nodes;
+    cw_bit_timing *next_timings; /* of nodes that are `retimed` */
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
     bool reports_syncs;      /* by events, in this bit time */
@@ -133,33 +138,32 @@ const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
 /* Takes the entry of a node away. */
 void cw_agenda_remove(cw_agenda *agenda, unsigned node);
 
-/* Returns the list with the first entry; there must be one. */
-static inline agenda_list *cw_agenda_next(cw_agenda *agenda)
+/* Returns the first entry. Looks come before others at the same moment. */
+static inline const agenda_entry *cw_agenda_first(const cw_agenda *agenda)
 {
-    agenda_list *looks = &agenda->looks, *others = &agenda->others;
-    if (others->count == 0)
-        return looks;
-    const bool other = looks->count == 0 || cw_agenda_before(&others->entries[others->first],
-                                                             &looks->entries[looks->first]);
-    return other ? others : looks;
+    const agenda_entry *look = &agenda->looks.entries[agenda->looks.first];
+    const agenda_entry *other = &agenda->others.entries[agenda->others.first];
+    return other->moment < look->moment ? other : look;
 }
 
-static inline const agenda_entry *cw_agenda_first(cw_agenda *agenda)
+/* Takes the first entry away, which says what is done. */
+static inline void cw_agenda_take(cw_agenda *agenda, cw_doing what)
 {
-    const agenda_list *list = cw_agenda_next(agenda);
-    return &list->entries[list->first];
-}
-
-/* Takes the first entry away. */
-static inline void cw_agenda_take(cw_agenda *agenda)
-{
-    agenda_list *list = cw_agenda_next(agenda);
+    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
     list->first++;
     list->count--;
 }
 
 /* Moves the epoch forward. */
 void cw_agenda_rebase(cw_agenda *agenda, cw_span by);
+
+/* Gives a node its bit timing. */
+static inline void cw_timed_set_timing(timed_node *n, const cw_bit_timing *timing)
+{
+    n->timing = *timing;
+    n->to_sample = timing->quantum * cw_bit_timing_sample_at(timing);
+    n->bit = timing->quantum * cw_bit_timing_quanta(timing);
+}
 
 /* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */
 static inline void cw_timed_begin(timed_node *n)

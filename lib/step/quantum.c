@@ -73,7 +73,7 @@ static void plan_next(cw_bus *bus, unsigned i, cw_span end)
     n->ahead = goes_ahead(bus, i);
     if (n->ahead)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS,
-                      end + cw_bit_timing_sample_at(&n->timing) * n->timing.quantum);
+                      end + n->to_sample);
     else
         cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, end);
 }
@@ -102,14 +102,16 @@ static void plan_anew(cw_bus *bus, unsigned i)
     plan_end(bus, i);
 }
 
-/* Plans anew for nodes to which a dominant edge comes before the end of their bits. Nodes before
- * their sample points see it there, also those that have gone ahead. */
+/* Notes when a dominant edge arrives. Plans anew for nodes to which it comes before the end of
+ * their bits. Nodes before their sample points see it there, also those that have gone ahead. */
 static void alert_of_edge(cw_bus *bus, const cw_edge *edge)
 {
+    const bool rises = bus->timed.cable.dominant == cw_node_bit(edge->node);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = node_at(bus, i);
-        if (cw_cable_arrival(&bus->timed.cable, edge, i) < n->next_begin && n->pcs.sampled &&
-            cw_pcs_is_open(&n->pcs))
+        timed_node *n = node_at(bus, i);
+        const cw_span arrival = cw_cable_arrival(&bus->timed.cable, edge, i);
+        cw_timed_note_arrival(n, arrival, rises);
+        if (arrival < n->next_begin && n->pcs.sampled && cw_pcs_is_open(&n->pcs))
             plan_anew(bus, i);
     }
 }
@@ -140,11 +142,10 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     const cw_edge edge = {.moment = moment, .late = cw_rules_edge_delay(&bus->rules, i),
                           .node = (uint8_t)i, .level = level};
     cw_cable_put(&bus->timed.cable, &edge);
-    const bool scans = bus->timed.disturbances.count || bus->timed.rings;
-    if (scans && (level == CW_DOMINANT || bus->timed.rings))
-        alert(bus);
-    else if (level == CW_DOMINANT)
+    if (level == CW_DOMINANT)
         alert_of_edge(bus, &edge);
+    if (bus->timed.rings || (bus->timed.disturbances.count && level == CW_DOMINANT))
+        alert(bus);
 }
 
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
@@ -162,7 +163,7 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
-    cw_timed_retime(n);
+    cw_timed_retime(&bus->timed, i);
     cw_timed_begin(n);
     n->looked = moment;
     if (bus->timed.marking)
@@ -179,7 +180,7 @@ static uint64_t begin_bits(cw_bus *bus, cw_span moment)
     const agenda_entry *e;
     while (e = cw_agenda_first(agenda), e->moment == moment && cw_agenda_what(e) == CW_BEGINS) {
         const unsigned i = cw_agenda_node(e);
-        cw_agenda_take(agenda);
+        cw_agenda_take(agenda, CW_BEGINS);
         begin_bit(bus, i, moment);
         nodes |= cw_node_bit(i);
     }
@@ -213,12 +214,11 @@ static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const timed_node *n = node_at(bus, i);
     const cw_span end_of_bit = after_quanta(n, n->pcs.end_at);
-    const bool together = end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
-                          all_look_at(&bus->timed.agenda, moment);
-    const uint64_t end = together ? cw_bit_end(bus) : cw_tick_of(bus, end_of_bit);
+    const uint64_t end = cw_tick_of(bus, end_of_bit);
     if (cw_inbox_first(bus) >= end)
         return;
-    if (together)
+    if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
+        all_look_at(&bus->timed.agenda, moment))
         cw_take_inbox_before(bus, end);
     else
         cw_take_inbox_of_before(bus, i, end);
@@ -301,25 +301,32 @@ bool cw_timed_has_report(const cw_bus *bus)
 
 /* ---- One bit time ---------------------------------------------------------------------------- */
 
-/* Does the next thing on the agenda. */
-static void go_on(cw_bus *bus)
+static void look(cw_bus *bus, unsigned i, cw_span moment)
 {
-    const agenda_entry e = *cw_agenda_first(&bus->timed.agenda);
-    const unsigned i = cw_agenda_node(&e);
-    bus->timed.moment = e.moment;
-    if (cw_agenda_what(&e) == CW_BEGINS) {
-        disturb_bits(bus, begin_bits(bus, e.moment), e.moment);
+    if (node_at(bus, i)->ahead)
+        look_in_next_bit(bus, i, moment);
+    else if (node_at(bus, i)->pcs.sampled)
+        look_after_sample(bus, i, moment);
+    else
+        look_before_sample(bus, i, moment);
+}
+
+/* Does the next thing on the agenda. */
+static void go_on(cw_bus *bus, const agenda_entry *next)
+{
+    const cw_span moment = next->moment;
+    const cw_doing what = cw_agenda_what(next);
+    const unsigned i = cw_agenda_node(next);
+    bus->timed.moment = moment;
+    if (what == CW_BEGINS) {
+        disturb_bits(bus, begin_bits(bus, moment), moment);
         return;
     }
-    cw_agenda_take(&bus->timed.agenda);
-    if (cw_agenda_what(&e) == CW_ENDS)
-        end_bit(bus, i, e.moment);
-    else if (node_at(bus, i)->ahead)
-        look_in_next_bit(bus, i, e.moment);
-    else if (node_at(bus, i)->pcs.sampled)
-        look_after_sample(bus, i, e.moment);
+    cw_agenda_take(&bus->timed.agenda, what);
+    if (what == CW_LOOKS)
+        look(bus, i, moment);
     else
-        look_before_sample(bus, i, e.moment);
+        end_bit(bus, i, moment);
 }
 
 /* Rules act on levels. Nodes that they or their hosts have just cut off drive nothing. */
@@ -425,11 +432,11 @@ void cw_step_bit_time(cw_bus *bus)
     const agenda_entry *e;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))
-        go_on(bus);
+        go_on(bus, e);
     end_bit_time(bus, end);
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment == end && cw_agenda_what(e) == CW_ENDS)
-        go_on(bus);
+        go_on(bus, e);
     bus->timed.moment = end;
     cw_timed_leave(bus);
 }

@@ -27,10 +27,11 @@ static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 }
 
 /* Takes the new bit timing of a node between two of its bits, if it has been given one. */
-static inline void cw_timed_retime(timed_node *n)
+static inline void cw_timed_retime(cw_timed *t, unsigned node)
 {
+    timed_node *n = &t->nodes[node];
     if (n->retimed)
-        n->timing = n->next_timing;
+        cw_timed_set_timing(n, &t->next_timings[node]);
     n->retimed = false;
 }
 
@@ -42,6 +43,13 @@ static inline cw_span cw_quanta_in(const timed_node *n, cw_span span)
 
 /* ---- quantum_look.c -------------------------------------------------------------------------- */
 
+/* Returns true when levels follow from edges alone, on one wire. */
+static inline bool cw_timed_is_plain(const cw_bus *bus)
+{
+    const cw_timed *t = &bus->timed;
+    return bus->group_count == 1 && t->disturbances.count == 0 && !t->rings;
+}
+
 /* Returns the level that a node sees when it looks at a moment. */
 bool cw_timed_level(const cw_bus *bus, unsigned node, cw_span moment);
 
@@ -51,12 +59,40 @@ bool cw_timed_wire(const cw_bus *bus, unsigned node, cw_span moment);
 /* Returns all levels right after a moment. */
 void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment);
 
-/* Returns the level that its controller takes at a sample point (T7). */
-bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment);
+/* Returns the level that its controller takes at a sample point (T7). Mostly all edges have arrived
+ * long before. */
+bool cw_timed_find_sample(const cw_bus *bus, unsigned node, cw_span moment);
+
+static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment)
+{
+    const cw_cable *cable = &bus->timed.cable;
+    if (cw_timed_is_plain(bus) && cable->newest + cable->longest < moment &&
+        !bus->timed.nodes[node].timing.triple_sampling)
+        return cable->dominant == 0;
+    return cw_timed_find_sample(bus, node, moment);
+}
 
 /* Returns the next look of a node that finds an edge from recessive to dominant, up to a moment.
  * CW_SPAN_MAX: none does. */
-cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
+cw_span cw_timed_find_next_edge(const cw_bus *bus, unsigned node, cw_span until);
+
+static inline cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until)
+{
+    const cw_timed *t = &bus->timed;
+    const timed_node *n = &t->nodes[node];
+    if (n->last_arrival < n->looked && t->disturbances.count == 0 && !t->rings)
+        return CW_SPAN_MAX;
+    return cw_timed_find_next_edge(bus, node, until);
+}
+
+/* Notes when a dominant edge arrives at a node. rises: the line was recessive before. */
+static inline void cw_timed_note_arrival(timed_node *n, cw_span arrival, bool rises)
+{
+    if (rises || arrival < n->first_arrival)
+        n->first_arrival = arrival;
+    if (arrival > n->last_arrival)
+        n->last_arrival = arrival;
+}
 
 /* Returns when the level of its wire changed between two moments, as its nodes drove it;
  * CW_SPAN_MAX: it did not. */

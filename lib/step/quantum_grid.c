@@ -15,11 +15,18 @@ static bool last_driven(const cw_mac *mac)
                                                                                   : CW_DOMINANT;
 }
 
+/* Notes that all edges on the line, which may be still under way, are no rise that the node can
+ * follow. */
+static void forget_arrivals(const cw_cable *cable, timed_node *n)
+{
+    n->first_arrival = n->last_arrival = cw_cable_last_arrival(cable);
+}
+
 /* Lets a node begin a bit at a moment. */
 static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
-    cw_timed_retime(n);
+    cw_timed_retime(&bus->timed, i);
     n->begin = n->next_begin = n->looked = moment;
     n->driven = last_driven(&bus->nodes[i].mac);
     n->ahead = false;
@@ -28,6 +35,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
     n->pcs.sampled = true;
     n->pcs.synchronised = false;
     n->pcs.last_sample = bus->wire;
+    forget_arrivals(&bus->timed.cable, n);
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
     cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
@@ -63,11 +71,12 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned 
     const agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
     const cw_bit_timing timing = n->timing;
     *n = old->timed.nodes[from];
+    forget_arrivals(&bus->timed.cable, n);
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
     cw_agenda_put(&bus->timed.agenda, i, cw_agenda_what(e), e->moment);
     cw_timed_settle(&bus->timed, i);
-    n->next_timing = timing;
+    bus->timed.next_timings[i] = timing;
     n->retimed = true;
 }
 
@@ -80,6 +89,7 @@ static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t 
         if (edge.node != CW_NO_NODE)
             cw_cable_put(cable, &edge);
     }
+    cable->rise_from = CW_SPAN_MAX; /* nodes may be dominant without an edge of late */
 }
 
 void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
@@ -146,6 +156,8 @@ void cw_timed_rebase(cw_bus *bus)
         t->nodes[i].begin -= by;
         t->nodes[i].next_begin -= by;
         t->nodes[i].looked -= by;
+        cw_cable_rebase_moment(&t->nodes[i].first_arrival, by);
+        cw_cable_rebase_moment(&t->nodes[i].last_arrival, by);
         if (t->counts)
             t->records[i].sampled_at -= by;
     }

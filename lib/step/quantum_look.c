@@ -39,6 +39,8 @@ bool cw_timed_wire(const cw_bus *bus, unsigned i, cw_span moment)
 bool cw_timed_level(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_timed *t = &bus->timed;
+    if (t->cable.rise_from < moment && cw_timed_is_plain(bus))
+        return t->nodes[i].first_arrival < moment ? CW_DOMINANT : CW_RECESSIVE;
     const bool level = cw_timed_wire(bus, i, moment);
     if (t->disturbances.count == 0)
         return level;
@@ -65,7 +67,7 @@ void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment)
     levels->clean = t->disturbances.count ? cw_wired_and(bus, levels->driven) : levels->wire;
 }
 
-bool cw_timed_sample(const cw_bus *bus, unsigned i, cw_span moment)
+bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_bit_timing *timing = &bus->timed.nodes[i].timing;
     const bool level = cw_timed_level(bus, i, moment);
@@ -102,16 +104,13 @@ static cw_span look_after(const timed_node *n, cw_span arrival)
     return n->begin + (cw_quanta_in(n, arrival - n->begin) + 1) * n->timing.quantum;
 }
 
-/* Returns the look that finds an edge, the only one under way. */
-static cw_span follow_edge(const cw_bus *bus, unsigned i, const cw_edge *edge, cw_span until)
+/* Returns the look that finds the edge when the wire has risen from recessive by dominant edges
+ * alone: then only the first of them is an edge. */
+static cw_span follow_rise(const timed_node *n, cw_span until)
 {
-    const timed_node *n = &bus->timed.nodes[i];
-    const uint64_t others = bus->timed.cable.dominant & ~cw_node_bit(edge->node);
-    const uint64_t wire = wire_of(bus, i);
-    const cw_span arrival = cw_cable_arrival(&bus->timed.cable, edge, i);
-    if ((others & wire) || !(wire >> edge->node & 1u) || arrival < n->looked || arrival >= until)
+    if (n->first_arrival < n->looked || n->first_arrival >= until)
         return CW_SPAN_MAX;
-    const cw_span moment = look_after(n, arrival);
+    const cw_span moment = look_after(n, n->first_arrival);
     return moment <= until ? moment : CW_SPAN_MAX;
 }
 
@@ -133,17 +132,25 @@ static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
     return CW_SPAN_MAX;
 }
 
-cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
+/* Returns the next edge where the wire swings after recessive ones. */
+static cw_span scan_ringing(const cw_bus *bus, unsigned i, cw_span until)
 {
     const cw_cable *cable = &bus->timed.cable;
-    const cw_span looked = bus->timed.nodes[i].looked, ringing = bus->timed.ringing[i];
+    const bool calm = cable->newest + cable->longest + bus->timed.ringing[i] <
+                      bus->timed.nodes[i].looked;
+    return calm ? CW_SPAN_MAX : scan(bus, i, until);
+}
+
+cw_span cw_timed_find_next_edge(const cw_bus *bus, unsigned i, cw_span until)
+{
+    const timed_node *n = &bus->timed.nodes[i];
     if (bus->timed.disturbances.count)
         return scan(bus, i, until);
-    if (ringing)
-        return cable->newest + cable->longest + ringing < looked ? CW_SPAN_MAX
-                                                                 : scan(bus, i, until);
-    if (cw_cable_rests(cable, looked))
+    if (bus->timed.ringing[i])
+        return scan_ringing(bus, i, until);
+    if (n->last_arrival < n->looked)
         return CW_SPAN_MAX;
-    const cw_edge *only = cw_cable_only_edge(cable, looked);
-    return only ? follow_edge(bus, i, only, until) : follow_arrivals(bus, i, until);
+    if (bus->group_count == 1 && bus->timed.cable.rise_from < n->looked)
+        return follow_rise(n, until);
+    return follow_arrivals(bus, i, until);
 }

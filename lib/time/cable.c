@@ -23,7 +23,8 @@ void cw_cable_clear(cw_cable *cable)
 {
     cable->count = 0;
     cable->dominant = 0;
-    cable->newest = cable->before_it = cable->to_dominant = -cable->longest - 1;
+    cable->newest = cable->to_dominant = -cable->longest - 1;
+    cable->rise_from = CW_SPAN_MAX;
 }
 
 void cw_cable_put(cw_cable *cable, const cw_edge *edge)
@@ -31,11 +32,16 @@ void cw_cable_put(cw_cable *cable, const cw_edge *edge)
     const uint64_t self = UINT64_C(1) << edge->node;
     assert(cable->count == 0 || edge->moment >= cable->newest);
     cable->edges[cable->count++ & (cable->capacity - 1)] = *edge;
-    cable->before_it = cable->newest;
-    cable->newest = edge->moment;
-    if (edge->level == CW_DOMINANT)
+    if (edge->level == CW_RECESSIVE) {
+        cable->rise_from = CW_SPAN_MAX;
+        cable->dominant &= ~self;
+    } else {
+        if (cable->dominant == 0)
+            cable->rise_from = cable->newest + cable->longest;
         cable->to_dominant = edge->moment;
-    cable->dominant = edge->level == CW_DOMINANT ? cable->dominant | self : cable->dominant & ~self;
+        cable->dominant |= self;
+    }
+    cable->newest = edge->moment;
 }
 
 /* The last edge of a node that has arrived says its level, even if one before it is still under
@@ -96,17 +102,13 @@ cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_spa
     return found;
 }
 
-/* Edges that came long ago stay long ago. */
-static void rebase(cw_span *moment, cw_span by)
-{
-    *moment = *moment > 0 ? *moment - by : -by;
-}
-
 void cw_cable_rebase(cw_cable *cable, cw_span by)
 {
-    rebase(&cable->newest, by);
-    rebase(&cable->before_it, by);
-    rebase(&cable->to_dominant, by);
+    cw_cable_rebase_moment(&cable->newest, by);
+    cw_cable_rebase_moment(&cable->to_dominant, by);
+    if (cable->rise_from != CW_SPAN_MAX)
+        cw_cable_rebase_moment(&cable->rise_from, by);
     for (unsigned n = 0; n < kept(cable); n++)
-        rebase(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment, by);
+        cw_cable_rebase_moment(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment,
+                               by);
 }

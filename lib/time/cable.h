@@ -27,8 +27,9 @@ typedef struct cw_cable {
     unsigned node_count;
     uint64_t dominant;   /* nodes whose last edge is dominant */
     cw_span newest;      /* moment of the last edge, */
-    cw_span before_it;   /* ... of the one before it, */
     cw_span to_dominant; /* ... and of the last dominant one; long ago: there is none */
+    cw_span rise_from;   /* while no edge comes but dominant ones, after all nodes were recessive:
+                            after this moment no other one is under way. Else CW_SPAN_MAX */
     cw_span longest;     /* no edge is under way for longer */
     const cw_span *delays; /* see cw_cable_delay() */
 } cw_cable;
@@ -61,19 +62,10 @@ static inline uint64_t cw_cable_seen(const cw_cable *cable, unsigned node, cw_sp
                                                  : cw_cable_seen_now(cable, node, moment);
 }
 
-/* Returns true when no dominant edge arrives anywhere at a moment or later. */
-static inline bool cw_cable_rests(const cw_cable *cable, cw_span moment)
+/* Returns the moment up to which the last dominant edge has arrived everywhere. */
+static inline cw_span cw_cable_last_arrival(const cw_cable *cable)
 {
-    return cable->to_dominant + cable->longest < moment;
-}
-
-/* Returns the last edge when it is dominant, and all others have arrived before a moment; else
- * NULL. */
-static inline const cw_edge *cw_cable_only_edge(const cw_cable *cable, cw_span moment)
-{
-    const cw_edge *last = &cable->edges[(cable->count - 1) & (cable->capacity - 1)];
-    const bool alone = cable->before_it + cable->longest < moment;
-    return alone && cable->count > 0 && last->level == CW_DOMINANT ? last : NULL;
+    return cable->to_dominant + cable->longest;
 }
 
 /* Returns the first moment, at or after another, at which a dominant edge arrives at a node. from:
@@ -85,7 +77,13 @@ cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span mome
 cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_span after,
                         cw_span before, uint64_t from);
 
-/* Moves the epoch forward. */
+/* Moves the epoch forward. cw_cable_rebase_moment() does so for a moment; what came long ago stays
+ * long ago. */
+static inline void cw_cable_rebase_moment(cw_span *moment, cw_span by)
+{
+    *moment = *moment > 0 ? *moment - by : -by;
+}
+
 void cw_cable_rebase(cw_cable *cable, cw_span by);
 
 #endif
