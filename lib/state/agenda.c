@@ -27,6 +27,7 @@ static void make_room(agenda_list *list)
 {
     if (list->first + list->count < 2 * CW_NODES_MAX)
         return;
+    assert(list->count < CW_NODES_MAX);
     memmove(list->entries, &list->entries[list->first],
             (list->count + 1) * sizeof list->entries[0]);
     list->first = 0;
@@ -36,7 +37,6 @@ void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span mome
 {
     const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
     agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
-    assert(list->count < CW_NODES_MAX);
     make_room(list);
     agenda_entry *first = &list->entries[list->first], *place = first + list->count++;
     place[1].moment = CW_SPAN_MAX;

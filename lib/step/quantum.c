@@ -78,8 +78,9 @@ static void plan_next(cw_bus *bus, unsigned i, cw_span end)
         cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, end);
 }
 
-/* Plans what comes after the sample point: the end of the bit, or a look at an edge before. */
-static void plan_end(cw_bus *bus, unsigned i)
+/* Plans what comes after the sample point: the end of the bit, or a look at an edge before. Not
+ * inlined, see plan_end_soon(). */
+__attribute__((noinline)) static void plan_end(cw_bus *bus, unsigned i)
 {
     timed_node *n = node_at(bus, i);
     const cw_span end = after_quanta(n, n->pcs.end_at);
@@ -239,19 +240,33 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (bus->timed.counts)
         cw_sync_sampled(bus, i, moment);
     n->looked = moment;
-    plan_end(bus, i);
+    if (has_report(n) || (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n)))
+        plan_end(bus, i);
+    else
+        plan_next(bus, i, n->next_begin = after_quanta(n, n->pcs.end_at));
 }
 
-/* A look before the sample point takes all edges up to there. They may move the sample point. */
-static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
+/* Takes all edges up to the sample point, which they may move. */
+__attribute__((noinline)) static void take_edges(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    const timed_node *n = node_at(bus, i);
     while (cw_pcs_is_open(&n->pcs)) {
         const cw_span edge = cw_timed_next_edge(bus, i, moment);
         if (edge == CW_SPAN_MAX)
             break;
         (void)take_edge(bus, i, edge);
     }
+}
+
+/* A node that has gone ahead begins its bit now, when it is about to sample it. */
+static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    if (n->ahead)
+        cw_timed_begin(n);
+    n->ahead = false;
+    if (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n))
+        take_edges(bus, i, moment);
     const cw_span point = after_quanta(n, n->pcs.sample_at);
     if (point > moment)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, point);
@@ -259,16 +274,7 @@ static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
         sample(bus, i, moment);
 }
 
-/* A node that has gone ahead begins its bit now, when it is about to sample it. */
-static void look_in_next_bit(cw_bus *bus, unsigned i, cw_span moment)
-{
-    timed_node *n = node_at(bus, i);
-    n->ahead = false;
-    cw_timed_begin(n);
-    look_before_sample(bus, i, moment);
-}
-
-static void look_after_sample(cw_bus *bus, unsigned i, cw_span moment)
+__attribute__((noinline)) static void look_after_sample(cw_bus *bus, unsigned i, cw_span moment)
 {
     const bool edge = cw_timed_next_edge(bus, i, moment) == moment;
     if (edge && take_edge(bus, i, moment) == CW_EDGE_ENDS_BIT)
@@ -303,30 +309,34 @@ bool cw_timed_has_report(const cw_bus *bus)
 
 static void look(cw_bus *bus, unsigned i, cw_span moment)
 {
-    if (node_at(bus, i)->ahead)
-        look_in_next_bit(bus, i, moment);
-    else if (node_at(bus, i)->pcs.sampled)
+    const timed_node *n = node_at(bus, i);
+    cw_agenda_take(&bus->timed.agenda, CW_LOOKS);
+    if (n->pcs.sampled && !n->ahead)
         look_after_sample(bus, i, moment);
     else
         look_before_sample(bus, i, moment);
+}
+
+__attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, unsigned i, cw_span moment)
+{
+    if (what == CW_BEGINS) {
+        disturb_bits(bus, begin_bits(bus, moment), moment);
+        return;
+    }
+    cw_agenda_take(&bus->timed.agenda, CW_ENDS);
+    end_bit(bus, i, moment);
 }
 
 /* Does the next thing on the agenda. */
 static void go_on(cw_bus *bus, const agenda_entry *next)
 {
     const cw_span moment = next->moment;
-    const cw_doing what = cw_agenda_what(next);
     const unsigned i = cw_agenda_node(next);
     bus->timed.moment = moment;
-    if (what == CW_BEGINS) {
-        disturb_bits(bus, begin_bits(bus, moment), moment);
-        return;
-    }
-    cw_agenda_take(&bus->timed.agenda, what);
-    if (what == CW_LOOKS)
+    if (cw_agenda_what(next) == CW_LOOKS)
         look(bus, i, moment);
     else
-        end_bit(bus, i, moment);
+        end_or_begin(bus, cw_agenda_what(next), i, moment);
 }
 
 /* Rules act on levels. Nodes that they or their hosts have just cut off drive nothing. */
@@ -434,9 +444,9 @@ void cw_step_bit_time(cw_bus *bus)
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))
         go_on(bus, e);
     end_bit_time(bus, end);
+    bus->timed.moment = end;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment == end && cw_agenda_what(e) == CW_ENDS)
-        go_on(bus, e);
-    bus->timed.moment = end;
+        end_or_begin(bus, CW_ENDS, cw_agenda_node(e), end);
     cw_timed_leave(bus);
 }

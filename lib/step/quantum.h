@@ -14,6 +14,8 @@
 
 #include "step/step.h"
 
+#include <assert.h>
+
 /* Returns the moment of a tick, and the first tick at or after a moment. So what happens in a bit
  * time has a tick of it. */
 static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
@@ -23,7 +25,8 @@ static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
 
 static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 {
-    return bus->timed.epoch + (uint64_t)((moment + CW_TICK - 1) / CW_TICK);
+    assert(moment >= 0);
+    return bus->timed.epoch + (uint64_t)(moment + CW_TICK - 1) / CW_TICK;
 }
 
 /* Takes the new bit timing of a node between two of its bits, if it has been given one. */
@@ -74,15 +77,13 @@ static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span mom
 
 /* Returns the next look of a node that finds an edge from recessive to dominant, up to a moment.
  * CW_SPAN_MAX: none does. */
-cw_span cw_timed_find_next_edge(const cw_bus *bus, unsigned node, cw_span until);
+cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
 
-static inline cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until)
+/* Returns false when it has none for sure: no dominant edge is under way to it. */
+static inline bool cw_timed_edge_may_come(const cw_bus *bus, const timed_node *n)
 {
     const cw_timed *t = &bus->timed;
-    const timed_node *n = &t->nodes[node];
-    if (n->last_arrival < n->looked && t->disturbances.count == 0 && !t->rings)
-        return CW_SPAN_MAX;
-    return cw_timed_find_next_edge(bus, node, until);
+    return n->last_arrival >= n->looked || t->disturbances.count || t->rings;
 }
 
 /* Notes when a dominant edge arrives at a node. rises: the line was recessive before. */

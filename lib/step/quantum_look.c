@@ -141,14 +141,14 @@ static cw_span scan_ringing(const cw_bus *bus, unsigned i, cw_span until)
     return calm ? CW_SPAN_MAX : scan(bus, i, until);
 }
 
-cw_span cw_timed_find_next_edge(const cw_bus *bus, unsigned i, cw_span until)
+cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
 {
     const timed_node *n = &bus->timed.nodes[i];
     if (bus->timed.disturbances.count)
         return scan(bus, i, until);
     if (bus->timed.ringing[i])
         return scan_ringing(bus, i, until);
-    if (n->last_arrival < n->looked)
+    if (!cw_timed_edge_may_come(bus, n))
         return CW_SPAN_MAX;
     if (bus->group_count == 1 && bus->timed.cable.rise_from < n->looked)
         return follow_rise(n, until);
