@@ -303,13 +303,23 @@ static bool drive_phase(const cw_mac *m)
     return cw_mac_in_dominant_flag(m) ? CW_DOMINANT : CW_RECESSIVE;
 }
 
+static bool drive_on(cw_mac *m)
+{
+    m->may_join = false;
+    m->driven = drive_phase(m);
+    return is_hidden(m) ? CW_RECESSIVE : m->driven;
+}
+
 bool cw_mac_drive(cw_mac *m)
 {
     if (m->offered && cw_mac_can_start(m))
         begin_transmission(m);
-    m->may_join = false;
-    m->driven = drive_phase(m);
-    return is_hidden(m) ? CW_RECESSIVE : m->driven;
+    return drive_on(m);
+}
+
+bool cw_mac_drives_on(cw_mac *m, bool level)
+{
+    return !cw_mac_can_start(m) && drive_on(m) == level;
 }
 
 bool cw_mac_holds_wire(const cw_mac *m)

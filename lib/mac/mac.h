@@ -32,6 +32,10 @@ void cw_mac_skip(cw_mac *mac, uint64_t bits, bool level);
 /* Returns true when an edge now, before the next sample, synchronises hard (T4). */
 bool cw_mac_synchronises_hard(const cw_mac *mac);
 
+/* Returns true when the controller drives this level in the next bit, whatever its host hands in
+ * before that. Then it drives it from now on. */
+bool cw_mac_drives_on(cw_mac *mac, bool level);
+
 /* Returns true while the flag of the controller keeps the wire dominant. */
 bool cw_mac_holds_wire(const cw_mac *mac);
 

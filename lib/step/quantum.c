@@ -59,11 +59,10 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
 static bool goes_ahead(cw_bus *bus, unsigned i)
 {
     const cw_timed *t = &bus->timed;
-    cw_mac *m = &bus->nodes[i].mac;
     if (bus->rules.awake_count || t->disturbances.count || t->rings || t->nodes[i].retimed ||
-        t->marking || cw_mac_can_start(m))
+        t->marking)
         return false;
-    return cw_mac_drive(m) == t->nodes[i].driven;
+    return cw_mac_drives_on(&bus->nodes[i].mac, t->nodes[i].driven);
 }
 
 /* Plans the next bit of a node that has nothing to report at the end of this one. */
