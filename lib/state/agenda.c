@@ -12,8 +12,8 @@
 
 static void clear(agenda_list *list)
 {
-    list->first = list->count = 0;
-    list->entries[0].moment = CW_SPAN_MAX;
+    list->first = list->behind = list->entries;
+    list->behind->moment = CW_SPAN_MAX;
 }
 
 void cw_agenda_clear(cw_agenda *agenda)
@@ -22,69 +22,58 @@ void cw_agenda_clear(cw_agenda *agenda)
     clear(&agenda->others);
 }
 
-/* Moves the entries to the front of the array when they have come to its end. */
-static void make_room(agenda_list *list)
+/* Moves the entries to the front of the array, since they have come to its end. */
+__attribute__((noinline)) static void make_room(agenda_list *list)
 {
-    if (list->first + list->count < 2 * CW_NODES_MAX)
-        return;
-    assert(list->count < CW_NODES_MAX);
-    memmove(list->entries, &list->entries[list->first],
-            (list->count + 1) * sizeof list->entries[0]);
-    list->first = 0;
+    const size_t count = (size_t)(list->behind - list->first);
+    assert(count < CW_NODES_MAX);
+    memmove(list->entries, list->first, (count + 1) * sizeof list->entries[0]);
+    list->first = list->entries;
+    list->behind = list->entries + count;
 }
 
 void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment)
 {
     const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
     agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
-    make_room(list);
-    agenda_entry *first = &list->entries[list->first], *place = first + list->count++;
-    place[1].moment = CW_SPAN_MAX;
-    for (; place > first && cw_agenda_before(&entry, place - 1); place--)
+    if (list->behind == list->entries + 2 * CW_NODES_MAX)
+        make_room(list);
+    agenda_entry *place = list->behind++;
+    list->behind->moment = CW_SPAN_MAX;
+    for (; place > list->first && cw_agenda_before(&entry, place - 1); place--)
         *place = place[-1];
     *place = entry;
 }
 
-/* Returns the place of a node's entry, behind the last one when it has none. */
-static unsigned place_of(const agenda_list *list, unsigned node)
+/* Returns the entry of a node, the place behind the last one when it has none. */
+static const agenda_entry *entry_of(const agenda_list *list, unsigned node)
 {
-    unsigned place = list->first;
-    while (place < list->first + list->count && cw_agenda_node(&list->entries[place]) != node)
-        place++;
-    return place;
-}
-
-static bool is_behind(const agenda_list *list, unsigned place)
-{
-    return place == list->first + list->count;
+    const agenda_entry *e = list->first;
+    while (e < list->behind && cw_agenda_node(e) != node)
+        e++;
+    return e;
 }
 
 const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node)
 {
-    const unsigned look = place_of(&agenda->looks, node);
-    const bool other = is_behind(&agenda->looks, look);
-    return other ? &agenda->others.entries[place_of(&agenda->others, node)]
-                 : &agenda->looks.entries[look];
+    const agenda_entry *look = entry_of(&agenda->looks, node);
+    return look < agenda->looks.behind ? look : entry_of(&agenda->others, node);
 }
 
 void cw_agenda_remove(cw_agenda *agenda, unsigned node)
 {
-    agenda_list *list = &agenda->looks;
-    unsigned place = place_of(list, node);
-    if (is_behind(list, place)) {
-        list = &agenda->others;
-        place = place_of(list, node);
-    }
-    assert(!is_behind(list, place));
-    const unsigned behind = list->first + list->count - place;
-    memmove(&list->entries[place], &list->entries[place + 1], behind * sizeof list->entries[0]);
-    list->count--;
+    const agenda_entry *entry = cw_agenda_of(agenda, node);
+    agenda_list *list = cw_agenda_what(entry) == CW_LOOKS ? &agenda->looks : &agenda->others;
+    assert(entry < list->behind);
+    agenda_entry *place = list->first + (entry - list->first);
+    memmove(place, place + 1, (size_t)(list->behind - place) * sizeof *place);
+    list->behind--;
 }
 
 static void rebase(agenda_list *list, cw_span by)
 {
-    for (unsigned k = 0; k < list->count; k++)
-        list->entries[list->first + k].moment -= by;
+    for (agenda_entry *e = list->first; e < list->behind; e++)
+        e->moment -= by;
 }
 
 void cw_agenda_rebase(cw_agenda *agenda, cw_span by)

@@ -57,8 +57,8 @@ typedef struct agenda_entry {
 /* Entries, sorted. */
 typedef struct agenda_list {
     agenda_entry entries[2 * CW_NODES_MAX + 1]; /* behind the last one: CW_SPAN_MAX */
-    unsigned first;
-    unsigned count;
+    agenda_entry *first;
+    agenda_entry *behind; /* the last one */
 } agenda_list;
 
 /* The next thing of each node: looks, ends and begins. A bit that begins comes before nearly all
@@ -102,6 +102,7 @@ typedef struct cw_timed {
     cw_bit_timing *next_timings; /* of nodes that are `retimed` */
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
+    bool calm;               /* nothing acts on levels, and nothing is marked, see is_calm() */
     bool reports_syncs;      /* by events, in this bit time */
     cw_clean_proof proof;
     bool marking;            /* in this bit time */
@@ -141,17 +142,17 @@ void cw_agenda_remove(cw_agenda *agenda, unsigned node);
 /* Returns the first entry. Looks come before others at the same moment. */
 static inline const agenda_entry *cw_agenda_first(const cw_agenda *agenda)
 {
-    const agenda_entry *look = &agenda->looks.entries[agenda->looks.first];
-    const agenda_entry *other = &agenda->others.entries[agenda->others.first];
+    const agenda_entry *look = agenda->looks.first, *other = agenda->others.first;
     return other->moment < look->moment ? other : look;
 }
 
 /* Takes the first entry away, which says what is done. */
 static inline void cw_agenda_take(cw_agenda *agenda, cw_doing what)
 {
-    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
-    list->first++;
-    list->count--;
+    if (what == CW_LOOKS)
+        agenda->looks.first++;
+    else
+        agenda->others.first++;
 }
 
 /* Moves the epoch forward. */

@@ -54,22 +54,33 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     return effect;
 }
 
+/* Returns true when no rule may act and no wire swings: all levels follow from edges alone, on one
+ * wire. Nothing is marked either. */
+static bool is_calm(const cw_bus *bus)
+{
+    return cw_timed_is_plain(bus) && bus->rules.awake_count == 0 && !bus->timed.marking;
+}
+
+/* Notes whether it is so, after all that may have changed it: samples do not. */
+static void note_calm(cw_bus *bus)
+{
+    bus->timed.calm = is_calm(bus);
+}
+
 /* Returns true when a node has nothing to do at the begin of its next bit. It keeps its level, and
  * cannot begin to send a frame that comes meanwhile. Such a node drives the bit beforehand. */
 static bool goes_ahead(cw_bus *bus, unsigned i)
 {
-    const cw_timed *t = &bus->timed;
-    if (bus->rules.awake_count || t->disturbances.count || t->rings || t->nodes[i].retimed ||
-        t->marking)
-        return false;
-    return cw_mac_drives_on(&bus->nodes[i].mac, t->nodes[i].driven);
+    const timed_node *n = node_at(bus, i);
+    return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven);
 }
 
-/* Plans the next bit of a node that has nothing to report at the end of this one. */
-static void plan_next(cw_bus *bus, unsigned i, cw_span end)
+/* Plans the next bit of a node that has nothing to report at the end of this one. calm: see
+ * is_calm(). */
+static void plan_next(cw_bus *bus, unsigned i, cw_span end, bool calm)
 {
     timed_node *n = node_at(bus, i);
-    n->ahead = goes_ahead(bus, i);
+    n->ahead = calm && goes_ahead(bus, i);
     if (n->ahead)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS,
                       end + n->to_sample);
@@ -78,7 +89,7 @@ static void plan_next(cw_bus *bus, unsigned i, cw_span end)
 }
 
 /* Plans what comes after the sample point: the end of the bit, or a look at an edge before. Not
- * inlined, see plan_end_soon(). */
+ * inlined, since most samples have no need of it. */
 __attribute__((noinline)) static void plan_end(cw_bus *bus, unsigned i)
 {
     timed_node *n = node_at(bus, i);
@@ -91,7 +102,7 @@ __attribute__((noinline)) static void plan_end(cw_bus *bus, unsigned i)
     else if (has_report(n))
         cw_agenda_put(&bus->timed.agenda, i, CW_ENDS, end);
     else
-        plan_next(bus, i, end);
+        plan_next(bus, i, end, is_calm(bus));
 }
 
 /* Plans anew for a node after its sample point, since a dominant level comes before the end of its
@@ -203,9 +214,9 @@ static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
 /* Returns true when all nodes sample at one moment. */
 static bool all_look_at(const cw_agenda *agenda, cw_span moment)
 {
-    const agenda_list *looks = &agenda->looks;
-    const agenda_entry *last = &looks->entries[looks->first + looks->count - 1];
-    return agenda->others.count == 0 && (looks->count == 0 || last->moment == moment);
+    const agenda_list *looks = &agenda->looks, *others = &agenda->others;
+    return others->first == others->behind &&
+           (looks->first == looks->behind || looks->behind[-1].moment == moment);
 }
 
 /* Hands in the frames that come before the end of the bit: the controller cannot tell when in the
@@ -222,6 +233,7 @@ static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
         cw_take_inbox_before(bus, end);
     else
         cw_take_inbox_of_before(bus, i, end);
+    note_calm(bus);
 }
 
 static void sample(cw_bus *bus, unsigned i, cw_span moment)
@@ -242,7 +254,7 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (has_report(n) || (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n)))
         plan_end(bus, i);
     else
-        plan_next(bus, i, n->next_begin = after_quanta(n, n->pcs.end_at));
+        plan_next(bus, i, n->next_begin = after_quanta(n, n->pcs.end_at), bus->timed.calm);
 }
 
 /* Takes all edges up to the sample point, which they may move. */
@@ -320,10 +332,11 @@ __attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, u
 {
     if (what == CW_BEGINS) {
         disturb_bits(bus, begin_bits(bus, moment), moment);
-        return;
+    } else {
+        cw_agenda_take(&bus->timed.agenda, CW_ENDS);
+        end_bit(bus, i, moment);
     }
-    cw_agenda_take(&bus->timed.agenda, CW_ENDS);
-    end_bit(bus, i, moment);
+    note_calm(bus);
 }
 
 /* Does the next thing on the agenda. */
@@ -438,6 +451,7 @@ void cw_step_bit_time(cw_bus *bus)
         disturb(bus, nodes, begin, end);
     if (bus->stepping || bus->watching)
         note_levels(bus, begin);
+    note_calm(bus);
     const agenda_entry *e;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))

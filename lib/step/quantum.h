@@ -69,7 +69,7 @@ bool cw_timed_find_sample(const cw_bus *bus, unsigned node, cw_span moment);
 static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment)
 {
     const cw_cable *cable = &bus->timed.cable;
-    if (cw_timed_is_plain(bus) && cable->newest + cable->longest < moment &&
+    if (bus->timed.calm && cable->newest + cable->longest < moment &&
         !bus->timed.nodes[node].timing.triple_sampling)
         return cable->dominant == 0;
     return cw_timed_find_sample(bus, node, moment);
@@ -82,8 +82,7 @@ cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
 /* Returns false when it has none for sure: no dominant edge is under way to it. */
 static inline bool cw_timed_edge_may_come(const cw_bus *bus, const timed_node *n)
 {
-    const cw_timed *t = &bus->timed;
-    return n->last_arrival >= n->looked || t->disturbances.count || t->rings;
+    return n->last_arrival >= n->looked || !bus->timed.calm;
 }
 
 /* Notes when a dominant edge arrives at a node. rises: the line was recessive before. */

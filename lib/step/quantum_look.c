@@ -148,7 +148,7 @@ cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
         return scan(bus, i, until);
     if (bus->timed.ringing[i])
         return scan_ringing(bus, i, until);
-    if (!cw_timed_edge_may_come(bus, n))
+    if (n->last_arrival < n->looked)
         return CW_SPAN_MAX;
     if (bus->group_count == 1 && bus->timed.cable.rise_from < n->looked)
         return follow_rise(n, until);
