@@ -269,6 +269,19 @@ __attribute__((noinline)) static void take_edges(cw_bus *bus, unsigned i, cw_spa
     }
 }
 
+/* Returns true when edges before the sample point must be taken one by one. One on time changes
+ * nothing, and the next sample forgets it. Only a hard synchronisation may have to be noted. */
+static bool has_edges_to_take(const cw_bus *bus, unsigned i)
+{
+    const cw_timed *t = &bus->timed;
+    const timed_node *n = &t->nodes[i];
+    if (!cw_pcs_is_open(&n->pcs) || !cw_timed_edge_may_come(bus, n))
+        return false;
+    const bool notes = (t->counts || t->reports_syncs) &&
+                       cw_mac_synchronises_hard(&bus->nodes[i].mac);
+    return notes || !cw_timed_edge_is_on_time(bus, n);
+}
+
 /* A node that has gone ahead begins its bit now, when it is about to sample it. */
 static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
 {
@@ -276,7 +289,7 @@ static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
     if (n->ahead)
         cw_timed_begin(n);
     n->ahead = false;
-    if (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n))
+    if (has_edges_to_take(bus, i))
         take_edges(bus, i, moment);
     const cw_span point = after_quanta(n, n->pcs.sample_at);
     if (point > moment)

@@ -94,6 +94,13 @@ static inline void cw_timed_note_arrival(timed_node *n, cw_span arrival, bool ri
         n->last_arrival = arrival;
 }
 
+/* Returns true when the next edge for sure comes with the Sync_Seg of its bit, not before a look. */
+static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const timed_node *n)
+{
+    return bus->timed.calm && bus->timed.cable.rise_from < n->looked &&
+           n->first_arrival >= n->looked && n->first_arrival < n->begin + n->timing.quantum;
+}
+
 /* Returns when the level of its wire changed between two moments, as its nodes drove it;
  * CW_SPAN_MAX: it did not. */
 cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span after,
