@@ -341,7 +341,8 @@ static void look(cw_bus *bus, unsigned i, cw_span moment)
         look_before_sample(bus, i, moment);
 }
 
-__attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, unsigned i, cw_span moment)
+__attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, unsigned i,
+                                                   cw_span moment)
 {
     if (what == CW_BEGINS) {
         disturb_bits(bus, begin_bits(bus, moment), moment);

@@ -94,7 +94,7 @@ static inline void cw_timed_note_arrival(timed_node *n, cw_span arrival, bool ri
         n->last_arrival = arrival;
 }
 
-/* Returns true when the next edge for sure comes with the Sync_Seg of its bit, not before a look. */
+/* Returns true when the next edge comes in the Sync_Seg of the present bit for sure. */
 static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const timed_node *n)
 {
     return bus->timed.calm && bus->timed.cable.rise_from < n->looked &&

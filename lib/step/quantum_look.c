@@ -104,8 +104,7 @@ static cw_span look_after(const timed_node *n, cw_span arrival)
     return n->begin + (cw_quanta_in(n, arrival - n->begin) + 1) * n->timing.quantum;
 }
 
-/* Returns the look that finds the edge when the wire has risen from recessive by dominant edges
- * alone: then only the first of them is an edge. */
+/* Returns the look that finds the edge of a rise, see cw_cable. Only its first arrival is one. */
 static cw_span follow_rise(const timed_node *n, cw_span until)
 {
     if (n->first_arrival < n->looked || n->first_arrival >= until)
