@@ -14,9 +14,7 @@
 #define EVENTS 4096u
 #define JOIN_BITS 11u
 #define FRAME_BITS 125u   /* about as many as a frame of 8 bytes has */
-/* synchronisations are for those who ask */
-#define ALL (UINT32_MAX & ~(1u << CW_EVENT_SYNC))
-#define ALL_BUT_LOST (ALL & ~(1u << CW_EVENT_ARBITRATION_LOST))
+#define ALL_BUT_LOST (CW_EVENTS_USUAL & ~(1u << CW_EVENT_ARBITRATION_LOST))
 
 typedef struct saturation {
     bench_bus_options options;
@@ -116,7 +114,7 @@ static cw_bus *make_bus(const bench_bus_options *o)
         bench_fail("the bus cannot be made");
     free(rules);
     cw_bus_set_stepping(bus, o->stepping);
-    cw_bus_set_events(bus, o->lost ? ALL : ALL_BUT_LOST);
+    cw_bus_set_events(bus, o->lost ? CW_EVENTS_USUAL : ALL_BUT_LOST);
     return bus;
 }
 
