@@ -111,15 +111,22 @@ static bool is_uniform(const cw_bus *bus)
     return uniform && bit_length(coming(t, 0)) == t->bit_time;
 }
 
+/* Returns true when a span has at most so many units. Spans of long bits are near the largest
+ * number, so nothing is multiplied. */
+static bool has_at_most(cw_span span, cw_span units, cw_span unit)
+{
+    return span / units + (span % units != 0) <= unit;
+}
+
 /* Returns true when the clocks and delays of nodes can be simulated on the bus. */
 static bool fits(const cw_bus_config *c)
 {
     const cw_span bit_time = bit_time_of(c), shortest = cw_shortest_bit(c);
     bool fit = shortest >= bit_time / CW_BIT_RATIO_MAX &&
-               cw_longest_delay(c) <= shortest * CW_DELAY_BITS_MAX;
+               has_at_most(cw_longest_delay(c), CW_DELAY_BITS_MAX, shortest);
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
-        fit = fit && bit_length(&timing) <= bit_time * CW_BIT_RATIO_MAX;
+        fit = fit && has_at_most(bit_length(&timing), CW_BIT_RATIO_MAX, bit_time);
         fit = fit && (c->nodes[i].timing.bit.quantum == 0 || divides_bits(c));
     }
     return fit;
@@ -188,9 +195,10 @@ void cw_find_longest(cw_bus *bus)
 static bool change_fits(const cw_bit_timing *timing, cw_span bit_time, unsigned bits,
                         cw_span longest)
 {
-    return cw_bit_timing_valid(timing) && bit_length(timing) <= bit_time * CW_BIT_RATIO_MAX &&
-           bit_time <= bit_length(timing) * bits &&
-           longest <= bit_length(timing) * CW_DELAY_BITS_MAX;
+    return cw_bit_timing_valid(timing) &&
+           has_at_most(bit_length(timing), CW_BIT_RATIO_MAX, bit_time) &&
+           has_at_most(bit_time, bits, bit_length(timing)) &&
+           has_at_most(longest, CW_DELAY_BITS_MAX, bit_length(timing));
 }
 
 bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing)

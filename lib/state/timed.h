@@ -68,6 +68,12 @@ typedef struct cw_agenda {
     agenda_list others;
 } cw_agenda;
 
+/* The wires of nodes, as sets of nodes. */
+typedef struct cw_wires {
+    uint64_t nodes[CW_NODES_MAX];
+    unsigned count; /* 1: all nodes are on one wire */
+} cw_wires;
+
 /* The nodes that read all bits of a clean frame right, see step/quantum_proof.c. */
 typedef struct cw_clean_proof {
     bool valid;
@@ -93,6 +99,10 @@ typedef struct cw_timed {
     cw_cable cable;
     cw_disturbances disturbances;
     cw_span moment; /* all has been done up to it */
+    cw_wires wires;      /* after the moment at which they changed */
+    cw_wires old_wires;  /* ... and before it */
+    cw_span rewired_at;
+    bool one_wire;       /* there is one wire, and has been for as long as anybody looks back */
     cw_agenda agenda;
     cw_span *delays;
     cw_span *ringing;    /* of each node */

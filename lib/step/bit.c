@@ -203,7 +203,7 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels)
     levels->clean = levels->wire = levels->sampled = cw_wired_and(bus, levels->driven);
     if (bus->rules.awake_count)
         cw_rules_change_sampled(&bus->rules, levels);
-    bus->wire = levels->wire == UINT64_MAX;
+    bus->wire = (bus->all & ~levels->wire) == 0;
 }
 
 static void finish_bit(cw_bus *bus, const cw_levels *levels)

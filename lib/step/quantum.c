@@ -329,6 +329,35 @@ bool cw_timed_has_report(const cw_bus *bus)
     return false;
 }
 
+/* ---- Wires that are cut or joined ------------------------------------------------------------ */
+
+/* Takes the edges that came up to a moment, while the wires are still the old ones. */
+static void catch_up(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = node_at(bus, i);
+    cw_timed_settle(&bus->timed, i);
+    while (!n->pcs.sampled && cw_pcs_is_open(&n->pcs)) {
+        const cw_span edge = cw_timed_next_edge(bus, i, moment);
+        if (edge == CW_SPAN_MAX)
+            break;
+        (void)take_edge(bus, i, edge);
+    }
+    const cw_span in = moment - n->begin;
+    const cw_span last = in > 0 ? n->begin + cw_quanta_in(n, in) * n->timing.quantum : n->looked;
+    n->looked = last > n->looked ? last : n->looked;
+}
+
+/* Puts the nodes onto the wires of the bus. What came before the moment came on the old ones. */
+static void rewire(cw_bus *bus, cw_span moment)
+{
+    if (cw_timed_forget_wires(bus, moment))
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        catch_up(bus, i, moment);
+    cw_timed_take_wires(bus, moment);
+    alert(bus);
+}
+
 /* ---- One bit time ---------------------------------------------------------------------------- */
 
 static void look(cw_bus *bus, unsigned i, cw_span moment)
@@ -371,6 +400,7 @@ static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
     cw_disturbances *all = &bus->timed.disturbances;
     if (bus->rules.rewired)
         cw_apply_topology(bus);
+    rewire(bus, begin);
     for (uint64_t rest = bus->rules.off & bus->all; rest; rest &= rest - 1)
         put_level(bus, cw_lowest_node(rest), CW_RECESSIVE, begin);
     disturb_bits(bus, nodes, begin);
@@ -461,6 +491,7 @@ void cw_step_bit_time(cw_bus *bus)
     drive_again(bus, begin);
     cw_watch_wire(bus, 1);
     forget_disturbances(bus, begin);
+    rewire(bus, begin);
     if (bus->rules.awake_count || bus->timed.disturbances.count)
         disturb(bus, nodes, begin, end);
     if (bus->stepping || bus->watching)

@@ -5,6 +5,7 @@
  *   quantum.c       all that nodes do, in the order of time
  *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
+ *   quantum_wires.c wires that rules cut and join
  *   quantum_rest.c  bit times in which all nodes rest
  *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
  *                   quantum_edge.c: one edge that several nodes drive
@@ -15,6 +16,8 @@
 #include "step/step.h"
 
 #include <assert.h>
+
+#define CW_LEAP_TICKS (UINT64_C(1) << 27) /* of a leap: moments stay small, see cw_timed_rebase() */
 
 /* Returns the moment of a tick, and the first tick at or after a moment. So what happens in a bit
  * time has a tick of it. */
@@ -105,6 +108,22 @@ static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const timed_node 
  * CW_SPAN_MAX: it did not. */
 cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span after,
                         cw_span before);
+
+/* ---- quantum_wires.c ------------------------------------------------------------------------- */
+
+/* Begins with the wires of the bus as they are. */
+void cw_timed_begin_wires(cw_bus *bus);
+
+/* Returns true when the nodes are on the wires of the bus. Forgets the old wires when nobody looks
+ * back to them any more. */
+bool cw_timed_forget_wires(cw_bus *bus, cw_span moment);
+
+/* Puts the nodes onto the wires of the bus: what they see of times behind a moment, they see there.
+ */
+void cw_timed_take_wires(cw_bus *bus, cw_span moment);
+
+/* Moves the epoch forward. */
+void cw_timed_rebase_wires(cw_timed *timed, cw_span by);
 
 /* ---- quantum_sync.c -------------------------------------------------------------------------- */
 

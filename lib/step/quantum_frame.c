@@ -77,6 +77,8 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
     } else {
         return false;
     }
+    if (f->due > cw_now(bus) + CW_LEAP_TICKS)
+        return false;
     if (f->due && (!cw_frame_valid(f->frame) || cw_refusal(bus, f->sender) != CW_DROP_COUNT))
         return false;
     return is_between_frames(&bus->nodes[f->sender].mac);

@@ -58,6 +58,7 @@ void cw_timed_enter(cw_bus *bus)
     cw_wake_controllers(bus);
     cw_leave(bus, bus->all);
     clear(&bus->timed, cw_now(bus));
+    cw_timed_begin_wires(bus);
     for (unsigned i = 0; i < bus->node_count; i++)
         enter_node(bus, i, 0);
 }
@@ -92,6 +93,20 @@ static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t 
     cable->rise_from = CW_SPAN_MAX; /* nodes may be dominant without an edge of late */
 }
 
+/* The nodes are on the wires of the old bus, until the next bit time begins. */
+static void take_over_wires(cw_bus *bus, const cw_timed *old, const uint8_t *from)
+{
+    cw_timed *t = &bus->timed;
+    t->wires = (cw_wires){.count = old->wires.count};
+    for (unsigned i = 0; i < bus->node_count; i++)
+        for (unsigned w = 0; w < old->wires.count; w++)
+            if (from[i] == CW_NO_NODE ? w == 0 : old->wires.nodes[w] >> from[i] & 1u)
+                t->wires.nodes[w] |= cw_node_bit(i);
+    t->old_wires = t->wires;
+    t->rewired_at = old->rewired_at;
+    t->one_wire = old->wires.count == 1;
+}
+
 void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
     uint8_t to[CW_NODES_MAX];
@@ -104,6 +119,7 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
             to[from[i]] = (uint8_t)i;
     clear(&bus->timed, old->timed.epoch);
     bus->timed.moment = old->timed.moment;
+    take_over_wires(bus, &old->timed, from);
     take_over_edges(&bus->timed.cable, &old->timed.cable, to);
     for (unsigned i = 0; i < bus->node_count; i++)
         if (from[i] != CW_NO_NODE)
@@ -152,6 +168,7 @@ void cw_timed_rebase(cw_bus *bus)
     cw_disturb_rebase(&t->disturbances, by);
     cw_agenda_rebase(&t->agenda, by);
     t->moment -= by;
+    cw_timed_rebase_wires(t, by);
     for (unsigned i = 0; i < bus->node_count; i++) {
         t->nodes[i].begin -= by;
         t->nodes[i].next_begin -= by;

@@ -4,14 +4,16 @@
  */
 #include "step/quantum.h"
 
-/* Returns the nodes on the wire of a node. */
-static uint64_t wire_of(const cw_bus *bus, unsigned i)
+/* Returns the nodes that are on the wire of a node when it looks at a moment. */
+static uint64_t wire_of(const cw_bus *bus, unsigned i, cw_span moment)
 {
-    if (bus->group_count == 1)
+    const cw_timed *t = &bus->timed;
+    if (t->one_wire)
         return UINT64_MAX;
-    for (unsigned g = 0; g < bus->group_count; g++)
-        if (bus->groups[g] >> i & 1u)
-            return bus->groups[g];
+    const cw_wires *wires = moment > t->rewired_at ? &t->wires : &t->old_wires;
+    for (unsigned w = 0; w < wires->count; w++)
+        if (wires->nodes[w] >> i & 1u)
+            return wires->nodes[w];
     return cw_node_bit(i);
 }
 
@@ -21,8 +23,9 @@ static bool calm_level(const cw_bus *bus, unsigned i, cw_span moment)
     const cw_timed *t = &bus->timed;
     const uint64_t seen = cw_cable_seen(&t->cable, i, moment);
     if (t->disturbances.count == 0)
-        return !(seen & wire_of(bus, i));
-    return cw_disturbed_wire(&t->disturbances, &t->cable, i, moment, seen, wire_of(bus, i));
+        return !(seen & wire_of(bus, i, moment));
+    return cw_disturbed_wire(&t->disturbances, &t->cable, i, moment, seen,
+                             wire_of(bus, i, moment));
 }
 
 /* The wire swings after an edge to recessive: then it is dominant once more. */
@@ -80,7 +83,7 @@ bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)
 
 cw_span cw_timed_change(const cw_bus *bus, unsigned i, bool level, cw_span after, cw_span before)
 {
-    return cw_cable_change(&bus->timed.cable, i, level, after, before, wire_of(bus, i));
+    return cw_cable_change(&bus->timed.cable, i, level, after, before, wire_of(bus, i, before));
 }
 
 /* Returns the next edge by looking at the end of each quantum. */
@@ -117,7 +120,7 @@ static cw_span follow_rise(const timed_node *n, cw_span until)
 static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
 {
     const timed_node *n = &bus->timed.nodes[i];
-    const uint64_t wire = wire_of(bus, i);
+    const uint64_t wire = wire_of(bus, i, until);
     cw_span arrival = cw_cable_next_arrival(&bus->timed.cable, i, n->looked, wire);
     while (arrival < until) {
         const cw_span moment = look_after(n, arrival);
@@ -143,13 +146,14 @@ static cw_span scan_ringing(const cw_bus *bus, unsigned i, cw_span until)
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
 {
     const timed_node *n = &bus->timed.nodes[i];
-    if (bus->timed.disturbances.count)
+    const bool rewired = !bus->timed.one_wire && n->looked <= bus->timed.rewired_at;
+    if (bus->timed.disturbances.count || rewired)
         return scan(bus, i, until);
     if (bus->timed.ringing[i])
         return scan_ringing(bus, i, until);
     if (n->last_arrival < n->looked)
         return CW_SPAN_MAX;
-    if (bus->group_count == 1 && bus->timed.cable.rise_from < n->looked)
+    if (bus->timed.one_wire && bus->timed.cable.rise_from < n->looked)
         return follow_rise(n, until);
     return follow_arrivals(bus, i, until);
 }

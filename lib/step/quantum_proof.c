@@ -11,6 +11,9 @@
 
 #define BITS 10 /* between two falling edges, at most, and from the last one to the ACK slot */
 
+/* A frame with all that belongs to it has less than 256 bits. */
+#define LONGEST_BIT ((cw_span)(CW_LEAP_TICKS / 256) * CW_TICK)
+
 static cw_span lesser(cw_span a, cw_span b)
 {
     return a < b ? a : b;
@@ -84,12 +87,14 @@ const cw_clean_proof *cw_timed_proof(cw_bus *bus)
     if (proof->valid)
         return proof;
     proof->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
-    bool retimed = false;
+    bool retimed = false, too_long = false;
     for (unsigned i = 0; i < bus->node_count; i++) {
         find_spans(proof, i, &bus->timed.nodes[i]);
         retimed = retimed || bus->timed.nodes[i].retimed;
+        too_long = too_long || proof->bit[i] > LONGEST_BIT;
+        proof->harmless[i] = 0;
     }
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; i < bus->node_count && !too_long; i++)
         find_harmless(bus, i);
     proof->valid = !retimed;
     return proof;

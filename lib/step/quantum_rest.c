@@ -10,7 +10,6 @@
 #include "mac/mac.h"
 
 #define LEAST_BITS 4u                      /* fewer are not worth it */
-#define MOST_TICKS (UINT64_C(1) << 27)     /* moments stay small, see cw_timed_rebase() */
 
 /* Returns true when the controller does nothing until something comes in. */
 static bool rests(const cw_mac *mac)
@@ -67,7 +66,7 @@ static uint64_t reach(const cw_bus *bus, uint64_t tick)
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->next_restart));
     bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->rules.next_due));
-    return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), MOST_TICKS));
+    return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), CW_LEAP_TICKS));
 }
 
 /* Returns the samples from a bit on up to a moment, the moment included. */

@@ -358,6 +358,26 @@ static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
     rig_free(r);
 }
 
+/* A wire that is stuck dominant and flipped in each bit is recessive, on a bus that is partitioned
+ * into one part, too. */
+static void a_flipped_wire_is_that_of_the_nodes_that_exist(void **state)
+{
+    (void)state;
+    for (unsigned parts = 0; parts < 2; parts++) {
+        rig *r = rig_new(2);
+        cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
+        stuck->line = CW_LINE_TX;
+        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+        noise->error_rate = UINT64_MAX;
+        if (parts)
+            (void)rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+        rig_start(r);
+        rig_run_bits(r, 100);
+        assert_int_equal(cw_bus_recessive_bits(r->bus), 100);
+        rig_free(r);
+    }
+}
+
 /* A level that a single node sees is not on the wire. */
 static void a_stuck_rx_is_not_on_the_wire(void **state)
 {
@@ -415,6 +435,7 @@ int main(void)
         cmocka_unit_test(bits_are_on_the_wire_of_their_frame),
         cmocka_unit_test(bits_last_as_long_as_they_are_told_to),
         cmocka_unit_test(the_overload_delimiter_begins_when_the_wire_is_free),
+        cmocka_unit_test(a_flipped_wire_is_that_of_the_nodes_that_exist),
         cmocka_unit_test(a_stuck_rx_is_not_on_the_wire),
     };
     return cmocka_run_group_tests_name("fault_level", tests, NULL, NULL);

@@ -206,6 +206,54 @@ static void nobody_acknowledges_the_frame_of_a_node_alone(void **unused)
     end(&p);
 }
 
+/* Moments are small numbers: 2^31 ticks are 26.8 s. A frame that comes later does not come now, even
+ * if the bus has no time to rest before. */
+static void a_frame_of_another_minute_comes_then(void **unused)
+{
+    pair p;
+    (void)unused;
+    for (unsigned bits = 1; bits < 8; bits++) {
+        const cw_frame frame = {.id = 0x123};
+        cw_event e;
+        set_up(&p);
+        begin(&p);
+        const uint64_t due = (UINT64_C(1) << 32) + 17 + bits * BIT_TICKS;
+        assert_int_equal(cw_bus_advance(p.fast, 20 * BIT_TICKS), CW_OK);
+        assert_int_equal(cw_node_send(p.fast, 0, &frame, due), CW_OK);
+        assert_int_equal(cw_bus_advance(p.fast, due + 100 * BIT_TICKS), CW_OK);
+        assert_true(cw_bus_poll(p.fast, &e));
+        assert_true(e.kind == CW_EVENT_RX && e.tick > due + 44 * BIT_TICKS &&
+                    e.tick < due + 60 * BIT_TICKS);
+        end(&p);
+    }
+}
+
+/* A frame of bits of half a second is too long for numbers of 64 bits: it goes bit by bit. */
+static void frames_of_very_long_bits_come_in_time(void **unused)
+{
+    pair p;
+    (void)unused;
+    for (unsigned slower = 0; slower < 16; slower++) {
+        const uint64_t bit = CW_CLOCK_HZ >> slower;
+        const cw_frame frame = {.id = 0x1BA5EA00, .flags = CW_FRAME_EXTENDED};
+        cw_event e;
+        set_up(&p);
+        p.config.bit_ticks = (uint32_t)bit;
+        for (unsigned i = 0; i < NODES; i++)
+            p.nodes[i].timing = (cw_node_timing){.place = CW_TICK * (cw_span)(bit / 1000 * i)};
+        begin(&p);
+        assert_int_equal(cw_node_send(p.fast, 0, &frame, 20 * bit), CW_OK);
+        assert_int_equal(cw_bus_advance(p.fast, 200 * bit), CW_OK);
+        uint64_t nodes = 0;
+        while (cw_bus_poll(p.fast, &e)) {
+            assert_true(e.tick > 82 * bit && e.tick < 98 * bit); /* 64 bits and stuff */
+            nodes |= e.nodes;
+        }
+        assert_int_equal(nodes, 0xF);
+        end(&p);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -213,6 +261,8 @@ int main(void)
         cmocka_unit_test(nodes_that_only_listen_or_are_away_change_nothing),
         cmocka_unit_test(frames_that_contend_go_bit_by_bit),
         cmocka_unit_test(nobody_acknowledges_the_frame_of_a_node_alone),
+        cmocka_unit_test(a_frame_of_another_minute_comes_then),
+        cmocka_unit_test(frames_of_very_long_bits_come_in_time),
         cmocka_unit_test(frames_without_proof_go_bit_by_bit),
     };
     return cmocka_run_group_tests_name("clean frames off the grid", tests, NULL, NULL);
