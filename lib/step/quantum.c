@@ -347,7 +347,7 @@ static void catch_up(cw_bus *bus, unsigned i, cw_span moment)
     n->looked = last > n->looked ? last : n->looked;
 }
 
-/* Puts the nodes onto the wires of the bus. What came before the moment came on the old ones. */
+/* Puts the nodes onto the wires of the bus. All that came before the moment was on the old ones. */
 static void rewire(cw_bus *bus, cw_span moment)
 {
     if (cw_timed_forget_wires(bus, moment))

@@ -2,9 +2,9 @@
  *
  * quantum_wires.c - the wires of a partitioned bus whose nodes have clocks of their own.
  *
- * Nodes look back: to the last sample, by the delay of the line, by its swing. What they see there
- * was on the wires of that time. So the wires before the last change are kept for as long as a look
- * can reach back to them. Wires change at the begin of a bit time only.
+ * Nodes look back: to the last sample, by the delay of the line, by its swing. All that they see
+ * there was on the wires of that time. So the wires before the last change are kept for as long as
+ * a look can reach back to them. Wires change at the begin of a bit time only.
  */
 #include "step/quantum.h"
 

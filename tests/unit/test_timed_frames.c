@@ -206,8 +206,7 @@ static void nobody_acknowledges_the_frame_of_a_node_alone(void **unused)
     end(&p);
 }
 
-/* Moments are small numbers: 2^31 ticks are 26.8 s. A frame that comes later does not come now, even
- * if the bus has no time to rest before. */
+/* Moments are small numbers: 2^31 ticks are 26.8 s. A frame that comes later does not come now. */
 static void a_frame_of_another_minute_comes_then(void **unused)
 {
     pair p;

@@ -2,8 +2,8 @@
  *
  * test_timed_wires.c - wires that rules cut and join while nodes have clocks of their own.
  *
- * A bit of the bus has 16 quanta of 10 ticks. Wires change at the begin of a bit time of the bus,
- * which is in the middle of a bit of a node with another clock.
+ * A bit of the bus has 16 quanta of 10 ticks. Wires change at the begin of a bit time of the bus.
+ * For a node with another clock that is in the middle of a bit.
  */
 #include "canwire.h"
 
@@ -78,8 +78,8 @@ static void a_wire_that_is_joined_while_dominant_makes_an_edge(void **unused)
     free(bus);
 }
 
-/* What came on the other wire stays there: SOF is at 1920 ticks, and the wires are joined in the
- * recessive stuff bit of SOF and id[10..7], bit 17. So the next edge is that of bit 18, 2880. */
+/* An edge on the other wire stays there. SOF is at 1920 ticks. The wires are joined in bit 17, the
+ * recessive stuff bit behind five `d`. So the next edge is that of bit 18, 2880. */
 static void an_edge_on_the_other_wire_is_not_seen_later(void **unused)
 {
     (void)unused;
