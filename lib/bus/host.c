@@ -36,6 +36,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     if (!cw_ring_has_room(bus))
         return CW_FULL;
     cw_wake_controllers(bus);
+    cw_commit_early(bus, i);
     cw_mac *m = cw_own_mac(bus, i);
     m->offered = false;
     m->role = CW_ROLE_NONE;
@@ -74,6 +75,7 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
     if (!cw_ring_has_room(bus))
         return CW_FULL;
     cw_wake_controllers(bus);
+    cw_commit_early(bus, i);
     cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
     reset_controller(bus, i);
@@ -104,6 +106,7 @@ static void restart(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     bus->restarts[i].at = CW_NEVER;
+    cw_commit_early(bus, i);
     if (cw_mac_request_restart(cw_own_mac(bus, i)) != CW_OK)
         return;
     cw_flush_queue(bus, i, CW_DROP_BUS_OFF);

@@ -200,3 +200,13 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
         cw_commit_sent(bus, i, bus->nodes[i].mac.tx.length);
     cw_report_state(bus, i);
 }
+
+void cw_commit_early(cw_bus *bus, unsigned i)
+{
+    cw_mac_report *pending = &bus->timed.nodes[i].report;
+    if (!bus->timed.active || pending->what == 0)
+        return;
+    const cw_mac_report report = *pending;
+    pending->what = 0;
+    cw_commit_node(bus, i, &report);
+}

@@ -355,6 +355,7 @@ static void rewire(cw_bus *bus, cw_span moment)
     for (unsigned i = 0; i < bus->node_count; i++)
         catch_up(bus, i, moment);
     cw_timed_take_wires(bus, moment);
+    note_calm(bus);
     alert(bus);
 }
 
@@ -425,8 +426,7 @@ static void drive_again(cw_bus *bus, cw_span moment)
 static bool level_of_wires(const cw_bus *bus, cw_span moment)
 {
     const cw_cable *cable = &bus->timed.cable;
-    if (bus->group_count == 1 && bus->timed.disturbances.count == 0 && !bus->timed.rings &&
-        cable->newest + cable->longest < moment)
+    if (cw_timed_is_plain(bus) && cable->newest + cable->longest < moment)
         return cable->dominant == 0;
     for (unsigned i = 0; i < bus->node_count; i++)
         if (cw_timed_wire(bus, i, moment) == CW_DOMINANT)

@@ -53,7 +53,7 @@ static inline cw_span cw_quanta_in(const timed_node *n, cw_span span)
 static inline bool cw_timed_is_plain(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    return bus->group_count == 1 && t->disturbances.count == 0 && !t->rings;
+    return t->one_wire && t->disturbances.count == 0 && !t->rings;
 }
 
 /* Returns the level that a node sees when it looks at a moment. */

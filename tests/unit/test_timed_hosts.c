@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_timed_hosts.c - hosts that act while nodes with clocks of their own are in the middle of
+ * their bits: a bit that has been sampled counts, although it has not ended.
+ */
+#include "canwire.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+#define BIT_TICKS 160u
+#define QUANTUM (CW_TICK * 10)
+#define NODES 3u
+#define FRAME_ID 0x123u
+
+/* What became of the one frame of node 0. */
+typedef struct outcome {
+    unsigned sent, dropped, received;
+} outcome;
+
+static cw_bus *make_bus(unsigned slower)
+{
+    cw_node_config nodes[NODES];
+    for (unsigned i = 0; i < NODES; i++)
+        nodes[i] = (cw_node_config){
+            .queue = 4, .warning_limit = 96,
+            .timing.bit = {.quantum = QUANTUM + QUANTUM / 2000 * (cw_span)(slower * (i + 1)),
+                           .prop_seg = 6, .phase_seg1 = 5, .phase_seg2 = 4, .sjw = 4}};
+    const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = 8,
+                                  .events = 256, .nodes = nodes};
+    cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
+    assert_non_null(bus);
+    return bus;
+}
+
+static void take_events(cw_bus *bus, outcome *o)
+{
+    cw_event e;
+    while (cw_bus_poll(bus, &e)) {
+        if (e.kind == CW_EVENT_RX || e.kind == CW_EVENT_TX || e.kind == CW_EVENT_DROP)
+            assert_int_equal(e.frame.id, FRAME_ID);
+        o->sent += e.kind == CW_EVENT_TX;
+        o->dropped += e.kind == CW_EVENT_DROP;
+        for (uint64_t rest = e.nodes; e.kind == CW_EVENT_RX && rest; rest &= rest - 1)
+            o->received++;
+    }
+}
+
+static cw_bus *begin(unsigned slower, unsigned bits)
+{
+    cw_bus *bus = make_bus(slower);
+    assert_int_equal(cw_node_send(bus, 0, &(cw_frame){.id = FRAME_ID}, 12 * BIT_TICKS), CW_OK);
+    assert_int_equal(cw_bus_advance(bus, bits * BIT_TICKS), CW_OK);
+    return bus;
+}
+
+static void go_on(cw_bus *bus, outcome *o)
+{
+    take_events(bus, o);
+    assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + 200 * BIT_TICKS), CW_OK);
+    take_events(bus, o);
+    assert_int_equal(cw_bus_pending(bus), 0);
+}
+
+/* A frame that all have taken has been sent, and a frame that the sender has dropped has not. */
+static void a_sender_that_leaves_has_sent_its_frame_or_not(void **unused)
+{
+    (void)unused;
+    unsigned sent = 0, dropped = 0;
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned bits = 50; bits < 65; bits++)
+            for (unsigned for_good = 0; for_good < 2; for_good++) {
+                outcome o = {0};
+                cw_bus *bus = begin(slower, bits);
+                assert_int_equal(for_good ? cw_node_flush(bus, 0) : cw_node_attach(bus, 0, false),
+                                 CW_OK);
+                go_on(bus, &o);
+                assert_int_equal(o.sent + o.dropped, 1);
+                assert_true(!o.sent || o.received == NODES - 1);
+                sent += o.sent;
+                dropped += o.dropped;
+                free(bus);
+            }
+    assert_true(sent > 100 && dropped > 100);
+}
+
+/* A receiver that leaves has the frame, or nothing; never another one. */
+static void a_receiver_that_leaves_has_the_frame_or_nothing(void **unused)
+{
+    (void)unused;
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned bits = 50; bits < 65; bits++) {
+            outcome o = {0};
+            cw_bus *bus = begin(slower, bits);
+            assert_int_equal(cw_node_attach(bus, 2, false), CW_OK);
+            go_on(bus, &o);
+            assert_true(o.sent == 1 && o.dropped == 0);
+            assert_true(o.received == NODES - 1 || o.received == NODES - 2);
+            free(bus);
+        }
+}
+
+/* Another bus goes on with a frame whose end has been sampled and not yet been reported. A frame
+ * that goes before it in the queue has come meanwhile. */
+static void a_frame_that_ends_in_another_bus_is_the_right_one(void **unused)
+{
+    static const uint8_t from[NODES] = {0, 1, 2};
+    (void)unused;
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned bits = 50; bits < 65; bits++) {
+            unsigned sent = 0, urgent = 0;
+            outcome o = {0};
+            cw_bus *old = begin(slower, bits), *bus = make_bus(slower);
+            take_events(old, &o);
+            assert_int_equal(cw_node_send(old, 0, &(cw_frame){.id = 1}, 0), CW_OK);
+            assert_int_equal(cw_bus_take_over(bus, old, from), CW_OK);
+            assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + 200 * BIT_TICKS), CW_OK);
+            cw_event e;
+            while (cw_bus_poll(bus, &e)) {
+                sent += e.kind == CW_EVENT_TX && e.frame.id == FRAME_ID;
+                urgent += e.kind == CW_EVENT_TX && e.frame.id == 1;
+            }
+            assert_true(o.sent + sent == 1 && urgent == 1);
+            free(old);
+            free(bus);
+        }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_sender_that_leaves_has_sent_its_frame_or_not),
+        cmocka_unit_test(a_receiver_that_leaves_has_the_frame_or_nothing),
+        cmocka_unit_test(a_frame_that_ends_in_another_bus_is_the_right_one),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
