@@ -14,14 +14,6 @@ static bool has_begun(const cw_mac *m)
     return m->offered && m->role == CW_ROLE_TRANSMITTER;
 }
 
-/* Returns true when the offered frame is in use: so, or by a report of a bit that has not ended. */
-static bool uses_slot(const cw_bus *old, unsigned from)
-{
-    const unsigned about_it = CW_REPORT_TX | CW_REPORT_DROPPED | CW_REPORT_ARBITRATION_LOST;
-    return has_begun(&old->nodes[from].mac) ||
-           (old->timed.active && (old->timed.nodes[from].report.what & about_it));
-}
-
 static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
 {
     bus_node *n = &bus->nodes[i];
@@ -32,19 +24,20 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
         return;
     }
     n->queue.slots[n->queue.newest].tried = slot->tried;
-    if (old->offered_slot == from)
+    if (old->offered_slot == from) /* of a frame under way, or of one whose end is to be reported */
         n->offered_slot = n->queue.newest;
     bus->queued++;
     cw_queue_changed(bus, i);
 }
 
-/* A frame that is in use gets a place in any case. */
-static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old, bool uses_slot)
+/* A frame that has begun gets a place in any case. */
+static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
 {
-    if (uses_slot)
+    bool begun = has_begun(&old->mac);
+    if (begun)
         take_over_slot(bus, i, old, old->offered_slot);
     for (unsigned k = 0; k < old->queue.count; k++)
-        if (!uses_slot || cw_queue_nth(&old->queue, k) != old->offered_slot)
+        if (!begun || cw_queue_nth(&old->queue, k) != old->offered_slot)
             take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k));
 }
 
@@ -60,13 +53,13 @@ static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
-static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old, bool uses_slot)
+static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
 {
     bus_node *n = &bus->nodes[i];
     unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
-    take_over_queue(bus, i, old, uses_slot);
+    take_over_queue(bus, i, old);
     n->mac = old->mac;
     n->mac.offered = has_begun(&old->mac);
     n->mac.no_ack = false;
@@ -162,7 +155,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
             continue;
         to[from[i]] = (uint8_t)i;
         bus->restarts[i] = old->restarts[from[i]];
-        take_over_node(bus, i, &old->nodes[from[i]], uses_slot(old, from[i]));
+        take_over_node(bus, i, &old->nodes[from[i]]);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);
         if (old->removed & cw_node_bit(from[i]))

@@ -360,6 +360,7 @@ static void finish_transmission(cw_bus *bus, const clean_frame *f)
     cw_mac *m = &bus->nodes[i].mac;
     const cw_span end = f->ack.next[i] + BITS_TO_EOF * bus->timed.proof.bit[i];
     cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
+    cw_take_inbox_before(bus, cw_now(bus)); /* it waits beside the frame that ends */
     cw_confinement_tx_success(&m->confinement);
     m->reported_state = m->confinement.state;
     cw_commit_sent(bus, i, f->length);

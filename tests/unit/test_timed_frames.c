@@ -179,6 +179,26 @@ static void frames_that_contend_go_bit_by_bit(void **unused)
     end(&p);
 }
 
+/* A frame that comes while another one is on its way waits beside it, up to its last bit. */
+static void frames_that_come_meanwhile_wait_as_they_do_bit_by_bit(void **unused)
+{
+    pair p;
+    (void)unused;
+    for (unsigned k = 0; k < 180; k++) {
+        set_up(&p);
+        begin(&p);
+        for (unsigned second = 0; second < 2; second++) {
+            const cw_frame frame = {.id = 0x100 - second, .dlc = 1};
+            const uint64_t tick = 5000 + second * k * BIT_TICKS / 2;
+            assert_int_equal(cw_node_send(p.fast, 0, &frame, tick), CW_OK);
+            assert_int_equal(cw_node_send(p.single, 0, &frame, tick), CW_OK);
+        }
+        (void)run(&p);
+        assert_int_equal(stats_of(&p).frames, 2);
+        end(&p);
+    }
+}
+
 /* In 10 bits 2 % are 3.2 quanta, more than SJW. */
 static void frames_without_proof_go_bit_by_bit(void **unused)
 {
@@ -259,6 +279,7 @@ int main(void)
         cmocka_unit_test(clean_frames_pass_at_once),
         cmocka_unit_test(nodes_that_only_listen_or_are_away_change_nothing),
         cmocka_unit_test(frames_that_contend_go_bit_by_bit),
+        cmocka_unit_test(frames_that_come_meanwhile_wait_as_they_do_bit_by_bit),
         cmocka_unit_test(nobody_acknowledges_the_frame_of_a_node_alone),
         cmocka_unit_test(a_frame_of_another_minute_comes_then),
         cmocka_unit_test(frames_of_very_long_bits_come_in_time),
