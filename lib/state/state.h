@@ -373,8 +373,8 @@ static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
  * cw_event_kind. */
 void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
-/* Does so for a node that has sampled its bit and not ended it, by a clock of its own, before its
- * controller or its frames are thrown away. */
+/* Does so before the controller or the frames of a node are thrown away. By a clock of its own it
+ * may have sampled its bit and not ended it. */
 void cw_commit_early(cw_bus *bus, unsigned node);
 
 /* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */

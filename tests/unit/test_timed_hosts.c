@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_timed_hosts.c - hosts that act while nodes with clocks of their own are in the middle of
- * their bits: a bit that has been sampled counts, although it has not ended.
+ * test_timed_hosts.c - hosts that act in the middle of bits, of nodes with clocks of their own. A
+ * bit that has been sampled counts, although it has not ended.
  */
 #include "canwire.h"
 
@@ -17,7 +17,7 @@
 #define NODES 3u
 #define FRAME_ID 0x123u
 
-/* What became of the one frame of node 0. */
+/* Counts of events about the one frame of node 0. */
 typedef struct outcome {
     unsigned sent, dropped, received;
 } outcome;
