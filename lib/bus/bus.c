@@ -57,8 +57,9 @@ static void run_all_due(cw_bus *bus)
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     if (cw_is_off_grid(bus)) {
-        if (!cw_timed_frame_go(bus, tick) && !cw_timed_rest_go(bus, tick))
-            cw_step_bit_time(bus);
+        if (!cw_timed_may_leap(bus) ||
+            (!cw_timed_frame_go(bus, tick) && !cw_timed_rest_go(bus, tick)))
+            cw_step_bit_times(bus, tick);
         return;
     }
     if (bus->stepping || bus->watching) {

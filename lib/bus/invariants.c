@@ -111,6 +111,14 @@ static void assert_frame(const cw_bus *bus)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
+/* Asserts that controllers do to the wire what has been noted, see step/quantum_time.c. */
+static void assert_view(const cw_bus *bus)
+{
+    const cw_timed *t = &bus->timed;
+    if (t->active && t->steady_at == cw_now(bus) && t->touched == 0)
+        assert(t->view == cw_view_wire(bus));
+}
+
 static void assert_ring(const event_ring *ring)
 {
     assert(ring->count <= ring->capacity && ring->first < ring->capacity);
@@ -132,5 +140,6 @@ void cw_assert_bus(const cw_bus *bus)
     cw_assert_outlook(bus);
     cw_assert_arbiter(bus);
     cw_assert_shares(bus);
+    assert_view(bus);
     assert_ring(&bus->ring);
 }

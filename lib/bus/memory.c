@@ -124,7 +124,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
     *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .delays = delays,
-                    .ringing = ringing,
+                    .ringing = ringing, .steady_at = CW_NEVER,
                     .cable = {.edges = edges, .capacity = edges_under_way(c)},
                     .disturbances = {.list = list, .capacity = room},
                     .marks = marks, .mark_room = mark_room(c)};

@@ -22,27 +22,13 @@ void cw_agenda_clear(cw_agenda *agenda)
     clear(&agenda->others);
 }
 
-/* Moves the entries to the front of the array, since they have come to its end. */
-__attribute__((noinline)) static void make_room(agenda_list *list)
+void cw_agenda_make_room(agenda_list *list)
 {
     const size_t count = (size_t)(list->behind - list->first);
     assert(count < CW_NODES_MAX);
     memmove(list->entries, list->first, (count + 1) * sizeof list->entries[0]);
     list->first = list->entries;
     list->behind = list->entries + count;
-}
-
-void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment)
-{
-    const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
-    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
-    if (list->behind == list->entries + 2 * CW_NODES_MAX)
-        make_room(list);
-    agenda_entry *place = list->behind++;
-    list->behind->moment = CW_SPAN_MAX;
-    for (; place > list->first && cw_agenda_before(&entry, place - 1); place--)
-        *place = place[-1];
-    *place = entry;
 }
 
 /* Returns the entry of a node, the place behind the last one when it has none. */

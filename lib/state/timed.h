@@ -95,6 +95,9 @@ typedef struct cw_timed {
     uint64_t touched; /* nodes whose controllers have been changed from outside */
     uint32_t fastest_permille; /* the shortest bit of a node, in thousandths of a bit time, less
                                   than 1000 */
+    uint64_t steady_at; /* tick of a bit time that begins as the one before it did: no controller
+                           has had a report or is in another phase. CW_NEVER: none */
+    unsigned view;      /* of the wire, up to then, see cw_view_wire() */
     uint64_t epoch; /* tick; moments count from here */
     cw_cable cable;
     cw_disturbances disturbances;
@@ -140,8 +143,22 @@ static inline bool cw_agenda_before(const agenda_entry *a, const agenda_entry *b
     return a->moment != b->moment ? a->moment < b->moment : a->what < b->what;
 }
 
+/* Moves the entries to the front of the array, since they have come to its end. */
+void cw_agenda_make_room(agenda_list *list);
+
 /* Adds what a node does next; it must have no entry. */
-void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment);
+static inline void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment)
+{
+    const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
+    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
+    if (list->behind == list->entries + 2 * CW_NODES_MAX)
+        cw_agenda_make_room(list);
+    agenda_entry *place = list->behind++;
+    list->behind->moment = CW_SPAN_MAX;
+    for (; place > list->first && cw_agenda_before(&entry, place - 1); place--)
+        *place = place[-1];
+    *place = entry;
+}
 
 /* Returns the entry of a node. */
 const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);

@@ -101,40 +101,41 @@ static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
         w->length += bits - 1;
 }
 
-#define WIRE_BUSY 0x1u
-#define WIRE_ERROR 0x2u    /* an error flag */
-#define WIRE_OVERLOAD 0x4u /* an overload flag */
-
 /* Returns what a node is doing to the wire. A node in loopback does nothing to it, and a node that
  * only listens sends no flags (M11, M15). */
 static unsigned view_mac(const cw_mac *m)
 {
     static const uint8_t views[CW_MAC_PHASE_COUNT] = {
-        [CW_MAC_FRAME] = WIRE_BUSY,
-        [CW_MAC_ERROR_ACTIVE] = WIRE_BUSY | WIRE_ERROR,
-        [CW_MAC_ERROR_PASSIVE] = WIRE_BUSY | WIRE_ERROR,
-        [CW_MAC_ERROR_WAIT] = WIRE_BUSY,
-        [CW_MAC_ERROR_DELIMITER] = WIRE_BUSY,
-        [CW_MAC_OVERLOAD_FLAG] = WIRE_BUSY | WIRE_OVERLOAD,
-        [CW_MAC_OVERLOAD_WAIT] = WIRE_BUSY,
-        [CW_MAC_OVERLOAD_DELIMITER] = WIRE_BUSY,
-        [CW_MAC_INTERMISSION] = WIRE_BUSY,
+        [CW_MAC_FRAME] = CW_WIRE_BUSY,
+        [CW_MAC_ERROR_ACTIVE] = CW_WIRE_BUSY | CW_WIRE_ERROR,
+        [CW_MAC_ERROR_PASSIVE] = CW_WIRE_BUSY | CW_WIRE_ERROR,
+        [CW_MAC_ERROR_WAIT] = CW_WIRE_BUSY,
+        [CW_MAC_ERROR_DELIMITER] = CW_WIRE_BUSY,
+        [CW_MAC_OVERLOAD_FLAG] = CW_WIRE_BUSY | CW_WIRE_OVERLOAD,
+        [CW_MAC_OVERLOAD_WAIT] = CW_WIRE_BUSY,
+        [CW_MAC_OVERLOAD_DELIMITER] = CW_WIRE_BUSY,
+        [CW_MAC_INTERMISSION] = CW_WIRE_BUSY,
     };
     if (m->modes & CW_MODE_LOOPBACK)
         return 0;
-    return m->modes & CW_MODE_LISTEN_ONLY ? views[m->phase] & WIRE_BUSY : views[m->phase];
+    return m->modes & CW_MODE_LISTEN_ONLY ? views[m->phase] & CW_WIRE_BUSY : views[m->phase];
 }
 
-void cw_watch_wire(cw_bus *bus, uint64_t bits)
+unsigned cw_view_wire(const cw_bus *bus)
 {
-    cw_count_clean_bits(bus);
     unsigned view = bus->followers ? view_mac(&bus->common) : 0;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1)
         view |= view_mac(&bus->nodes[cw_lowest_node(rest)].mac);
-    watch_flag(&bus->error_flag, view & WIRE_ERROR, bits, &bus->stats.error_frames);
-    watch_flag(&bus->overload_flag, view & WIRE_OVERLOAD, bits, &bus->stats.overload_frames);
-    bus->stats.busy_bits += view & WIRE_BUSY ? bits : 0;
-    cw_load_add(&bus->load, bits, view & WIRE_BUSY);
+    return view;
+}
+
+void cw_watch_view(cw_bus *bus, unsigned view, uint64_t bits)
+{
+    cw_count_clean_bits(bus);
+    watch_flag(&bus->error_flag, view & CW_WIRE_ERROR, bits, &bus->stats.error_frames);
+    watch_flag(&bus->overload_flag, view & CW_WIRE_OVERLOAD, bits, &bus->stats.overload_frames);
+    bus->stats.busy_bits += view & CW_WIRE_BUSY ? bits : 0;
+    cw_load_add(&bus->load, bits, view & CW_WIRE_BUSY);
 }
 
 /* ---- One bit --------------------------------------------------------------------------------- */

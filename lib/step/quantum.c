@@ -8,10 +8,7 @@
  * and have nothing to report; they go ahead from one sample point to the next (goes_ahead()). Rules
  * T1 to T12 of RULES.md.
  *
- * The step is one bit time of the bus, in which a node may have two bits, or none. All that has no
- * clock of its own happens between the steps: frames and commands of hosts, restarts, rules on
- * times. Load is counted for bit times, too. So a bus whose clocks all agree has the events and
- * statistics of single bits (bit.c).
+ * In one bit time of the bus (quantum_time.c) a node may have two bits, or none.
  */
 #include "step/quantum.h"
 
@@ -61,10 +58,18 @@ static bool is_calm(const cw_bus *bus)
     return cw_timed_is_plain(bus) && bus->rules.awake_count == 0 && !bus->timed.marking;
 }
 
-/* Notes whether it is so, after all that may have changed it: samples do not. */
-static void note_calm(cw_bus *bus)
+/* Ends the calm when rules act after bits have begun or ended, or frames have come in. Nothing else
+ * ends it before the next bit time. */
+static void check_calm(cw_bus *bus)
 {
-    bus->timed.calm = is_calm(bus);
+    if (bus->rules.awake_count || bus->timed.disturbances.count)
+        bus->timed.calm = false;
+}
+
+/* Notes that the next bit time begins in another way than the present one. */
+static void end_steadiness(cw_bus *bus)
+{
+    bus->timed.steady_at = CW_NEVER;
 }
 
 /* Returns true when a node has nothing to do at the begin of its next bit. It keeps its level, and
@@ -162,13 +167,17 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
     bus_node *n = &bus->nodes[i];
-    if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) /* it comes just now */
+    if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) { /* it comes just now */
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
+        end_steadiness(bus);
+    }
     if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
         cw_offer_first(n);
     put_level(bus, i, cw_mac_drive(&n->mac), moment);
-    if (n->mac.started)
+    if (n->mac.started) {
+        end_steadiness(bus);
         cw_note_start(bus, i);
+    }
 }
 
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
@@ -223,8 +232,7 @@ static bool all_look_at(const cw_agenda *agenda, cw_span moment)
  * bit. */
 static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
-    const timed_node *n = node_at(bus, i);
-    const cw_span end_of_bit = after_quanta(n, n->pcs.end_at);
+    const cw_span end_of_bit = node_at(bus, i)->next_begin;
     const uint64_t end = cw_tick_of(bus, end_of_bit);
     if (cw_inbox_first(bus) >= end)
         return;
@@ -233,28 +241,31 @@ static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
         cw_take_inbox_before(bus, end);
     else
         cw_take_inbox_of_before(bus, i, end);
-    note_calm(bus);
+    check_calm(bus);
+    end_steadiness(bus);
 }
 
 static void sample(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
+    cw_mac *m = &bus->nodes[i].mac;
+    const cw_mac_phase phase = cw_mac_get_phase(m);
     const bool level = cw_timed_sample(bus, i, moment);
+    n->next_begin = after_quanta(n, n->pcs.end_at);
     take_frames(bus, i, moment);
+    if (bus->timed.marking)
+        cw_mark_put(bus, CW_MARK_SAMPLE, i, moment, cw_mac_visible(m, level), 0);
+    cw_mac_sample(m, level, &n->report);
     if (bus->timed.counts)
         cw_sync_count_sample(bus, i, level, moment);
-    if (bus->timed.marking)
-        cw_mark_put(bus, CW_MARK_SAMPLE, i, moment,
-                    cw_mac_visible(&bus->nodes[i].mac, level), 0);
-    cw_mac_sample(&bus->nodes[i].mac, level, &n->report);
     cw_pcs_sampled(&n->pcs, level);
-    if (bus->timed.counts)
-        cw_sync_sampled(bus, i, moment);
+    if (cw_mac_get_phase(m) != phase)
+        end_steadiness(bus);
     n->looked = moment;
     if (has_report(n) || (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n)))
         plan_end(bus, i);
     else
-        plan_next(bus, i, n->next_begin = after_quanta(n, n->pcs.end_at), bus->timed.calm);
+        plan_next(bus, i, n->next_begin, bus->timed.calm);
 }
 
 /* Takes all edges up to the sample point, which they may move. */
@@ -319,6 +330,7 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
     cw_sync_commit(bus, i);
     cw_wire_go_to(&bus->time, now);
     n->report.what = 0;
+    end_steadiness(bus);
 }
 
 bool cw_timed_has_report(const cw_bus *bus)
@@ -355,7 +367,7 @@ static void rewire(cw_bus *bus, cw_span moment)
     for (unsigned i = 0; i < bus->node_count; i++)
         catch_up(bus, i, moment);
     cw_timed_take_wires(bus, moment);
-    note_calm(bus);
+    bus->timed.calm = is_calm(bus);
     alert(bus);
 }
 
@@ -380,7 +392,7 @@ __attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, u
         cw_agenda_take(&bus->timed.agenda, CW_ENDS);
         end_bit(bus, i, moment);
     }
-    note_calm(bus);
+    check_calm(bus);
 }
 
 /* Does the next thing on the agenda. */
@@ -422,89 +434,39 @@ static void drive_again(cw_bus *bus, cw_span moment)
     bus->timed.touched = 0;
 }
 
-/* Returns the level of all wires together at the end of the bit time. */
-static bool level_of_wires(const cw_bus *bus, cw_span moment)
-{
-    const cw_cable *cable = &bus->timed.cable;
-    if (cw_timed_is_plain(bus) && cable->newest + cable->longest < moment)
-        return cable->dominant == 0;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (cw_timed_wire(bus, i, moment) == CW_DOMINANT)
-            return CW_DOMINANT;
-    return CW_RECESSIVE;
-}
-
-static void end_bit_time(cw_bus *bus, cw_span end)
-{
-    bus->wire = level_of_wires(bus, end);
-    cw_wire_pass(&bus->time, 1);
-    bus->stats.bits++;
-    bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
-    if (bus->rules.awake_count)
-        cw_rules_emit(&bus->rules);
-}
-
-/* Rules look at the begin of each bit. */
-static void settle_for_rules(cw_bus *bus)
-{
-    if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
-        return;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        cw_timed_settle(&bus->timed, i);
-}
-
-/* Forgets what rules did to levels before the last look of each node. A node in the middle of its
- * bit still looks back at all of it, by two quanta more for triple sampling. */
-static void forget_disturbances(cw_bus *bus, cw_span begin)
+uint64_t cw_timed_begin_bits(cw_bus *bus, cw_span begin)
 {
     cw_timed *t = &bus->timed;
-    cw_span first = begin;
-    for (unsigned i = 0; t->disturbances.count && i < bus->node_count; i++) {
-        const timed_node *n = &t->nodes[i];
-        const cw_span back = n->looked - 2 * n->timing.quantum - t->ringing[i];
-        first = back < first ? back : first;
-    }
-    cw_disturb_forget(&t->disturbances, first - t->cable.longest);
-}
-
-/* Notes the levels at the begin of the bit time, for traces. */
-static void note_levels(cw_bus *bus, cw_span moment)
-{
-    cw_levels levels;
-    cw_timed_levels(bus, &levels, moment);
-    cw_view_note(bus, &levels);
-}
-
-void cw_step_bit_time(cw_bus *bus)
-{
-    bus->outlook.valid = false;
-    if (!bus->timed.active)
-        cw_timed_enter(bus);
-    cw_timed_rebase(bus);
-    cw_sync_begin_bit_time(bus);
-    const cw_span begin = cw_moment_of(bus, cw_now(bus));
-    const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
-    bus->timed.moment = begin;
-    settle_for_rules(bus);
-    const uint64_t nodes = begin_bits(bus, begin);
-    bus->timed.touched &= ~nodes;
+    const bool begins = cw_agenda_first(&t->agenda)->moment == begin;
+    const uint64_t nodes = begins ? begin_bits(bus, begin) : 0;
+    if (t->touched)
+        t->steady_at = CW_NEVER;
+    t->touched &= ~nodes;
     drive_again(bus, begin);
-    cw_watch_wire(bus, 1);
-    forget_disturbances(bus, begin);
+    return nodes;
+}
+
+void cw_timed_let_rules_act(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
+{
     rewire(bus, begin);
     if (bus->rules.awake_count || bus->timed.disturbances.count)
         disturb(bus, nodes, begin, end);
-    if (bus->stepping || bus->watching)
-        note_levels(bus, begin);
-    note_calm(bus);
+    bus->timed.calm = is_calm(bus);
+}
+
+void cw_timed_go_to(cw_bus *bus, cw_span end)
+{
     const agenda_entry *e;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))
         go_on(bus, e);
-    end_bit_time(bus, end);
+}
+
+void cw_timed_end_bits(cw_bus *bus, cw_span end)
+{
+    const agenda_entry *e;
     bus->timed.moment = end;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment == end && cw_agenda_what(e) == CW_ENDS)
         end_or_begin(bus, CW_ENDS, cw_agenda_node(e), end);
-    cw_timed_leave(bus);
 }

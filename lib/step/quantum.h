@@ -2,6 +2,7 @@
  *
  * quantum.h - declarations that the parts of the timed step share.
  *
+ *   quantum_time.c  bit times of the bus, and what comes between them
  *   quantum.c       all that nodes do, in the order of time
  *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
@@ -46,6 +47,21 @@ static inline cw_span cw_quanta_in(const timed_node *n, cw_span span)
 {
     return span < n->timing.quantum ? 0 : span / n->timing.quantum;
 }
+
+/* ---- quantum.c ------------------------------------------------------------------------------- */
+
+/* Begins the bits of nodes with which a bit time begins, and returns these nodes. Also lets
+ * controllers drive anew that have been changed from outside. */
+uint64_t cw_timed_begin_bits(cw_bus *bus, cw_span begin);
+
+/* Lets rules act on levels in a bit time, with which the bits of some nodes begin. */
+void cw_timed_let_rules_act(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end);
+
+/* Does all that nodes do before a moment, and what looks find that they have at it. */
+void cw_timed_go_to(cw_bus *bus, cw_span end);
+
+/* Ends the bits that end at a moment. */
+void cw_timed_end_bits(cw_bus *bus, cw_span end);
 
 /* ---- quantum_look.c -------------------------------------------------------------------------- */
 
@@ -142,11 +158,9 @@ void cw_sync_note(cw_bus *bus, unsigned node, bool hard, int phase_error, cw_spa
 /* Reports the synchronisations of a bit at its end. */
 void cw_sync_commit(cw_bus *bus, unsigned node);
 
-/* Counts the margins of the level that a node is about to sample. */
+/* Counts the margins of a level that the controller has just taken; the last sample is still noted
+ * in the node. */
 void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment);
-
-/* Notes that the controller has gone on after a sample. */
-void cw_sync_sampled(cw_bus *bus, unsigned node, cw_span moment);
 
 /* ---- quantum_rest.c -------------------------------------------------------------------------- */
 

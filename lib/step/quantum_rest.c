@@ -9,7 +9,7 @@
 
 #include "mac/mac.h"
 
-#define LEAST_BITS 4u                      /* fewer are not worth it */
+#define LEAST_BITS 4u /* fewer are not worth it */
 
 /* Returns true when the controller does nothing until something comes in. */
 static bool rests(const cw_mac *mac)

@@ -88,11 +88,10 @@ static void count_margin(cw_sync_stats *stats, cw_span margin)
         stats->margin = margin;
 }
 
-void cw_sync_count_sample(cw_bus *bus, unsigned i, bool level, cw_span moment)
+/* Counts the margins of the change of level between the last sample and this one. */
+static void count_margins(cw_bus *bus, unsigned i, bool level, cw_span moment)
 {
     cw_sync_record *r = record_of(bus, i);
-    if (!r->measures || level == bus->timed.nodes[i].pcs.last_sample)
-        return;
     const cw_span change = cw_timed_change(bus, i, level, r->sampled_at, moment);
     if (change == CW_SPAN_MAX)
         return;
@@ -100,9 +99,11 @@ void cw_sync_count_sample(cw_bus *bus, unsigned i, bool level, cw_span moment)
     count_margin(&r->stats, moment - change);
 }
 
-void cw_sync_sampled(cw_bus *bus, unsigned i, cw_span moment)
+void cw_sync_count_sample(cw_bus *bus, unsigned i, bool level, cw_span moment)
 {
     cw_sync_record *r = record_of(bus, i);
+    if (r->measures && level != bus->timed.nodes[i].pcs.last_sample)
+        count_margins(bus, i, level, moment);
     r->sampled_at = moment;
     r->measures = !cw_mac_synchronises_hard(&bus->nodes[i].mac);
 }

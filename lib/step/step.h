@@ -38,8 +38,20 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels);
 /* Simulates the bit in progress, whose levels have been found. */
 void cw_step_with(cw_bus *bus, const cw_levels *levels);
 
+/* Returns what all controllers do to the wire, for cw_watch_view(), as CW_WIRE_*. It changes only
+ * when one of them goes into another phase or mode. */
+#define CW_WIRE_BUSY 0x1u
+#define CW_WIRE_ERROR 0x2u    /* an error flag */
+#define CW_WIRE_OVERLOAD 0x4u /* an overload flag */
+unsigned cw_view_wire(const cw_bus *bus);
+
 /* Counts load and flags for the next bit, and for as many equal ones as are taken with it. */
-void cw_watch_wire(cw_bus *bus, uint64_t bits);
+void cw_watch_view(cw_bus *bus, unsigned view, uint64_t bits);
+
+static inline void cw_watch_wire(cw_bus *bus, uint64_t bits)
+{
+    cw_watch_view(bus, cw_view_wire(bus), bits);
+}
 
 /* ---- quantum*.c ------------------------------------------------------------------------------ */
 
@@ -50,8 +62,17 @@ static inline bool cw_is_off_grid(const cw_bus *bus)
            ((bus->timed.requested || bus->rules.timed_rules) && bus->timed.divides);
 }
 
-/* Simulates the next bit time of the bus, in which each node goes by its own clock. */
-void cw_step_bit_time(cw_bus *bus);
+/* Simulates the next bit time of the bus, in which each node goes by its own clock. Goes on with
+ * those after it, up to a tick, as long as nothing comes between them. */
+void cw_step_bit_times(cw_bus *bus, uint64_t tick);
+
+/* Returns false when the next two functions can do nothing for sure: the first node is in the
+ * middle of a frame. */
+static inline bool cw_timed_may_leap(const cw_bus *bus)
+{
+    const uint8_t phase = bus->nodes[0].mac.phase;
+    return phase < CW_MAC_FRAME || phase >= CW_MAC_INTERMISSION;
+}
 
 /* Goes through bit times up to a tick in which all nodes rest. Returns false, with nothing done,
  * when there are none, or few. */

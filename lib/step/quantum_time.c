@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum_time.c - the bit times of the bus, while its nodes go by clocks of their own.
+ *
+ * All that has no clock of its own happens between two bit times: frames and commands of hosts,
+ * restarts, rules on times. Load is counted for bit times, too. So a bus whose clocks all agree has
+ * the events and statistics of single bits (bit.c). In the middle of a frame mostly nothing of all
+ * this happens. Then one bit time follows another without a look at it.
+ */
+#include "step/quantum.h"
+
+#include "mac/mac.h"
+
+#define MOST_BIT_TIMES 32u /* at once: hosts want to be asked now and then */
+
+/* ---- One bit time ---------------------------------------------------------------------------- */
+
+/* Returns the level of all wires together at the end of the bit time. */
+static bool level_of_wires(const cw_bus *bus, cw_span moment)
+{
+    const cw_cable *cable = &bus->timed.cable;
+    if (bus->timed.calm && cable->newest + cable->longest < moment)
+        return cable->dominant == 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (cw_timed_wire(bus, i, moment) == CW_DOMINANT)
+            return CW_DOMINANT;
+    return CW_RECESSIVE;
+}
+
+static void end_bit_time(cw_bus *bus, cw_span end)
+{
+    bus->wire = level_of_wires(bus, end);
+    cw_wire_pass(&bus->time, 1);
+    bus->stats.bits++;
+    bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
+    if (bus->rules.awake_count)
+        cw_rules_emit(&bus->rules);
+}
+
+/* Does what nodes do in a bit time, which has begun. */
+static void pass_bit_time(cw_bus *bus, cw_span end)
+{
+    cw_timed_go_to(bus, end);
+    end_bit_time(bus, end);
+    cw_timed_end_bits(bus, end);
+}
+
+/* Rules look at the begin of each bit. */
+static void settle_for_rules(cw_bus *bus)
+{
+    if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        cw_timed_settle(&bus->timed, i);
+}
+
+/* Forgets what rules did to levels before the last look of each node. A node in the middle of its
+ * bit still looks back at all of it, by two quanta more for triple sampling. */
+static void forget_disturbances(cw_bus *bus, cw_span begin)
+{
+    cw_timed *t = &bus->timed;
+    cw_span first = begin;
+    for (unsigned i = 0; t->disturbances.count && i < bus->node_count; i++) {
+        const timed_node *n = &t->nodes[i];
+        const cw_span back = n->looked - 2 * n->timing.quantum - t->ringing[i];
+        first = back < first ? back : first;
+    }
+    cw_disturb_forget(&t->disturbances, first - t->cable.longest);
+}
+
+/* Notes the levels at the begin of the bit time, for traces. */
+static void note_levels(cw_bus *bus, cw_span moment)
+{
+    cw_levels levels;
+    cw_timed_levels(bus, &levels, moment);
+    cw_view_note(bus, &levels);
+}
+
+/* Counts load and flags of the bit time. Looks at controllers only when they may do something else
+ * to the wire than before. */
+static void watch(cw_bus *bus)
+{
+    cw_timed *t = &bus->timed;
+    if (t->steady_at != cw_now(bus))
+        t->view = cw_view_wire(bus);
+    cw_watch_view(bus, t->view, 1);
+    t->steady_at = cw_bit_end(bus);
+}
+
+static void begin_bit_time(cw_bus *bus, cw_span begin, cw_span end)
+{
+    cw_sync_begin_bit_time(bus);
+    bus->timed.moment = begin;
+    settle_for_rules(bus);
+    const uint64_t nodes = cw_timed_begin_bits(bus, begin);
+    watch(bus);
+    forget_disturbances(bus, begin);
+    cw_timed_let_rules_act(bus, nodes, begin, end);
+    if (bus->stepping || bus->watching)
+        note_levels(bus, begin);
+}
+
+/* ---- Bit times that begin alike -------------------------------------------------------------- */
+
+/* Returns true when all controllers are in the middle of a frame, or bring it to its end. */
+static bool is_in_frame(const cw_bus *bus)
+{
+    return bus->timed.view == CW_WIRE_BUSY && !cw_timed_may_leap(bus);
+}
+
+/* Returns the tick before which nothing comes in and no rule becomes due. */
+static uint64_t next_due(const cw_bus *bus)
+{
+    return cw_least(cw_least(bus->next_restart, bus->rules.next_due), cw_inbox_first(bus));
+}
+
+/* Returns true when the next bit time begins as the last one did, and no rule acts. */
+static bool is_steady(const cw_bus *bus)
+{
+    return bus->timed.steady_at == cw_now(bus) && bus->timed.calm;
+}
+
+/* Returns the most bit times that can follow now. */
+static unsigned bit_times_to_follow(const cw_bus *bus, uint64_t tick)
+{
+    if (!is_steady(bus) || !is_in_frame(bus) || bus->stepping || bus->watching ||
+        next_due(bus) <= cw_now(bus))
+        return 0;
+    uint64_t bits = cw_least(cw_wire_bits_to(&bus->time, tick),
+                             cw_wire_bits_until(&bus->time, next_due(bus)));
+    bits = cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), CW_LEAP_TICKS));
+    return (unsigned)cw_least(bits, MOST_BIT_TIMES);
+}
+
+/* Passes bit times up to a tick as long as they are steady. Counts them at the end: all are busy,
+ * and no flag is on the wire. */
+static void pass_steady(cw_bus *bus, uint64_t tick)
+{
+    const unsigned most = bit_times_to_follow(bus, tick);
+    unsigned count = 0;
+    for (; count < most && is_steady(bus); count++) {
+        bus->timed.steady_at = cw_bit_end(bus);
+        pass_bit_time(bus, cw_moment_of(bus, cw_bit_end(bus)));
+    }
+    if (count > 0)
+        cw_watch_view(bus, CW_WIRE_BUSY, count);
+    bus->work += count;
+}
+
+void cw_step_bit_times(cw_bus *bus, uint64_t tick)
+{
+    bus->outlook.valid = false;
+    if (!bus->timed.active)
+        cw_timed_enter(bus);
+    cw_timed_rebase(bus);
+    const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
+    begin_bit_time(bus, cw_moment_of(bus, cw_now(bus)), end);
+    pass_bit_time(bus, end);
+    if (bus->timed.requested || !bus->timed.uniform)
+        pass_steady(bus, tick);
+    cw_timed_leave(bus);
+}
