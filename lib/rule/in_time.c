@@ -205,13 +205,25 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
 
 /* ---- Edges ----------------------------------------------------------------------------------- */
 
+static bool delays_edges(const cw_rule_state *s)
+{
+    return s->used && s->active && s->rule.action == CW_ACTION_JITTER;
+}
+
+bool cw_rules_delay_edges(const cw_rule_set *set)
+{
+    for (unsigned i = 0; set->jitter && i < set->count; i++)
+        if (delays_edges(&set->rules[i]))
+            return true;
+    return false;
+}
+
 cw_span cw_rules_edge_delay(cw_rule_set *set, unsigned node)
 {
     cw_span late = 0;
     for (unsigned i = 0; set->jitter && i < set->count; i++) {
         cw_rule_state *s = cw_rule_at(set, i);
-        if (s->used && s->active && s->rule.action == CW_ACTION_JITTER &&
-            (s->rule.nodes >> node & 1u))
+        if (delays_edges(s) && (s->rule.nodes >> node & 1u))
             late += (cw_span)(cw_prng_next(&s->prng) % ((uint64_t)s->rule.jitter + 1));
     }
     return late;

@@ -416,6 +416,9 @@ void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels);
  * tick. Rules that are looked at in every bit act for all of it. */
 void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span begin, cw_span end);
 
+/* Returns true while edges of nodes come late, by rules on jitter. */
+bool cw_rules_delay_edges(const cw_rule_set *set);
+
 /* Returns how late an edge of a node comes, by rules on jitter. */
 cw_span cw_rules_edge_delay(cw_rule_set *set, unsigned node);
 

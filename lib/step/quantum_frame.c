@@ -56,7 +56,7 @@ static bool may_go(const cw_bus *bus)
            bus->rules.awake_count == 0 && t->disturbances.count == 0 && t->cable.dominant == 0 &&
            !t->rings && t->touched == 0 && !bus->stepping && !bus->watching && !bus->pending &&
            bus->group_count == 1 && t->one_wire && !cw_host_side_acts(bus) &&
-           !bus->error_flag.now && !bus->overload_flag.now;
+           !bus->error_flag.now && !bus->overload_flag.now && !cw_rules_delay_edges(&bus->rules);
 }
 
 /* Finds the frame that comes next: the only one that waits, or the first one of the inbox. */

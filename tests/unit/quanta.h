@@ -17,6 +17,9 @@
 
 #define QUANTA_NODES_MAX 8u
 #define QUANTA_EDGES 256u /* of each node that are remembered */
+#define QUANTA_FAULTS 8u
+#define QUANTA_SPANS 16u  /* of each fault that are remembered */
+#define QUANTA_NOBODY QUANTA_NODES_MAX
 
 /* Times are in femtoseconds, or in any other unit of the test. */
 #define FS_PER_NS INT64_C(1000000)
@@ -42,7 +45,9 @@ typedef struct quanta_node {
     bool driven;
     bool scripted; /* no controller: the test writes its edges */
     int64_t edge_at[QUANTA_EDGES]; /* ring of own edges; odd ones are dominant */
+    int64_t edge_delay[QUANTA_EDGES][QUANTA_NODES_MAX]; /* to each node's look, when not scripted */
     unsigned edges;
+    int64_t ringing; /* of the wire at the node, after edges to recessive */
     unsigned frames;    /* that the test wants to be sent */
     unsigned received, sent, errors;
     cw_error first_error;
@@ -52,6 +57,20 @@ typedef struct quanta_node {
     bool measures;        /* edges after the last sample have a margin */
 } quanta_node;
 
+/* What a fault does to levels from one moment to another. */
+typedef struct quanta_span {
+    int64_t begin, end;
+    int64_t delay[QUANTA_NODES_MAX]; /* until it comes to a node; it keeps its length */
+} quanta_span;
+
+typedef struct quanta_fault {
+    unsigned lines, wires, samples; /* of these nodes, as bits */
+    bool inverts;
+    bool level; /* if it does not invert */
+    unsigned count;
+    quanta_span spans[QUANTA_SPANS];
+} quanta_fault;
+
 typedef struct quanta quanta;
 
 struct quanta {
@@ -59,7 +78,13 @@ struct quanta {
     unsigned node_count;
     int64_t delay[QUANTA_NODES_MAX][QUANTA_NODES_MAX][2]; /* from a node's edge to that level, to
                                                              another's look */
+    unsigned fault_count;
+    quanta_fault faults[QUANTA_FAULTS]; /* the later ones change what the earlier ones have left */
     bool (*next_frame)(cw_frame *frame, unsigned node, unsigned number);
+    /* Returns how late an edge comes that a node drives now, if not NULL. */
+    int64_t (*jitter)(const quanta *q, unsigned node);
+    /* Called when a node has begun a bit, and drives it, if not NULL. */
+    void (*bit_begun)(quanta *q, unsigned node);
     /* Called at the end of each bit with the report of its sample, if not NULL. */
     void (*bit_ended)(const struct quanta *q, unsigned node);
 };
@@ -80,27 +105,88 @@ static inline void quanta_add(quanta *q, const quanta_timing *timing, int64_t ph
     (void)cw_mac_drive(&n->mac);
 }
 
+/* Returns the moment at which the k-th edge of a node arrives at another one, or at itself. */
+static inline int64_t quanta_arrival(const quanta *q, unsigned from, unsigned to, unsigned k)
+{
+    const quanta_node *n = &q->nodes[from];
+    const unsigned place = k % QUANTA_EDGES;
+    return n->edge_at[place] +
+           (n->scripted ? q->delay[from][to][k % 2 ? 1 : 0] : n->edge_delay[place][to]);
+}
+
 /* Returns the level of a node that another one sees at a moment: that of the last edge that has
  * come there before. */
-static inline bool quanta_level_before(const quanta_node *n, const int64_t delay[2],
-                                       int64_t moment)
+static inline bool quanta_level_before(const quanta *q, unsigned from, unsigned to, int64_t moment)
 {
-    unsigned k = n->edges;
-    while (k > 0 && n->edge_at[(k - 1) % QUANTA_EDGES] + delay[k % 2 ? 0 : 1] >= moment) {
+    unsigned k = q->nodes[from].edges;
+    while (k > 0 && quanta_arrival(q, from, to, k - 1) >= moment) {
         k--;
-        assert(n->edges - k < QUANTA_EDGES);
+        assert(q->nodes[from].edges - k < QUANTA_EDGES);
     }
     return k % 2 ? CW_DOMINANT : CW_RECESSIVE;
+}
+
+/* Lets a fault act on levels that come from a node as its edges do, or on all at once. It comes as
+ * late as edges to its level; one that inverts as late as those to recessive. */
+static inline quanta_span *quanta_disturb(const quanta *q, quanta_fault *f, unsigned source,
+                                          int64_t begin, int64_t end)
+{
+    quanta_span *span = &f->spans[f->count++ % QUANTA_SPANS];
+    span->begin = begin;
+    span->end = end;
+    for (unsigned to = 0; to < q->node_count; to++)
+        span->delay[to] =
+            source == QUANTA_NOBODY ? 0 : q->delay[source][to][f->inverts || f->level];
+    return span;
+}
+
+/* Returns what a fault makes of a level that a node sees. */
+static inline bool quanta_faulty(const quanta_fault *f, unsigned self, int64_t moment, bool level)
+{
+    const unsigned kept = f->count < QUANTA_SPANS ? f->count : QUANTA_SPANS;
+    for (unsigned k = 0; k < kept; k++) {
+        const int64_t there = moment - f->spans[k].delay[self];
+        if (f->spans[k].begin < there && there <= f->spans[k].end)
+            level = f->inverts ? !level : f->level;
+    }
+    return level;
+}
+
+/* Returns the level of a node's wire: the AND of what all drive, with what faults do to it. */
+static inline bool quanta_calm_wire(const quanta *q, unsigned self, int64_t moment)
+{
+    bool wire = CW_RECESSIVE;
+    for (unsigned i = 0; i < q->node_count; i++) {
+        bool level = quanta_level_before(q, i, self, moment);
+        for (unsigned f = 0; f < q->fault_count; f++)
+            if (q->faults[f].lines >> i & 1u)
+                level = quanta_faulty(&q->faults[f], self, moment, level);
+        wire = wire && level;
+    }
+    for (unsigned f = 0; f < q->fault_count; f++)
+        if (q->faults[f].wires >> self & 1u)
+            wire = quanta_faulty(&q->faults[f], self, moment, wire);
+    return wire;
+}
+
+/* In the second half of the time that it rings, a recessive wire is dominant once more. */
+static inline bool quanta_level_at(const quanta *q, unsigned self, int64_t moment)
+{
+    const int64_t ringing = q->nodes[self].ringing;
+    bool level = quanta_calm_wire(q, self, moment);
+    if (level == CW_RECESSIVE && ringing > 0)
+        level = quanta_calm_wire(q, self, moment - ringing / 2) == CW_DOMINANT ||
+                quanta_calm_wire(q, self, moment - ringing) == CW_RECESSIVE;
+    for (unsigned f = 0; f < q->fault_count; f++)
+        if (q->faults[f].samples >> self & 1u)
+            level = quanta_faulty(&q->faults[f], self, moment, level);
+    return level;
 }
 
 /* A level is seen by what looks after it, not at it (T12). */
 static inline bool quanta_look(const quanta *q, unsigned self)
 {
-    bool level = CW_RECESSIVE;
-    for (unsigned i = 0; i < q->node_count; i++)
-        level = level &&
-                quanta_level_before(&q->nodes[i], q->delay[i][self], q->nodes[self].now);
-    return level;
+    return quanta_level_at(q, self, q->nodes[self].now);
 }
 
 /* T4: idle, suspend, bits 2 and 3 of the intermission, integration, bus-off. */
@@ -113,6 +199,17 @@ static inline bool quanta_synchronises_hard(const quanta_node *n)
     return rests || late || off || phase == CW_MAC_INTEGRATING;
 }
 
+/* An edge keeps the delays of the moment at which it is driven. */
+static inline void quanta_put_edge(quanta *q, unsigned i, bool level)
+{
+    quanta_node *n = &q->nodes[i];
+    const unsigned place = n->edges++ % QUANTA_EDGES;
+    const int64_t late = q->jitter ? q->jitter(q, i) : 0;
+    n->edge_at[place] = n->now;
+    for (unsigned to = 0; to < q->node_count; to++)
+        n->edge_delay[place][to] = q->delay[i][to][level] + late;
+}
+
 static inline void quanta_drive(quanta *q, unsigned i)
 {
     quanta_node *n = &q->nodes[i];
@@ -121,8 +218,10 @@ static inline void quanta_drive(quanta *q, unsigned i)
         (void)cw_mac_offer(&n->mac, &frame);
     const bool level = cw_mac_drive(&n->mac);
     if (level != n->driven)
-        n->edge_at[n->edges++ % QUANTA_EDGES] = n->now;
+        quanta_put_edge(q, i, level);
     n->driven = level;
+    if (q->bit_begun)
+        q->bit_begun(q, i);
 }
 
 /* Begins the next bit, of which some quanta have passed already. */
@@ -209,14 +308,6 @@ static inline void quanta_sample(quanta_node *n, bool level)
         n->first_error = report.error;
 }
 
-static inline bool quanta_level_at(const quanta *q, unsigned self, int64_t moment)
-{
-    bool level = CW_RECESSIVE;
-    for (unsigned i = 0; i < q->node_count; i++)
-        level = level && quanta_level_before(&q->nodes[i], q->delay[i][self], moment);
-    return level;
-}
-
 /* Returns when the level that a node sees became another one between two samples. That is the first
  * time to dominant, or the last time to recessive. -1: it did not. */
 static inline int64_t quanta_change(const quanta *q, unsigned self, bool level, int64_t after,
@@ -227,7 +318,7 @@ static inline int64_t quanta_change(const quanta *q, unsigned self, bool level, 
         const quanta_node *n = &q->nodes[i];
         const unsigned oldest = n->edges > QUANTA_EDGES ? n->edges - QUANTA_EDGES : 0;
         for (unsigned k = oldest; k < n->edges; k++) {
-            const int64_t at = n->edge_at[k % QUANTA_EDGES] + q->delay[i][self][(k + 1) % 2 == 0];
+            const int64_t at = quanta_arrival(q, i, self, k);
             if (at < after || at >= before || quanta_level_at(q, self, at) == level ||
                 quanta_level_at(q, self, at + 1) != level)
                 continue;

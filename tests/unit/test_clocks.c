@@ -2,11 +2,13 @@
  *
  * test_clocks.c - a bus whose nodes have clocks of their own, against the same nodes quantum by
  * quantum (quanta.h). Random clocks, bit timings, delays and frames must give the same events at
- * the same ticks.
+ * the same ticks, also with ringing, pulses, flipped bits and jitter.
  */
+#include "mac/mac.h"
 #include "quanta.h"
 
 #include <inttypes.h>
+#include <limits.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,6 +19,7 @@
 #include <cmocka.h>
 
 #define SEEDS 100u
+#define FAULTY_SEEDS 80u /* more: the variable FAULTY_SEEDS */
 #define BIT_TIMES 4000u
 #define FRAMES 24u  /* of each node */
 #define EVENTS 20000u
@@ -53,6 +56,9 @@ typedef struct scenario {
     unsigned frame_count[QUANTA_NODES_MAX];
     uint64_t at_tick[QUANTA_NODES_MAX][FRAMES]; /* of which on a frame can be sent */
     bool counts; /* synchronisations: then no frame passes at once */
+    uint64_t seed;
+    unsigned rule_count;
+    cw_rule rules[QUANTA_FAULTS];
 } scenario;
 
 static scenario now_tested;
@@ -100,7 +106,8 @@ static void draw_scenario(uint64_t seed)
     static const unsigned delays[] = {0, 5, 20, 300}; /* percent of a bit */
     state = seed;
     scenario *s = &now_tested;
-    *s = (scenario){.node_count = (unsigned)between(2, QUANTA_NODES_MAX), .counts = seed % 2};
+    *s = (scenario){.node_count = (unsigned)between(2, QUANTA_NODES_MAX), .counts = seed % 2,
+                    .seed = seed};
     const int64_t ppm = clocks[draw() % 5];
     const cw_span most = CW_TICK * BIT_TICKS / 100 * delays[draw() % 4];
     const bool same = draw() % 3, gaps = draw() % 2, one = draw() % 2;
@@ -121,6 +128,83 @@ static void draw_scenario(uint64_t seed)
         for (unsigned k = 1; gaps && k < s->frame_count[i]; k++)
             s->at_tick[i][k] = s->at_tick[i][k - 1] + (uint64_t)between(0, 600 * BIT_TICKS);
     }
+}
+
+static cw_span draw_part_of_bit(unsigned permille)
+{
+    return between(1, CW_TICK * BIT_TICKS / 1000 * (cw_span)permille);
+}
+
+/* Draws where a pulse acts: on the wire, for all or for some, or on a line of a node. */
+static void draw_place(cw_rule *r, unsigned node_count)
+{
+    r->line = (cw_line[]){CW_LINE_WIRE, CW_LINE_WIRE, CW_LINE_TX, CW_LINE_RX}[draw() % 4];
+    r->node = (uint8_t)(draw() % node_count);
+    if (r->line == CW_LINE_WIRE && draw() % 3 == 0)
+        r->at = 1 + draw() % ((UINT64_C(1) << node_count) - 1);
+}
+
+/* Some bit of the frames of one node. */
+static void draw_position(cw_rule *r, unsigned node_count)
+{
+    r->trigger = CW_TRIGGER_FRAME;
+    r->from = UINT64_C(1) << draw() % node_count;
+    r->field = CW_FIELD_BIT;
+    r->index = (uint16_t)between(0, 70);
+    r->skip = (uint32_t)between(0, 3);
+    r->every = (uint32_t)between(1, 4);
+}
+
+static void draw_window(cw_rule *r)
+{
+    r->trigger = CW_TRIGGER_TIME;
+    r->time_begin = (uint64_t)between(0, BIT_TIMES * BIT_TICKS);
+    r->time_end = draw() % 2 ? CW_NEVER
+                             : r->time_begin + (uint64_t)between(1, 1000 * BIT_TICKS);
+}
+
+static cw_rule draw_rule(unsigned node_count)
+{
+    cw_rule r = {.time_end = CW_NEVER, .every = 1, .probability = UINT64_MAX};
+    const unsigned kind = draw() % 8;
+    if (kind == 0) {
+        r.action = CW_ACTION_JITTER;
+        r.jitter = draw_part_of_bit(draw() % 2 ? 50 : 400);
+        r.nodes = 1 + draw() % ((UINT64_C(1) << node_count) - 1);
+        draw_window(&r);
+    } else if (kind == 1) {
+        r.action = CW_ACTION_FLIP;
+        r.bits = (uint16_t)between(1, 3);
+        draw_position(&r, node_count);
+        r.at = draw() % 2 ? 0 : 1 + draw() % ((UINT64_C(1) << node_count) - 1);
+    } else {
+        r.action = CW_ACTION_PULSE;
+        r.level = draw() % 3 == 0;
+        r.pulse_offset = draw() % 2 ? draw_part_of_bit(draw() % 4 ? 1000 : 15000) : 0;
+        r.pulse_permille = (uint16_t)(draw() % 2 ? draw() % 1000 : 0);
+        r.pulse_length = draw_part_of_bit(draw() % 4 ? 300 : 3000);
+        if (kind == 2)
+            draw_window(&r);
+        else
+            draw_position(&r, node_count);
+        draw_place(&r, node_count);
+    }
+    return r;
+}
+
+/* Few errors at first, so that pulses meet frames, too, that nothing else disturbs. */
+static void draw_faults(uint64_t seed)
+{
+    static const char *const names[QUANTA_FAULTS] = {"a", "b", "c", "d", "e", "f", "g", "h"};
+    scenario *s = &now_tested;
+    draw_scenario(seed);
+    s->rule_count = (unsigned)between(1, QUANTA_FAULTS);
+    for (unsigned i = 0; i < s->rule_count; i++) {
+        s->rules[i] = draw_rule(s->node_count);
+        s->rules[i].name = names[i];
+    }
+    for (unsigned i = 0; i < s->node_count && draw() % 4 == 0; i++)
+        s->nodes[i].timing.ringing = draw_part_of_bit(draw() % 2 ? 100 : 900);
 }
 
 /* ---- Events ---------------------------------------------------------------------------------- */
@@ -206,11 +290,109 @@ static void note_event(const cw_event *e)
     if (of_bus.count == 0)
         for (unsigned i = 0; i < QUANTA_NODES_MAX; i++)
             sent[i] = 0;
-    if (e->kind == CW_EVENT_STATE || e->kind == CW_EVENT_DROP || e->kind == CW_EVENT_TOLERATED)
+    if (e->kind == CW_EVENT_STATE || e->kind == CW_EVENT_DROP ||
+        e->kind == CW_EVENT_TOLERATED || e->kind == CW_EVENT_FAULT)
         return;
     for (unsigned i = 0; i < QUANTA_NODES_MAX; i++)
         if (e->nodes >> i & 1u)
             add_event(&of_bus, e->tick, i, e->kind, details_of(e, &sent[i]));
+}
+
+/* ---- Faults, quantum by quantum -------------------------------------------------------------- */
+
+#define BIT_SPAN (CW_TICK * (cw_span)BIT_TICKS)
+
+static uint64_t jitters_drawn[QUANTA_FAULTS];
+static unsigned matches[QUANTA_FAULTS];
+static unsigned bits_left[QUANTA_FAULTS];
+
+/* Returns the begin of the first bit time of the bus at or after a tick. */
+static cw_span bit_time_from(uint64_t tick)
+{
+    return tick == CW_NEVER ? INT64_MAX : (cw_span)((tick + BIT_TICKS - 1) / BIT_TICKS) * BIT_SPAN;
+}
+
+static int64_t jitter(const quanta *q, unsigned node)
+{
+    const int64_t now = q->nodes[node].now;
+    int64_t late = 0;
+    for (unsigned i = 0; i < now_tested.rule_count; i++) {
+        const cw_rule *r = &now_tested.rules[i];
+        if (r->action == CW_ACTION_JITTER && (r->nodes >> node & 1u) &&
+            now >= bit_time_from(r->time_begin) && now < bit_time_from(r->time_end))
+            late += (int64_t)(cw_random(now_tested.seed, r->name, jitters_drawn[i]++) %
+                              ((uint64_t)r->jitter + 1));
+    }
+    return late;
+}
+
+static void begin_pulse(const quanta *q, quanta_fault *f, const cw_rule *r, unsigned source,
+                        int64_t begin)
+{
+    const int64_t from = begin + r->pulse_offset + BIT_SPAN / 1000 * r->pulse_permille;
+    (void)quanta_disturb(q, f, r->line == CW_LINE_TX ? r->node : source, from,
+                         from + r->pulse_length);
+}
+
+/* Flipped bits are those of the transmitter, from their begin to their end. */
+static void flip_bit(const quanta *q, quanta_fault *f, unsigned source, int64_t begin)
+{
+    (void)quanta_disturb(q, f, source, begin, INT64_MAX / 2);
+}
+
+static bool stands_at(const cw_mac *mac, const cw_rule *r)
+{
+    unsigned n;
+    return cw_mac_role(mac) == CW_ROLE_TRANSMITTER && cw_mac_is_sending(mac) &&
+           cw_mac_own_bit(mac, &n) && n == r->index;
+}
+
+static bool is_hit(const cw_rule *r, unsigned match)
+{
+    return match >= r->skip && (match - r->skip) % r->every == 0;
+}
+
+static void disturb(quanta *q, unsigned node)
+{
+    const quanta_node *n = &q->nodes[node];
+    for (unsigned i = 0; i < now_tested.rule_count; i++) {
+        const cw_rule *r = &now_tested.rules[i];
+        quanta_fault *f = &q->faults[i];
+        if (r->trigger != CW_TRIGGER_FRAME || !(r->from >> node & 1u))
+            continue;
+        if (r->action == CW_ACTION_FLIP && f->count > 0 &&
+            f->spans[(f->count - 1) % QUANTA_SPANS].end == INT64_MAX / 2)
+            f->spans[(f->count - 1) % QUANTA_SPANS].end = n->now;
+        const bool hit = stands_at(&n->mac, r) && is_hit(r, matches[i]++);
+        if (hit && r->action == CW_ACTION_PULSE)
+            begin_pulse(q, f, r, node, n->now);
+        else if (hit)
+            bits_left[i] = r->bits;
+        if (bits_left[i] > 0) {
+            bits_left[i]--;
+            flip_bit(q, f, node, n->now);
+        }
+    }
+}
+
+static void set_faults(quanta *q, const scenario *s)
+{
+    q->fault_count = s->rule_count;
+    for (unsigned i = 0; i < s->rule_count; i++) {
+        const cw_rule *r = &s->rules[i];
+        const unsigned self = 1u << r->node;
+        const bool wire = r->line == CW_LINE_WIRE && r->at == 0;
+        jitters_drawn[i] = matches[i] = bits_left[i] = 0;
+        if (r->action == CW_ACTION_JITTER)
+            continue;
+        q->faults[i] = (quanta_fault){.inverts = r->action == CW_ACTION_FLIP, .level = r->level,
+                                      .lines = r->line == CW_LINE_TX ? self : 0,
+                                      .wires = wire ? UINT_MAX : 0,
+                                      .samples = r->line == CW_LINE_RX ? self : (unsigned)r->at};
+        if (r->trigger == CW_TRIGGER_TIME &&
+            bit_time_from(r->time_begin) < bit_time_from(r->time_end))
+            begin_pulse(q, &q->faults[i], r, QUANTA_NOBODY, bit_time_from(r->time_begin));
+    }
 }
 
 /* ---- Both ------------------------------------------------------------------------------------ */
@@ -249,12 +431,18 @@ static cw_sync_record records[QUANTA_NODES_MAX];
 
 static void run_quanta(const scenario *s)
 {
-    q = (quanta){.next_frame = next_frame, .bit_ended = note_report};
-    set_delays(&q, s);
+    memset(&q, 0, sizeof q);
+    q.next_frame = next_frame;
+    q.bit_ended = note_report;
+    q.bit_begun = disturb;
+    q.jitter = jitter;
     for (unsigned i = 0; i < s->node_count; i++) {
         const quanta_timing timing = timing_of(&s->nodes[i].timing.bit);
         quanta_add(&q, &timing, 0);
+        q.nodes[i].ringing = s->nodes[i].timing.ringing;
     }
+    set_delays(&q, s);
+    set_faults(&q, s);
     while (quanta_next(&q) <= (int64_t)BIT_TIMES * BIT_TICKS * CW_TICK)
         quanta_step(&q);
 }
@@ -263,7 +451,8 @@ static void run_bus(const scenario *s)
 {
     const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = (uint8_t)s->node_count,
                                   .inbox = QUANTA_NODES_MAX * FRAMES, .events = 8192,
-                                  .nodes = s->nodes};
+                                  .nodes = s->nodes, .rules = s->rules, .seed = s->seed,
+                                  .rule_count = (uint16_t)s->rule_count};
     cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     cw_event e;
     assert_non_null(bus);
@@ -361,10 +550,30 @@ static void a_bus_does_what_its_nodes_do_quantum_by_quantum(void **unused)
     assert_true(resyncs > 1000);
 }
 
+/* Pulses and ringing make edges where synchronisations are counted by other rules than here. */
+static void faults_act_at_their_times_quantum_by_quantum(void **unused)
+{
+    (void)unused;
+    unsigned kinds[CW_EVENT_COUNT] = {0};
+    const char *most = getenv("FAULTY_SEEDS");
+    for (uint64_t seed = 1; seed <= (most ? strtoul(most, NULL, 10) : FAULTY_SEEDS); seed++) {
+        draw_faults(seed);
+        of_quanta.count = of_bus.count = 0;
+        run_quanta(&now_tested);
+        run_bus(&now_tested);
+        compare(seed);
+        for (unsigned i = 0; i < of_bus.count; i++)
+            kinds[of_bus.list[i].kind]++;
+    }
+    assert_true(kinds[CW_EVENT_RX] > 1000 && kinds[CW_EVENT_TX] > 1000);
+    assert_true(kinds[CW_EVENT_ERROR] > 1000 && kinds[CW_EVENT_ARBITRATION_LOST] > 1000);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bus_does_what_its_nodes_do_quantum_by_quantum),
+        cmocka_unit_test(faults_act_at_their_times_quantum_by_quantum),
     };
     return cmocka_run_group_tests_name("clocks of nodes", tests, NULL, NULL);
 }
