@@ -628,11 +628,17 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_SEGMENTS 0x40u /* ... with sjw */
 #define CW_SET_SAMPLING 0x80u /* ... triple_sampling */
 #define CW_SET_TIMING (CW_SET_QUANTUM | CW_SET_SEGMENTS | CW_SET_SAMPLING)
+#define CW_SET_TX_DELAY 0x100u /* ways of edges, see cw_node_timing: of those that come from then */
+#define CW_SET_RX_DELAY 0x200u /* ... on. One that is under way arrives as it would have. After */
+#define CW_SET_PLACE 0x400u    /* ... 16 changes for edges under way the next one is refused */
+#define CW_SET_STUB 0x800u
+#define CW_SET_WAY (CW_SET_TX_DELAY | CW_SET_RX_DELAY | CW_SET_PLACE | CW_SET_STUB)
+#define CW_SET_RINGING 0x1000u /* after edges that come from then on; what swings now ends */
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
 typedef struct cw_settings {
-    uint8_t which;
+    uint16_t which;
     uint8_t modes_mask;
     uint8_t modes;
     cw_order order;
@@ -640,6 +646,11 @@ typedef struct cw_settings {
     uint16_t warning_limit;
     uint64_t restart_ticks;
     cw_bit_timing timing;
+    cw_span tx_delay[2];
+    cw_span rx_delay[2];
+    cw_span place;
+    cw_span stub;
+    cw_span ringing; /* at most 16 of the shortest bits */
 } cw_settings;
 
 /* A change of a frame's content. The CRC is right for the changed frame. `set` applies first, then

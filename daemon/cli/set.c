@@ -28,8 +28,15 @@ static const char help[] =
     "  brp, prop-seg, phase-seg1, phase-seg2, sjw                     as the controller allows\n"
     "  triple-sampling  on or off\n"
     "\n"
-    "A bit timing changes from the node's next bit on. when-full, delays, places and all other\n"
-    "keys change in the configuration, see `canwire reload`.\n"
+    "  tx-delay, rx-delay\n"
+    "                   0 to 10ms, such as 120ns; or 120ns/180ns: of edges to dominant, and to\n"
+    "                   recessive\n"
+    "  position, stub   0 to 10km, such as 12m\n"
+    "  ringing          0 to 10ms, at most 16 bits\n"
+    "\n"
+    "A bit timing changes from the node's next bit on. Delays and places change for the edges\n"
+    "that come from now on: one that is under way arrives as it would have. when-full,\n"
+    "controller and all other keys change in the configuration, see `canwire reload`.\n"
     "\n";
 
 /* Puts KEY=VALUE into an object. */

@@ -164,6 +164,11 @@ static const schema_key set_keys[] = {
     {.name = "phase-seg2", .read = cfg_read_retime},
     {.name = "sjw", .read = cfg_read_retime},
     {.name = "triple-sampling", .read = cfg_read_retime},
+    {.name = "tx-delay", .read = cfg_read_reway},
+    {.name = "rx-delay", .read = cfg_read_reway},
+    {.name = "position", .read = cfg_read_retime},
+    {.name = "stub", .read = cfg_read_retime},
+    {.name = "ringing", .read = cfg_read_retime},
     {.name = "ramp", .read = cfg_read_ramp},
     END,
 };

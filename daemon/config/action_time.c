@@ -105,6 +105,53 @@ void cfg_read_retime(schema *self, const schema_key *key, yaml_node_t *value, vo
         schema_complain(self, value, "%s", problem);
 }
 
+/* Delays of a rule that sets. */
+typedef struct edge_delays {
+    cfg_time time[2];
+} edge_delays;
+
+static schema_reader read_edge_delay;
+
+static const schema_key edge_keys[] = {
+    {.name = "dominant",
+     .read = read_edge_delay,
+     .offset = CW_DOMINANT * sizeof(cfg_time),
+     .required = true},
+    {.name = "recessive",
+     .read = read_edge_delay,
+     .offset = CW_RECESSIVE * sizeof(cfg_time),
+     .required = true},
+    {.name = NULL},
+};
+
+static void read_edge_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, CFG_DELAY_RANGE);
+
+    if (text && !cfg_parse_delay(schema_member(key, object), text))
+        schema_expected(self, key, value, CFG_DELAY_RANGE);
+}
+
+void cfg_read_reway(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    edge_delays delays = {0};
+
+    if (value->type == YAML_MAPPING_NODE)
+        schema_map(self, key->name, value, edge_keys, &delays);
+    else
+        cfg_read_retime(self, key, value, object);
+}
+
+/* Puts the delays of a map, which has been checked. */
+static void put_delays(schema *self, cfg_time delays[2], const yaml_node_t *map)
+{
+    for (unsigned level = 0; level < 2; level++) {
+        const yaml_node_t *value = schema_find(self, map, edge_keys[level].name);
+        if (value && value->type == YAML_SCALAR_NODE && !schema_is_open(self, value))
+            (void)cfg_parse_delay(&delays[level], (const char *)value->data.scalar.value);
+    }
+}
+
 /* Returns the keys of `set` about time. Those whose values are open are left out. */
 static cfg_retime changes_of(schema *self, const yaml_node_t *map)
 {
@@ -115,6 +162,10 @@ static cfg_retime changes_of(schema *self, const yaml_node_t *map)
         const yaml_node_t *value = schema_find(self, map, cfg_retime_name(key));
         if (value && value->type == YAML_SCALAR_NODE && !schema_is_open(self, value))
             (void)cfg_retime_put(&change, problem, key, (const char *)value->data.scalar.value);
+        if (!value || value->type != YAML_MAPPING_NODE)
+            continue;
+        put_delays(self, key == RETIME_TX_DELAY ? change.way.tx_delay : change.way.rx_delay, value);
+        change.given |= (uint16_t)(1u << key);
     }
     return change;
 }

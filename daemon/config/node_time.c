@@ -4,15 +4,13 @@
  */
 #include "config/parts.h"
 
-#include "base/wide.h"
 #include "config/retime.h"
+#include "config/reway.h"
 #include "config/values.h"
 
 #include <inttypes.h>
 #include <string.h>
 
-#define LENGTH_MAX_MM 10000000u /* 10 km */
-#define FS_PER_TICK 12500000u
 #define BIT_RATIO_MAX 64        /* limits of the library */
 #define DELAY_BITS_MAX 16
 #define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
@@ -87,8 +85,8 @@ void cfg_read_length(schema *self, const schema_key *key, yaml_node_t *value, vo
 
     if (text)
         schema_problem(self, key, value, text_parse_length(mm, text));
-    if (*mm > LENGTH_MAX_MM) {
-        schema_expected(self, key, value, "a length of at most 10km");
+    if (*mm > CFG_LENGTH_MAX_MM) {
+        schema_expected(self, key, value, CFG_LENGTH_RANGE);
         *mm = 0;
     }
 }
@@ -225,16 +223,6 @@ static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 
 /* ---- The line -------------------------------------------------------------------------------- */
 
-/* Returns the time for a way, rounded to the nearest. */
-static cw_span span_of_way(uint64_t mm, uint64_t ps_per_m)
-{
-    uint64_t rest;
-    const wide way = wide_product(mm * ps_per_m, CW_TICK); /* mm x ps/m = fs */
-    const uint64_t whole = wide_divide(&rest, way, FS_PER_TICK).low;
-
-    return (cw_span)(whole + (rest >= FS_PER_TICK / 2));
-}
-
 static cw_span bit_length(const cfg *config, const cfg_node_time *time)
 {
     const cw_bit_timing *bit = &time->timing.bit;
@@ -330,8 +318,8 @@ static void complete_node(schema *self, yaml_node_t *item, cfg_node_time *time)
     if (!time->limits)
         time->limits = timing_controller("any");
     complete_bit(self, item, time);
-    time->timing.place = span_of_way(time->position_mm, ps_per_m);
-    time->timing.stub = span_of_way(time->stub_mm, ps_per_m);
+    time->timing.place = cfg_span_of_way(time->position_mm, ps_per_m);
+    time->timing.stub = cfg_span_of_way(time->stub_mm, ps_per_m);
 }
 
 static void complete_nodes(schema *self, yaml_node_t *nodes)

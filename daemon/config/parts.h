@@ -24,7 +24,9 @@ schema_reader cfg_read_action;  /* `do`; object: a cw_rule whose `when` has been
 extern const schema_key cfg_pulse_keys[], cfg_jitter_keys[];
 schema_reader cfg_read_ramp; /* `ramp` of a rule that sets; object: a cw_rule */
 void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule);
-schema_reader cfg_read_retime; /* a key of bit timing of a rule that sets */
+schema_reader cfg_read_retime; /* a key of time of a rule that sets */
+schema_reader cfg_read_reway;  /* ... of two delays: a text, or a map */
+
 void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule);
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */

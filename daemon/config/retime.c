@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * retime.c - keys of a node's bit timing as texts, and how they change a node that is in use.
+ * retime.c - keys of a node's bit timing and of its place as texts. They change a node that is in
+ * use.
  */
 #include "config/retime.h"
 
@@ -37,6 +38,18 @@ static const char *const names[RETIME_KEYS] = {
     [RETIME_PHASE_SEG2] = "phase-seg2",
     [RETIME_SJW] = "sjw",
     [RETIME_TRIPLE_SAMPLING] = "triple-sampling",
+    [RETIME_TX_DELAY] = "tx-delay",
+    [RETIME_RX_DELAY] = "rx-delay",
+    [RETIME_POSITION] = "position",
+    [RETIME_STUB] = "stub",
+    [RETIME_RINGING] = "ringing",
+};
+
+/* The settings of keys of the place. */
+static const unsigned ways[RETIME_KEYS] = {
+    [RETIME_TX_DELAY] = CW_SET_TX_DELAY, [RETIME_RX_DELAY] = CW_SET_RX_DELAY,
+    [RETIME_POSITION] = CW_SET_PLACE,    [RETIME_STUB] = CW_SET_STUB,
+    [RETIME_RINGING] = CW_SET_RINGING,
 };
 
 static const number numbers[RETIME_KEYS] = {
@@ -132,6 +145,24 @@ static bool put_triple(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], con
                   "'%.40s'", text);
 }
 
+static bool put_way(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
+                    const char *text)
+{
+    cfg_way *way = &change->way;
+    const bool length = key == RETIME_POSITION || key == RETIME_STUB;
+    bool right;
+    if (length)
+        right = cfg_parse_way(key == RETIME_STUB ? &way->stub_mm : &way->position_mm, text);
+    else if (key == RETIME_RINGING)
+        right = cfg_parse_delay(&way->ringing, text);
+    else
+        right = cfg_parse_delays(key == RETIME_TX_DELAY ? way->tx_delay : way->rx_delay, text);
+    const char *range = length ? CFG_LENGTH_RANGE
+                               : key == RETIME_RINGING ? CFG_DELAY_RANGE : CFG_DELAYS_RANGE;
+    return right ||
+           refuse(problem, "%s: expected %s, not '%.40s'", names[key], range, text);
+}
+
 static bool put_value(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
                       const char *text)
 {
@@ -150,6 +181,12 @@ static bool put_value(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], reti
     case RETIME_PHASE_SEG2:
     case RETIME_SJW:
         return put_number(change, problem, key, text);
+    case RETIME_TX_DELAY:
+    case RETIME_RX_DELAY:
+    case RETIME_POSITION:
+    case RETIME_STUB:
+    case RETIME_RINGING:
+        return put_way(change, problem, key, text);
     case RETIME_KEYS:
         break;
     }
@@ -182,8 +219,23 @@ static const char *print_one(char text[TIME_TEXT_MAX], const cfg_retime *values,
     return text;
 }
 
+static void print_way(char text[TIME_TEXT_MAX], const cfg_way *way, retime_key key)
+{
+    const uint64_t mm = key == RETIME_STUB ? way->stub_mm : way->position_mm;
+    if (key == RETIME_RINGING)
+        cfg_print_delay(text, &way->ringing);
+    else if (key == RETIME_POSITION || key == RETIME_STUB)
+        (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu64 "mm", mm);
+    else
+        cfg_print_delays(text, key == RETIME_TX_DELAY ? way->tx_delay : way->rx_delay);
+}
+
 void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key)
 {
+    if (ways[key]) {
+        print_way(text, &values->way, key);
+        return;
+    }
     const char *printed = print_one(text, values, key);
     if (printed != text)
         (void)snprintf(text, TIME_TEXT_MAX, "%s", printed);
@@ -230,10 +282,32 @@ static cfg_node_time present(const cfg *config, unsigned node)
     return time;
 }
 
+/* Returns the keys of the place that are not 0. */
+static unsigned present_way(const cw_node_timing *t, const cfg_node_time *time)
+{
+    return (t->tx_delay[0] || t->tx_delay[1] ? BIT(RETIME_TX_DELAY) : 0) |
+           (t->rx_delay[0] || t->rx_delay[1] ? BIT(RETIME_RX_DELAY) : 0) |
+           (time->position_mm ? BIT(RETIME_POSITION) : 0) |
+           (time->stub_mm ? BIT(RETIME_STUB) : 0) | (t->ringing ? BIT(RETIME_RINGING) : 0);
+}
+
+static cfg_way way_of(const cfg_node_time *time)
+{
+    const cw_node_timing *t = &time->timing;
+    return (cfg_way){.tx_delay = {cfg_delay_of(t->tx_delay[0]), cfg_delay_of(t->tx_delay[1])},
+                     .rx_delay = {cfg_delay_of(t->rx_delay[0]), cfg_delay_of(t->rx_delay[1])},
+                     .position_mm = time->position_mm,
+                     .stub_mm = time->stub_mm,
+                     .ringing = cfg_delay_of(t->ringing)};
+}
+
 cfg_retime cfg_retime_present(const cfg_node_time *time)
 {
     const unsigned known = time->bit.clock_hz ? SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK) : 0;
-    return (cfg_retime){.given = (uint16_t)(known | BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING)),
+    const unsigned always = BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING);
+    const unsigned way = present_way(&time->timing, time);
+    return (cfg_retime){.given = (uint16_t)(known | always | way),
+                        .way = way_of(time),
                         .bit = time->bit,
                         .ppm = time->ppm,
                         .triple_sampling = time->triple_sampling};
@@ -332,6 +406,15 @@ static bool bus_takes(const cfg *config, unsigned node, const cw_settings *setti
     return cw_bus_config_takes(&bus, node, settings);
 }
 
+/* Returns the keys of the place that are given, as CW_SET_*. */
+static unsigned ways_given(const cfg_retime *change)
+{
+    unsigned given = 0;
+    for (retime_key key = 0; key < RETIME_KEYS; key++)
+        given |= change->given & BIT(key) ? ways[key] : 0;
+    return given;
+}
+
 bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
                      const cfg *config, unsigned node, const cfg_retime *change)
 {
@@ -346,9 +429,13 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
     if (!keys_agree(problem, change->given, time.bit.clock_hz > 0) ||
         !change_bit(&time, problem, config, change, &which))
         return false;
-    *out = time;
-    set->which = (uint8_t)((set->which & ~CW_SET_TIMING) | which);
+    set->which = (uint16_t)((set->which & ~CW_SET_TIMING) | which);
     set->timing = cfg_bit_timing(&time, cfg_nominal_quantum(config, node));
+    if (!bus_takes(config, node, set))
+        return refuse(problem, "a bit of the node would be too long or too short for this bus");
+    set->which |= (uint16_t)cfg_change_way(&time, set, config, &change->way, ways_given(change));
+    *out = time;
     return bus_takes(config, node, set) ||
-           refuse(problem, "a bit of the node would be too long or too short for this bus");
+           refuse(problem, "no edge is under way and no wire rings for longer than 16 of the "
+                  "shortest bits");
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * retime.h - keys of a node's bit timing as texts, and how they change a node that is in use.
+ * retime.h - keys of a node's bit timing and of its place as texts. They change a node that is in
+ * use.
  *
  * Files, fault rules and `canwire set` share these parsers and their limits.
  */
@@ -8,6 +9,7 @@
 #define CANWIRE_CONFIG_RETIME_H
 
 #include "config/config.h"
+#include "config/reway.h"
 
 #define RETIME_PROBLEM_MAX 240
 
@@ -22,6 +24,11 @@ typedef enum retime_key {
     RETIME_PHASE_SEG2,
     RETIME_SJW,
     RETIME_TRIPLE_SAMPLING,
+    RETIME_TX_DELAY,
+    RETIME_RX_DELAY,
+    RETIME_POSITION,
+    RETIME_STUB,
+    RETIME_RINGING,
     RETIME_KEYS
 } retime_key;
 
@@ -32,6 +39,7 @@ typedef struct cfg_retime {
     int32_t ppm;
     uint16_t sample_permille;
     bool triple_sampling;
+    cfg_way way;
 } cfg_retime;
 
 /* Returns the name of a key, as in a configuration. */
@@ -48,12 +56,13 @@ bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime
 /* Prints the value of a key in the form that cfg_retime_put() reads. */
 void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key);
 
-/* Returns the values of all keys that a node has at present. */
+/* Returns the values of all keys that a node has at present. Those of its place that are 0 are left
+ * out. */
 cfg_retime cfg_retime_present(const cfg_node_time *time);
 
-/* Changes a node. *out becomes what its keys then say, with time->timing as it was, and `set` gets
- * the parts of its bit timing that change. Keys that are not given stay as the configuration has
- * them at present. A change that the node's controller or the bus does not
+/* Changes a node. *out becomes what its keys then say; its time->timing.bit stays as it was. `set`
+ * gets the parts of its bit timing and of its place that change. Keys that are not given stay as
+ * the configuration has them at present. A change that the node's controller or the bus does not
  * allow returns false with a message; *out and *set are then undefined. */
 bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
                      const cfg *config, unsigned node, const cfg_retime *change);

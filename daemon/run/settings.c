@@ -21,7 +21,7 @@ typedef struct mode_key {
 /* A key with a number; put_number() puts it into the settings. */
 typedef struct number_key {
     const char *name;
-    uint8_t which; /* CW_SET_* */
+    uint16_t which; /* CW_SET_* */
     uint64_t min;
     uint64_t max;
 } number_key;
@@ -48,7 +48,7 @@ static const char *const order_names[] = {
 
 /* Keys of a node that the bus knows from its begin. */
 static const char *const fixed_keys[] = {
-    "when-full", "controller", "tx-delay", "rx-delay", "position", "stub", "ringing",
+    "when-full", "controller",
 };
 
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
@@ -113,7 +113,7 @@ static bool set_mode(cw_settings *s, char *error, const mode_key *key, const jso
     return true;
 }
 
-static void put_number(cw_settings *s, uint8_t which, uint64_t number)
+static void put_number(cw_settings *s, uint16_t which, uint64_t number)
 {
     s->which |= which;
     if (which == CW_SET_RESTART)
@@ -174,7 +174,7 @@ static bool refuse_key(char *error, const char *key)
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
                  "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, "
                  "order, warning-limit, clock, ppm, sample-point, brp, prop-seg, phase-seg1, "
-                 "phase-seg2, sjw, triple-sampling",
+                 "phase-seg2, sjw, triple-sampling, tx-delay, rx-delay, position, stub, ringing",
                  key);
     return false;
 }

@@ -37,8 +37,8 @@ bool cw_timing_valid(const cw_bus_config *config);
 /* Returns the bit timing of a node. */
 cw_bit_timing cw_bit_timing_of(const cw_bus_config *config, unsigned node);
 
-/* Return the longest delay between two nodes, and the shortest bit of a node. */
-cw_span cw_longest_delay(const cw_bus_config *config);
+/* Return the longest ringing at a node, and the shortest bit of one. */
+cw_span cw_longest_ringing(const cw_bus_config *config);
 cw_span cw_shortest_bit(const cw_bus_config *config);
 
 /* Returns the most bits of a node that end in a bit time of the bus. */
@@ -61,6 +61,15 @@ void cw_retime_quantum(cw_bus *bus, uint64_t nodes, cw_span quantum);
 
 /* Returns the bit timing of a node from its next bit on. */
 cw_bit_timing cw_timing_now(const cw_bus *bus, unsigned node);
+
+/* Returns true when a node of the running bus can have the way and the ringing of settings. */
+bool cw_new_way_valid(const cw_bus *bus, unsigned node, const cw_settings *settings);
+
+/* Changes the way of a node, and how long the wire rings there, for edges from now on. */
+void cw_set_way(cw_bus *bus, unsigned node, const cw_settings *settings);
+
+/* Puts the way of a node and its ringing into settings. */
+void cw_get_way(const cw_bus *bus, unsigned node, cw_settings *settings);
 
 /* Sets up clocks and delays; the memory must have been laid out. */
 void cw_init_timing(cw_bus *bus, const cw_bus_config *config);

@@ -136,7 +136,8 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
     const cw_bit_timing next = new_timing(bus, i, s);
     bool timing = !(s->which & CW_SET_TIMING) || cw_new_timing_valid(bus, &next);
-    return queue && limit && timing;
+    const bool changes_way = s->which & (CW_SET_WAY | CW_SET_RINGING);
+    return queue && limit && timing && (!changes_way || cw_new_way_valid(bus, i, s));
 }
 
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
@@ -181,6 +182,8 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
     if (s->which & CW_SET_TIMING)
         cw_retime(bus, i, &timing);
+    if (s->which & (CW_SET_WAY | CW_SET_RINGING))
+        cw_set_way(bus, i, s);
     bus->pending = true;
     return CW_OK;
 }
@@ -201,5 +204,6 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
         .restart_ticks = n->restart_ticks,
         .timing = cw_timing_now(bus, i),
     };
+    cw_get_way(bus, i, s);
     return CW_OK;
 }

@@ -91,11 +91,13 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
                              .stale = true, .next_due = CW_NEVER};
 }
 
-/* Returns the edges that may be under way: one for each bit of a node in the longest delay, and in
- * some bits more. */
-static unsigned edges_under_way(const cw_bus_config *c)
+/* Returns the edges that nodes may look at. That is one for each bit of a node in the longest delay
+ * and ringing, which may be changed later, and in some bits more. */
+static unsigned edges_looked_at(const cw_bus_config *c)
 {
-    const uint64_t bits = 6 + (uint64_t)(cw_longest_delay(c) / cw_shortest_bit(c));
+    const uint64_t ringing = (uint64_t)(cw_longest_ringing(c) / cw_shortest_bit(c));
+    const uint64_t least = 2 * CW_DELAY_BITS_MAX; /* bits may become shorter */
+    const uint64_t bits = 8 + CW_DELAY_BITS_MAX + (ringing > least ? ringing : least);
     unsigned room = 64;
     while (room < bits * c->node_count)
         room *= 2;
@@ -116,16 +118,18 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
-    cw_span *ringing = carve(a, c->node_count, sizeof *ringing);
-    cw_edge *edges = carve(a, edges_under_way(c), sizeof *edges);
+    cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
+    cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
+    cw_edge *edges = carve(a, edges_looked_at(c), sizeof *edges);
     cw_disturbance *list = carve(a, room, sizeof *list);
     cw_mark *marks = carve(a, mark_room(c), sizeof *marks);
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
-    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .delays = delays,
-                    .ringing = ringing, .steady_at = CW_NEVER,
-                    .cable = {.edges = edges, .capacity = edges_under_way(c)},
+    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .ringing = ringing,
+                    .steady_at = CW_NEVER,
+                    .cable = {.edges = edges, .capacity = edges_looked_at(c),
+                              .delays = delays, .way = way, .node_count = c->node_count},
                     .disturbances = {.list = list, .capacity = room},
                     .marks = marks, .mark_room = mark_room(c)};
 }

@@ -58,24 +58,45 @@ cw_bit_timing cw_bit_timing_of(const cw_bus_config *c, unsigned i)
     return own->quantum ? *own : default_timing(bit_time_of(c));
 }
 
-/* Returns the delay of an edge from one node to another, or to itself. */
-static cw_span delay_between(const cw_bus_config *c, unsigned from, unsigned to, bool level)
+static cw_way way_of(const cw_node_timing *t)
 {
-    const cw_node_timing *a = &c->nodes[from].timing, *b = &c->nodes[to].timing;
-    const cw_span line = a->place < b->place ? b->place - a->place : a->place - b->place;
-    const cw_span stubs = from == to ? 0 : a->stub + b->stub;
-    return a->tx_delay[level] + line + stubs + b->rx_delay[level];
+    return (cw_way){.tx_delay = {t->tx_delay[0], t->tx_delay[1]},
+                    .rx_delay = {t->rx_delay[0], t->rx_delay[1]},
+                    .place = t->place, .stub = t->stub};
 }
 
-cw_span cw_longest_delay(const cw_bus_config *c)
+/* Returns the longest delay between nodes, or from one to itself. */
+static cw_span longest_of(const cw_way *ways, unsigned count)
 {
     cw_span longest = 0;
-    for (unsigned from = 0; from < c->node_count; from++)
-        for (unsigned to = 0; to < c->node_count; to++)
+    for (unsigned from = 0; from < count; from++)
+        for (unsigned to = 0; to < count; to++)
             for (unsigned level = 0; level < 2; level++) {
-                const cw_span delay = delay_between(c, from, to, level);
+                const cw_span delay = cw_way_delay(&ways[from], &ways[to], level);
                 longest = delay > longest ? delay : longest;
             }
+    return longest;
+}
+
+static void find_ways(cw_way ways[CW_NODES_MAX], const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        ways[i] = way_of(&c->nodes[i].timing);
+}
+
+static cw_span longest_delay(const cw_bus_config *c)
+{
+    cw_way ways[CW_NODES_MAX];
+    find_ways(ways, c);
+    return longest_of(ways, c->node_count);
+}
+
+cw_span cw_longest_ringing(const cw_bus_config *c)
+{
+    cw_span longest = 0;
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (c->nodes[i].timing.ringing > longest)
+            longest = c->nodes[i].timing.ringing;
     return longest;
 }
 
@@ -105,9 +126,9 @@ static const cw_bit_timing *coming(const cw_timed *t, unsigned i)
 static bool is_uniform(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    bool uniform = t->longest == 0 && !t->rings;
+    bool uniform = t->longest == 0;
     for (unsigned i = 0; i < bus->node_count; i++)
-        uniform = uniform && same_timing(coming(t, 0), coming(t, i));
+        uniform = uniform && t->ringing[i].now == 0 && same_timing(coming(t, 0), coming(t, i));
     return uniform && bit_length(coming(t, 0)) == t->bit_time;
 }
 
@@ -123,7 +144,7 @@ static bool fits(const cw_bus_config *c)
 {
     const cw_span bit_time = bit_time_of(c), shortest = cw_shortest_bit(c);
     bool fit = shortest >= bit_time / CW_BIT_RATIO_MAX &&
-               has_at_most(cw_longest_delay(c), CW_DELAY_BITS_MAX, shortest);
+               has_at_most(longest_delay(c), CW_DELAY_BITS_MAX, shortest);
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
         fit = fit && has_at_most(bit_length(&timing), CW_BIT_RATIO_MAX, bit_time);
@@ -137,7 +158,7 @@ bool cw_timing_valid(const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++)
         if (!node_timing_valid(&c->nodes[i].timing))
             return false;
-    return fits(c) && (cw_longest_delay(c) == 0 || divides_bits(c));
+    return fits(c) && (longest_delay(c) == 0 || divides_bits(c));
 }
 
 static uint32_t fastest_permille(const cw_bus_config *c)
@@ -152,28 +173,17 @@ static void find_uniform(cw_bus *bus)
     bus->timed.uniform = is_uniform(bus) || !bus->timed.divides;
 }
 
-static void init_delays(cw_timed *t, const cw_bus_config *c)
-{
-    for (unsigned from = 0; from < c->node_count; from++)
-        for (unsigned to = 0; to < c->node_count; to++)
-            for (unsigned level = 0; level < 2; level++)
-                t->delays[(from * c->node_count + to) * 2 + level] =
-                    delay_between(c, from, to, level);
-    t->cable.delays = t->delays;
-    t->cable.node_count = c->node_count;
-    t->longest = cw_longest_delay(c);
-}
-
 void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
 {
     cw_timed *t = &bus->timed;
-    init_delays(t, c);
+    find_ways(cw_cable_ways(&t->cable), c);
+    t->longest = cw_cable_find_delays(&t->cable);
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
         cw_timed_set_timing(&t->nodes[i], &timing);
-        t->ringing[i] = c->nodes[i].timing.ringing;
-        t->rings = t->rings || t->ringing[i] > 0;
+        t->ringing[i] = (cw_ringing){.now = c->nodes[i].timing.ringing};
     }
+    cw_timed_begin_ringing(t);
     t->bit_time = bit_time_of(c);
     t->divides = divides_bits(c);
     t->bits_of_bit_time = cw_bits_of_bit_time(c);
@@ -216,13 +226,121 @@ cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *s)
     return next;
 }
 
+static void change_delay(cw_span delay[2], const cw_span to[2], bool changes)
+{
+    for (unsigned level = 0; changes && level < 2; level++)
+        delay[level] = to[level];
+}
+
+static cw_way way_with(const cw_way *now, const cw_settings *s)
+{
+    cw_way way = *now;
+    change_delay(way.tx_delay, s->tx_delay, s->which & CW_SET_TX_DELAY);
+    change_delay(way.rx_delay, s->rx_delay, s->which & CW_SET_RX_DELAY);
+    way.place = s->which & CW_SET_PLACE ? s->place : way.place;
+    way.stub = s->which & CW_SET_STUB ? s->stub : way.stub;
+    return way;
+}
+
+/* Returns true when a node can get another way, and its wire another ringing. */
+static bool way_fits(const cw_way *ways, unsigned count, unsigned node, const cw_settings *s,
+                     cw_span shortest)
+{
+    cw_way next[CW_NODES_MAX];
+    for (unsigned i = 0; i < count; i++)
+        next[i] = ways[i];
+    next[node] = way_with(&next[node], s);
+    const cw_way *way = &next[node];
+    const cw_span ringing = s->which & CW_SET_RINGING ? s->ringing : 0;
+    const bool valid = delay_valid(way->place) && delay_valid(way->stub) &&
+                       delay_valid(way->tx_delay[0]) && delay_valid(way->tx_delay[1]) &&
+                       delay_valid(way->rx_delay[0]) && delay_valid(way->rx_delay[1]) &&
+                       delay_valid(ringing);
+    return valid && has_at_most(longest_of(next, count), CW_DELAY_BITS_MAX, shortest) &&
+           has_at_most(ringing, CW_DELAY_BITS_MAX, shortest);
+}
+
 bool cw_bus_config_takes(const cw_bus_config *c, unsigned node, const cw_settings *s)
 {
     const cw_bit_timing now = cw_bit_timing_of(c, node);
     const cw_bit_timing next = cw_timing_with(&now, s);
-    return divides_bits(c) && change_fits(&next, bit_time_of(c), cw_bits_of_bit_time(c),
-                                          cw_longest_delay(c));
+    cw_way ways[CW_NODES_MAX];
+    find_ways(ways, c);
+    return divides_bits(c) && way_fits(ways, c->node_count, node, s, cw_shortest_bit(c)) &&
+           change_fits(&next, bit_time_of(c), cw_bits_of_bit_time(c),
+                       longest_of(ways, c->node_count));
 }
+
+/* ---- Ways and ringing ------------------------------------------------------------------------ */
+
+static cw_span longest_former_ringing(const cw_timed *t)
+{
+    cw_span longest = 0;
+    for (unsigned i = 0; i < t->cable.node_count; i++) {
+        const cw_span one = cw_timed_longest_ringing(t, i);
+        longest = one > longest ? one : longest;
+    }
+    return longest;
+}
+
+/* Returns the shortest bit of a node, from its next one on, and the longest one. */
+static cw_span shortest_coming(const cw_timed *t, cw_span *longest)
+{
+    cw_span shortest = INT64_MAX;
+    *longest = 0;
+    for (unsigned i = 0; i < t->cable.node_count; i++) {
+        const cw_span bit = bit_length(coming(t, i));
+        shortest = bit < shortest ? bit : shortest;
+        *longest = bit > *longest ? bit : *longest;
+    }
+    return shortest;
+}
+
+/* Nodes look back by their present bit, and by what rings. */
+bool cw_new_way_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    const cw_timed *t = &bus->timed;
+    cw_span longest;
+    const cw_span shortest = shortest_coming(t, &longest);
+    const cw_span back = 2 * longest + longest_former_ringing(t);
+    return t->divides &&
+           way_fits(cw_cable_ways(&t->cable), t->cable.node_count, i, s, shortest) &&
+           (!t->active || !(s->which & CW_SET_WAY) ||
+            cw_cable_takes_way(&t->cable, t->moment, back));
+}
+
+void cw_set_way(cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    cw_timed *t = &bus->timed;
+    for (unsigned k = 0; k < bus->node_count; k++)
+        cw_timed_settle(t, k);
+    if (s->which & CW_SET_WAY) {
+        const cw_way way = way_with(&cw_cable_ways(&t->cable)[i], s);
+        cw_cable_set_way(&t->cable, i, &way, t->moment);
+        t->longest = cw_cable_find_delays(&t->cable);
+        t->disturbances.ways = t->cable.ways;
+        cw_find_longest(bus);
+    }
+    if (s->which & CW_SET_RINGING) {
+        cw_timed_catch_up(bus);
+        cw_timed_set_ringing(t, i, s->ringing);
+    }
+    t->proof.valid = false;
+    find_uniform(bus);
+}
+
+void cw_get_way(const cw_bus *bus, unsigned i, cw_settings *s)
+{
+    const cw_way *way = &cw_cable_ways(&bus->timed.cable)[i];
+    s->which |= CW_SET_WAY | CW_SET_RINGING;
+    change_delay(s->tx_delay, way->tx_delay, true);
+    change_delay(s->rx_delay, way->rx_delay, true);
+    s->place = way->place;
+    s->stub = way->stub;
+    s->ringing = bus->timed.ringing[i].now;
+}
+
+/* ---- Bit timings ----------------------------------------------------------------------------- */
 
 void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
 {

@@ -35,6 +35,7 @@ void cw_disturb(cw_disturbances *all, const cw_disturbance *added)
     for (; place > 0 && all->list[place - 1].rule > added->rule; place--)
         all->list[place] = all->list[place - 1];
     all->list[place] = *added;
+    all->list[place].ways = all->ways;
 }
 
 void cw_disturb_end(cw_disturbances *all, unsigned rule, cw_span moment)
@@ -67,7 +68,8 @@ static bool acts(const cw_disturbance *d, const cw_cable *cable, unsigned source
                  cw_span moment)
 {
     const bool level = d->effect != CW_DISTURB_DOMINANT;
-    const cw_span late = source == CW_NO_NODE ? 0 : cw_cable_delay(cable, source, node, level);
+    const cw_span late =
+        source == CW_NO_NODE ? 0 : cw_cable_delay_then(cable, d->ways, source, node, level);
     return d->begin < moment - late && (d->end == CW_SPAN_MAX || moment - late <= d->end);
 }
 

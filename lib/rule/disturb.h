@@ -24,6 +24,7 @@ typedef struct cw_disturbance {
     uint8_t source;   /* it comes to a node as late as the edges of this one; CW_NO_NODE: at once */
     uint8_t effect;   /* cw_disturb_effect */
     uint16_t rule;
+    uint16_t ways;    /* the delays that it has, by cw_disturb() */
 } cw_disturbance;
 
 /* Sorted by rule. */
@@ -31,6 +32,7 @@ typedef struct cw_disturbances {
     cw_disturbance *list;
     unsigned capacity;
     unsigned count;
+    uint16_t ways; /* the present ones of the cable, see cw_cable_delay_then() */
 } cw_disturbances;
 
 /* Adds one. The place of one that has ended is used when there is no room. */

@@ -85,11 +85,20 @@ typedef struct cw_clean_proof {
     cw_span to_first_look[CW_NODES_MAX]; /* ... to the first of three looks for a sample (T7) */
 } cw_clean_proof;
 
+/* The swing of the wire at a node, after edges to recessive that come after a moment. */
+typedef struct cw_ringing {
+    cw_span now;
+    cw_span since;
+    cw_span former; /* for looks up to `since`: nodes look at quanta that have passed, too */
+    cw_span former_since;
+} cw_ringing;
+
 typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
     bool uniform;   /* all nodes have the bit timing of the bus, and no delays */
-    bool rings;     /* the wire swings at some node after edges to recessive */
+    bool rings;     /* the wire swings at some node after edges to recessive, or has done so */
+    bool rings_before; /* it swung otherwise before the last change, and nodes still look there */
     bool requested; /* by cw_bus_set_own_clocks() */
     unsigned bits_of_bit_time; /* of a node that can end in one bit time of the bus */
     uint64_t touched; /* nodes whose controllers have been changed from outside */
@@ -107,8 +116,7 @@ typedef struct cw_timed {
     cw_span rewired_at;
     bool one_wire;       /* there is one wire, and has been for as long as anybody looks back */
     cw_agenda agenda;
-    cw_span *delays;
-    cw_span *ringing;    /* of each node */
+    cw_ringing *ringing; /* of each node */
     cw_span bit_time;    /* of the bus */
     cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
     timed_node *nodes;
@@ -204,5 +212,22 @@ static inline void cw_timed_begin(timed_node *n)
  * This comes before a controller or its bit timing is changed, since it may drive another level
  * then. It also comes before rules act, since they have to see the begin. */
 void cw_timed_settle(cw_timed *timed, unsigned node);
+
+/* Makes nodes take the edges that have come up to now. This comes before levels of the past become
+ * other ones, by another ringing. */
+void cw_timed_catch_up(cw_bus *bus);
+
+/* Returns how long the wire swings at a node, or swung before the last change that still counts. */
+static inline cw_span cw_timed_longest_ringing(const cw_timed *timed, unsigned node)
+{
+    const cw_ringing *r = &timed->ringing[node];
+    return r->now > r->former ? r->now : r->former;
+}
+
+/* Lets the wire swing as it does now, also after edges that came before. */
+void cw_timed_begin_ringing(cw_timed *timed);
+
+/* Changes how long the wire swings at a node, after edges that come from now on. */
+void cw_timed_set_ringing(cw_timed *timed, unsigned node, cw_span ringing);
 
 #endif

@@ -156,7 +156,8 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     if (bus->timed.marking)
         cw_mark_put(bus, CW_MARK_DRIVE, i, moment, level, 0);
     const cw_edge edge = {.moment = moment, .late = cw_rules_edge_delay(&bus->rules, i),
-                          .node = (uint8_t)i, .level = level};
+                          .node = (uint8_t)i, .level = level,
+                          .ways = bus->timed.cable.ways};
     cw_cable_put(&bus->timed.cable, &edge);
     if (level == CW_DOMINANT)
         alert_of_edge(bus, &edge);
@@ -307,6 +308,25 @@ static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, point);
     else
         sample(bus, i, moment);
+}
+
+/* Takes the edges up to now, by the last quantum that has ended. They may move the sample point: it
+ * is looked for again when the agenda comes there. After a sample there are none up to now. */
+void cw_timed_catch_up(cw_bus *bus)
+{
+    const cw_span now = bus->timed.moment;
+    for (unsigned i = 0; bus->timed.active && i < bus->node_count; i++) {
+        timed_node *n = node_at(bus, i);
+        const cw_span looked = after_quanta(n, (unsigned)cw_quanta_in(n, now - n->begin));
+        while (!n->pcs.sampled && cw_pcs_is_open(&n->pcs)) {
+            const cw_span edge = cw_timed_next_edge(bus, i, looked);
+            if (edge == CW_SPAN_MAX)
+                break;
+            (void)take_edge(bus, i, edge);
+        }
+        if (looked > n->looked && n->begin <= now)
+            n->looked = looked;
+    }
 }
 
 __attribute__((noinline)) static void look_after_sample(cw_bus *bus, unsigned i, cw_span moment)

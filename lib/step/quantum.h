@@ -7,6 +7,7 @@
  *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_wires.c wires that rules cut and join
+ *   quantum_ringing.c  the wire swings after edges to recessive
  *   quantum_rest.c  bit times in which all nodes rest
  *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
  *                   quantum_edge.c: one edge that several nodes drive
@@ -127,6 +128,9 @@ cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span af
 
 /* ---- quantum_wires.c ------------------------------------------------------------------------- */
 
+/* Returns the earliest moment that a node looks back to. */
+cw_span cw_timed_earliest_look(const cw_bus *bus);
+
 /* Begins with the wires of the bus as they are. */
 void cw_timed_begin_wires(cw_bus *bus);
 
@@ -140,6 +144,13 @@ void cw_timed_take_wires(cw_bus *bus, cw_span moment);
 
 /* Moves the epoch forward. */
 void cw_timed_rebase_wires(cw_timed *timed, cw_span by);
+
+/* ---- quantum_ringing.c ----------------------------------------------------------------------- */
+
+/* Forgets former ringing when no node looks back to it any more. */
+void cw_timed_forget_ringing(cw_bus *bus);
+
+void cw_timed_rebase_ringing(cw_timed *timed, cw_span by);
 
 /* ---- quantum_sync.c -------------------------------------------------------------------------- */
 

@@ -44,6 +44,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 /* Forgets all edges and all that was to come. */
 static void clear(cw_timed *t, uint64_t epoch)
 {
+    cw_timed_begin_ringing(t);
     t->active = true;
     t->touched = 0;
     t->epoch = epoch;
@@ -87,6 +88,7 @@ static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t 
     for (unsigned n = kept; n-- > 0;) {
         cw_edge edge = old->edges[(old->count - 1 - n) & (old->capacity - 1)];
         edge.node = to[edge.node];
+        edge.ways = cable->ways; /* as if they had come on the new line */
         if (edge.node != CW_NO_NODE)
             cw_cable_put(cable, &edge);
     }
@@ -149,9 +151,11 @@ static bool all_begin_at(const cw_timed *t, cw_span moment)
 void cw_timed_leave(cw_bus *bus)
 {
     cw_timed *t = &bus->timed;
-    if (t->requested || !t->uniform || bus->rules.timed_rules || t->disturbances.count)
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    if (t->requested || !t->uniform || bus->rules.timed_rules || t->disturbances.count ||
+        t->rings)
         return;
-    if (!all_begin_at(t, cw_moment_of(bus, cw_now(bus))))
+    if (t->cable.newest + t->cable.longest >= now || !all_begin_at(t, now))
         return;
     t->active = false;
 }
@@ -169,6 +173,7 @@ void cw_timed_rebase(cw_bus *bus)
     cw_agenda_rebase(&t->agenda, by);
     t->moment -= by;
     cw_timed_rebase_wires(t, by);
+    cw_timed_rebase_ringing(t, by);
     for (unsigned i = 0; i < bus->node_count; i++) {
         t->nodes[i].begin -= by;
         t->nodes[i].next_begin -= by;

@@ -31,9 +31,11 @@ static bool calm_level(const cw_bus *bus, unsigned i, cw_span moment)
 /* The wire swings after an edge to recessive: then it is dominant once more. */
 bool cw_timed_wire(const cw_bus *bus, unsigned i, cw_span moment)
 {
-    const cw_span ringing = bus->timed.ringing[i];
+    const cw_ringing *r = &bus->timed.ringing[i];
+    const cw_span ringing = moment > r->since ? r->now : r->former;
+    const cw_span since = moment > r->since ? r->since : r->former_since;
     const bool level = calm_level(bus, i, moment);
-    if (level == CW_DOMINANT || ringing == 0)
+    if (level == CW_DOMINANT || ringing == 0 || moment - ringing <= since)
         return level;
     return calm_level(bus, i, moment - ringing / 2) == CW_DOMINANT ||
            calm_level(bus, i, moment - ringing) == CW_RECESSIVE;
@@ -138,8 +140,8 @@ static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
 static cw_span scan_ringing(const cw_bus *bus, unsigned i, cw_span until)
 {
     const cw_cable *cable = &bus->timed.cable;
-    const bool calm = cable->newest + cable->longest + bus->timed.ringing[i] <
-                      bus->timed.nodes[i].looked;
+    const cw_span ringing = cw_timed_longest_ringing(&bus->timed, i);
+    const bool calm = cable->newest + cable->longest + ringing < bus->timed.nodes[i].looked;
     return calm ? CW_SPAN_MAX : scan(bus, i, until);
 }
 
@@ -149,7 +151,7 @@ cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
     const bool rewired = !bus->timed.one_wire && n->looked <= bus->timed.rewired_at;
     if (bus->timed.disturbances.count || rewired)
         return scan(bus, i, until);
-    if (bus->timed.ringing[i])
+    if (bus->timed.rings && cw_timed_longest_ringing(&bus->timed, i) > 0)
         return scan_ringing(bus, i, until);
     if (n->last_arrival < n->looked)
         return CW_SPAN_MAX;

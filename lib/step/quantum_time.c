@@ -62,7 +62,8 @@ static void forget_disturbances(cw_bus *bus, cw_span begin)
     cw_span first = begin;
     for (unsigned i = 0; t->disturbances.count && i < bus->node_count; i++) {
         const timed_node *n = &t->nodes[i];
-        const cw_span back = n->looked - 2 * n->timing.quantum - t->ringing[i];
+        const cw_span back =
+            n->looked - 2 * n->timing.quantum - cw_timed_longest_ringing(t, i);
         first = back < first ? back : first;
     }
     cw_disturb_forget(&t->disturbances, first - t->cable.longest);
@@ -95,6 +96,8 @@ static void begin_bit_time(cw_bus *bus, cw_span begin, cw_span end)
     const uint64_t nodes = cw_timed_begin_bits(bus, begin);
     watch(bus);
     forget_disturbances(bus, begin);
+    if (bus->timed.rings_before)
+        cw_timed_forget_ringing(bus);
     cw_timed_let_rules_act(bus, nodes, begin, end);
     if (bus->stepping || bus->watching)
         note_levels(bus, begin);

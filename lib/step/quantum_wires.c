@@ -34,14 +34,14 @@ void cw_timed_begin_wires(cw_bus *bus)
     t->one_wire = t->wires.count == 1;
 }
 
-/* Returns the earliest moment that a node looks back to. */
-static cw_span earliest_look(const cw_bus *bus)
+cw_span cw_timed_earliest_look(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
     cw_span earliest = INT64_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
         const timed_node *n = &t->nodes[i];
-        const cw_span back = n->looked - 2 * n->timing.quantum - t->ringing[i];
+        const cw_span back =
+            n->looked - 2 * n->timing.quantum - cw_timed_longest_ringing(t, i);
         earliest = back < earliest ? back : earliest;
     }
     return earliest - t->cable.longest;
@@ -53,7 +53,7 @@ bool cw_timed_forget_wires(cw_bus *bus, cw_span moment)
     if (!are_those_of(&t->wires, bus))
         return false;
     if (!t->one_wire && t->wires.count == 1 && t->rewired_at < moment)
-        t->one_wire = t->rewired_at < earliest_look(bus);
+        t->one_wire = t->rewired_at < cw_timed_earliest_look(bus);
     return true;
 }
 

@@ -8,6 +8,9 @@
 #include "time/cable.h"
 
 #include <assert.h>
+#include <string.h>
+
+#define LONG_AGO (-(INT64_C(1) << 61))
 
 static inline const cw_edge *nth_from_end(const cw_cable *cable, unsigned n)
 {
@@ -21,7 +24,9 @@ static inline unsigned kept(const cw_cable *cable)
 
 void cw_cable_clear(cw_cable *cable)
 {
-    cable->count = 0;
+    cable->count = cable->counted = 0;
+    for (unsigned n = 0; n < CW_WAYS_KEPT; n++)
+        cable->replaced[n] = LONG_AGO;
     cable->dominant = 0;
     cable->newest = cable->to_dominant = -cable->longest - 1;
     cable->rise_from = CW_SPAN_MAX;
@@ -43,6 +48,65 @@ void cw_cable_put(cw_cable *cable, const cw_edge *edge)
     }
     cable->newest = edge->moment;
 }
+
+/* ---- Ways ------------------------------------------------------------------------------------ */
+
+cw_span cw_way_delay(const cw_way *from, const cw_way *to, bool level)
+{
+    const cw_span line = from->place < to->place ? to->place - from->place
+                                                 : from->place - to->place;
+    const cw_span stubs = from == to ? 0 : from->stub + to->stub;
+    return from->tx_delay[level] + line + stubs + to->rx_delay[level];
+}
+
+cw_span cw_cable_former_delay(const cw_cable *cable, uint16_t ways, unsigned from, unsigned to,
+                              bool level)
+{
+    const bool kept = (uint16_t)(cable->ways - ways) < CW_WAYS_KEPT;
+    const cw_way *then = &cable->way[(ways % CW_WAYS_KEPT) * cable->node_count];
+    return kept ? cw_way_delay(&then[from], &then[to], level)
+                : cw_cable_delay(cable, from, to, level);
+}
+
+/* Ways by which no edge has come are changed in place. */
+static bool are_used(const cw_cable *cable)
+{
+    return cable->count != cable->counted;
+}
+
+bool cw_cable_takes_way(const cw_cable *cable, cw_span now, cw_span back)
+{
+    const cw_span replaced = cable->replaced[(cable->ways + 1u) % CW_WAYS_KEPT];
+    return !are_used(cable) || replaced + cable->longest + back < now;
+}
+
+void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, cw_span now)
+{
+    if (are_used(cable)) {
+        const cw_way *before = cw_cable_ways(cable);
+        cable->replaced[cable->ways % CW_WAYS_KEPT] = now;
+        cable->ways++;
+        memcpy(cw_cable_ways(cable), before, cable->node_count * sizeof *before);
+        cable->counted = cable->count;
+    }
+    cw_cable_ways(cable)[node] = *way;
+}
+
+cw_span cw_cable_find_delays(cw_cable *cable)
+{
+    const cw_way *way = cw_cable_ways(cable);
+    cw_span longest = 0;
+    for (unsigned from = 0; from < cable->node_count; from++)
+        for (unsigned to = 0; to < cable->node_count; to++)
+            for (unsigned level = 0; level < 2; level++) {
+                const cw_span delay = cw_way_delay(&way[from], &way[to], level);
+                cable->delays[(from * cable->node_count + to) * 2 + level] = delay;
+                longest = delay > longest ? delay : longest;
+            }
+    return longest;
+}
+
+/* ---- Looks ----------------------------------------------------------------------------------- */
 
 /* The last edge of a node that has arrived says its level, even if one before it is still under
  * way. A node without such an edge has the level from before all edges under way. */
@@ -108,6 +172,8 @@ void cw_cable_rebase(cw_cable *cable, cw_span by)
     cw_cable_rebase_moment(&cable->to_dominant, by);
     if (cable->rise_from != CW_SPAN_MAX)
         cw_cable_rebase_moment(&cable->rise_from, by);
+    for (unsigned n = 0; n < CW_WAYS_KEPT; n++)
+        cw_cable_rebase_moment(&cable->replaced[n], by);
     for (unsigned n = 0; n < kept(cable); n++)
         cw_cable_rebase_moment(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment,
                                by);

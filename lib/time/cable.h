@@ -12,12 +12,23 @@
 
 #define CW_SPAN_MAX INT64_MAX /* a moment that never comes */
 
+#define CW_WAYS_KEPT 16u /* a power of two */
+
+/* The parts of the ways to and from a node, see cw_node_timing. */
+typedef struct cw_way {
+    cw_span tx_delay[2];
+    cw_span rx_delay[2];
+    cw_span place;
+    cw_span stub;
+} cw_way;
+
 /* A node puts another level onto its wire. */
 typedef struct cw_edge {
     cw_span moment; /* the begin of the node's bit */
     cw_span late;   /* it comes that much later than delays say (jitter) */
     uint8_t node;
     bool level;
+    uint16_t ways; /* the delays that it has, see cw_cable_delay_then() */
 } cw_edge;
 
 typedef struct cw_cable {
@@ -31,7 +42,11 @@ typedef struct cw_cable {
     cw_span rise_from;   /* while no edge comes but dominant ones, after all nodes were recessive:
                             after this moment no other one is under way. Else CW_SPAN_MAX */
     cw_span longest;     /* no edge is under way for longer */
-    const cw_span *delays; /* see cw_cable_delay() */
+    cw_span *delays;     /* see cw_cable_delay() */
+    cw_way *way;         /* of each node, CW_WAYS_KEPT times: now, and before the last changes */
+    uint16_t ways;       /* number of the present ones; number n is at n % CW_WAYS_KEPT */
+    unsigned counted;    /* edges that had been put when these came */
+    cw_span replaced[CW_WAYS_KEPT]; /* moments at which others have taken their place */
 } cw_cable;
 
 /* Returns the delay of an edge from one node to what another one, or the same, sees. */
@@ -40,11 +55,42 @@ static inline cw_span cw_cable_delay(const cw_cable *cable, unsigned from, unsig
     return cable->delays[(from * cable->node_count + to) * 2 + level];
 }
 
+/* Returns the delay between two nodes, or from one to itself. */
+cw_span cw_way_delay(const cw_way *from, const cw_way *to, bool level);
+
+/* Returns the delay that edges had which were driven with the ways of that number. */
+cw_span cw_cable_former_delay(const cw_cable *cable, uint16_t ways, unsigned from, unsigned to,
+                              bool level);
+
+static inline cw_span cw_cable_delay_then(const cw_cable *cable, uint16_t ways, unsigned from,
+                                          unsigned to, bool level)
+{
+    return ways == cable->ways ? cw_cable_delay(cable, from, to, level)
+                               : cw_cable_former_delay(cable, ways, from, to, level);
+}
+
 /* Returns the moment at which an edge arrives at a node. */
 static inline cw_span cw_cable_arrival(const cw_cable *cable, const cw_edge *edge, unsigned node)
 {
-    return edge->moment + edge->late + cw_cable_delay(cable, edge->node, node, edge->level);
+    return edge->moment + edge->late +
+           cw_cable_delay_then(cable, edge->ways, edge->node, node, edge->level);
 }
+
+/* Returns the ways of the present. */
+static inline cw_way *cw_cable_ways(const cw_cable *cable)
+{
+    return &cable->way[(cable->ways % CW_WAYS_KEPT) * cable->node_count];
+}
+
+/* Returns true when a way can be changed. It cannot when the oldest ones are still needed for looks
+ * that far back from now. */
+bool cw_cable_takes_way(const cw_cable *cable, cw_span now, cw_span back);
+
+/* Changes the way of a node, for edges that come from now on. */
+void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, cw_span now);
+
+/* Finds the delays by the ways. Returns the longest one. */
+cw_span cw_cable_find_delays(cw_cable *cable);
 
 /* Forgets all edges: all nodes are recessive. */
 void cw_cable_clear(cw_cable *cable);

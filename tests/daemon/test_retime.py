@@ -112,6 +112,12 @@ def test_clocks_pulses_jitter_and_settings_are_in_the_journal(watched):
     run.wait_events(30)
     run.set("engine", "sjw=2", "berr-reporting=on", "triple-sampling=on")
     run.set("brake", "sample-point=0.7")
+    run.set("dash", "rx-delay=120ns/180ns", "position=30m", "stub=50cm", "ringing=90ns")
+    run.wait_events(30)
+    run.set("brake", "tx-delay=60ns")
+    run.bus.canwire("inject", "./day.sock",
+                    "{ name: damp, do: { set: engine, ringing: 150ns, position: 2m, "
+                    "rx-delay: { dominant: 50ns, recessive: 75ns } } }")
     run.bus.canwire("inject", "./day.sock",
                     "{ name: warm, do: { set: dash, ramp: { ppm: 0..900, over: 20ms } } }")
     run.wait_events(30)
@@ -120,7 +126,10 @@ def test_clocks_pulses_jitter_and_settings_are_in_the_journal(watched):
     settings = [line["settings"] for line in run.end() if "set" in line]
     assert settings == [{"ppm": "-300"},
                         {"berr-reporting": True, "sjw": "2", "triple-sampling": "on"},
-                        {"sample-point": "0.700"}]
+                        {"sample-point": "0.700"},
+                        {"rx-delay": "120ns/180ns", "position": "30000mm", "stub": "500mm",
+                         "ringing": "90ns"},
+                        {"tx-delay": "60ns"}]
 
 
 def test_a_clock_that_is_far_off_makes_errors_and_the_right_one_none(watched):
@@ -151,6 +160,18 @@ def test_synchronisations_are_watched_only_when_named(watched):
     run.wait_events(30)
     assert run.count("sync") == 0
     assert not any("sync" in line for line in run.end())
+
+
+def test_a_place_that_is_too_far_makes_errors_and_the_right_one_none(watched):
+    run = watched(PLAIN.replace("traffic", "restart-ms: 1, traffic"))
+    run.set("dash", "position=400m")
+    wait_until(lambda: run.count("error") > 20, "errors")
+    run.set("dash", "position=0")
+    wait_until(lambda: run.bus.status()["nodes"][0]["state"] == "error-active", "health")
+    errors = run.bus.status()["nodes"][1]["errors"]
+    run.wait_events(30)
+    assert run.bus.status()["nodes"][1]["errors"] == errors
+    run.end()
 
 
 def test_what_set_changed_stays_until_a_reload(watched):
@@ -199,7 +220,15 @@ WRONG = [
                                              "it is; use one or the other"),
     (["one-shot=on", "brp=1024"], "node engine: a bit of the node would be too long or too short "
                                   "for this bus"),
-    (["position=3m"], "position: change it in the configuration and reload"),
+    (["position=11km"], "position: expected a length of at most 10km, not '11km'"),
+    (["stub=3"], "stub: expected a length of at most 10km, not '3'"),
+    (["tx-delay=11ms"], "tx-delay: expected a time up to 10ms, or two as in 120ns/180ns, to "
+                        "dominant and to recessive, not '11ms'"),
+    (["rx-delay=1ns/"], "rx-delay: expected a time up to 10ms, or two"),
+    (["ringing=1ns/2ns"], "ringing: expected a time up to 10ms, not '1ns/2ns'"),
+    (["one-shot=on", "position=8km"], "node engine: no edge is under way and no wire rings for "
+                                      "longer than 16 of the shortest bits"),
+    (["controller=any"], "controller: change it in the configuration and reload"),
     (["pmm=3"], "there is no setting 'pmm' (did you mean 'ppm'?)"),
 ]
 

@@ -47,7 +47,8 @@ typedef struct quanta_node {
     int64_t edge_at[QUANTA_EDGES]; /* ring of own edges; odd ones are dominant */
     int64_t edge_delay[QUANTA_EDGES][QUANTA_NODES_MAX]; /* to each node's look, when not scripted */
     unsigned edges;
-    int64_t ringing; /* of the wire at the node, after edges to recessive */
+    int64_t ringing; /* of the wire at the node, after edges to recessive ... */
+    int64_t ringing_since; /* ... that come after this moment */
     unsigned frames;    /* that the test wants to be sent */
     unsigned received, sent, errors;
     cw_error first_error;
@@ -57,7 +58,7 @@ typedef struct quanta_node {
     bool measures;        /* edges after the last sample have a margin */
 } quanta_node;
 
-/* What a fault does to levels from one moment to another. */
+/* A fault changes levels from one moment to another. */
 typedef struct quanta_span {
     int64_t begin, end;
     int64_t delay[QUANTA_NODES_MAX]; /* until it comes to a node; it keeps its length */
@@ -100,6 +101,7 @@ static inline void quanta_add(quanta *q, const quanta_timing *timing, int64_t ph
     *n = (quanta_node){.timing = *timing, .now = phase,
                        .before = CW_RECESSIVE, .first = CW_RECESSIVE,
                        .last_sample = CW_RECESSIVE, .driven = CW_RECESSIVE,
+                       .ringing_since = INT64_MIN / 2,
                        .sample_at = 1 + timing->prop + timing->seg1, .end_at = quanta_bit(timing)};
     cw_mac_init(&n->mac, 0, 96);
     (void)cw_mac_drive(&n->mac);
@@ -174,7 +176,7 @@ static inline bool quanta_level_at(const quanta *q, unsigned self, int64_t momen
 {
     const int64_t ringing = q->nodes[self].ringing;
     bool level = quanta_calm_wire(q, self, moment);
-    if (level == CW_RECESSIVE && ringing > 0)
+    if (level == CW_RECESSIVE && moment - ringing > q->nodes[self].ringing_since)
         level = quanta_calm_wire(q, self, moment - ringing / 2) == CW_DOMINANT ||
                 quanta_calm_wire(q, self, moment - ringing) == CW_RECESSIVE;
     for (unsigned f = 0; f < q->fault_count; f++)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_retime.c - bit timings that change while the bus runs: parts of them, limits, and the way
- * off the grid and back to it.
+ * test_retime.c - bit timings and delays that change while the bus runs: parts of them, limits, and
+ * the way off the grid and back to it.
  */
 #include "rig.h"
 
@@ -140,6 +140,98 @@ static void a_clock_becomes_slow_and_right_again(void **state)
     rig_free(r);
 }
 
+/* ---- Ways ------------------------------------------------------------------------------------ */
+
+static const cw_settings no_way = {.which = CW_SET_WAY | CW_SET_RINGING};
+
+static void a_delay_takes_the_bus_off_the_grid(void **state)
+{
+    (void)state;
+    rig *r = rig_timed();
+    const cw_settings late = {.which = CW_SET_RX_DELAY, .rx_delay = {QUANTUM, 2 * QUANTUM}};
+    assert_int_equal(exchange(r), 2);
+    assert_true(cw_bus_is_on_grid(r->bus));
+    assert_int_equal(cw_node_set(r->bus, 1, &late), CW_OK);
+    assert_false(cw_bus_is_on_grid(r->bus));
+    assert_int_equal(cw_node_set(r->bus, 1, &no_way), CW_OK);
+    assert_true(cw_bus_is_on_grid(r->bus));
+    assert_int_equal(cw_node_set(r->bus, 1, &late), CW_OK);
+    assert_int_equal(exchange(r), 2);
+    assert_int_equal(cw_node_set(r->bus, 1, &no_way), CW_OK);
+    assert_int_equal(exchange(r), 2);
+    rig_free(r);
+}
+
+static void each_part_of_the_way_changes_alone(void **state)
+{
+    (void)state;
+    rig *r = rig_timed();
+    const cw_settings other = {.tx_delay = {1, 2}, .rx_delay = {3, 4}, .place = 5, .stub = 6,
+                               .ringing = 7};
+    cw_settings one = other, now;
+    for (one.which = CW_SET_TX_DELAY; one.which <= CW_SET_RINGING;
+         one.which = (uint16_t)(one.which * 2)) {
+        assert_int_equal(cw_node_set(r->bus, 1, &no_way), CW_OK);
+        assert_int_equal(cw_node_set(r->bus, 1, &one), CW_OK);
+        assert_int_equal(cw_node_get_settings(r->bus, 1, &now), CW_OK);
+        for (unsigned level = 0; level < 2; level++) {
+            assert_int_equal(now.tx_delay[level],
+                             one.which == CW_SET_TX_DELAY ? other.tx_delay[level] : 0);
+            assert_int_equal(now.rx_delay[level],
+                             one.which == CW_SET_RX_DELAY ? other.rx_delay[level] : 0);
+        }
+        assert_int_equal(now.place, one.which == CW_SET_PLACE ? 5 : 0);
+        assert_int_equal(now.stub, one.which == CW_SET_STUB ? 6 : 0);
+        assert_int_equal(now.ringing, one.which == CW_SET_RINGING ? 7 : 0);
+    }
+    rig_free(r);
+}
+
+static void a_way_that_is_too_long_changes_nothing(void **state)
+{
+    (void)state;
+    rig *r = rig_timed();
+    const cw_span most = 16 * 20 * QUANTUM; /* bits */
+    const cw_settings wrong[] = {
+        {.which = CW_SET_TX_DELAY, .tx_delay = {most + 1, 0}},
+        {.which = CW_SET_RX_DELAY, .rx_delay = {0, most + 1}},
+        {.which = CW_SET_PLACE, .place = most + 1},
+        {.which = CW_SET_STUB | CW_SET_PLACE, .stub = 1, .place = most},
+        {.which = CW_SET_RINGING, .ringing = most + 1},
+        {.which = CW_SET_PLACE, .place = -1},
+        {.which = CW_SET_RINGING, .ringing = -1},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++)
+        assert_int_equal(cw_node_set(r->bus, 1, &wrong[i]), CW_INVALID);
+    assert_true(cw_bus_is_on_grid(r->bus));
+    const cw_settings longest = {.which = CW_SET_WAY | CW_SET_RINGING, .place = most,
+                                 .ringing = most};
+    assert_int_equal(cw_node_set(r->bus, 1, &longest), CW_OK);
+    rig_free(r);
+}
+
+/* The bus remembers the last 16 ways of edges that may be under way, here for 15 bits. Nodes look
+ * back by two bits more. There is an edge in each bit. */
+static void too_many_changes_at_once_are_refused(void **state)
+{
+    (void)state;
+    rig *r = rig_timed();
+    unsigned taken = 0;
+    cw_frame f = rig_frame(0x555, 0, 8);
+    memset(f.data, 0x55, sizeof f.data);
+    assert_int_equal(exchange(r), 2);
+    cw_settings far = {.which = CW_SET_RX_DELAY, .rx_delay = {300 * QUANTUM, 300 * QUANTUM}};
+    assert_int_equal(cw_node_set(r->bus, 1, &far), CW_OK);
+    rig_send(r, 0, &f, cw_bus_now(r->bus));
+    for (unsigned i = 0; i < 60; i++) {
+        rig_run(r, cw_bus_now(r->bus) + BIT);
+        far.rx_delay[0]--;
+        taken += cw_node_set(r->bus, 1, &far) == CW_OK;
+    }
+    assert_in_range(taken, 20, 59);
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -147,6 +239,10 @@ int main(void)
         cmocka_unit_test(a_wrong_part_changes_nothing),
         cmocka_unit_test(a_bus_leaves_the_grid_and_comes_back),
         cmocka_unit_test(a_clock_becomes_slow_and_right_again),
+        cmocka_unit_test(a_delay_takes_the_bus_off_the_grid),
+        cmocka_unit_test(each_part_of_the_way_changes_alone),
+        cmocka_unit_test(a_way_that_is_too_long_changes_nothing),
+        cmocka_unit_test(too_many_changes_at_once_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
