@@ -85,7 +85,12 @@ bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)
 
 cw_span cw_timed_change(const cw_bus *bus, unsigned i, bool level, cw_span after, cw_span before)
 {
-    return cw_cable_change(&bus->timed.cable, i, level, after, before, wire_of(bus, i, before));
+    const cw_timed *t = &bus->timed;
+    const cw_span first = t->nodes[i].first_arrival;
+    if (level == CW_DOMINANT && t->one_wire && t->cable.rise_from < after && first >= after &&
+        first < before)
+        return first; /* of the rise */
+    return cw_cable_change(&t->cable, i, level, after, before, wire_of(bus, i, before));
 }
 
 /* Returns the next edge by looking at the end of each quantum. */
