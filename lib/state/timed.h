@@ -43,8 +43,8 @@ typedef struct timed_node {
     cw_span first_arrival; /* of a dominant edge of the present rise, see cw_cable */
     cw_span last_arrival;  /* of any dominant edge so far */
     cw_bit_timing timing;
-    cw_span to_sample; /* from the begin of a bit that no edge moves, by the bit timing */
-    cw_span bit;       /* ... to its end */
+    cw_pcs begun;      /* the begin of any bit, by the bit timing */
+    cw_span to_sample; /* from there to the sample point, when no edge moves it */
     cw_mac_report report; /* of the last sample, to be committed, too */
 } timed_node;
 
@@ -198,14 +198,16 @@ static inline void cw_timed_set_timing(timed_node *n, const cw_bit_timing *timin
 {
     n->timing = *timing;
     n->to_sample = timing->quantum * cw_bit_timing_sample_at(timing);
-    n->bit = timing->quantum * cw_bit_timing_quanta(timing);
+    cw_pcs_begin_bit(&n->begun, timing);
 }
 
 /* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */
 static inline void cw_timed_begin(timed_node *n)
 {
     n->begin = n->looked = n->next_begin;
-    cw_pcs_begin_bit(&n->pcs, &n->timing);
+    n->pcs.sample_at = n->begun.sample_at;
+    n->pcs.end_at = n->begun.end_at;
+    n->pcs.sampled = false;
 }
 
 /* Makes a node that is ahead begin its bit as others do: it has begun, or that is on the agenda.

@@ -303,7 +303,7 @@ static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
     n->ahead = false;
     if (has_edges_to_take(bus, i))
         take_edges(bus, i, moment);
-    const cw_span point = after_quanta(n, n->pcs.sample_at);
+    const cw_span point = n->pcs.synchronised ? after_quanta(n, n->pcs.sample_at) : moment;
     if (point > moment)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, point);
     else
