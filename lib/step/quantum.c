@@ -229,19 +229,28 @@ static bool all_look_at(const cw_agenda *agenda, cw_span moment)
            (looks->first == looks->behind || looks->behind[-1].moment == moment);
 }
 
-/* Hands in the frames that come before the end of the bit: the controller cannot tell when in the
- * bit. */
+/* Returns the tick up to which a node takes frames at its sample point. The controller cannot tell
+ * when in the bit they come. One that comes behind the bit time can begin with this bit only behind
+ * a SOF in intermission (M6). Else it is not taken now: its drop would be an event of a later bit
+ * time. */
+static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
+{
+    const bool joins = bus->nodes[i].mac.phase == CW_MAC_INTERMISSION &&
+                       cw_refusal(bus, i) == CW_DROP_COUNT;
+    const uint64_t end = cw_tick_of(bus, end_of_bit);
+    return joins ? end : cw_least(end, cw_bit_end(bus));
+}
+
 static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_span end_of_bit = node_at(bus, i)->next_begin;
-    const uint64_t end = cw_tick_of(bus, end_of_bit);
-    if (cw_inbox_first(bus) >= end)
+    if (cw_inbox_first(bus) >= cw_tick_of(bus, end_of_bit))
         return;
     if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
         all_look_at(&bus->timed.agenda, moment))
-        cw_take_inbox_before(bus, end);
+        cw_take_inbox_before(bus, cw_bit_end(bus));
     else
-        cw_take_inbox_of_before(bus, i, end);
+        cw_take_inbox_of_before(bus, i, end_of_frames(bus, i, end_of_bit));
     check_calm(bus);
     end_steadiness(bus);
 }

@@ -37,10 +37,21 @@ static void end_bit_time(cw_bus *bus, cw_span end)
         cw_rules_emit(&bus->rules);
 }
 
+/* Hands in the frames of the bit time, for nodes that have not sampled behind them, too. A drop is
+ * reported with the tick of its frame, and events come in the order of time. */
+static void take_frames(cw_bus *bus)
+{
+    if (cw_inbox_first(bus) >= cw_bit_end(bus))
+        return;
+    cw_take_inbox_before(bus, cw_bit_end(bus));
+    bus->timed.steady_at = CW_NEVER;
+}
+
 /* Does what nodes do in a bit time, which has begun. */
 static void pass_bit_time(cw_bus *bus, cw_span end)
 {
     cw_timed_go_to(bus, end);
+    take_frames(bus);
     end_bit_time(bus, end);
     cw_timed_end_bits(bus, end);
 }

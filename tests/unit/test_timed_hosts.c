@@ -30,7 +30,7 @@ static cw_bus *make_bus(unsigned slower)
             .queue = 4, .warning_limit = 96,
             .timing.bit = {.quantum = QUANTUM + QUANTUM / 2000 * (cw_span)(slower * (i + 1)),
                            .prop_seg = 6, .phase_seg1 = 5, .phase_seg2 = 4, .sjw = 4}};
-    const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = 8,
+    const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = 64,
                                   .events = 256, .nodes = nodes};
     cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     assert_non_null(bus);
@@ -131,12 +131,40 @@ static void a_frame_that_ends_in_another_bus_is_the_right_one(void **unused)
         }
 }
 
+/* Frames that come at any time to nodes that are off the bus. Events are polled after each bit. */
+static void drops_come_in_the_order_of_time(void **unused)
+{
+    (void)unused;
+    cw_bus *bus = make_bus(7);
+    uint64_t last = 0;
+    unsigned drops = 0;
+    for (unsigned i = 0; i < NODES; i++)
+        assert_int_equal(cw_node_attach(bus, i, false), CW_OK);
+    for (unsigned bits = 1; bits < 400; bits++) {
+        cw_event e;
+        for (unsigned i = NODES; i-- > 0;)
+            (void)cw_node_send(bus, i, &(cw_frame){.id = i}, bits * (BIT_TICKS + 1));
+        assert_int_equal(cw_bus_advance(bus, bits * BIT_TICKS), CW_OK);
+        while (cw_bus_poll(bus, &e)) {
+            if (e.kind != CW_EVENT_DROP)
+                continue;
+            assert_true(e.tick >= last && e.tick <= cw_bus_now(bus));
+            assert_true(e.frame.id == drops % NODES);
+            last = e.tick;
+            drops++;
+        }
+    }
+    assert_true(drops > 1000);
+    free(bus);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_sender_that_leaves_has_sent_its_frame_or_not),
         cmocka_unit_test(a_receiver_that_leaves_has_the_frame_or_nothing),
         cmocka_unit_test(a_frame_that_ends_in_another_bus_is_the_right_one),
+        cmocka_unit_test(drops_come_in_the_order_of_time),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
