@@ -896,9 +896,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
 
 /* Returns the earliest tick at which an event can be expected if nothing is put in. That is the
  * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. Errors,
- * lost arbitrations, overload frames, hits of rules and new states may come before, and drops that
- * follow from them. Their events carry the tick. Off the grid an event may come up to a bit time of
- * the bus earlier. */
+ * lost arbitrations, overload frames, synchronisations, hits of rules and new states may come
+ * before, and drops that follow from them. Their events carry the tick. Off the grid an event may
+ * come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring

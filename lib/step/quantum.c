@@ -42,7 +42,7 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
     n->looked = look;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
-    if (effect != CW_EDGE_IGNORED)
+    if (effect != CW_EDGE_IGNORED && bus->nodes[i].mac.phase != CW_MAC_OFF)
         cw_sync_note(bus, i, hard, phase_error, look);
     if (effect == CW_EDGE_RESTARTS)
         n->begin = look - n->timing.quantum;

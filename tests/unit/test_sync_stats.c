@@ -190,6 +190,22 @@ static void common_bits_report_nothing(void **unused)
     free(r.bus);
 }
 
+static void a_node_that_is_off_the_bus_has_no_synchronisations(void **unused)
+{
+    (void)unused;
+    rig r = {.bus = make_bus(QUANTUM + QUANTUM / 100, 25 * CW_TICK)};
+    cw_event e;
+    cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
+    cw_bus_set_sync_records(r.bus, r.records);
+    assert_int_equal(cw_node_attach(r.bus, 1, false), CW_OK);
+    send(r.bus, 0);
+    advance(&r, 200);
+    while (cw_bus_poll(r.bus, &e))
+        assert_int_equal(e.nodes, 1);
+    assert_int_equal(r.receiver.hard_syncs + r.receiver.resyncs, 0);
+    free(r.bus);
+}
+
 static void assert_empty(const cw_sync_stats *s)
 {
     assert_int_equal(s->hard_syncs, 0);
@@ -274,6 +290,7 @@ int main(void)
         cmocka_unit_test(synchronisations_are_events_when_asked_for),
         cmocka_unit_test(a_hard_synchronisation_comes_at_the_end_of_sof),
         cmocka_unit_test(common_bits_report_nothing),
+        cmocka_unit_test(a_node_that_is_off_the_bus_has_no_synchronisations),
         cmocka_unit_test(without_records_nothing_is_counted),
         cmocka_unit_test(the_sum_has_the_largest_phase_error_and_the_least_margin),
     };
