@@ -398,6 +398,30 @@ json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
     return object;
 }
 
+bool output_sync_stats(cw_sync_stats *stats, const cfg *config, const cw_bus *bus, unsigned node)
+{
+    if (cw_node_get_sync_stats(bus, node, stats) != CW_OK)
+        return false;
+    return cfg_has_clocks(config) || stats->hard_syncs || stats->resyncs ||
+           stats->margin != CW_NO_MARGIN;
+}
+
+json_t *output_synchronisation(const cfg *config, const cw_bus *bus, unsigned node)
+{
+    cw_sync_stats stats;
+
+    if (!output_sync_stats(&stats, config, bus, node))
+        return json_null();
+    json_t *object = json_object();
+    put_count(object, "hard", stats.hard_syncs);
+    put_count(object, "resync", stats.resyncs);
+    put(object, "phase_error_tq", json_integer(stats.phase_error_tq));
+    put(object, "phase_error_ps", json_integer(text_span_ps(stats.phase_error)));
+    put(object, "margin_ps",
+        stats.margin == CW_NO_MARGIN ? json_null() : json_integer(text_span_ps(stats.margin)));
+    return object;
+}
+
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
 {
     json_t *array = json_array();
@@ -406,7 +430,9 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
         cw_node_stats stats;
 
         if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
-            put_last(array, output_node_stats(&config->nodes[i], &stats));
+            json_t *object = output_node_stats(&config->nodes[i], &stats);
+            put(object, "synchronisation", output_synchronisation(config, bus, i));
+            put_last(array, object);
         }
     }
     return array;

@@ -34,4 +34,11 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus);
 json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats);
 json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 
+/* Finds out how the clock of a node keeps up with the bus. Returns false where nothing has been
+ * counted on a bus whose clocks are all the same, or by a bus that does not count. */
+bool output_sync_stats(cw_sync_stats *stats, const cfg *config, const cw_bus *bus, unsigned node);
+
+/* Returns the same as JSON, to be released by the caller; null for false. */
+json_t *output_synchronisation(const cfg *config, const cw_bus *bus, unsigned node);
+
 #endif

@@ -30,10 +30,10 @@ cw_bus *bus_make(void **memory, const cfg *config)
     bus_config.events = EVENT_RING;
     bus_config.rule_room = (uint16_t)(CW_RULES_MAX - bus_config.rule_count);
     const size_t bytes = bytes_of(&bus_config);
-    const size_t records = cfg_has_clocks(config) ? config->node_count : 0;
+    const size_t records = config->node_count; /* `set` may take it off the grid */
     *memory = malloc(bytes + records * sizeof(cw_sync_record));
     cw_bus *bus = *memory ? cw_bus_init(*memory, &bus_config) : NULL;
-    if (bus && records) {
+    if (bus) {
         void *behind = (unsigned char *)*memory + bytes;
         cw_bus_set_sync_records(bus, behind);
     }

@@ -426,7 +426,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
 static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
 {
     cw_sync_stats s;
-    if (cw_node_get_sync_stats(bus, i, &s) != CW_OK)
+    if (!output_sync_stats(&s, p->config, bus, i))
         return;
     const canwire_node_timing_t m = {
         .utime_us = realtime_us(),

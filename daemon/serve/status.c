@@ -62,22 +62,6 @@ static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing
     return object;
 }
 
-/* Returns how the clock of the node keeps up with the bus; null where clocks are all the same. */
-static json_t *sync_json(const cw_bus *bus, unsigned node)
-{
-    cw_sync_stats stats;
-    if (cw_node_get_sync_stats(bus, node, &stats) != CW_OK)
-        return json_null();
-    json_t *object = json_object();
-    put_count(object, "hard", stats.hard_syncs);
-    put_count(object, "resync", stats.resyncs);
-    put(object, "phase_error_tq", json_integer(stats.phase_error_tq));
-    put(object, "phase_error_ps", json_integer(text_span_ps(stats.phase_error)));
-    put(object, "margin_ps",
-        stats.margin == CW_NO_MARGIN ? json_null() : json_integer(text_span_ps(stats.margin)));
-    return object;
-}
-
 /* Returns the counters between the node and its ECU. */
 static json_t *interface_json(const port_stats *stats)
 {
@@ -113,7 +97,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
     put(object, "timing", timing_json(config, node, &settings.timing));
-    put(object, "synchronisation", sync_json(bus, node));
+    put(object, "synchronisation", output_synchronisation(config, bus, node));
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);

@@ -52,7 +52,7 @@ static bool is_between_frames(const cw_mac *m)
 static bool may_go(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    return t->active && !t->records && !cw_wants_event(bus, CW_EVENT_SYNC) &&
+    return t->active && (!t->records || t->uniform) && !cw_wants_event(bus, CW_EVENT_SYNC) &&
            bus->rules.awake_count == 0 && t->disturbances.count == 0 && t->cable.dominant == 0 &&
            !t->rings && t->touched == 0 && !bus->stepping && !bus->watching && !bus->pending &&
            bus->group_count == 1 && t->one_wire && !cw_host_side_acts(bus) &&

@@ -151,7 +151,8 @@ static bool make_bus(sim *s, const sim_options *o)
     fputs(s->config->warnings, stderr);
     if (o->has_seed)
         s->config->seed = o->seed;
-    if (sim_open(&s->run, s->config, false))
+    if (sim_open(&s->run, s->config, false) &&
+        (!o->outputs[OUT_STATS] || sim_count_syncs(&s->run)))
         return true;
     plain_print(stderr, "canwire sim: out of memory\n");
     return false;

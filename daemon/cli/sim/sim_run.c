@@ -47,6 +47,14 @@ bool sim_open(sim_run *s, const cfg *config, bool quiet)
     return s->bus != NULL;
 }
 
+bool sim_count_syncs(sim_run *s)
+{
+    s->syncs = malloc(s->config->node_count * sizeof *s->syncs);
+    if (s->syncs)
+        cw_bus_set_sync_records(s->bus, s->syncs);
+    return s->syncs != NULL;
+}
+
 bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
 {
     static const cfg no_traffic = {.node_count = 0};
@@ -59,7 +67,9 @@ void sim_close(sim_run *s)
 {
     release_plan_free(s->plan);
     free(s->memory);
+    free(s->syncs);
     s->plan = NULL;
+    s->syncs = NULL;
     s->memory = NULL;
     s->bus = NULL;
 }

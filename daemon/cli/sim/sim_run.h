@@ -27,6 +27,7 @@ typedef struct sim_sink {
 typedef struct sim_run {
     const cfg *config; /* not owned */
     void *memory; /* of the bus; NULL: not owned */
+    cw_sync_record *syncs; /* see sim_count_syncs() */
     cw_bus *bus;
     release_plan *plan;
     uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
@@ -47,6 +48,10 @@ typedef struct sim_run {
  * its files, write nothing to standard error. Returns false without memory or a bus. The run must
  * be closed in either case. */
 bool sim_open(sim_run *s, const cfg *config, bool quiet);
+
+/* Counts synchronisations of the bus, which must be one of sim_open(). Returns false without
+ * memory. */
+bool sim_count_syncs(sim_run *s);
 
 void sim_close(sim_run *s);
 

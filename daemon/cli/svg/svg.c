@@ -552,10 +552,12 @@ static void draw_inside(const pen *p, unsigned node, int top)
 {
     const inside_list *in = p->svg->inside;
     const size_t end = inside_before(in, p->row->end);
+    int last = INSIDE_NONE;
     fputs("<g class=\"inside\">\n", p->out);
     for (size_t i = inside_before(in, p->row->first); i < end; i++)
         if (in->list[i].node == node)
-            inside_draw(p->out, &in->list[i], bit_x(p, in->list[i].bit), top, p->layout.bit);
+            inside_draw(p->out, &in->list[i], bit_x(p, in->list[i].bit), top, p->layout.bit,
+                        &last);
     fputs("</g>\n", p->out);
 }
 

@@ -11,6 +11,7 @@
 
 #define MOMENTS_FIRST 4096
 #define PARTS_OF_TICK 1000u
+#define LEAST_WIDTH 150 /* of a quantum that is seen, in hundredths of a pixel */
 
 static bool add(inside_list *self, inside_moment moment)
 {
@@ -74,10 +75,14 @@ size_t inside_before(const inside_list *self, size_t bit)
     return low;
 }
 
-void inside_draw(FILE *out, const inside_moment *m, int x, int y, int width)
+void inside_draw(FILE *out, const inside_moment *m, int x, int y, int width, int *last)
 {
     const unsigned at = (unsigned)x * 100 + m->place * (unsigned)width * 100 / SVG_PLACES;
     const unsigned whole = at / 100, part = at % 100;
+    if (m->kind == INSIDE_QUANTUM && (int)at < *last + LEAST_WIDTH)
+        return;
+    if (m->kind == INSIDE_QUANTUM)
+        *last = (int)at;
     switch ((inside_kind)m->kind) {
     case INSIDE_QUANTUM:
         fprintf(out, "<path class=\"tq\" d=\"M%u.%02u %dv3\" stroke=\"" SAMPLED

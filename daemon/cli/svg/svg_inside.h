@@ -42,8 +42,10 @@ bool inside_bit(inside_list *self, const cw_bit_view *bit, size_t number);
 /* Returns the number of moments before a bit. */
 size_t inside_before(const inside_list *self, size_t bit);
 
-/* Draws a moment at the left edge of its bit, x, and the top of its lane, y. */
-void inside_draw(FILE *out, const inside_moment *moment, int x, int y, int width);
+/* Draws a moment at the left edge of its bit, x, and the top of its lane, y. Quanta too close to
+ * the one drawn last, whose place is *last, are left out. It begins at INSIDE_NONE. */
+#define INSIDE_NONE (-1000)
+void inside_draw(FILE *out, const inside_moment *moment, int x, int y, int width, int *last);
 
 void inside_free(inside_list *self);
 
