@@ -527,6 +527,9 @@ def test_the_status_of_equal_clocks_tells_no_synchronisations(canwired):
         "dash, clock: 16MHz", "dash"))
     assert [node["synchronisation"] for node in bus.status()["nodes"]] == [None, None]
     assert "hard-syncs" not in bus.canwire("status", "./day.sock")
+    bus.canwire("set", "./day.sock", "dash", "ppm=-1000")
+    wait_frames(bus, 5)
+    assert bus.status()["nodes"][1]["synchronisation"]["hard"] >= 2
 
 
 def test_how_clocks_keep_up_is_told_over_lcm(canwired, lcm_server):

@@ -71,6 +71,22 @@ def test_synchronisations_are_events_when_asked_for(tmp_path):
     assert len(resyncs) > 9
     assert {event["phase_error_tq"] for event in resyncs} <= {-1, -2, -3}
     assert all(event["phase_error_ps"] == event["phase_error_tq"] * 25000 for event in resyncs)
+    counted = stats_of(path)[1]
+    assert counted["hard"] == len(hard) and counted["resync"] == len(resyncs)
+    assert counted["phase_error_tq"] == min(event["phase_error_tq"] for event in resyncs)
+    assert 0 < counted["margin_ps"] < 2000000
+
+
+def stats_of(path):
+    """Returns how the clocks of the nodes keep up in the statistics at the end of a run."""
+    out = sim(path, "--stats", "-", "--until", "20ms").stdout
+    return [node["synchronisation"] for node in json.loads(out)["nodes"]]
+
+
+def test_statistics_of_equal_clocks_have_no_synchronisations(tmp_path):
+    path = tmp_path / "bus.yaml"
+    path.write_text(config(traffic(PLAIN), PLAIN))
+    assert stats_of(path) == [None, None]
 
 
 def test_a_synchronisation_can_be_awaited(tmp_path):

@@ -393,7 +393,8 @@ def test_what_nodes_do_by_their_own_clocks(write):
     shown = picture(write(clocks(-1000)))
     samples = shown.count("sample", "b")
     assert samples > 90
-    assert abs(shown.count("tq", "b") - 20 * samples) < 60
+    # a bit of 14 pixels has 20 quanta: of these, each third is at least 1.5 pixels behind the last
+    assert abs(shown.count("tq", "b") - 20 / 3 * samples) < 60
     assert shown.count("hard", "b") == 1 and shown.count("resync", "b") > 4
     assert {"-1"} <= set(shown.texts("phase-error", "b")) <= {"-1", "0"}
 

@@ -355,6 +355,7 @@ static void stats_keys_are_in_order(void **state)
                                             "held",
                                             "rx_held",
                                             "delay",
+                                            "synchronisation",
                                             NULL};
     static const char *const drop_keys[] = {"queue-full", "one-shot", "bus-off", "listen-only",
                                             "bad-frame",  "fault",    "removed", "link-down", NULL};
