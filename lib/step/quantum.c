@@ -241,11 +241,10 @@ static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
     return joins ? end : cw_least(end, cw_bit_end(bus));
 }
 
-static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
+/* Not inlined, since mostly no frame comes. */
+__attribute__((noinline)) static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_span end_of_bit = node_at(bus, i)->next_begin;
-    if (cw_inbox_first(bus) >= cw_tick_of(bus, end_of_bit))
-        return;
     if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
         all_look_at(&bus->timed.agenda, moment))
         cw_take_inbox_before(bus, cw_bit_end(bus));
@@ -262,7 +261,8 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     const cw_mac_phase phase = cw_mac_get_phase(m);
     const bool level = cw_timed_sample(bus, i, moment);
     n->next_begin = after_quanta(n, n->pcs.end_at);
-    take_frames(bus, i, moment);
+    if (cw_inbox_first(bus) < cw_tick_of(bus, n->next_begin))
+        take_frames(bus, i, moment);
     if (bus->timed.marking)
         cw_mark_put(bus, CW_MARK_SAMPLE, i, moment, cw_mac_visible(m, level), 0);
     cw_mac_sample(m, level, &n->report);

@@ -72,7 +72,7 @@ void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment)
     levels->clean = t->disturbances.count ? cw_wired_and(bus, levels->driven) : levels->wire;
 }
 
-bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)
+__attribute__((noinline)) bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_bit_timing *timing = &bus->timed.nodes[i].timing;
     const bool level = cw_timed_level(bus, i, moment);

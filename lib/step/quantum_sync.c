@@ -26,8 +26,8 @@ void cw_sync_begin_bit_time(cw_bus *bus)
     t->mark_count = 0;
 }
 
-void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned i, cw_span moment, bool level,
-                 int phase_error)
+__attribute__((noinline)) void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned i,
+                                           cw_span moment, bool level, int phase_error)
 {
     cw_timed *t = &bus->timed;
     const cw_span since = moment - cw_moment_of(bus, cw_now(bus));
@@ -89,7 +89,7 @@ static void count_margin(cw_sync_stats *stats, cw_span margin)
 }
 
 /* Counts the margins of the change of level between the last sample and this one. */
-static void count_margins(cw_bus *bus, unsigned i, bool level, cw_span moment)
+__attribute__((noinline)) static void count_margins(cw_bus *bus, unsigned i, bool level, cw_span moment)
 {
     cw_sync_record *r = record_of(bus, i);
     const cw_span change = cw_timed_change(bus, i, level, r->sampled_at, moment);
