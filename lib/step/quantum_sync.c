@@ -89,7 +89,8 @@ static void count_margin(cw_sync_stats *stats, cw_span margin)
 }
 
 /* Counts the margins of the change of level between the last sample and this one. */
-__attribute__((noinline)) static void count_margins(cw_bus *bus, unsigned i, bool level, cw_span moment)
+__attribute__((noinline)) static void count_margins(cw_bus *bus, unsigned i, bool level,
+                                                    cw_span moment)
 {
     cw_sync_record *r = record_of(bus, i);
     const cw_span change = cw_timed_change(bus, i, level, r->sampled_at, moment);
