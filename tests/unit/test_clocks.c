@@ -172,15 +172,18 @@ static void draw_window(cw_rule *r)
                              : r->time_begin + (uint64_t)between(1, 1000 * BIT_TICKS);
 }
 
-/* Some pulses begin and end at quanta of the first node. */
+/* Some pulses begin or end at a sample point of the first node, to which they do not come late. */
 static void draw_quanta(cw_rule *r)
 {
-    const cw_span quantum = now_tested.nodes[0].timing.bit.quantum;
+    const cw_bit_timing *t = &now_tested.nodes[0].timing.bit;
+    const unsigned to_sample = cw_bit_timing_sample_at(t);
+    const unsigned length = (unsigned)between(1, to_sample);
     if (draw() % 3)
         return;
+    r->from = r->trigger == CW_TRIGGER_FRAME ? 1 : 0;
     r->pulse_permille = 0;
-    r->pulse_offset = between(0, 20) * quantum;
-    r->pulse_length = between(1, 8) * quantum;
+    r->pulse_offset = (to_sample - (draw() % 2 ? length : 0)) * t->quantum;
+    r->pulse_length = length * t->quantum;
 }
 
 static cw_rule draw_rule(unsigned node_count)
