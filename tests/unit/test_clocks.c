@@ -226,6 +226,7 @@ static int by_tick(const void *a, const void *b)
 static void draw_changes(scenario *s, cw_span most)
 {
     uint64_t ticks[CHANGES];
+    const bool ringing = draw() % 2;
     s->change_count = (unsigned)between(0, CHANGES);
     for (unsigned i = 0; i < s->change_count; i++) {
         ticks[i] = (uint64_t)between(1, BIT_TIMES - 1) * BIT_TICKS;
@@ -240,11 +241,11 @@ static void draw_changes(scenario *s, cw_span most)
         s->changes[i].node = (unsigned)(draw() % s->node_count);
         s->changes[i].settings = (cw_settings){
             .which = (uint16_t)((draw() % 16 * CW_SET_TX_DELAY) |
-                                (draw() % 4 ? 0 : CW_SET_RINGING)),
+                                (ringing && draw() % 2 ? CW_SET_RINGING : 0)),
             .tx_delay = {t.tx_delay[0], t.tx_delay[1]},
             .rx_delay = {t.rx_delay[0], t.rx_delay[1]},
             .place = t.place, .stub = t.stub,
-            .ringing = draw() % 3 ? draw_part_of_bit(900) : 0};
+            .ringing = draw() % 3 ? draw_part_of_bit(draw() % 2 ? 400 : 1500) : 0};
     }
 }
 
@@ -711,7 +712,7 @@ static void faults_act_at_their_times_quantum_by_quantum(void **unused)
 static void draw_ways(uint64_t seed)
 {
     static const unsigned delays[] = {5, 20, 100, 400}; /* percent of a bit */
-    (seed % 2 ? draw_scenario : draw_faults)(seed);
+    (seed / 2 % 2 ? draw_scenario : draw_faults)(seed); /* half of either counts */
     draw_changes(&now_tested, CW_TICK * BIT_TICKS / 100 * delays[draw() % 4]);
 }
 
