@@ -161,6 +161,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (old->removed & cw_node_bit(from[i]))
             bus->removed |= cw_node_bit(i);
     }
+    cw_timed_catch_up(old);
     cw_timed_take_over(bus, old, from);
     take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);

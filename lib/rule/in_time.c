@@ -109,7 +109,7 @@ static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule,
 void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,
                          uint64_t driven)
 {
-    set->driven = driven;
+    set->driven = cw_rules_change_lines(set, driven);
     end_bits(set, all, nodes, moment);
     for (unsigned i = 0; i < set->awake_count; i++) {
         const unsigned rule = set->awake[i];

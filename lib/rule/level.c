@@ -22,27 +22,43 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
 /* The transceiver releases the bus when its TXD has been dominant for too long. */
+static bool stuck_tx_level(const cw_rule_state *s, cw_rate rate)
+{
+    const uint64_t timeout = s->rule.dominant_timeout;
+    const bool timed_out = timeout && cw_rate_ticks(rate, s->dominant_bits) >= timeout;
+    return timed_out ? CW_RECESSIVE : s->rule.level;
+}
+
 bool cw_stuck_tx_level(cw_rule_state *s, cw_rate rate)
 {
-    if (s->rule.level == CW_RECESSIVE)
-        return CW_RECESSIVE;
-    const uint64_t timeout = s->rule.dominant_timeout;
-    bool timed_out = timeout && cw_rate_ticks(rate, s->dominant_bits) >= timeout;
-    if (!timed_out)
-        s->dominant_bits++;
-    return timed_out ? CW_RECESSIVE : CW_DOMINANT;
+    const bool level = stuck_tx_level(s, rate);
+    s->dominant_bits += level == CW_DOMINANT;
+    return level;
+}
+
+static bool is_stuck_tx(const cw_rule_state *s)
+{
+    return s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
+}
+
+uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven)
+{
+    for (unsigned i = 0; set->line_rules && i < set->awake_count; i++) {
+        const cw_rule_state *s = awake_rule(set, i);
+        if (is_stuck_tx(s))
+            set_level(&driven, cw_node_bit(s->rule.node),
+                      stuck_tx_level(s, cw_wire_rate(set->bus.time)));
+    }
+    set_level(&driven, set->off, CW_RECESSIVE);
+    return driven;
 }
 
 void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
 {
-    for (unsigned i = 0; set->line_rules && i < set->awake_count; i++) {
-        cw_rule_state *s = awake_rule(set, i);
-        bool stuck = s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
-        if (stuck)
-            set_level(&levels->driven, cw_node_bit(s->rule.node),
-                      cw_stuck_tx_level(s, cw_wire_rate(set->bus.time)));
-    }
-    set_level(&levels->driven, set->off, CW_RECESSIVE);
+    levels->driven = cw_rules_change_lines(set, levels->driven);
+    for (unsigned i = 0; set->line_rules && i < set->awake_count; i++)
+        if (is_stuck_tx(awake_rule(set, i)))
+            (void)cw_stuck_tx_level(awake_rule(set, i), cw_wire_rate(set->bus.time));
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */

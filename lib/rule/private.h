@@ -193,6 +193,9 @@ void cw_rule_aim(cw_rule_state *state);
 /* Returns the level of a stuck TX line in a bit, and counts the bit for the dominant timeout. */
 bool cw_stuck_tx_level(cw_rule_state *state, cw_rate rate);
 
+/* Returns the driven levels of all nodes with those of stuck TX lines, and counts nothing. */
+uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven);
+
 /* Returns those of some nodes to which a rule is bound and that are in the named bit now. */
 uint64_t cw_rule_nodes_at_position(const cw_rule_set *set, cw_rule_state *state, uint64_t nodes);
 

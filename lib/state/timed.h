@@ -216,7 +216,7 @@ static inline void cw_timed_begin(timed_node *n)
 void cw_timed_settle(cw_timed *timed, unsigned node);
 
 /* Makes nodes take the edges that have come up to now. This comes before levels of the past become
- * other ones, by another ringing. */
+ * other ones, by another ringing, other wires or another line. */
 void cw_timed_catch_up(cw_bus *bus);
 
 /* Returns how long the wire swings at a node, or swung before the last change that still counts. */

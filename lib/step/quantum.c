@@ -132,9 +132,8 @@ static void alert_of_edge(cw_bus *bus, const cw_edge *edge)
     }
 }
 
-/* Plans anew for nodes after their sample points, since rules change levels. From now on no node
- * goes ahead. */
-static void alert(cw_bus *bus)
+/* From now on no node goes ahead. */
+void cw_timed_alert(cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
         const timed_node *n = node_at(bus, i);
@@ -162,7 +161,7 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
     if (level == CW_DOMINANT)
         alert_of_edge(bus, &edge);
     if (bus->timed.rings || (bus->timed.disturbances.count && level == CW_DOMINANT))
-        alert(bus);
+        cw_timed_alert(bus);
 }
 
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
@@ -216,7 +215,7 @@ static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
     cw_rules_begin_bits(&bus->rules, &bus->timed.disturbances, nodes, moment,
                         ~bus->timed.cable.dominant);
     if (bus->timed.disturbances.count)
-        alert(bus);
+        cw_timed_alert(bus);
 }
 
 /* ---- Sample point ---------------------------------------------------------------------------- */
@@ -326,6 +325,7 @@ void cw_timed_catch_up(cw_bus *bus)
     const cw_span now = bus->timed.moment;
     for (unsigned i = 0; bus->timed.active && i < bus->node_count; i++) {
         timed_node *n = node_at(bus, i);
+        cw_timed_settle(&bus->timed, i);
         const cw_span looked = after_quanta(n, (unsigned)cw_quanta_in(n, now - n->begin));
         while (!n->pcs.sampled && cw_pcs_is_open(&n->pcs)) {
             const cw_span edge = cw_timed_next_edge(bus, i, looked);
@@ -372,32 +372,15 @@ bool cw_timed_has_report(const cw_bus *bus)
 
 /* ---- Wires that are cut or joined ------------------------------------------------------------ */
 
-/* Takes the edges that came up to a moment, while the wires are still the old ones. */
-static void catch_up(cw_bus *bus, unsigned i, cw_span moment)
-{
-    timed_node *n = node_at(bus, i);
-    cw_timed_settle(&bus->timed, i);
-    while (!n->pcs.sampled && cw_pcs_is_open(&n->pcs)) {
-        const cw_span edge = cw_timed_next_edge(bus, i, moment);
-        if (edge == CW_SPAN_MAX)
-            break;
-        (void)take_edge(bus, i, edge);
-    }
-    const cw_span in = moment - n->begin;
-    const cw_span last = in > 0 ? n->begin + cw_quanta_in(n, in) * n->timing.quantum : n->looked;
-    n->looked = last > n->looked ? last : n->looked;
-}
-
 /* Puts the nodes onto the wires of the bus. All that came before the moment was on the old ones. */
 static void rewire(cw_bus *bus, cw_span moment)
 {
     if (cw_timed_forget_wires(bus, moment))
         return;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        catch_up(bus, i, moment);
+    cw_timed_catch_up(bus);
     cw_timed_take_wires(bus, moment);
     bus->timed.calm = is_calm(bus);
-    alert(bus);
+    cw_timed_alert(bus);
 }
 
 /* ---- One bit time ---------------------------------------------------------------------------- */
@@ -448,7 +431,7 @@ static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
     disturb_bits(bus, nodes, begin);
     cw_rules_begin_bit_time(&bus->rules, all, begin, end);
     if (all->count)
-        alert(bus);
+        cw_timed_alert(bus);
 }
 
 /* Lets controllers drive anew that rules or hosts have changed in the middle of their bits. */

@@ -64,6 +64,11 @@ void cw_timed_go_to(cw_bus *bus, cw_span end);
 /* Ends the bits that end at a moment. */
 void cw_timed_end_bits(cw_bus *bus, cw_span end);
 
+/* ---- quantum.c ------------------------------------------------------------------------------- */
+
+/* Plans anew for nodes after their sample points, since levels to come have changed. */
+void cw_timed_alert(cw_bus *bus);
+
 /* ---- quantum_look.c -------------------------------------------------------------------------- */
 
 /* Returns true when levels follow from edges alone, on one wire. */

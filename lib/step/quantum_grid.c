@@ -128,6 +128,7 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
             take_over_node(bus, i, old, from[i]);
         else
             enter_node(bus, i, cw_moment_of(bus, cw_now(bus)));
+    cw_timed_alert(bus); /* edges under way come at other times on another line */
 }
 
 /* ---- Back to the grid ------------------------------------------------------------------------ */

@@ -146,18 +146,17 @@ static unsigned bit_times_to_follow(const cw_bus *bus, uint64_t tick)
     return (unsigned)cw_least(bits, MOST_BIT_TIMES);
 }
 
-/* Passes bit times up to a tick as long as they are steady. Counts them at the end: all are busy,
- * and no flag is on the wire. */
+/* Passes bit times up to a tick as long as they are steady: all are busy, and no flag is on the
+ * wire. Each one is counted before rules act at its end. */
 static void pass_steady(cw_bus *bus, uint64_t tick)
 {
     const unsigned most = bit_times_to_follow(bus, tick);
     unsigned count = 0;
     for (; count < most && is_steady(bus); count++) {
         bus->timed.steady_at = cw_bit_end(bus);
+        cw_watch_view(bus, CW_WIRE_BUSY, 1);
         pass_bit_time(bus, cw_moment_of(bus, cw_bit_end(bus)));
     }
-    if (count > 0)
-        cw_watch_view(bus, CW_WIRE_BUSY, count);
     bus->work += count;
 }
 

@@ -158,6 +158,100 @@ static void drops_come_in_the_order_of_time(void **unused)
     free(bus);
 }
 
+/* ---- Another bus on another line ------------------------------------------------------------- */
+
+#define MOST_NODES 5u
+
+typedef struct dice {
+    uint64_t state;
+} dice;
+
+static uint64_t below(dice *d, uint64_t limit)
+{
+    d->state ^= d->state << 13;
+    d->state ^= d->state >> 7;
+    d->state ^= d->state << 17;
+    return d->state % limit;
+}
+
+static cw_node_timing random_timing(dice *d)
+{
+    const unsigned ps1 = 1 + (unsigned)below(d, 8), ps2 = 2 + (unsigned)below(d, 7);
+    const unsigned prop = (unsigned)below(d, 9), quanta = 1 + prop + ps1 + ps2;
+    cw_node_timing t = {.place = CW_TICK * (cw_span)below(d, below(d, 2) ? 30 : 300)};
+    t.bit = (cw_bit_timing){.quantum = CW_TICK * BIT_TICKS / quanta, .prop_seg = (uint16_t)prop,
+                            .phase_seg1 = (uint16_t)ps1, .phase_seg2 = (uint16_t)ps2, .sjw = 1};
+    t.bit.quantum += t.bit.quantum / 1000 * ((cw_span)below(d, 40) - 20);
+    const bool delays = below(d, 2);
+    for (unsigned level = 0; level < 2 && delays; level++) {
+        t.tx_delay[level] = CW_TICK * (cw_span)below(d, 200);
+        t.rx_delay[level] = CW_TICK * (cw_span)below(d, 200);
+    }
+    t.ringing = below(d, 3) ? 0 : CW_TICK * (cw_span)below(d, 300);
+    return t;
+}
+
+static cw_bus *random_bus(dice *d, unsigned count)
+{
+    cw_node_config nodes[MOST_NODES];
+    for (unsigned i = 0; i < count; i++)
+        nodes[i] = (cw_node_config){.queue = 8, .warning_limit = 96, .timing = random_timing(d)};
+    const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = (uint8_t)count,
+                                  .inbox = 64, .events = 4096, .nodes = nodes};
+    cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
+    assert_non_null(bus);
+    return bus;
+}
+
+static void forget_events(cw_bus *bus)
+{
+    cw_event e;
+    while (cw_bus_poll(bus, &e))
+        assert_true(e.tick <= cw_bus_now(bus) + BIT_TICKS);
+}
+
+static void let_it_work(dice *d, cw_bus *bus, unsigned count)
+{
+    for (unsigned k = 0; k < 6; k++) {
+        const cw_frame frame = {.id = (uint32_t)below(d, 2048), .dlc = (uint8_t)below(d, 9),
+                                .data = {(uint8_t)below(d, 256), 0, 0xFF}};
+        const uint64_t tick = cw_bus_now(bus) + below(d, 20000);
+        assert_int_equal(cw_node_send(bus, (unsigned)below(d, count), &frame, tick), CW_OK);
+    }
+    for (unsigned k = 0; k < 4; k++) {
+        const uint64_t bits = 1 + below(d, 200);
+        assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + bits * BIT_TICKS), CW_OK);
+        forget_events(bus);
+        if (below(d, 6) == 0)
+            assert_int_equal(cw_node_attach(bus, (unsigned)below(d, count), below(d, 2)), CW_OK);
+    }
+    forget_events(bus);
+}
+
+/* Delays, ringing and bit timings are others on the new line, and edges are under way. Nothing of
+ * that may bring edges that are over. Time goes on. */
+static void a_bus_on_another_line_goes_on(void **unused)
+{
+    (void)unused;
+    for (unsigned seed = 6500; seed < 6700; seed++) {
+        dice d = {seed * UINT64_C(0x9E3779B97F4A7C15)};
+        const unsigned count = 2 + (unsigned)below(&d, MOST_NODES - 1);
+        cw_bus *bus = random_bus(&d, count);
+        for (unsigned round = 0; round < 6; round++) {
+            let_it_work(&d, bus, count);
+            cw_bus *next = random_bus(&d, count);
+            uint8_t from[MOST_NODES] = {0, 1, 2, 3, 4};
+            if (below(&d, 3) == 0)
+                from[below(&d, count)] = CW_NO_NODE;
+            assert_int_equal(cw_bus_take_over(next, bus, from), CW_OK);
+            free(bus);
+            bus = next;
+        }
+        forget_events(bus);
+        free(bus);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -165,6 +259,7 @@ int main(void)
         cmocka_unit_test(a_receiver_that_leaves_has_the_frame_or_nothing),
         cmocka_unit_test(a_frame_that_ends_in_another_bus_is_the_right_one),
         cmocka_unit_test(drops_come_in_the_order_of_time),
+        cmocka_unit_test(a_bus_on_another_line_goes_on),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
