@@ -7,11 +7,12 @@
 #include "config/values.h"
 #include "trace/frametext.h"
 
+#include <inttypes.h>
 #include <string.h>
 
 #define PPM_MAX 100000 /* either way */
 
-static schema_reader read_offset, read_place, read_ppm_range;
+static schema_reader read_offset, read_place, read_ppm_range, read_jitter;
 
 static const schema_choice levels[] = {
     {.name = "dominant", .value = CW_DOMINANT},
@@ -28,6 +29,8 @@ static void read_level(schema *self, const schema_key *key, yaml_node_t *value, 
         rule->level = level;
 }
 
+#define PULSE_OFFSET_BITS 16 /* as the library takes them */
+
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 
 const schema_key cfg_pulse_keys[] = {
@@ -40,7 +43,7 @@ const schema_key cfg_pulse_keys[] = {
 };
 
 const schema_key cfg_jitter_keys[] = {
-    {.name = "jitter", .read = cfg_read_fine_min, MEMBER(jitter)},
+    {.name = "jitter", .read = read_jitter, MEMBER(jitter)},
     {.name = "at", .read = cfg_read_node_set, MEMBER(nodes), .required = true},
     {.name = "for", .read = cfg_read_bits, MEMBER(for_ticks)},
     {.name = NULL},
@@ -53,7 +56,30 @@ static const schema_key ramp_keys[] = {
     {.name = NULL},
 };
 
-/* ---- Pulses ---------------------------------------------------------------------------------- */
+/* ---- Pulses and jitter ----------------------------------------------------------------------- */
+
+/* Complains about a time of more bits than the library takes. A profile that is checked alone has
+ * no bits. */
+static void check_bits(schema *self, const schema_key *key, const yaml_node_t *value, cw_span span,
+                       unsigned bits)
+{
+    const cfg_walk *walk = self->user;
+    const cw_rate rate = walk->config->rate;
+    const uint64_t most = cw_rate_ticks(rate, 1);
+
+    if (walk->any_node || most == 0 || most > INT32_MAX || span / bits <= (cw_span)most * CW_TICK)
+        return;
+    schema_complain(self, value, "%s: at most %u bit%s, %" PRIu64 " ns at this bit rate", key->name,
+                    bits, bits == 1 ? "" : "s", text_ticks_ns(cw_rate_ticks(rate, bits)));
+}
+
+static void read_jitter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cw_rule *rule = object;
+
+    cfg_read_fine_min(self, key, value, object);
+    check_bits(self, key, value, rule->jitter, 1);
+}
 
 /* Reads a part of the bit, such as 30%, or a time. */
 static void read_offset(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -68,6 +94,7 @@ static void read_offset(schema *self, const schema_key *key, yaml_node_t *value,
     else if (text)
         schema_problem(self, key, value, text_parse_time(&time, text));
     rule->pulse_offset = text_time_fine(time, cfg_of(self)->rate);
+    check_bits(self, key, value, rule->pulse_offset, PULSE_OFFSET_BITS);
 }
 
 static bool ends_with(const char *text, const char *end)
