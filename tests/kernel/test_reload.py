@@ -333,10 +333,14 @@ def sequence_frame(can_id, number):
 
 
 def keep_full(ends, sent, received, goal):
-    """Lets each end read what has come and write what is to go, up to goal frames."""
+    """Lets each end read what has come and write what is to go, up to goal frames.
+
+    No end runs ahead of the other. The lower identifier wins each arbitration, so the other end
+    would wait for as long as there is more to write.
+    """
     for i, end in enumerate(ends):
         received[i] += end.drain()
-        upto = min(goal, len(received[1 - i]) + OUTSTANDING)
+        upto = min(goal, min(map(len, received)) + OUTSTANDING)
         end.send(*(sequence_frame(0x100 + i, k) for k in range(sent[i], upto)))
         sent[i] = max(upto, sent[i])
     select.select([e.socket for e in ends], [], [], 1)  # poll: in a loop
