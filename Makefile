@@ -220,8 +220,9 @@ test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CON
 	  $(BUILD)/bench_realtime --check || status=1; exit $$status
 
 # The unit tests without those that take seconds each.
-DEV_SLOW := test_engine_replay test_fault_step test_format test_journal test_journal_check \
-            test_journal_keep test_journal_play test_quanta test_recorder test_steady
+DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_journal \
+            test_journal_check test_journal_keep test_journal_play test_quanta \
+            test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(DEV_TESTS:%=$(BUILD)/%.passed)
 

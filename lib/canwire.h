@@ -25,8 +25,9 @@
 #define CW_RECESSIVE true
 
 #define CW_NODES_MAX 64            /* nodes of one bus; a set of nodes is a uint64_t mask */
-#define CW_FRAME_DATA_MAX 8        /* bytes; CAN FD frames will need 64 */
-#define CW_BITS_MAX 160            /* wire bits of the longest classical frame (157), rounded up */
+#define CW_FRAME_DATA_MAX 64       /* bytes of the longest data field */
+#define CW_CLASSICAL_DATA_MAX 8    /* ... in a classical frame */
+#define CW_BITS_MAX 768            /* wire bits of the longest frame (731), rounded up */
 #define CW_QUEUE_MAX 4096          /* frames in the transmit queue of one node */
 #define CW_RULES_MAX 1024          /* fault rules of one bus */
 #define CW_RULE_FILTERS_MAX 8      /* frame filters of one rule */
@@ -148,9 +149,14 @@ typedef struct cw_pcs {
 
 #define CW_FRAME_EXTENDED 0x01u /* 29-bit identifier */
 #define CW_FRAME_REMOTE 0x02u   /* remote frame: no data field, whatever the DLC says (F3) */
-#define CW_FRAME_FD 0x04u       /* CAN FD; reserved, refused by the encoder */
-#define CW_FRAME_BRS 0x08u      /* FD bit rate switch; reserved */
-#define CW_FRAME_ESI 0x10u      /* FD error state indicator; reserved */
+#define CW_FRAME_FD 0x04u       /* CAN FD frame (D1); it cannot be remote */
+#define CW_FRAME_BRS 0x08u      /* its bit rate switch: the data phase is faster (D10) */
+#define CW_FRAME_ESI 0x10u      /* its error state indicator: the transmitter is passive (D8). The
+                                   controller that sends it sets it */
+#define CW_FRAME_NON_ISO 0x20u  /* FD frame in the format from before ISO 11898-1:2015. Controllers
+                                   and buses set it in all FD frames, or in none */
+#define CW_FRAME_CUT 0x80u      /* in place of CW_FRAME_FD, in events of buses without FD: of a
+                                   dropped FD frame the first 8 bytes at most are there */
 
 #define CW_BASE_ID_MAX 0x7FFu
 #define CW_EXTENDED_ID_MAX 0x1FFFFFFFu
@@ -158,15 +164,20 @@ typedef struct cw_pcs {
 typedef struct cw_frame {
     uint32_t id;    /* 0..CW_BASE_ID_MAX, or 0..CW_EXTENDED_ID_MAX with CW_FRAME_EXTENDED */
     uint8_t flags;  /* CW_FRAME_* */
-    uint8_t dlc;    /* 0..15, the raw code on the wire (F4) */
+    uint8_t dlc;    /* 0..15, the raw code on the wire (F4, D2) */
     uint8_t data[CW_FRAME_DATA_MAX]; /* the first cw_frame_length() bytes count */
 } cw_frame;
 
-/* Returns the bytes in the data field: 0 for a remote frame, 8 for DLC 9..15 (F3, F4). */
+/* Returns the bytes in the data field: 0 for a remote frame, up to 64 for an FD frame (D2). For DLC
+ * 9..15 of a classical frame it is 8 (F3, F4). */
 unsigned cw_frame_length(const cw_frame *frame);
 
-/* Returns true when a classical bus can carry the frame: identifier in range, DLC <= 15, no FD
- * flag. */
+/* Returns the least DLC of an FD frame whose data field has room for so many bytes, at most 64
+ * (D2). */
+unsigned cw_fd_dlc(unsigned bytes);
+
+/* Returns true when a bus can carry the frame: identifier in range, DLC <= 15, flags that go
+ * together. An FD frame needs a bus with FD nodes. */
 bool cw_frame_valid(const cw_frame *frame);
 
 /* Returns true when both frames are the same on the wire: id, format, remote, DLC and data
@@ -190,11 +201,17 @@ typedef enum cw_field {
     CW_FIELD_RTR,
     CW_FIELD_R1,
     CW_FIELD_R0,
+    CW_FIELD_FDF, /* in the place of r0 of a base frame, of r1 of an extended one (D1) */
+    CW_FIELD_RES,
+    CW_FIELD_BRS,
+    CW_FIELD_ESI,
     CW_FIELD_DLC,
     CW_FIELD_DATA, /* index 8 * byte + bit, bit 0 is the most significant */
+    CW_FIELD_STUFF_COUNT, /* three bits and their parity (D5) */
     CW_FIELD_CRC,
+    CW_FIELD_FIXED_STUFF, /* index: number of the fixed stuff bit in the frame (D4) */
     CW_FIELD_CRC_DELIMITER,
-    CW_FIELD_ACK_SLOT,
+    CW_FIELD_ACK_SLOT, /* index 0 and 1 in an FD frame (D7) */
     CW_FIELD_ACK_DELIMITER,
     CW_FIELD_EOF,
     CW_FIELD_INTERMISSION,
@@ -211,14 +228,16 @@ typedef enum cw_field {
 /* Returns the name used in events and fault rules ("ack-delimiter"), a constant string. */
 const char *cw_field_name(cw_field field);
 
-/* Returns the most bits that the field can have. Returns 0 for flags and their delimiters, which
- * have no end of their own, and for CW_FIELD_STUFF and CW_FIELD_BIT. */
-unsigned cw_field_bits(cw_field field);
+/* Returns the most bits that the field can have, in classical frames or in those of either kind.
+ * Returns 0 for a field that no such frame has, and for those without an end of their own: flags,
+ * their delimiters, CW_FIELD_STUFF and CW_FIELD_BIT. */
+unsigned cw_field_bits(cw_field field, bool fd);
 
-/* The place of a bit. A stuff bit has the field and index of the bit before it (F7). */
+/* The place of a bit. A stuff bit has the field and index of the bit before it (F7). A fixed stuff
+ * bit has a field of its own, and is a stuff bit, too. */
 typedef struct cw_place {
     cw_field field;
-    uint8_t index;
+    uint16_t index;
     bool stuff;
     bool extended; /* known to be in an extended frame: as transmitter from its SRR, else after
                       IDE */
@@ -226,18 +245,31 @@ typedef struct cw_place {
 
 /* ---- Wire bits of a frame -------------------------------------------------------------------- */
 
+#define CW_BIT_WORDS (CW_BITS_MAX / 64)
+
 /* A frame encoded once: SOF to EOF with stuff bits, ACK slot recessive as the transmitter sends it.
  * Bit 0 is SOF. Read through the functions below. */
 typedef struct cw_bits {
-    uint64_t level[3]; /* bit n of the wire is bit n % 64 of word n / 64 */
-    uint16_t crc;      /* the CRC-15 that was sent (F6) */
-    uint8_t length;    /* wire bits */
-    uint8_t data_bits; /* bits of the data field */
-    bool extended;
+    uint32_t crc;       /* the CRC that was sent (F6, D6) */
+    uint16_t length;    /* wire bits */
+    uint8_t bytes;      /* of the data field */
+    uint8_t format;     /* CW_BITS_* */
+    uint64_t level[CW_BIT_WORDS]; /* bit n of the wire is bit n % 64 of word n / 64; those up to
+                                     the word of the last bit count */
 } cw_bits;
 
-/* Encodes a frame (F1..F7). Returns CW_INVALID, leaving *bits alone, when !cw_frame_valid(). */
+#define CW_BITS_EXTENDED 0x01u
+#define CW_BITS_FD 0x02u
+#define CW_BITS_NON_ISO 0x04u /* without stuff count, and the CRC begins with 0 */
+
+/* Encodes a frame (F1..F7, D1..D6). Returns CW_INVALID, leaving *bits alone, when
+ * !cw_frame_valid(). */
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame);
+
+/* Returns true for the bits between the sample points at which the rate changes (D10). These are
+ * the bits after BRS and before the CRC delimiter, when BRS is recessive. BRS and CRC delimiter are
+ * of mixed length. */
+bool cw_bits_is_fast(const cw_bits *bits, unsigned n);
 
 /* Returns the length alone, in a third of the time. It equals bits->length after cw_bits_encode():
  * SOF to EOF with stuff bits. Returns 0 when !cw_frame_valid(). */
@@ -250,7 +282,7 @@ bool cw_bits_level(const cw_bits *bits, unsigned n);
 cw_place cw_bits_place(const cw_bits *bits, unsigned n);
 
 /* Returns true when wire bit n stands at (field, index). CW_FIELD_STUFF and CW_FIELD_BIT count as
- * described at cw_field. A stuff bit stands at no other field. */
+ * described at cw_field. A stuff bit stands at no other field; a fixed one has its own. */
 bool cw_bits_is_at(const cw_bits *bits, unsigned n, cw_field field, unsigned index);
 
 /* ---- Errors, states and modes ---------------------------------------------------------------- */
@@ -305,6 +337,7 @@ typedef enum cw_drop {
 #define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is no error */
 #define CW_MODE_BERR_REPORTING 0x10u /* for the host: nothing changes on the wire */
 #define CW_MODE_LOST_ARBITRATION_REPORTING 0x20u /* the same */
+#define CW_MODE_RESTRICTED 0x40u /* D19: receives and acknowledges, and sends nothing else */
 
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
@@ -353,6 +386,46 @@ typedef struct cw_confinement {
     bool frozen;   /* listen-only: the counters do not move (M11) */
 } cw_confinement;
 
+/* The frames that a controller knows (D16, D17). */
+typedef enum cw_protocol {
+    CW_CLASSICAL = 0, /* FDF is a reserved bit: it destroys FD frames by error flags */
+    CW_FD_TOLERANT,   /* classical, but FD frames are protocol exceptions (D16) */
+    CW_FD,
+} cw_protocol;
+
+/* The part of a controller that knows FD frames, in memory of the caller. The fields are the
+ * library's. */
+typedef struct cw_fd_part {
+    uint32_t crc17;      /* D6, over the bits sampled so far */
+    uint32_t crc21;
+    uint8_t stuff_bits;  /* dynamic ones, seen so far; modulo 256 */
+    uint8_t inverted;    /* bits of the CRC of tx that a fault has inverted */
+    bool acknowledged;   /* transmitter: the first bit of the ACK slot was dominant (D7) */
+    bool fast;           /* the next bit is sampled at the data rate (D10) */
+    bool compares_late;  /* the transmitter does not compare at its sample points (D13) */
+    bool late_error;     /* ... and has found a bit error since the last one */
+    cw_frame rx;         /* in place of the ones of cw_mac */
+    cw_frame offer;      /* the frame of tx */
+    cw_bits tx;
+} cw_fd_part;
+
+/* Room for the begin of a cw_frame, up to 8 bytes of data, and of the cw_bits of a classical
+ * frame. */
+typedef struct cw_short_frame {
+    uint32_t id;
+    uint8_t flags;
+    uint8_t dlc;
+    uint8_t data[CW_CLASSICAL_DATA_MAX];
+} cw_short_frame;
+
+typedef struct cw_short_bits {
+    uint32_t crc;
+    uint16_t length;
+    uint8_t bytes;
+    uint8_t format;
+    uint64_t level[3];
+} cw_short_bits;
+
 /* The fields are the library's; read through the functions. */
 typedef struct cw_mac {
     uint8_t phase;            /* cw_mac_phase */
@@ -360,15 +433,17 @@ typedef struct cw_mac {
     uint8_t modes;            /* CW_MODE_* */
     uint8_t reported_state;   /* cw_state of the last report */
     uint8_t part;             /* in CW_MAC_FRAME: part of the frame that the next bit belongs to */
-    uint8_t index;            /* ... bit of that part; a stuff bit comes first when run is 5 */
     uint8_t before_part;      /* part and index of the last bit that was not a stuff bit (F7) */
-    uint8_t before_index;
+    uint16_t index;           /* ... bit of that part; a stuff bit comes first when run is 5 */
+    uint16_t before_index;
+    uint16_t part_bits;       /* of the part */
     uint8_t count;            /* bits seen in the present flag, delimiter, intermission ... */
     uint8_t run;              /* equal bits in a row in the stuffed part, stuff bits counted */
     uint8_t groups;           /* R12: groups of 11 recessive bits seen */
     uint8_t overloads_wanted; /* O1 a, not yet sent */
     uint8_t overloads_in_row; /* O1 a, sent since the last frame or idle */
-    uint8_t tx_next;          /* transmitter: own wire bit that comes next */
+    uint8_t protocol;         /* cw_protocol, and CW_PROTOCOL_* */
+    uint16_t tx_next;         /* transmitter: own wire bit that comes next */
     bool last;                /* level of the last stuffed or passive flag bit */
     bool driven;              /* own level in this bit, before a mode hides it from the bus */
     bool offered;             /* tx holds a frame that waits or is being sent */
@@ -380,8 +455,9 @@ typedef struct cw_mac {
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
     cw_confinement confinement;
-    cw_frame rx; /* frame being received, or last received */
-    cw_bits tx;
+    cw_fd_part *fd;           /* NULL: it knows classical frames only */
+    cw_short_frame rx;        /* frame being received, or last received */
+    cw_short_bits tx;         /* wire bits of the offered frame */
 } cw_mac;
 
 /* The report of one bit: a set of CW_REPORT_* and the details. */
@@ -393,6 +469,7 @@ typedef struct cw_mac {
 #define CW_REPORT_TX 0x20u               /* the own frame is done (M7); the offer is used up */
 #define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
 #define CW_REPORT_DROPPED 0x80u          /* the offered frame was given up; why is valid */
+#define CW_REPORT_EXCEPTION 0x200u       /* protocol exception: the controller integrates (D16) */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
 
@@ -405,6 +482,15 @@ typedef struct cw_mac_report {
 
 /* Starts a controller: integrating, TEC = REC = 0. warning_limit 1..255, usually 96 (R13). */
 void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
+
+/* Chooses the frames that a controller knows: a cw_protocol, and CW_PROTOCOL_*. It is CW_CLASSICAL
+ * after cw_mac_init(). For CW_FD there must be a part for FD, which stays the caller's as long as
+ * the controller is used; NULL for the others. A controller on the bus leaves it and integrates
+ * again (M10). An offer is withdrawn. CW_INVALID: part and protocol do not fit. */
+#define CW_PROTOCOL_MASK 0x0Fu         /* of the cw_protocol */
+#define CW_PROTOCOL_NO_EXCEPTION 0x10u /* a protocol exception is a form error instead (D16) */
+#define CW_PROTOCOL_NON_ISO 0x20u      /* see CW_FRAME_NON_ISO */
+cw_status cw_mac_set_protocol(cw_mac *mac, unsigned protocol, cw_fd_part *fd);
 
 /* Offers a frame for transmission. The offer stays through lost arbitration, errors, disconnection
  * and changes of modes. It ends with exactly one report, CW_REPORT_TX or CW_REPORT_DROPPED, unless
@@ -471,6 +557,36 @@ const cw_frame *cw_mac_received(const cw_mac *mac);
 
 /* ---- The controller in time: timed test-bench interface (stable) ----------------------------- */
 
+/* Transmitter delay compensation (D13), with the names of `ip link`. Values are in clocks. */
+typedef enum cw_tdc_mode {
+    CW_TDC_OFF = 0, /* a transmitter compares its bits at its sample point */
+    CW_TDC_AUTO,    /* ... tdcv is the delay of the edge to res, as measured in each frame */
+    CW_TDC_MANUAL,  /* ... tdcv is given */
+} cw_tdc_mode;
+
+#define CW_TDC_BITS_MAX 32u /* of the data phase: tdcv + tdco is less */
+
+typedef struct cw_tdc {
+    cw_tdc_mode mode;
+    uint32_t tdco; /* from the begin of a bit to the secondary sample point, without delay */
+    uint32_t tdcv; /* MANUAL: the delay */
+} cw_tdc;
+
+/* Bits that a transmitter has sent in the data phase and compares later. The fields are the
+ * library's. */
+typedef struct cw_late_compare {
+    cw_tdc tdc;
+    uint64_t now;      /* clocks so far */
+    uint64_t res_at;   /* begin of the own res bit */
+    uint64_t first_at; /* begin of the first bit after BRS */
+    uint64_t sent;     /* levels of the last bits since then, the newest lowest */
+    uint32_t delay;    /* tdcv as measured, or given */
+    uint32_t bit;      /* clocks of a bit */
+    uint32_t begun;    /* bits since then */
+    uint32_t compared; /* ... of them */
+    bool measures;     /* waits for the own edge to res */
+} cw_late_compare;
+
 /* One CAN controller with its physical coding sublayer and its clock, without a bus. The bench is
  * the rest of the bus, and steps the controller by the time quantum:
  *
@@ -487,17 +603,31 @@ typedef struct cw_timed_mac {
     cw_mac mac;           /* for cw_mac_offer() and the functions that read */
     cw_bit_timing timing;
     cw_pcs pcs;
+    cw_bit_timing data_timing; /* of the data phase, see cw_timed_mac_set_data() */
     uint32_t brp;
+    uint32_t data_brp;
     uint32_t clocks;      /* of the quantum in progress */
     uint16_t count;       /* quanta of the bit that have passed */
     bool driven;
+    bool fast;            /* the bit goes by data_timing */
     bool seen[3];         /* levels at the ends of the last quanta, the newest first */
+    cw_late_compare late;
 } cw_timed_mac;
 
 #define CW_QUANTUM_SAMPLED 0x1u  /* it was the last before the sample point: the report is valid */
 #define CW_QUANTUM_BIT_ENDED 0x2u /* a bit begins now: cw_timed_mac_level() may be another one */
 #define CW_QUANTUM_HARD_SYNC 0x4u /* an edge in this quantum was hard synchronised (T4) */
 #define CW_QUANTUM_RESYNC 0x8u    /* an edge in this quantum was resynchronised (T5) */
+
+/* Gives a controller that knows FD frames (cw_mac_set_protocol()) the bit timing of the data phase.
+ * Without it both phases have the same. tdc: NULL is CW_TDC_OFF. Call it before the first bit, and
+ * again after cw_mac_set_protocol(). CW_INVALID: !cw_bit_timing_valid(), brp is 0, or a value of
+ * tdc is out of range. CW_REFUSED: the controller knows no FD frames. */
+cw_status cw_timed_mac_set_data(cw_timed_mac *c, const cw_bit_timing *timing, uint32_t brp,
+                                const cw_tdc *tdc);
+
+/* Returns true when the quantum that begins now is one of the data phase (D10). */
+bool cw_timed_mac_is_fast(const cw_timed_mac *c);
 
 /* Starts a controller. timing->quantum only matters to the caller. brp: clocks of a quantum, at
  * least 1. modes and warning_limit: see cw_mac_init(). CW_INVALID: !cw_bit_timing_valid(), or
@@ -661,11 +791,11 @@ typedef struct cw_change {
     uint32_t id;
     uint8_t id_flags; /* CW_FRAME_EXTENDED or 0 */
     uint8_t dlc;
-    uint8_t set_mask[8]; /* bits taken from set */
-    uint8_t set[8];
-    uint8_t and_mask[8]; /* all ones: no change */
-    uint8_t or_mask[8];
-    uint8_t xor_mask[8];
+    uint8_t set_mask[CW_FRAME_DATA_MAX]; /* bits taken from set */
+    uint8_t set[CW_FRAME_DATA_MAX];
+    uint8_t and_mask[CW_FRAME_DATA_MAX]; /* all ones: no change */
+    uint8_t or_mask[CW_FRAME_DATA_MAX];
+    uint8_t xor_mask[CW_FRAME_DATA_MAX];
 } cw_change;
 
 typedef struct cw_rule {
@@ -677,8 +807,8 @@ typedef struct cw_rule {
     uint8_t filter_count;                   /* 0: every frame matches */
     uint32_t error_mask;                    /* CW_TRIGGER_ERROR: classes of linux/can/error.h */
     uint8_t data_length;                    /* data bytes compared; shorter frames do not match */
-    uint8_t data_mask[8];
-    uint8_t data_value[8];
+    uint8_t data_mask[CW_FRAME_DATA_MAX];
+    uint8_t data_value[CW_FRAME_DATA_MAX];
     uint64_t from;         /* transmitters; 0: every node */
     uint64_t state_nodes;  /* all of these are in a state of state_mask (1u << cw_state) */
     uint8_t state_mask;
@@ -759,6 +889,7 @@ typedef struct cw_node_config {
                                configuration's rules */
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
+    uint8_t protocol;       /* a cw_protocol and CW_PROTOCOL_*; NON_ISO all nodes or none */
     cw_node_timing timing;
 } cw_node_config;
 
@@ -785,6 +916,7 @@ typedef enum cw_event_kind {
     CW_EVENT_ERROR,
     CW_EVENT_TOLERATED, /* CW_REPORT_TOLERATED; for drivers' error frames, not in event streams */
     CW_EVENT_OVERLOAD,
+    CW_EVENT_EXCEPTION, /* protocol exception: the node leaves a frame without an error (D16) */
     CW_EVENT_RX,
     CW_EVENT_TX,
     CW_EVENT_STATE,
@@ -807,23 +939,26 @@ typedef struct cw_event {
     uint16_t tec;   /* of the node after the bit: ERROR, TOLERATED, STATE, ARBITRATION_LOST ... */
     uint16_t rec;
     cw_error error; /* ERROR; TOLERATED: role and place only */
-    uint32_t hit;   /* FAULT: 1 for the first hit of the rule */
+    union {
+        uint32_t hit;           /* FAULT: 1 for the first hit of the rule */
+        int32_t phase_error_tq; /* SYNC: of the edge, in quanta (T5); 0 of a hard one */
+    };
     uint16_t rule;  /* FAULT: index of the rule */
     uint8_t state;  /* STATE: the new one, a cw_state */
     uint8_t state_before; /* STATE */
     uint8_t why;    /* DROP: a cw_drop */
     uint8_t lost_bit; /* ARBITRATION_LOST */
     bool up;        /* LINK */
-    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX */
+    bool hard;      /* SYNC: a hard synchronisation (T4), else a resynchronisation (T5) */
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
     union {
         uint64_t ticks;      /* SKIP: the time skipped */
-        cw_span phase_error; /* SYNC: of the edge */
+        cw_span phase_error; /* SYNC: the same as a time */
     };
-    int32_t phase_error_tq; /* SYNC: the same in quanta (T5); 0 of a hard synchronisation */
-    bool hard;              /* SYNC: a hard one (T4), else a resynchronisation (T5) */
+    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX; only these have one. Last, since the ring
+                       keeps a classical one in its short form */
 } cw_event;
 
 /* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
@@ -895,10 +1030,11 @@ uint64_t cw_bus_inbox_first(const cw_bus *bus);
 bool cw_bus_is_on_grid(const cw_bus *bus);
 
 /* Returns the earliest tick at which an event can be expected if nothing is put in. That is the
- * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. Errors,
- * lost arbitrations, overload frames, synchronisations, hits of rules and new states may come
- * before, and drops that follow from them. Their events carry the tick. Off the grid an event may
- * come up to a bit time of the bus earlier. */
+ * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. An edge
+ * that is still under way may synchronise a node even then. Errors, lost arbitrations, overload
+ * frames, synchronisations, hits of rules and new states may come before, and drops that follow
+ * from them. Their events carry the tick. Off the grid an event may come up to a bit time of the
+ * bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
@@ -939,13 +1075,27 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
  * arbitrations a bus with many busy nodes is faster. */
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 
-/* Takes the oldest event. Returns false when there is none. */
+/* Takes the oldest event. Returns false when there is none. Data of its frame beyond
+ * cw_frame_length() are undefined. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);
 
-/* Returns the oldest events in place, *count of them in a row; 0: there are none. They stay as they
- * are until they are taken, time goes on, or a call changes a node or a rule. Frames may be handed
- * in. */
-const cw_event *cw_bus_peek(const cw_bus *bus, unsigned *count);
+/* Events in a row, read with cw_event_at(). */
+typedef struct cw_event_row {
+    const unsigned char *first;
+    size_t size; /* of each one */
+    unsigned count;
+} cw_event_row;
+
+/* Returns the n-th event of a row. Of its frame only the first cw_frame_length() bytes of data are
+ * there, so do not copy the event: see cw_bus_poll(). */
+static inline const cw_event *cw_event_at(const cw_event_row *row, unsigned n)
+{
+    return (const cw_event *)(const void *)(row->first + n * row->size);
+}
+
+/* Returns the oldest events in place; a count of 0: there are none. They stay as they are until
+ * they are taken, time goes on, or a call changes a node or a rule. Frames may be handed in. */
+cw_event_row cw_bus_peek(const cw_bus *bus);
 
 /* Takes so many of the events of cw_bus_peek(); more may follow them. */
 void cw_bus_take(cw_bus *bus, unsigned count);

@@ -15,13 +15,13 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#define SHORT_OPTIONS "rh"
+#define SHORT_OPTIONS "rnh"
 #define COLUMNS_DEFAULT 80 /* in a pipe */
 #define COLUMNS_MIN 40     /* the longest field with its gutter fits */
 #define COLUMNS_MAX 1000
 #define GUTTER 7        /* columns of the row labels */
 #define GAP 1           /* columns between fields */
-#define PARTS_MAX 24    /* an extended frame with 8 bytes has 20 */
+#define PARTS_MAX 96    /* an extended CAN FD frame with 64 bytes has 81 */
 #define CELL_MAX 32     /* bytes of a label or value with its final 0 */
 #define BASE_ID_BITS 11 /* bits of an extended identifier before SRR */
 
@@ -32,13 +32,14 @@
 typedef struct options {
     const char *frame;
     bool raw;
+    bool non_iso;
     bool help;
 } options;
 
 /* A field, or one byte of the data field, as it is displayed. */
 typedef struct part {
     unsigned first; /* wire bit */
-    unsigned count; /* wire bits, stuff bits included */
+    unsigned count; /* wire bits, stuff bits included, and a fixed stuff bit that follows */
     unsigned width; /* columns */
     char label[CELL_MAX];
     char value[CELL_MAX]; /* in hexadecimal; empty for a single bit and for fixed fields */
@@ -57,6 +58,7 @@ typedef enum line_kind {
     LINE_LABEL = 0,
     LINE_NUMBER,
     LINE_LEVEL,
+    LINE_RATE, /* of a CAN FD frame */
     LINE_STUFF,
     LINE_VALUE
 } line_kind;
@@ -68,6 +70,7 @@ static void print_help(void);
 static void print_raw(const cw_bits *bits);
 static void print_annotated(const cw_frame *frame, const cw_bits *bits);
 static void print_summary(const cw_frame *frame, const cw_bits *bits);
+static const char *encode(cw_frame *frame, cw_bits *bits, const options *chosen);
 
 int cli_bits(int argc, char **argv)
 {
@@ -83,11 +86,8 @@ int cli_bits(int argc, char **argv)
     }
     cw_frame frame;
     cw_bits bits;
-    const char *problem = text_parse_frame(&frame, chosen.frame);
+    const char *problem = encode(&frame, &bits, &chosen);
 
-    if (problem == NULL && cw_bits_encode(&bits, &frame) != CW_OK) {
-        problem = "not a classical CAN frame";
-    }
     if (problem != NULL) {
         plain_print(stderr, "canwire bits: FRAME %s: %s\n", chosen.frame, problem);
         return CLI_BAD_INPUT;
@@ -101,11 +101,27 @@ int cli_bits(int argc, char **argv)
     return CLI_OK;
 }
 
+static const char *encode(cw_frame *frame, cw_bits *bits, const options *chosen)
+{
+    const char *problem = text_parse_frame(frame, chosen->frame);
+
+    if (problem != NULL) {
+        return problem;
+    }
+    if (chosen->non_iso) {
+        if (!(frame->flags & CW_FRAME_FD)) {
+            return "no CAN FD frame (##), as --fd-non-iso wants it";
+        }
+        frame->flags |= CW_FRAME_NON_ISO;
+    }
+    return cw_bits_encode(bits, frame) == CW_OK ? NULL : "not a CAN frame";
+}
+
 /* ---- Options --------------------------------------------------------------------------------- */
 
 static void print_usage(FILE *out)
 {
-    fputs("usage: canwire bits FRAME [--raw]\n", out);
+    fputs("usage: canwire bits FRAME [--raw] [--fd-non-iso]\n", out);
 }
 
 static void print_help(void)
@@ -116,13 +132,17 @@ static void print_help(void)
         "Shows the bits of a frame on the wire, SOF to EOF, with stuff bits and with the ACK\n"
         "slot as the transmitter sends it (1, recessive).\n"
         "\n"
-        "  FRAME       123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
-        "              123#1122334455667788_F (DLC over 8)\n"
-        "  -r, --raw   only 0s and 1s, on one line\n"
-        "  -h, --help  this text\n"
+        "  FRAME             123#DEADBEEF, 12345678#00 (8 digits: extended), 123#R4 (remote),\n"
+        "                    123#1122334455667788_F (DLC over 8), 123##1DEADBEEF (CAN FD; flags:\n"
+        "                    1 BRS, 2 ESI; its data is filled up with 00 to the next length)\n"
+        "  -r, --raw         only 0s and 1s, on one line\n"
+        "  -n, --fd-non-iso  a CAN FD frame as before ISO 11898-1:2015, without stuff count\n"
+        "  -h, --help        this text\n"
         "\n"
         "Rows: field names as in fault rules, number of the field's first bit (bit[N]), levels,\n"
         "stuff bits marked ^, value in hexadecimal. COLUMNS sets the width; NO_COLOR is heeded.\n"
+        "For a CAN FD frame also the bit rate: n nominal, d data, m mixed, which changes at the\n"
+        "sample point. Fixed stuff bits are marked f, and stand behind the field before them.\n"
         "\n"
         "Exit status: 0, 1 FRAME is none, 2 wrong usage.\n",
         stdout);
@@ -163,14 +183,18 @@ static int take_frame(options *out, int argc, char **argv)
 
 static int parse_options(options *out, int argc, char **argv)
 {
-    static const struct option known[] = {
-        {"raw", no_argument, NULL, 'r'}, {"help", no_argument, NULL, 'h'}, {NULL, 0, NULL, 0}};
+    static const struct option known[] = {{"raw", no_argument, NULL, 'r'},
+                                          {"fd-non-iso", no_argument, NULL, 'n'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {NULL, 0, NULL, 0}};
     int option;
 
     opterr = 0;
     while ((option = getopt_long(argc, argv, SHORT_OPTIONS, known, NULL)) != -1) {
         if (option == 'r') {
             out->raw = true;
+        } else if (option == 'n') {
+            out->non_iso = true;
         } else if (option == 'h') {
             out->help = true;
         } else {
@@ -197,12 +221,21 @@ static void print_raw(const cw_bits *bits)
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Returns true when wire bit n, which is not bit 0, begins a new part. */
+static bool is_fixed_stuff(const cw_bits *bits, unsigned n)
+{
+    return cw_bits_place(bits, n).field == CW_FIELD_FIXED_STUFF;
+}
+
+/* Returns true when wire bit n, which is not bit 0, begins a new part. A fixed stuff bit never
+ * does. */
 static bool begins_part(const cw_bits *bits, unsigned n)
 {
     cw_place here = cw_bits_place(bits, n);
-    cw_place before = cw_bits_place(bits, n - 1);
+    cw_place before = cw_bits_place(bits, is_fixed_stuff(bits, n - 1) ? n - 2 : n - 1);
 
+    if (here.field == CW_FIELD_FIXED_STUFF) {
+        return false;
+    }
     if (here.field != before.field) {
         return true;
     }
@@ -217,7 +250,7 @@ static void label_part(part *out, const cw_bits *bits)
 
     if (place.field == CW_FIELD_DATA) {
         snprintf(out->label, sizeof out->label, "%s[%u]", name, place.index / 8u);
-    } else if (place.field == CW_FIELD_ID && bits->extended) {
+    } else if (place.field == CW_FIELD_ID && (bits->format & CW_BITS_EXTENDED)) {
         bool head = place.index < BASE_ID_BITS;
 
         snprintf(out->label, sizeof out->label, "%s%s", name, head ? "[0..10]" : "[11..28]");
@@ -229,7 +262,7 @@ static void label_part(part *out, const cw_bits *bits)
 static bool has_value(cw_field field)
 {
     return field == CW_FIELD_ID || field == CW_FIELD_DLC || field == CW_FIELD_DATA ||
-           field == CW_FIELD_CRC;
+           field == CW_FIELD_STUFF_COUNT || field == CW_FIELD_CRC;
 }
 
 /* Writes the value of the bits without the stuff bits. */
@@ -361,6 +394,27 @@ static unsigned print_levels(const display *shown, const part *which)
     return which->count;
 }
 
+/* Returns the letter of the rate of a bit (D10). */
+static char rate_letter(const cw_bits *bits, unsigned n)
+{
+    bool here = cw_bits_is_fast(bits, n);
+    bool before = n > 0 && cw_bits_is_fast(bits, n - 1);
+    bool behind = n + 1u < bits->length && cw_bits_is_fast(bits, n + 1);
+
+    if (here) {
+        return 'd';
+    }
+    return before || behind ? 'm' : 'n';
+}
+
+static unsigned print_rates(const display *shown, const part *which)
+{
+    for (unsigned n = which->first; n < which->first + which->count; n++) {
+        putchar(rate_letter(shown->bits, n));
+    }
+    return which->count;
+}
+
 /* Stops at the last mark, so that lines have no trailing blanks. */
 static unsigned print_marks(const display *shown, const part *which)
 {
@@ -369,7 +423,8 @@ static unsigned print_marks(const display *shown, const part *which)
     for (unsigned i = 0; i < which->count; i++) {
         if (cw_bits_place(shown->bits, which->first + i).stuff) {
             printf("%*s", (int)(i - column), "");
-            print_coloured(shown, COLOUR_STUFF, "^");
+            print_coloured(shown, COLOUR_STUFF,
+                           is_fixed_stuff(shown->bits, which->first + i) ? "f" : "^");
             column = i + 1;
         }
     }
@@ -386,6 +441,8 @@ static unsigned print_cell(const display *shown, const part *which, line_kind ki
         return print_number(which->first);
     case LINE_LEVEL:
         return print_levels(shown, which);
+    case LINE_RATE:
+        return print_rates(shown, which);
     case LINE_STUFF:
         return print_marks(shown, which);
     case LINE_VALUE:
@@ -396,7 +453,8 @@ static unsigned print_cell(const display *shown, const part *which, line_kind ki
 
 static bool cell_is_empty(const display *shown, const part *which, line_kind kind)
 {
-    return (kind == LINE_STUFF && !has_stuff(shown, which)) ||
+    return (kind == LINE_RATE && !(shown->bits->format & CW_BITS_FD)) ||
+           (kind == LINE_STUFF && !has_stuff(shown, which)) ||
            (kind == LINE_VALUE && which->value[0] == '\0');
 }
 
@@ -412,7 +470,7 @@ static bool line_is_empty(const display *shown, unsigned first, unsigned end, li
 
 static void print_line(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
-    static const char *const labels[] = {"field", "bit", "level", "stuff", "hex"};
+    static const char *const labels[] = {"field", "bit", "level", "rate", "stuff", "hex"};
     unsigned start = GUTTER; /* column at which the part begins */
     unsigned column = print_text(shown, COLOUR_LABEL, labels[kind]);
 
@@ -455,12 +513,21 @@ static void print_annotated(const cw_frame *frame, const cw_bits *bits)
 
 /* ---- Summary --------------------------------------------------------------------------------- */
 
+static const char *fd_text(const cw_frame *frame)
+{
+    if (!(frame->flags & CW_FRAME_FD)) {
+        return "";
+    }
+    return frame->flags & CW_FRAME_NON_ISO ? " of CAN FD, not ISO" : " of CAN FD";
+}
+
 static void print_format(const cw_frame *frame)
 {
     bool extended = (frame->flags & CW_FRAME_EXTENDED) != 0;
     bool remote = (frame->flags & CW_FRAME_REMOTE) != 0;
 
-    printf("format      %s %s frame\n", extended ? "extended" : "base", remote ? "remote" : "data");
+    printf("format      %s %s frame%s\n", extended ? "extended" : "base",
+           remote ? "remote" : "data", fd_text(frame));
     printf("identifier  %0*" PRIX32 " (%" PRIu32 ")\n", extended ? 8 : 3, frame->id, frame->id);
 }
 
@@ -471,14 +538,27 @@ static void print_dlc(const cw_frame *frame)
     printf("dlc         %u: %u data byte%s\n", frame->dlc, length, length == 1 ? "" : "s");
 }
 
-static unsigned count_stuff_bits(const cw_bits *bits)
+/* The bits of a frame by kind. */
+typedef struct counts {
+    unsigned stuff; /* dynamic ones */
+    unsigned fixed; /* stuff bits */
+    unsigned crc;
+    unsigned fast;  /* at the data rate all along */
+} counts;
+
+static counts count_bits(const cw_bits *bits)
 {
-    unsigned count = 0;
+    counts found = {0};
 
     for (unsigned n = 0; n < bits->length; n++) {
-        count += cw_bits_place(bits, n).stuff;
+        cw_place place = cw_bits_place(bits, n);
+
+        found.fixed += place.field == CW_FIELD_FIXED_STUFF;
+        found.stuff += place.stuff && place.field != CW_FIELD_FIXED_STUFF;
+        found.crc += place.field == CW_FIELD_CRC && !place.stuff;
+        found.fast += cw_bits_is_fast(bits, n);
     }
-    return count;
+    return found;
 }
 
 /* Prints the duration from SOF to the end of EOF. */
@@ -488,14 +568,55 @@ static void print_duration(unsigned length)
            length * 2, length * 4, length * 8);
 }
 
+static void print_microseconds(const char *before, unsigned ns, const char *after)
+{
+    printf("%s%u.%03u%s", before, ns / 1000, ns % 1000, after);
+}
+
+/* Prints the length in bits of either rate, and some durations. BRS is nominal up to the sample
+ * point and the CRC delimiter behind it (D10). Both together last a nominal and a data bit,
+ * wherever the sample points are. */
+static void print_rate_switch(const cw_bits *bits, const counts *found)
+{
+    unsigned data = found->fast + 1;
+    unsigned nominal = bits->length - data;
+
+    printf("rates       %u nominal bits and %u data bits (brs and crc-delimiter: one of each)\n",
+           nominal, data);
+    print_microseconds("duration    ", nominal * 2000 + data * 500,
+                       " us at 500 kbit/s and 2 Mbit/s");
+    print_microseconds(", ", nominal * 2000 + data * 200, " at 500 k and 5 M");
+    print_microseconds(", ", nominal * 1000 + data * 125, " at 1 M and 8 M\n");
+}
+
+static void print_fd_parts(const cw_bits *bits, const counts *found)
+{
+    if (!(bits->format & CW_BITS_NON_ISO)) {
+        printf("stuff count %u: %u stuff bit%s before it, modulo 8\n", found->stuff % 8,
+               found->stuff, found->stuff == 1 ? "" : "s");
+    }
+    printf("crc         %0*" PRIX32 " (CRC-%u)\n", (int)(found->crc + 3) / 4, bits->crc,
+           found->crc);
+    printf("bits        %u from SOF to EOF, %u of them stuff bit%s, %u fixed stuff bits\n",
+           (unsigned)bits->length, found->stuff, found->stuff == 1 ? "" : "s", found->fixed);
+}
+
 static void print_summary(const cw_frame *frame, const cw_bits *bits)
 {
-    unsigned stuff = count_stuff_bits(bits);
+    counts found = count_bits(bits);
 
     print_format(frame);
     print_dlc(frame);
-    printf("crc         %04X\n", (unsigned)bits->crc);
-    printf("bits        %u from SOF to EOF, %u of them stuff bit%s\n", (unsigned)bits->length,
-           stuff, stuff == 1 ? "" : "s");
-    print_duration(bits->length);
+    if (bits->format & CW_BITS_FD) {
+        print_fd_parts(bits, &found);
+    } else {
+        printf("crc         %04X\n", (unsigned)bits->crc);
+        printf("bits        %u from SOF to EOF, %u of them stuff bit%s\n",
+               (unsigned)bits->length, found.stuff, found.stuff == 1 ? "" : "s");
+    }
+    if (found.fast > 0) {
+        print_rate_switch(bits, &found);
+    } else {
+        print_duration(bits->length);
+    }
 }

@@ -169,12 +169,20 @@ void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
+/* Reads a frame of a classical bus: no bus has FD nodes yet. */
 void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
+    cw_frame frame = {0};
 
-    if (text)
-        schema_problem(self, key, value, text_parse_frame(schema_member(key, object), text));
+    if (!text)
+        return;
+    const char *problem = text_parse_frame(&frame, text);
+    if (!problem && (frame.flags & CW_FRAME_FD))
+        problem = "a CAN FD frame (##), but the bus is classical";
+    schema_problem(self, key, value, problem);
+    if (!problem)
+        *(cw_frame *)schema_member(key, object) = frame;
 }
 
 static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, cw_rule *rule)
@@ -362,7 +370,8 @@ void cfg_read_position(schema *self, const schema_key *key, yaml_node_t *value, 
     const char *text = schema_text(self, key, value, "a position such as crc[3]");
 
     if (text)
-        schema_problem(self, key, value, text_parse_position(&rule->field, &rule->index, text));
+        schema_problem(self, key, value,
+                       text_parse_position(&rule->field, &rule->index, text, false));
 }
 
 /* Reads wire, NODE.tx or NODE.rx; names of nodes may contain points. */

@@ -78,7 +78,7 @@ static bool read_error(cw_error *error, const json_t *line)
 {
     bool sends = strcmp(text_of(line, "role"), "tx") == 0;
     error->role = sends ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
-    error->place.index = (uint8_t)number_of(line, "index");
+    error->place.index = (uint16_t)number_of(line, "index");
     error->place.stuff = json_is_true(json_object_get(line, "stuff"));
     return find_type(&error->type, text_of(line, "type")) &&
            find_field(&error->place.field, text_of(line, "field"));

@@ -249,6 +249,7 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_sync(at, event);
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:
+    case CW_EVENT_EXCEPTION:
     case CW_EVENT_TOLERATED:
     case CW_EVENT_COUNT:
         break;

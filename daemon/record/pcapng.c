@@ -131,7 +131,7 @@ void pcapng_begin(FILE *out, const cfg *config)
 typedef struct packet {
     unsigned direction; /* EPB_* */
     size_t length;
-    unsigned char bytes[CAN_BYTES_MAX];
+    unsigned char bytes[CAN_FD_BYTES_MAX];
 } packet;
 
 static void set_id(packet *p, uint32_t id)
@@ -146,9 +146,15 @@ static packet packet_of_frame(const cw_frame *frame)
     packet p = {.direction = EPB_OUTBOUND, .length = CAN_HEAD + cw_frame_length(frame)};
     set_id(&p, frame->id | (frame->flags & CW_FRAME_EXTENDED ? CAN_EXTENDED : 0) |
                    (remote ? CAN_REMOTE : 0));
-    p.bytes[4] = frame->dlc < 8 ? frame->dlc : 8; /* a remote frame has the number of requested
-                                                     bytes */
-    p.bytes[7] = frame->dlc > 8 ? frame->dlc : 0;
+    if (frame->flags & CW_FRAME_FD) {
+        p.bytes[4] = (unsigned char)cw_frame_length(frame);
+        p.bytes[5] = (unsigned char)(CAN_FDF | (frame->flags & CW_FRAME_BRS ? CAN_BRS : 0) |
+                                     (frame->flags & CW_FRAME_ESI ? CAN_ESI : 0));
+    } else {
+        p.bytes[4] = frame->dlc < 8 ? frame->dlc : 8; /* a remote frame has the number of
+                                                         requested bytes */
+        p.bytes[7] = frame->dlc > 8 ? frame->dlc : 0;
+    }
     memcpy(p.bytes + CAN_HEAD, frame->data, p.length - CAN_HEAD);
     return p;
 }

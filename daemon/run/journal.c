@@ -211,13 +211,19 @@ static json_t *files_to_json(const cfg *config)
 
 /* ---- Inputs ---------------------------------------------------------------------------------- */
 
+/* Returns the bytes of data that count for a bus: more than those on the wire. */
+static size_t data_room(const cw_frame *frame)
+{
+    return frame->flags & CW_FRAME_FD ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
+}
+
 /* Returns true when the text notation contains all of a frame. */
 static bool is_plain(const cw_frame *frame, const char *text)
 {
     cw_frame again = {.id = 0};
     return !text_parse_frame(&again, text) && again.id == frame->id &&
            again.flags == frame->flags && again.dlc == frame->dlc &&
-           memcmp(again.data, frame->data, sizeof again.data) == 0;
+           memcmp(again.data, frame->data, data_room(frame)) == 0;
 }
 
 /* Writes a frame without a JSON object, since most lines are frames. */
@@ -232,7 +238,7 @@ static void put_send(journal *j, const input *what)
         int used =
             snprintf(raw, sizeof raw, "\"id\":%" PRIu32 ",\"flags\":%u,\"dlc\":%u,\"data\":\"",
                      what->frame->id, (unsigned)what->frame->flags, (unsigned)what->frame->dlc);
-        for (size_t i = 0; i < sizeof what->frame->data; i++)
+        for (size_t i = 0; i < data_room(what->frame); i++)
             used += snprintf(raw + used, sizeof raw - (size_t)used, "%02X",
                              (unsigned)what->frame->data[i]);
         (void)snprintf(raw + used, sizeof raw - (size_t)used, "\"");

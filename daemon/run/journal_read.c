@@ -223,17 +223,21 @@ static const char *read_word(journal_reader *r, const json_t *value, const char 
 static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 {
     uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are assigned */
-    char bytes[sizeof frame->data];
+    char bytes[CW_FRAME_DATA_MAX];
     const char *data = text_of(r, "data");
     if (!value_of(r, "id") || !value_of(r, "flags") || !value_of(r, "dlc") || !data)
         return wrong(r, NULL, "send: expected either frame, or id, flags, dlc and data");
     if (!read_number(r, &id, "id", UINT32_MAX) || !read_number(r, &flags, "flags", FLAGS_MAX) ||
         !read_number(r, &dlc, "dlc", UINT8_MAX))
         return false;
-    if (strlen(data) != 2 * sizeof bytes || !read_hex(bytes, data, sizeof bytes))
-        return wrong(r, "data", "data: expected %zu bytes in hexadecimal digits", sizeof bytes);
+    /* before there was CAN FD, 8 bytes were kept of any frame */
+    const bool is_short =
+        !(flags & CW_FRAME_FD) || strlen(data) == 2 * (size_t)CW_CLASSICAL_DATA_MAX;
+    const size_t count = is_short ? CW_CLASSICAL_DATA_MAX : CW_FRAME_DATA_MAX;
+    if (strlen(data) != 2 * count || !read_hex(bytes, data, count))
+        return wrong(r, "data", "data: expected %zu bytes in hexadecimal digits", count);
     *frame = (cw_frame){.id = (uint32_t)id, .flags = (uint8_t)flags, .dlc = (uint8_t)dlc};
-    memcpy(frame->data, bytes, sizeof bytes);
+    memcpy(frame->data, bytes, count);
     return true;
 }
 

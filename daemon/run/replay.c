@@ -129,6 +129,12 @@ static uint64_t tick_of(replay *r, uint64_t ns)
     return r->last_tick;
 }
 
+/* Returns true for a frame that the bus can carry. */
+static bool is_carried(const replay *r, const trace_record *record)
+{
+    return record->kind == TRACE_FRAME || (record->kind == TRACE_FD_FRAME && r->traffic->fd);
+}
+
 static bool is_wanted(const replay *r, const trace_record *record)
 {
     const cfg_traffic *t = r->traffic;
@@ -204,9 +210,10 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
     if (record.timed)
         *tick = tick_of(r, elapsed_ns(r, &record));
     bool here = is_on_channel(r, &record);
-    if (record.kind != TRACE_FRAME && record.kind != TRACE_MARK && here)
+    const bool carried = is_carried(r, &record);
+    if (!carried && record.kind != TRACE_MARK && here)
         count(r, &r->left_out[record.kind], &record);
-    if (record.kind != TRACE_FRAME || !here || !is_wanted(r, &record))
+    if (!carried || !here || !is_wanted(r, &record))
         return REPLAY_PAUSE;
     if (!record.timed && !r->traffic->fast) {
         trace_complain(r->problem, r->reader, &record, TRACE_NO_TIME);

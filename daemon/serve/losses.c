@@ -68,7 +68,7 @@ static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *
     text_print_frame(frame, overflowed);
     frame[strcspn(frame, "#")] = '\0';
     (void)snprintf(out, REMEDY_BYTES,
-                   " (the last one %s): give it more room than queue: %u, or its "
+                   " (the last one %.8s): give it more room than queue: %u, or its "
                    "program writes in smaller bursts (ISO-TP: STmin or a block size)%s",
                    frame, node->queue, waiting_remedy(node));
 }

@@ -7,6 +7,7 @@
  *        0.015991 1  54C5638x        Rx   d 8 00 11 22 33 44 55 66 77
  *        0.020000 2  123             Tx   r 4
  *        0.030000 1  ErrorFrame
+ *        0.040000 CANFD 1 Rx  123  NAME  1 0 9 12 00 11 ... BB  102203 133 303000 ...
  */
 #include "trace/format.h"
 
@@ -106,6 +107,19 @@ static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r
     return TRACE_RECORD;
 }
 
+static trace_result read_bytes(trace_input *in, const asc_state *s, trace_record *r,
+                               unsigned length, const char **word)
+{
+    uint32_t value = 0;
+    for (unsigned i = 0; i < length; i++) {
+        if (!read_number(&value, s, *word, trace_word(*word)) || value > UINT8_MAX)
+            return trace_bad_text(in, *word, "expected %u data bytes in the file's base", length);
+        r->frame.data[i] = (uint8_t)value;
+        *word = next_word(*word);
+    }
+    return TRACE_RECORD;
+}
+
 /* Reads "8 00 11 ..."; words such as "Length = 228000 BitCount = 118 ID = 54x" may follow. */
 static trace_result read_data(trace_input *in, const asc_state *s, trace_record *r,
                               const char *word)
@@ -114,14 +128,9 @@ static trace_result read_data(trace_input *in, const asc_state *s, trace_record 
     if (!read_number(&value, s, word, trace_word(word)) || value > DLC_MAX)
         return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
     r->frame.dlc = (uint8_t)value;
-    unsigned count = cw_frame_length(&r->frame);
-    for (unsigned i = 0; i < count; i++) {
-        word = next_word(word);
-        if (!read_number(&value, s, word, trace_word(word)) || value > UINT8_MAX)
-            return trace_bad_text(in, word, "expected %u data bytes in the file's base", count);
-        r->frame.data[i] = (uint8_t)value;
-    }
     word = next_word(word);
+    if (read_bytes(in, s, r, cw_frame_length(&r->frame), &word) != TRACE_RECORD)
+        return TRACE_BAD;
     if (read_number(&value, s, word, trace_word(word)))
         return trace_bad_text(in, word, "more data bytes than the data length code says, %u",
                               r->frame.dlc);
@@ -137,6 +146,89 @@ static trace_result read_remote(trace_input *in, const asc_state *s, trace_recor
         return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
     r->frame.flags |= CW_FRAME_REMOTE;
     r->frame.dlc = (uint8_t)dlc;
+    return TRACE_RECORD;
+}
+
+/* ---- Frames of CAN FD controllers ------------------------------------------------------------ */
+
+/* The word `flags`, the third behind the data. */
+#define FLAG_REMOTE 0x10u
+#define FLAG_FD 0x1000u /* EDL */
+
+/* Reads a word of one character, '0' or '1'. */
+static bool read_digit(bool *on, const char **word)
+{
+    bool good = trace_word(*word) == 1 && (**word == '0' || **word == '1');
+    *on = good && **word == '1';
+    if (good)
+        *word = next_word(*word);
+    return good;
+}
+
+/* Reads "BRS ESI DLC LENGTH", with or without the name of the frame before it. */
+static trace_result read_fd_head(trace_input *in, const asc_state *s, trace_record *r,
+                                 unsigned *length, const char **word)
+{
+    bool brs, esi;
+    uint32_t dlc = 0, value = 0;
+    if (trace_word(*word) != 1 || !strchr("01", **word))
+        *word = next_word(*word);
+    if (!read_digit(&brs, word) || !read_digit(&esi, word))
+        return trace_bad_text(in, *word, "expected BRS and ESI of a CAN FD frame, 0 or 1");
+    if (!read_number(&dlc, s, *word, trace_word(*word)) || dlc > DLC_MAX)
+        return trace_bad_text(in, *word, "expected a data length code, 0 to 15 in the file's base");
+    *word = next_word(*word);
+    const asc_state decimal = {.decimal = true};
+    if (!read_number(&value, &decimal, *word, trace_word(*word)) || value > CW_FRAME_DATA_MAX)
+        return trace_bad_text(in, *word, "expected a number of data bytes, 0 to 64");
+    r->frame.flags |= (uint8_t)((brs ? CW_FRAME_BRS : 0) | (esi ? CW_FRAME_ESI : 0));
+    r->frame.dlc = (uint8_t)dlc;
+    *length = value;
+    *word = next_word(*word);
+    return TRACE_RECORD;
+}
+
+/* Decides by the flags, behind duration and length of the frame, which frame it is. A CAN FD
+ * controller also has classical ones, but these never have more than 8 bytes. Without flags it is a
+ * CAN FD frame. */
+static void set_format(trace_record *r, unsigned length, const char *word)
+{
+    uint32_t flags = 0;
+    word = next_word(next_word(word));
+    bool classical = trace_hex(&flags, word, trace_word(word)) && !(flags & FLAG_FD) &&
+                     length <= CW_CLASSICAL_DATA_MAX;
+    if (!classical) {
+        r->kind = TRACE_FD_FRAME;
+        r->frame.flags |= CW_FRAME_FD;
+        return;
+    }
+    r->frame.flags &= CW_FRAME_EXTENDED;
+    if (flags & FLAG_REMOTE)
+        r->frame.flags |= CW_FRAME_REMOTE;
+}
+
+/* Reads an event of a CAN FD controller; `word` follows the number of the channel. */
+static trace_result read_fd_event(trace_input *in, const asc_state *s, trace_record *r,
+                                  const char *word)
+{
+    unsigned length = 0;
+    bool moved = trace_is_word(word, "Rx") || trace_is_word(word, "Tx");
+    bool error = begins(word, "ErrorFrame") || begins(next_word(word), "ErrorFrame");
+    if (!moved || error) {
+        r->kind = error ? TRACE_ERROR_FRAME : TRACE_OTHER;
+        return TRACE_RECORD;
+    }
+    word = next_word(word);
+    if (read_id(in, s, r, word) != TRACE_RECORD)
+        return TRACE_BAD;
+    word = next_word(word);
+    if (read_fd_head(in, s, r, &length, &word) != TRACE_RECORD ||
+        read_bytes(in, s, r, length, &word) != TRACE_RECORD)
+        return TRACE_BAD;
+    set_format(r, length, word);
+    if (cw_frame_length(&r->frame) != length)
+        return trace_bad_text(in, word, "%u data bytes, but the data length code says %u", length,
+                              cw_frame_length(&r->frame));
     return TRACE_RECORD;
 }
 
@@ -183,13 +275,14 @@ static trace_result read_event(trace_input *in, asc_state *s, trace_record *r, c
     bool channel = length > 0 && strspn(word, "0123456789") == length;
     if (channel)
         trace_set_channel(r, word, length);
-    r->kind = fd ? TRACE_FD_FRAME : xl ? TRACE_XL_FRAME : TRACE_OTHER;
+    r->kind = xl ? TRACE_XL_FRAME : TRACE_OTHER;
     if (begins(word, "Start of measurement"))
         r->kind = TRACE_MARK;
-    if (fd || xl || !channel)
+    if (xl || !channel)
         return TRACE_RECORD;
     r->kind = TRACE_FRAME;
-    return read_channel_event(in, s, r, next_word(word));
+    return fd ? read_fd_event(in, s, r, next_word(word))
+              : read_channel_event(in, s, r, next_word(word));
 }
 
 trace_result asc_next(trace_input *in, asc_state *state, trace_record *record)

@@ -16,7 +16,6 @@
 #define BASE_DIGITS 3u
 #define EXTENDED_DIGITS 8u
 #define ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG */
-#define CLASSIC_LENGTH_MAX 8u
 #define YEAR_MAX 2200u /* nanoseconds since 1970 do not overflow */
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
@@ -26,7 +25,7 @@ static const char line_problem[] =
     "'(000.000000)  vcan0  123   [4]  DE AD BE EF'";
 static const char stamp_problem[] = "expected a time such as (1436509052.249713), (000.000000) or "
                                     "(2024-02-29 12:34:56.000000)";
-static const char length_problem[] = "expected a length: [0] to [8], {9} to {F}, two digits for "
+static const char length_problem[] = "expected a length: [0] to [8], {9} to {F}, [00] to [64] for "
                                      "CAN FD";
 
 /* ---- Time stamps ----------------------------------------------------------------------------- */
@@ -115,7 +114,7 @@ static trace_result read_log_frame(trace_input *in, trace_record *r, const char 
         r->kind = TRACE_FD_FRAME;
     else if (memchr(sign, ':', length - (size_t)(sign - word)))
         r->kind = TRACE_XL_FRAME; /* 05123#81:00:12345678#... */
-    if (r->kind != TRACE_FRAME)
+    if (r->kind != TRACE_FRAME && r->kind != TRACE_FD_FRAME)
         return TRACE_RECORD;
     if (length >= sizeof text)
         return trace_bad_text(in, word, "%s", line_problem);
@@ -129,14 +128,18 @@ static trace_result read_log_frame(trace_input *in, trace_record *r, const char 
 
 /* ---- Screen lines ---------------------------------------------------------------------------- */
 
-/* Skips "RX - -" or "TX B E" before the identifier, with -x. */
-static const char *pass_direction(const char *text)
+/* Reads "RX - -" or "TX B E" before the identifier, with -x. Without it BRS and ESI of CAN FD
+ * frames are not known. */
+static const char *read_direction(uint8_t *fd_flags, const char *text)
 {
+    *fd_flags = 0;
     if (!trace_is_word(text, "RX") && !trace_is_word(text, "TX"))
         return text;
     text = trace_blanks(text + trace_word(text));
-    for (unsigned i = 0; i < 2 && trace_word(text) == 1 && strchr("BE-", *text); i++)
+    for (unsigned i = 0; i < 2 && trace_word(text) == 1 && strchr("BE-", *text); i++) {
+        *fd_flags |= *text == 'B' ? CW_FRAME_BRS : *text == 'E' ? CW_FRAME_ESI : 0;
         text = trace_blanks(text + 1);
+    }
     return text;
 }
 
@@ -159,8 +162,24 @@ static trace_result read_id(trace_input *in, trace_record *r, const char **text)
     return TRACE_RECORD;
 }
 
-/* Reads "[4]", "{F}" for a DLC above 8, or "[08]" for a CAN FD frame. */
-static trace_result read_length(trace_input *in, trace_record *r, const char **text)
+/* Reads the decimal length of a CAN FD frame, "[08]", or of a frame that has 64 bytes of room. */
+static trace_result read_fd_length(trace_input *in, trace_record *r, unsigned *count,
+                                   const char *text)
+{
+    if (strspn(text + 1, "0123456789") != 2 || text[3] != ']')
+        return trace_bad_text(in, text, "%s", length_problem);
+    *count = (unsigned)(text[1] - '0') * 10 + (unsigned)(text[2] - '0');
+    if (*count > CW_FRAME_DATA_MAX)
+        return trace_bad_text(in, text, "%s", length_problem);
+    r->frame.flags |= CW_FRAME_FD;
+    r->frame.dlc = (uint8_t)cw_fd_dlc(*count);
+    return TRACE_RECORD;
+}
+
+/* Reads "[4]", "{F}" for a DLC above 8, or "[08]" for a CAN FD frame. *count is the number of data
+ * bytes that follow. */
+static trace_result read_length(trace_input *in, trace_record *r, unsigned *count,
+                                const char **text)
 {
     const char *t = *text;
     uint32_t length = 0;
@@ -168,13 +187,16 @@ static trace_result read_length(trace_input *in, trace_record *r, const char **t
     bool raw = t[0] == '{';
     if ((t[0] != '[' && !raw) || digits < 1 || digits > 2 || t[digits + 1] != (raw ? '}' : ']'))
         return trace_bad_text(in, t, "%s", length_problem);
-    (void)trace_hex(&length, t + 1, digits);
-    if (digits == 2 && !raw)
+    *text = trace_blanks(t + digits + 2);
+    if (digits == 2 && !raw) {
         r->kind = r->kind == TRACE_FRAME ? TRACE_FD_FRAME : r->kind;
-    else if (digits != 1 || (length > CLASSIC_LENGTH_MAX) != raw)
+        return read_fd_length(in, r, count, t);
+    }
+    (void)trace_hex(&length, t + 1, digits);
+    if (digits != 1 || (length > CW_CLASSICAL_DATA_MAX) != raw)
         return trace_bad_text(in, t, "%s", length_problem);
     r->frame.dlc = (uint8_t)length;
-    *text = trace_blanks(t + digits + 2);
+    *count = cw_frame_length(&r->frame);
     return TRACE_RECORD;
 }
 
@@ -206,10 +228,9 @@ static void reverse(uint8_t *bytes, unsigned count)
 }
 
 /* Reads the data. With -S the last byte comes first, and ` separates the bytes. */
-static trace_result read_data(trace_input *in, trace_record *r, const char *text)
+static trace_result read_data(trace_input *in, trace_record *r, unsigned count, const char *text)
 {
     bool swapped = false;
-    unsigned count = cw_frame_length(&r->frame);
     for (unsigned i = 0; i < count; i++) {
         size_t digits = read_byte(&r->frame.data[i], text);
         if (digits == 0)
@@ -229,13 +250,17 @@ static trace_result read_data(trace_input *in, trace_record *r, const char *text
 static trace_result read_screen_frame(trace_input *in, trace_record *r, const char *text)
 {
     static const char remote[] = "remote request";
-    text = pass_direction(text);
-    if (read_id(in, r, &text) != TRACE_RECORD || read_length(in, r, &text) != TRACE_RECORD)
+    uint8_t fd_flags;
+    unsigned count = 0; /* compilers do not see that it is assigned */
+    text = read_direction(&fd_flags, text);
+    if (read_id(in, r, &text) != TRACE_RECORD || read_length(in, r, &count, &text) != TRACE_RECORD)
         return TRACE_BAD;
-    if (r->kind != TRACE_FRAME)
+    if (r->kind == TRACE_FD_FRAME)
+        r->frame.flags |= fd_flags;
+    if (r->kind != TRACE_FRAME && r->kind != TRACE_FD_FRAME)
         return TRACE_RECORD;
-    if (strncmp(text, remote, strlen(remote)) != 0)
-        return read_data(in, r, text);
+    if (r->kind == TRACE_FD_FRAME || strncmp(text, remote, strlen(remote)) != 0)
+        return read_data(in, r, count, text);
     r->frame.flags |= CW_FRAME_REMOTE;
     text = trace_blanks(text + strlen(remote));
     if (*text != '\0')

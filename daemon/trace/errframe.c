@@ -34,16 +34,23 @@ static const struct {
     [CW_ERROR_ACK] = {CAN_ERR_ACK, CAN_ERR_PROT_UNSPEC},
 };
 
-/* data[3] by field; location() refines ID and RTR. */
+/* data[3] by field; location() refines ID and RTR. BRS and ESI of CAN FD frames have no code of
+ * their own. They come just before the DLC. */
 static const uint8_t locations[CW_FIELD_COUNT] = {
     [CW_FIELD_SOF] = CAN_ERR_PROT_LOC_SOF,
     [CW_FIELD_SRR] = CAN_ERR_PROT_LOC_SRTR,
     [CW_FIELD_IDE] = CAN_ERR_PROT_LOC_IDE,
     [CW_FIELD_R1] = CAN_ERR_PROT_LOC_RES1,
     [CW_FIELD_R0] = CAN_ERR_PROT_LOC_RES0,
+    [CW_FIELD_FDF] = CAN_ERR_PROT_LOC_RES0,
+    [CW_FIELD_RES] = CAN_ERR_PROT_LOC_RES0,
+    [CW_FIELD_BRS] = CAN_ERR_PROT_LOC_DLC,
+    [CW_FIELD_ESI] = CAN_ERR_PROT_LOC_DLC,
     [CW_FIELD_DLC] = CAN_ERR_PROT_LOC_DLC,
     [CW_FIELD_DATA] = CAN_ERR_PROT_LOC_DATA,
+    [CW_FIELD_STUFF_COUNT] = CAN_ERR_PROT_LOC_CRC_SEQ,
     [CW_FIELD_CRC] = CAN_ERR_PROT_LOC_CRC_SEQ,
+    [CW_FIELD_FIXED_STUFF] = CAN_ERR_PROT_LOC_CRC_SEQ,
     [CW_FIELD_CRC_DELIMITER] = CAN_ERR_PROT_LOC_CRC_DEL,
     [CW_FIELD_ACK_SLOT] = CAN_ERR_PROT_LOC_ACK,
     [CW_FIELD_ACK_DELIMITER] = CAN_ERR_PROT_LOC_ACK_DEL,
@@ -169,6 +176,7 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
     case CW_EVENT_OVERLOAD:
+    case CW_EVENT_EXCEPTION:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
     case CW_EVENT_SKIP:

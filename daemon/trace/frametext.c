@@ -11,14 +11,13 @@
 #include <stdio.h>
 #include <string.h>
 
-#define CLASSIC_DATA_MAX 8u
 #define DLC_MAX 15u
 #define BASE_DIGITS 3u
 #define EXTENDED_DIGITS 8u
 #define MASK_DIGITS_MAX 8u
 #define FILTER_ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG of the kernel's can_id */
 #define ERROR_MASK_ALL 0x1FFFFFFFu    /* CAN_ERR_MASK */
-#define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own */
+#define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own, without FD */
 
 #define HEX_DIGITS "0123456789ABCDEFabcdef"
 #define DECIMAL_DIGITS "0123456789"
@@ -29,6 +28,10 @@ static const char identifier_problem[] =
 static const char frame_problem[] =
     "expected a frame such as 123#DEADBEEF, 12345678#, 123#R4 or 123#1122334455667788_F";
 
+static const char fd_frame_problem[] =
+    "expected a CAN FD frame such as 123##1DEADBEEF, behind ## one digit of flags: 1 BRS, 2 ESI, "
+    "3 both, or 0";
+
 static const char filter_problem[] =
     "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, separated by ','";
 
@@ -36,6 +39,12 @@ static const char position_problem[] =
     "expected a position: sof id[0..28] srr ide rtr r0 r1 dlc[0..3] data[BYTE.BIT] crc[0..14] "
     "crc-delimiter ack-slot ack-delimiter eof[0..6] intermission[0..2] suspend[0..7] stuff[N] "
     "bit[N] error-flag[N] error-delimiter[N] overload-flag[N] overload-delimiter[N]";
+
+static const char fd_position_problem[] =
+    "expected a position: sof id[0..28] srr ide rtr r0 r1 fdf res brs esi dlc[0..3] "
+    "data[BYTE.BIT] stuff-count[0..3] crc[0..20] fixed-stuff[N] crc-delimiter ack-slot "
+    "ack-slot[0..1] ack-delimiter eof[0..6] intermission[0..2] suspend[0..7] stuff[N] bit[N] "
+    "error-flag[N] error-delimiter[N] overload-flag[N] overload-delimiter[N]";
 
 static const char error_mask_problem[] =
     "expected an error filter #MASK, 1 to 8 hexadecimal digits with a class of linux/can/error.h";
@@ -52,11 +61,12 @@ static uint32_t hex_value(const char *text, size_t digits);
 static bool identifier_valid(uint32_t id, size_t digits);
 static const char *parse_frame_id(cw_frame *frame, const char **text);
 static const char *parse_remote(cw_frame *frame, const char *text);
+static const char *parse_fd(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 static const char *parse_byte(text_bytes *bytes, const char *text);
 static cw_field find_field(const char *name, size_t length);
-static bool parse_index(uint16_t *index, cw_field field, const char *text);
+static bool parse_index(uint16_t *index, cw_field field, const char *text, bool fd);
 
 const char *text_parse_frame(cw_frame *out, const char *text)
 {
@@ -64,7 +74,7 @@ const char *text_parse_frame(cw_frame *out, const char *text)
     const char *problem = parse_frame_id(&frame, &text);
 
     if (!problem && *text == '#')
-        problem = "CAN FD frames (##) are not supported yet";
+        problem = parse_fd(&frame, text + 1);
     else if (!problem && (*text == 'R' || *text == 'r'))
         problem = parse_remote(&frame, text + 1);
     else if (!problem)
@@ -77,7 +87,8 @@ const char *text_parse_frame(cw_frame *out, const char *text)
 char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
 {
     bool wide_id = (frame->flags & CW_FRAME_EXTENDED) || frame->id > CW_BASE_ID_MAX;
-    bool fd = frame->flags & CW_FRAME_FD, remote = frame->flags & CW_FRAME_REMOTE;
+    bool fd = frame->flags & (CW_FRAME_FD | CW_FRAME_CUT);
+    bool remote = frame->flags & CW_FRAME_REMOTE;
     uint8_t dlc = frame->dlc;
     char *end = chars_hex(out, frame->id, wide_id ? EXTENDED_DIGITS : BASE_DIGITS);
 
@@ -86,11 +97,10 @@ char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame)
         end = print_fd_flags(end, frame->flags);
     else if (remote)
         *end++ = 'R';
-    /* the part of a CAN FD frame that is kept */
     end = chars_bytes(end, frame->data, cw_frame_length(frame));
     if (!fd && remote && dlc > 0)
-        *end++ = (char)('0' + (dlc < CLASSIC_DATA_MAX ? dlc : CLASSIC_DATA_MAX));
-    if (!fd && dlc > CLASSIC_DATA_MAX) {
+        *end++ = (char)('0' + (dlc < CW_CLASSICAL_DATA_MAX ? dlc : CW_CLASSICAL_DATA_MAX));
+    if (!fd && dlc > CW_CLASSICAL_DATA_MAX) {
         *end++ = '_';
         end = chars_hex(end, dlc, dlc > DLC_MAX ? 2 : 1);
     }
@@ -173,17 +183,25 @@ const char *text_parse_levels(text_levels *out, const char *text)
     return NULL;
 }
 
-const char *text_parse_position(cw_field *field, uint16_t *index, const char *text)
+/* Returns true for a field that classical frames do not have. */
+static bool is_of_fd(cw_field field)
 {
+    return cw_field_bits(field, false) == 0 && cw_field_bits(field, true) > 0;
+}
+
+const char *text_parse_position(cw_field *field, uint16_t *index, const char *text, bool fd)
+{
+    const char *problem = fd ? fd_position_problem : position_problem;
     size_t length = strcspn(text, "[");
     cw_field found = find_field(text, length);
+    bool single = cw_field_bits(found, fd) == 1;
     uint16_t number = 0;
 
-    if (found == CW_FIELD_NONE)
-        return position_problem;
-    if (cw_field_bits(found) == 1 ? text[length] != '\0'
-                                 : !parse_index(&number, found, text + length))
-        return position_problem;
+    if (found == CW_FIELD_NONE || (is_of_fd(found) && !fd))
+        return problem;
+    if (text[length] == '\0' ? !single && cw_field_bits(found, false) != 1
+                             : single || !parse_index(&number, found, text + length, fd))
+        return problem;
     *field = found;
     *index = number;
     return NULL;
@@ -251,7 +269,7 @@ static const char *parse_raw_dlc(cw_frame *frame, const char *text)
         return frame_problem;
 
     unsigned dlc = hex_digit(text[1]);
-    if (frame->dlc != CLASSIC_DATA_MAX || dlc <= CLASSIC_DATA_MAX || dlc > DLC_MAX ||
+    if (frame->dlc != CW_CLASSICAL_DATA_MAX || dlc <= CW_CLASSICAL_DATA_MAX || dlc > DLC_MAX ||
         text[2] != '\0')
         return "a raw DLC is _9 to _F after exactly 8 data bytes or R8";
     frame->dlc = (uint8_t)dlc;
@@ -269,19 +287,49 @@ static const char *parse_remote(cw_frame *frame, const char *text)
     return parse_raw_dlc(frame, text + 1);
 }
 
+/* Reads pairs of digits up to other text; *count is their number. */
+static const char *parse_pairs(cw_frame *frame, unsigned *count, unsigned max, const char **text)
+{
+    while (hex_digit(**text) < 16) {
+        if (hex_digit((*text)[1]) > 15)
+            return "data bytes have two hexadecimal digits";
+        if (*count == max)
+            return max == CW_CLASSICAL_DATA_MAX ? "a frame has at most 8 data bytes"
+                                                : "a CAN FD frame has at most 64 data bytes";
+        frame->data[(*count)++] = (uint8_t)hex_value(*text, 2);
+        *text += 2;
+        if (**text == '.' && hex_digit((*text)[1]) < 16)
+            (*text)++;
+    }
+    return NULL;
+}
+
 static const char *parse_data(cw_frame *frame, const char *text)
 {
-    while (hex_digit(*text) < 16) {
-        if (hex_digit(text[1]) > 15)
-            return "data bytes have two hexadecimal digits";
-        if (frame->dlc == CLASSIC_DATA_MAX)
-            return "a frame has at most 8 data bytes";
-        frame->data[frame->dlc++] = (uint8_t)hex_value(text, 2);
-        text += 2;
-        if (*text == '.' && hex_digit(text[1]) < 16)
-            text++;
-    }
-    return parse_raw_dlc(frame, text);
+    unsigned count = 0;
+    const char *problem = parse_pairs(frame, &count, CW_CLASSICAL_DATA_MAX, &text);
+
+    frame->dlc = (uint8_t)count;
+    return problem ? problem : parse_raw_dlc(frame, text);
+}
+
+/* Reads the digit of flags and the data. A length that no FD frame has is rounded up, as cansend
+ * does (D2). */
+static const char *parse_fd(cw_frame *frame, const char *text)
+{
+    unsigned count = 0, flags = hex_digit(*text++);
+
+    if (flags > 15)
+        return fd_frame_problem;
+    if (*text == '.' && hex_digit(text[1]) < 16)
+        text++;
+    const char *problem = parse_pairs(frame, &count, CW_FRAME_DATA_MAX, &text);
+    if (problem || *text != '\0')
+        return problem ? problem : fd_frame_problem;
+    frame->flags |= CW_FRAME_FD;
+    frame->flags |= (uint8_t)((flags & 1u ? CW_FRAME_BRS : 0) | (flags & 2u ? CW_FRAME_ESI : 0));
+    frame->dlc = (uint8_t)cw_fd_dlc(count);
+    return NULL;
 }
 
 /* Reads ID:MASK or ID~MASK as candump does; an identifier of 8 digits is extended. */
@@ -366,7 +414,7 @@ static bool parse_nibble(text_bytes *bytes, char c)
 /* Adds a byte; returns the text behind it, or NULL. */
 static const char *parse_byte(text_bytes *bytes, const char *text)
 {
-    if (bytes->length == CLASSIC_DATA_MAX || !parse_nibble(bytes, text[0]) ||
+    if (bytes->length == CW_CLASSICAL_DATA_MAX || !parse_nibble(bytes, text[0]) ||
         !parse_nibble(bytes, text[1]))
         return NULL;
     bytes->length++;
@@ -396,14 +444,14 @@ static bool parse_small(unsigned *out, const char **text)
     return true;
 }
 
-static unsigned index_count(cw_field field)
+static unsigned index_count(cw_field field, bool fd)
 {
-    unsigned bits = cw_field_bits(field);
-    return bits > 0 ? bits : OPEN_INDEX_COUNT;
+    unsigned bits = cw_field_bits(field, fd);
+    return bits > 0 ? bits : fd ? CW_BITS_MAX : OPEN_INDEX_COUNT;
 }
 
 /* Reads "[N]", or "[BYTE.BIT]" for data. */
-static bool parse_index(uint16_t *index, cw_field field, const char *text)
+static bool parse_index(uint16_t *index, cw_field field, const char *text, bool fd)
 {
     unsigned number;
     unsigned bit;
@@ -415,7 +463,7 @@ static bool parse_index(uint16_t *index, cw_field field, const char *text)
             return false;
         number = number * 8 + bit;
     }
-    if (strcmp(text, "]") != 0 || number >= index_count(field))
+    if (strcmp(text, "]") != 0 || number >= index_count(field, fd))
         return false;
     *index = (uint16_t)number;
     return true;

@@ -10,15 +10,17 @@
 
 #include "canwire.h"
 
-#define FRAME_TEXT_MAX 64  /* bytes of a printed frame with its final 0 */
+#define FRAME_TEXT_MAX 144 /* bytes of a printed frame with its final 0 */
 #define FILTER_TEXT_MAX 24 /* bytes of a printed filter with its final 0 */
 
 /* Reads can-utils notation: 123#DEADBEEF, 12345678#, 123#R4, 123#1122334455667788_F. Dots may
- * separate bytes. FD frames (##) and identifiers out of range are refused. */
+ * separate bytes. 123##1DEADBEEF is a CAN FD frame. Behind ## is a digit of flags, 1 BRS and 2 ESI.
+ * The flags 4 and 8 are ignored, as the kernel sets 4 in all FD frames. Zero bytes are added up to
+ * a length that FD frames can have (D2). Identifiers out of range are refused. */
 const char *text_parse_frame(cw_frame *out, const char *text);
 
 /* Prints the same notation in upper case. Invalid frames are printed, too (a bad identifier with 8
- * digits). */
+ * digits), and of a frame with CW_FRAME_CUT the bytes that are there. */
 char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
 
 /* Reads can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK",
@@ -55,7 +57,9 @@ typedef struct text_levels {
 
 const char *text_parse_levels(text_levels *out, const char *text);
 
-/* Reads a fault position: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]". */
-const char *text_parse_position(cw_field *field, uint16_t *index, const char *text);
+/* Reads a fault position: "crc[3]", "data[2.7]", "ack-slot", "stuff[1]", "bit[17]"; with fd also
+ * those of CAN FD frames alone, "brs", "fixed-stuff[2]". The ack-slot of these has two bits: the
+ * name alone is the first one. */
+const char *text_parse_position(cw_field *field, uint16_t *index, const char *text, bool fd);
 
 #endif

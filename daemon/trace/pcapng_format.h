@@ -33,9 +33,12 @@
 /* A packet is a CAN frame in SocketCAN's layout with a big-endian identifier. */
 #define CAN_HEAD 8u       /* identifier, length, flags, reserved, DLC over 8 */
 #define CAN_BYTES_MAX 16u /* of a classical frame */
+#define CAN_FD_BYTES_MAX 72u
 #define CAN_EXTENDED 0x80000000u
 #define CAN_REMOTE 0x40000000u
 #define CAN_ERROR 0x20000000u
+#define CAN_BRS 0x01u /* flags of CAN FD frames */
+#define CAN_ESI 0x02u
 #define CAN_FDF 0x04u
 #define CAN_XLF 0x80u
 

@@ -95,23 +95,10 @@ typedef struct packet {
     uint16_t link_type;
 } packet;
 
-static trace_result read_frame(trace_input *in, trace_record *r, const packet *p,
-                               const unsigned char *b)
+static trace_result read_data(trace_input *in, trace_record *r, const packet *p,
+                              const unsigned char *b)
 {
-    uint32_t id = big32(b);
-    uint8_t length = b[4];
-    if (length > 8)
-        return trace_bad_byte(in, p->place, "a classical CAN frame with %u data bytes", length);
-    r->frame.flags = (uint8_t)(id & CAN_EXTENDED ? CW_FRAME_EXTENDED : 0);
-    r->frame.id = id & (CAN_REMOTE - 1);
-    if (r->frame.id > (r->frame.flags ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX))
-        return trace_bad_byte(
-            in, p->place, "the identifier %" PRIX32 " of a base frame is over 7FF", r->frame.id);
-    r->frame.dlc = length == 8 && b[7] > 8 && b[7] <= 15 ? b[7] : length;
-    if (id & CAN_REMOTE) {
-        r->frame.flags |= CW_FRAME_REMOTE;
-        return TRACE_RECORD;
-    }
+    unsigned length = b[4];
     if (p->captured < CAN_HEAD + length)
         return trace_bad_byte(
             in, p->place, "%" PRIu32 " bytes of a CAN frame of %u: cut off when it was captured",
@@ -120,11 +107,54 @@ static trace_result read_frame(trace_input *in, trace_record *r, const packet *p
     return TRACE_RECORD;
 }
 
+/* Reads the identifier and whether it is an extended one. */
+static trace_result read_id(trace_input *in, trace_record *r, const packet *p, uint32_t id)
+{
+    r->frame.flags = (uint8_t)(id & CAN_EXTENDED ? CW_FRAME_EXTENDED : 0);
+    r->frame.id = id & (CAN_REMOTE - 1);
+    if (r->frame.id > (r->frame.flags ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX))
+        return trace_bad_byte(
+            in, p->place, "the identifier %" PRIX32 " of a base frame is over 7FF", r->frame.id);
+    return TRACE_RECORD;
+}
+
+static trace_result read_frame(trace_input *in, trace_record *r, const packet *p,
+                               const unsigned char *b)
+{
+    uint32_t id = big32(b);
+    uint8_t length = b[4];
+    if (length > 8)
+        return trace_bad_byte(in, p->place, "a classical CAN frame with %u data bytes", length);
+    if (read_id(in, r, p, id) != TRACE_RECORD)
+        return TRACE_BAD;
+    r->frame.dlc = length == 8 && b[7] > 8 && b[7] <= 15 ? b[7] : length;
+    if (id & CAN_REMOTE) {
+        r->frame.flags |= CW_FRAME_REMOTE;
+        return TRACE_RECORD;
+    }
+    return read_data(in, r, p, b);
+}
+
+/* Reads a CAN FD frame. A length that none has is rounded up (D2), as drivers do. */
+static trace_result read_fd_frame(trace_input *in, trace_record *r, const packet *p,
+                                  const unsigned char *b)
+{
+    uint8_t length = b[4];
+    if (length > CW_FRAME_DATA_MAX)
+        return trace_bad_byte(in, p->place, "a CAN FD frame with %u data bytes", length);
+    if (read_id(in, r, p, big32(b) & ~CAN_REMOTE & ~CAN_ERROR) != TRACE_RECORD)
+        return TRACE_BAD;
+    r->frame.flags |= (uint8_t)(CW_FRAME_FD | (b[5] & CAN_BRS ? CW_FRAME_BRS : 0) |
+                                (b[5] & CAN_ESI ? CW_FRAME_ESI : 0));
+    r->frame.dlc = (uint8_t)cw_fd_dlc(length);
+    return read_data(in, r, p, b);
+}
+
 /* Takes the bytes of a packet, and the padding up to `space`. */
 static trace_result read_packet(trace_input *in, trace_record *r, const packet *p, uint32_t space)
 {
     const unsigned char *b;
-    uint32_t count = p->captured < CAN_BYTES_MAX ? p->captured : CAN_BYTES_MAX;
+    uint32_t count = p->captured < CAN_FD_BYTES_MAX ? p->captured : CAN_FD_BYTES_MAX;
     r->place = p->place;
     if (p->link_type != LINKTYPE_CAN_SOCKETCAN) {
         r->kind = TRACE_OTHER;
@@ -143,8 +173,10 @@ static trace_result read_packet(trace_input *in, trace_record *r, const packet *
         r->kind = TRACE_FD_FRAME;
     else if (big32(b) & CAN_ERROR)
         r->kind = TRACE_ERROR_FRAME;
-    else
+    if (r->kind == TRACE_FRAME)
         result = read_frame(in, r, p, b);
+    else if (r->kind == TRACE_FD_FRAME)
+        result = read_fd_frame(in, r, p, b);
     return result == TRACE_RECORD ? trace_skip(in, space - count) : result;
 }
 

@@ -24,7 +24,7 @@ typedef enum trace_format {
 typedef enum trace_kind {
     TRACE_FRAME = 0,   /* a classical frame, valid as cw_frame_valid() says */
     TRACE_ERROR_FRAME, /* an error on the bus that a driver or a tool noted */
-    TRACE_FD_FRAME,
+    TRACE_FD_FRAME,    /* a CAN FD frame, valid in the same way */
     TRACE_XL_FRAME,
     TRACE_OTHER, /* an event of a tool, a packet without a CAN frame, an unknown block */
     TRACE_MARK,  /* the beginning of the recording: it is not replayed, but it has a time */
@@ -38,7 +38,7 @@ typedef struct trace_record {
     uint64_t place;                  /* line from 1; in pcapng: byte from 0 */
     unsigned column;                 /* of the first word of its line, from 1; in pcapng: 0 */
     char channel[TRACE_CHANNEL_MAX]; /* interface or number of the channel; "" when it has none */
-    cw_frame frame;                  /* TRACE_FRAME */
+    cw_frame frame;                  /* TRACE_FRAME and TRACE_FD_FRAME */
 } trace_record;
 
 typedef enum trace_result {

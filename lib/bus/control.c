@@ -12,7 +12,8 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
     bus_node *n = &bus->nodes[i];
     if (!cw_mac_force_error(cw_own_mac(bus, i)))
         return;
-    cw_frame frame = n->queue.slots[n->offered_slot].frame;
+    cw_frame frame;
+    cw_frame_copy(&frame, cw_queue_at(&n->queue, n->offered_slot)->frame);
     cw_remove_slot(bus, i, n->offered_slot);
     cw_push_drop(bus, i, CW_SIDE_TX, &frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }

@@ -57,8 +57,11 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
 /* Resets the controller as at a stop and start: all that rules did to it meanwhile is gone. */
 static void reset_controller(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
-    cw_mac_init(cw_own_mac(bus, i), n->mac.modes, n->mac.confinement.warning_limit);
+    cw_mac *m = cw_own_mac(bus, i);
+    const unsigned protocol = m->protocol;
+    cw_fd_part *fd = m->fd;
+    cw_mac_init(m, m->modes, m->confinement.warning_limit);
+    (void)cw_mac_set_protocol(m, protocol, fd);
     bus->restarts[i].at = CW_NEVER;
     cw_find_next_restart(bus);
     cw_flush_queue(bus, i, CW_DROP_LINK_DOWN);
@@ -155,7 +158,7 @@ static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
     bus_node *n = &bus->nodes[i];
     cw_mac_set_modes(cw_own_mac(bus, i), (n->mac.modes & ~(unsigned)s->modes_mask) |
                                   (s->modes & (unsigned)s->modes_mask));
-    if (n->mac.modes & CW_MODE_LISTEN_ONLY) {
+    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED)) {
         n->mac.offered = false;
         cw_flush_queue(bus, i, CW_DROP_LISTEN_ONLY);
     }

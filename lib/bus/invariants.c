@@ -64,7 +64,7 @@ static void assert_sums(const cw_bus *bus)
     assert(bus->load.bits == bus->stats.bits);
     assert(bus->inbox.next == CW_NEVER || bus->inbox.count > 0);
     assert(bus->inbox.count == 0 ||
-           bus->inbox.entries[bus->inbox.first].at_tick == bus->inbox.next);
+           cw_inbox_at(&bus->inbox, 0)->at_tick == bus->inbox.next);
     assert(is_subset(bus->removed, bus->detached) && is_subset(bus->detached, bus->all));
 }
 
@@ -89,7 +89,8 @@ static void assert_followers(const cw_bus *bus)
         const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
         assert(m->phase == CW_MAC_IDLE && m->role == CW_ROLE_NONE);
         assert(!m->no_ack && m->overloads_wanted == 0);
-        assert(!(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK)));
+        assert(!(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED)));
+        assert(m->protocol == bus->common.protocol);
         assert(!cw_confinement_passive(&m->confinement));
     }
 }
@@ -125,7 +126,7 @@ static void assert_ring(const event_ring *ring)
     for (unsigned i = 1; i < ring->count && i <= EVENTS_CHECKED; i++) {
         unsigned place = (ring->first + ring->count - i) % ring->capacity;
         unsigned before = (place + ring->capacity - 1) % ring->capacity;
-        assert(ring->events[before].tick <= ring->events[place].tick);
+        assert(cw_ring_at(ring, before)->tick <= cw_ring_at(ring, place)->tick);
     }
 }
 

@@ -12,7 +12,17 @@
 static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
-           c->warning_limit >= 1 && c->warning_limit <= 255;
+           c->warning_limit >= 1 && c->warning_limit <= 255 &&
+           (c->protocol & CW_PROTOCOL_MASK) <= CW_FD;
+}
+
+/* Returns true when some node knows FD frames. */
+static bool has_fd(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if ((c->nodes[i].protocol & CW_PROTOCOL_MASK) == CW_FD)
+            return true;
+    return false;
 }
 
 static bool config_valid(const cw_bus_config *c)
@@ -70,10 +80,10 @@ static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
         uint16_t capacity = queue_room(c, i);
-        cw_queue_slot *slots = carve(a, capacity, sizeof *slots);
+        void *slots = carve(a, capacity, cw_queue_slot_size(has_fd(c)));
         cw_queue_place *order = carve(a, capacity, sizeof *order);
         if (nodes)
-            cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order);
+            cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order, has_fd(c));
     }
 }
 
@@ -84,10 +94,12 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
     cw_rule_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
     uint16_t *wildcards = carve(a, capacity, sizeof *wildcards);
     uint16_t *awake = carve(a, capacity, sizeof *awake);
-    held_frame *held = carve(a, CW_HELD_FRAMES, sizeof *held);
+    const size_t held_size = cw_held_frame_size(has_fd(c));
+    void *held = carve(a, CW_HELD_FRAMES, held_size);
     if (set)
         *set = (cw_rule_set){.rules = rules, .keys = keys, .wildcards = wildcards,
-                             .awake = awake, .held = held, .capacity = (unsigned)capacity,
+                             .awake = awake, .held = held, .held_size = (unsigned)held_size,
+                             .capacity = (unsigned)capacity,
                              .stale = true, .next_due = CW_NEVER};
 }
 
@@ -140,15 +152,22 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_bus *bus = carve(a, 1, sizeof *bus);
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
     restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
-    inbox_entry *entries = carve(a, c->inbox, sizeof *entries);
-    cw_event *ring = carve(a, events, sizeof *ring);
+    const size_t entry_size = cw_inbox_entry_size(has_fd(c));
+    const size_t event_size = cw_ring_event_size(has_fd(c));
+    void *entries = carve(a, c->inbox, entry_size);
+    void *ring = carve(a, events, event_size);
+    cw_fd_part *fd_parts = has_fd(c) ? carve(a, c->node_count + 1u, sizeof *fd_parts) : NULL;
     if (bus) {
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         bus->nodes = nodes;
         bus->restarts = restarts;
-        bus->inbox = (inbox){.entries = entries, .capacity = c->inbox, .next = CW_NEVER};
-        bus->ring = (event_ring){.events = ring, .capacity = events};
+        bus->fd = has_fd(c);
+        bus->fd_parts = fd_parts;
+        bus->inbox = (inbox){.entries = entries, .entry_size = (unsigned)entry_size,
+                             .capacity = c->inbox, .next = CW_NEVER};
+        bus->ring = (event_ring){.events = ring, .event_size = (unsigned)event_size,
+                                 .capacity = events};
     }
     carve_rules(a, bus ? &bus->rules : NULL, c);
     carve_timed(a, bus ? &bus->timed : NULL, c);
@@ -168,7 +187,9 @@ size_t cw_bus_size(const cw_bus_config *config)
 static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
 {
     bus_node *n = &bus->nodes[i];
+    const bool fd = (c->protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
+    (void)cw_mac_set_protocol(&n->mac, c->protocol, fd ? &bus->fd_parts[1 + i] : NULL);
     n->restart_ticks = c->restart_ticks;
     n->queue_limit = c->queue;
     bus->restarts[i] = (restart_times){.at = CW_NEVER};

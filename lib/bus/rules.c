@@ -48,7 +48,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
     bus->rules.bus = (cw_rule_bus){.time = &bus->time,
                                    .node_count = bus->node_count,
                                    .all = bus->all,
-                                   .seed = seed,
+                                   .seed = seed, .fd = bus->fd,
                                    .error_flag = &bus->error_flag,
                                    .overload_flag = &bus->overload_flag,
                                    .wires = bus->groups,
@@ -99,8 +99,8 @@ static void disown_frames(cw_bus *bus, unsigned rule)
     for (unsigned i = 0; i < bus->node_count; i++) {
         cw_queue *q = &bus->nodes[i].queue;
         for (unsigned k = 0; k < q->count; k++)
-            if (q->slots[cw_queue_nth(q, k)].source == rule + 1)
-                q->slots[cw_queue_nth(q, k)].source = 0;
+            if (cw_queue_at(q, cw_queue_nth(q, k))->source == rule + 1)
+                cw_queue_at(q, cw_queue_nth(q, k))->source = 0;
     }
 }
 

@@ -14,16 +14,37 @@ static bool has_begun(const cw_mac *m)
     return m->offered && m->role == CW_ROLE_TRANSMITTER;
 }
 
+/* The new bus may have no room for FD frames. */
+static void drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why)
+{
+    cw_frame short_one;
+    cw_frame_copy(&short_one, frame);
+    if (cw_frame_is_fd(frame) && !bus->fd)
+        cw_frame_cut(&short_one);
+    cw_push_drop(bus, i, CW_SIDE_TX, &short_one, why, cw_now(bus));
+}
+
+/* Puts a frame into the queue of a node, with the flags that its controller would send. */
+static bool put(bus_node *n, const cw_queue_slot *slot)
+{
+    cw_frame frame;
+    cw_frame_copy(&frame, slot->frame);
+    if (cw_frame_is_fd(&frame))
+        frame.flags = (uint8_t)cw_mac_fd_flags(&n->mac, frame.flags);
+    return cw_queue_put(&n->queue, &frame, slot->handed_in);
+}
+
 static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
 {
     bus_node *n = &bus->nodes[i];
-    const cw_queue_slot *slot = &old->queue.slots[from];
-    if (n->queue.count >= n->queue_limit ||
-        !cw_queue_put(&n->queue, &slot->frame, slot->handed_in)) {
-        cw_push_drop(bus, i, CW_SIDE_TX, &slot->frame, CW_DROP_QUEUE_FULL, cw_now(bus));
+    const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
+    cw_drop why = cw_knows_frame(bus, i, slot->frame) ? CW_DROP_QUEUE_FULL : CW_DROP_BAD_FRAME;
+    if (why == CW_DROP_BAD_FRAME || n->queue.count >= n->queue_limit ||
+        !put(n, slot)) {
+        drop(bus, i, slot->frame, why);
         return;
     }
-    n->queue.slots[n->queue.newest].tried = slot->tried;
+    cw_queue_at(&n->queue, n->queue.newest)->tried = slot->tried;
     if (old->offered_slot == from) /* of a frame under way, or of one whose end is to be reported */
         n->offered_slot = n->queue.newest;
     bus->queued++;
@@ -48,8 +69,23 @@ static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
     bus_node *n = &bus->nodes[i];
     if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
         bus->restarts[i].at = cw_automatic_restart(bus, i);
-    if (n->mac.modes & CW_MODE_LISTEN_ONLY)
+    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         (void)cw_node_set(bus, i, &no_change);
+}
+
+/* Takes the state of a controller. With another protocol it leaves the bus and integrates, as after
+ * a change of modes. */
+static void take_over_mac(cw_mac *m, const cw_mac *old)
+{
+    const unsigned protocol = m->protocol;
+    cw_fd_part *fd = m->fd;
+    const bool same = protocol == old->protocol;
+    *m = *old;
+    m->fd = fd;
+    if (same && fd)
+        *fd = *old->fd;
+    if (!same)
+        (void)cw_mac_set_protocol(m, protocol, fd);
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
@@ -60,8 +96,8 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
     take_over_queue(bus, i, old);
-    n->mac = old->mac;
-    n->mac.offered = has_begun(&old->mac);
+    take_over_mac(&n->mac, &old->mac);
+    n->mac.offered = n->mac.protocol == old->mac.protocol && has_begun(&old->mac);
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->reported_state = old->reported_state;
@@ -84,9 +120,9 @@ static void take_over_sync_stats(cw_bus *bus, const cw_bus *old, const uint8_t *
 static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->inbox.count; i++) {
-        const inbox_entry *e = &old->inbox.entries[(old->inbox.first + i) % old->inbox.capacity];
+        const inbox_entry *e = cw_inbox_at(&old->inbox, i);
         if (to[e->node] != CW_NO_NODE)
-            (void)cw_node_send(bus, to[e->node], &e->frame, e->at_tick);
+            (void)cw_node_send(bus, to[e->node], e->frame, e->at_tick);
     }
 }
 
@@ -104,9 +140,12 @@ static uint64_t renumber(uint64_t nodes, const uint8_t *to)
 static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->rules.held_count; i++) {
-        held_frame h = old->rules.held[i];
+        held_frame h;
+        cw_held_copy(&old->rules, &h, cw_held_at(&old->rules, i));
         if (to[h.node] == CW_NO_NODE)
             continue;
+        if (cw_frame_is_fd(&h.frame) && !bus->fd)
+            cw_frame_cut(&h.frame);
         h.node = to[h.node];
         h.origin.from = renumber(h.origin.from, to);
         h.due = cw_now(bus);

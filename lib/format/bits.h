@@ -8,10 +8,13 @@
 #include "canwire.h"
 
 #include "format/bitset.h"
+#include "format/layout.h"
+#include "format/parts.h"
 
 /* The stuff bits of a frame, as a set of wire bits. They follow from its levels, so cw_bits does
  * not have them. */
 typedef struct cw_stuffing {
+    unsigned words; /* that the frame has */
     uint64_t set[CW_BIT_WORDS];
 } cw_stuffing;
 
@@ -27,10 +30,42 @@ bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned ind
  * bit without stuff bits before it, so at or before the wire bit. */
 bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index);
 
-/* Does the same as cw_frame_wire_bits(), for a frame that is valid. */
-unsigned cw_bits_measure(const cw_frame *frame);
+/* Does the same as cw_frame_wire_bits(), for a classical frame that is valid. */
+unsigned cw_bits_measure_classical(const cw_frame *frame);
 
 /* Does the same as cw_bits_encode(), with some bits of the CRC sequence inverted. */
-cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted);
+cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inverted);
+
+/* Do so for a valid FD frame. */
+void cw_bits_encode_fd(cw_bits *bits, const cw_frame *frame, unsigned inverted);
+unsigned cw_bits_measure_fd(const cw_frame *frame);
+
+/* Returns the wire bits of the stuff count and the CRC of an FD frame, with fixed stuff bits. */
+unsigned cw_fd_crc_wire_bits(const cw_form *form);
+
+static inline bool cw_bits_is_fd(const cw_bits *bits)
+{
+    return bits->format & CW_BITS_FD;
+}
+
+static inline bool cw_bits_is_extended(const cw_bits *bits)
+{
+    return bits->format & CW_BITS_EXTENDED;
+}
+
+static inline cw_form cw_bits_form(const cw_bits *bits)
+{
+    return (cw_form){.data_bits = (uint16_t)(8 * bits->bytes), .fd = cw_bits_is_fd(bits),
+                     .non_iso = bits->format & CW_BITS_NON_ISO};
+}
+
+/* Returns the number of the first bits in which stuff bits follow from the levels. */
+static inline unsigned cw_bits_stuffed(const cw_bits *bits)
+{
+    if (!cw_bits_is_fd(bits))
+        return bits->length - CW_TAIL_BITS;
+    const cw_form form = cw_bits_form(bits);
+    return bits->length - CW_FD_TAIL_BITS - cw_fd_crc_wire_bits(&form);
+}
 
 #endif

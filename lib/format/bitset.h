@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * bitset.h - small bit sets: of up to 192 bits for the wire bits of a frame, words for nodes.
+ * bitset.h - small bit sets: of up to CW_BITS_MAX bits for the wire bits of a frame, words for
+ * nodes.
  */
 #ifndef CANWIRE_FORMAT_BITSET_H
 #define CANWIRE_FORMAT_BITSET_H
 
-#include <stdbool.h>
-#include <stdint.h>
-
-#define CW_BIT_WORDS 3
+#include "canwire.h"
 
 static inline bool cw_bitset_get(const uint64_t set[CW_BIT_WORDS], unsigned n)
 {

@@ -1,20 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * encode.c - frames to wire bits (F1..F7), a byte at a time.
+ * encode.c - classical frames to wire bits (F1..F7), a byte at a time.
  *
  * The bits of a frame are first laid out in whole bytes without stuff bits. A table has the wire
- * bits of each byte, given the bits before it. Five bytes become at most 50 bits. These are
- * collected in one word before they go to their place.
+ * bits of each byte, given the bits before it.
  */
 #include "format/bits.h"
 #include "format/frame.h"
 #include "format/head.h"
-#include "format/tables.h"
+#include "format/stuff.h"
 
 #include <assert.h>
 #include <string.h>
 
-#define PART_BYTES 5u
 #define PLAIN_BYTES 16u /* one more than a frame can have */
 #define LENGTHS_MASK 0xFFFu /* the bits of all bytes of a frame, in the sum of their entries */
 
@@ -25,7 +23,7 @@
 _Static_assert(CW_CRC_TABLE_BYTES == PLAIN_BYTES - 1, "crc_of() names each byte");
 _Static_assert(PAD_BITS(CW_BASE_HEAD_BITS) < 8 && PAD_BITS(CW_EXTENDED_HEAD_BITS) < 8,
                "encoding begins with a pad");
-_Static_assert(CW_FRAME_BITS_MAX <= CW_BITS_MAX, "cw_bits has room for the longest frame");
+_Static_assert(CW_CLASSICAL_FRAME_BITS_MAX <= 192, "cw_short_bits has room for the longest frame");
 
 /* A frame without stuff bits and CRC. */
 typedef struct content {
@@ -42,13 +40,6 @@ typedef struct plain_bytes {
     unsigned count;
     unsigned pad_bits;
 } plain_bytes;
-
-/* Wire bits of up to PART_BYTES bytes. The last bit is bit 63; the lowest bits are not clean. */
-typedef struct part {
-    uint64_t level;
-    uint64_t lengths; /* the number of bits in its lowest six bits */
-    uint32_t state;   /* the state of the tables */
-} part;
 
 /* ---- Not stuffed ----------------------------------------------------------------------------- */
 
@@ -121,76 +112,49 @@ static inline unsigned lay_out(plain_bytes *plain, const content *c, unsigned in
 
 /* ---- Stuffed --------------------------------------------------------------------------------- */
 
-static inline void stuff_byte(part *p, uint8_t byte)
-{
-    uint64_t entry = cw_stuff_table[p->state + byte];
-    p->level = p->level >> (entry & 63) | entry;
-    p->lengths += entry;
-    p->state = cw_stuff_next[p->state + byte];
-}
-
-static inline void stuff_five(part *p, const uint8_t bytes[PART_BYTES])
-{
-    p->level = p->lengths = 0;
-    stuff_byte(p, bytes[0]);
-    stuff_byte(p, bytes[1]);
-    stuff_byte(p, bytes[2]);
-    stuff_byte(p, bytes[3]);
-    stuff_byte(p, bytes[4]);
-}
-
-/* Appends a row of bits, the first one in the lowest bit. Takes two shifts, since a shift by 64
- * bits is not defined. */
-static inline void append(uint64_t level[4], unsigned *at, uint64_t row, unsigned length)
-{
-    unsigned word = *at / 64, shift = *at % 64;
-    level[word] |= row << shift;
-    level[word + 1] |= row >> 1 >> (63 - shift);
-    *at += length;
-}
-
-static inline void append_part(uint64_t level[4], unsigned *at, const part *p, unsigned pad_bits)
-{
-    unsigned length = p->lengths & 63;
-    append(level, at, p->level >> (64 - length) >> pad_bits, length - pad_bits);
-}
-
 /* Puts all bits from SOF on. Returns how many of them are stuffed, those before the tail. */
 static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
 {
-    part p = {.state = CW_STUFF_FIRST};
-    unsigned at = 0, n = PART_BYTES;
-    stuff_five(&p, plain->first);
-    append_part(level, &at, &p, plain->pad_bits);
-    for (; n + PART_BYTES <= plain->count; n += PART_BYTES) {
-        stuff_five(&p, plain->first + n);
-        append_part(level, &at, &p, 0);
+    cw_stuffed p = {.state = CW_STUFF_FIRST};
+    unsigned at = 0, n = CW_STUFF_BYTES;
+    cw_stuff_five(&p, plain->first);
+    cw_append_stuffed(level, &at, &p, plain->pad_bits);
+    for (; n + CW_STUFF_BYTES <= plain->count; n += CW_STUFF_BYTES) {
+        cw_stuff_five(&p, plain->first + n);
+        cw_append_stuffed(level, &at, &p, 0);
     }
     p.level = p.lengths = 0;
     for (; n < plain->count; n++)
-        stuff_byte(&p, plain->first[n]);
+        cw_stuff_byte(&p, plain->first[n]);
     if (p.lengths > 0)
-        append_part(level, &at, &p, 0);
+        cw_append_stuffed(level, &at, &p, 0);
     unsigned stuffed = at;
-    append(level, &at, (UINT64_C(1) << CW_TAIL_BITS) - 1, CW_TAIL_BITS);
+    cw_append(level, &at, (UINT64_C(1) << CW_TAIL_BITS) - 1, CW_TAIL_BITS);
     return stuffed;
 }
 
-cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, uint16_t inverted)
+static void encode(cw_bits *bits, const cw_frame *frame, unsigned inverted)
+{
+    plain_bytes plain;
+    uint64_t level[4] = {0}; /* one more than needed, so that cw_append() need not look */
+    const content c = content_of(frame);
+    bits->crc = lay_out(&plain, &c, inverted);
+    bits->length = (uint16_t)(put_levels(level, &plain) + CW_TAIL_BITS);
+    bits->bytes = (uint8_t)c.length;
+    bits->format = cw_frame_is_extended(frame) ? CW_BITS_EXTENDED : 0;
+    bits->level[0] = level[0];
+    bits->level[1] = level[1];
+    bits->level[2] = level[2];
+}
+
+cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inverted)
 {
     if (!cw_frame_valid(frame))
         return CW_INVALID;
-    plain_bytes plain;
-    uint64_t level[4] = {0}; /* one more than needed, so that append() need not look */
-    const content c = content_of(frame);
-    uint16_t crc = (uint16_t)lay_out(&plain, &c, inverted);
-    unsigned stuffed = put_levels(level, &plain);
-    assert(stuffed + CW_TAIL_BITS <= CW_BITS_MAX);
-    *bits = (cw_bits){.level = {level[0], level[1], level[2]},
-                      .crc = crc,
-                      .length = (uint8_t)(stuffed + CW_TAIL_BITS),
-                      .data_bits = (uint8_t)(8 * c.length),
-                      .extended = cw_frame_is_extended(frame)};
+    if (cw_frame_is_fd(frame))
+        cw_bits_encode_fd(bits, frame, inverted);
+    else
+        encode(bits, frame, inverted);
     return CW_OK;
 }
 
@@ -199,37 +163,23 @@ cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)
     return cw_bits_encode_crc(bits, frame, 0);
 }
 
-/* Counts only the bits that stuff_byte() would make. */
-static inline void measure_byte(part *p, uint8_t byte)
-{
-    p->lengths += cw_stuff_table[p->state + byte];
-    p->state = cw_stuff_next[p->state + byte];
-}
-
-static inline void measure_five(part *p, const uint8_t bytes[PART_BYTES])
-{
-    measure_byte(p, bytes[0]);
-    measure_byte(p, bytes[1]);
-    measure_byte(p, bytes[2]);
-    measure_byte(p, bytes[3]);
-    measure_byte(p, bytes[4]);
-}
-
-unsigned cw_bits_measure(const cw_frame *frame)
+unsigned cw_bits_measure_classical(const cw_frame *frame)
 {
     plain_bytes plain;
-    part all = {.state = CW_STUFF_FIRST};
+    cw_stuffed all = {.state = CW_STUFF_FIRST};
     const content c = content_of(frame);
     (void)lay_out(&plain, &c, 0);
     unsigned n = 0;
-    for (; n + PART_BYTES <= plain.count; n += PART_BYTES)
-        measure_five(&all, plain.first + n);
+    for (; n + CW_STUFF_BYTES <= plain.count; n += CW_STUFF_BYTES)
+        cw_measure_five(&all, plain.first + n);
     for (; n < plain.count; n++)
-        measure_byte(&all, plain.first[n]);
+        cw_measure_byte(&all, plain.first[n]);
     return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + CW_TAIL_BITS;
 }
 
 unsigned cw_frame_wire_bits(const cw_frame *frame)
 {
-    return cw_frame_valid(frame) ? cw_bits_measure(frame) : 0;
+    if (!cw_frame_valid(frame))
+        return 0;
+    return cw_frame_is_fd(frame) ? cw_bits_measure_fd(frame) : cw_bits_measure_classical(frame);
 }

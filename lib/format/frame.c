@@ -8,17 +8,44 @@
 
 #include <string.h>
 
+unsigned cw_fd_dlc_length(unsigned dlc)
+{
+    static const uint8_t longer[] = {12, 16, 20, 24, 32, 48, 64};
+    const unsigned first = CW_CLASSICAL_DATA_MAX + 1, count = sizeof longer;
+    if (dlc < first)
+        return dlc;
+    return dlc - first < count ? longer[dlc - first] : longer[count - 1]; /* also if not valid */
+}
+
+unsigned cw_fd_dlc(unsigned bytes)
+{
+    unsigned dlc = 0;
+    while (cw_fd_dlc_length(dlc) < bytes)
+        dlc++;
+    return dlc;
+}
+
 unsigned cw_frame_length(const cw_frame *frame)
 {
-    return cw_dlc_length(frame->dlc, cw_frame_is_remote(frame));
+    return cw_frame_is_fd(frame) ? cw_fd_dlc_length(frame->dlc)
+                                 : cw_dlc_length(frame->dlc, cw_frame_is_remote(frame));
+}
+
+/* Returns true when the flags go together: remote frames are classical, and the bits of the control
+ * field of FD frames are in these alone. */
+static bool flags_valid(unsigned flags)
+{
+    const unsigned of_fd = CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI | CW_FRAME_NON_ISO;
+    if ((flags & ~(CW_FRAME_EXTENDED | CW_FRAME_REMOTE)) == 0)
+        return true;
+    return (flags & CW_FRAME_FD) && (flags & ~(CW_FRAME_EXTENDED | of_fd)) == 0;
 }
 
 bool cw_frame_valid(const cw_frame *frame)
 {
-    const unsigned known = CW_FRAME_EXTENDED | CW_FRAME_REMOTE;
-    uint32_t max = cw_frame_is_extended(frame) ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX;
+    const uint32_t max = cw_frame_is_extended(frame) ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX;
     return frame->id <= max && frame->dlc < 1u << cw_parts[CW_PART_DLC].bits &&
-           (frame->flags & ~known) == 0;
+           flags_valid(frame->flags);
 }
 
 bool cw_frame_equal(const cw_frame *a, const cw_frame *b)

@@ -12,7 +12,8 @@ _Static_assert(CW_BASE_ID_MAX == (1u << CW_BASE_ID_BITS) - 1, "as the table of p
 _Static_assert(CW_EXTENDED_ID_MAX == (1u << (CW_BASE_ID_BITS + CW_EXTENDED_ID_BITS)) - 1,
                "as the table of parts has it");
 
-/* Dominant bits are 0: SOF, the IDE of a base frame, r1 and r0. The DLC is in the lowest bits. */
+/* Dominant bits are 0: SOF, the IDE of a base frame, RRS, r1 and r0, res. The DLC is in the lowest
+ * bits. */
 typedef struct cw_head {
     uint64_t number;
     unsigned bits;
@@ -35,6 +36,29 @@ static inline cw_head cw_extended_head(const cw_frame *frame, bool remote, unsig
                                low << CW_EXTENDED_SHIFT_EXTENDED_ID |
                                (uint64_t)remote << CW_EXTENDED_SHIFT_RTR | dlc,
                      .bits = CW_EXTENDED_HEAD_BITS};
+}
+
+/* Returns the head of an FD frame (D1). */
+static inline cw_head cw_fd_head(const cw_frame *frame)
+{
+    const uint64_t brs = (frame->flags & CW_FRAME_BRS) != 0;
+    const uint64_t esi = (frame->flags & CW_FRAME_ESI) != 0;
+    const uint64_t high = frame->id >> CW_EXTENDED_ID_BITS;
+    const uint64_t low = frame->id & ((1u << CW_EXTENDED_ID_BITS) - 1);
+    if (!cw_frame_is_extended(frame))
+        return (cw_head){.number = (uint64_t)frame->id << CW_FD_BASE_SHIFT_BASE_ID |
+                                   UINT64_C(1) << CW_FD_BASE_SHIFT_R0 |
+                                   brs << CW_FD_BASE_SHIFT_BRS |
+                                   esi << CW_FD_BASE_SHIFT_ESI | frame->dlc,
+                         .bits = CW_FD_BASE_HEAD_BITS};
+    return (cw_head){.number = high << CW_FD_EXTENDED_SHIFT_BASE_ID |
+                               UINT64_C(1) << CW_FD_EXTENDED_SHIFT_SRR_RTR |
+                               UINT64_C(1) << CW_FD_EXTENDED_SHIFT_IDE |
+                               low << CW_FD_EXTENDED_SHIFT_EXTENDED_ID |
+                               UINT64_C(1) << CW_FD_EXTENDED_SHIFT_R1 |
+                               brs << CW_FD_EXTENDED_SHIFT_BRS |
+                               esi << CW_FD_EXTENDED_SHIFT_ESI | frame->dlc,
+                     .bits = CW_FD_EXTENDED_HEAD_BITS};
 }
 
 /* Returns the arbitration field with RTR at this level, as a number; the lower one wins. Bit 31 - n

@@ -17,9 +17,15 @@ const char *cw_field_name(cw_field field)
         [CW_FIELD_RTR] = "rtr",
         [CW_FIELD_R1] = "r1",
         [CW_FIELD_R0] = "r0",
+        [CW_FIELD_FDF] = "fdf",
+        [CW_FIELD_RES] = "res",
+        [CW_FIELD_BRS] = "brs",
+        [CW_FIELD_ESI] = "esi",
         [CW_FIELD_DLC] = "dlc",
         [CW_FIELD_DATA] = "data",
+        [CW_FIELD_STUFF_COUNT] = "stuff-count",
         [CW_FIELD_CRC] = "crc",
+        [CW_FIELD_FIXED_STUFF] = "fixed-stuff",
         [CW_FIELD_CRC_DELIMITER] = "crc-delimiter",
         [CW_FIELD_ACK_SLOT] = "ack-slot",
         [CW_FIELD_ACK_DELIMITER] = "ack-delimiter",
@@ -71,9 +77,13 @@ const char *cw_drop_name(cw_drop why)
 const char *cw_event_name(cw_event_kind kind)
 {
     static const char *const names[CW_EVENT_COUNT] = {
-        "fault",     "link",     "drop", "restart", "arbitration-lost", "error",
-        "tolerated", "overload", "rx",   "tx",      "state",            "skip",
-        "sync",
+        "fault",    "link",
+        "drop",     "restart",
+        "arbitration-lost", "error",
+        "tolerated", "overload",
+        "protocol-exception", "rx",
+        "tx",       "state",
+        "skip",     "sync",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];

@@ -2,23 +2,13 @@
  *
  * parts.h - the format of a frame: the one table of its parts, and which part follows which.
  *
- * A base and an extended frame are two paths through the table. The level of the last bit of a part
- * selects the next part; IDE chooses between the formats. A sender walks the table by the levels
- * that it sends (walk.h), and a controller by those that it samples (mac.c). The properties that
- * all frames of a format share are computed when canwire is built. For that generate/main.c walks
- * the table, too: layout.h has the numbers, tables.h the tables. No number of this table is written
- * elsewhere.
- *
- * The parts of CAN FD enter as follows (D1..D10):
- *  - FDF takes the place of r0 in a base frame and of r1 in an extended one. Its recessive
- *    successor leads to res, BRS and ESI. The r0 of an extended frame becomes a row of its own.
- *  - The stuff count and the CRC have bits = 0, as DATA has: the header says how many they are.
- *    They get a flag CW_PART_FIXED_STUFFED beside CW_PART_STUFFED.
- *  - CRC-17 and CRC-21 join CRC-15 in crc.h. CW_PART_IN_CRC becomes a flag for each of them: the
- *    two long ones take stuff bits and the stuff count, too.
- *  - ESI up to the CRC delimiter get a flag CW_PART_DATA_RATE, which counts when BRS was recessive.
- *  - The ACK slot of an FD frame is two rows, which both lead to the one ACK delimiter: the first
- *    has CW_PART_ACK, the effect CW_EFFECT_JUDGE_ACK stands at the end of the second (D7).
+ * Base and extended frames, classical and FD, are four paths through the table. The level of the
+ * last bit of a part selects the next part; IDE and FDF choose between the formats. The lengths of
+ * some parts follow from the header (cw_form): a classical frame has no bit of the stuff count. A
+ * sender walks the table by the levels that it sends (walk.h), and a controller by those that it
+ * samples (mac.c). The properties that all frames of a format share are computed when canwire is
+ * built. For that generate/main.c walks the table, too: layout.h has the numbers, tables.h the
+ * tables. No number of this table is written elsewhere.
  */
 #ifndef CANWIRE_FORMAT_PARTS_H
 #define CANWIRE_FORMAT_PARTS_H
@@ -26,6 +16,8 @@
 #include "canwire.h"
 
 #define CW_STUFF_RUN 5u /* equal bits after which a stuff bit comes (F7) */
+
+#define CW_FIXED_STUFF_DISTANCE 4u /* bits that follow each fixed stuff bit (D4) */
 
 /* The gaps after a frame (F1, M8). */
 #define CW_INTERMISSION_BITS 3u
@@ -42,13 +34,19 @@ typedef enum cw_part {
     CW_PART_IDE,
     CW_PART_EXTENDED_ID,
     CW_PART_RTR,
-    CW_PART_R1,
-    CW_PART_R0,
+    CW_PART_R1,          /* of an extended frame, r1 or FDF */
+    CW_PART_EXTENDED_R0,
+    CW_PART_R0,          /* of a base frame, r0 or FDF */
+    CW_PART_RES,         /* res to ESI: of FD frames (D1) */
+    CW_PART_BRS,
+    CW_PART_ESI,
     CW_PART_DLC,
     CW_PART_DATA,
+    CW_PART_STUFF_COUNT, /* of FD frames (D5) */
     CW_PART_CRC,
     CW_PART_CRC_DELIMITER,
     CW_PART_ACK_SLOT,
+    CW_PART_SECOND_ACK,  /* of FD frames (D7) */
     CW_PART_ACK_DELIMITER,
     CW_PART_EOF,      /* up to the bit after which a receiver accepts the frame (M7) */
     CW_PART_LAST_EOF, /* its last bit */
@@ -62,6 +60,9 @@ typedef enum cw_part {
 #define CW_PART_ARBITRATION 0x08u /* recessive sent and dominant seen: arbitration is lost (M2) */
 #define CW_PART_RECESSIVE 0x10u   /* must be recessive (E4) */
 #define CW_PART_ACK 0x20u         /* receivers drive it dominant (M5) */
+#define CW_PART_FIXED_STUFFED 0x40u /* in FD frames it has fixed stuff bits instead (D4) */
+#define CW_PART_IN_FD_CRC 0x80u   /* the CRC of an FD frame covers it, with stuff bits (D6) */
+#define CW_PART_DATA_RATE 0x100u  /* at the data rate, when BRS is recessive (D10) */
 
 /* The effect that the end of a part has on a controller. */
 typedef enum cw_effect {
@@ -69,9 +70,16 @@ typedef enum cw_effect {
     CW_EFFECT_TAKE_ID,    /* its bits follow those of the identifier that are there already */
     CW_EFFECT_TAKE_RTR,
     CW_EFFECT_TAKE_IDE,
+    CW_EFFECT_TAKE_FDF,   /* a classical frame goes on at either level, unless it is an exception */
+    CW_EFFECT_TAKE_RES,
+    CW_EFFECT_TAKE_BRS,
+    CW_EFFECT_TAKE_ESI,
     CW_EFFECT_TAKE_DLC,
+    CW_EFFECT_JUDGE_STUFF_COUNT, /* D15 */
     CW_EFFECT_JUDGE_CRC,
+    CW_EFFECT_END_DATA_PHASE,    /* D10 */
     CW_EFFECT_JUDGE_ACK,  /* M5, R8 */
+    CW_EFFECT_JUDGE_SECOND_ACK,  /* D7 */
     CW_EFFECT_SIGNAL_CRC, /* a CRC error is signalled after it (E3) */
     CW_EFFECT_ACCEPT,     /* the frame is a receiver's (M7) */
     CW_EFFECT_FINISH,     /* the frame is the transmitter's (M7), and finished */
@@ -89,18 +97,33 @@ typedef struct cw_part_info {
 
 extern const cw_part_info cw_parts[CW_PART_COUNT];
 
-/* Returns the bits of a part in a frame with so many bits of data. */
-static inline unsigned cw_part_bits(cw_part part, unsigned data_bits)
+/* The lengths of parts, as far as the header says them. */
+typedef struct cw_form {
+    uint16_t data_bits;
+    bool fd;
+    bool non_iso; /* without stuff count */
+} cw_form;
+
+#define CW_CRC17_BYTES_MAX 16u /* of data, with the shorter CRC of FD frames (D6) */
+
+/* Returns the bits of a part; 0: the frame does not have it. */
+unsigned cw_part_bits(cw_part part, const cw_form *form);
+
+/* Returns the number of the format in tables.h. */
+static inline unsigned cw_format(bool extended, bool fd)
 {
-    return cw_parts[part].bits ? cw_parts[part].bits : data_bits;
+    return (extended ? 1u : 0u) + (fd ? 2u : 0u);
 }
+
+#define CW_FORMATS 4u
 
 static inline bool cw_part_is(cw_part part, unsigned flag)
 {
     return cw_parts[part].flags & flag;
 }
 
-/* Returns the public name of a bit; stuff is false. extended decides between SRR and RTR. */
-cw_place cw_part_place(cw_part part, unsigned index, bool extended);
+/* Returns the public name of a bit; stuff is false. extended decides between SRR and RTR, fd
+ * between reserved bits and FDF. */
+cw_place cw_part_place(cw_part part, unsigned index, bool extended, bool fd);
 
 #endif

@@ -8,24 +8,15 @@
 
 #include "format/layout.h"
 #include "format/parts.h"
+#include "format/spans.h"
 
 /* ---- Positions, counted without stuff bits and data ------------------------------------------ */
 
-/* The first bit of a part in a base frame [0] and in an extended one [1]. Parts after the data
- * field begin later by the bits of the data. */
-extern const uint8_t cw_part_at[2][CW_PART_COUNT];
+/* The first bit of a part in a frame of each format, see cw_format(). Parts after the data field
+ * begin later by the bits of the data, and those after the CRC by what the CRC is longer. */
+extern const uint8_t cw_part_at[CW_FORMATS][CW_PART_COUNT];
 
-/* The bits of a field. The identifier of an extended frame is in two parts: bits from index split
- * on are gap bits later. A field that the frame does not have is 0 bits long. */
-typedef struct cw_field_span {
-    uint8_t first;
-    uint8_t bits;
-    uint8_t split;
-    uint8_t gap;
-    bool behind_data;
-} cw_field_span;
-
-extern const cw_field_span cw_field_spans[2][CW_FIELD_COUNT];
+extern const cw_field_span cw_field_spans[CW_FORMATS][CW_FIELD_COUNT];
 
 /* ---- Whole bytes ----------------------------------------------------------------------------- */
 
@@ -34,6 +25,11 @@ extern const cw_field_span cw_field_spans[2][CW_FIELD_COUNT];
 /* [n][b]: the share of byte b in the CRC when n bytes follow it (F6). The CRC is the exclusive or
  * of all shares. The bits of the CRC itself end the last byte and have no share. */
 extern const uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256];
+
+/* The share of the CRC's low byte and the next wire bits in the CRC after them, for FD frames (D6).
+ * All bits are reversed: the first one is the lowest. */
+extern const uint32_t cw_crc17_table[256];
+extern const uint32_t cw_crc21_table[256];
 
 /* Stuffing (F7). The wire bits of a byte depend on the level of the bit before it and on the run of
  * equal bits that ends there. The run is 1 to 4 bits long, since a stuff bit follows five equal

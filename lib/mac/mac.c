@@ -12,6 +12,7 @@
 #include "mac/mac_private.h"
 
 #include "mac/confinement.h"
+#include "format/bits.h"
 #include "format/crc.h"
 #include "format/parts.h"
 #include "format/tables.h"
@@ -21,7 +22,7 @@
 
 /* ---- Set-up and what the host asks for ------------------------------------------------------- */
 
-static void integrate(cw_mac *m)
+void cw_mac_integrate(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
     cw_mac_enter(m, CW_MAC_INTEGRATING);
@@ -33,7 +34,7 @@ void cw_mac_init(cw_mac *m, unsigned modes, unsigned warning_limit)
     m->confinement.warning_limit = (uint16_t)warning_limit;
     m->driven = CW_RECESSIVE;
     cw_mac_set_modes(m, modes);
-    integrate(m);
+    cw_mac_integrate(m);
 }
 
 static bool is_bus_off(const cw_mac *m)
@@ -43,17 +44,34 @@ static bool is_bus_off(const cw_mac *m)
 
 void cw_mac_set_modes(cw_mac *m, unsigned modes)
 {
-    const unsigned wire_modes = CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK;
+    const unsigned wire_modes = CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED;
     bool leaves = (m->modes ^ modes) & wire_modes;
     m->modes = (uint8_t)modes;
-    m->confinement.frozen = modes & CW_MODE_LISTEN_ONLY;
+    m->confinement.frozen = modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
     if (leaves && m->phase != CW_MAC_OFF && !is_bus_off(m))
-        integrate(m);
+        cw_mac_integrate(m);
 }
 
 bool cw_mac_is_on_bus(const cw_mac *m)
 {
     return m->phase != CW_MAC_OFF && !is_bus_off(m);
+}
+
+cw_status cw_mac_set_protocol(cw_mac *m, unsigned protocol, cw_fd_part *fd)
+{
+    const unsigned known = CW_PROTOCOL_MASK | CW_PROTOCOL_NO_EXCEPTION | CW_PROTOCOL_NON_ISO;
+    const unsigned frames = protocol & CW_PROTOCOL_MASK;
+    if ((protocol & ~known) || frames > CW_FD || (frames == CW_FD) != (fd != NULL))
+        return CW_INVALID;
+    m->protocol = (uint8_t)protocol;
+    m->fd = fd;
+    m->offered = false;
+    memset(&m->rx, 0, sizeof m->rx);
+    if (fd)
+        memset(fd, 0, sizeof *fd);
+    if (cw_mac_is_on_bus(m))
+        cw_mac_integrate(m);
+    return CW_OK;
 }
 
 void cw_mac_disconnect(cw_mac *m)
@@ -67,26 +85,41 @@ void cw_mac_disconnect(cw_mac *m)
 void cw_mac_reconnect(cw_mac *m)
 {
     if (m->phase == CW_MAC_OFF)
-        integrate(m);
+        cw_mac_integrate(m);
 }
 
 bool cw_mac_is_sending(const cw_mac *m)
 {
-    return m->phase == CW_MAC_FRAME && cw_mac_is_transmitter(m);
+    return cw_mac_sends(m);
+}
+
+/* Returns true when the controller sends no frames of its own (M11, D19). */
+static bool only_receives(const cw_mac *m)
+{
+    return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
 }
 
 bool cw_mac_can_start(const cw_mac *m)
 {
     bool free = m->phase == CW_MAC_IDLE || (m->phase == CW_MAC_FRAME && m->may_join);
-    return free && !(m->modes & CW_MODE_LISTEN_ONLY);
+    return free && !only_receives(m);
+}
+
+void cw_mac_encode(cw_mac *m, const cw_frame *frame, unsigned inverted)
+{
+    if (m->fd)
+        cw_mac_fd_encode(m, frame, inverted);
+    else
+        (void)cw_bits_encode_crc((cw_bits *)(void *)&m->tx, frame, inverted);
 }
 
 cw_status cw_mac_offer(cw_mac *m, const cw_frame *frame)
 {
-    if (is_bus_off(m) || cw_mac_is_sending(m) || (m->modes & CW_MODE_LISTEN_ONLY))
+    if (is_bus_off(m) || cw_mac_is_sending(m) || only_receives(m))
         return CW_REFUSED;
-    if (cw_bits_encode(&m->tx, frame) != CW_OK)
+    if (!cw_frame_valid(frame) || (cw_frame_is_fd(frame) && !m->fd))
         return CW_INVALID;
+    cw_mac_encode(m, frame, 0);
     m->offered = true;
     return CW_OK;
 }
@@ -151,7 +184,7 @@ cw_status cw_mac_set_counters(cw_mac *m, unsigned tec, unsigned rec)
     if (is_off && !was_off) /* otherwise the controller goes on waiting or counting */
         go_bus_off(m);
     if (was_off && !is_off)
-        integrate(m);
+        cw_mac_integrate(m);
     return CW_OK;
 }
 
@@ -184,23 +217,23 @@ cw_role cw_mac_role(const cw_mac *m)
 
 const cw_frame *cw_mac_received(const cw_mac *m)
 {
-    return &m->rx;
+    return m->fd ? &m->fd->rx : (const cw_frame *)(const void *)&m->rx;
 }
 
-/* True also after the last CRC bit (F7). After that, run stays as it is, below the limit. */
-bool cw_mac_stuff_bit_due(const cw_mac *m)
-{
-    return m->run == CW_STUFF_RUN;
-}
-
-/* A receiver cannot tell SRR from RTR before the IDE, so it takes the bit for an RTR. */
+/* A receiver cannot tell SRR from RTR before the IDE, so it takes the bit for an RTR. Nor can it
+ * tell FDF from a reserved bit before it has sampled it. */
 static cw_place frame_place(const cw_mac *m)
 {
-    bool received = m->rx.flags & CW_FRAME_EXTENDED;
-    bool extended = cw_mac_is_transmitter(m) ? m->tx.extended : received;
+    const unsigned received = cw_mac_received(m)->flags;
+    const bool sends = cw_mac_is_transmitter(m);
+    const bool extended = sends ? cw_bits_is_extended(cw_mac_tx(m)) : received & CW_FRAME_EXTENDED;
+    const bool fd = sends ? cw_bits_is_fd(cw_mac_tx(m)) : received & CW_FRAME_FD;
     if (!cw_mac_stuff_bit_due(m))
-        return cw_part_place((cw_part)m->part, m->index, extended);
-    cw_place place = cw_part_place((cw_part)m->before_part, m->before_index, extended);
+        return cw_part_place((cw_part)m->part, m->index, extended, fd);
+    if (cw_mac_has_fixed_stuffing(m))
+        return (cw_place){.field = CW_FIELD_FIXED_STUFF, .stuff = true, .extended = extended,
+                          .index = (uint16_t)cw_mac_fd_fixed_number(m)};
+    cw_place place = cw_part_place((cw_part)m->before_part, m->before_index, extended, fd);
     place.stuff = true;
     return place;
 }
@@ -240,14 +273,24 @@ bool cw_mac_own_bit(const cw_mac *m, unsigned *n)
     return true;
 }
 
-/* T4: everywhere between frames but in the first bit of the intermission. */
+/* T4: everywhere between frames but in the first bit of the intermission. D12: after FDF. */
 bool cw_mac_synchronises_hard(const cw_mac *m)
 {
     static const bool between[CW_MAC_PHASE_COUNT] = {
         [CW_MAC_OFF] = true,     [CW_MAC_INTEGRATING] = true, [CW_MAC_IDLE] = true,
         [CW_MAC_SUSPEND] = true, [CW_MAC_BUS_OFF] = true,     [CW_MAC_RECOVERING] = true,
     };
+    if (m->phase == CW_MAC_FRAME)
+        return m->part == CW_PART_RES && !cw_mac_is_transmitter(m);
     return between[m->phase] || (m->phase == CW_MAC_INTERMISSION && m->count > 0);
+}
+
+void cw_mac_note_edge(cw_mac *m)
+{
+    const bool counts = m->phase == CW_MAC_INTEGRATING || m->phase == CW_MAC_RECOVERING;
+    const bool seen = cw_mac_visible(m, CW_DOMINANT) == CW_DOMINANT; /* not in loopback */
+    if (counts && seen && (m->protocol & CW_PROTOCOL_MASK) != CW_CLASSICAL)
+        m->count = 0;
 }
 
 /* ---- Drive ----------------------------------------------------------------------------------- */
@@ -257,18 +300,24 @@ void cw_mac_begin_frame(cw_mac *m, cw_role role)
     cw_mac_enter(m, CW_MAC_FRAME);
     m->role = (uint8_t)role;
     m->part = CW_PART_SOF;
+    m->part_bits = cw_parts[CW_PART_SOF].bits;
     m->index = 0;
     m->run = 0;
     m->last = CW_RECESSIVE; /* the level before SOF, which is dominant */
     m->crc = 0;
     m->overloads_in_row = 0;
-    memset(&m->rx, 0, sizeof m->rx);
+    if (m->fd)
+        cw_mac_fd_begin(m);
+    else
+        memset(&m->rx, 0, sizeof m->rx);
 }
 
 static void begin_transmission(cw_mac *m)
 {
     m->started = true;
     m->tx_next = 0;
+    if (m->fd)
+        cw_mac_fd_renew_esi(m); /* so that its length is known from now on */
     if (m->phase == CW_MAC_IDLE) {
         cw_mac_begin_frame(m, CW_ROLE_TRANSMITTER);
         return;
@@ -280,7 +329,7 @@ static void begin_transmission(cw_mac *m)
 static bool drive_frame(const cw_mac *m)
 {
     if (cw_mac_is_transmitter(m))
-        return cw_bits_level(&m->tx, m->tx_next);
+        return cw_bits_level(cw_mac_tx(m), m->tx_next);
     bool acknowledges = cw_mac_part_is(m, CW_PART_ACK) && !m->crc_error && !m->no_ack; /* M5, E3 */
     return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
 }
@@ -306,6 +355,8 @@ static bool drive_phase(const cw_mac *m)
 static bool drive_on(cw_mac *m)
 {
     m->may_join = false;
+    if (m->fd)
+        cw_mac_fd_update_esi(m);
     m->driven = drive_phase(m);
     return is_hidden(m) ? CW_RECESSIVE : m->driven;
 }
@@ -351,6 +402,11 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
         cw_confinement_rx_error(&m->confinement, rec_step);
     if (check_bus_off(m, r))
         return;
+    if (m->modes & CW_MODE_RESTRICTED) { /* D19 */
+        r->error.flag = CW_FLAG_NONE;
+        cw_mac_integrate(m);
+        return;
+    }
     r->error.flag = passive ? CW_FLAG_PASSIVE : CW_FLAG_ACTIVE;
     m->ack_deferred = false;
     cw_mac_enter(m, passive ? CW_MAC_ERROR_PASSIVE : CW_MAC_ERROR_ACTIVE);
@@ -392,6 +448,10 @@ bool cw_mac_force_error(cw_mac *m)
 
 static void signal_overload(cw_mac *m, cw_mac_report *r)
 {
+    if (m->modes & CW_MODE_RESTRICTED) { /* D19 */
+        cw_mac_integrate(m);
+        return;
+    }
     r->what |= CW_REPORT_OVERLOAD;
     cw_mac_enter(m, CW_MAC_OVERLOAD_FLAG);
 }
@@ -399,7 +459,7 @@ static void signal_overload(cw_mac *m, cw_mac_report *r)
 /* Begins the intermission, or first an overload frame that the host wants (O1 a). */
 static void expect_intermission(cw_mac *m, cw_mac_report *r)
 {
-    if (m->overloads_wanted > 0 && m->overloads_in_row < 2) {
+    if (m->overloads_wanted > 0 && m->overloads_in_row < 2 && !(m->modes & CW_MODE_RESTRICTED)) {
         m->overloads_wanted--;
         m->overloads_in_row++;
         signal_overload(m, r);
@@ -413,33 +473,75 @@ static void expect_intermission(cw_mac *m, cw_mac_report *r)
 /* Takes an SRR for an RTR, until the real one comes. */
 static void take_rtr(cw_mac *m)
 {
-    m->rx.flags &= (uint8_t)~CW_FRAME_REMOTE;
+    cw_frame *rx = cw_mac_rx(m);
+    rx->flags &= (uint8_t)~CW_FRAME_REMOTE;
     if (cw_mac_last_level(m))
-        m->rx.flags |= CW_FRAME_REMOTE;
+        rx->flags |= CW_FRAME_REMOTE;
 }
 
 /* Judges the own ACK slot (M5). Returns true when the frame goes on, as do the next functions. */
-static bool judge_own_ack(cw_mac *m, cw_mac_report *r)
+static bool judge_own_ack(cw_mac *m, bool acknowledged, cw_mac_report *r)
 {
     bool no_ack_needed = m->modes & (CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK); /* M14, M15 */
-    if (!cw_mac_last_level(m) || no_ack_needed)
+    if (acknowledged || no_ack_needed)
         return true;
     detect_missing_ack(m, r);
     return false;
 }
 
+/* The transmitter of an FD frame is acknowledged in the first bit or in the second (D7). */
 static bool judge_ack(cw_mac *m, cw_mac_report *r)
 {
+    const bool dominant = !cw_mac_last_level(m);
+    if (cw_mac_is_transmitter(m) && cw_mac_in_fd_frame(m)) {
+        m->fd->acknowledged = dominant;
+        return true;
+    }
     if (cw_mac_is_transmitter(m))
-        return judge_own_ack(m, r);
+        return judge_own_ack(m, dominant, r);
     if (m->crc_error || m->no_ack)
         return true;
-    if (cw_mac_last_level(m)) {
+    if (!dominant) {
         detect(m, CW_ERROR_BIT, r); /* E1 c */
         return false;
     }
     cw_confinement_rx_success(&m->confinement); /* R8: here, not at the end of EOF */
     return true;
+}
+
+static bool judge_second_ack(cw_mac *m, cw_mac_report *r)
+{
+    if (!cw_mac_is_transmitter(m))
+        return true;
+    return judge_own_ack(m, m->fd->acknowledged || !cw_mac_last_level(m), r);
+}
+
+/* Leaves the frame without an error (D16), or with one where exceptions are switched off. */
+static bool make_exception(cw_mac *m, cw_mac_report *r)
+{
+    if (m->protocol & CW_PROTOCOL_NO_EXCEPTION) {
+        detect(m, CW_ERROR_FORM, r);
+        return false;
+    }
+    r->what |= CW_REPORT_EXCEPTION;
+    cw_mac_integrate(m);
+    return false;
+}
+
+/* Takes FDF, a reserved bit to a classical controller (D17). */
+static bool take_fdf(cw_mac *m, cw_mac_report *r)
+{
+    if (!cw_mac_last_level(m) || (m->protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL)
+        return true;
+    if (!m->fd)
+        return make_exception(m, r);
+    cw_mac_fd_take_fdf(m);
+    return true;
+}
+
+static bool take_res(cw_mac *m, cw_mac_report *r)
+{
+    return !cw_mac_last_level(m) || make_exception(m, r);
 }
 
 /* Signals a pending CRC error (E3). */
@@ -475,22 +577,42 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
     const cw_part_info *part = &cw_parts[m->part];
     switch ((cw_effect)part->effect) {
     case CW_EFFECT_TAKE_ID:
-        m->rx.id = m->rx.id << part->bits | m->shift;
+        cw_mac_rx(m)->id = cw_mac_rx(m)->id << part->bits | m->shift;
         break;
     case CW_EFFECT_TAKE_RTR:
         take_rtr(m);
         break;
     case CW_EFFECT_TAKE_IDE:
-        m->rx.flags |= cw_mac_last_level(m) ? CW_FRAME_EXTENDED : 0;
+        cw_mac_rx(m)->flags |= cw_mac_last_level(m) ? CW_FRAME_EXTENDED : 0;
+        break;
+    case CW_EFFECT_TAKE_FDF:
+        return take_fdf(m, r);
+    case CW_EFFECT_TAKE_RES:
+        return take_res(m, r);
+    case CW_EFFECT_TAKE_BRS:
+        cw_mac_fd_take_brs(m);
+        break;
+    case CW_EFFECT_TAKE_ESI:
+        cw_mac_fd_take_esi(m);
         break;
     case CW_EFFECT_TAKE_DLC:
-        m->rx.dlc = (uint8_t)m->shift;
+        cw_mac_rx(m)->dlc = (uint8_t)m->shift;
+        break;
+    case CW_EFFECT_JUDGE_STUFF_COUNT:
+        m->crc_error = !cw_mac_is_transmitter(m) && m->shift != cw_stuff_count(m->fd->stuff_bits);
         break;
     case CW_EFFECT_JUDGE_CRC:
-        m->crc_error = !cw_mac_is_transmitter(m) && m->shift != m->crc;
+        m->crc_error = !cw_mac_is_transmitter(m) &&
+                       (cw_mac_in_fd_frame(m) ? cw_mac_fd_crc_error(m) : m->shift != m->crc);
+        break;
+    case CW_EFFECT_END_DATA_PHASE:
+        if (m->fd)
+            m->fd->fast = false;
         break;
     case CW_EFFECT_JUDGE_ACK:
         return judge_ack(m, r);
+    case CW_EFFECT_JUDGE_SECOND_ACK:
+        return judge_second_ack(m, r);
     case CW_EFFECT_SIGNAL_CRC:
         return signal_crc(m, r);
     case CW_EFFECT_ACCEPT:
@@ -504,25 +626,45 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
+/* Returns the level by which the part after the present one is chosen: only a controller that knows
+ * FD frames goes on to res. */
+static bool choosing_level(const cw_mac *m)
+{
+    const bool may_be_fdf = cw_parts[m->part].effect == CW_EFFECT_TAKE_FDF;
+    return cw_mac_last_level(m) && (m->fd || !may_be_fdf);
+}
+
+static unsigned bits_of_part(const cw_mac *m)
+{
+    const unsigned bits = cw_parts[m->part].bits;
+    if (bits)
+        return bits;
+    const cw_form form = cw_frame_form(cw_mac_received(m));
+    return cw_part_bits((cw_part)m->part, &form);
+}
+
 /* Not inlined, so that the bits inside a part, which are the most frequent, need not save registers
  * for it. */
 __attribute__((noinline)) void cw_mac_end_part(cw_mac *m, cw_mac_report *r)
 {
-    const bool level = cw_mac_last_level(m);
+    const bool level = choosing_level(m);
     if (!take_effect(m, r))
         return;
-    do
+    do {
         m->part = cw_parts[m->part].next[level];
-    while (cw_mac_part_bits(m) == 0); /* a frame without data */
+        m->part_bits = (uint16_t)bits_of_part(m);
+    } while (m->part_bits == 0); /* a frame without data */
     m->index = 0;
     m->shift = 0;
+    if (cw_mac_has_fixed_stuffing(m))
+        m->run = CW_STUFF_RUN; /* D3, D4: a fixed stuff bit comes first, whatever the run was */
 }
 
 static void lose_arbitration(cw_mac *m, cw_mac_report *r)
 {
     r->what |= CW_REPORT_ARBITRATION_LOST;
     /* the SJA1000 counts from the bit after SOF on, without stuff bits */
-    r->lost_bit = (uint8_t)(cw_part_at[m->tx.extended][m->part] + m->index - 1u);
+    r->lost_bit = (uint8_t)(cw_part_at[cw_bits_is_extended(cw_mac_tx(m))][m->part] + m->index - 1u);
     give_up_one_shot(m, r);
     m->role = CW_ROLE_RECEIVER;
 }
@@ -541,18 +683,36 @@ static void detect_stuff_overwritten(cw_mac *m, cw_mac_report *r)
     signal_error(m, CW_ERROR_STUFF, false, 0, r);
 }
 
+/* Detects a wrong level of a stuff bit (E2), or of a fixed one, also the own (D14). */
+static void detect_wrong_stuff_bit(cw_mac *m, cw_mac_report *r)
+{
+    detect(m, cw_mac_has_fixed_stuffing(m) ? CW_ERROR_FORM : CW_ERROR_STUFF, r);
+}
+
+/* Detects that a stuff bit of the transmitter has another level on the wire. */
+static void detect_own_stuff_bit(cw_mac *m, cw_mac_report *r)
+{
+    if (cw_mac_has_fixed_stuffing(m))
+        detect_wrong_stuff_bit(m, r);
+    else if (m->driven && stuffs_before_rtr(m))
+        detect_stuff_overwritten(m, r);
+    else
+        detect(m, CW_ERROR_BIT, r);
+}
+
 static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m) && level != m->driven) {
-        if (m->driven && stuffs_before_rtr(m))
-            detect_stuff_overwritten(m, r);
-        else
-            detect(m, CW_ERROR_BIT, r);
+        detect_own_stuff_bit(m, r);
         return;
     }
     if (level == m->last) {
-        detect(m, CW_ERROR_STUFF, r); /* E2 */
+        detect_wrong_stuff_bit(m, r);
         return;
+    }
+    if (m->fd && !cw_mac_has_fixed_stuffing(m)) {
+        cw_mac_fd_add_to_crc(m->fd, level);
+        m->fd->stuff_bits++;
     }
     m->last = level;
     m->run = 1;
@@ -580,18 +740,28 @@ static void dominant_in_fixed_form(cw_mac *m, cw_mac_report *r)
         detect(m, CW_ERROR_FORM, r);
 }
 
+/* Counts equal bits, after which a stuff bit comes; in a part with fixed ones, bits. */
+static inline void count_for_stuffing(cw_mac *m, unsigned flags, bool level)
+{
+    if ((flags & CW_PART_FIXED_STUFFED) && cw_mac_in_fd_frame(m))
+        m->run = (m->index + 1u) % CW_FIXED_STUFF_DISTANCE == 0 ? CW_STUFF_RUN : 1;
+    else
+        m->run = (uint8_t)(level == m->last ? m->run + 1 : 1);
+    m->last = level;
+}
+
 void cw_mac_take_bit(cw_mac *m, bool level)
 {
     unsigned flags = cw_parts[m->part].flags;
     if (flags & CW_PART_IN_CRC)
         m->crc = cw_crc15_next(m->crc, level);
-    if (flags & CW_PART_STUFFED) {
-        m->run = (uint8_t)(level == m->last ? m->run + 1 : 1);
-        m->last = level;
-    }
+    if (m->fd && (flags & CW_PART_IN_FD_CRC))
+        cw_mac_fd_add_to_crc(m->fd, level);
+    if (flags & CW_PART_STUFFED)
+        count_for_stuffing(m, flags, level);
     m->shift = m->shift << 1 | level;
     if (m->part == CW_PART_DATA && m->index % 8 == 7)
-        m->rx.data[m->index / 8] = (uint8_t)m->shift;
+        cw_mac_rx(m)->data[m->index / 8] = (uint8_t)m->shift;
     m->before_part = m->part;
     m->before_index = m->index;
 }
@@ -617,6 +787,13 @@ static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
 
 static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
 {
+    if (m->fd && m->fd->late_error) {
+        m->fd->late_error = false;
+        detect(m, CW_ERROR_BIT, r);
+        return;
+    }
+    if (m->fd && cw_mac_compares_late(m))
+        level = m->driven;
     if (cw_mac_stuff_bit_due(m))
         sample_stuff_bit(m, level, r);
     else

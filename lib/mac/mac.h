@@ -29,8 +29,54 @@ uint64_t cw_mac_steady_bits(const cw_mac *mac, bool level);
 /* Takes that many bits at once; at most cw_mac_steady_bits(). */
 void cw_mac_skip(cw_mac *mac, uint64_t bits, bool level);
 
-/* Returns true when an edge now, before the next sample, synchronises hard (T4). */
+/* Returns true when an edge now, before the next sample, synchronises hard (T4, D12). */
 bool cw_mac_synchronises_hard(const cw_mac *mac);
+
+/* Returns true when the controller is at the data rate: from the sample point of BRS to that of the
+ * CRC delimiter (D10). */
+static inline bool cw_mac_is_fast(const cw_mac *mac)
+{
+    return mac->fd && mac->fd->fast;
+}
+
+/* Returns false when edges do not move the controller: it is transmitter, in the data phase
+ * (D12). */
+static inline bool cw_mac_synchronises(const cw_mac *mac)
+{
+    return !cw_mac_is_fast(mac) || mac->role != CW_ROLE_TRANSMITTER;
+}
+
+/* Notes an edge that synchronises: a controller that waits for 11 recessive bits counts anew
+ * (D16, D20). A classical controller does not look at edges there. */
+void cw_mac_note_edge(cw_mac *mac);
+
+/* Returns true when the transmitter compares the bit in progress later, and not at its sample point
+ * (D13). */
+bool cw_mac_compares_late(const cw_mac *mac);
+
+/* Notes that a comparison has found a bit error. The controller acts on it at its next sample
+ * point, as long as the data phase lasts (D13). */
+void cw_mac_note_late_error(cw_mac *mac);
+
+/* Returns the wire bits of the offered frame. */
+static inline const cw_bits *cw_mac_tx(const cw_mac *mac)
+{
+    return mac->fd ? &mac->fd->tx : (const cw_bits *)(const void *)&mac->tx;
+}
+
+/* Returns the CW_FRAME_* with which the controller would send an FD frame of these flags now. ESI
+ * is its error state (D8). */
+unsigned cw_mac_fd_flags(const cw_mac *mac, unsigned flags);
+
+/* Returns the frame of the bits of cw_mac_tx(), as far as the controller keeps it: NULL if it knows
+ * no FD frames. */
+static inline const cw_frame *cw_mac_offered(const cw_mac *mac)
+{
+    return mac->fd ? &mac->fd->offer : NULL;
+}
+
+/* Encodes the offered frame, with some bits of its CRC inverted. */
+void cw_mac_encode(cw_mac *mac, const cw_frame *frame, unsigned inverted);
 
 /* Returns true when the controller drives this level in the next bit, whatever its host hands in
  * before that. Then it drives it from now on. */

@@ -1,11 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * mac_private.h - declarations that the parts of the controller share: mac.c (bit by bit), skip.c
- * (several bits at once), point.c (moved to the point of others).
+ * mac_private.h - declarations that the parts of the controller share.
+ *
+ *   mac.c    bit by bit
+ *   fd.c     additions for FD frames
+ *   late.c   transmitter delay compensation
+ *   skip.c   several bits at once
+ *   point.c  moved to the point of others
  */
 #ifndef CANWIRE_MAC_PRIVATE_H
 #define CANWIRE_MAC_PRIVATE_H
 
+#include "format/frame.h"
 #include "format/parts.h"
 #include "mac/mac.h"
 
@@ -14,10 +20,25 @@ static inline bool cw_mac_is_transmitter(const cw_mac *mac)
     return mac->role == CW_ROLE_TRANSMITTER;
 }
 
+/* Enters a phase. All but frames are at the nominal rate, and a frame begins so (D10). */
 static inline void cw_mac_enter(cw_mac *mac, cw_mac_phase phase)
 {
     mac->phase = (uint8_t)phase;
     mac->count = 0;
+    if (mac->fd)
+        mac->fd->fast = false;
+}
+
+/* Returns the frame being received. */
+static inline cw_frame *cw_mac_rx(cw_mac *mac)
+{
+    return mac->fd ? &mac->fd->rx : (cw_frame *)(void *)&mac->rx;
+}
+
+/* Returns true once the present frame is known to be an FD frame. */
+static inline bool cw_mac_in_fd_frame(const cw_mac *mac)
+{
+    return mac->fd && (mac->fd->rx.flags & CW_FRAME_FD);
 }
 
 void cw_mac_become_idle(cw_mac *mac);
@@ -29,9 +50,13 @@ void cw_mac_take_bit(cw_mac *mac, bool level);
 /* Returns the bits of the present part of the frame. */
 static inline unsigned cw_mac_part_bits(const cw_mac *mac)
 {
-    if (mac->part == CW_PART_DATA)
-        return 8 * cw_frame_length(&mac->rx);
-    return cw_parts[mac->part].bits;
+    return mac->part_bits;
+}
+
+/* Returns true when the present part has fixed stuff bits (D4). */
+static inline bool cw_mac_has_fixed_stuffing(const cw_mac *mac)
+{
+    return cw_part_is((cw_part)mac->part, CW_PART_FIXED_STUFFED) && cw_mac_in_fd_frame(mac);
 }
 
 static inline bool cw_mac_part_is(const cw_mac *mac, unsigned flag)
@@ -48,11 +73,50 @@ static inline bool cw_mac_last_level(const cw_mac *mac)
 /* Ends a part after its last bit. */
 void cw_mac_end_part(cw_mac *mac, cw_mac_report *report);
 
-/* Returns true when the next bit is a stuff bit (F7). */
-bool cw_mac_stuff_bit_due(const cw_mac *mac);
+/* Returns true when the next bit is a stuff bit (F7), also after the last CRC bit. After that, run
+ * stays as it is, below the limit. */
+static inline bool cw_mac_stuff_bit_due(const cw_mac *mac)
+{
+    return mac->run == CW_STUFF_RUN;
+}
+
+/* Returns true while the own frame is on the wire. */
+static inline bool cw_mac_sends(const cw_mac *mac)
+{
+    return mac->phase == CW_MAC_FRAME && cw_mac_is_transmitter(mac);
+}
 
 /* Returns true while the controller sends an active error flag or an overload flag. */
 bool cw_mac_in_dominant_flag(const cw_mac *mac);
+
+/* Leaves the bus as after cw_mac_init(), until it has been idle for long enough (M10). */
+void cw_mac_integrate(cw_mac *mac);
+
+/* ---- fd.c, for controllers with a part for FD ------------------------------------------------ */
+
+/* Begins a frame. */
+void cw_mac_fd_begin(cw_mac *mac);
+
+/* Adds a level to the check sequences, with stuff bits (D6). */
+void cw_mac_fd_add_to_crc(cw_fd_part *fd, bool level);
+
+/* The effects of the ends of parts. */
+void cw_mac_fd_take_fdf(cw_mac *mac);
+void cw_mac_fd_take_brs(cw_mac *mac);
+void cw_mac_fd_take_esi(cw_mac *mac);
+bool cw_mac_fd_crc_error(const cw_mac *mac);
+
+/* Gives the offer, of which no bit after ESI is on the wire, the error state as it is now (D8). */
+void cw_mac_fd_renew_esi(cw_mac *mac);
+
+/* Does so when ESI is the next bit. */
+void cw_mac_fd_update_esi(cw_mac *mac);
+
+/* Returns the number of the fixed stuff bit that is due. */
+unsigned cw_mac_fd_fixed_number(const cw_mac *mac);
+
+/* Encodes the offer, with the error state as it is now, and with some bits of the CRC inverted. */
+void cw_mac_fd_encode(cw_mac *mac, const cw_frame *frame, unsigned inverted);
 
 /* End a flag and the intermission after their last bits. */
 void cw_mac_end_flag(cw_mac *mac);

@@ -21,8 +21,20 @@
  * padding, too. */
 static bool same_received(const cw_frame *a, const cw_frame *b)
 {
+    const size_t room = cw_frame_is_fd(a) ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
     return a->id == b->id && a->flags == b->flags && a->dlc == b->dlc &&
-           memcmp(a->data, b->data, sizeof a->data) == 0;
+           memcmp(a->data, b->data, room) == 0;
+}
+
+/* Compares what FD frames add. A controller that knows them and one that does not are never at the
+ * same point: they go on in different ways. */
+static bool same_fd_part(const cw_mac *a, const cw_mac *b)
+{
+    if (!a->fd || !b->fd)
+        return a->fd == b->fd && a->protocol == b->protocol;
+    return a->protocol == b->protocol && a->fd->crc17 == b->fd->crc17 &&
+           a->fd->crc21 == b->fd->crc21 && a->fd->stuff_bits == b->fd->stuff_bits &&
+           a->fd->fast == b->fd->fast;
 }
 
 /* Compares the places in a frame and the bits read of it. */
@@ -31,7 +43,8 @@ static bool same_place(const cw_mac *a, const cw_mac *b)
     return a->part == b->part && a->index == b->index && a->run == b->run && a->last == b->last &&
            a->before_part == b->before_part && a->before_index == b->before_index &&
            a->may_join == b->may_join && a->crc == b->crc && a->crc_error == b->crc_error &&
-           a->shift == b->shift && same_received(&a->rx, &b->rx);
+           a->shift == b->shift && same_received(cw_mac_received(a), cw_mac_received(b)) &&
+           same_fd_part(a, b);
 }
 
 /* Idle controllers remember nothing: cw_mac_begin_frame() sets all that a frame needs. */
@@ -40,18 +53,29 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
     if (a->phase != b->phase || a->role != b->role || cw_mac_is_transmitter(a))
         return false;
     if (a->phase == CW_MAC_IDLE)
-        return true;
+        return a->protocol == b->protocol;
     return same_place(a, b) && a->count == b->count && a->ack_deferred == b->ack_deferred &&
            a->overloads_in_row == b->overloads_in_row;
 }
 
+static void go_to_fd_point(cw_fd_part *fd, const cw_fd_part *there)
+{
+    fd->crc17 = there->crc17;
+    fd->crc21 = there->crc21;
+    fd->stuff_bits = there->stuff_bits;
+    fd->fast = there->fast;
+    fd->late_error = false;
+    fd->rx = there->rx; /* with what is behind the data: it is compared, too */
+}
+
 void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
 {
-    assert(!cw_mac_is_transmitter(there));
+    assert(!cw_mac_is_transmitter(there) && m->protocol == there->protocol);
     m->phase = there->phase;
     m->role = there->role;
     m->part = there->part;
     m->index = there->index;
+    m->part_bits = there->part_bits;
     m->before_part = there->before_part;
     m->before_index = there->before_index;
     m->count = there->count;
@@ -65,7 +89,10 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
     m->crc = there->crc;
     m->shift = there->shift;
     m->overloads_in_row = there->overloads_in_row;
-    m->rx = there->rx;
+    if (m->fd)
+        go_to_fd_point(m->fd, there->fd);
+    else
+        m->rx = there->rx;
 }
 
 /* Walks to the u-th bit that is no stuff bit, a part at a time. The parts before it have their
@@ -78,23 +105,23 @@ static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsig
     for (; u >= (length = cw_mac_part_bits(m)); u -= length) {
         const cw_part part = (cw_part)m->part;
         if (part == CW_PART_CRC)
-            m->shift = m->crc = bits->crc;
+            m->shift = m->crc = (uint16_t)bits->crc;
         else if (part == CW_PART_DATA)
-            memcpy(m->rx.data, frame->data, length / 8);
+            memcpy(cw_mac_rx(m)->data, frame->data, length / 8);
         else
             m->shift = cw_part_is(part, CW_PART_ACK) ? 0 : cw_part_number(part, frame);
         m->before_part = m->part;
-        m->before_index = (uint8_t)(length - 1);
+        m->before_index = (uint16_t)(length - 1);
         cw_mac_end_part(m, &unseen);
     }
     m->confinement = counters;
-    m->index = (uint8_t)u;
+    m->index = (uint16_t)u;
     if (u == 0)
         return;
     m->before_part = m->part;
-    m->before_index = (uint8_t)(u - 1);
+    m->before_index = (uint16_t)(u - 1);
     if (m->part == CW_PART_DATA)
-        memcpy(m->rx.data, frame->data, u / 8);
+        memcpy(cw_mac_rx(m)->data, frame->data, u / 8);
 }
 
 /* Shifts in the bits of the present part. In a part that the CRC covers, also computes the CRC up
@@ -106,7 +133,7 @@ static void shift_in(cw_mac *m, const cw_bits *bits, const cw_stuffing *stuffing
     const unsigned first = u - m->index; /* bit of the part */
     unsigned k = in_crc ? 0 : first;
     if (!in_crc)
-        m->crc = bits->crc;
+        m->crc = (uint16_t)bits->crc;
     for (unsigned wire = in_crc ? 0 : cw_wire_index(stuffing, first); wire < n; wire++) {
         bool level = cw_bits_level(bits, wire);
         if (cw_bitset_get(stuffing->set, wire))
@@ -138,6 +165,20 @@ void cw_mac_go_behind_frame(cw_mac *m, cw_role role, unsigned bits)
         cw_mac_become_idle(m);
 }
 
+/* Takes all bits one by one, since check sequences of FD frames cover stuff bits, too. */
+static void replay(cw_mac *m, const cw_bits *bits, unsigned n)
+{
+    const cw_confinement counters = m->confinement;
+    const unsigned ack = bits->length - (cw_bits_is_fd(bits) ? CW_FD_AFTER_ACK_BITS
+                                                             : CW_AFTER_ACK_BITS) - 1;
+    cw_mac_report unseen;
+    for (unsigned wire = 0; wire < n; wire++) {
+        m->may_join = wire == 0;
+        cw_mac_sample(m, wire != ack && cw_bits_level(bits, wire), &unseen);
+    }
+    m->confinement = counters;
+}
+
 void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned n)
 {
     cw_mac_begin_frame(m, CW_ROLE_RECEIVER);
@@ -146,6 +187,10 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
     if (n >= bits->length) {
         cw_mac_enter(m, CW_MAC_INTERMISSION);
         m->count = (uint8_t)(n - bits->length);
+        return;
+    }
+    if (m->fd) {
+        replay(m, bits, n);
         return;
     }
     const cw_stuffing stuffing = cw_bits_stuffing(bits);
@@ -160,7 +205,9 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
 
 void cw_mac_become_transmitter(cw_mac *m, unsigned bits)
 {
+    if (m->fd)
+        m->fd->acknowledged = true; /* as in cw_mac_go_into_frame(), if the ACK slot is over (D7) */
     m->role = CW_ROLE_TRANSMITTER;
-    m->tx_next = (uint8_t)bits;
+    m->tx_next = (uint16_t)bits;
     m->may_join = false;
 }

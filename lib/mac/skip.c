@@ -7,6 +7,7 @@
  */
 #include "mac/mac_private.h"
 
+#include "format/bits.h"
 #include "format/tables.h"
 
 #include <assert.h>
@@ -35,15 +36,21 @@ static unsigned delimiter_bits(const cw_mac *m)
     return waits ? 0 : m->count;
 }
 
+/* Returns the bits before the next stuff bit, if bits of this level come. */
+static unsigned bits_to_stuff_bit(const cw_mac *m, bool level)
+{
+    if (cw_mac_has_fixed_stuffing(m))
+        return CW_FIXED_STUFF_DISTANCE - m->index % CW_FIXED_STUFF_DISTANCE;
+    return CW_STUFF_RUN - (level == m->last ? m->run : 0u);
+}
+
 /* Returns a receiver's bits before the last one of the present part, or before a stuff bit. */
 static uint64_t steady_frame_bits(const cw_mac *m, bool level)
 {
     if (cw_mac_is_transmitter(m) || m->may_join || !cw_mac_part_is(m, CW_PART_STUFFED) ||
         cw_mac_stuff_bit_due(m))
         return 0;
-    unsigned left = cw_mac_part_bits(m) - m->index - 1u;
-    unsigned run = CW_STUFF_RUN - (level == m->last ? m->run : 0u);
-    return left < run ? left : run;
+    return cw_least(cw_mac_part_bits(m) - m->index - 1u, bits_to_stuff_bit(m, level));
 }
 
 /* Returns the bits before a dominant bit that moves a counter (R2, R6). */
@@ -250,7 +257,7 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
  * frame, then up to the last. */
 static uint64_t bits_to_frame_end(const cw_mac *m)
 {
-    unsigned left = (unsigned)m->tx.length - m->tx_next;
+    unsigned left = (unsigned)cw_mac_tx(m)->length - m->tx_next;
     return left > 1 ? left - 1u : left;
 }
 
@@ -258,7 +265,8 @@ static uint64_t bits_to_frame_end(const cw_mac *m)
  * of EOF. */
 static uint64_t bits_to_reception(const cw_mac *m)
 {
-    const uint8_t *at = cw_part_at[0]; /* both formats are alike after the CRC */
+    const uint8_t *at = cw_part_at[cw_format(false, cw_mac_in_fd_frame(m))]; /* the same in extended
+                                                                                frames */
     if (m->part == CW_PART_LAST_EOF)
         return CW_QUIET_FOREVER;
     return (unsigned)at[CW_PART_LAST_EOF] - at[m->part] - m->index;

@@ -56,18 +56,23 @@ static void count_kinds(cw_rule_set *set)
 
 /* Returns true when each frame has the bit: longer frames have it when the shortest ones have
  * it. */
-static bool is_in_each_frame(const cw_rule *r)
+static bool is_in_each_frame(const cw_rule_set *set, const cw_rule *r)
 {
-    static const cw_frame base = {.dlc = 0}, extended = {.flags = CW_FRAME_EXTENDED};
+    static const uint8_t formats[] = {0, CW_FRAME_EXTENDED, CW_FRAME_FD,
+                                      CW_FRAME_FD | CW_FRAME_EXTENDED};
     unsigned n;
-    return cw_frame_find(&base, &n, r->field, r->index) &&
-           cw_frame_find(&extended, &n, r->field, r->index);
+    for (unsigned i = 0; i < (set->bus.fd ? 4u : 2u); i++) {
+        const cw_frame shortest = {.flags = formats[i]};
+        if (!cw_frame_find(&shortest, &n, r->field, r->index))
+            return false;
+    }
+    return true;
 }
 
 static bool is_open(const cw_rule_set *set, const cw_rule *r)
 {
     return r->time_begin <= cw_rules_now(set) && r->time_end == CW_NEVER &&
-           !cw_rule_needs_arming(r) && is_in_each_frame(r);
+           !cw_rule_needs_arming(r) && is_in_each_frame(set, r);
 }
 
 cw_status cw_rules_may_add(const cw_rule_set *set, unsigned *place, const cw_rule *rule)

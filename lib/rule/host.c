@@ -15,7 +15,7 @@ bool cw_rules_hold(cw_rule_set *set, const held_frame *frame)
 {
     if (set->held_count == CW_HELD_FRAMES)
         return false;
-    set->held[set->held_count++] = *frame;
+    cw_held_copy(set, cw_held_at(set, set->held_count++), frame);
     cw_rules_set_due(set, frame->due);
     return true;
 }
@@ -38,11 +38,12 @@ static void release(cw_rule_set *set, uint64_t tick)
 {
     unsigned kept = 0;
     for (unsigned i = 0; i < set->held_count; i++) {
-        held_frame h = set->held[i];
+        held_frame h;
+        cw_held_copy(set, &h, cw_held_at(set, i));
         if (h.due <= cw_rules_now(set))
             deliver_held(set, &h, tick);
         else
-            set->held[kept++] = h;
+            cw_held_copy(set, cw_held_at(set, kept++), &h);
     }
     set->held_count = kept;
 }
@@ -50,14 +51,14 @@ static void release(cw_rule_set *set, uint64_t tick)
 bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame)
 {
     unsigned place = 0;
-    while (place < set->held_count && set->held[place].node != node)
+    while (place < set->held_count && cw_held_at(set, place)->node != node)
         place++;
     if (place == set->held_count)
         return false;
-    *frame = set->held[place];
+    cw_held_copy(set, frame, cw_held_at(set, place));
     set->held_count--;
-    memmove(&set->held[place], &set->held[place + 1],
-            (set->held_count - place) * sizeof set->held[0]);
+    memmove(cw_held_at(set, place), cw_held_at(set, place + 1),
+            (set->held_count - place) * set->held_size);
     return true;
 }
 
@@ -70,7 +71,7 @@ uint64_t cw_rules_next_held(const cw_rule_set *set)
 {
     uint64_t next = CW_NEVER;
     for (unsigned i = 0; i < set->held_count; i++)
-        next = cw_least(next, set->held[i].due);
+        next = cw_least(next, cw_held_at(set, i)->due);
     return next;
 }
 
@@ -79,7 +80,7 @@ void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, ui
     *tx = 0;
     *rx = 0;
     for (unsigned i = 0; i < set->held_count; i++) {
-        const held_frame *h = &set->held[i];
+        const held_frame *h = cw_held_at(set, i);
         if (h->node == node)
             (*(h->side == CW_SIDE_TX ? tx : rx))++;
     }
@@ -88,9 +89,9 @@ void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, ui
 void cw_rule_let_go(cw_rule_set *set, unsigned rule)
 {
     for (unsigned i = 0; i < set->held_count; i++) {
-        if (set->held[i].rule != rule)
+        if (cw_held_at(set, i)->rule != rule)
             continue;
-        set->held[i].due = cw_rules_now(set);
+        cw_held_at(set, i)->due = cw_rules_now(set);
         cw_rules_set_due(set, cw_rules_now(set));
     }
 }
@@ -99,7 +100,7 @@ void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tic
 {
     bool due = false;
     for (unsigned i = 0; i < set->held_count; i++) {
-        held_frame *h = &set->held[i];
+        held_frame *h = cw_held_at(set, i);
         if (h->node != node || h->side != side || h->behind == 0 || --h->behind > 0)
             continue;
         h->due = cw_rules_now(set);
@@ -122,7 +123,7 @@ bool cw_change_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
     }
     if (c->set_dlc)
         frame->dlc = c->dlc;
-    for (unsigned i = 0; i < 8; i++) {
+    for (unsigned i = 0; i < cw_frame_length(frame); i++) {
         unsigned byte = (frame->data[i] & ~(unsigned)c->set_mask[i]) | (c->set[i] & c->set_mask[i]);
         byte = (byte & c->and_mask[i]) | c->or_mask[i];
         frame->data[i] = (uint8_t)(byte ^ c->xor_mask[i]);
@@ -152,9 +153,9 @@ bool cw_drop_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p, uint64_t due,
                       uint32_t behind)
 {
-    const held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
-                          .node = (uint8_t)p->node, .side = rule->side, .frame = *p->frame,
-                          .origin = *p->origin};
+    held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
+                    .node = (uint8_t)p->node, .side = rule->side, .origin = *p->origin};
+    cw_frame_copy(&h.frame, p->frame);
     return !cw_rules_hold(set, &h);
 }
 
@@ -186,11 +187,12 @@ static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
 static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
                       const frame_origin *origin)
 {
-    const cw_frame original = *frame;
+    cw_frame original;
     uint64_t self = cw_node_bit(node);
     uint64_t from = side == CW_SIDE_TX ? self : origin->from;
     cw_candidates c;
     unsigned rule;
+    cw_frame_copy(&original, frame);
     cw_candidates_begin(&c, set, &original);
     while (cw_candidates_next(&c, &rule, set)) {
         const cw_rule_state *s = cw_rule_at(set, rule);

@@ -103,9 +103,15 @@ static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac
     case CW_FIELD_RTR:
     case CW_FIELD_R1:
     case CW_FIELD_R0:
+    case CW_FIELD_FDF:
+    case CW_FIELD_RES:
+    case CW_FIELD_BRS:
+    case CW_FIELD_ESI:
     case CW_FIELD_DLC:
     case CW_FIELD_DATA:
+    case CW_FIELD_STUFF_COUNT:
     case CW_FIELD_CRC:
+    case CW_FIELD_FIXED_STUFF:
     case CW_FIELD_CRC_DELIMITER:
     case CW_FIELD_ACK_SLOT:
     case CW_FIELD_ACK_DELIMITER:
@@ -115,7 +121,7 @@ static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac
     case CW_FIELD_COUNT:
         break;
     }
-    return cw_mac_own_bit(mac, &n) && cw_bits_is_at(&mac->tx, n, rule->field, rule->index);
+    return cw_mac_own_bit(mac, &n) && cw_bits_is_at(cw_mac_tx(mac), n, rule->field, rule->index);
 }
 
 /* Returns the nodes that share a wire with this one. */

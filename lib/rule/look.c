@@ -41,6 +41,7 @@ static bool takes_any_bit(const cw_rule_state *s)
     const cw_rule *r = &s->rule;
     return cw_rule_is(s, CW_HAS_POSITION) && r->field != CW_FIELD_INTERMISSION &&
            r->field != CW_FIELD_SUSPEND && r->field != CW_FIELD_STUFF && r->field != CW_FIELD_BIT &&
+           r->field != CW_FIELD_FIXED_STUFF &&
            r->hold_off == 0 && r->state_nodes == 0;
 }
 
@@ -129,7 +130,8 @@ void cw_rules_watch(cw_rule_set *set, unsigned node, const cw_frame *frame)
 /* Returns true when the time of the rule is not within the longest frame from now on. */
 static bool is_out_of_time(const cw_rule_set *set, const cw_rule *r)
 {
-    uint64_t end = cw_wire_tick_or_never(set->bus.time, CW_BITS_MAX);
+    const unsigned most = set->bus.fd ? CW_BITS_MAX : CW_CLASSICAL_FRAME_BITS_MAX;
+    uint64_t end = cw_wire_tick_or_never(set->bus.time, most);
     return r->time_end <= cw_rules_now(set) || r->time_begin >= end;
 }
 

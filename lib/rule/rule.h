@@ -23,6 +23,7 @@
 
 #include "canwire.h"
 #include "format/bitset.h"
+#include "format/frame.h"
 #include "rule/action.h"
 #include "rule/disturb.h"
 #include "rule/prng.h"
@@ -93,8 +94,8 @@ typedef struct held_frame {
     uint16_t rule;
     uint8_t node;
     cw_side side;
-    cw_frame frame;
     frame_origin origin;
+    cw_frame frame; /* in its short form where the bus has no FD */
 } held_frame;
 
 #define CW_HELD_FRAMES 256u /* all nodes together */
@@ -137,6 +138,7 @@ typedef struct cw_rule_bus {
     unsigned node_count;
     uint64_t all; /* nodes */
     uint64_t seed;
+    bool fd;      /* some node knows FD frames */
     const flag_watch *error_flag;
     const flag_watch *overload_flag;
     const uint64_t *wires; /* sets of nodes that share one ... */
@@ -183,7 +185,8 @@ typedef struct cw_rule_set {
     cw_rule_key *keys;     /* of frame rules, sorted by class, identifier and rule */
     uint16_t *wildcards;    /* frame rules without keys */
     uint16_t *awake;        /* sorted */
-    held_frame *held;       /* CW_HELD_FRAMES of them */
+    unsigned char *held;    /* CW_HELD_FRAMES of them, see cw_held_at() */
+    unsigned held_size;
     unsigned held_count;
     uint64_t work;          /* see cw_bus_work() */
     uint64_t driven;        /* of the bit in progress, see cw_levels */
@@ -226,6 +229,24 @@ typedef struct cw_levels {
     uint64_t wire;  /* ... with the changes by faults */
     uint64_t sampled;
 } cw_levels;
+
+/* Returns the bytes of a frame that is held back. fd: it may be an FD frame. */
+static inline size_t cw_held_frame_size(bool fd)
+{
+    const size_t align = _Alignof(held_frame);
+    return (offsetof(held_frame, frame) + cw_frame_room(fd) + align - 1) / align * align;
+}
+
+/* Returns the i-th frame that is held back. Copy it with cw_held_copy() only. */
+static inline held_frame *cw_held_at(const cw_rule_set *set, unsigned i)
+{
+    return (held_frame *)(void *)(set->held + (size_t)i * set->held_size);
+}
+
+static inline void cw_held_copy(const cw_rule_set *set, held_frame *to, const held_frame *from)
+{
+    memcpy(to, from, set->held_size);
+}
 
 /* ---- add.c, begin.c -------------------------------------------------------------------------- */
 

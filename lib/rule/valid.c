@@ -12,12 +12,12 @@ static bool nodes_exist(const cw_rule_set *set, uint64_t nodes)
 }
 
 /* Returns false for values that have no meaning at all. */
-static bool kinds_exist(const cw_rule *r)
+static bool kinds_exist(const cw_rule_set *set, const cw_rule *r)
 {
     return (unsigned)r->trigger <= CW_TRIGGER_ERROR && (unsigned)r->action < CW_ACTION_COUNT &&
            (unsigned)r->field < CW_FIELD_COUNT && (unsigned)r->line <= CW_LINE_RX &&
            (unsigned)r->side <= CW_SIDE_RX && r->filter_count <= CW_RULE_FILTERS_MAX &&
-           r->data_length <= 8 && r->name;
+           r->data_length <= (set->bus.fd ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX) && r->name;
 }
 
 /* Returns whether the rule has what its moment needs: a frame, a position in it. A pulse that waits
@@ -53,13 +53,21 @@ static bool is_in_range(const cw_rule *r, const cw_action_range *range)
            (range->may_keep && number == CW_KEEP);
 }
 
+/* Returns true when the node knows the frame that the rule has it send (D17). */
+static bool sends_frame(const cw_rule_set *set, const cw_rule *r)
+{
+    const bool known = !cw_frame_is_fd(&r->frame) ||
+                       (r->node < set->bus.node_count && set->bus.macs[r->node]->fd);
+    return cw_frame_valid(&r->frame) && known;
+}
+
 /* Checks the numbers of single actions, and the frame that they send. */
-static bool numbers_in_range(const cw_rule *r, const cw_action_row *does)
+static bool numbers_in_range(const cw_rule_set *set, const cw_rule *r, const cw_action_row *does)
 {
     for (unsigned i = 0; i < CW_ACTION_RANGES; i++)
         if (!is_in_range(r, &does->ranges[i]))
             return false;
-    return !(does->traits & CW_SENDS_FRAME) || cw_frame_valid(&r->frame);
+    return !(does->traits & CW_SENDS_FRAME) || sends_frame(set, r);
 }
 
 /* Checks the times of actions for parts of bits. */
@@ -78,8 +86,8 @@ static bool spans_in_range(const cw_rule_set *set, const cw_rule *r)
 /* The rule of `after` may be added later. The nodes know whether settings fit. */
 bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
 {
-    return kinds_exist(r) && moment_known(r, cw_actions[r->action].traits) &&
-           numbers_in_range(r, &cw_actions[r->action]) && spans_in_range(set, r) &&
+    return kinds_exist(set, r) && moment_known(r, cw_actions[r->action].traits) &&
+           numbers_in_range(set, r, &cw_actions[r->action]) && spans_in_range(set, r) &&
            nodes_exist(set, r->from | r->at | r->nodes | r->state_nodes) &&
            r->node < set->bus.node_count &&
            (!r->has_after || r->after < set->capacity);

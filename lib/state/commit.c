@@ -15,7 +15,7 @@ void cw_count_clean_bits_now(cw_bus *bus)
 /* Returns the offered slot, whose contents stay readable until the next frame is put in. */
 static const cw_queue_slot *offered_slot(const bus_node *n)
 {
-    return &n->queue.slots[n->offered_slot];
+    return cw_queue_at(&n->queue, n->offered_slot);
 }
 
 static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
@@ -37,7 +37,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     count_sent(bus, n, slot, wire_bits);
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
-    e->frame = slot->frame;
+    cw_frame_copy(&e->frame, slot->frame);
     e->from = cw_node_bit(i);
     e->handed_in = slot->handed_in;
 }
@@ -47,7 +47,7 @@ static void commit_given_up(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_remove_slot(bus, i, n->offered_slot);
-    cw_push_drop(bus, i, CW_SIDE_TX, &offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus));
+    cw_push_drop(bus, i, CW_SIDE_TX, offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus));
 }
 
 void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
@@ -58,7 +58,8 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
         return;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
     e->lost_bit = bit;
-    e->frame = offered_slot(&bus->nodes[i])->frame;
+    cw_frame_copy(&e->frame, offered_slot(&bus->nodes[i])->frame);
+    e->frame.flags &= (uint8_t)~CW_FRAME_ESI; /* it has not been sent */
     cw_rules_error(&bus->rules, i, e);
 }
 
@@ -70,6 +71,13 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
     cw_rules_error(&bus->rules, i, e);
 }
 
+/* Returns the frame that a node is sending, as it is on the wire. */
+static const cw_frame *sent_frame(const bus_node *n)
+{
+    const cw_frame *offered = cw_mac_offered(&n->mac);
+    return offered ? offered : offered_slot(n)->frame;
+}
+
 /* Returns true when the accepted content is none that a transmitter sent (section 6 of
  * RULES.md). */
 static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
@@ -79,7 +87,7 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
         const bus_node *n = &bus->nodes[i];
         if (!cw_mac_is_sending(&n->mac) || (n->mac.modes & CW_MODE_LOOPBACK))
             continue;
-        if (cw_frame_equal(&n->queue.slots[n->offered_slot].frame, frame))
+        if (cw_frame_equal(sent_frame(n), frame))
             return false;
         sent = true;
     }
@@ -112,7 +120,7 @@ static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
     frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
     for (uint64_t rest = origin.from; rest; rest &= rest - 1) {
         const bus_node *n = &bus->nodes[cw_lowest_node(rest)];
-        origin.handed_in = cw_least(origin.handed_in, n->queue.slots[n->offered_slot].handed_in);
+        origin.handed_in = cw_least(origin.handed_in, offered_slot(n)->handed_in);
     }
     return origin;
 }
@@ -120,7 +128,8 @@ static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 {
     bus_node *n = &bus->nodes[i];
-    cw_frame frame = *received;
+    cw_frame frame;
+    cw_frame_copy(&frame, received);
     n->stats.rx_accepted++;
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
@@ -146,14 +155,15 @@ cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, 
 
 bool cw_commit_reception(cw_bus *bus)
 {
-    const cw_frame frame = bus->common.rx;
+    const cw_frame *frame = cw_mac_received(&bus->common);
     if (cw_host_side_acts(bus) || bus->group_count > 1)
         return false;
     uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
-    if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, &frame))
+    if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, frame))
         return false;
-    cw_receive_together(bus, cw_lowest_node(senders), bus->followers, cw_frame_length(&frame))
-        ->frame = frame;
+    cw_event *e = cw_receive_together(bus, cw_lowest_node(senders), bus->followers,
+                                      cw_frame_length(frame));
+    cw_frame_copy(&e->frame, frame);
     return true;
 }
 
@@ -179,6 +189,14 @@ void cw_report_new_state(cw_bus *bus, unsigned i)
     cw_rules_error(&bus->rules, i, e);
 }
 
+/* Keeps ESI as it was sent (D8). */
+static void keep_sent_flags(const bus_node *n)
+{
+    const cw_frame *sent = cw_mac_offered(&n->mac);
+    if (sent)
+        cw_queue_at(&n->queue, n->offered_slot)->frame->flags = sent->flags;
+}
+
 void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
     /* the frame that bus-off takes back stays in the queue; the restart drops it with all others */
@@ -196,8 +214,12 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     }
     if (r->what & CW_REPORT_RX)
         cw_receive(bus, i, cw_mac_received(cw_mac_of(bus, i)));
-    if (r->what & CW_REPORT_TX)
-        cw_commit_sent(bus, i, bus->nodes[i].mac.tx.length);
+    if (r->what & CW_REPORT_EXCEPTION)
+        (void)cw_push_node_event(bus, CW_EVENT_EXCEPTION, i);
+    if (r->what & CW_REPORT_TX) {
+        keep_sent_flags(&bus->nodes[i]);
+        cw_commit_sent(bus, i, cw_mac_tx(&bus->nodes[i].mac)->length);
+    }
     cw_report_state(bus, i);
 }
 

@@ -4,6 +4,8 @@
  */
 #include "state/state.h"
 
+#include "format/bits.h"
+
 #include <assert.h>
 
 void cw_queue_changed(cw_bus *bus, unsigned i)
@@ -21,7 +23,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
     const bus_node *n = &bus->nodes[i];
     if (bus->detached & cw_node_bit(i))
         return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
-    if (n->mac.modes & CW_MODE_LISTEN_ONLY)
+    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         return CW_DROP_LISTEN_ONLY;
     if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
         return CW_DROP_BUS_OFF;
@@ -47,6 +49,18 @@ static void pin_frame(cw_bus *bus, unsigned i)
     cw_pin_first(&bus->nodes[i]);
 }
 
+/* Makes an FD frame that has just been queued one that the controller would send now (D8). Not
+ * inlined, so that classical frames need no room for it. */
+__attribute__((noinline)) static void complete_fd(const bus_node *n)
+{
+    cw_queue_slot *slot = cw_queue_at(&n->queue, n->queue.newest);
+    const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
+    if (slot->frame->flags == flags)
+        return;
+    slot->frame->flags = (uint8_t)flags;
+    slot->wire_bits = (uint16_t)cw_bits_measure_fd(slot->frame);
+}
+
 void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
@@ -54,10 +68,13 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
     bool put = cw_queue_put(&n->queue, frame, tick);
     assert(put);
     (void)put;
+    if (cw_frame_is_fd(frame))
+        complete_fd(n);
     bus->queued++;
     if (cw_queue_first(&n->queue) == n->queue.newest)
         cw_queue_changed(bus, i);
-    n->queue.slots[n->queue.newest].source = (uint16_t)source;
+    if (source)
+        cw_queue_at(&n->queue, n->queue.newest)->source = (uint16_t)source;
     if (n->queue.count > n->stats.queue_peak)
         n->stats.queue_peak = n->queue.count;
 }
@@ -65,7 +82,7 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     cw_share_lost(bus, i);
-    cw_drop why = cw_frame_valid(frame) ? cw_refusal(bus, i) : CW_DROP_BAD_FRAME;
+    cw_drop why = cw_knows_frame(bus, i, frame) ? cw_refusal(bus, i) : CW_DROP_BAD_FRAME;
     if (why != CW_DROP_COUNT) {
         cw_push_drop(bus, i, CW_SIDE_TX, frame, why, tick);
         return;
@@ -78,7 +95,7 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
 {
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
-    cw_rules_count_gone(&bus->rules, n->queue.slots[slot].source);
+    cw_rules_count_gone(&bus->rules, cw_queue_at(&n->queue, slot)->source);
     cw_queue_remove(&n->queue, slot);
     bus->queued--;
     cw_queue_changed(bus, i);
@@ -89,7 +106,8 @@ void cw_flush_queue(cw_bus *bus, unsigned i, cw_drop why)
     bus_node *n = &bus->nodes[i];
     while (n->queue.count > 0) {
         uint16_t slot = cw_queue_first(&n->queue);
-        cw_push_drop(bus, i, CW_SIDE_TX, &n->queue.slots[slot].frame, why, cw_now(bus));
+        const cw_frame *frame = cw_queue_at(&n->queue, slot)->frame;
+        cw_push_drop(bus, i, CW_SIDE_TX, frame, why, cw_now(bus));
         cw_remove_slot(bus, i, slot);
     }
 }

@@ -4,15 +4,50 @@
  */
 #include "state/state.h"
 
-static inbox_entry *inbox_at(const inbox *box, unsigned i)
+#include <string.h>
+
+/* An entry outside of the inbox. */
+typedef union entry_room {
+    inbox_entry entry;
+    unsigned char bytes[sizeof(inbox_entry) + sizeof(cw_frame)];
+} entry_room;
+
+/* The bytes that each entry has. */
+#define SHORT_ENTRY (offsetof(inbox_entry, frame) + sizeof(cw_short_frame))
+
+/* Copies the short form by itself, with a size that the compiler knows. */
+static inline void copy_out(entry_room *room, const inbox *box, const inbox_entry *from)
 {
-    unsigned place = box->first + i;
-    return &box->entries[place < box->capacity ? place : place - box->capacity];
+    const unsigned char *entry = (const unsigned char *)from;
+    memcpy(room, entry, SHORT_ENTRY);
+    if (box->entry_size >= SHORT_ENTRY + CW_CLASSICAL_DATA_MAX)
+        memcpy(room->bytes + SHORT_ENTRY, entry + SHORT_ENTRY, box->entry_size - SHORT_ENTRY);
+}
+
+/* Returns the entry that comes first, as cw_inbox_at() does. */
+static inline inbox_entry *front(const inbox *box)
+{
+    return (inbox_entry *)(void *)(box->entries + (size_t)box->first * box->entry_size);
+}
+
+static void copy(const inbox *box, unsigned to, unsigned from)
+{
+    memcpy(cw_inbox_at(box, to), cw_inbox_at(box, from), box->entry_size);
+}
+
+/* Moves an entry to an earlier place; those between move on by one. */
+static void move_forward(const inbox *box, unsigned from, unsigned to)
+{
+    entry_room moved;
+    copy_out(&moved, box, cw_inbox_at(box, from));
+    for (unsigned i = from; i > to; i--)
+        copy(box, i, i - 1);
+    memcpy(cw_inbox_at(box, to), &moved, box->entry_size);
 }
 
 static void find_next(inbox *box)
 {
-    box->next = box->count ? inbox_at(box, 0)->at_tick : CW_NEVER;
+    box->next = box->count ? front(box)->at_tick : CW_NEVER;
 }
 
 static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
@@ -31,15 +66,30 @@ static bool is_next(const cw_bus *bus)
 
 /* Queues a frame for now that needs no place in the inbox. Returns false, with nothing done, when
  * the frame needs one. Returns false also when it would be dropped, since events come only while
- * the bus advances. */
-static bool hand_in_now(cw_bus *bus, unsigned i, const cw_frame *frame)
+ * the bus advances. All that it calls is inlined: this is the way of nearly all frames. */
+__attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
+                                                 const cw_frame *frame)
 {
-    if (!is_next(bus) || !cw_frame_valid(frame) || cw_refusal(bus, i) != CW_DROP_COUNT)
+    if (!is_next(bus) || !cw_knows_frame(bus, i, frame) || cw_refusal(bus, i) != CW_DROP_COUNT)
         return false;
     cw_share_lost(bus, i);
     bus->nodes[i].stats.handed_in++;
     cw_enqueue(bus, i, frame, cw_now(bus), 0);
     return true;
+}
+
+/* A bus without FD drops an FD frame later. The event then has the begin of its data. */
+static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_frame *frame,
+                uint64_t at_tick)
+{
+    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node};
+    memcpy(entry->frame, frame, sizeof(cw_short_frame));
+    if (!cw_frame_is_fd(frame))
+        return;
+    if (bus->fd)
+        cw_frame_copy(entry->frame, frame);
+    else
+        cw_frame_cut(entry->frame);
 }
 
 cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
@@ -54,9 +104,9 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
     if (box->count == box->capacity)
         return CW_FULL;
     unsigned place = box->count++;
-    for (; place > 0 && comes_after(inbox_at(box, place - 1), at_tick, i); place--)
-        *inbox_at(box, place) = *inbox_at(box, place - 1);
-    *inbox_at(box, place) = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)i, .frame = *frame};
+    for (; place > 0 && comes_after(cw_inbox_at(box, place - 1), at_tick, i); place--)
+        copy(box, place, place - 1);
+    put(bus, cw_inbox_at(box, place), i, frame, at_tick);
     find_next(box);
     bus->nodes[i].inbox++;
     return CW_OK;
@@ -66,18 +116,19 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
 static void sort_inbox(inbox *box)
 {
     for (unsigned i = 1; i < box->count; i++) {
-        const inbox_entry entry = *inbox_at(box, i);
+        const uint64_t tick = cw_inbox_at(box, i)->at_tick;
         unsigned place = i;
-        for (; place > 0 && inbox_at(box, place - 1)->at_tick > entry.at_tick; place--)
-            *inbox_at(box, place) = *inbox_at(box, place - 1);
-        *inbox_at(box, place) = entry;
+        while (place > 0 && cw_inbox_at(box, place - 1)->at_tick > tick)
+            place--;
+        if (place < i)
+            move_forward(box, i, place);
     }
 }
 
 void cw_nodes_bring_forward(cw_bus *bus, uint64_t nodes, uint64_t ticks)
 {
     for (unsigned i = 0; i < bus->inbox.count; i++) {
-        inbox_entry *e = inbox_at(&bus->inbox, i);
+        inbox_entry *e = cw_inbox_at(&bus->inbox, i);
         if (!(nodes >> e->node & 1u) || e->at_tick == CW_NEVER || e->at_tick <= cw_now(bus))
             continue;
         e->at_tick = e->at_tick - cw_now(bus) > ticks ? e->at_tick - ticks : cw_now(bus);
@@ -102,39 +153,42 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
 }
 
 /* Rules on the host side see the frame first, then it is queued. */
-static void hand_in(cw_bus *bus, const inbox_entry *entry)
+__attribute__((flatten)) static void hand_in(cw_bus *bus, inbox_entry *entry)
 {
-    cw_frame frame = entry->frame;
+    cw_frame *frame = entry->frame; /* with room for what rules make of it */
     bus->nodes[entry->node].inbox--;
     bus->nodes[entry->node].stats.handed_in++;
-    if (cw_rules_hand_in(&bus->rules, entry->node, &frame, entry->at_tick))
-        cw_queue_frame(bus, entry->node, &frame, entry->at_tick, 0);
+    if (cw_rules_hand_in(&bus->rules, entry->node, frame, entry->at_tick))
+        cw_queue_frame(bus, entry->node, frame, entry->at_tick, 0);
     cw_rules_passed(&bus->rules, entry->node, CW_SIDE_TX, entry->at_tick);
 }
 
 static void take_first(cw_bus *bus)
 {
     inbox *box = &bus->inbox;
-    const inbox_entry entry = *inbox_at(box, 0);
+    entry_room first;
+    copy_out(&first, box, front(box));
     box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
     box->count--;
     find_next(box);
-    hand_in(bus, &entry);
+    hand_in(bus, &first.entry);
 }
 
 static void take_nth(cw_bus *bus, unsigned n)
 {
     inbox *box = &bus->inbox;
-    const inbox_entry entry = *inbox_at(box, n);
+    entry_room nth;
+    copy_out(&nth, box, cw_inbox_at(box, n));
     box->count--;
     for (unsigned i = n; i < box->count; i++)
-        *inbox_at(box, i) = *inbox_at(box, i + 1);
+        copy(box, i, i + 1);
     find_next(box);
-    hand_in(bus, &entry);
+    hand_in(bus, &nth.entry);
 }
 
-/* It is never inlined: its copies would take the registers that a clean frame needs. */
-__attribute__((noinline)) void cw_take_inbox(cw_bus *bus, uint64_t tick)
+/* It is never inlined: its copies would take the registers that a clean frame needs. All that it
+ * calls is, as for hand_in_now(). */
+__attribute__((noinline, flatten)) void cw_take_inbox(cw_bus *bus, uint64_t tick)
 {
     while (cw_inbox_first(bus) < tick)
         take_first(bus);
@@ -143,15 +197,15 @@ __attribute__((noinline)) void cw_take_inbox(cw_bus *bus, uint64_t tick)
 void cw_take_inbox_of(cw_bus *bus, unsigned i)
 {
     const inbox *box = &bus->inbox;
-    while (cw_inbox_first(bus) <= cw_now(bus) && inbox_at(box, 0)->node == i)
+    while (cw_inbox_first(bus) <= cw_now(bus) && cw_inbox_at(box, 0)->node == i)
         take_first(bus);
 }
 
 void cw_take_inbox_of_before(cw_bus *bus, unsigned i, uint64_t tick)
 {
     const inbox *box = &bus->inbox;
-    for (unsigned n = 0; n < box->count && inbox_at(box, n)->at_tick < tick;)
-        if (inbox_at(box, n)->node == i)
+    for (unsigned n = 0; n < box->count && cw_inbox_at(box, n)->at_tick < tick;)
+        if (cw_inbox_at(box, n)->node == i)
             take_nth(bus, n);
         else
             n++;
@@ -162,14 +216,14 @@ void cw_flush_inbox(cw_bus *bus, unsigned i)
     inbox *box = &bus->inbox;
     unsigned kept = 0;
     for (unsigned k = 0; k < box->count; k++) {
-        inbox_entry entry = *inbox_at(box, k);
-        if (entry.node != i) {
-            *inbox_at(box, kept++) = entry;
+        const inbox_entry *entry = cw_inbox_at(box, k);
+        if (entry->node != i) {
+            copy(box, kept++, k);
             continue;
         }
         bus->nodes[i].stats.handed_in++;
         bus->nodes[i].inbox--;
-        cw_push_drop(bus, i, CW_SIDE_TX, &entry.frame, CW_DROP_REMOVED, cw_now(bus));
+        cw_push_drop(bus, i, CW_SIDE_TX, entry->frame, CW_DROP_REMOVED, cw_now(bus));
     }
     box->count = kept;
     find_next(box);

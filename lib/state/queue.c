@@ -9,13 +9,15 @@
 
 #include <string.h>
 
-void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
-                   cw_order mode)
+void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t capacity,
+                   cw_order mode, bool fd)
 {
     *q = (cw_queue){.slots = slots, .order = order, .capacity = capacity,
                     .mode = (uint8_t)mode};
-    for (uint16_t i = 0; i < capacity; i++)
-        order[i].slot = i;
+    const size_t words = cw_queue_slot_size(fd) / sizeof q->slots[0];
+    assert(words * capacity <= UINT16_MAX);
+    for (unsigned i = 0; i < capacity; i++)
+        order[i].slot = (uint16_t)(i * words);
 }
 
 /* Returns the identifier as arbitration sees it: base id, then IDE, then the extension. RTR does
@@ -46,6 +48,25 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
     return place + 1;
 }
 
+__attribute__((noinline)) static void put_fd(cw_queue_slot *slot, const cw_frame *frame,
+                                              uint64_t handed_in, uint32_t number)
+{
+    *slot = (cw_queue_slot){.handed_in = handed_in, .number = number,
+                            .wire_bits = (uint16_t)cw_bits_measure_fd(frame),
+                            .bytes = (uint8_t)cw_frame_length(frame)};
+    cw_frame_copy(slot->frame, frame);
+}
+
+static inline void put_classical(cw_queue_slot *slot, const cw_frame *frame, uint64_t handed_in,
+                                 uint32_t number)
+{
+    const unsigned bytes = cw_dlc_length(frame->dlc, cw_frame_is_remote(frame));
+    *slot = (cw_queue_slot){.handed_in = handed_in, .number = number,
+                            .wire_bits = (uint16_t)cw_bits_measure_classical(frame),
+                            .bytes = (uint8_t)bytes};
+    memcpy(slot->frame, frame, sizeof(cw_short_frame));
+}
+
 /* Finds the length here, where nothing waits for it, and not at the frame's turn. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
 {
@@ -58,16 +79,18 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     q->order[place] = (cw_queue_place){.key = key, .slot = slot};
     q->count++;
     q->newest = slot;
-    q->slots[slot] = (cw_queue_slot){.frame = *frame, .handed_in = handed_in, .number = q->puts++,
-                                     .wire_bits = (uint8_t)cw_bits_measure(frame),
-                                     .bytes = (uint8_t)cw_frame_length(frame)};
+    cw_queue_slot *put = cw_queue_at(q, slot);
+    if (cw_frame_is_fd(frame))
+        put_fd(put, frame, handed_in, q->puts++);
+    else
+        put_classical(put, frame, handed_in, q->puts++);
     return true;
 }
 
 /* The comparison holds since far fewer frames wait than there are numbers. */
 static bool came_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
 {
-    return (int32_t)(q->slots[a->slot].number - q->slots[b->slot].number) > 0;
+    return (int32_t)(cw_queue_at(q, a->slot)->number - cw_queue_at(q, b->slot)->number) > 0;
 }
 
 static bool goes_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
@@ -80,7 +103,7 @@ void cw_queue_set_order(cw_queue *q, cw_order mode)
     q->mode = (uint8_t)mode;
     for (unsigned i = 0; i < q->count; i++) {
         cw_queue_place moved = q->order[i];
-        moved.key = place_key(q, &q->slots[moved.slot].frame);
+        moved.key = place_key(q, cw_queue_at(q, moved.slot)->frame);
         unsigned place = i;
         for (; place > 0 && goes_after(q, &moved, &q->order[place - 1]); place--)
             q->order[place] = q->order[place - 1];

@@ -8,28 +8,28 @@
 #ifndef CANWIRE_QUEUE_H
 #define CANWIRE_QUEUE_H
 
-#include "canwire.h"
+#include "format/frame.h"
 
 #include <assert.h>
 
 typedef struct cw_queue_slot {
-    cw_frame frame;
     uint64_t handed_in; /* tick */
     uint32_t number;    /* number of the put: the order in which frames came */
     uint16_t source;    /* for the owner: 0 after a put */
-    uint8_t wire_bits;  /* of the frame, SOF to EOF */
+    uint16_t wire_bits; /* of the frame, SOF to EOF */
     uint8_t bytes;      /* of its data field */
     bool tried;         /* a transmission has begun; false after a put */
+    cw_frame frame[];   /* one, in its short form where the bus has no FD */
 } cw_queue_slot;
 
 /* A slot in use, or a free one. */
 typedef struct cw_queue_place {
     uint32_t key; /* lower goes first */
-    uint16_t slot;
+    uint16_t slot; /* see cw_queue_at() */
 } cw_queue_place;
 
 typedef struct cw_queue {
-    cw_queue_slot *slots; /* capacity of them */
+    uint64_t *slots; /* capacity of them, see cw_queue_at() */
     cw_queue_place *order; /* the first `count` are slots in use, the next one to go last; the rest
                               are free */
     uint32_t puts;   /* modulo 2^32 */
@@ -39,8 +39,23 @@ typedef struct cw_queue {
     uint8_t mode;    /* cw_order */
 } cw_queue;
 
-void cw_queue_init(cw_queue *q, cw_queue_slot *slots, cw_queue_place *order, uint16_t capacity,
-                   cw_order mode);
+/* Returns the bytes of a slot, whole words. fd: it has room for FD frames. */
+static inline size_t cw_queue_slot_size(bool fd)
+{
+    const size_t word = sizeof(uint64_t);
+    return (offsetof(cw_queue_slot, frame) + cw_frame_room(fd) + word - 1) / word * word;
+}
+
+/* Returns a slot. Its number is that of its first word, so that it is found without a
+ * multiplication. */
+static inline cw_queue_slot *cw_queue_at(const cw_queue *q, unsigned slot)
+{
+    return (cw_queue_slot *)(void *)&q->slots[slot];
+}
+
+/* slots: of cw_queue_slot_size(fd) bytes each. */
+void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t capacity,
+                   cw_order mode, bool fd);
 
 /* Puts a frame, which must be valid, into the queue. Returns false when the queue is full. */
 bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);

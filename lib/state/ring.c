@@ -37,10 +37,15 @@ bool cw_ring_has_room_now(const cw_bus *bus)
     return room >= worst || bus->ring.count == 0;
 }
 
-static cw_event *event_at(event_ring *ring, unsigned i)
+static cw_event *event_at(const event_ring *ring, unsigned i)
 {
     unsigned place = ring->first + i;
-    return &ring->events[place < ring->capacity ? place : place - ring->capacity];
+    return cw_ring_at(ring, place < ring->capacity ? place : place - ring->capacity);
+}
+
+static void copy(const event_ring *ring, cw_event *to, const cw_event *from)
+{
+    memcpy(to, from, ring->event_size);
 }
 
 static cw_event *newest_event(event_ring *ring)
@@ -77,7 +82,7 @@ static uint64_t part_behind(const cw_event *e, const cw_event *added)
 static void open_gap(event_ring *ring, unsigned place)
 {
     for (unsigned i = ring->count++; i > place; i--)
-        *event_at(ring, i) = *event_at(ring, i - 1);
+        copy(ring, event_at(ring, i), event_at(ring, i - 1));
 }
 
 /* Finds the place of a new event. Splits an event for several nodes in two when the new one comes
@@ -91,7 +96,7 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
         bool all = behind == UINT64_MAX || behind == before->nodes;
         if (!all && ring->count + 1 < ring->capacity) {
             open_gap(ring, place);
-            *event_at(ring, place) = *before;
+            copy(ring, event_at(ring, place), before);
             event_at(ring, place)->nodes = behind;
             before->nodes &= ~behind;
             break;
@@ -116,18 +121,18 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
     unsigned place = find_place(ring, added);
     bus->work += ring->count - place;
     open_gap(ring, place);
-    *event_at(ring, place) = *added;
+    copy(ring, event_at(ring, place), added);
     ring->newest_tick = newest_event(ring)->tick;
     return event_at(ring, place);
 }
 
-/* Clears in two halves: compilers clear that much with a few wide stores, and more in a slow
- * way. */
+/* Clears an event, but for most data of its frame. In two halves: compilers clear that much with a
+ * few wide stores, and more in a slow way. */
 static inline void clear(cw_event *event)
 {
-    const size_t half = sizeof *event / 2;
+    const size_t size = offsetof(cw_event, frame) + sizeof(cw_short_frame), half = size / 2;
     memset(event, 0, half);
-    memset((unsigned char *)event + half, 0, sizeof *event - half);
+    memset((unsigned char *)event + half, 0, size - half);
 }
 
 /* Returns true when the newest event comes after a new one that is no fault. */
@@ -194,7 +199,9 @@ void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, 
 {
     cw_event *e = cw_push_event(bus, CW_EVENT_DROP, tick, cw_node_bit(i));
     e->why = (uint8_t)why;
-    e->frame = *frame;
+    cw_frame_copy(&e->frame, frame);
+    if (side == CW_SIDE_TX)
+        e->frame.flags &= (uint8_t)~CW_FRAME_ESI; /* it has not been sent */
     cw_node_stats *stats = &bus->nodes[i].stats;
     if (side == CW_SIDE_TX)
         stats->dropped[why]++;
@@ -216,7 +223,7 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
         stats->rx_dropped[CW_DROP_QUEUE_FULL]++;
         return;
     }
-    e->frame = *frame;
+    cw_frame_copy(&e->frame, frame);
     e->from = origin->from;
     e->handed_in = origin->handed_in;
     stats->rx_frames++;
@@ -225,20 +232,21 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
 
 bool cw_bus_poll(cw_bus *bus, cw_event *event)
 {
-    event_ring *ring = &bus->ring;
+    const event_ring *ring = &bus->ring;
     if (ring->count == 0)
         return false;
-    *event = ring->events[ring->first];
+    memcpy(event, event_at(ring, 0), ring->event_size);
     cw_bus_take(bus, 1);
     return true;
 }
 
-const cw_event *cw_bus_peek(const cw_bus *bus, unsigned *count)
+cw_event_row cw_bus_peek(const cw_bus *bus)
 {
     const event_ring *ring = &bus->ring;
     const unsigned in_a_row = ring->capacity - ring->first;
-    *count = ring->count < in_a_row ? ring->count : in_a_row;
-    return &ring->events[ring->first];
+    return (cw_event_row){.first = ring->events + (size_t)ring->first * ring->event_size,
+                          .size = ring->event_size,
+                          .count = ring->count < in_a_row ? ring->count : in_a_row};
 }
 
 void cw_bus_take(cw_bus *bus, unsigned count)

@@ -23,7 +23,7 @@ static uint64_t lost_share(const cw_bus *bus, unsigned i)
 static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
 {
     const cw_queue *q = &bus->nodes[i].queue;
-    return attempts && !q->slots[cw_queue_first(q)].tried ? attempts - 1 : attempts;
+    return attempts && !cw_queue_at(q, cw_queue_first(q))->tried ? attempts - 1 : attempts;
 }
 
 /* Adds the frames that all listeners have received. A node subtracted them when it began to listen,
@@ -60,7 +60,7 @@ void cw_share_lost_now(cw_bus *bus, unsigned i)
         return;
     n->stats.arbitration_lost += lost;
     n->stats.retransmissions += retransmissions(bus, i, lost);
-    n->queue.slots[cw_queue_first(&n->queue)].tried = true;
+    cw_queue_at(&n->queue, cw_queue_first(&n->queue))->tried = true;
 }
 
 void cw_set_contenders(cw_bus *bus, uint64_t nodes)

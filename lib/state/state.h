@@ -45,12 +45,13 @@ typedef struct restart_times {
 typedef struct inbox_entry {
     uint64_t at_tick;
     uint8_t node;
-    cw_frame frame;
+    cw_frame frame[]; /* one, in its short form where the bus has no FD */
 } inbox_entry;
 
 /* A ring, sorted by tick, then node (not after cw_bus_bring_forward()), then arrival. */
 typedef struct inbox {
-    inbox_entry *entries;
+    unsigned char *entries; /* see cw_inbox_at() */
+    unsigned entry_size;
     unsigned capacity;
     unsigned first;
     unsigned count;
@@ -58,7 +59,8 @@ typedef struct inbox {
 } inbox;
 
 typedef struct event_ring {
-    cw_event *events;
+    unsigned char *events; /* see cw_ring_at(); frames in short form where the bus has no FD */
+    unsigned event_size;
     unsigned capacity;
     unsigned first;
     unsigned count;
@@ -92,6 +94,7 @@ typedef struct cw_outlook {
     uint64_t acknowledgers; /* listeners that acknowledge */
     uint64_t counting;      /* acknowledgers whose REC a good frame lowers (R8) */
     uint64_t one_shot;      /* senders that try once (M13) */
+    uint64_t fd;            /* listeners that know FD frames */
 } cw_outlook;
 
 /* The tournament of the frames that wait, see step/arbiter.c. */
@@ -122,6 +125,7 @@ typedef struct cw_frame_step {
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
     cw_look look;         /* the next bit that a rule looks at; at a hit, single bits go on */
     uint16_t length;      /* SOF to EOF */
+    uint8_t after_ack;    /* of these, behind the bit in which it is acknowledged */
     const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
     cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
                              that slot */
@@ -159,11 +163,13 @@ struct cw_bus {
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     uint64_t removed;   /* of these, the ones that never come back; they are flushed */
     cw_mac common;
+    cw_fd_part *fd_parts; /* of `common`, and of each node; NULL: no node knows FD frames */
     cw_outlook outlook;
     cw_frame_step frame_step;
     cw_arbiter arbiter;
     cw_shares shares;
     uint32_t wanted;    /* kinds of events, as bits */
+    bool fd;   /* some node knows FD frames, so there is room for them */
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
@@ -199,6 +205,12 @@ void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
 /* Puts a valid frame into a node's queue. cw_refusal() must have returned CW_DROP_COUNT. */
 void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
 
+/* Returns true when the frame is valid, and one that the controller of the node knows (D17). */
+static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_frame *frame)
+{
+    return cw_frame_valid(frame) && (!cw_frame_is_fd(frame) || bus->nodes[node].mac.fd);
+}
+
 /* Returns the reason why a node takes no frame now; CW_DROP_COUNT when it takes one. */
 cw_drop cw_refusal(const cw_bus *bus, unsigned node);
 
@@ -212,6 +224,21 @@ void cw_flush_queue(cw_bus *bus, unsigned node, cw_drop why);
 
 /* Call it when the first frame of a node's queue may have changed. */
 void cw_queue_changed(cw_bus *bus, unsigned node);
+
+/* Returns the bytes of an entry. fd: it has room for FD frames. */
+static inline size_t cw_inbox_entry_size(bool fd)
+{
+    const size_t align = _Alignof(inbox_entry);
+    return (offsetof(inbox_entry, frame) + cw_frame_room(fd) + align - 1) / align * align;
+}
+
+/* Returns the i-th entry. */
+static inline inbox_entry *cw_inbox_at(const inbox *box, unsigned i)
+{
+    const unsigned place = box->first + i < box->capacity ? box->first + i
+                                                          : box->first + i - box->capacity;
+    return (inbox_entry *)(void *)(box->entries + (size_t)place * box->entry_size);
+}
 
 /* ---- inbox.c --------------------------------------------------------------------------------- */
 
@@ -264,6 +291,19 @@ bool cw_ring_has_room_now(const cw_bus *bus);
 static inline bool cw_ring_has_room(const cw_bus *bus)
 {
     return bus->ring.capacity - bus->ring.count >= bus->ring.enough || cw_ring_has_room_now(bus);
+}
+
+/* Returns the bytes of an event in the ring. fd: it has room for FD frames. */
+static inline size_t cw_ring_event_size(bool fd)
+{
+    const size_t align = _Alignof(cw_event);
+    return (offsetof(cw_event, frame) + cw_frame_room(fd) + align - 1) / align * align;
+}
+
+/* Returns the event at a place of the ring's memory. */
+static inline cw_event *cw_ring_at(const event_ring *ring, unsigned place)
+{
+    return (cw_event *)(void *)(ring->events + (size_t)place * ring->event_size);
 }
 
 /* Adds an event. The caller may fill it in until the next one is added. */

@@ -26,7 +26,7 @@ static uint64_t entry_of(const cw_bus *bus, unsigned i)
     const cw_queue *q = &bus->nodes[i].queue;
     if (q->count == 0)
         return NO_ENTRY;
-    return (uint64_t)cw_arbitration_key(&q->slots[cw_queue_first(q)].frame) << KEY_SHIFT |
+    return (uint64_t)cw_arbitration_key(cw_queue_at(q, cw_queue_first(q))->frame) << KEY_SHIFT |
            i << NODE_SHIFT;
 }
 

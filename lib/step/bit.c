@@ -26,7 +26,7 @@ void cw_offer_slot(bus_node *n, uint16_t slot)
 {
     n->offered_slot = slot;
     n->wrong_crc = false;
-    cw_status status = cw_mac_offer(&n->mac, &n->queue.slots[slot].frame);
+    cw_status status = cw_mac_offer(&n->mac, cw_queue_at(&n->queue, slot)->frame);
     assert(status == CW_OK);
     (void)status;
 }
@@ -38,13 +38,13 @@ void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame)
     if (n->wrong_crc == wrong_crc)
         return;
     n->wrong_crc = wrong_crc;
-    (void)cw_bits_encode_crc(&n->mac.tx, frame, wrong_crc ? 1 : 0);
+    cw_mac_encode(&n->mac, frame, wrong_crc ? 1 : 0);
 }
 
 void cw_note_start(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_share_lost(bus, i);
     n->stats.retransmissions += slot->tried;
     slot->tried = true;
@@ -52,7 +52,7 @@ void cw_note_start(cw_bus *bus, unsigned i)
         return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
-    cw_bind_rules(bus, i, &slot->frame);
+    cw_bind_rules(bus, i, slot->frame);
 }
 
 /* Returns the levels that all nodes put onto their wires; recessive beyond the last node. */

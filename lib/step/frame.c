@@ -75,7 +75,7 @@ static uint64_t find_drivers(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     uint64_t drivers = cw_node_bit(step->node);
-    if (step->at == step->length - CW_AFTER_ACK_BITS - 1)
+    if (step->at == cw_frame_step_acknowledged(step) - 1)
         return bus->outlook.acknowledgers & ~drivers;
     if (step->at >= step->length || cw_bits_level(step->bits, step->at))
         return 0;
@@ -179,7 +179,7 @@ static void find_bits(cw_bus *bus)
     bus_node *n = &bus->nodes[bus->frame_step.node];
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
-    bus->frame_step.bits = &n->mac.tx;
+    bus->frame_step.bits = cw_mac_tx(&n->mac);
     bus->frame_step.look = cw_frame_step_next_look(bus, 0);
 }
 

@@ -35,6 +35,12 @@ static inline unsigned cw_frame_step_arbitration_bits(const cw_bus *bus)
     return CW_STUFFED_BITS_MAX(extended ? CW_EXTENDED_ARBITRATION_END : CW_BASE_ARBITRATION_END);
 }
 
+/* Returns the number of bits, SOF to the ACK slot, after which it is acknowledged. */
+static inline unsigned cw_frame_step_acknowledged(const cw_frame_step *step)
+{
+    return step->length - step->after_ack;
+}
+
 /* Returns the bits of the frame on the wire. Encodes them into *room when the step does not have
  * them. */
 static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room)
@@ -43,6 +49,13 @@ static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room
         return bus->frame_step.bits;
     (void)cw_bits_encode(room, &bus->frame_step.frame);
     return room;
+}
+
+/* Returns the first frame of a node's queue. */
+static inline const cw_frame *cw_next_frame(const cw_bus *bus, unsigned node)
+{
+    const cw_queue *q = &bus->nodes[node].queue;
+    return cw_queue_at(q, cw_queue_first(q))->frame;
 }
 
 /* Returns the subset of nodes for whose next frame a rule waits, see cw_rules_watched(). */

@@ -4,6 +4,7 @@
  */
 #include "step/frame.h"
 
+#include "format/bits.h"
 #include "mac/confinement.h"
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
@@ -46,7 +47,7 @@ static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
  * acknowledgement or to suspend transmission after the intermission (M8). */
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
-    const unsigned from_ack_slot = CW_AFTER_ACK_BITS + 1 + CW_INTERMISSION_BITS;
+    const unsigned from_ack_slot = bus->frame_step.after_ack + 1u + CW_INTERMISSION_BITS;
     if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0)
         return from_ack_slot;
     bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);
@@ -83,10 +84,10 @@ static void choose_frame(cw_bus *bus, bool bits)
         encode(n);
     else
         cw_pin_first(n);
-    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
-    step->bits = bits ? &n->mac.tx : NULL;
+    const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
+    step->bits = bits ? cw_mac_tx(&n->mac) : NULL;
     step->length = slot->wire_bits;
-    step->frame = slot->frame;
+    cw_frame_copy(&step->frame, slot->frame);
 }
 
 void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
@@ -125,6 +126,33 @@ static void start_transmissions(cw_bus *bus)
         step->look = cw_frame_step_next_look(bus, 0);
 }
 
+/* Prepares an FD frame for the error state that its node has now (D8), which may have changed since
+ * the frame was queued or encoded. */
+static void refresh_esi(bus_node *n, cw_queue_slot *slot)
+{
+    const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
+    const cw_frame *offered = cw_mac_offered(&n->mac);
+    if (slot->frame->flags != flags) {
+        slot->frame->flags = (uint8_t)flags;
+        slot->wire_bits = (uint16_t)cw_bits_measure_fd(slot->frame);
+    }
+    if (offered && offered->flags != flags)
+        n->mac.offered = false;
+}
+
+/* Prepares the first frame of the winner on a bus with FD. Returns false when it is no clean one:
+ * some node does not know it (D17). It is not inlined, since most buses have no FD. */
+__attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
+{
+    bus_node *n = &bus->nodes[winner];
+    cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
+    if (!cw_frame_is_fd(slot->frame))
+        return true;
+    refresh_esi(n, slot);
+    bus->frame_step.after_ack = CW_FD_AFTER_ACK_BITS;
+    return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
+}
+
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
@@ -133,10 +161,13 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     cw_arbiter_update(bus);
     uint64_t contenders = bus->waiting & bus->outlook.senders;
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
-    if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner) ||
-        !suits_step(bus, contenders, winner))
+    if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
-    uint64_t watched = cw_find_watched(bus, contenders, winner);
+    bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
+    if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)))
+        return false;
+    const bool waits = cw_rules_wait_for_frames(&bus->rules);
+    uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
     bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
     if (watched && (at_work || cw_rules_act_first(bus, watched)))
         return false;

@@ -6,23 +6,51 @@
 
 #include "mac/confinement.h"
 
-/* Finds the point of a receiver after the bits that have passed. */
-static void find_point(cw_mac *m, const cw_bus *bus)
+#define PROTOCOLS_MAX 12u /* cw_protocol, each with the two CW_PROTOCOL_* or without */
+
+/* The points of receivers after the bits that have passed, for each protocol that some node has. */
+typedef struct points {
+    unsigned count;
+    cw_mac mac[PROTOCOLS_MAX];
+    cw_fd_part fd[PROTOCOLS_MAX];
+} points;
+
+static void find_point(cw_mac *m, cw_fd_part *fd, const cw_bus *bus, unsigned protocol)
 {
     cw_bits room;
+    const bool knows_fd = (protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(m, 0, CW_REC_MAX);
+    (void)cw_mac_set_protocol(m, protocol, knows_fd ? fd : NULL);
     cw_mac_go_into_frame(m, &bus->frame_step.frame, cw_frame_step_bits(bus, &room),
                          bus->frame_step.at);
 }
 
-static void resume_sending(cw_bus *bus, unsigned i, const cw_mac *point)
+/* Returns the point for a controller. */
+static const cw_mac *point_of(points *p, const cw_bus *bus, const cw_mac *m)
+{
+    unsigned i = 0;
+    while (i < p->count && p->mac[i].protocol != m->protocol)
+        i++;
+    if (i == p->count) {
+        find_point(&p->mac[i], &p->fd[i], bus, m->protocol);
+        p->count++;
+    }
+    return &p->mac[i];
+}
+
+static void go_to_point(points *p, const cw_bus *bus, cw_mac *m)
+{
+    cw_mac_go_to_point(m, point_of(p, bus, m));
+}
+
+static void resume_sending(cw_bus *bus, unsigned i, points *p)
 {
     bus_node *n = &bus->nodes[i];
     cw_leave(bus, cw_node_bit(i));
     n->mac.phase = CW_MAC_IDLE; /* so that the controller takes an offer */
     if (!n->mac.offered && bus->frame_step.at < bus->frame_step.length)
         cw_offer_slot(n, n->offered_slot);
-    cw_mac_go_to_point(&n->mac, point);
+    go_to_point(p, bus, &n->mac);
     cw_mac_become_transmitter(&n->mac, bus->frame_step.at);
 }
 
@@ -35,7 +63,7 @@ static void bind_rules(cw_bus *bus)
     for (uint64_t rest = step->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];
-        cw_bind_rules(bus, i, &n->queue.slots[n->offered_slot].frame);
+        cw_bind_rules(bus, i, cw_queue_at(&n->queue, n->offered_slot)->frame);
     }
     if (watched & cw_node_bit(step->node))
         cw_bind_rules(bus, step->node, &step->frame);
@@ -50,20 +78,20 @@ static uint64_t nodes_in_frame(const cw_frame_step *step)
 void cw_wake_controllers(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
-    cw_mac point;
+    points p;
     if (!step->active)
         return;
     step->active = false;
     cw_losses_show(bus);
     if (step->at > 0)
         bus->recessive_bits = cw_frame_step_recessive_bits(bus);
-    find_point(&point, bus);
+    p.count = 0;
     if (bus->followers && step->at > 0)
-        cw_mac_go_to_point(&bus->common, &point);
+        go_to_point(&p, bus, &bus->common);
     for (uint64_t rest = nodes_in_frame(step) & ~bus->followers; rest; rest &= rest - 1)
-        cw_mac_go_to_point(&bus->nodes[cw_lowest_node(rest)].mac, &point);
+        go_to_point(&p, bus, &bus->nodes[cw_lowest_node(rest)].mac);
     for (uint64_t rest = step->undecided | cw_node_bit(step->node); rest; rest &= rest - 1)
-        resume_sending(bus, cw_lowest_node(rest), &point);
+        resume_sending(bus, cw_lowest_node(rest), &p);
     bind_rules(bus);
     bus->outlook.valid = false;
 }

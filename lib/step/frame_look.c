@@ -6,19 +6,11 @@
 
 /* ---- Frames that wait ------------------------------------------------------------------------ */
 
-static const cw_frame *next_frame(const cw_bus *bus, unsigned i)
-{
-    const cw_queue *q = &bus->nodes[i].queue;
-    return &q->slots[cw_queue_first(q)].frame;
-}
-
 uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
 {
-    if (!cw_rules_wait_for_frames(&bus->rules))
-        return 0;
     for (uint64_t rest = cw_rules_unknown(&bus->rules, nodes); rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        cw_rules_watch(&bus->rules, i, next_frame(bus, i));
+        cw_rules_watch(&bus->rules, i, cw_next_frame(bus, i));
     }
     return cw_rules_watched(&bus->rules, nodes, winner);
 }
@@ -27,7 +19,7 @@ bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
 {
     for (uint64_t rest = nodes & bus->rules.early; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        if (cw_rules_act_at_start(&bus->rules, i, next_frame(bus, i)))
+        if (cw_rules_act_at_start(&bus->rules, i, cw_next_frame(bus, i)))
             return true;
     }
     return false;
@@ -40,8 +32,8 @@ bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
 static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
 {
     const bus_node *n = &bus->nodes[i];
-    return (cw_frame_view){.frame = &n->queue.slots[n->offered_slot].frame,
-                           .bits = &n->mac.tx,
+    return (cw_frame_view){.frame = cw_queue_at(&n->queue, n->offered_slot)->frame,
+                           .bits = cw_mac_tx(&n->mac),
                            .node = (uint8_t)i,
                            .at = bus->frame_step.at,
                            .length = bus->frame_step.length,

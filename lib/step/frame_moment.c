@@ -25,8 +25,8 @@ static void lower_counters(cw_bus *bus)
 /* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
 static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
 {
-    *to = *from;
-    for (unsigned i = length; i < CW_FRAME_DATA_MAX; i++)
+    cw_frame_copy(to, from);
+    for (unsigned i = length; i < CW_CLASSICAL_DATA_MAX; i++)
         to->data[i] = 0;
 }
 
@@ -34,23 +34,23 @@ static inline void receive_at_once(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     const bus_node *n = &bus->nodes[step->node];
-    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_event *e = cw_receive_together(bus, step->node, step->listeners & ~cw_node_bit(step->node),
                                       slot->bytes);
-    copy_received(&e->frame, &slot->frame, slot->bytes);
+    copy_received(&e->frame, slot->frame, slot->bytes);
 }
 
 static void receive(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     const bus_node *n = &bus->nodes[step->node];
-    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_frame frame;
     if (!cw_host_side_acts(bus)) {
         receive_at_once(bus);
         return;
     }
-    copy_received(&frame, &slot->frame, slot->bytes);
+    copy_received(&frame, slot->frame, slot->bytes);
     for (uint64_t rest = step->listeners & ~cw_node_bit(step->node); rest; rest &= rest - 1)
         cw_receive(bus, cw_lowest_node(rest), &frame);
 }
@@ -72,7 +72,7 @@ void cw_frame_step_run_moment(cw_bus *bus)
     cw_frame_step *step = &bus->frame_step;
     if (step->undecided && step->next_loss + 1u == step->at)
         cw_losses_report(bus);
-    if (step->at == step->length - CW_AFTER_ACK_BITS)
+    if (step->at == cw_frame_step_acknowledged(step))
         lower_counters(bus);
     else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
         receive(bus);
@@ -89,15 +89,15 @@ unsigned cw_frame_step_next_moment(const cw_bus *bus)
         next = step->length;
     if (step->at < step->length - CW_AFTER_ACCEPT_BITS)
         next = step->length - CW_AFTER_ACCEPT_BITS;
-    if (step->at < step->length - CW_AFTER_ACK_BITS && bus->outlook.counting)
-        next = step->length - CW_AFTER_ACK_BITS;
+    if (step->at < cw_frame_step_acknowledged(step) && bus->outlook.counting)
+        next = cw_frame_step_acknowledged(step);
     return loss < next ? loss : next;
 }
 
 void cw_frame_step_end_slot(cw_bus *bus)
 {
     bus->frame_step.active = false;
-    bus->recessive_bits = CW_AFTER_ACK_BITS + CW_INTERMISSION_BITS;
+    bus->recessive_bits = bus->frame_step.after_ack + CW_INTERMISSION_BITS;
     if (bus->rules.awake_count)
         cw_rules_unbind(&bus->rules);
 }
@@ -105,8 +105,8 @@ void cw_frame_step_end_slot(cw_bus *bus)
 void cw_frame_step_go_to_end(cw_bus *bus, unsigned at)
 {
     const unsigned length = bus->frame_step.length;
-    if (bus->outlook.counting && at < length - CW_AFTER_ACK_BITS) {
-        at = cw_frame_step_pass_to(bus, at, length - CW_AFTER_ACK_BITS);
+    if (bus->outlook.counting && at < cw_frame_step_acknowledged(&bus->frame_step)) {
+        at = cw_frame_step_pass_to(bus, at, cw_frame_step_acknowledged(&bus->frame_step));
         lower_counters(bus);
     }
     if (at < length - CW_AFTER_ACCEPT_BITS) {

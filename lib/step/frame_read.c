@@ -8,10 +8,9 @@ uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     unsigned n = step->at;
-    if (n > step->length - CW_AFTER_ACK_BITS)
-        return n - (step->length - CW_AFTER_ACK_BITS);
-    if (n == step->length - CW_AFTER_ACK_BITS)
-        return 0;
+    const unsigned acknowledged = cw_frame_step_acknowledged(step);
+    if (n >= acknowledged)
+        return n - acknowledged;
     cw_bits room;
     const cw_bits *bits = cw_frame_step_bits(bus, &room);
     while (n > 0 && cw_bits_level(bits, n - 1))

@@ -21,14 +21,15 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
     cw_frame_step *step = &bus->frame_step;
     bus_node *n = &bus->nodes[winner];
     const uint16_t slot = cw_queue_first(&n->queue);
+    const cw_queue_slot *first = cw_queue_at(&n->queue, slot);
     step->listeners = bus->outlook.listeners;
-    step->length = n->queue.slots[slot].wire_bits;
+    step->length = first->wire_bits;
     const unsigned bits = step->length + CW_INTERMISSION_BITS;
     if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
         cw_host_side_acts(bus) ||
         !cw_frame_step_is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
         (step->watched && !cw_rules_count_off(&bus->rules, winner) &&
-         !rule_lets_whole_pass(bus, winner, &n->queue.slots[slot].frame)))
+         !rule_lets_whole_pass(bus, winner, first->frame)))
         return false;
     n->offered_slot = slot;
     n->mac.offered = false; /* not encoded */

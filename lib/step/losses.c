@@ -30,7 +30,8 @@ static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
     const bus_node *n = &bus->nodes[i];
     bool pinned = bus->frame_step.pinned >> i & 1u;
     const uint16_t slot = pinned ? n->offered_slot : cw_queue_first(&n->queue);
-    return (unsigned)__builtin_clz(cw_arbitration_key(&n->queue.slots[slot].frame) ^ v->key);
+    const cw_frame *frame = cw_queue_at(&n->queue, slot)->frame;
+    return (unsigned)__builtin_clz(cw_arbitration_key(frame) ^ v->key);
 }
 
 static void note_loss(cw_frame_step *step, unsigned i)
@@ -53,8 +54,9 @@ static void begin_attempt(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
-    n->stats.retransmissions += n->queue.slots[n->offered_slot].tried;
-    n->queue.slots[n->offered_slot].tried = true;
+    cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
+    n->stats.retransmissions += slot->tried;
+    slot->tried = true;
 }
 
 static uint64_t losers(const cw_frame_step *step)

@@ -22,15 +22,18 @@ static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
     if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
         return;
     outlook->listeners |= self;
+    if (m->fd)
+        outlook->fd |= self;
     if (m->modes & CW_MODE_LISTEN_ONLY)
         return;
-    outlook->senders |= self;
+    if (!(m->modes & CW_MODE_RESTRICTED)) /* D19 */
+        outlook->senders |= self;
     if (m->modes & CW_MODE_ONE_SHOT)
         outlook->one_shot |= self;
     if (m->no_ack)
         return;
     outlook->acknowledgers |= self;
-    if (m->confinement.rec > 0)
+    if (m->confinement.rec > 0 && !m->confinement.frozen)
         outlook->counting |= self;
 }
 
@@ -60,5 +63,5 @@ void cw_assert_outlook(const cw_bus *bus)
     assert(known->calm == outlook.calm && known->away == outlook.away);
     assert(known->listeners == outlook.listeners && known->senders == outlook.senders);
     assert(known->acknowledgers == outlook.acknowledgers && known->one_shot == outlook.one_shot);
-    assert(known->counting == outlook.counting);
+    assert(known->counting == outlook.counting && known->fd == outlook.fd);
 }

@@ -44,6 +44,8 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
     if (effect != CW_EDGE_IGNORED && bus->nodes[i].mac.phase != CW_MAC_OFF)
         cw_sync_note(bus, i, hard, phase_error, look);
+    if (effect != CW_EDGE_IGNORED)
+        cw_mac_note_edge(&bus->nodes[i].mac);
     if (effect == CW_EDGE_RESTARTS)
         n->begin = look - n->timing.quantum;
     if (effect == CW_EDGE_ENDS_BIT)
@@ -268,6 +270,8 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (bus->timed.counts)
         cw_sync_count_sample(bus, i, level, moment);
     cw_pcs_sampled(&n->pcs, level);
+    if (!cw_mac_synchronises(m))
+        n->pcs.synchronised = true; /* so that no edge counts before the next sample (D12) */
     if (cw_mac_get_phase(m) != phase)
         end_steadiness(bus);
     n->looked = moment;

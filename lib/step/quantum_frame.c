@@ -68,18 +68,19 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
     if (bus->waiting) {
         f->sender = cw_lowest_node(bus->waiting);
         const cw_queue *q = &bus->nodes[f->sender].queue;
-        f->frame = &q->slots[cw_queue_first(q)].frame;
+        f->frame = cw_queue_at(q, cw_queue_first(q))->frame;
     } else if (cw_inbox_first(bus) != CW_NEVER) {
-        const inbox_entry *entry = &bus->inbox.entries[bus->inbox.first];
+        const inbox_entry *entry = cw_inbox_at(&bus->inbox, 0);
         f->sender = entry->node;
-        f->frame = &entry->frame;
+        f->frame = entry->frame;
         f->due = entry->at_tick;
     } else {
         return false;
     }
-    if (f->due > cw_now(bus) + CW_LEAP_TICKS)
+    if (f->due > cw_now(bus) + CW_LEAP_TICKS || cw_frame_is_fd(f->frame))
         return false;
-    if (f->due && (!cw_frame_valid(f->frame) || cw_refusal(bus, f->sender) != CW_DROP_COUNT))
+    if (f->due && (!cw_knows_frame(bus, f->sender, f->frame) ||
+                   cw_refusal(bus, f->sender) != CW_DROP_COUNT))
         return false;
     return is_between_frames(&bus->nodes[f->sender].mac);
 }
@@ -173,7 +174,8 @@ static bool is_watched(cw_bus *bus, const clean_frame *f)
 static bool may_send(const cw_bus *bus, const clean_frame *f)
 {
     const cw_mac *m = &bus->nodes[f->sender].mac;
-    return !(m->modes & CW_MODE_LISTEN_ONLY) && !cw_confinement_passive(&m->confinement) &&
+    const unsigned silent = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
+    return !silent && !cw_confinement_passive(&m->confinement) &&
            !(bus->rules.error_rules && m->confinement.tec > 0) &&
            (bus->timed.proof.harmless[f->sender] & f->nodes) == f->nodes;
 }
@@ -248,7 +250,7 @@ static uint64_t next_frame_at(const cw_bus *bus, const clean_frame *f)
     const inbox *in = &bus->inbox;
     if (f->due == 0)
         return cw_inbox_first(bus);
-    return in->count < 2 ? CW_NEVER : in->entries[(in->first + 1) % in->capacity].at_tick;
+    return in->count < 2 ? CW_NEVER : cw_inbox_at(in, 1)->at_tick;
 }
 
 /* Returns true when no frame that comes is dropped. */
@@ -307,7 +309,7 @@ static void count_load(cw_bus *bus, const clean_frame *f)
 static void begin_attempt(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
-    cw_queue_slot *slot = &n->queue.slots[cw_queue_first(&n->queue)];
+    cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
     cw_pin_first(n);
     n->mac.offered = false;
     cw_share_lost(bus, i);
@@ -339,12 +341,13 @@ static unsigned sort_receivers(const cw_bus *bus, const clean_frame *f, uint8_t 
 static void receive(cw_bus *bus, const clean_frame *f)
 {
     const bus_node *n = &bus->nodes[f->sender];
-    const cw_queue_slot *slot = &n->queue.slots[n->offered_slot];
+    const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     const frame_origin origin = {.from = cw_node_bit(f->sender), .handed_in = slot->handed_in};
     uint8_t order[CW_NODES_MAX];
     cw_span ends[CW_NODES_MAX];
-    cw_frame frame = slot->frame;
-    for (unsigned k = slot->bytes; k < CW_FRAME_DATA_MAX; k++)
+    cw_frame frame;
+    cw_frame_copy(&frame, slot->frame);
+    for (unsigned k = slot->bytes; k < CW_CLASSICAL_DATA_MAX; k++)
         frame.data[k] = 0; /* not on the wire */
     const unsigned count = sort_receivers(bus, f, order, ends);
     for (unsigned k = 0; k < count; k++) {

@@ -18,13 +18,14 @@ static bool is_ordinary(const cw_mac *m)
 {
     bool on_bus = m->phase >= CW_MAC_IDLE && m->phase <= CW_MAC_INTERMISSION;
     return on_bus && m->role != CW_ROLE_TRANSMITTER && !m->no_ack && m->overloads_wanted == 0 &&
-           !(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK)) &&
+           !(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED)) &&
            !cw_confinement_passive(&m->confinement) && m->reported_state == m->confinement.state;
 }
 
 static void begin_common(cw_bus *bus, const cw_mac *first)
 {
     cw_mac_init(&bus->common, 0, CW_REC_MAX);
+    (void)cw_mac_set_protocol(&bus->common, first->protocol, first->fd ? bus->fd_parts : NULL);
     cw_mac_go_to_point(&bus->common, first);
 }
 

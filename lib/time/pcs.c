@@ -60,6 +60,12 @@ void cw_pcs_begin_bit(cw_pcs *pcs, const cw_bit_timing *timing)
     pcs->sampled = false;
 }
 
+void cw_pcs_change_rate(cw_pcs *pcs, const cw_bit_timing *timing)
+{
+    pcs->sample_at = (uint16_t)cw_bit_timing_sample_at(timing);
+    pcs->end_at = (uint16_t)cw_bit_timing_quanta(timing);
+}
+
 static unsigned at_most(unsigned quanta, unsigned most)
 {
     return quanta < most ? quanta : most;

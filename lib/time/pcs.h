@@ -19,6 +19,10 @@ typedef enum cw_edge_effect {
 /* Begins a bit. */
 void cw_pcs_begin_bit(cw_pcs *pcs, const cw_bit_timing *timing);
 
+/* Goes on with a bit at another rate, at its sample point: as if it had been at that rate since its
+ * begin (D10). */
+void cw_pcs_change_rate(cw_pcs *pcs, const cw_bit_timing *timing);
+
 /* Notes that the bit has been sampled. */
 static inline void cw_pcs_sampled(cw_pcs *pcs, bool level)
 {

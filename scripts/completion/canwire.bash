@@ -51,7 +51,7 @@ _canwire_bus() {
 _canwire_options() {
     case $1 in
     check) echo --ports --journal --help ;;
-    bits) echo --raw --help ;;
+    bits) echo --raw --fd-non-iso --help ;;
     timing)
         echo --bitrate --clock --tq --sample-point --delay --length --tx-delay --rx-delay --sjw \
             --controller --kernel --json --help

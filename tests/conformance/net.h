@@ -8,6 +8,8 @@
 #include "bench.h"
 
 #define NET_NODES_MAX 4
+#define NET_CLASSICAL 0x10000u /* with the modes of a node: it knows classical frames only (D17) */
+#define NET_TOLERANT 0x20000u  /* it tolerates FD frames */
 #define NET_ALL (-1) /* the wire: every node samples the inverted bit */
 
 typedef struct net_node {
@@ -15,7 +17,7 @@ typedef struct net_node {
     const char *log;   /* expected reports: lostN TYPE:POSITION:ROLE:FLAG ovl tol rx:F tx drop */
     unsigned tec, rec; /* at the end */
     unsigned tec_before, rec_before;
-    unsigned modes;
+    unsigned modes; /* CW_MODE_*, NET_CLASSICAL, NET_TOLERANT */
 } net_node;
 
 typedef struct net_case {

@@ -22,7 +22,7 @@ void player_init(player *b, bool verbose)
     *b = (player){.verbose = verbose};
     for (unsigned i = 0; i < sizeof b->history / sizeof b->history[0]; i++)
         memset(b->history[i], ' ', HISTORY);
-    cw_mac_init(&b->mac, 0, WARNING_LIMIT);
+    bench_init_node(&b->mac, &b->part, 0);
 }
 
 void player_bit(player *b, bool bench_level, bool own, bool forced, expect e)
@@ -82,7 +82,7 @@ static const char *report_text(char *buffer, uint16_t what, unsigned lost_bit,
                                const cw_error *error)
 {
     static const char *const words[] = {"start", "lost",  "error", "ovl", "rx",
-                                        "tx",    "state", "drop",  "tol"};
+                                        "tx",    "state", "drop",  "tol", "exc"};
     static const char *const types[] = {"bit", "stuff", "form", "crc", "ack"};
     static const char *const roles[] = {"none", "rx", "tx"};
     static const char *const flags[] = {"none", "act", "pas"};
@@ -115,12 +115,16 @@ static cw_state state_of(unsigned tec, unsigned rec)
     return worst >= WARNING_LIMIT ? CW_STATE_ERROR_WARNING : CW_STATE_ERROR_ACTIVE;
 }
 
-/* Compares places. Before the IDE bit a controller cannot distinguish RTR and SRR; for a receiver
- * it does not matter. */
+/* Compares places. Before the IDE bit a controller cannot distinguish RTR and SRR. A reserved bit
+ * may be FDF until it has been seen. For a receiver it does not matter. */
 static bool place_matches(cw_place seen, cw_place expected, cw_role role)
 {
+    bool reserved = seen.field == CW_FIELD_R1 || seen.field == CW_FIELD_R0;
+
     if (role != CW_ROLE_TRANSMITTER && expected.field == CW_FIELD_SRR && seen.field == CW_FIELD_RTR)
         seen.field = CW_FIELD_SRR;
+    if (role != CW_ROLE_TRANSMITTER && expected.field == CW_FIELD_FDF && reserved)
+        seen.field = CW_FIELD_FDF;
     return wire_same_place(seen, expected);
 }
 

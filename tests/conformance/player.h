@@ -11,7 +11,6 @@
 
 #define HISTORY 40
 #define WHY_MAX 400
-#define WARNING_LIMIT 96u
 #define PASSIVE_LIMIT 128u
 #define BUS_OFF_LIMIT 256u
 
@@ -32,6 +31,7 @@ typedef enum sender { BY_NODE, BY_BENCH, BY_NOBODY_KNOWN } sender;
 
 typedef struct player {
     cw_mac mac;
+    cw_fd_part part;
     unsigned tec, rec; /* expected */
     cw_state state;    /* as reported last */
     unsigned modes;

@@ -28,7 +28,7 @@ static const test_case cases[] = {
     /* Silent at once; the tail of the frame in between is one of the 128 groups. */
     {"8.5.10",
      "set=250,0 >" F " offer=456#AA d(ovl) D2 X(bit ovlflag2 tx none T+8 drop) r40 withdraw "
-     "-2A5#C3 r3 restart d 50[r11] -2A5#C3 r3 76[r11] r10 r(T=0 R=0) >456#AA r3",
+     "-2A5#C3 r3 restart d 50[r11] -2A5#C3 r3 +d 76[r11] r10 r(T=0 R=0) >456#AA r3",
      NULL},
     {"8.5.10",
      "set=240,0 " TX_ERROR_PASSIVE "r6 d7 d(tol T+8 drop) r40 withdraw -2A5#C3 r3 "

@@ -8,7 +8,7 @@
 #define G "245#C3A5"
 #define FORM_ERROR(place) ">" F ":" place " d(form " place " tx act T+8) " ACTIVE AGAIN
 #define PASSIVE_ERROR "set=150,0 " TX_ERROR_PASSIVE
-#define PASSIVE_ACK_ERROR "set=150,0 >" F ":ack r(ack ack tx pas) "
+#define PASSIVE_ACK_ERROR "set=150,0 >" F ":ack +r r(ack ackend tx pas) "
 
 static const test_case cases[] = {
     {"8.6.1", TX_ERROR "D{0|2|5} X(bit errflag{0|2|5} tx act T+8) " ACTIVE AGAIN, NULL},
@@ -25,7 +25,7 @@ static const test_case cases[] = {
      ">" G " r3",
      NULL},
     {"8.6.7", FORM_ERROR("{crcdel|ackdel|eof0|eof3|eof6}"), NULL},
-    {"8.6.8", ">" F ":ack r(ack ack tx act T+8) " ACTIVE AGAIN, NULL},
+    {"8.6.8", ">" F ":ack +r r(ack ackend tx act T+8) " ACTIVE AGAIN, NULL},
     {"8.6.9", TX_ERROR "D6 r{1|3|6} d(form errdel{1|3|6} tx act T+8) " ACTIVE AGAIN, NULL},
     {"8.6.10", OVERLOAD "D6 r{1|6} d(form ovldel{1|6} tx act T+8) " ACTIVE, NULL},
     {"8.6.11", "set={10|1|0},0 >" F " r3", NULL},

@@ -39,11 +39,20 @@ static const net_case net_cases[] = {
      NULL,
      0},
     /* Flags from DLC 3, from CRC 0 and, of the receiver, after the sixth dominant bit. */
-    {"same identifier, other DLC",
+    {"ctn: same identifier, other DLC",
      12,
      {{"123#11", "bit:dlc3:tx:active tx", 7, 0, 0, 0, 0},
       {"123#1122", "bit:dlc2:tx:active drop rx:123#11", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
       {"", "stuff:crc2s:rx:active rx:123#11", 0, 0, 0, 0, 0}},
+     NULL,
+     NULL,
+     0},
+    /* The receiver takes the DLC for 0, so that a fixed stuff bit follows. */
+    {"f: same identifier, other DLC",
+     9,
+     {{"123#11", "bit:dlc3:tx:active tx", 7, 0, 0, 0, 0},
+      {"123#1122", "bit:dlc2:tx:active drop rx:123#11", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
+      {"", "form:fs0:rx:active rx:123#11", 0, 0, 0, 0, 0}},
      NULL,
      NULL,
      0},
@@ -74,8 +83,8 @@ static const net_case net_cases[] = {
     /* No node is left to acknowledge: both attempts fail, as both nodes are transmitters. */
     {"two identical frames and no receiver",
      6,
-     {{"123#55", "ack:ack0:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
-      {"123#55", "ack:ack0:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT}},
+     {{"123#55", "ack:ackend:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
+      {"123#55", "ack:ackend:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT}},
      NULL,
      NULL,
      0},
@@ -89,7 +98,7 @@ static const net_case net_cases[] = {
      0},
     {"nobody acknowledges, active",
      0,
-     {{"123#55", "ack:ack0:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
+     {{"123#55", "ack:ackend:tx:active drop", 8, 0, 0, 0, CW_MODE_ONE_SHOT},
       {"", "form:ackdel0:rx:active", 0, 0, 0, 0, CW_MODE_LISTEN_ONLY}},
      NULL,
      NULL,
@@ -97,7 +106,7 @@ static const net_case net_cases[] = {
     /* R3 i; the passive flag is not seen by anybody. */
     {"nobody acknowledges, passive",
      0,
-     {{"123#55", "ack:ack0:tx:passive drop", 128, 0, 128, 0, CW_MODE_ONE_SHOT},
+     {{"123#55", "ack:ackend:tx:passive drop", 128, 0, 128, 0, CW_MODE_ONE_SHOT},
       {"", "rx:123#55", 0, 0, 0, 0, CW_MODE_LISTEN_ONLY}},
      NULL,
      NULL,
@@ -119,17 +128,17 @@ static const net_case net_cases[] = {
      0},
     {"all see the error at once",
      7,
-     {{"123#55", "form:crcdel0:tx:active tx", 7, 0, 0, 0, 0},
-      {"", "form:crcdel0:rx:active rx:123#55", 0, 0, 0, 0, 0},
-      {"", "form:crcdel0:rx:active rx:123#55", 0, 0, 0, 0, 0}},
-     "123#55",
+     {{"123#3B", "form:crcdel0:tx:active tx", 7, 0, 0, 0, 0},
+      {"", "form:crcdel0:rx:active rx:123#3B", 0, 0, 0, 0, 0},
+      {"", "form:crcdel0:rx:active rx:123#3B", 0, 0, 0, 0, 0}},
+     "123#3B",
      "crcdel",
      NET_ALL},
     {"passive transmitter, active receivers",
      7,
-     {{"123#55", "form:crcdel0:tx:passive tx", 207, 0, 200, 0, 0},
-      {"", "form:crcdel0:rx:active rx:123#55", 0, 0, 0, 0, 0}},
-     "123#55",
+     {{"123#3B", "form:crcdel0:tx:passive tx", 207, 0, 200, 0, 0},
+      {"", "form:crcdel0:rx:active rx:123#3B", 0, 0, 0, 0, 0}},
+     "123#3B",
      "crcdel",
      NET_ALL},
     /* The flag of the last node takes the arbitration away from the first. */
@@ -141,10 +150,27 @@ static const net_case net_cases[] = {
      "07A#55",
      "id3s",
      2},
-    {"local error in the data",
+    {"ctn: local error in the data",
      12,
      {{"123#07", "bit:data5:tx:active tx", 7, 0, 0, 0, 0},
       {"", "stuff:crc1s:rx:active rx:123#07", 0, 0, 0, 0, 0},
+      {"", "stuff:data4s:rx:active tol rx:123#07", 0, 8, 0, 0, 0}},
+     "123#07",
+     "data4s",
+     2},
+    /* A data field of one byte, and of more. */
+    {"f: local error in the data",
+     10,
+     {{"123#07", "bit:data5:tx:active tx", 7, 0, 0, 0, 0},
+      {"", "form:fs0:rx:active rx:123#07", 0, 0, 0, 0, 0},
+      {"", "stuff:data4s:rx:active tol rx:123#07", 0, 8, 0, 0, 0}},
+     "123#07",
+     "data4s",
+     2},
+    {"l: local error in the data",
+     12,
+     {{"123#07", "bit:data5:tx:active tx", 7, 0, 0, 0, 0},
+      {"", "stuff:data9s:rx:active rx:123#07", 0, 0, 0, 0, 0},
       {"", "stuff:data4s:rx:active tol rx:123#07", 0, 8, 0, 0, 0}},
      "123#07",
      "data4s",
@@ -185,11 +211,13 @@ static const test_case cases[] = {
     /* Offered at the start, sent in the bit after the eleventh recessive one. */
     {"X1", "init= offer=" F " r11 " AGAIN, NULL},
     {"X1", "init= offer=" F " r10 d r10 d r11 " AGAIN, NULL},
-    {"X1", "init= offer=" F " r5 d20 r7 -456#AA r3 " AGAIN, NULL},
+    {"X1", "ctn: init= offer=" F " r5 d20 r7 -456#AA r3 " AGAIN, NULL},
+    {"X1", "flo: init= offer=" F " r5 d20 r7 -456#AA r2 " AGAIN, NULL},
     {"X1", "init= r10 -456#AA r3 <456#AA r3", NULL},
     {"X1", "init= r11 <456#AA r3", NULL},
     {"X1", "init= r11 d >07A#55@id0 r3", NULL},
-    {"X1", "modes=L modes= offer=" F " r4 -456#AA r2 d r11 " AGAIN, NULL},
+    {"X1", "ctn: modes=L modes= offer=" F " r4 -456#AA r2 d r11 " AGAIN, NULL},
+    {"X1", "flo: modes=L modes= offer=" F " r4 -456#AA r d r11 " AGAIN, NULL},
     {"X1", "<" F ":data3 modes=L modes= d(at none) d5 r10 d6 r10 d r11 <" F " r3", NULL},
     {"X1", "r5 d modes=L modes= offer=" F " r11 " AGAIN, NULL},
     /* one-shot and presume-ack do not touch the wire: the node stays on the bus */
@@ -222,10 +250,10 @@ static const test_case cases[] = {
     /* to a receiver it is a stuff error */
     {"X3", "set=10,10 <078#E1:rtr0s ~(stuff rtr0s rx act R+1) " ACTIVE, NULL},
     {"X4", "init=L r11 set=5,5 <" F " r3 <12345678#R4 r3", NULL},
-    {"X4", "init=L r11 set=5,5 <" F ":ack d <" F "@ackdel r3", NULL},
+    {"X4", "init=L r11 set=5,5 <" F ":ack d +r <" F "@ackdel r3", NULL},
     {"X4", "init=L r11 set=5,5 <" F ":crcdel d(form crcdel rx act) r6 r8 r3", NULL},
     {"X4", "init=L r11 set=5,5 <07A#55:id3s ~(stuff id3s rx act) r6 r8 r3", NULL},
-    {"X4", "init=L r11 set=5,5 <" F "~data0:ack d r(crc ackdel rx act) r6 r8 r3", NULL},
+    {"X4", "init=L r11 set=5,5 <" F "~data0:ack d +r r(crc ackdel rx act) r6 r8 r3", NULL},
     {"X4", "init=L r11 set=5,5 <" F " d(ovl) {r6|d6|d7} r8 r3", NULL},
     {"X4", "init=L r11 set=5,5 <" F ":eof6 d(ovl) r6 r8 r3", NULL},
     {"X4", "init=L r11 set=5,150 <" F ":crcdel d(form crcdel rx pas) r6 r8 r3", NULL},
@@ -262,7 +290,7 @@ static const test_case cases[] = {
     {"X8", NULL, several_nodes},
     {"X9", "init=O r11 >" F ":data0 ~(bit here tx act T+8 drop) " ACTIVE, NULL},
     {"X9", "init=O r11 *456#55/123#AA r3", NULL},
-    {"X9", "init=O r11 >" F ":ack r(ack ack tx act T+8 drop) " ACTIVE, NULL},
+    {"X9", "init=O r11 >" F ":ack +r r(ack ackend tx act T+8 drop) " ACTIVE, NULL},
     {"X9", "init=O r11 >" F ":eof6 d(form eof6 tx act T+8 drop) " ACTIVE, NULL},
     {"X9", "init=O r11 >07A#55:id3s ~(stuff id3s tx act drop) " ACTIVE, NULL},
     {"X9", "init=O r11 set=9,0 >" F " r3 >456#AA r3", NULL},
@@ -274,8 +302,8 @@ static const test_case cases[] = {
     {"X9", "init=O r11 set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r50 away", NULL},
     {"X10", NULL, error_events},
     {"X10", "<" F ":ack X(bit ack rx act R+1) " ACTIVE, NULL},
-    {"X10", "<" F "~crc7:ack d r(crc ackdel rx act R+1) " ACTIVE, NULL},
-    {"X10", ">" F ":ack r(ack ack tx act T+8) " ACTIVE AGAIN, NULL},
+    {"X10", "<" F "~crc7:ack d +r r(crc ackdel rx act R+1) " ACTIVE, NULL},
+    {"X10", ">" F ":ack +r r(ack ackend tx act T+8) " ACTIVE AGAIN, NULL},
     {"X10", "*123#R5/123#55 r3 >123#R5 r3", NULL},
     {"X10", "*048C1234#R1/048C1234#55 r3 >048C1234#R1 r3", NULL},
     /* O1 a: the flag starts in the first bit of the intermission; two in a row. */
@@ -305,8 +333,8 @@ static const test_case cases[] = {
      "overload=2 <" F ":eof6 r(ovl) D6 r7 r(ovl) overload=1 D6 r8 r3 <" F ":eof6 r(ovl) " ACTIVE,
      NULL},
     {"X11", "set=10,0 overload=1 >" F ":eof6 r(tx ovl T-1) " ACTIVE, NULL},
-    {"X12", "init=A r11 >" F ":ack r >" F "@ackdel r3", NULL},
-    {"X12", "init=A r11 set=10,0 >" F ":ack d >" F "@ackdel r3", NULL},
+    {"X12", "init=A r11 >" F ":ack r +r >" F "@ackdel r3", NULL},
+    {"X12", "init=A r11 set=10,0 >" F ":ack d +r >" F "@ackdel r3", NULL},
     {"X13", "offer=456#AA offer=" F " " AGAIN, NULL},
     {"X13", "offer=456#AA withdraw r5 >" F ":data0 refuse=456#AA no-withdraw >" F "@data0 r3",
      NULL},
@@ -351,11 +379,13 @@ static void error_events(void)
         for (unsigned i = 0; i < w.length; i++) {
             const wire_bit *bit = &w.bit[i];
             bool fixed = i + 1 >= w.ack;
+            if (bit->place.field == CW_FIELD_ACK_SLOT)
+                continue;
             wire_place_text(place, bit->place);
-            if (!bit->place.stuff && i != w.ack && !(bit->arbitration && bit->level))
+            if (!bit->place.stuff && !(bit->arbitration && bit->level))
                 bench_run(">%s:%s ~(%s here tx act T+8) " ACTIVE ">%s r3", frames[f], place,
                           fixed ? "form" : "bit", frames[f]);
-            if (fixed && i != w.ack && i + 1 < w.length)
+            if (fixed && i + 1 < w.length)
                 bench_run("<%s:%s ~(form here rx act R+1) " ACTIVE, frames[f], place);
         }
     }

@@ -105,8 +105,8 @@ static void parse_counter(player *b, expect *e, const char *word)
 static const char *parse_expect(player *b, expect *e, const char *p)
 {
     static const char *const types[] = {"bit", "stuff", "form", "crc", "ack", NULL};
-    static const char *const events[] = {"start", "lost", "",     "ovl", "rx",
-                                         "tx",    "",     "drop", "tol", NULL};
+    static const char *const events[] = {"start", "lost",  "",    "ovl", "rx", "tx",
+                                         "",      "drop", "tol", "exc", NULL};
     char word[WORD_MAX];
 
     if (*p != '(')
@@ -150,11 +150,16 @@ static bool acknowledges(const player *b)
     return b->sender == BY_BENCH && !b->wire.crc_wrong;
 }
 
+/* D19 freezes the counters, too. */
+static bool is_frozen(const player *b)
+{
+    return (b->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED)) != 0;
+}
+
 /* Returns the undisturbed behaviour in bit n of the present frame. */
 static expect expect_of(const player *b, unsigned n)
 {
     const wire_bit *bit = &b->wire.bit[n];
-    bool listening = (b->modes & CW_MODE_LISTEN_ONLY) != 0;
     expect e = {.place = bit->place};
 
     e.check_role = b->sender != BY_NOBODY_KNOWN && (n > 0 || b->sender == BY_NODE);
@@ -165,7 +170,7 @@ static expect expect_of(const player *b, unsigned n)
         e.what = CW_REPORT_TX;
         e.tec_change = b->tec > 0 ? -1 : 0;
     }
-    if (acknowledges(b) && n == b->wire.ack && !listening)
+    if (acknowledges(b) && n == b->wire.ack && !is_frozen(b))
         e.rec_change = rec_change_of_success(b->rec);
     if ((acknowledges(b) || (b->modes & CW_MODE_LOOPBACK)) && n + 2 == b->wire.length)
         e.what = CW_REPORT_RX;
@@ -216,11 +221,17 @@ static const char *parse_range(player *b, unsigned *from, unsigned *to, const ch
     return p;
 }
 
+/* D8: the node sends its error state. */
+static const char *parse_own(const player *b, wire *w, const char *p)
+{
+    return wire_parse_sent(w, p, b->tec >= PASSIVE_LIMIT || b->rec >= PASSIVE_LIMIT);
+}
+
 static const char *play_frame(player *b, const char *p)
 {
     char kind = *p;
     unsigned from, to;
-    const char *end = wire_parse(&b->wire, p + 1);
+    const char *end = kind == '>' ? parse_own(b, &b->wire, p + 1) : wire_parse(&b->wire, p + 1);
 
     if (!end) {
         player_fail(b, "script: malformed frame, or the encoders disagree");
@@ -269,7 +280,7 @@ static const char *play_contest_token(player *b, const char *p)
 {
     wire own, bench_wire;
     unsigned from, to;
-    const char *end = wire_parse(&own, p + 1);
+    const char *end = parse_own(b, &own, p + 1);
 
     if (!end || *end != '/' || !(end = wire_parse(&bench_wire, end + 1))) {
         player_fail(b, "script: malformed frames");
@@ -330,6 +341,7 @@ static unsigned parse_modes(const char *p)
         modes |= *p == 'L' ? CW_MODE_LISTEN_ONLY : 0;
         modes |= *p == 'B' ? CW_MODE_LOOPBACK : 0;
         modes |= *p == 'A' ? CW_MODE_PRESUME_ACK : 0;
+        modes |= *p == 'R' ? CW_MODE_RESTRICTED : 0;
     }
     return modes;
 }
@@ -337,7 +349,21 @@ static unsigned parse_modes(const char *p)
 static void do_init(player *b, const char *p)
 {
     b->modes = parse_modes(p);
-    cw_mac_init(&b->mac, b->modes, WARNING_LIMIT);
+    bench_init_node(&b->mac, &b->part, b->modes);
+}
+
+static void do_protocol(player *b, const char *p)
+{
+    unsigned protocol = *p == 'F' ? CW_FD : *p == 'T' ? CW_FD_TOLERANT : CW_CLASSICAL;
+
+    for (p++; *p && *p != ' '; p++) {
+        protocol |= *p == 'x' ? CW_PROTOCOL_NO_EXCEPTION : 0;
+        protocol |= *p == 'n' ? CW_PROTOCOL_NON_ISO : 0;
+    }
+    b->pending = false;
+    if (cw_mac_set_protocol(&b->mac, protocol,
+                            (protocol & CW_PROTOCOL_MASK) == CW_FD ? &b->part : NULL) != CW_OK)
+        player_fail(b, "the protocol was refused");
 }
 
 static void do_modes(player *b, const char *p)
@@ -438,6 +464,7 @@ static const struct {
     {"restart", do_restart},
     {"overload=", do_overload},
     {"modes=", do_modes},
+    {"protocol=", do_protocol},
     {"init=", do_init},
     {"away", do_away},
     {"disconnect", do_disconnect},
@@ -491,6 +518,8 @@ static const char *play_repeated(player *b, const char *p, const char *end)
 
 static const char *play_token(player *b, const char *p, const char *end)
 {
+    if (*p == '+')
+        return wire_is_fd() ? p + 1 : p + strcspn(p, " ");
     bool digit_follows = (p[1] >= '0' && p[1] <= '9');
     bool alone = p + 1 == end || strchr(" (]", p[1]);
 

@@ -17,7 +17,7 @@
 #define DIFF_RULES_MAX 40u  /* of one configuration, and added while the bus runs */
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
 #define DIFF_NAMES 256u     /* distinct names of rules */
-#define DIFF_STYLES 14u
+#define DIFF_STYLES 16u
 #define DIFF_TIMED_BIT_MAX 8000u /* ticks; longer bits have no clocks of their own here */
 
 /* ---- Random numbers -------------------------------------------------------------------------- */
@@ -145,6 +145,7 @@ typedef struct diff_maker {
     uint32_t actions; /* allowed, 1u << cw_action */
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
     bool clocks;      /* nodes have clocks of their own */
+    bool fd;          /* nodes know FD frames, or not */
     bool owned;       /* an identifier is sent by one node only, as it should be */
     unsigned frame_count;
     cw_frame frames[12]; /* of which the traffic consists */
@@ -159,6 +160,7 @@ void diff_random_timing(diff_maker *m, cw_node_timing *timing);
 cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node);
 cw_settings diff_random_settings(diff_maker *m);
 cw_frame diff_random_frame(diff_maker *m);
+void diff_change_format(diff_maker *m, cw_frame *frame);
 uint64_t diff_random_nodes(diff_maker *m); /* at least one */
 unsigned diff_random_modes(diff_maker *m);
 uint64_t diff_random_ticks(diff_maker *m, uint64_t bits_least, uint64_t bits_most);

@@ -40,32 +40,41 @@ typedef struct style {
     bool helps;       /* see add_plan_helper() */
     bool lines;       /* see add_line_rule() */
     bool clocks;      /* nodes have clocks of their own */
+    bool fd;          /* nodes know FD frames, or not */
 } style;
 
 static const style styles[DIFF_STYLES] = {
-    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false, false, false},
-    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false, false, false},
-    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false, false, false},
-    {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700, 0,
-     6, 10, false, true, false, false},
-    {"bits", 12, 4000, 60000, 12,
-     POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) | ACTION(COUNTERS), 3, 500, 50,
-     2, 40, false, true, false, false},
-    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false, false,
+    {"clean", 9, 10000, 150000, 0, 0, 1, 700, 0, 0, 2, false, false, false, false, false},
+    {"ordinary", 13, 10000, 150000, 3, ALL_ACTIONS, 30, 700, 30, 1, 3, false, false, false,
      false, false},
+    {"clean, checked often", 6, 4000, 40000, 0, 0, 1, 500, 50, 1, 300, false, false, false,
+     false, false},
+    {"few faults", 12, 10000, 100000, 4, POSITIONS | ACTION(NOISE) | ACTION(WRONG_CRC), 20, 700,
+     0, 6, 10, false, true, false, false, false},
+    {"bits", 12, 4000, 60000, 12, POSITIONS | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(OVERLOAD) |
+     ACTION(COUNTERS), 3, 500, 50, 2, 40, false, true, false, false, false},
+    {"controllers", 8, 4000, 50000, 12, CONTROL | ACTION(FLIP), 3, 500, 100, 10, 40, false,
+     false, false, false, false},
     {"levels and wires", 8, 4000, 50000, 8, LEVELS | TOPOLOGY, 4, 500, 50, 5, 40, false, false,
-     false, false},
-    {"lines", 8, 4000, 50000, 40, ACTION(STUCK) | ACTION(FORCE) | ACTION(BABBLE) | ACTION(LOAD), 4,
-     900, 20, 2, 20, false, false, true, false},
-    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false, false, false},
-    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false, false, false},
-    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false, false,
+     false, false, false},
+    {"lines", 8, 4000, 50000, 40, ACTION(STUCK) | ACTION(FORCE) | ACTION(BABBLE) | ACTION(LOAD),
+     4, 900, 20, 2, 20, false, false, true, false, false},
+    {"hosts", 6, 4000, 50000, 12, HOST | TRAFFIC, 2, 500, 50, 5, 30, false, false, false, false,
      false},
-    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false, false, false},
-    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false,
+    {"modes", 8, 4000, 60000, 2, ALL_ACTIONS, 10, 500, 500, 10, 30, false, false, false, false,
+     false},
+    {"operations", 6, 2000, 30000, 10, ALL_ACTIONS, 4, 500, 100, 100, 40, false, false, false,
      false, false},
+    {"small", 6, 8000, 80000, 6, ALL_ACTIONS, 10, 500, 100, 1, 1, true, false, false, false,
+     false},
+    {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false,
+     false, false, false},
     {"clocks", 6, 2000, 20000, 12, ALL_ACTIONS | TIMED, 10, 500, 50, 20, 20, false, false, false,
+     true, false},
+    {"FD frames", 8, 4000, 60000, 8, ALL_ACTIONS, 10, 500, 50, 20, 40, false, true, false, false,
      true},
+    {"bits of FD frames", 8, 4000, 40000, 12, POSITIONS | ACTION(NOISE) | ACTION(COUNTERS), 3, 700,
+     50, 2, 40, false, false, false, false, true},
 };
 
 const char *diff_style_name(unsigned number)
@@ -121,6 +130,15 @@ static uint32_t random_bit_ticks(diff_random *r)
     return diff_chance(r, 850) ? usual[diff_below(r, 6)] : odd[diff_below(r, 6)];
 }
 
+/* NON_ISO is that of the whole bus. */
+static uint8_t random_protocol(diff_random *r)
+{
+    unsigned protocol = diff_chance(r, 800) ? CW_FD : (unsigned)diff_below(r, 2);
+    if (diff_chance(r, 200))
+        protocol |= CW_PROTOCOL_NO_EXCEPTION;
+    return (uint8_t)protocol;
+}
+
 static cw_node_config random_node(generator *g)
 {
     diff_maker *m = &g->maker;
@@ -138,6 +156,8 @@ static cw_node_config random_node(generator *g)
         node.restart_ticks = diff_random_ticks(m, 1, 3000);
     if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX)
         diff_random_timing(m, &node.timing);
+    if (m->fd)
+        node.protocol = random_protocol(r);
     return node;
 }
 
@@ -264,8 +284,11 @@ static void random_plan(generator *g, diff_plan *plan)
         plan->config.inbox = (uint16_t)diff_magnitude(r, 1, 64);
         plan->config.events = 0;
     }
-    for (unsigned i = 0; i < g->maker.nodes; i++)
+    const bool non_iso = g->maker.fd && diff_chance(r, 100);
+    for (unsigned i = 0; i < g->maker.nodes; i++) {
         plan->nodes[i] = random_node(g);
+        plan->nodes[i].protocol |= non_iso ? CW_PROTOCOL_NON_ISO : 0;
+    }
     random_rules(g, plan, random_rule_count(g));
 }
 
@@ -312,6 +335,14 @@ static cw_frame new_frame(diff_random *r)
     return f;
 }
 
+/* Half of the frames of a bus with FD are FD frames; neighbours have the other format. */
+static void choose_formats(diff_maker *m)
+{
+    for (unsigned i = 0; m->fd && i < m->frame_count; i++)
+        if (i % 2)
+            diff_change_format(m, &m->frames[i]);
+}
+
 static void random_frames(diff_maker *m)
 {
     diff_random *r = &m->random;
@@ -321,6 +352,7 @@ static void random_frames(diff_maker *m)
         m->frames[i] = i > 0 && diff_chance(r, related)
                            ? related_frame(r, &m->frames[diff_below(r, i)])
                            : new_frame(r);
+    choose_formats(m);
 }
 
 /* ---- Traffic --------------------------------------------------------------------------------- */
@@ -698,6 +730,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->actions = g.style->actions;
     m->rarity = g.style->rarity;
     m->clocks = g.style->clocks;
+    m->fd = g.style->fd;
     m->owned = diff_chance(&m->random, g.style->orderly);
     random_frames(m);
     random_plan(&g, &s->plans[0]);

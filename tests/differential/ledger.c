@@ -84,20 +84,34 @@ static bool is_same(const cw_frame *a, const cw_frame *b)
     if (cw_frame_valid(a) && cw_frame_valid(b))
         return cw_frame_equal(a, b);
     return a->id == b->id && a->flags == b->flags && a->dlc == b->dlc &&
-           memcmp(a->data, b->data, sizeof a->data) == 0;
+           memcmp(a->data, b->data, CW_CLASSICAL_DATA_MAX) == 0;
 }
 
-static void book(account *a, const cw_frame *frame, int change)
+/* Returns the frame without what the bus changes: controllers set flags of FD frames, and a bus
+ * without FD keeps the begin of one alone. */
+static cw_frame without_changes(const cw_frame *frame)
+{
+    const unsigned set = CW_FRAME_ESI | CW_FRAME_NON_ISO | CW_FRAME_CUT;
+    cw_frame f = {.id = frame->id, .flags = frame->flags, .dlc = frame->dlc};
+    memcpy(f.data, frame->data, CW_CLASSICAL_DATA_MAX);
+    if (!(f.flags & (CW_FRAME_FD | CW_FRAME_CUT)))
+        return f;
+    f.flags = (uint8_t)((f.flags & ~set) | CW_FRAME_FD);
+    f.dlc = f.dlc < CW_CLASSICAL_DATA_MAX ? f.dlc : CW_CLASSICAL_DATA_MAX;
+    return f;
+}
+
+static void book(account *a, cw_frame frame, int change)
 {
     size_t i = 0;
-    while (i < a->count && !is_same(&a->entries[i].frame, frame))
+    while (i < a->count && !is_same(&a->entries[i].frame, &frame))
         i++;
     if (i == a->room) {
         a->room = a->room ? 2 * a->room : 16;
         a->entries = diff_allocate(a->entries, a->room * sizeof a->entries[0]);
     }
     if (i == a->count)
-        a->entries[a->count++] = (entry){.frame = *frame};
+        a->entries[a->count++] = (entry){.frame = frame};
     a->entries[i].open += change;
 }
 
@@ -105,7 +119,7 @@ void diff_ledger_send(diff_ledger *l, unsigned node, const cw_frame *frame)
 {
     l->nodes[node].handed_in++;
     if (l->each)
-        book(&l->nodes[node], frame, 1);
+        book(&l->nodes[node], without_changes(frame), 1);
 }
 
 void diff_ledger_event(diff_ledger *l, const cw_event *e)
@@ -116,7 +130,7 @@ void diff_ledger_event(diff_ledger *l, const cw_event *e)
     a->sent += e->kind == CW_EVENT_TX;
     a->dropped += e->kind == CW_EVENT_DROP;
     if (l->each)
-        book(a, &e->frame, -1);
+        book(a, without_changes(&e->frame), -1);
 }
 
 /* Takes over the frames; those of removed nodes are lost, unless they have been flushed. */

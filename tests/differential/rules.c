@@ -39,6 +39,8 @@ unsigned diff_random_modes(diff_maker *m)
         modes |= CW_MODE_PRESUME_ACK;
     if (diff_chance(&m->random, 200))
         modes |= CW_MODE_BERR_REPORTING;
+    if (m->fd && diff_chance(&m->random, 70))
+        modes |= CW_MODE_RESTRICTED;
     return modes;
 }
 
@@ -77,6 +79,8 @@ cw_settings diff_random_settings(diff_maker *m)
     if (diff_chance(r, 300))
         s.which = (uint8_t)diff_below(r, 32);
     s.modes_mask = (uint8_t)(diff_chance(r, 600) ? 0x1F : diff_below(r, 32));
+    if (m->fd)
+        s.modes_mask |= CW_MODE_RESTRICTED;
     s.modes = (uint8_t)(diff_chance(r, 500) ? 0 : diff_random_modes(m));
     s.order = diff_chance(r, 500) ? CW_ORDER_FIFO : CW_ORDER_PRIORITY;
     s.queue = (uint16_t)diff_between(r, 1, diff_chance(r, 100) ? 40 : 8);
@@ -97,12 +101,29 @@ static void random_data(diff_random *r, uint8_t *data, unsigned length)
         data[i] = kind < sizeof patterns ? patterns[kind] : (uint8_t)diff_draw(r);
 }
 
+/* Makes a frame an FD frame, or a classical one with the same identifier. */
+void diff_change_format(diff_maker *m, cw_frame *frame)
+{
+    diff_random *r = &m->random;
+    const unsigned extended = frame->flags & CW_FRAME_EXTENDED;
+    unsigned flags = frame->flags & CW_FRAME_FD ? 0 : CW_FRAME_FD;
+    if (flags && diff_chance(r, 500))
+        flags |= CW_FRAME_BRS;
+    if (flags && diff_chance(r, 100))
+        flags |= CW_FRAME_ESI;
+    frame->flags = (uint8_t)(extended | flags);
+    if (flags && diff_chance(r, 300))
+        frame->dlc = (uint8_t)diff_below(r, 16);
+}
+
 cw_frame diff_random_frame(diff_maker *m)
 {
     diff_random *r = &m->random;
     cw_frame frame = m->frames[diff_below(r, m->frame_count)];
     if (diff_chance(r, 200))
         frame.dlc = (uint8_t)diff_below(r, diff_chance(r, 100) ? 16 : 9);
+    if (m->fd && diff_chance(r, 400))
+        diff_change_format(m, &frame);
     memset(frame.data, 0, sizeof frame.data);
     random_data(r, frame.data, cw_frame_length(&frame));
     return frame;
@@ -245,6 +266,12 @@ static unsigned field_bits(cw_field field)
         return 64;
     case CW_FIELD_CRC:
         return 15;
+    case CW_FIELD_STUFF_COUNT:
+        return 4;
+    case CW_FIELD_FIXED_STUFF:
+        return 7;
+    case CW_FIELD_ACK_SLOT:
+        return 2;
     case CW_FIELD_EOF:
         return 7;
     case CW_FIELD_INTERMISSION:
@@ -267,8 +294,11 @@ static unsigned field_bits(cw_field field)
     case CW_FIELD_RTR:
     case CW_FIELD_R1:
     case CW_FIELD_R0:
+    case CW_FIELD_FDF:
+    case CW_FIELD_RES:
+    case CW_FIELD_BRS:
+    case CW_FIELD_ESI:
     case CW_FIELD_CRC_DELIMITER:
-    case CW_FIELD_ACK_SLOT:
     case CW_FIELD_ACK_DELIMITER:
     case CW_FIELD_COUNT:
         break;
@@ -281,10 +311,15 @@ static void random_position(diff_maker *m, cw_rule *rule)
     static const cw_field seldom[] = {
         CW_FIELD_SUSPEND, CW_FIELD_OVERLOAD_FLAG, CW_FIELD_OVERLOAD_DELIMITER, CW_FIELD_SRR,
         CW_FIELD_R1,      CW_FIELD_STUFF};
+    static const cw_field of_fd[] = {CW_FIELD_FDF, CW_FIELD_RES, CW_FIELD_BRS, CW_FIELD_ESI,
+                                     CW_FIELD_STUFF_COUNT, CW_FIELD_FIXED_STUFF,
+                                     CW_FIELD_ACK_SLOT};
     diff_random *r = &m->random;
     rule->field = (cw_field)diff_between(r, CW_FIELD_SOF, CW_FIELD_COUNT - 1);
     if (diff_chance(r, 200))
         rule->field = seldom[diff_below(r, sizeof seldom / sizeof seldom[0])];
+    if (m->fd && diff_chance(r, 600))
+        rule->field = of_fd[diff_below(r, sizeof of_fd / sizeof of_fd[0])];
     rule->index = (uint16_t)diff_below(r, field_bits(rule->field));
     if (rule->field == CW_FIELD_BIT && diff_chance(r, 300))
         rule->index = 0; /* the SOF by its other name */

@@ -190,7 +190,7 @@ static void check_next(pair *p, const side *s, size_t from, uint64_t next)
     const uint32_t unforeseen = ~(1u << CW_EVENT_ARBITRATION_LOST);
     for (size_t i = from; i < s->count; i++) {
         const cw_event *e = &s->events[i];
-        if (e->kind == CW_EVENT_ARBITRATION_LOST && next != CW_NEVER)
+        if (e->kind == CW_EVENT_SYNC || (e->kind == CW_EVENT_ARBITRATION_LOST && next != CW_NEVER))
             continue;
         if (e->tick >= next || (next != CW_NEVER && p->unseen & unforeseen))
             return;

@@ -22,10 +22,15 @@ static void send_over_wire(const cw_frame *frame)
 {
     cw_bits bits;
     cw_mac mac;
+    cw_fd_part fd;
     cw_mac_report report = {.what = 0};
     REQUIRE(cw_bits_encode(&bits, frame) == CW_OK);
     REQUIRE(bits.length <= CW_BITS_MAX);
     cw_mac_init(&mac, 0, 96);
+    if (frame->flags & CW_FRAME_FD) {
+        unsigned format = frame->flags & CW_FRAME_NON_ISO ? CW_PROTOCOL_NON_ISO : 0;
+        REQUIRE(cw_mac_set_protocol(&mac, CW_FD | format, &fd) == CW_OK);
+    }
     for (unsigned i = 0; i < JOIN_BITS; i++) {
         (void)cw_mac_drive(&mac);
         cw_mac_sample(&mac, CW_RECESSIVE, &report);
@@ -40,9 +45,13 @@ static void send_over_wire(const cw_frame *frame)
     REQUIRE(received == 1 && cw_frame_equal(cw_mac_received(&mac), frame));
 }
 
-/* Reads the printed text again, which must give the same frame and the same text. */
-static void print_and_read(const cw_frame *frame)
+/* Reads the printed text again, which must give the same frame and the same text. The text does not
+ * say which format of CAN FD it is. */
+static void print_and_read(const cw_frame *printable)
 {
+    cw_frame iso = *printable;
+    const cw_frame *frame = &iso;
+    iso.flags &= (uint8_t)~CW_FRAME_NON_ISO;
     char printed[FRAME_TEXT_MAX];
     char again[FRAME_TEXT_MAX];
     cw_frame read;
@@ -113,14 +122,16 @@ static void patterns(const char *text)
     }
 }
 
-static void positions(const char *text)
+static void positions(const char *text, bool fd)
 {
-    cw_field field;
-    uint16_t index;
+    cw_field field, again;
+    uint16_t index, index_again;
     char name[64];
-    if (text_parse_position(&field, &index, text))
+    if (text_parse_position(&field, &index, text, fd))
         return;
     REQUIRE(field > CW_FIELD_NONE && field < CW_FIELD_COUNT);
+    REQUIRE(text_parse_position(&again, &index_again, text, true) == NULL);
+    REQUIRE(again == field && index_again == index);
     const char *behind = strchr(text, '[');
     if (!behind)
         REQUIRE(index == 0 && strcmp(text, cw_field_name(field)) == 0);
@@ -177,7 +188,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     filters(text);
     identifiers(text);
     patterns(text);
-    positions(text);
+    positions(text, false);
+    positions(text, true);
     numbers(text);
     times(text);
     free(text);

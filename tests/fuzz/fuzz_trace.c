@@ -18,7 +18,9 @@
 static void check_record(const trace_record *r, uint64_t *place)
 {
     REQUIRE(r->kind < TRACE_KIND_COUNT);
-    REQUIRE(r->kind != TRACE_FRAME || cw_frame_valid(&r->frame));
+    REQUIRE((r->kind != TRACE_FRAME && r->kind != TRACE_FD_FRAME) ||
+            (cw_frame_valid(&r->frame) &&
+             (r->kind == TRACE_FD_FRAME) == ((r->frame.flags & CW_FRAME_FD) != 0)));
     REQUIRE(strlen(r->channel) < TRACE_CHANNEL_MAX);
     REQUIRE(r->place >= *place);
     *place = r->place;
@@ -74,6 +76,7 @@ static void play(const char *file, const fuzz_input *options)
                            .file = name,
                            .format = (trace_format)fuzz_below(&in, 5),
                            .fast = fuzz_bool(&in),
+                           .fd = fuzz_bool(&in),
                            .count = 1 + fuzz_below(&in, 3),
                            .filters = {{.value = fuzz_u32(&in), .mask = fuzz_u8(&in)}},
                            .filter_count = fuzz_bool(&in),

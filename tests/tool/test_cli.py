@@ -72,7 +72,8 @@ VALUES = [
 ]
 
 # Arguments that are no options.
-FRAMES = [("123", "#"), ("123#GG", "123#DEADBEEF"), ("800#", "up to 7FF")]
+FRAMES = [("123", "#"), ("123##", "one digit of flags"), ("123##1F", "two hexadecimal"),
+          ("123##1" + "00" * 65, "at most 64"), ("123#GG", "123#DEADBEEF"), ("800#", "up to 7FF")]
 ARGUMENTS = [
     (["vcan", "sideways", "FILE"], "usage: canwire vcan up|down FILE", ""),
     (["set", BUS, "node", "queue"], "queue: ", "expected KEY=VALUE"),

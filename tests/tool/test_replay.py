@@ -538,7 +538,7 @@ def test_every_event_that_is_expected_can_be_awaited(write):
     told = sim(write(UNTIL), "--until-event", "", status=1).stderr
     kinds = re.search(r"'canwire watch' \(([^)]*)\)", told)[1].split(", ")
     kinds += re.search(r"a state \(([^)]*)\)", told)[1].split(", ") + ["fault", "skip"]
-    assert len(kinds) == 16
+    assert len(kinds) == 17
     for kind in kinds:
         sim(write(UNTIL), "--until", "1ms", "--until-event", kind)
     watched = canwire("watch", "--help").stdout.partition("these kinds:")[2].partition("--json")[0]

@@ -47,9 +47,9 @@ static inline cw_bits bitwise_encode(const cw_frame *frame, uint16_t inverted,
 {
     cw_bits bits = {.length = 0};
     bitwise_writer writer = {.bits = &bits, .stuff = stuff, .run = 0, .last = CW_RECESSIVE};
-    bits.extended = cw_frame_is_extended(frame);
-    bits.data_bits = (uint8_t)(8 * cw_frame_length(frame));
-    for (cw_walk w = {.frame = frame}; w.part != CW_PART_END; cw_walk_on(&w)) {
+    bits.format = cw_frame_is_extended(frame) ? CW_BITS_EXTENDED : 0;
+    bits.bytes = (uint8_t)cw_frame_length(frame);
+    for (cw_walk w = cw_walk_begin(frame); w.part != CW_PART_END; cw_walk_on(&w)) {
         if (w.part == CW_PART_CRC && w.index == 0)
             bits.crc = w.crc ^= inverted;
         if (cw_part_is(w.part, CW_PART_STUFFED))

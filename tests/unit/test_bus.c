@@ -204,7 +204,8 @@ static void the_smallest_event_ring_changes_nothing(void **state)
     assert_true(stops > 0);
     assert_true(rig_count(large, CW_EVENT_RESTART, 4) > 1);
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++)
-        if ((CW_EVENTS_USUAL >> kind & 1u) && kind != CW_EVENT_LINK && kind != CW_EVENT_SKIP)
+        if ((CW_EVENTS_USUAL >> kind & 1u) && kind != CW_EVENT_LINK && kind != CW_EVENT_SKIP &&
+            kind != CW_EVENT_EXCEPTION)
             assert_true(rig_count(large, (cw_event_kind)kind, -1) > 0);
     rig_assert_same_events(large, small);
     rig_free(large);
@@ -663,12 +664,16 @@ static void idle_time_costs_nothing(void **state)
 /* Polls the oldest event, which peeking has shown. */
 static void poll_what_is_peeked_at(cw_bus *bus)
 {
-    unsigned count;
-    const cw_event seen = *cw_bus_peek(bus, &count);
+    const cw_event_row events = cw_bus_peek(bus);
+    const cw_event *oldest = cw_event_at(&events, 0);
     cw_event polled;
-    assert_true(count > 0 && cw_bus_poll(bus, &polled));
-    assert_true(polled.tick == seen.tick && polled.kind == seen.kind);
-    assert_true(polled.nodes == seen.nodes && polled.frame.id == seen.frame.id);
+    assert_true(events.count > 0);
+    const uint64_t tick = oldest->tick, nodes = oldest->nodes;
+    const cw_event_kind kind = oldest->kind;
+    const uint32_t id = oldest->frame.id;
+    assert_true(cw_bus_poll(bus, &polled));
+    assert_true(polled.tick == tick && polled.kind == kind);
+    assert_true(polled.nodes == nodes && polled.frame.id == id);
 }
 
 /* Each frame brings an RX and a TX. One event always stays behind, so that the ring wraps. */
@@ -676,25 +681,21 @@ static void events_are_seen_where_they_lie(void **state)
 {
     (void)state;
     rig *r = rig_new(2);
-    unsigned count, wraps = 0;
     r->config.events = 1; /* the least that goes */
     rig_start(r);
-    (void)cw_bus_peek(r->bus, &count);
-    assert_int_equal(count, 0);
+    unsigned wraps = 0;
+    assert_int_equal(cw_bus_peek(r->bus).count, 0);
     for (unsigned round = 0; round < 20000; round++) {
         const cw_frame frame = rig_frame(round % 0x700, 0, 2);
         rig_send(r, round % 2, &frame, 0);
         assert_int_equal(cw_bus_advance(r->bus, cw_bus_now(r->bus) + 100 * BIT), CW_OK);
-        (void)cw_bus_peek(r->bus, &count);
-        wraps += count < (round ? 3 : 2);
+        wraps += cw_bus_peek(r->bus).count < (round ? 3 : 2);
         poll_what_is_peeked_at(r->bus);
         if (round)
             poll_what_is_peeked_at(r->bus);
     }
-    (void)cw_bus_peek(r->bus, &count);
-    cw_bus_take(r->bus, count);
-    (void)cw_bus_peek(r->bus, &count);
-    assert_int_equal(count, 0);
+    cw_bus_take(r->bus, cw_bus_peek(r->bus).count);
+    assert_int_equal(cw_bus_peek(r->bus).count, 0);
     assert_true(wraps > 0);
     rig_free(r);
 }

@@ -24,6 +24,10 @@ static cfg_node nodes[] = {{.name = engine}, {.name = gearbox}};
 static const cfg config = {.bus_name = bus_name, .node_count = 2, .nodes = nodes};
 
 static const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {0xCA, 0xFE}};
+static const cw_frame fd_frame = {.id = 0x1FFFFFFF,
+                                  .flags = CW_FRAME_EXTENDED | CW_FRAME_FD | CW_FRAME_BRS,
+                                  .dlc = 15,
+                                  .data = {0xCA, [63] = 0xFE}};
 
 static event_read_result read_text(cw_event *out, uint64_t *time_ns, const char *text)
 {
@@ -64,7 +68,8 @@ static void test_errors_of_each_type_in_each_field(void **state)
 {
     (void)state;
     for (unsigned type = 0; type < CW_ERROR_COUNT; type++)
-        for (unsigned field = 0; field < CW_FIELD_COUNT; field++)
+        for (unsigned field = 0; field < CW_FIELD_COUNT; field++) {
+            const uint16_t index = field == CW_FIELD_DATA ? 511 : 3;
             for (unsigned stuff = 0; stuff < 2; stuff++)
                 check(&(cw_event){.tick = TICK,
                                   .kind = CW_EVENT_ERROR,
@@ -74,8 +79,9 @@ static void test_errors_of_each_type_in_each_field(void **state)
                                   .error = {.role = stuff ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER,
                                             .type = (cw_error_type)type,
                                             .place = {.field = (cw_field)field,
-                                                      .index = 3,
+                                                      .index = index,
                                                       .stuff = stuff != 0}}});
+        }
 }
 
 static void test_each_state_and_each_reason_of_a_drop(void **state)
@@ -106,6 +112,12 @@ static void test_frames_restarts_and_time_that_is_skipped(void **state)
                           .kind = kinds[i],
                           .nodes = GEARBOX,
                           .frame = frame,
+                          .lost_bit = 11});
+    for (size_t i = 0; i < 3; i++)
+        check(&(cw_event){.tick = TICK,
+                          .kind = kinds[i],
+                          .nodes = GEARBOX,
+                          .frame = fd_frame,
                           .lost_bit = 11});
     check(&(cw_event){.tick = TICK, .kind = CW_EVENT_SKIP, .ticks = 80000000});
 }

@@ -102,7 +102,8 @@ static uint64_t held_at(const rig *r, unsigned node, cw_side side)
 {
     uint64_t n = 0;
     for (unsigned i = 0; i < r->bus->rules.held_count; i++)
-        n += r->bus->rules.held[i].node == node && r->bus->rules.held[i].side == side;
+        n += cw_held_at(&r->bus->rules, i)->node == node &&
+             cw_held_at(&r->bus->rules, i)->side == side;
     return n;
 }
 

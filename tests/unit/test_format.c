@@ -38,6 +38,9 @@ static void random_frames_encode_as_the_model_does(void **state)
     }
 }
 
+#define CLASSICAL_WORDS 3u /* of levels */
+#define CLASSICAL_BITS 157u
+
 /* ---- Encoding against one that goes bit by bit ----------------------------------------------- */
 
 /* Compares all parts of cw_bits, including bytes behind the last bit. */
@@ -48,14 +51,15 @@ static void check_bitwise(const cw_frame *f, uint16_t inverted)
     cw_bits expected = bitwise_encode(f, inverted, stuff);
     memset(&bits, 0xA5, sizeof bits);
     assert_int_equal(cw_bits_encode_crc(&bits, f, inverted), CW_OK);
-    assert_memory_equal(bits.level, expected.level, sizeof bits.level);
-    assert_memory_equal(cw_bits_stuffing(&bits).set, stuff, sizeof stuff);
+    assert_memory_equal(bits.level, expected.level, CLASSICAL_WORDS * sizeof bits.level[0]);
+    const cw_stuffing stuffing = cw_bits_stuffing(&bits);
+    assert_memory_equal(stuffing.set, stuff, stuffing.words * sizeof stuff[0]);
     assert_int_equal(bits.crc, expected.crc);
     assert_int_equal(bits.length, expected.length);
     if (!inverted)
         assert_int_equal(cw_frame_wire_bits(f), expected.length);
-    assert_int_equal(bits.data_bits, expected.data_bits);
-    assert_int_equal(bits.extended, expected.extended);
+    assert_int_equal(bits.bytes, expected.bytes);
+    assert_int_equal(bits.format, expected.format);
 }
 
 /* Bytes behind the data field must not count. */
@@ -149,7 +153,7 @@ static void the_arbitration_key_is_the_arbitration_field(void **state)
         const cw_frame f = rig_random_frame(&random);
         uint32_t key = 0;
         unsigned bits = 0;
-        for (cw_walk w = {.frame = &f}; w.part != CW_PART_DLC; cw_walk_on(&w))
+        for (cw_walk w = cw_walk_begin(&f); w.part != CW_PART_DLC; cw_walk_on(&w))
             if (cw_part_is(w.part, CW_PART_ARBITRATION))
                 key |= (uint32_t)cw_walk_level(&w) << (31 - bits++);
         assert_int_equal(bits, f.flags & CW_FRAME_EXTENDED ? 32 : 13);
@@ -211,7 +215,7 @@ static void fields_are_as_long_as_positions_say(void **state)
         [CW_FIELD_INTERMISSION] = 3,  [CW_FIELD_SUSPEND] = 8,
     };
     for (unsigned field = 0; field < CW_FIELD_COUNT; field++)
-        assert_int_equal(cw_field_bits((cw_field)field), bits[field]);
+        assert_int_equal(cw_field_bits((cw_field)field, false), bits[field]);
 }
 
 /* F7, counting stuff bits as equal bits. */
@@ -309,7 +313,7 @@ static void assert_no_more_found(const cw_bits *bits)
         there[place.stuff ? CW_FIELD_STUFF : place.field]++;
     }
     for (unsigned field = CW_FIELD_SOF; field < CW_FIELD_COUNT; field++)
-        for (unsigned index = there[field]; index < 2 * CW_BITS_MAX; index++)
+        for (unsigned index = there[field]; index < 2 * CLASSICAL_BITS; index++)
             assert_false(cw_bits_find(bits, &found, (cw_field)field, index));
 }
 
@@ -376,7 +380,7 @@ typedef struct validity {
     bool valid;
 } validity;
 
-static void only_classical_frames_in_range_are_encoded(void **state)
+static void only_frames_in_range_with_flags_that_go_together_are_encoded(void **state)
 {
     (void)state;
     static const validity cases[] = {
@@ -388,10 +392,16 @@ static void only_classical_frames_in_range_are_encoded(void **state)
         {{.id = 0x20000000, .flags = CW_FRAME_EXTENDED}, false},
         {{.id = 1, .dlc = 15}, true},
         {{.id = 1, .dlc = 16}, false},
-        {{.id = 1, .flags = CW_FRAME_FD}, false},
+        {{.id = 1, .flags = CW_FRAME_FD}, true},
+        {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI, .dlc = 15}, true},
+        {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_NON_ISO | CW_FRAME_EXTENDED}, true},
+        {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_REMOTE}, false},
+        {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_CUT}, false},
+        {{.id = 1, .flags = CW_FRAME_FD, .dlc = 16}, false},
+        {{.id = 0x800, .flags = CW_FRAME_FD}, false},
         {{.id = 1, .flags = CW_FRAME_BRS}, false},
         {{.id = 1, .flags = CW_FRAME_ESI}, false},
-        {{.id = 1, .flags = 0x20}, false},
+        {{.id = 1, .flags = CW_FRAME_NON_ISO}, false},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         cw_bits bits;
@@ -549,7 +559,10 @@ static void fields_are_named_as_in_fault_rules(void **state)
     static const char *const names[CW_FIELD_COUNT] = {
         [CW_FIELD_SOF] = "sof", [CW_FIELD_ID] = "id", [CW_FIELD_SRR] = "srr",
         [CW_FIELD_IDE] = "ide", [CW_FIELD_RTR] = "rtr", [CW_FIELD_R1] = "r1",
-        [CW_FIELD_R0] = "r0", [CW_FIELD_DLC] = "dlc", [CW_FIELD_DATA] = "data",
+        [CW_FIELD_R0] = "r0", [CW_FIELD_FDF] = "fdf", [CW_FIELD_RES] = "res",
+        [CW_FIELD_BRS] = "brs", [CW_FIELD_ESI] = "esi",
+        [CW_FIELD_STUFF_COUNT] = "stuff-count", [CW_FIELD_FIXED_STUFF] = "fixed-stuff",
+        [CW_FIELD_DLC] = "dlc", [CW_FIELD_DATA] = "data",
         [CW_FIELD_CRC] = "crc", [CW_FIELD_CRC_DELIMITER] = "crc-delimiter",
         [CW_FIELD_ACK_SLOT] = "ack-slot", [CW_FIELD_ACK_DELIMITER] = "ack-delimiter",
         [CW_FIELD_EOF] = "eof", [CW_FIELD_INTERMISSION] = "intermission",
@@ -579,7 +592,7 @@ int main(void)
         cmocka_unit_test(never_more_than_five_equal_bits_up_to_the_crc),
         cmocka_unit_test(length_is_the_closed_formula),
         cmocka_unit_test(every_bit_has_its_place),
-        cmocka_unit_test(only_classical_frames_in_range_are_encoded),
+        cmocka_unit_test(only_frames_in_range_with_flags_that_go_together_are_encoded),
         cmocka_unit_test(length_follows_dlc_but_not_in_remote_frames),
         cmocka_unit_test(frames_are_equal_as_they_are_on_the_wire),
         cmocka_unit_test(decoding_what_was_encoded_gives_the_same_frame),

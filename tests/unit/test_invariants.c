@@ -103,7 +103,7 @@ static void arbiter(cw_bus *bus)
 }
 static void ring(cw_bus *bus)
 {
-    bus->ring.events[bus->ring.count - 1].tick = 0;
+    cw_ring_at(&bus->ring, bus->ring.count - 1)->tick = 0;
 }
 
 static void each_is_asserted(void **state)

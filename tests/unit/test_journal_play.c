@@ -40,8 +40,15 @@ static cw_frame any_frame(host *h)
         frame.id = UINT32_MAX;
     if (draw(h, 40) == 0)
         frame.flags = (uint8_t)draw(h, 32);
+    if (draw(h, 40) == 0)
+        frame.flags = CW_FRAME_FD | CW_FRAME_BRS;
+    if ((frame.flags & CW_FRAME_FD) && draw(h, 2) == 0)
+        frame.dlc = (uint8_t)draw(h, 16);
     bool all = draw(h, 10) == 0;
-    for (unsigned i = 0; i < 8 && (i < frame.dlc || all); i++)
+    const unsigned length = cw_frame_length(&frame);
+    const unsigned room =
+        frame.flags & CW_FRAME_FD ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
+    for (unsigned i = 0; i < room && (i < frame.dlc || i < length || all); i++)
         frame.data[i] = (uint8_t)draw(h, 256);
     return frame;
 }

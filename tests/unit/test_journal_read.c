@@ -64,6 +64,15 @@ static const bad_journal bad_journals[] = {
     {HEADER CONFIG
      "{\"at\":0,\"send\":\"a\",\"tick\":0,\"id\":1,\"flags\":0,\"dlc\":0,\"data\":\"00\"}\n",
      ":3:61: data: expected 8 bytes"},
+    {HEADER CONFIG
+     "{\"at\":0,\"send\":\"a\",\"tick\":0,\"id\":1,\"flags\":4,\"dlc\":0,\"data\":\"00\"}\n",
+     ":3:61: data: expected 64 bytes"},
+    {HEADER CONFIG
+     "{\"at\":0,\"send\":\"a\",\"tick\":0,\"id\":1,\"flags\":4,\"dlc\":0,"
+     "\"data\":\"0000000000000000\"}\n{\"at\":0,\"fire\":\"x\"}\n",
+     ":4:16: there is no rule 'x'"},
+    {HEADER CONFIG "{\"at\":0,\"send\":\"a\",\"frame\":\"123##\",\"tick\":0}\n",
+     ":3:28: frame: expected a CAN FD frame"},
     {HEADER CONFIG "{\"at\":0,\"set\":\"a\",\"settings\":{\"queue\":0}}\n",
      ":3:30: settings: queue: "},
     {HEADER CONFIG "{\"at\":0,\"set\":\"a\"}\n", ":3:1: set: the key 'settings' is missing"},

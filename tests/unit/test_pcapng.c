@@ -106,6 +106,21 @@ static const packet_case packets[] = {
       .frame = {.id = 0x7FF, .dlc = 15, .data = {1, 2, 3, 4, 5, 6, 7, 8}}},
      "060000003C000000" "00000000" TIME "1000000010000000"
      "000007FF0800000F" "0102030405060708" OUTBOUND "3C000000"},
+    {"a CAN FD frame",
+     {.kind = CW_EVENT_TX,
+      .nodes = 1,
+      .frame = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 3, .data = {1, 2, 3}}},
+     "0600000038000000" "00000000" TIME "0B0000000B000000"
+     "0000012303040000" "01020300" OUTBOUND "38000000"},
+    {"an extended one with 12 bytes, BRS and ESI",
+     {.kind = CW_EVENT_TX,
+      .nodes = 1,
+      .frame = {.id = 0x12345678,
+                .flags = CW_FRAME_EXTENDED | CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI,
+                .dlc = 9,
+                .data = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}}},
+     "0600000040000000" "00000000" TIME "1400000014000000"
+     "923456780C070000" "0102030405060708090A0B0C" OUTBOUND "40000000"},
     {"a frame that two nodes have sent as one",
      {.kind = CW_EVENT_TX, .nodes = 3, .frame = {.id = 1}},
      "0600000034000000" "00000000" TIME "0800000008000000"

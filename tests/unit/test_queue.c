@@ -12,13 +12,13 @@
 
 typedef struct bench {
     cw_queue queue;
-    cw_queue_slot slots[SLOTS];
+    uint64_t slots[SLOTS * sizeof(cw_queue_slot)];
     cw_queue_place order[SLOTS];
 } bench;
 
 static void open_queue(bench *b, uint16_t capacity, cw_order mode)
 {
-    cw_queue_init(&b->queue, b->slots, b->order, capacity, mode);
+    cw_queue_init(&b->queue, b->slots, b->order, capacity, mode, false);
 }
 
 static void put(bench *b, uint32_t id, unsigned flags, uint8_t mark)
@@ -31,9 +31,9 @@ static void put(bench *b, uint32_t id, unsigned flags, uint8_t mark)
 static unsigned take(bench *b)
 {
     uint16_t slot = cw_queue_first(&b->queue);
-    unsigned mark = b->slots[slot].frame.data[0];
-    assert_int_equal(b->slots[slot].handed_in, mark);
-    assert_int_equal(b->slots[slot].tried, false);
+    unsigned mark = cw_queue_at(&b->queue, slot)->frame->data[0];
+    assert_int_equal(cw_queue_at(&b->queue, slot)->handed_in, mark);
+    assert_int_equal(cw_queue_at(&b->queue, slot)->tried, false);
     cw_queue_remove(&b->queue, slot);
     return mark;
 }
@@ -132,7 +132,7 @@ static unsigned slow_first(const slow_queue *q)
 static uint16_t find_slot(const bench *b, unsigned number)
 {
     for (uint16_t i = 0; i < b->queue.count; i++)
-        if (b->slots[b->order[i].slot].handed_in == number)
+        if (cw_queue_at(&b->queue, b->order[i].slot)->handed_in == number)
             return b->order[i].slot;
     fail_msg("frame %u is lost", number);
     return 0;

@@ -16,6 +16,8 @@
 #define WALKS 4000
 #define WALK_BITS 400
 #define LOOK_BITS 40
+#define FD_FRAMES 50 /* with each protocol */
+#define POINTS 400
 
 static uint64_t draw(uint64_t *state)
 {
@@ -55,6 +57,16 @@ static uint64_t take_one_by_one(cw_mac *m, bool level, uint64_t bits)
     return bits;
 }
 
+/* Copies a controller with its part for FD frames. */
+static void copy(cw_mac *to, cw_fd_part *part, const cw_mac *from)
+{
+    *to = *from;
+    if (!from->fd)
+        return;
+    *part = *from->fd;
+    to->fd = part;
+}
+
 /* Returns how many bits it was steady, for the test to know that it saw something. */
 static uint64_t compare(const cw_mac *m, bool level)
 {
@@ -63,8 +75,10 @@ static uint64_t compare(const cw_mac *m, bool level)
         return 0; /* another node changes the wire: nothing is skipped */
     bits = bits < LOOK_BITS ? bits : LOOK_BITS;
     for (uint64_t part = 1; part <= bits; part++) {
-        cw_mac slow = *m;
-        cw_mac fast = *m;
+        cw_mac slow, fast;
+        cw_fd_part slow_part, fast_part;
+        copy(&slow, &slow_part, m);
+        copy(&fast, &fast_part, m);
         (void)take_one_by_one(&slow, level, part);
         cw_mac_skip(&fast, part, level);
         assert_same(&fast, &slow);
@@ -136,9 +150,115 @@ static void steady_bits_can_be_taken_at_once(void **state)
     assert_int_not_equal(steady[CW_MAC_SUSPEND][1], 0);
 }
 
+/* ---- FD frames ------------------------------------------------------------------------------- */
+
+static cw_frame random_fd_frame(uint64_t *seed)
+{
+    static const uint8_t bytes[] = {0, 0xFF, 0x07, 0xF8, 0x55};
+    const unsigned flags = CW_FRAME_FD | (draw(seed) % 2 ? CW_FRAME_BRS : 0) |
+                           (draw(seed) % 2 ? CW_FRAME_EXTENDED : 0) |
+                           (draw(seed) % 2 ? CW_FRAME_ESI : 0);
+    cw_frame f = {.flags = (uint8_t)flags, .dlc = draw(seed) % 16};
+    f.id = (uint32_t)draw(seed) & (flags & CW_FRAME_EXTENDED ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX);
+    for (unsigned i = 0; i < CW_FRAME_DATA_MAX; i++)
+        f.data[i] = bytes[draw(seed) % sizeof bytes];
+    return f;
+}
+
+static void begin_fd(cw_mac *m, cw_fd_part *part, unsigned protocol)
+{
+    cw_mac_report report;
+    const bool knows = (protocol & CW_PROTOCOL_MASK) == CW_FD;
+    cw_mac_init(m, 0, 96);
+    assert_int_equal(cw_mac_set_protocol(m, protocol, knows ? part : NULL), CW_OK);
+    for (unsigned i = 0; i < CW_INTEGRATION_BITS; i++)
+        cw_mac_sample(m, cw_mac_drive(m), &report);
+}
+
+/* Takes a frame, with a wrong bit in some, and compares before each bit. Returns the steady bits
+ * inside the frame. */
+static uint64_t walk_frame(cw_mac *m, const cw_frame *frame, uint64_t *seed)
+{
+    cw_bits bits;
+    uint64_t steady = 0;
+    assert_int_equal(cw_bits_encode(&bits, frame), CW_OK);
+    const unsigned wrong = (unsigned)draw(seed) % (4u * bits.length);
+    for (unsigned n = 0; n < bits.length + 20u; n++) {
+        cw_mac_report report;
+        const bool in_frame = m->phase == CW_MAC_FRAME;
+        const uint64_t both = compare(m, CW_DOMINANT) + compare(m, CW_RECESSIVE);
+        steady += in_frame ? both : 0;
+        const bool level = n >= bits.length || cw_bits_level(&bits, n) != (n == wrong);
+        cw_mac_sample(m, cw_mac_drive(m) && level, &report);
+    }
+    return steady;
+}
+
+static void steady_bits_of_fd_frames_can_be_taken_at_once(void **state)
+{
+    (void)state;
+    static const unsigned protocols[] = {CW_FD, CW_FD | CW_PROTOCOL_NON_ISO, CW_FD_TOLERANT,
+                                         CW_CLASSICAL};
+    uint64_t seed = 2;
+    for (unsigned p = 0; p < 4; p++) {
+        cw_mac m;
+        cw_fd_part part;
+        uint64_t steady = 0;
+        begin_fd(&m, &part, protocols[p]);
+        for (unsigned i = 0; i < FD_FRAMES; i++) {
+            cw_frame frame = random_fd_frame(&seed);
+            frame.flags |= protocols[p] & CW_PROTOCOL_NON_ISO ? CW_FRAME_NON_ISO : 0;
+            steady += walk_frame(&m, &frame, &seed);
+        }
+        assert_int_not_equal(steady, 0);
+    }
+}
+
+/* ---- Points ---------------------------------------------------------------------------------- */
+
+static void take_bits(cw_mac *m, const cw_bits *bits, unsigned count)
+{
+    cw_mac_report report;
+    for (unsigned n = 0; n < count; n++)
+        cw_mac_sample(m, cw_mac_drive(m) && (n >= bits->length || cw_bits_level(bits, n)), &report);
+}
+
+/* Whatever both have received before, and then take the rest of the frame alike. */
+static void controllers_at_one_point_stay_together(void **state)
+{
+    (void)state;
+    uint64_t seed = 3;
+    for (unsigned i = 0; i < POINTS; i++) {
+        cw_mac a, b;
+        cw_fd_part a_part, b_part;
+        cw_bits before, bits;
+        const cw_frame longer = random_fd_frame(&seed), frame = random_fd_frame(&seed);
+        assert_int_equal(cw_bits_encode(&before, &longer), CW_OK);
+        assert_int_equal(cw_bits_encode(&bits, &frame), CW_OK);
+        begin_fd(&a, &a_part, CW_FD);
+        begin_fd(&b, &b_part, CW_FD);
+        take_bits(&a, &before, before.length + 3u);
+        const unsigned n = 1 + (unsigned)draw(&seed) % (bits.length - 1u);
+        cw_mac_go_into_frame(&b, &frame, &bits, n);
+        cw_mac_go_to_point(&a, &b);
+        for (unsigned k = n; k < bits.length; k++) {
+            cw_mac_report report;
+            assert_true(cw_mac_same_point(&a, &b));
+            const bool level = cw_mac_drive(&a) && cw_bits_level(&bits, k);
+            assert_int_equal(cw_mac_drive(&b), a.driven);
+            cw_mac_sample(&a, level, &report);
+            cw_mac_sample(&b, level, &report);
+        }
+        assert_true(cw_frame_equal(cw_mac_received(&a), &frame));
+        assert_int_equal(cw_mac_get_phase(&a), CW_MAC_INTERMISSION);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(steady_bits_of_fd_frames_can_be_taken_at_once),
+        cmocka_unit_test(controllers_at_one_point_stay_together),
         cmocka_unit_test(steady_bits_can_be_taken_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

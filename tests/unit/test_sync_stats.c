@@ -119,6 +119,7 @@ static unsigned count_events(cw_bus *bus, bool hard, cw_event *kept, unsigned *k
 {
     unsigned count = 0;
     cw_event e;
+    memset(&e, 0, sizeof e); /* events without a frame have no data */
     *kept_count = 0;
     while (cw_bus_poll(bus, &e)) {
         if (e.kind != CW_EVENT_SYNC) {

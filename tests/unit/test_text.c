@@ -44,11 +44,37 @@ static const frame_case frames[] = {
     {"123#11.22.33.44.55.66.77.88_F", "123#1122334455667788_F", 0x123, 0, 15, 0x88},
 };
 
-static void frames_are_read_and_printed(void **state)
+#define EIGHT "1122334455667788"
+#define SIXTEEN EIGHT EIGHT
+#define SIXTY_FOUR SIXTEEN SIXTEEN SIXTEEN SIXTEEN
+
+/* D2: other lengths are rounded up. */
+static const frame_case fd_frames[] = {
+    {"123##0", "123##0", 0x123, CW_FRAME_FD, 0, 0},
+    {"123##1deadbeef", "123##1DEADBEEF", 0x123, CW_FRAME_FD | CW_FRAME_BRS, 4, 0xEF},
+    {"123##2DE.AD", "123##2DEAD", 0x123, CW_FRAME_FD | CW_FRAME_ESI, 2, 0xAD},
+    {"123##3.11", "123##311", 0x123, CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI, 1, 0x11},
+    {"123##411", "123##011", 0x123, CW_FRAME_FD, 1, 0x11}, /* CANFD_FDF of the kernel */
+    {"123##f11", "123##311", 0x123, CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI, 1, 0x11},
+    {"1FFFFFFF##0", "1FFFFFFF##0", 0x1FFFFFFF, CW_FRAME_FD | CW_FRAME_EXTENDED, 0, 0},
+    {"00000001##3" EIGHT, "00000001##3" EIGHT, 1,
+     CW_FRAME_FD | CW_FRAME_EXTENDED | CW_FRAME_BRS | CW_FRAME_ESI, 8, 0x88},
+    {"123##0" EIGHT "99", "123##0" EIGHT "99000000", 0x123, CW_FRAME_FD, 9, 0},
+    {"123##0" EIGHT "99AABBCC", "123##0" EIGHT "99AABBCC", 0x123, CW_FRAME_FD, 9, 0xCC},
+    {"123##0" SIXTEEN, "123##0" SIXTEEN, 0x123, CW_FRAME_FD, 10, 0x88},
+    {"123##0" SIXTEEN EIGHT "01", "123##0" SIXTEEN EIGHT "0100000000000000", 0x123, CW_FRAME_FD,
+     13, 0},
+    {"123##0" SIXTEEN SIXTEEN SIXTEEN "01",
+     "123##0" SIXTEEN SIXTEEN SIXTEEN "01000000000000000000000000000000", 0x123, CW_FRAME_FD, 15,
+     0},
+    {"1FFFFFFF##1" SIXTY_FOUR, "1FFFFFFF##1" SIXTY_FOUR, 0x1FFFFFFF,
+     CW_FRAME_FD | CW_FRAME_EXTENDED | CW_FRAME_BRS, 15, 0x88},
+};
+
+static void are_read_and_printed(const frame_case *cases, size_t count)
 {
-    (void)state;
-    for (size_t i = 0; i < COUNT(frames); i++) {
-        const frame_case *c = &frames[i];
+    for (size_t i = 0; i < count; i++) {
+        const frame_case *c = &cases[i];
         char printed[FRAME_TEXT_MAX];
         cw_frame frame;
 
@@ -63,6 +89,18 @@ static void frames_are_read_and_printed(void **state)
     }
 }
 
+static void frames_are_read_and_printed(void **state)
+{
+    (void)state;
+    are_read_and_printed(frames, COUNT(frames));
+}
+
+static void fd_frames_are_read_and_printed(void **state)
+{
+    (void)state;
+    are_read_and_printed(fd_frames, COUNT(fd_frames));
+}
+
 /* Each with a part of the message. */
 static const char *const bad_frames[][2] = {
     {"", "expected a frame"},
@@ -75,8 +113,17 @@ static const char *const bad_frames[][2] = {
     {"800#", "up to 7FF"},
     {"20000000#", "up to 1FFFFFFF"},
     {"123456789#", "identifiers have"},
-    {"123##1", "CAN FD"},
-    {"123##011", "CAN FD"},
+    {"123##", "one digit of flags"},
+    {"123##G", "one digit of flags"},
+    {"123##R4", "one digit of flags"},
+    {"123##DEADBEEF", "two hexadecimal digits"}, /* the flags are missing */
+    {"123##11", "two hexadecimal digits"},
+    {"123##0..11", "expected a CAN FD frame"},
+    {"123##011.", "expected a CAN FD frame"},
+    {"123##01122334455667788_F", "expected a CAN FD frame"},
+    {"123##0R", "expected a CAN FD frame"},
+    {"123##0" SIXTY_FOUR "00", "at most 64"},
+    {"800##0", "up to 7FF"},
     {"123#1", "two hexadecimal digits"},
     {"123#112", "two hexadecimal digits"},
     {"123#112233445566778899", "at most 8"},
@@ -120,7 +167,10 @@ static void invalid_frames_are_printed(void **state)
     } cases[] = {
         {{.id = 0x800}, "00000800#"},
         {{.id = 0xFFFFFFFF, .dlc = 1}, "FFFFFFFF#00"},
-        {{.id = 1, .flags = CW_FRAME_FD, .dlc = 9}, "001##00000000000000000"},
+        {{.id = 1, .flags = CW_FRAME_FD, .dlc = 9}, "001##0000000000000000000000000"},
+        {{.id = 1, .flags = CW_FRAME_CUT, .dlc = 8}, "001##00000000000000000"},
+        {{.id = 1, .flags = CW_FRAME_CUT | CW_FRAME_BRS, .dlc = 2}, "001##10000"},
+        {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_NON_ISO, .dlc = 1}, "001##000"},
         {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI}, "001##3"},
     };
     (void)state;
@@ -140,7 +190,7 @@ static void longest_text_fits(void **state)
 
     (void)state;
     text_print_frame(printed, &fd);
-    assert_int_equal(strlen(printed), 8 + 3 + 16);
+    assert_int_equal(strlen(printed), 8 + 3 + 128);
     text_print_frame(printed, &classic);
     assert_string_equal(printed, "FFFFFFFF#R8_FF");
 }
@@ -567,11 +617,59 @@ static void positions_have_fields_and_indices(void **state)
         {"overload-delimiter[7]", CW_FIELD_OVERLOAD_DELIMITER, 7},
     };
     (void)state;
-    for (size_t i = 0; i < COUNT(cases); i++) {
+    for (size_t i = 0; i < 2 * COUNT(cases); i++) {
         cw_field field;
         uint16_t index;
+        const size_t k = i / 2;
 
-        assert_null(text_parse_position(&field, &index, cases[i].text));
+        assert_null(text_parse_position(&field, &index, cases[k].text, i % 2));
+        assert_int_equal(field, cases[k].field);
+        assert_int_equal(index, cases[k].index);
+    }
+}
+
+/* Each is refused where frames are classical. */
+static void positions_of_fd_frames_have_fields_and_indices(void **state)
+{
+    static const struct {
+        const char *text;
+        cw_field field;
+        unsigned index;
+    } cases[] = {
+        {"fdf", CW_FIELD_FDF, 0},
+        {"res", CW_FIELD_RES, 0},
+        {"brs", CW_FIELD_BRS, 0},
+        {"esi", CW_FIELD_ESI, 0},
+        {"data[63.7]", CW_FIELD_DATA, 511},
+        {"stuff-count[0]", CW_FIELD_STUFF_COUNT, 0},
+        {"stuff-count[3]", CW_FIELD_STUFF_COUNT, 3},
+        {"crc[20]", CW_FIELD_CRC, 20},
+        {"fixed-stuff[0]", CW_FIELD_FIXED_STUFF, 0},
+        {"fixed-stuff[6]", CW_FIELD_FIXED_STUFF, 6},
+        {"ack-slot[0]", CW_FIELD_ACK_SLOT, 0},
+        {"ack-slot[1]", CW_FIELD_ACK_SLOT, 1},
+        {"bit[732]", CW_FIELD_BIT, 732},
+    };
+    static const char *const bad[] = {
+        "fdf[0]", "brs[0]", "stuff-count", "stuff-count[4]", "fixed-stuff", "fixed-stuff[7]",
+        "crc[21]", "ack-slot[2]", "data[64.0]", "bit[768]", "sof[0]", "ack-delimiter[0]", "rrs",
+    };
+    cw_field field = CW_FIELD_COUNT;
+    uint16_t index = 7;
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases) + COUNT(bad); i++) {
+        const char *text = i < COUNT(cases) ? cases[i].text : bad[i - COUNT(cases)];
+
+        if (!text_parse_position(&field, &index, text, false))
+            fail_msg("'%s' was accepted", text);
+        assert_true(field == CW_FIELD_COUNT && index == 7);
+    }
+    for (size_t i = 0; i < COUNT(bad); i++)
+        if (!text_parse_position(&field, &index, bad[i], true))
+            fail_msg("'%s' was accepted", bad[i]);
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        assert_null(text_parse_position(&field, &index, cases[i].text, true));
         assert_int_equal(field, cases[i].field);
         assert_int_equal(index, cases[i].index);
     }
@@ -611,7 +709,7 @@ static void bad_positions_are_refused(void **state)
         cw_field field = CW_FIELD_COUNT;
         uint16_t index = 7;
 
-        if (!text_parse_position(&field, &index, cases[i]))
+        if (!text_parse_position(&field, &index, cases[i], false))
             fail_msg("'%s' was accepted", cases[i]);
         assert_true(field == CW_FIELD_COUNT && index == 7);
     }
@@ -799,6 +897,7 @@ int main(void)
         cmocka_unit_test(lengths_are_whole_millimetres),
         cmocka_unit_test(reads_sizes),
         cmocka_unit_test(frames_are_read_and_printed),
+        cmocka_unit_test(fd_frames_are_read_and_printed),
         cmocka_unit_test(bad_frames_are_refused),
         cmocka_unit_test(invalid_frames_are_printed),
         cmocka_unit_test(longest_text_fits),
@@ -818,6 +917,7 @@ int main(void)
         cmocka_unit_test(ticks_are_rounded_up_once),
         cmocka_unit_test(ticks_saturate),
         cmocka_unit_test(positions_have_fields_and_indices),
+        cmocka_unit_test(positions_of_fd_frames_have_fields_and_indices),
         cmocka_unit_test(bad_positions_are_refused),
         cmocka_unit_test(bus_time_is_truncated),
         cmocka_unit_test(spans_are_printed_in_their_unit),

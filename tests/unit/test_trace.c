@@ -40,7 +40,10 @@ static void print_record(FILE *out, const trace_record *r)
         fprintf(out, "%" PRIu64 ".%09" PRIu64, r->time_ns / 1000000000, r->time_ns % 1000000000);
     else
         fprintf(out, "-");
-    fprintf(out, " %s %s\n", r->channel, r->kind == TRACE_FRAME ? frame : kind_names[r->kind]);
+    const bool shown = r->kind == TRACE_FRAME || r->kind == TRACE_FD_FRAME;
+    if (shown)
+        assert_true(cw_frame_valid(&r->frame));
+    fprintf(out, " %s %s\n", r->channel, shown ? frame : kind_names[r->kind]);
 }
 
 /* Returns all entries, and at last the error behind the name of the file; to be freed. */
@@ -104,33 +107,46 @@ typedef struct made_case {
     "4 1795238549.065544000 vcan7 00A#R\n"                                                         \
     "5 1795238549.115860000 vcan7 00A#R5\n"
 
+/* BRS is only in logs, and on a screen with -x. */
+#define FD_BRS "123##100112233445566778899AABB"
+#define FD "123##000112233445566778899AABB"
+
 #define WITHOUT_ERRORS                                                                             \
-    LOG_TIMES "6 1795238549.508386000 vcan7 fd\n"                                                  \
+    LOG_TIMES "6 1795238549.508386000 vcan7 " FD_BRS "\n"                                       \
               "7 1795238549.567726000 can-log1 000#41424320\n"
+
+#define SCREEN_WITHOUT_ERRORS                                                                      \
+    LOG_TIMES "6 1795238549.508386000 vcan7 " FD "\n"                                              \
+              "7 1795238549.567726000 can-log1 000#41424320\n"
+
+#define SCREEN_WITH_ERRORS                                                                         \
+    LOG_TIMES "6 1795238549.292758000 can-log1 error\n"                                            \
+              "7 1795238549.508386000 vcan7 " FD "\n"                                              \
+              "8 1795238549.567726000 can-log1 000#41424320\n"
 
 #define WITH_ERRORS                                                                                \
     LOG_TIMES "6 1795238549.292758000 can-log1 error\n"                                            \
-              "7 1795238549.508386000 vcan7 fd\n"                                                  \
+              "7 1795238549.508386000 vcan7 " FD_BRS "\n"                                       \
               "8 1795238549.567726000 can-log1 000#41424320\n"
 
 static const made_case made[] = {
     {MADE "log.log", TRACE_DETECT, WITH_ERRORS},
-    {MADE "absolute.txt", TRACE_DETECT, WITH_ERRORS},
+    {MADE "absolute.txt", TRACE_DETECT, SCREEN_WITH_ERRORS},
     {MADE "date-errors.txt", TRACE_DETECT,
      LOG_TIMES "6 1795238549.292758000 can-log1 error\n"
-               "8 1795238549.508386000 vcan7 fd\n" /* line 7 explains the error frame */
+               "8 1795238549.508386000 vcan7 " FD "\n" /* line 7 explains the error frame */
                "9 1795238549.567726000 can-log1 000#41424320\n"},
     {MADE "log-extra.log", TRACE_DETECT, WITHOUT_ERRORS},
     {MADE "logfile.log", TRACE_DETECT, WITHOUT_ERRORS},
-    {MADE "binary.txt", TRACE_DETECT, WITHOUT_ERRORS},
-    {MADE "swapped.txt", TRACE_DETECT, WITHOUT_ERRORS},
+    {MADE "binary.txt", TRACE_DETECT, SCREEN_WITHOUT_ERRORS},
+    {MADE "swapped.txt", TRACE_DETECT, SCREEN_WITHOUT_ERRORS},
     {MADE "zero-extra-ascii.txt", TRACE_DETECT,
      "1 0.000000000 vcan7 123#DEADBEEF\n"
      "2 0.600983000 can-log1 12345678#1122334455667788\n"
      "3 0.959421000 vcan7 7FF#\n"
      "4 1.126732000 vcan7 00A#R\n"
      "5 1.177048000 vcan7 00A#R5\n"
-     "6 1.569574000 vcan7 fd\n"
+     "6 1.569574000 vcan7 " FD_BRS "\n"
      "7 1.628914000 can-log1 000#41424320\n"},
     {MADE "delta.txt", TRACE_CANDUMP_DELTA, /* recorded together with the one before */
      "1 0.000000000 vcan7 123#DEADBEEF\n"
@@ -138,7 +154,7 @@ static const made_case made[] = {
      "3 0.959421000 vcan7 7FF#\n"
      "4 1.126732000 vcan7 00A#R\n"
      "5 1.177048000 vcan7 00A#R5\n"
-     "6 1.569574000 vcan7 fd\n"
+     "6 1.569574000 vcan7 " FD "\n"
      "7 1.628914000 can-log1 000#41424320\n"},
     {MADE "no-time.txt", TRACE_DETECT,
      "1 - vcan7 123#DEADBEEF\n"
@@ -146,7 +162,7 @@ static const made_case made[] = {
      "3 - vcan7 7FF#\n"
      "4 - vcan7 00A#R\n"
      "5 - vcan7 00A#R5\n"
-     "6 - vcan7 fd\n"
+     "6 - vcan7 " FD "\n"
      "7 - can-log1 000#41424320\n"},
     {MADE "colour.txt", TRACE_DETECT,
      "bad:1:23: an escape sequence: record without colours (-c)\n"},
@@ -177,7 +193,9 @@ typedef struct text_case {
     "'(000.000000)  vcan0  123   [4]  DE AD BE EF'\n"
 #define CANDUMP_STAMP                                                                              \
     "expected a time such as (1436509052.249713), (000.000000) or (2024-02-29 12:34:56.000000)\n"
-#define CANDUMP_LENGTH "expected a length: [0] to [8], {9} to {F}, two digits for CAN FD\n"
+#define CANDUMP_LENGTH "expected a length: [0] to [8], {9} to {F}, [00] to [64] for CAN FD\n"
+
+#define EIGHT "0011223344556677"
 
 static const text_case candump[] = {
     {"", ""},
@@ -188,7 +206,11 @@ static const text_case candump[] = {
     {"(0.0) a 123#1122334455667788_F\n", "1 0.000000000 a 123#1122334455667788_F\n"},
     {"(0.0) a 123#11.22\n", "1 0.000000000 a 123#1122\n"},
     {"(0.0) a 123# R\n(0.0) a 123# T B -\n", "1 0.000000000 a 123#\n2 0.000000000 a 123#\n"},
-    {"(0.0) a 123##0\n(0.0) a 12345678##311", "1 0.000000000 a fd\n2 0.000000000 a fd\n"},
+    {"(0.0) a 123##0\n(0.0) a 12345678##311",
+     "1 0.000000000 a 123##0\n2 0.000000000 a 12345678##311\n"},
+    {"(0.0) a 123##5" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT " R\n",
+     "1 0.000000000 a 123##1" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT "\n"},
+    {"(0.0) a 123##0112233445566778899\n", "1 0.000000000 a 123##0112233445566778899000000\n"},
     {"(0.0) a 00123#81:00:12345678#11\n", "1 0.000000000 a xl\n"},
     {"(0.0) a 20000080#0000000000000000\n", "1 0.000000000 a error\n"},
     {"(2000-02-29 23:59:59.999999) a 123#\n(2000-03-01 00:00:00.5) a 123#\n",
@@ -196,7 +218,11 @@ static const text_case candump[] = {
     {"(1970-01-01 00:00:00.000001)  a  123   [0]\n", "1 0.000001000 a 123#\n"},
     {"  a  123   {F}  00 11 22 33 44 55 66 77\n", "1 - a 123#0011223344556677_F\n"},
     {"  a  123   {9}  remote request\n", "1 - a 123#R8_9\n"},
-    {"  a  123   [08]  00 11 22 33 44 55 66 77\n", "1 - a fd\n"},
+    {"  a  123   [08]  00 11 22 33 44 55 66 77\n", "1 - a 123##00011223344556677\n"},
+    {"  a  RX B E  12345678  [00] \n", "1 - a 12345678##3\n"},
+    {"  a  RX - E  123  [10]  00 11 22 33 44 55 66 77 88 99\n",
+     "1 - a 123##2001122334455667788990000\n"},
+    {"  a  RX B -  123  [2]  AA 55\n", "1 - a 123#AA55\n"},
     {"  a  RX - -  123   [1]  FF   '.'\n", "1 - a 123#FF\n"},
     {"  a  123   [1]  FF\nDROPCOUNT: dropped 3 CAN frames on 'a' socket (total drops 3)\n",
      "1 - a 123#FF\n2 -  other\n"},
@@ -216,6 +242,15 @@ static const text_case candump[] = {
      "1 1.500000000 a 123#\nbad:2:9: '800#': identifiers have 3 hexadecimal digits (base, up to "
      "7FF) or 8 (extended, up to 1FFFFFFF)\n"},
     {"(1.5) a 123#1\n", "bad:1:9: '123#1': data bytes have two hexadecimal digits\n"},
+    {"(1.5) a 123##1F\n", "bad:1:9: '123##1F': data bytes have two hexadecimal digits\n"},
+    {"(1.5) a 123##0" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT "00\n",
+     "bad:1:9: '123##0" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT
+     "00': a CAN FD frame has at most 64 data bytes\n"},
+    {"(1.5) a 123 [0F] 00\n", "bad:1:13: " CANDUMP_LENGTH},
+    {"(1.5) a 123 [65] 00\n", "bad:1:13: " CANDUMP_LENGTH},
+    {"(1.5) a 123 [02] 00\n", "bad:1:20: expected 2 data bytes, two digits each\n"},
+    {"(1.5) a 123 [02] remote request\n",
+     "bad:1:18: expected 2 data bytes, two digits each\n"},
     {"(1.5) a 123#11 x\n", "bad:1:16: expected the end of the line behind the frame\n"},
     {"(1.5) a 1234 [0]\n", "bad:1:9: " CANDUMP_LINE},
     {"(1.5) a 800 [0]\n",
@@ -292,6 +327,12 @@ static void files_longer_than_the_buffer_are_read(void **state)
     "expected an event such as '0.015991 1  123  Rx  d 2 00 11', a comment (//), or one of date, " \
     "base, internal events logged, Begin Triggerblock, End TriggerBlock\n"
 
+#define ZEROS_31                                                                                   \
+    "00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 "
+#define ZEROS_62 ZEROS_31 ZEROS_31
+#define HEX_ZEROS_31 "00000000000000000000000000000000000000000000000000000000000000"
+#define HEX_ZEROS_62 HEX_ZEROS_31 HEX_ZEROS_31
+
 static const text_case asc[] = {
     {HEX
      "internal events logged\n// version 9.0.0\nBegin Triggerblock Sat Sep 30\n"
@@ -310,7 +351,38 @@ static const text_case asc[] = {
     {HEX "1.0 1 ErrorFrame\n1.0 2 ErrorFrame ECC: 10100010\n",
      "3 1.000000000 1 error\n4 1.000000000 2 error\n"},
     {HEX "1.0 CANFD   1 Rx  12  1 0 9 12 00 00 00 00 00 00 00 00 00 00 00 00 0 0 3000 0 0 0 0 0\n",
-     "3 1.000000000 1 fd\n"},
+     "3 1.000000000 1 012##1000000000000000000000000\n"},
+    /* lines of tests of python-can 4.6.1, test_CanFd*.asc, logfile_vector_fd.asc and
+     * test_CanErrorFrames.asc */
+    {HEX "30.005021 CANFD   1 Rx        300                                   1 0 8  8 11 c2 03 04 "
+         "05 06 07 08   102203  133   303000 e0006659 46500250 4b140250 20011736 2001040d\n"
+         "30.005041 CANFD   2 Tx        1C4D80A7x                                   0 1 8  8 12 c2 "
+         "03 04 05 06 07 08   102203  133   303000 e0006659 46500250 4b140250 20011736 2001040d\n"
+         "30.005071 CANFD   3 Rx        30a  Generic_Name_12                  1 1 8  8 01 02 03 04 "
+         "05 06 07 08   102203  133   303000 e0006659 46500250 4b140250 20011736 2001040d\n",
+     "3 30.005021000 1 300##111C2030405060708\n4 30.005041000 2 1C4D80A7##212C2030405060708\n"
+     "5 30.005071000 3 30A##30102030405060708\n"},
+    {HEX "30.506898 CANFD   4 Rx        4EE                                   0 1 f 64 A1 02 "
+         ZEROS_62 "64 1331984 11 0 46500250 460a0250 20011736 20010205\n"
+         "31.506898 CANFD   4 Rx        1C4D80A7x    AlphaNumericName_2     1 0 f 64 b1 02 "
+         ZEROS_62 "64 1331984 11 0 46500250 460a0250 20011736 20010205\n",
+     "3 30.506898000 4 4EE##2A102" HEX_ZEROS_62 "\n"
+     "4 31.506898000 4 1C4D80A7##1B102" HEX_ZEROS_62 "\n"},
+    {HEX "30.300981 CANFD   3 Tx     50005x                                0 1 5 0 140000 73 "
+         "200050 7a60 46500250 460a0250 20011736 20010205\n",
+     "3 30.300981000 3 00050005#R5\n"},
+    {HEX "30.806898 CANFD   5 Tx ErrorFrame Not Acknowledge error, dominant error flag fffe c7 "
+         "31ca Arb. 556 44 0 0 f 64 " ZEROS_62 "1331984 11 0 46500250 460a0250\n",
+     "3 30.806898000 5 error\n"},
+    /* classical frames of CAN FD controllers, and lines that end early */
+    {HEX "1.0 CANFD 1 Rx 123 0 0 2 2 AA BB 100000 50 220000 0 0 0 0 0\n"
+         "1.1 CANFD 1 Rx 123 0 0 f 8 0 1 2 3 4 5 6 7 100000 50 0\n"
+         "1.2 CANFD 1 Rx 123 1 0 2 2 AA BB\n1.3 CANFD 1 TxRq 123 1 0 2 2 AA BB\n"
+         "1.4 CANFD 1 ErrorFrame\n",
+     "3 1.000000000 1 123#AABB\n4 1.100000000 1 123#0001020304050607_F\n"
+     "5 1.200000000 1 123##1AABB\n6 1.300000000 1 other\n7 1.400000000 1 error\n"},
+    {DEC "1.0 CANFD 1 Rx 2047 1 0 9 12 255 0 0 0 0 0 0 0 0 0 0 16\n",
+     "2 1.000000000 1 7FF##1FF0000000000000000000010\n"},
     {HEX "1.0 CAN 1 Status:chip status error active\n1.0 1 Statistic: D 0 R 0 XD 0\n"
          "1.1 SV: 3 0 1 ::Bla::MTimer = 0.000\n1.2 1 123 TxRq d 1 00\n1.3 Log trigger\n",
      "3 1.000000000  other\n4 1.000000000 1 other\n5 1.100000000  other\n6 1.200000000 1 other\n"
@@ -339,6 +411,17 @@ static const text_case asc[] = {
     {DEC "1.0 1 123 Rx d 2 00 FF\n", "bad:2:21: expected 2 data bytes in the file's base\n"},
     {HEX "1.0 1 123 Rx d 1 00 11\n",
      "bad:3:21: more data bytes than the data length code says, 1\n"},
+    {HEX "1.0 CANFD 1 Rx 800 1 0 0 0\n",
+     "bad:3:16: an identifier is at most 7FF, and 1FFFFFFFx (hex)\n"},
+    {HEX "1.0 CANFD 1 Rx 123 Name 2 0 0 0\n",
+     "bad:3:25: expected BRS and ESI of a CAN FD frame, 0 or 1\n"},
+    {HEX "1.0 CANFD 1 Rx 123 1 0 10 12\n",
+     "bad:3:24: expected a data length code, 0 to 15 in the file's base\n"},
+    {HEX "1.0 CANFD 1 Rx 123 1 0 f 65\n", "bad:3:26: expected a number of data bytes, 0 to 64\n"},
+    {HEX "1.0 CANFD 1 Rx 123 1 0 2 2 00\n",
+     "bad:3:30: expected 2 data bytes in the file's base\n"},
+    {HEX "1.0 CANFD 1 Rx 123 1 0 9 9 0 0 0 0 0 0 0 0 0\n",
+     "bad:3:45: 9 data bytes, but the data length code says 12\n"},
     {HEX "1.0 1 123 Rx r 10\n",
      "bad:3:16: expected a data length code, 0 to 15 in the file's base\n"},
 };
@@ -448,6 +531,9 @@ static const unsigned char long_frame[] = {0x92, 0x34, 0x56, 0x78, 8, 0, 0, 15,
 static const unsigned char remote_frame[] = {0x40, 0, 7, 0xFF, 5, 0, 0, 0};
 static const unsigned char error_frame[] = {0x20, 0, 0, 4, 8, 0, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0};
 static const unsigned char fd_frame[] = {0, 0, 1, 0x23, 2, 4, 0, 0, 1, 2};
+static const unsigned char bad_fd_id[] = {0, 0, 8, 0, 0, 4, 0, 0};
+static const unsigned char bad_fd_length[] = {0, 0, 1, 0x23, 65, 4, 0, 0};
+static const unsigned char cut_fd_frame[] = {0, 0, 1, 0x23, 12, 4, 0, 0, 0xCA};
 static const unsigned char xl_frame[] = {0, 0, 1, 0x23, 0x80, 0, 0, 0, 1, 2, 3, 4, 5, 6};
 static const unsigned char bad_id[] = {0, 0, 8, 0, 0, 0, 0, 0};
 static const unsigned char bad_length[] = {0, 0, 1, 0x23, 9, 0, 0, 0};
@@ -484,7 +570,31 @@ static void captures_are_read(void **state)
                  "224 2.000000000 eth0 other\n268 2.500000000 can0 7FF#R5\n"
                  "308 - can0 123#CAFE\n348 -  other\n"
                  "432 1.500000000 vcan1 123#CAFE\n476 2.000000000 vcan1 error\n"
-                 "524 2.000000000 vcan1 fd\n568 2.000000000 vcan1 xl\n");
+                 "524 2.000000000 vcan1 123##00102\n568 2.000000000 vcan1 xl\n");
+}
+
+/* Whole structs canfd_frame of the kernel, and frames that are as long as they have to be. */
+static const unsigned char old_fd[72] = {0, 0, 1, 0x23, 2, 0, 0, 0, 1, 2, 3}; /* without FDF */
+static const unsigned char flagged_fd[72] = {0x80, 0, 1, 0x23, 64, 7, 0, 0, [71] = 9};
+static const unsigned char odd_fd[] = {0, 0, 1, 0x23, 9, 5, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
+static const unsigned char empty_fd[] = {0, 0, 1, 0x23, 0, 6, 0, 0};
+
+static void captures_of_fd_frames_are_read(void **state)
+{
+    capture c = {.size = 0};
+    (void)state;
+    put_section(&c, false);
+    put_interface(&c, 227, "a", 0);
+    put_packet(&c, 6, 0, 1, FRAME(old_fd));
+    put_packet(&c, 6, 0, 1, FRAME(flagged_fd));
+    put_packet(&c, 6, 0, 1, FRAME(odd_fd));
+    put_packet(&c, 6, 0, 1, FRAME(empty_fd));
+    put_packet(&c, 6, 0, 1, FRAME(data_frame));
+    assert_reads(c.bytes, c.size, TRACE_DETECT,
+                 "68 1.000000000 a 123##00102\n"
+                 "172 1.000000000 a 00000123##3" HEX_ZEROS_62 "0009\n"
+                 "276 1.000000000 a 123##1010203040506070809000000\n"
+                 "328 1.000000000 a 123##2\n368 1.000000000 a 123#CAFE\n");
 }
 
 typedef struct packet_case {
@@ -500,6 +610,10 @@ static const packet_case bad_packets[] = {
     {FRAME(bad_length), 0, 0, "bad: byte 68: a classical CAN frame with 9 data bytes\n"},
     {FRAME(cut_frame), 0, 0,
      "bad: byte 68: 9 bytes of a CAN frame of 10: cut off when it was captured\n"},
+    {FRAME(bad_fd_id), 0, 0, "bad: byte 68: the identifier 800 of a base frame is over 7FF\n"},
+    {FRAME(bad_fd_length), 0, 0, "bad: byte 68: a CAN FD frame with 65 data bytes\n"},
+    {FRAME(cut_fd_frame), 0, 0,
+     "bad: byte 68: 9 bytes of a CAN frame of 20: cut off when it was captured\n"},
     {data_frame, 7, 0, 0, "bad: byte 68: 7 bytes of a CAN frame: cut off when it was captured\n"},
     {FRAME(data_frame), 1, 0, "bad: byte 68: a packet of interface 1, which is not described\n"},
     {FRAME(data_frame), 0, UINT64_MAX, "bad: byte 68: the time of this packet is out of range\n"},
@@ -742,6 +856,14 @@ static const replay_case replays[] = {
      "(2.0) a 124##0\n",
      "80000000 123#\n160000000 123#\nnote: left out: 1 error frame (line 1), 2 CAN FD frames (the "
      "first at line 3)\n"},
+    {{.count = 1, .fd = true},
+     0,
+     "(1.0) a 123##112\n(2.0) a 00124#81:00:12345678#11\n(2.0) a 123#\n",
+     "0 123##112\n80000000 123#\nnote: left out: 1 CAN XL frame (line 2)\n"},
+    {{.count = 1, .fd = true, .filters = {{.value = 0x124, .mask = 0x7FF}}, .filter_count = 1},
+     0,
+     "(1.0) a 123##112\n(1.0) a 124##013\n",
+     "0 124##013\n"},
     {{.count = 1, .channel = (char[]){"b"}}, 0, "(1.0) a 20000004#00\n(1.0) b 123#\n", "0 123#\n"},
     {{.count = 1},
      0,
@@ -813,6 +935,7 @@ int main(void)
         cmocka_unit_test(files_longer_than_the_buffer_are_read),
         cmocka_unit_test(lines_of_asc_are_read_or_refused),
         cmocka_unit_test(captures_are_read),
+        cmocka_unit_test(captures_of_fd_frames_are_read),
         cmocka_unit_test(bad_packets_are_refused),
         cmocka_unit_test(damaged_captures_are_refused),
         cmocka_unit_test(blocks_without_room_are_refused),

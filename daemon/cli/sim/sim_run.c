@@ -109,12 +109,11 @@ static void pass_on(sim_run *s, const cw_event *event)
 
 static void pass_on_events(sim_run *s)
 {
-    unsigned count;
-    const cw_event *events;
-    while (events = cw_bus_peek(s->bus, &count), count > 0) {
-        for (unsigned i = 0; i < count; i++)
-            pass_on(s, &events[i]);
-        cw_bus_take(s->bus, count);
+    cw_event_row events;
+    while (events = cw_bus_peek(s->bus), events.count > 0) {
+        for (unsigned i = 0; i < events.count; i++)
+            pass_on(s, cw_event_at(&events, i));
+        cw_bus_take(s->bus, events.count);
     }
 }
 

@@ -97,6 +97,9 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_OVERLOAD:
         append(self, NOTE_OVERLOAD, "overload");
         break;
+    case CW_EVENT_EXCEPTION:
+        append(self, NOTE_OVERLOAD, "protocol exception");
+        break;
     case CW_EVENT_RX:
         append_frame(self, NOTE_FRAME, "received", event);
         break;

@@ -19,9 +19,15 @@ static const svg_style *field_style(cw_field field)
         [CW_FIELD_RTR] = {"#a9cdf0", INK, {"rtr"}},
         [CW_FIELD_R1] = {"#c3c4ee", INK, {"r1"}},
         [CW_FIELD_R0] = {"#c3c4ee", INK, {"r0"}},
+        [CW_FIELD_FDF] = {"#c3c4ee", INK, {"fdf"}},
+        [CW_FIELD_RES] = {"#c3c4ee", INK, {"res"}},
+        [CW_FIELD_BRS] = {"#e3c8ee", INK, {"brs"}},
+        [CW_FIELD_ESI] = {"#e3c8ee", INK, {"esi"}},
         [CW_FIELD_DLC] = {"#c3c4ee", INK, {"dlc"}},
         [CW_FIELD_DATA] = {"#b2deb0", INK, {"data"}},
+        [CW_FIELD_STUFF_COUNT] = {"#fbe6c4", INK, {"stuff count", "count", "sc"}},
         [CW_FIELD_CRC] = {"#f7d49c", INK, {"crc"}},
+        [CW_FIELD_FIXED_STUFF] = {"#e8b765", INK, {"fixed stuff", "fixed", "fs"}},
         [CW_FIELD_CRC_DELIMITER] = {"#d7dbe0", INK, {"crc delimiter", "del"}},
         [CW_FIELD_ACK_SLOT] = {"#9fdcd6", INK, {"ack slot", "ack"}},
         [CW_FIELD_ACK_DELIMITER] = {"#d7dbe0", INK, {"ack delimiter", "del"}},
@@ -75,12 +81,13 @@ static unsigned value_bits(const cw_place *place, unsigned *digits)
         bits = 11;
     else if (place->field == CW_FIELD_ID && place->index == 11)
         bits = 18;
-    else if (place->field == CW_FIELD_DLC && place->index == 0)
+    else if ((place->field == CW_FIELD_DLC || place->field == CW_FIELD_STUFF_COUNT) &&
+             place->index == 0)
         bits = 4;
     else if (place->field == CW_FIELD_DATA && place->index % 8 == 0)
         bits = 8;
     else if (place->field == CW_FIELD_CRC && place->index == 0)
-        bits = 15;
+        bits = 15; /* in CAN FD frames fixed stuff bits divide it */
     *digits = (bits + 3) / 4;
     return bits;
 }

@@ -9,16 +9,19 @@
  */
 #include "format/crc.h"
 #include "format/parts.h"
+#include "format/spans.h"
 #include "format/walk.h"
 
 #include <stdio.h>
 #include <string.h>
 
 #define DATA_BITS_MAX (8 * CW_FRAME_DATA_MAX)
+#define CLASSICAL_DATA_BITS_MAX (8 * CW_CLASSICAL_DATA_MAX)
 
-enum { BASE, EXTENDED, FORMATS };
+/* The numbers of cw_format(). */
+enum { BASE, EXTENDED, FD_BASE, FD_EXTENDED };
 
-static const char *const format_names[FORMATS] = {"BASE", "EXTENDED"};
+static const char *const format_names[CW_FORMATS] = {"BASE", "EXTENDED", "FD_BASE", "FD_EXTENDED"};
 
 static const char *const head_names[CW_PART_DATA] = {
     [CW_PART_SOF] = "SOF",
@@ -28,12 +31,17 @@ static const char *const head_names[CW_PART_DATA] = {
     [CW_PART_EXTENDED_ID] = "EXTENDED_ID",
     [CW_PART_RTR] = "RTR",
     [CW_PART_R1] = "R1",
+    [CW_PART_EXTENDED_R0] = "EXTENDED_R0",
     [CW_PART_R0] = "R0",
+    [CW_PART_RES] = "RES",
+    [CW_PART_BRS] = "BRS",
+    [CW_PART_ESI] = "ESI",
     [CW_PART_DLC] = "DLC",
 };
 
 /* A frame without data. */
 typedef struct layout {
+    cw_form form;
     bool has[CW_PART_COUNT];
     unsigned at[CW_PART_COUNT];
     unsigned bits; /* all of them */
@@ -41,21 +49,25 @@ typedef struct layout {
 
 static layout find_layout(unsigned format)
 {
-    const cw_frame frame = {.flags = format == EXTENDED ? CW_FRAME_EXTENDED : 0};
+    const unsigned extended = format == EXTENDED || format == FD_EXTENDED ? CW_FRAME_EXTENDED : 0;
+    const unsigned fd = format == FD_BASE || format == FD_EXTENDED ? CW_FRAME_FD : 0;
+    const cw_frame frame = {.flags = (uint8_t)(extended | fd)};
     layout l = {.bits = 0};
-    for (cw_walk w = {.frame = &frame}; w.part != CW_PART_END; cw_walk_on(&w), l.bits++)
+    cw_walk w = cw_walk_begin(&frame);
+    l.form = w.form;
+    for (; w.part != CW_PART_END; cw_walk_on(&w), l.bits++)
         if (w.index == 0) {
             l.has[w.part] = true;
             l.at[w.part] = l.bits;
         }
     l.has[CW_PART_DATA] = true;
-    l.at[CW_PART_DATA] = l.at[CW_PART_CRC];
+    l.at[CW_PART_DATA] = l.at[fd ? CW_PART_STUFF_COUNT : CW_PART_CRC];
     return l;
 }
 
 static unsigned end_of(const layout *l, cw_part part)
 {
-    return l->at[part] + cw_part_bits(part, 0);
+    return l->at[part] + cw_part_bits(part, &l->form);
 }
 
 /* Returns the bits after the part with an effect. */
@@ -99,20 +111,40 @@ static void define_head(unsigned format)
     }
 }
 
+/* Returns the wire bits of the fixed-stuffed parts of an FD frame (D4). */
+static unsigned fixed_stuffed(unsigned data_bits, bool non_iso)
+{
+    const cw_form form = {.data_bits = (uint16_t)data_bits, .fd = true, .non_iso = non_iso};
+    const unsigned bits =
+        cw_part_bits(CW_PART_STUFF_COUNT, &form) + cw_part_bits(CW_PART_CRC, &form);
+    return bits + (bits + CW_FIXED_STUFF_DISTANCE - 1) / CW_FIXED_STUFF_DISTANCE;
+}
+
 static void define_lengths(void)
 {
     const layout base = find_layout(BASE), extended = find_layout(EXTENDED);
+    const layout fd = find_layout(FD_EXTENDED);
     const unsigned tail = base.bits - flag_end(&base, CW_PART_STUFFED);
-    const unsigned stuffed = extended.bits - tail + DATA_BITS_MAX;
+    const unsigned fd_tail = fd.bits - flag_end(&fd, CW_PART_STUFFED);
+    const unsigned stuffed = extended.bits - tail + CLASSICAL_DATA_BITS_MAX;
+    const unsigned fd_stuffed = fd.at[CW_PART_DATA] + DATA_BITS_MAX;
     define("BASE_ID", "_BITS", cw_parts[CW_PART_BASE_ID].bits);
     define("EXTENDED_ID", "_BITS", cw_parts[CW_PART_EXTENDED_ID].bits);
     define("DLC", "_BITS", cw_parts[CW_PART_DLC].bits);
-    define("CRC", "_BITS", cw_parts[CW_PART_CRC].bits);
+    define("CRC", "_BITS", cw_part_bits(CW_PART_CRC, &base.form));
     define("TAIL", "_BITS", tail);
+    define("FD_TAIL", "_BITS", fd_tail);
+    define("FD_CRC17", "_WIRE_BITS", fixed_stuffed(0, false));
+    define("FD_CRC21", "_WIRE_BITS", fixed_stuffed(DATA_BITS_MAX, false));
+    define("NON_ISO_CRC17", "_WIRE_BITS", fixed_stuffed(0, true));
+    define("NON_ISO_CRC21", "_WIRE_BITS", fixed_stuffed(DATA_BITS_MAX, true));
     define("AFTER_ACK", "_BITS", bits_after(&base, CW_EFFECT_JUDGE_ACK));
+    define("FD_AFTER_ACK", "_BITS", bits_after(&fd, CW_EFFECT_JUDGE_ACK));
     define("AFTER_ACCEPT", "_BITS", bits_after(&base, CW_EFFECT_ACCEPT));
     define("FRAME", "_BITS_MIN", base.bits);
-    define("FRAME", "_BITS_MAX", CW_STUFFED_BITS_MAX(stuffed) + tail);
+    define("CLASSICAL_FRAME", "_BITS_MAX", CW_STUFFED_BITS_MAX(stuffed) + tail);
+    define("FRAME", "_BITS_MAX",
+           CW_STUFFED_BITS_MAX(fd_stuffed - 1) + 1 + fixed_stuffed(DATA_BITS_MAX, false) + fd_tail);
     define("CRC", "_TABLE_BYTES", (stuffed + 7) / 8);
 }
 
@@ -134,15 +166,15 @@ static void write_layout(void)
     printf("%s", layout_begin);
     define_lengths();
     printf("%s", head_begin);
-    define_head(BASE);
-    define_head(EXTENDED);
+    for (unsigned format = 0; format < CW_FORMATS; format++)
+        define_head(format);
     printf("\n#endif\n");
 }
 
 /* ---- tables.c: positions --------------------------------------------------------------------- */
 
 typedef struct span {
-    unsigned first, bits, split, gap, behind_data;
+    unsigned first, bits, split, gap, behind;
 } span;
 
 /* Adds a part to its field; other parts may lie between two parts of a field. */
@@ -151,26 +183,30 @@ static void add_part(span *s, const layout *l, cw_part part)
     const unsigned at = l->at[part];
     if (s->bits == 0) {
         s->first = at;
-        s->behind_data = part > CW_PART_DATA;
+        s->behind = part > CW_PART_CRC           ? CW_BEHIND_CRC
+                    : part > CW_PART_STUFF_COUNT ? CW_BEHIND_STUFF_COUNT
+                    : part > CW_PART_DATA        ? CW_BEHIND_DATA
+                                                 : 0;
     } else if (at > s->first + s->bits) {
         s->split = s->bits;
         s->gap = at - s->first - s->bits;
     }
-    s->bits += cw_part_bits(part, 0);
+    s->bits += cw_part_bits(part, &l->form);
 }
 
 static void write_spans(unsigned format)
 {
     const layout l = find_layout(format);
+    const bool extended = format == EXTENDED || format == FD_EXTENDED;
     span spans[CW_FIELD_COUNT] = {{.bits = 0}};
     for (unsigned part = 0; part < CW_PART_COUNT; part++)
         if (l.has[part])
-            add_part(&spans[cw_part_place((cw_part)part, 0, format == EXTENDED).field], &l,
+            add_part(&spans[cw_part_place((cw_part)part, 0, extended, l.form.fd).field], &l,
                      (cw_part)part);
     printf("    {\n");
     for (unsigned f = 0; f < CW_FIELD_COUNT; f++)
         printf("        {%u, %u, %u, %u, %u},\n", spans[f].first, spans[f].bits, spans[f].split,
-               spans[f].gap, spans[f].behind_data);
+               spans[f].gap, spans[f].behind);
     printf("    },\n");
 }
 
@@ -185,12 +221,12 @@ static void write_places(unsigned format)
 
 static void write_positions(void)
 {
-    printf("\nconst uint8_t cw_part_at[2][CW_PART_COUNT] = {\n");
-    write_places(BASE);
-    write_places(EXTENDED);
-    printf("};\n\nconst cw_field_span cw_field_spans[2][CW_FIELD_COUNT] = {\n");
-    write_spans(BASE);
-    write_spans(EXTENDED);
+    printf("\nconst uint8_t cw_part_at[CW_FORMATS][CW_PART_COUNT] = {\n");
+    for (unsigned format = 0; format < CW_FORMATS; format++)
+        write_places(format);
+    printf("};\n\nconst cw_field_span cw_field_spans[CW_FORMATS][CW_FIELD_COUNT] = {\n");
+    for (unsigned format = 0; format < CW_FORMATS; format++)
+        write_spans(format);
     printf("};\n");
 }
 
@@ -208,7 +244,7 @@ static unsigned crc_of(unsigned byte, unsigned bytes_behind)
 static void write_crcs(void)
 {
     const layout l = find_layout(EXTENDED);
-    const unsigned bytes = (end_of(&l, CW_PART_CRC) + DATA_BITS_MAX + 7) / 8;
+    const unsigned bytes = (end_of(&l, CW_PART_CRC) + CLASSICAL_DATA_BITS_MAX + 7) / 8;
     printf("\nconst uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256] = {\n");
     for (unsigned behind = 0; behind < bytes; behind++) {
         printf("    {");
@@ -217,6 +253,33 @@ static void write_crcs(void)
         printf("\n    },\n");
     }
     printf("};\n");
+}
+
+/* Returns the CRC of an FD frame after a byte. All bits are reversed: the first one is the lowest,
+ * in the byte as in the CRC. */
+static uint32_t reversed_crc_of(unsigned byte, unsigned bits, uint32_t polynomial)
+{
+    uint32_t crc = 0, reversed = 0;
+    for (unsigned n = 0; n < 8; n++)
+        crc = cw_crc_next(crc, (byte >> n) & 1u, bits, polynomial);
+    for (unsigned n = 0; n < bits; n++)
+        reversed |= ((crc >> n) & 1u) << (bits - 1 - n);
+    return reversed;
+}
+
+static void write_fd_crc(const char *name, unsigned bits, uint32_t polynomial)
+{
+    printf("\nconst uint32_t %s[256] = {", name);
+    for (unsigned byte = 0; byte < 256; byte++)
+        printf("%s0x%06lX,", byte % 8 ? " " : "\n    ",
+               (unsigned long)reversed_crc_of(byte, bits, polynomial));
+    printf("\n};\n");
+}
+
+static void write_fd_crcs(void)
+{
+    write_fd_crc("cw_crc17_table", CW_CRC17_BITS, CW_CRC17_POLYNOMIAL);
+    write_fd_crc("cw_crc21_table", CW_CRC21_BITS, CW_CRC21_POLYNOMIAL);
 }
 
 /* The wire bits of a byte and the state after it. */
@@ -270,6 +333,7 @@ static void write_tables(void)
            "#include \"format/tables.h\"\n");
     write_positions();
     write_crcs();
+    write_fd_crcs();
     write_stuffing();
 }
 

@@ -128,17 +128,17 @@ static void hand_in(saturation *s, unsigned node, uint64_t tick)
 /* Takes every event and hands in the next frame of a node for each transmitted one. */
 static void keep_busy(saturation *s)
 {
-    unsigned count;
-    const cw_event *events;
-    while (events = cw_bus_peek(s->bus, &count), count > 0) {
-        for (unsigned i = 0; i < count; i++) {
-            if (events[i].kind != CW_EVENT_TX)
+    cw_event_row events;
+    while (events = cw_bus_peek(s->bus), events.count > 0) {
+        for (unsigned i = 0; i < events.count; i++) {
+            const cw_event *event = cw_event_at(&events, i);
+            if (event->kind != CW_EVENT_TX)
                 continue;
             s->sent++;
             if (!s->options.load)
-                hand_in(s, (unsigned)__builtin_ctzll(events[i].nodes), 0);
+                hand_in(s, (unsigned)__builtin_ctzll(event->nodes), 0);
         }
-        cw_bus_take(s->bus, count);
+        cw_bus_take(s->bus, events.count);
     }
 }
 

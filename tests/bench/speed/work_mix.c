@@ -104,12 +104,11 @@ static void hand_in_before(mix *m, uint64_t tick)
 
 static void take_events(mix *m)
 {
-    unsigned count;
-    const cw_event *events;
-    while (events = cw_bus_peek(m->bus, &count), count > 0) {
-        for (unsigned i = 0; i < count; i++)
-            m->sent += events[i].kind == CW_EVENT_TX;
-        cw_bus_take(m->bus, count);
+    cw_event_row events;
+    while (events = cw_bus_peek(m->bus), events.count > 0) {
+        for (unsigned i = 0; i < events.count; i++)
+            m->sent += cw_event_at(&events, i)->kind == CW_EVENT_TX;
+        cw_bus_take(m->bus, events.count);
     }
 }
 

@@ -4,14 +4,14 @@
  */
 #include "works.h"
 
-#define ENCODE(work, is_extended)                                                                  \
+#define ENCODE(work, ...)                                                                          \
     {.name = "encode-" work, .unit = "frame", .units = 2000,                                       \
-     .options = &(const bench_encode_options){.extended = is_extended},                            \
+     .options = &(const bench_encode_options){__VA_ARGS__},                                        \
      .start = bench_encode_start, .run = bench_encode_run, .end = bench_encode_end}
 
-#define LENGTH(work, is_extended)                                                                  \
+#define LENGTH(work, ...)                                                                          \
     {.name = "length-" work, .unit = "frame", .units = 2000,                                       \
-     .options = &(const bench_encode_options){.extended = is_extended},                            \
+     .options = &(const bench_encode_options){__VA_ARGS__},                                        \
      .start = bench_encode_start, .run = bench_length_run, .end = bench_encode_end}
 
 #define FRAMES(work, ...)                                                                          \
@@ -26,10 +26,12 @@
 
 /* scripts/bench knows these names. */
 const bench_work bench_works[] = {
-    ENCODE("base", false),
-    ENCODE("extended", true),
-    LENGTH("base", false),
-    LENGTH("extended", true),
+    ENCODE("base", .extended = false),
+    ENCODE("extended", .extended = true),
+    ENCODE("fd-64", .fd = true),
+    LENGTH("base", .extended = false),
+    LENGTH("extended", .extended = true),
+    LENGTH("fd-64", .fd = true),
     FRAMES("clean-2", .nodes = 2, .senders = 2),
     FRAMES("clean-4", .nodes = 4, .senders = 4),
     FRAMES("clean-16", .nodes = 16, .senders = 16),

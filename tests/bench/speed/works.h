@@ -46,6 +46,7 @@ size_t bench_bytes_per_node(void);
 
 typedef struct bench_encode_options {
     bool extended;
+    bool fd; /* frames of 64 bytes */
 } bench_encode_options;
 
 void *bench_encode_start(const void *options);

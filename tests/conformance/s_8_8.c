@@ -1,0 +1,284 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * s_8_8.c - transmitter of FD frames: bit timing and transmitter delay compensation.
+ */
+#include "timed_fd.h"
+
+static fd_script script;
+
+/* A compensation that looks at each bit of the data phase in its second clock. */
+static const cw_tdc early_tdc = {.mode = CW_TDC_MANUAL, .tdco = 2};
+
+/* ---- Sample points --------------------------------------------------------------------------- */
+
+/* Wire bit n is seen at the other level up to its sample point, or up to a quantum before it, or
+ * from there on. rate: up to the sample point; rest: after it, where the bit is right. */
+static void check_bit(fd_script *t, unsigned n, const fd_lengths *rate, unsigned rest, bool wrong)
+{
+    const bool level = cw_bits_level(&t->bits, n);
+    fd_sends(t, 0, n);
+    fd_force(t, !level, level, rate->sample - (wrong ? 0 : rate->quantum));
+    fd_force(t, level, level, wrong ? 0 : rate->quantum + rest);
+    if (wrong) {
+        fd_force(t, !level, level, t->n.rest);
+        fd_sends_again(t);
+    } else {
+        fd_sends_rest(t, n + 1);
+    }
+    fd_play(t, 1, wrong, 0);
+}
+
+/* Res is seen dominant from its begin to its sample point, or to a quantum before it. */
+static void check_res(const fd_timing *timing, bool tdc)
+{
+    for (unsigned cut = 0; cut < 2; cut++) {
+        fd_script *t = &script;
+        fd_begin_sending(t, timing, 0);
+        if (tdc)
+            t->tdc = early_tdc;
+        const unsigned n = fd_at(t, CW_FIELD_RES, 0);
+        fd_sends(t, 0, n);
+        fd_force(t, CW_DOMINANT, CW_DOMINANT, t->n.sample - cut * t->n.quantum);
+        fd_force(t, CW_RECESSIVE, CW_DOMINANT, t->n.rest + cut * t->n.quantum);
+        if (cut)
+            fd_sends_again(t);
+        else
+            fd_sends_rest(t, n + 1);
+        fd_play(t, 1, cut, 0);
+    }
+}
+
+static void check_brs(const fd_timing *timing, bool tdc)
+{
+    for (unsigned wrong = 0; wrong < 2; wrong++) {
+        fd_script *t = &script;
+        fd_begin_sending(t, timing, 0);
+        if (tdc)
+            t->tdc = early_tdc;
+        check_bit(t, fd_at(t, CW_FIELD_BRS, 0), &t->n, t->d.rest, wrong);
+    }
+}
+
+static void run_res(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_res(&fd_timings[i], false);
+}
+
+static void run_brs(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_brs(&fd_timings[i], false);
+}
+
+static void run_data(void)
+{
+    for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
+        fd_script *t = &script;
+        fd_begin_sending(t, &fd_timings[i / 2], 0);
+        check_bit(t, fd_single_recessive(t), &t->d, t->d.rest, i & 1);
+    }
+}
+
+static void run_crc_delimiter(void)
+{
+    for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
+        fd_script *t = &script;
+        fd_begin_sending(t, &fd_timings[i / 2], FD_LAST_DOMINANT);
+        check_bit(t, fd_at(t, CW_FIELD_CRC_DELIMITER, 0), &t->d, t->n.rest, i & 1);
+    }
+}
+
+/* ---- Secondary sample points ----------------------------------------------------------------- */
+
+static void run_res_with_tdc(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_res(&fd_timings[i], true);
+}
+
+static void run_brs_with_tdc(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_brs(&fd_timings[i], true);
+}
+
+/* Returns the first sample point of the data phase at or after a moment, CRC delimiter included. */
+static unsigned next_sample(const fd_script *t, unsigned moment)
+{
+    unsigned n = fd_at(t, CW_FIELD_ESI, 0);
+    while (fd_begin_of(t, n) + t->d.sample < moment)
+        n++;
+    return fd_begin_of(t, n) + t->d.sample;
+}
+
+/* The frame is sent and acknowledged, with its own level delayed. */
+static void send_delayed(fd_script *t, unsigned delay, unsigned disturbed)
+{
+    const unsigned ack = fd_at(t, CW_FIELD_ACK_SLOT, 0);
+    fd_sends_late(t, fd_begin_of(t, ack), delay, disturbed);
+    fd_sends_rest(t, ack);
+}
+
+/* The own level comes back after a delay. In one clock it is another one: at the secondary sample
+ * point of a bit, which is an error, or right before or after it. */
+static void check_delayed(const fd_timing *timing, const cw_tdc *tdc, unsigned delay, bool last)
+{
+    for (int where = -1; where <= 1; where++) {
+        fd_script *t = &script;
+        fd_begin_sending(t, timing, 0);
+        t->tdc = *tdc;
+        const unsigned n = last ? fd_at(t, CW_FIELD_CRC_DELIMITER, 0) - 1 : fd_single_recessive(t);
+        const unsigned compared = fd_begin_of(t, n) + delay + tdc->tdco;
+        if (where == 0) {
+            fd_sends_late(t, next_sample(t, compared), delay, compared - 1);
+            const bool level = t->run[t->runs - 1].node;
+            fd_force(t, CW_RECESSIVE, level, t->n.rest);
+            fd_error_frame(t);
+            send_delayed(t, delay, FD_NEVER);
+        } else {
+            send_delayed(t, delay, (unsigned)((int)compared - 1 + where));
+        }
+        fd_play(t, 1, where == 0, 0);
+    }
+}
+
+/* Delays of up to more than a data bit, with the secondary sample point where the sample point is
+ * without delay, and elsewhere. */
+static void run_delayed(bool last)
+{
+    for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
+        const fd_timing *timing = &fd_timings[i / 2];
+        fd_script *t = &script;
+        fd_begin(t, timing, 0);
+        const unsigned most = last ? t->d.sample - 2 : t->n.sample - 2;
+        for (unsigned delay = 0; delay < most && delay < 2 * t->d.bit; delay++) {
+            const unsigned tdco = last && delay + 2 > t->d.bit ? 2 : t->d.sample;
+            const cw_tdc measured = {.mode = CW_TDC_AUTO, .tdco = tdco};
+            const cw_tdc given = {.mode = CW_TDC_MANUAL, .tdco = tdco, .tdcv = delay};
+            check_delayed(timing, i & 1 ? &given : &measured, delay, last);
+            fd_begin(t, timing, 0);
+        }
+    }
+}
+
+static void run_data_with_tdc(void)
+{
+    run_delayed(false);
+}
+
+static void run_crc_with_tdc(void)
+{
+    run_delayed(true);
+}
+
+/* ---- No synchronisation in the data phase ---------------------------------------------------- */
+
+/* The bench is dominant for so many data quanta before the end of a recessive bit. The next one is
+ * dominant, and begins when it would anyway. */
+static void check_early(unsigned i, bool after_brs, unsigned quanta)
+{
+    fd_script *t = &script;
+    fd_begin_sending(t, &fd_timings[i], 0);
+    const unsigned n = after_brs ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
+    fd_sends(t, 0, n);
+    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, n) - quanta * t->d.quantum);
+    fd_put(t, CW_DOMINANT, CW_RECESSIVE, quanta * t->d.quantum);
+    fd_sends_rest(t, n + 1);
+    fd_play(t, 1, 0, 0);
+}
+
+static void run_all_early(bool after_brs)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        for (unsigned e = 1; e <= fd_timings[i].data.phase_seg2; e++)
+            check_early(i, after_brs, e);
+}
+
+static void run_early_esi(void)
+{
+    run_all_early(true);
+}
+
+static void run_early_data(void)
+{
+    run_all_early(false);
+}
+
+/* There are two edges: a quantum before the end of a recessive bit, and one before the sample point
+ * of the dominant bit after it. The first quantum of that bit is seen recessive. */
+static void check_two_edges(unsigned i, bool after_brs)
+{
+    fd_script *t = &script;
+    fd_begin_sending(t, &fd_timings[i], 0);
+    const unsigned n = after_brs ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
+    const unsigned q = t->d.quantum;
+    fd_sends(t, 0, n);
+    fd_force(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, n) - q);
+    fd_force(t, CW_DOMINANT, CW_RECESSIVE, q);
+    fd_force(t, CW_RECESSIVE, CW_DOMINANT, q);
+    fd_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - q);
+    fd_sends_rest(t, n + 2);
+    fd_play(t, 1, 0, 0);
+}
+
+static void run_two_edges_esi(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_two_edges(i, true);
+}
+
+static void run_two_edges_data(void)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        check_two_edges(i, false);
+}
+
+/* The own dominant bit is seen so many data quanta late, up to its sample point. */
+static void check_late(unsigned i, bool esi, unsigned quanta)
+{
+    fd_script *t = &script;
+    fd_begin_sending(t, &fd_timings[i], 0);
+    const unsigned n = (esi ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t)) + 1;
+    fd_sends(t, 0, n);
+    fd_force(t, CW_RECESSIVE, CW_DOMINANT, quanta * t->d.quantum);
+    fd_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - quanta * t->d.quantum);
+    fd_sends_rest(t, n + 1);
+    fd_play(t, 1, 0, 0);
+}
+
+static void run_all_late(bool esi)
+{
+    for (unsigned i = 0; i < FD_TIMINGS; i++)
+        for (unsigned e = 1; e < cw_bit_timing_sample_at(&fd_timings[i].data); e++)
+            check_late(i, esi, e);
+}
+
+static void run_late_esi(void)
+{
+    run_all_late(true);
+}
+
+static void run_late_data(void)
+{
+    run_all_late(false);
+}
+
+static const test_case cases[] = {
+    {"8.8.1.1", NULL, run_res},
+    {"8.8.1.2", NULL, run_brs},
+    {"8.8.1.3", NULL, run_data},
+    {"8.8.1.4", NULL, run_crc_delimiter},
+    {"8.8.2.1", NULL, run_res_with_tdc},
+    {"8.8.2.2", NULL, run_brs_with_tdc},
+    {"8.8.2.3", NULL, run_data_with_tdc},
+    {"8.8.2.4", NULL, run_crc_with_tdc},
+    {"8.8.3.1", NULL, run_early_esi},
+    {"8.8.3.2", NULL, run_early_data},
+    {"8.8.4.1", NULL, run_two_edges_esi},
+    {"8.8.4.2", NULL, run_two_edges_data},
+    {"8.8.5.1", NULL, run_late_esi},
+    {"8.8.5.2", NULL, run_late_data},
+};
+
+const section section_8_8 = {"8.8", cases, sizeof cases / sizeof cases[0]};
