@@ -51,10 +51,13 @@ static inline cw_form cw_frame_form(const cw_frame *frame)
                      .non_iso = frame->flags & CW_FRAME_NON_ISO};
 }
 
-/* Returns the room that a frame needs where there are FD frames, or where there are none. */
-static inline size_t cw_frame_room(bool fd)
+/* Returns the bytes of an entry that ends with a frame, which begins at an offset: whole words. fd:
+ * the frame may be an FD frame. */
+static inline size_t cw_frame_entry_size(size_t offset, bool fd)
 {
-    return fd ? sizeof(cw_frame) : sizeof(cw_short_frame);
+    const size_t word = sizeof(uint64_t);
+    const size_t end = offset + (fd ? sizeof(cw_frame) : sizeof(cw_short_frame));
+    return (end + word - 1) / word * word;
 }
 
 /* Copies a frame, a classical one in its short form. */

@@ -233,8 +233,7 @@ typedef struct cw_levels {
 /* Returns the bytes of a frame that is held back. fd: it may be an FD frame. */
 static inline size_t cw_held_frame_size(bool fd)
 {
-    const size_t align = _Alignof(held_frame);
-    return (offsetof(held_frame, frame) + cw_frame_room(fd) + align - 1) / align * align;
+    return cw_frame_entry_size(offsetof(held_frame, frame), fd);
 }
 
 /* Returns the i-th frame that is held back. Copy it with cw_held_copy() only. */

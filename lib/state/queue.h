@@ -42,8 +42,7 @@ typedef struct cw_queue {
 /* Returns the bytes of a slot, whole words. fd: it has room for FD frames. */
 static inline size_t cw_queue_slot_size(bool fd)
 {
-    const size_t word = sizeof(uint64_t);
-    return (offsetof(cw_queue_slot, frame) + cw_frame_room(fd) + word - 1) / word * word;
+    return cw_frame_entry_size(offsetof(cw_queue_slot, frame), fd);
 }
 
 /* Returns a slot. Its number is that of its first word, so that it is found without a

@@ -228,8 +228,7 @@ void cw_queue_changed(cw_bus *bus, unsigned node);
 /* Returns the bytes of an entry. fd: it has room for FD frames. */
 static inline size_t cw_inbox_entry_size(bool fd)
 {
-    const size_t align = _Alignof(inbox_entry);
-    return (offsetof(inbox_entry, frame) + cw_frame_room(fd) + align - 1) / align * align;
+    return cw_frame_entry_size(offsetof(inbox_entry, frame), fd);
 }
 
 /* Returns the i-th entry. */
@@ -296,8 +295,7 @@ static inline bool cw_ring_has_room(const cw_bus *bus)
 /* Returns the bytes of an event in the ring. fd: it has room for FD frames. */
 static inline size_t cw_ring_event_size(bool fd)
 {
-    const size_t align = _Alignof(cw_event);
-    return (offsetof(cw_event, frame) + cw_frame_room(fd) + align - 1) / align * align;
+    return cw_frame_entry_size(offsetof(cw_event, frame), fd);
 }
 
 /* Returns the event at a place of the ring's memory. */

@@ -24,7 +24,7 @@ static timed_run *add_run(timed *t, bool bench, bool node, unsigned quanta)
     timed_run *run = &t->run[t->runs++];
     run->bench = bench;
     run->node = node;
-    run->quanta = quanta;
+    run->length = quanta;
     run->alone = false;
     return run;
 }
@@ -67,7 +67,7 @@ void timed_bits(timed *t, unsigned from, unsigned before)
 void timed_begin_sending(timed *t, const cw_bit_timing *timing, bool extended)
 {
     timed_begin(t, timing, extended);
-    t->run[0].quanta -= t->bit;
+    t->run[0].length -= t->bit;
     timed_offer(t);
     timed_put(t, CW_RECESSIVE, CW_RECESSIVE, t->bit);
 }
@@ -132,7 +132,7 @@ static const char *play(const timed *t, unsigned brp, unsigned frames, unsigned 
     for (unsigned i = 0; i < t->runs; i++) {
         if (t->run[i].offers && cw_mac_offer(&c.mac, &t->frame) != CW_OK)
             return "the frame is refused";
-        for (unsigned k = 0; k < t->run[i].quanta; k++) {
+        for (unsigned k = 0; k < t->run[i].length; k++) {
             if (cw_timed_mac_level(&c) != t->run[i].node)
                 return "the controller drives another level";
             if (!(step(&c, brp, &t->run[i], &report) & CW_QUANTUM_SAMPLED))

@@ -13,11 +13,12 @@
 #define TIMED_TIMINGS 8u
 extern const cw_bit_timing timed_timings[TIMED_TIMINGS]; /* 8 to 25 quanta, and one of 50 */
 
+/* Levels of a script that last for a while: quanta, or clocks in timed_fd.h. */
 typedef struct timed_run {
     bool bench, node;
     bool alone;  /* the controller sees the level of the bench, whatever it drives itself */
     bool offers; /* the frame is offered to the controller before */
-    unsigned quanta;
+    unsigned length;
 } timed_run;
 
 typedef struct timed {

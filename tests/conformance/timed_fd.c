@@ -68,14 +68,14 @@ unsigned fd_length(const fd_script *t, unsigned n)
 
 /* ---- Scripts --------------------------------------------------------------------------------- */
 
-static fd_run *add_run(fd_script *t, bool bench, bool node, unsigned clocks)
+static timed_run *add_run(fd_script *t, bool bench, bool node, unsigned clocks)
 {
     if (t->runs == FD_RUNS)
         abort();
-    fd_run *run = &t->run[t->runs++];
+    timed_run *run = &t->run[t->runs++];
     run->bench = bench;
     run->node = node;
-    run->clocks = clocks;
+    run->length = clocks;
     run->alone = false;
     return run;
 }
@@ -124,7 +124,7 @@ void fd_begin(fd_script *t, const fd_timing *timing, unsigned kind)
 void fd_begin_sending(fd_script *t, const fd_timing *timing, unsigned kind)
 {
     fd_begin(t, timing, kind);
-    t->run[0].clocks -= t->n.bit;
+    t->run[0].length -= t->n.bit;
     t->run[t->runs].offers = true;
     fd_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.bit);
 }
@@ -229,10 +229,10 @@ static const char *run_all(cw_timed_mac *c, const fd_script *t, counts *seen)
 {
     cw_mac_report report;
     for (unsigned i = 0; i < t->runs; i++) {
-        const fd_run *run = &t->run[i];
+        const timed_run *run = &t->run[i];
         if (run->offers && cw_mac_offer(&c->mac, &t->frame) != CW_OK)
             return "the frame is refused";
-        for (unsigned k = 0; k < run->clocks; k++) {
+        for (unsigned k = 0; k < run->length; k++) {
             const bool own = cw_timed_mac_level(c);
             if (own != run->node)
                 return "the controller drives another level";

@@ -6,7 +6,7 @@
 #ifndef TIMED_FD_H
 #define TIMED_FD_H
 
-#include "bench.h"
+#include "timed.h"
 
 #define FD_RUNS 2048u
 
@@ -24,13 +24,6 @@ typedef struct fd_lengths {
     unsigned quantum, bit, sample, rest, sjw;
 } fd_lengths;
 
-typedef struct fd_run {
-    bool bench, node;
-    bool alone;  /* the controller sees the level of the bench, whatever it drives itself */
-    bool offers; /* the frame is offered to the controller before */
-    unsigned clocks;
-} fd_run;
-
 typedef struct fd_script {
     const fd_timing *timing;
     fd_lengths n, d; /* nominal, data */
@@ -38,7 +31,7 @@ typedef struct fd_script {
     cw_frame frame;
     cw_bits bits;
     unsigned runs;
-    fd_run run[FD_RUNS];
+    timed_run run[FD_RUNS];
 } fd_script;
 
 /* Frames of 16 bytes at most, with BRS and rows of equal bits. */

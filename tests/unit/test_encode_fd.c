@@ -710,6 +710,35 @@ static void frames_are_equal_as_they_are_on_the_wire(void **state)
         }
 }
 
+/* ---- Single frames --------------------------------------------------------------------------- */
+
+/* ESI and DLC are five dominant bits, after which the first fixed stuff bit comes (D3). */
+static void frames_without_data_have_a_stuff_count(void **state)
+{
+    (void)state;
+    cw_bits bits;
+    const cw_frame f = {.id = 0x2AA, .flags = CW_FRAME_FD | CW_FRAME_BRS};
+    assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
+    assert_int_equal(bits.length, 22 + 27 + 11);
+    assert_int_equal(cw_bits_place(&bits, 21).field, CW_FIELD_DLC);
+    assert_int_equal(cw_bits_place(&bits, 22).field, CW_FIELD_FIXED_STUFF);
+}
+
+static void an_inverted_crc_bit_is_on_the_wire(void **state)
+{
+    (void)state;
+    cw_bits right, wrong;
+    unsigned n, count = 0;
+    const cw_frame f = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15, .data = {1, 2, 3}};
+    assert_int_equal(cw_bits_encode_crc(&right, &f, 0), CW_OK);
+    assert_int_equal(cw_bits_encode_crc(&wrong, &f, 1), CW_OK);
+    assert_true(cw_bits_find(&right, &n, CW_FIELD_CRC, 20));
+    for (unsigned i = 0; i < right.length; i++)
+        count += cw_bits_level(&right, i) != cw_bits_level(&wrong, i);
+    assert_int_equal(count, 1);
+    assert_true(cw_bits_level(&right, n) != cw_bits_level(&wrong, n));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -729,6 +758,8 @@ int main(void)
         cmocka_unit_test(lengths_follow_dlc),
         cmocka_unit_test(flags_of_fd_frames_go_together),
         cmocka_unit_test(frames_are_equal_as_they_are_on_the_wire),
+        cmocka_unit_test(frames_without_data_have_a_stuff_count),
+        cmocka_unit_test(an_inverted_crc_bit_is_on_the_wire),
     };
     return cmocka_run_group_tests_name("encode_fd", tests, NULL, NULL);
 }
