@@ -173,7 +173,8 @@ def test_a_program_that_does_not_want_to_wait_is_told(rig):
     assert "and does now\n" in r.run("status", "./push.sock")
     written += r.engine.fill()  # frames that were read meanwhile
     node = r.nodes()["engine"]
-    assert node["queue"] == 16 and node["interface"]["read"] < written
+    # a frame may just have been sent, and the next one not been read yet
+    assert node["queue"] in (15, 16) and node["interface"]["read"] < written
     assert node["dropped"]["queue-full"] == 0
     r.stop()
 
