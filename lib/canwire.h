@@ -449,9 +449,9 @@ typedef struct cw_mac {
     bool offered;             /* tx holds a frame that waits or is being sent */
     bool started;             /* own transmission begins with this bit */
     bool may_join;            /* a foreign SOF was just seen that this node may join (M1, M6) */
-    bool crc_error;           /* receiver: CRC wrong, not yet signalled (E3) */
-    bool no_ack;              /* a fault: it does not acknowledge */
-    bool ack_deferred;        /* R3 i: TEC moves when a dominant bit is seen in the flag */
+    bool crc_error : 1;       /* receiver: CRC wrong, not yet signalled (E3) */
+    bool no_ack : 1;          /* a fault: it does not acknowledge */
+    bool ack_deferred : 1;    /* R3 i: TEC moves when a dominant bit is seen in the flag */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
     cw_confinement confinement;
@@ -470,6 +470,7 @@ typedef struct cw_mac {
 #define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
 #define CW_REPORT_DROPPED 0x80u          /* the offered frame was given up; why is valid */
 #define CW_REPORT_EXCEPTION 0x200u       /* protocol exception: the controller integrates (D16) */
+#define CW_REPORT_FAST 0x400u            /* with CW_REPORT_ERROR: at the data rate (D10) */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
 
@@ -571,6 +572,15 @@ typedef struct cw_tdc {
     uint32_t tdco; /* from the begin of a bit to the secondary sample point, without delay */
     uint32_t tdcv; /* MANUAL: the delay */
 } cw_tdc;
+
+/* The data phase of FD frames (D10). All 0: it has the bit timing of the rest of the frame. Both
+ * quanta are whole clocks of the controller, so the one follows from the other. */
+typedef struct cw_data_timing {
+    cw_bit_timing bit; /* its quantum is not read: it is data_brp / brp of the other one */
+    uint32_t brp;      /* clocks of a quantum of the arbitration phase, 1..65536 */
+    uint32_t data_brp; /* ... of the data phase; 0: no other rate */
+    cw_tdc tdc;
+} cw_data_timing;
 
 /* Bits that a transmitter has sent in the data phase and compares later. The fields are the
  * library's. */
@@ -764,6 +774,8 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_STUB 0x800u
 #define CW_SET_WAY (CW_SET_TX_DELAY | CW_SET_RX_DELAY | CW_SET_PLACE | CW_SET_STUB)
 #define CW_SET_RINGING 0x1000u /* after edges that come from then on; what swings now ends */
+#define CW_SET_DATA 0x2000u    /* the data phase of FD frames, from the node's next bit on. Without it
+                                  CW_SET_QUANTUM is another clock, and changes both rates */
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
@@ -781,6 +793,7 @@ typedef struct cw_settings {
     cw_span place;
     cw_span stub;
     cw_span ringing; /* at most 16 of the shortest bits */
+    cw_data_timing data;
 } cw_settings;
 
 /* A change of a frame's content. The CRC is right for the changed frame. `set` applies first, then
@@ -798,6 +811,14 @@ typedef struct cw_change {
     uint8_t xor_mask[CW_FRAME_DATA_MAX];
 } cw_change;
 
+/* The rates that a rule is for. */
+typedef enum cw_phase_rate {
+    CW_RATE_ANY = 0,
+    CW_RATE_NOMINAL, /* all frames but FD frames with BRS; errors out of the data phase */
+    CW_RATE_DATA,    /* FD frames with BRS; errors from the sample point of BRS to the one of the
+                        CRC delimiter */
+} cw_phase_rate;
+
 typedef struct cw_rule {
     const char *name; /* distinct; with the seed it gives the rule's random stream; not kept */
 
@@ -809,6 +830,7 @@ typedef struct cw_rule {
     uint8_t data_length;                    /* data bytes compared; shorter frames do not match */
     uint8_t data_mask[CW_FRAME_DATA_MAX];
     uint8_t data_value[CW_FRAME_DATA_MAX];
+    cw_phase_rate rate;    /* FRAME: of its data field. ERROR: at which the error is found */
     uint64_t from;         /* transmitters; 0: every node */
     uint64_t state_nodes;  /* all of these are in a state of state_mask (1u << cw_state) */
     uint8_t state_mask;
@@ -876,6 +898,7 @@ typedef struct cw_node_timing {
     cw_span stub;        /* the way from the line to the node */
     cw_span ringing;     /* the wire swings for so long after each edge to recessive: the node sees
                             it recessive for the first half, then dominant */
+    cw_data_timing data; /* of nodes that know FD frames */
 } cw_node_timing;
 
 #define CW_DELAY_MAX (CW_TICK * 800000) /* 10 ms: of each delay and way */
@@ -948,7 +971,10 @@ typedef struct cw_event {
     uint8_t state_before; /* STATE */
     uint8_t why;    /* DROP: a cw_drop */
     uint8_t lost_bit; /* ARBITRATION_LOST */
-    bool up;        /* LINK */
+    union {
+        bool up;   /* LINK */
+        bool fast; /* ERROR: it was found at the data rate (D10) */
+    };
     bool hard;      /* SYNC: a hard synchronisation (T4), else a resynchronisation (T5) */
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind */
@@ -1195,6 +1221,7 @@ typedef struct cw_bit_view {
     uint64_t rx_faults;   /* between wire and controller */
     uint64_t alike;       /* nodes whose place, phase and role are known beforehand to be the
                              same */
+    uint64_t fast;        /* nodes that begin the bit at the data rate (D10) */
     unsigned node_count;
     unsigned wire_count;
     unsigned mark_count;
@@ -1265,7 +1292,11 @@ typedef struct cw_bus_stats {
     uint64_t ticks;        /* cw_bus_now() */
     uint64_t bits;         /* bit times since tick 0 */
     uint64_t busy_bits;    /* of these, SOF to third intermission bit, error and overload frames */
+    uint64_t busy_ticks;   /* the time that these last */
+    uint64_t data_bits;    /* of all bits, those that begin at the data rate (D10) */
+    uint64_t data_ticks;   /* the time that these last */
     uint64_t frames;       /* successful frames */
+    uint64_t fd_frames;    /* of these, FD frames */
     uint64_t frame_bits;   /* their wire bits, SOF to EOF */
     uint64_t error_frames; /* error signalling on the wire, superposed flags counted once */
     uint64_t overload_frames;
@@ -1274,7 +1305,7 @@ typedef struct cw_bus_stats {
     uint64_t faults;       /* hits of all rules */
     uint64_t events_lost;  /* only when rules make more events in one bit than the ring holds */
     uint32_t pending;      /* frames in all queues and those that rules hold back */
-    uint16_t load_permille; /* busy bits of the last second (as far as the bus has run) */
+    uint16_t load_permille; /* busy time of the last second (as far as the bus has run) */
 } cw_bus_stats;
 
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
@@ -1286,6 +1317,16 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
+
+/* What one node does at the data rate (D10). */
+typedef struct cw_data_stats {
+    uint64_t errors[CW_ERROR_COUNT]; /* of cw_node_stats.errors, those found at the data rate */
+    uint32_t tdcv; /* clocks: the delay of its last own edge to res that it has measured, or as it
+                      is given (D13); 0: none */
+} cw_data_stats;
+
+/* CW_INVALID: no such node. CW_REFUSED: no node of the bus has a data rate. */
+cw_status cw_node_get_data_stats(const cw_bus *bus, unsigned node, cw_data_stats *stats);
 
 /* Synchronisations of one node (T3 to T5), while bits are not common to all nodes. */
 typedef struct cw_sync_stats {
@@ -1333,7 +1374,7 @@ typedef struct cw_rule_stats {
 
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats);
 
-/* Returns the load between two readings of the same bus: permille of busy bits; 0 when no bit lies
+/* Returns the load between two readings of the same bus: permille of busy time; 0 when no time lies
  * between them. */
 unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after);
 

@@ -99,7 +99,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
     if (i >= bus->node_count)
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
-    if (n->mac.phase != CW_MAC_BUS_OFF || n->restart_ticks != 0 || bus->restarts[i].at != CW_NEVER)
+    if (n->mac.phase != CW_MAC_BUS_OFF || bus->restarts[i].ticks != 0 || bus->restarts[i].at != CW_NEVER)
         return CW_REFUSED;
     cw_schedule_restart(bus, i, cw_now(bus));
     return CW_OK;
@@ -146,7 +146,7 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 {
     bus_node *n = &bus->nodes[i];
-    n->restart_ticks = ticks;
+    bus->restarts[i].ticks = ticks;
     if (n->mac.phase != CW_MAC_BUS_OFF)
         return;
     bus->restarts[i].at = cw_automatic_restart(bus, i);
@@ -204,7 +204,7 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
         .order = n->queue.mode,
         .queue = n->queue_limit,
         .warning_limit = n->mac.confinement.warning_limit,
-        .restart_ticks = n->restart_ticks,
+        .restart_ticks = bus->restarts[i].ticks,
         .timing = cw_timing_now(bus, i),
     };
     cw_get_way(bus, i, s);

@@ -25,6 +25,15 @@ static bool has_fd(const cw_bus_config *c)
     return false;
 }
 
+/* Returns true when some node has a data rate. */
+static bool has_data_rate(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (c->nodes[i].timing.data.data_brp)
+            return true;
+    return false;
+}
+
 static bool config_valid(const cw_bus_config *c)
 {
     if (c->bit_ticks == 0 || c->node_count == 0 || c->node_count > CW_NODES_MAX || c->inbox == 0 ||
@@ -129,6 +138,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
+    timed_rates *rates = has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
     cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
@@ -138,7 +148,10 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
-    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .ringing = ringing,
+    if (rates)
+        memset(rates, 0, c->node_count * sizeof *rates);
+    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .rates = rates,
+                    .ringing = ringing,
                     .steady_at = CW_NEVER,
                     .cable = {.edges = edges, .capacity = edges_looked_at(c),
                               .delays = delays, .way = way, .node_count = c->node_count},
@@ -190,9 +203,8 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     const bool fd = (c->protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
     (void)cw_mac_set_protocol(&n->mac, c->protocol, fd ? &bus->fd_parts[1 + i] : NULL);
-    n->restart_ticks = c->restart_ticks;
     n->queue_limit = c->queue;
-    bus->restarts[i] = (restart_times){.at = CW_NEVER};
+    bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
 }
 
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)

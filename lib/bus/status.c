@@ -130,6 +130,8 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
     stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
     stats->pending = (uint32_t)(bus->queued + bus->rules.held_count);
+    if (!bus->timed.rates)
+        stats->busy_ticks = cw_rate_ticks(cw_wire_rate(&bus->time), stats->busy_bits);
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
 }
 
@@ -147,6 +149,16 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
     stats->state = cw_mac_state(&n->mac);
+    return CW_OK;
+}
+
+cw_status cw_node_get_data_stats(const cw_bus *bus, unsigned i, cw_data_stats *stats)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (!bus->timed.rates)
+        return CW_REFUSED;
+    *stats = bus->timed.rates[i].stats;
     return CW_OK;
 }
 

@@ -63,11 +63,11 @@ static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
 }
 
 /* Applies settings as cw_node_set() would. */
-static void apply_settings(cw_bus *bus, unsigned i, const bus_node *old)
+static void apply_settings(cw_bus *bus, unsigned i, uint64_t restart_before)
 {
     static const cw_settings no_change = {.which = CW_SET_MODES};
     bus_node *n = &bus->nodes[i];
-    if (n->mac.phase == CW_MAC_BUS_OFF && n->restart_ticks != old->restart_ticks)
+    if (n->mac.phase == CW_MAC_BUS_OFF && bus->restarts[i].ticks != restart_before)
         bus->restarts[i].at = cw_automatic_restart(bus, i);
     if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         (void)cw_node_set(bus, i, &no_change);
@@ -89,12 +89,15 @@ static void take_over_mac(cw_mac *m, const cw_mac *old)
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
-static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
+static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old,
+                           const restart_times *old_restart)
 {
     bus_node *n = &bus->nodes[i];
     unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
+    bus->restarts[i].at = old_restart->at;
+    bus->restarts[i].off_at = old_restart->off_at;
     take_over_queue(bus, i, old);
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = n->mac.protocol == old->mac.protocol && has_begun(&old->mac);
@@ -104,7 +107,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old)
     cw_mac_reconnect(&n->mac);
     cw_mac_set_modes(&n->mac, modes);
     cw_confinement_set_warning_limit(&n->mac.confinement, warning_limit);
-    apply_settings(bus, i, old);
+    apply_settings(bus, i, old_restart->ticks);
 }
 
 /* Statistics go on where both buses have records. */
@@ -193,8 +196,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (from[i] == CW_NO_NODE)
             continue;
         to[from[i]] = (uint8_t)i;
-        bus->restarts[i] = old->restarts[from[i]];
-        take_over_node(bus, i, &old->nodes[from[i]]);
+        take_over_node(bus, i, &old->nodes[from[i]], &old->restarts[from[i]]);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);
         if (old->removed & cw_node_bit(from[i]))

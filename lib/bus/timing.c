@@ -4,6 +4,8 @@
  */
 #include "bus/bus_private.h"
 
+#include "mac/late.h"
+
 /* The default: a bit in 16 quanta, which are a whole number of 2^-32 ticks in any case. */
 static cw_bit_timing default_timing(cw_span bit_time)
 {
@@ -16,9 +18,21 @@ static bool delay_valid(cw_span delay)
     return delay >= 0 && delay <= CW_DELAY_MAX;
 }
 
+static bool data_timing_valid(const cw_data_timing *d)
+{
+    const uint32_t most = 65536;
+    if (d->data_brp == 0)
+        return true;
+    cw_bit_timing bit = d->bit;
+    bit.quantum = 1;
+    return cw_bit_timing_valid(&bit) && d->brp >= 1 && d->brp <= most && d->data_brp <= most &&
+           cw_late_valid(&d->tdc, cw_bit_timing_quanta(&d->bit) * d->data_brp);
+}
+
 static bool node_timing_valid(const cw_node_timing *t)
 {
-    return (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
+    return data_timing_valid(&t->data) &&
+           (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
            delay_valid(t->stub) && delay_valid(t->tx_delay[0]) && delay_valid(t->tx_delay[1]) &&
            delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
 }

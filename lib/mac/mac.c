@@ -392,7 +392,7 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
                          cw_mac_report *r)
 {
     bool passive = cw_confinement_passive(&m->confinement);
-    r->what |= CW_REPORT_ERROR;
+    r->what |= cw_mac_is_fast(m) ? CW_REPORT_ERROR | CW_REPORT_FAST : CW_REPORT_ERROR;
     r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m)};
     if (cw_mac_is_sending(m))
         give_up_one_shot(m, r);

@@ -33,11 +33,13 @@ static uint32_t error_class(const cw_event *e)
 }
 
 /* Matches one rule with errors of these classes. The same error at several nodes is one match. */
-static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t classes)
+static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t classes,
+                        cw_phase_rate rate)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     const cw_rule *r = &s->rule;
     if (!s->used || r->trigger != CW_TRIGGER_ERROR || !(r->error_mask & classes) ||
+        (r->rate != CW_RATE_ANY && r->rate != rate) ||
         !cw_rule_names(r->from, cw_node_bit(node)) || s->error_at == cw_rules_now(set))
         return;
     s->error_at = cw_rules_now(set);
@@ -51,9 +53,10 @@ static void match_error(cw_rule_set *set, unsigned rule, unsigned node, uint32_t
 /* The event lies in the ring, which moves when a fault is reported: read it before. */
 void cw_rules_error_now(cw_rule_set *set, unsigned node, const cw_event *event)
 {
-    uint32_t classes = error_class(event);
+    const uint32_t classes = error_class(event);
+    const bool fast = event->kind == CW_EVENT_ERROR && event->fast;
     if (event->kind == CW_EVENT_STATE && set->off)
         cw_rules_rewire(set); /* a node that leaves bus-off is not yet back on the bus */
     for (unsigned rule = 0; set->error_rules && rule < set->count; rule++)
-        match_error(set, rule, node, classes);
+        match_error(set, rule, node, classes, fast ? CW_RATE_DATA : CW_RATE_NOMINAL);
 }

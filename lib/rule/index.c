@@ -26,9 +26,15 @@ bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned 
     return id_matches(cw_frame_can_id(frame), filters, count);
 }
 
-static bool data_matches(const cw_rule *rule, const cw_frame *frame)
+static bool rate_matches(const cw_rule *rule, const cw_frame *frame)
 {
-    if (rule->data_length > cw_frame_length(frame))
+    const bool fast = (frame->flags & CW_FRAME_FD) && (frame->flags & CW_FRAME_BRS);
+    return rule->rate == CW_RATE_ANY || (rule->rate == CW_RATE_DATA) == fast;
+}
+
+static bool content_matches(const cw_rule *rule, const cw_frame *frame)
+{
+    if (!rate_matches(rule, frame) || rule->data_length > cw_frame_length(frame))
         return false;
     for (unsigned i = 0; i < rule->data_length; i++)
         if ((frame->data[i] ^ rule->data_value[i]) & rule->data_mask[i])
@@ -246,7 +252,7 @@ bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_rule_set *set
     while (next_rule(c, rule, set)) {
         const cw_rule *r = &set->rules[*rule].rule;
         if (id_matches(c->id, r->filters, r->filter_count) &&
-            (r->data_length == 0 || data_matches(r, c->frame)))
+            ((r->data_length == 0 && r->rate == CW_RATE_ANY) || content_matches(r, c->frame)))
             return true;
     }
     return false;

@@ -58,7 +58,8 @@ static void add_watcher(cw_watch *w, const cw_rule_set *set, unsigned rule)
 /* Returns whether a rule takes each frame of each node. */
 static bool is_undemanding(const cw_rule *r)
 {
-    return r->filter_count == 0 && r->data_length == 0 && r->from == 0;
+    return r->filter_count == 0 && r->data_length == 0 && r->from == 0 &&
+           r->rate == CW_RATE_ANY;
 }
 
 static void find_usual(cw_rule_set *set)

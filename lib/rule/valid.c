@@ -15,7 +15,8 @@ static bool nodes_exist(const cw_rule_set *set, uint64_t nodes)
 static bool kinds_exist(const cw_rule_set *set, const cw_rule *r)
 {
     return (unsigned)r->trigger <= CW_TRIGGER_ERROR && (unsigned)r->action < CW_ACTION_COUNT &&
-           (unsigned)r->field < CW_FIELD_COUNT && (unsigned)r->line <= CW_LINE_RX &&
+           (unsigned)r->field < CW_FIELD_COUNT &&
+           (unsigned)r->rate <= CW_RATE_DATA && (unsigned)r->line <= CW_LINE_RX &&
            (unsigned)r->side <= CW_SIDE_RX && r->filter_count <= CW_RULE_FILTERS_MAX &&
            r->data_length <= (set->bus.fd ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX) && r->name;
 }

@@ -25,6 +25,7 @@ static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsi
     n->stats.tx_bits += wire_bits;
     if (!(n->mac.modes & CW_MODE_LOOPBACK)) { /* M15: not on the wire */
         bus->stats.frames++;
+        bus->stats.fd_frames += cw_frame_is_fd(slot->frame);
         bus->stats.frame_bits += wire_bits;
     }
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
@@ -63,10 +64,13 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
     cw_rules_error(&bus->rules, i, e);
 }
 
-static void report_error(cw_bus *bus, unsigned i, const cw_error *error)
+static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fast)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
     e->error = *error;
+    e->fast = fast;
+    if (fast && bus->timed.rates)
+        bus->timed.rates[i].stats.errors[error->type]++;
     bus->nodes[i].stats.errors[error->type]++;
     cw_rules_error(&bus->rules, i, e);
 }
@@ -183,7 +187,7 @@ void cw_report_new_state(cw_bus *bus, unsigned i)
     if (after == CW_STATE_BUS_OFF) {
         n->stats.bus_off++;
         bus->restarts[i].off_at = cw_now(bus);
-        if (n->restart_ticks)
+        if (bus->restarts[i].ticks)
             cw_schedule_restart(bus, i, cw_automatic_restart(bus, i));
     }
     cw_rules_error(&bus->rules, i, e);
@@ -205,7 +209,7 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_report_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
-        report_error(bus, i, &r->error);
+        report_error(bus, i, &r->error, r->what & CW_REPORT_FAST);
     if (r->what & CW_REPORT_TOLERATED)
         cw_push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
     if (r->what & CW_REPORT_OVERLOAD) {

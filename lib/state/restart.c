@@ -12,10 +12,9 @@ void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
 
 uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
-    if (n->restart_ticks == 0)
+    if (bus->restarts[i].ticks == 0)
         return CW_NEVER;
-    uint64_t due = cw_after(bus->restarts[i].off_at, n->restart_ticks);
+    uint64_t due = cw_after(bus->restarts[i].off_at, bus->restarts[i].ticks);
     return due > cw_now(bus) ? due : cw_now(bus);
 }
 

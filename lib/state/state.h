@@ -26,7 +26,6 @@
 typedef struct bus_node {
     cw_mac mac;
     cw_queue queue;
-    uint64_t restart_ticks;
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
     uint16_t inbox;        /* its frames in the inbox */
@@ -38,6 +37,7 @@ typedef struct bus_node {
 
 /* Apart from bus_node, whose size is a power of two: an index costs one shift then. */
 typedef struct restart_times {
+    uint64_t ticks;  /* from bus-off to the automatic request; 0: none */
     uint64_t at;     /* tick of the next restart request, or CW_NEVER */
     uint64_t off_at; /* tick of the last bus-off */
 } restart_times;

@@ -129,8 +129,8 @@ unsigned cw_load_second_permille(const cw_load *load)
 
 unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after)
 {
-    uint64_t bits = after->bits - before->bits;
-    return bits ? (unsigned)((after->busy_bits - before->busy_bits) * 1000 / bits) : 0;
+    const uint64_t ticks = after->ticks - before->ticks;
+    return ticks ? (unsigned)((after->busy_ticks - before->busy_ticks) * 1000 / ticks) : 0;
 }
 
 /* ---- Balance --------------------------------------------------------------------------------- */

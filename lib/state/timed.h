@@ -93,6 +93,16 @@ typedef struct cw_ringing {
     cw_span former_since;
 } cw_ringing;
 
+/* The two rates of a node (D10). */
+typedef struct timed_rates {
+    cw_bit_timing nominal;
+    cw_data_timing data;  /* with its quantum; the nominal bit timing where it has no other one */
+    cw_data_timing next;  /* of nodes that are `retimed` */
+    bool fast;            /* the present bit goes by the data rate, after the sample point of BRS */
+    cw_late_compare late;
+    cw_data_stats stats;
+} timed_rates;
+
 typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
@@ -121,6 +131,7 @@ typedef struct cw_timed {
     cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
     timed_node *nodes;
     cw_bit_timing *next_timings; /* of nodes that are `retimed` */
+    timed_rates *rates;  /* of each node; NULL: no node has a data rate */
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
     bool calm;               /* nothing acts on levels, and nothing is marked, see is_calm() */
