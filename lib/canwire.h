@@ -586,15 +586,17 @@ typedef struct cw_data_timing {
  * library's. */
 typedef struct cw_late_compare {
     cw_tdc tdc;
-    uint64_t now;      /* clocks so far */
-    uint64_t res_at;   /* begin of the own res bit */
-    uint64_t first_at; /* begin of the first bit after BRS */
-    uint64_t sent;     /* levels of the last bits since then, the newest lowest */
-    uint32_t delay;    /* tdcv as measured, or given */
-    uint32_t bit;      /* clocks of a bit */
-    uint32_t begun;    /* bits since then */
-    uint32_t compared; /* ... of them */
-    bool measures;     /* waits for the own edge to res */
+    int64_t clock;       /* units of a clock */
+    int64_t measured_to; /* end of the last clock that has been looked at, from the begin of the own
+                            res bit on */
+    int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* begins of the last bits, the n-th after BRS at n modulo
+                                              that */
+    uint64_t sent;       /* their levels, the newest lowest */
+    uint32_t passed;     /* clocks that have been looked at */
+    uint32_t delay;      /* clocks: tdcv as measured, or given */
+    uint32_t begun;      /* bits after BRS */
+    uint32_t compared;   /* ... of them */
+    bool measures;       /* waits for the own edge to res */
 } cw_late_compare;
 
 /* One CAN controller with its physical coding sublayer and its clock, without a bus. The bench is
@@ -621,6 +623,7 @@ typedef struct cw_timed_mac {
     bool driven;
     bool fast;            /* the bit goes by data_timing */
     bool seen[3];         /* levels at the ends of the last quanta, the newest first */
+    int64_t now;          /* clocks so far */
     cw_late_compare late;
 } cw_timed_mac;
 
@@ -774,8 +777,8 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_STUB 0x800u
 #define CW_SET_WAY (CW_SET_TX_DELAY | CW_SET_RX_DELAY | CW_SET_PLACE | CW_SET_STUB)
 #define CW_SET_RINGING 0x1000u /* after edges that come from then on; what swings now ends */
-#define CW_SET_DATA 0x2000u    /* the data phase of FD frames, from the node's next bit on. Without it
-                                  CW_SET_QUANTUM is another clock, and changes both rates */
+#define CW_SET_DATA 0x2000u    /* the data phase of FD frames, from the node's next bit on. Without
+                                  it CW_SET_QUANTUM is another clock, and changes both rates */
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
@@ -1318,7 +1321,7 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
-/* What one node does at the data rate (D10). */
+/* Counts of one node at the data rate (D10). */
 typedef struct cw_data_stats {
     uint64_t errors[CW_ERROR_COUNT]; /* of cw_node_stats.errors, those found at the data rate */
     uint32_t tdcv; /* clocks: the delay of its last own edge to res that it has measured, or as it

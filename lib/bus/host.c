@@ -99,7 +99,8 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
     if (i >= bus->node_count)
         return CW_INVALID;
     bus_node *n = &bus->nodes[i];
-    if (n->mac.phase != CW_MAC_BUS_OFF || bus->restarts[i].ticks != 0 || bus->restarts[i].at != CW_NEVER)
+    if (n->mac.phase != CW_MAC_BUS_OFF || bus->restarts[i].ticks != 0 ||
+        bus->restarts[i].at != CW_NEVER)
         return CW_REFUSED;
     cw_schedule_restart(bus, i, cw_now(bus));
     return CW_OK;

@@ -6,6 +6,8 @@
 
 #include "mac/mac_private.h"
 
+#define KEPT (2 * CW_TDC_BITS_MAX) /* bits */
+
 bool cw_late_valid(const cw_tdc *tdc, uint32_t bit_clocks)
 {
     const uint64_t most = (uint64_t)CW_TDC_BITS_MAX * bit_clocks;
@@ -13,56 +15,83 @@ bool cw_late_valid(const cw_tdc *tdc, uint32_t bit_clocks)
            (tdc->mode == CW_TDC_OFF || (uint64_t)tdc->tdco + tdc->tdcv < most);
 }
 
-/* Begins to measure with the own edge from FDF to res. */
-static void begin_res(cw_late_compare *late)
+void cw_late_init(cw_late_compare *late, const cw_tdc *tdc, int64_t clock)
 {
-    late->res_at = late->now;
-    late->measures = true;
-    late->delay = late->tdc.mode == CW_TDC_MANUAL ? late->tdc.tdcv : 0;
+    *late = (cw_late_compare){.delay = 0};
+    cw_late_change(late, tdc, clock);
 }
 
-void cw_late_begin_bit(cw_late_compare *late, const cw_mac *m, bool level)
+void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock)
+{
+    late->tdc = *tdc;
+    late->clock = clock;
+    if (tdc->mode == CW_TDC_MANUAL)
+        late->delay = tdc->tdcv;
+}
+
+/* Begins to measure with the own edge from FDF to res. */
+static void begin_res(cw_late_compare *late, int64_t moment)
+{
+    late->measured_to = moment;
+    late->measures = late->tdc.mode == CW_TDC_AUTO;
+    late->passed = 0;
+}
+
+void cw_late_begin_bit(cw_late_compare *late, const cw_mac *m, bool level, int64_t moment)
 {
     if (late->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(m))
         return;
     if (m->part == CW_PART_RES && !cw_mac_stuff_bit_due(m))
-        begin_res(late);
+        begin_res(late, moment);
     if (!cw_mac_is_fast(m))
         late->begun = late->compared = 0;
     if (!cw_mac_compares_late(m))
         return;
-    if (late->begun == 0)
-        late->first_at = late->now;
+    late->begun_at[late->begun % KEPT] = moment;
     late->sent = late->sent << 1 | level;
     late->begun++;
 }
 
+bool cw_late_measures(const cw_late_compare *late, const cw_mac *m, int64_t *moment)
+{
+    *moment = late->measured_to + late->clock;
+    return late->measures && cw_mac_is_sending(m);
+}
+
 /* The delay is whole clocks up to the one at whose end the own edge is seen. */
-static void measure(cw_late_compare *late, bool level)
+void cw_late_measure(cw_late_compare *late, bool level)
 {
-    if (!late->measures || level == CW_RECESSIVE)
-        return;
-    late->measures = false;
-    if (late->tdc.mode == CW_TDC_AUTO)
-        late->delay = (uint32_t)(late->now - late->res_at - 1);
+    late->measured_to += late->clock;
+    late->measures = level == CW_RECESSIVE;
+    if (!late->measures)
+        late->delay = late->passed;
+    late->passed++;
 }
 
-static bool is_due(const cw_late_compare *late)
+/* A bit is compared one clock after its begin at the earliest. */
+bool cw_late_is_due(const cw_late_compare *late, const cw_mac *m, int64_t *moment)
 {
-    const uint64_t begin = late->first_at + (uint64_t)late->compared * late->bit;
-    return late->compared < late->begun && late->now >= begin + late->delay + late->tdc.tdco;
+    const uint64_t after = (uint64_t)late->delay + late->tdc.tdco;
+    *moment = late->begun_at[late->compared % KEPT] +
+              (int64_t)(after ? after : 1) * late->clock;
+    return cw_mac_is_fast(m) && cw_mac_is_sending(m) && late->compared < late->begun;
 }
 
-bool cw_late_pass(cw_late_compare *late, const cw_mac *m, uint32_t clocks, bool level)
+bool cw_late_compare_next(cw_late_compare *late, bool level)
 {
-    bool wrong = false;
-    late->now += clocks;
-    if (late->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(m))
-        return false;
-    measure(late, level);
-    for (; cw_mac_is_fast(m) && is_due(late); late->compared++) {
-        const unsigned back = late->begun - 1 - late->compared;
-        wrong = wrong || (back < 64 && (late->sent >> back & 1u) != level);
-    }
-    return wrong;
+    const unsigned back = late->begun - 1 - late->compared;
+    late->compared++;
+    return back < KEPT && (late->sent >> back & 1u) != level;
+}
+
+uint32_t cw_late_delay(const cw_late_compare *late)
+{
+    return late->delay;
+}
+
+void cw_late_rebase(cw_late_compare *late, int64_t by)
+{
+    late->measured_to -= by;
+    for (unsigned n = 0; n < KEPT; n++)
+        late->begun_at[n] -= by;
 }

@@ -3,8 +3,7 @@
  * late.h - transmitter delay compensation (D13).
  *
  * A transmitter compares its bits of the data phase at a secondary sample point, which may lie in a
- * later bit. It does not synchronise in the data phase (D12). So its bits there follow each other
- * at equal distances, and the n-th of them is compared at a fixed time after the first.
+ * later bit. Moments are counted in units of the caller, of which a clock has a whole number.
  */
 #ifndef CANWIRE_MAC_LATE_H
 #define CANWIRE_MAC_LATE_H
@@ -14,11 +13,32 @@
 /* Returns true when the values are in their ranges, with data bits of so many clocks. */
 bool cw_late_valid(const cw_tdc *tdc, uint32_t bit_clocks);
 
-/* Notes that the transmitter begins a bit with this level. */
-void cw_late_begin_bit(cw_late_compare *late, const cw_mac *mac, bool level);
+/* Begins with no bits. clock: units of a clock. */
+void cw_late_init(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 
-/* Lets a clock pass, or several, at whose end the controller sees a level. Returns true when a
- * comparison has found a bit error. */
-bool cw_late_pass(cw_late_compare *late, const cw_mac *mac, uint32_t clocks, bool level);
+/* Changes values and clock, for bits that are still to be compared, too. */
+void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
+
+/* Notes that the transmitter begins a bit with this level at a moment. */
+void cw_late_begin_bit(cw_late_compare *late, const cw_mac *mac, bool level, int64_t moment);
+
+/* Returns true while the delay of the own edge to res is measured: the controller waits for the
+ * first clock at whose end it sees a dominant level. *moment is the end of the next clock. */
+bool cw_late_measures(const cw_late_compare *late, const cw_mac *mac, int64_t *moment);
+
+/* Notes what the controller sees at the end of that clock. */
+void cw_late_measure(cw_late_compare *late, bool level);
+
+/* Returns true when a bit is still to be compared. *moment is its secondary sample point. */
+bool cw_late_is_due(const cw_late_compare *late, const cw_mac *mac, int64_t *moment);
+
+/* Compares that bit with what the controller sees there. Returns true when it is wrong. */
+bool cw_late_compare_next(cw_late_compare *late, bool level);
+
+/* Returns the delay in clocks: as measured last, or as given. */
+uint32_t cw_late_delay(const cw_late_compare *late);
+
+/* Moves the origin of moments forward. */
+void cw_late_rebase(cw_late_compare *late, int64_t by);
 
 #endif

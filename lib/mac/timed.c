@@ -40,7 +40,7 @@ static void begin_bit(cw_timed_mac *c, unsigned passed)
     cw_pcs_begin_bit(&c->pcs, timing_of(c));
     c->count = (uint16_t)passed;
     c->driven = cw_mac_drive(&c->mac);
-    cw_late_begin_bit(&c->late, &c->mac, c->driven);
+    cw_late_begin_bit(&c->late, &c->mac, c->driven, c->now);
 }
 
 cw_status cw_timed_mac_init(cw_timed_mac *c, const cw_bit_timing *timing, uint32_t brp,
@@ -73,7 +73,7 @@ cw_status cw_timed_mac_set_data(cw_timed_mac *c, const cw_bit_timing *timing, ui
         return CW_REFUSED;
     c->data_timing = *timing;
     c->data_brp = brp;
-    c->late = (cw_late_compare){.tdc = *chosen, .bit = bit};
+    cw_late_init(&c->late, chosen, 1);
     c->mac.fd->compares_late = chosen->mode != CW_TDC_OFF;
     return CW_OK;
 }
@@ -146,10 +146,16 @@ static unsigned end_quantum(cw_timed_mac *c, bool level, cw_mac_report *report)
     return what;
 }
 
+/* The level is seen at the end of the last of these clocks. */
 static void pass(cw_timed_mac *c, uint32_t clocks, bool level)
 {
-    if (cw_late_pass(&c->late, &c->mac, clocks, level))
-        cw_mac_note_late_error(&c->mac);
+    int64_t moment;
+    c->now += clocks;
+    while (cw_late_measures(&c->late, &c->mac, &moment) && moment <= c->now)
+        cw_late_measure(&c->late, moment < c->now || level);
+    while (cw_late_is_due(&c->late, &c->mac, &moment) && moment <= c->now)
+        if (cw_late_compare_next(&c->late, level))
+            cw_mac_note_late_error(&c->mac);
 }
 
 unsigned cw_timed_mac_quantum(cw_timed_mac *c, bool level, cw_mac_report *report)

@@ -11,6 +11,7 @@
 typedef struct cw_wire_time {
     uint64_t now;
     cw_rate rate;
+    uint32_t short_by; /* ticks by which the bit that begins now is shorter than others (D10) */
 } cw_wire_time;
 
 /* Returns the time at tick 0. */
@@ -56,7 +57,7 @@ static inline uint64_t cw_wire_tick_or_never(const cw_wire_time *t, uint64_t bit
 /* Returns the tick at which the bit that begins now ends. */
 static inline uint64_t cw_wire_bit_end(const cw_wire_time *t)
 {
-    return cw_wire_tick(t, 1);
+    return cw_wire_tick(t, 1) - t->short_by;
 }
 
 /* Returns true when so many bits will have passed by a tick, which has not passed yet. */
