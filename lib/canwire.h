@@ -589,8 +589,8 @@ typedef struct cw_late_compare {
     int64_t clock;       /* units of a clock */
     int64_t measured_to; /* end of the last clock that has been looked at, from the begin of the own
                             res bit on */
-    int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* begins of the last bits, the n-th after BRS at n modulo
-                                              that */
+    int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* begins of the last bits, in a ring: the n-th after BRS
+                                              is at n modulo the size */
     uint64_t sent;       /* their levels, the newest lowest */
     uint32_t passed;     /* clocks that have been looked at */
     uint32_t delay;      /* clocks: tdcv as measured, or given */

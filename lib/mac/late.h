@@ -22,7 +22,7 @@ void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 /* Notes that the transmitter begins a bit with this level at a moment. */
 void cw_late_begin_bit(cw_late_compare *late, const cw_mac *mac, bool level, int64_t moment);
 
-/* Returns true while the delay of the own edge to res is measured: the controller waits for the
+/* Returns true while the delay of the own edge to res is measured. The controller waits for the
  * first clock at whose end it sees a dominant level. *moment is the end of the next clock. */
 bool cw_late_measures(const cw_late_compare *late, const cw_mac *mac, int64_t *moment);
 
