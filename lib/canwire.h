@@ -1062,8 +1062,8 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. An edge
  * that is still under way may synchronise a node even then. Errors, lost arbitrations, overload
  * frames, synchronisations, hits of rules and new states may come before, and drops that follow
- * from them. Their events carry the tick. Off the grid an event may come up to a bit time of the
- * bus earlier. */
+ * from them. Their events carry the tick. Off the grid, and where a node has a data rate, an event
+ * may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring

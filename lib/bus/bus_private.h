@@ -47,14 +47,17 @@ unsigned cw_bits_of_bit_time(const cw_bus_config *config);
 /* Notes how late rules on jitter let edges come. */
 void cw_find_longest(cw_bus *bus);
 
-/* Returns true when a node of the running bus can have that bit timing. */
-bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing);
+/* Returns true when a node of the running bus can have that bit timing. data: NULL is the data
+ * phase that it has. */
+bool cw_new_timing_valid(const cw_bus *bus, unsigned node, const cw_bit_timing *timing,
+                         const cw_data_timing *data);
 
 /* Returns a bit timing with the parts that settings change. */
 cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *settings);
 
 /* Gives a node another bit timing, which must be valid, from its next bit on. */
-void cw_retime(cw_bus *bus, unsigned node, const cw_bit_timing *timing);
+void cw_retime(cw_bus *bus, unsigned node, const cw_bit_timing *timing,
+               const cw_data_timing *data);
 
 /* Does the same with the quantum alone of some nodes, for rules. */
 void cw_retime_quantum(cw_bus *bus, uint64_t nodes, cw_span quantum);
@@ -73,6 +76,31 @@ void cw_get_way(const cw_bus *bus, unsigned node, cw_settings *settings);
 
 /* Sets up clocks and delays; the memory must have been laid out. */
 void cw_init_timing(cw_bus *bus, const cw_bus_config *config);
+
+/* ---- data_timing.c --------------------------------------------------------------------------- */
+
+bool cw_data_timing_valid(const cw_data_timing *data);
+
+/* Returns the length of a bit of a node in the data phase, by its nominal bit timing. */
+cw_span cw_data_bit(const cw_bus_config *config, unsigned node, const cw_bit_timing *nominal);
+
+/* Returns the bit timing of the data phase as it would be. data: see cw_new_timing_valid(). */
+cw_bit_timing cw_new_data_bit(const cw_bus *bus, unsigned node, const cw_bit_timing *nominal,
+                              const cw_data_timing *data);
+
+/* Notes the data phase that comes with the next bit timing. NULL: the one that it has. */
+void cw_note_next_data(cw_bus *bus, unsigned node, const cw_data_timing *data);
+
+/* Returns the data phase of a node from its next bit on, as its host has given it. */
+cw_data_timing cw_data_timing_now(const cw_bus *bus, unsigned node);
+
+/* Returns true when bits of clean frames are common to all nodes at both rates. All have the
+ * nominal bit timing. */
+bool cw_rates_agree(cw_bus *bus, const cw_bit_timing *nominal);
+
+/* Sets up the rates of a node. */
+void cw_init_rates(cw_bus *bus, unsigned node, const cw_data_timing *data,
+                   const cw_bit_timing *nominal);
 
 /* ---- host.c ---------------------------------------------------------------------------------- */
 

@@ -127,6 +127,11 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
+static const cw_data_timing *new_data(const cw_settings *s)
+{
+    return s->which & CW_SET_DATA ? &s->data : NULL;
+}
+
 static cw_bit_timing new_timing(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
     const cw_bit_timing now = cw_timing_now(bus, i);
@@ -139,7 +144,8 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
     bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
     const cw_bit_timing next = new_timing(bus, i, s);
-    bool timing = !(s->which & CW_SET_TIMING) || cw_new_timing_valid(bus, &next);
+    bool timing = !(s->which & (CW_SET_TIMING | CW_SET_DATA)) ||
+                  cw_new_timing_valid(bus, i, &next, new_data(s));
     const bool changes_way = s->which & (CW_SET_WAY | CW_SET_RINGING);
     return queue && limit && timing && (!changes_way || cw_new_way_valid(bus, i, s));
 }
@@ -184,8 +190,8 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
-    if (s->which & CW_SET_TIMING)
-        cw_retime(bus, i, &timing);
+    if (s->which & (CW_SET_TIMING | CW_SET_DATA))
+        cw_retime(bus, i, &timing, new_data(s));
     if (s->which & (CW_SET_WAY | CW_SET_RINGING))
         cw_set_way(bus, i, s);
     bus->pending = true;
@@ -199,7 +205,7 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
     const bus_node *n = &bus->nodes[i];
     *s = (cw_settings){
         .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING |
-                 CW_SET_TIMING,
+                 CW_SET_TIMING | (bus->timed.rates ? CW_SET_DATA : 0),
         .modes_mask = UINT8_MAX,
         .modes = n->mac.modes,
         .order = n->queue.mode,
@@ -207,6 +213,7 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
         .warning_limit = n->mac.confinement.warning_limit,
         .restart_ticks = bus->restarts[i].ticks,
         .timing = cw_timing_now(bus, i),
+        .data = cw_data_timing_now(bus, i),
     };
     cw_get_way(bus, i, s);
     return CW_OK;

@@ -61,7 +61,9 @@ static void assert_sums(const cw_bus *bus)
     }
     assert(bus->queued == queued);
     assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
-    assert(bus->load.bits == bus->stats.bits);
+    assert(bus->load.unit > 1 || bus->load.bits == bus->stats.bits);
+    assert(bus->load.bits <= cw_now(bus));
+    assert(bus->time.short_by == 0);
     assert(bus->inbox.next == CW_NEVER || bus->inbox.count > 0);
     assert(bus->inbox.count == 0 ||
            cw_inbox_at(&bus->inbox, 0)->at_tick == bus->inbox.next);

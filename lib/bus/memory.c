@@ -118,7 +118,8 @@ static unsigned edges_looked_at(const cw_bus_config *c)
 {
     const uint64_t ringing = (uint64_t)(cw_longest_ringing(c) / cw_shortest_bit(c));
     const uint64_t least = 2 * CW_DELAY_BITS_MAX; /* bits may become shorter */
-    const uint64_t bits = 8 + CW_DELAY_BITS_MAX + (ringing > least ? ringing : least);
+    const uint64_t bits = 4 * cw_bits_of_bit_time(c) + CW_DELAY_BITS_MAX +
+                          (ringing > least ? ringing : least);
     unsigned room = 64;
     while (room < bits * c->node_count)
         room *= 2;
@@ -221,7 +222,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
     bus->wanted = CW_EVENTS_USUAL;
-    cw_load_init(&bus->load, cw_wire_rate(&bus->time));
+    cw_load_init(&bus->load, cw_wire_rate(&bus->time), bus->timed.rates);
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(bus, i, &config->nodes[i]);

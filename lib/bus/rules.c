@@ -49,6 +49,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
                                    .node_count = bus->node_count,
                                    .all = bus->all,
                                    .seed = seed, .fd = bus->fd,
+                                   .divided = bus->timed.rates != NULL,
                                    .error_flag = &bus->error_flag,
                                    .overload_flag = &bus->overload_flag,
                                    .wires = bus->groups,

@@ -105,6 +105,15 @@ static uint64_t bit_times_of(const cw_bus *bus, uint64_t bits)
     return sure * bus->timed.fastest_permille / 1000 + 1;
 }
 
+/* Returns the tick at which so many bits to come will have passed. */
+static uint64_t tick_after(const cw_bus *bus, uint64_t bits)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    if (step->active && step->fast.to && bits < CW_BITS_MAX)
+        return cw_frame_step_tick(bus, step->at + (unsigned)bits);
+    return cw_wire_tick_or_never(&bus->time, bits);
+}
+
 uint64_t cw_bus_next(const cw_bus *bus)
 {
     if (bus->pending)
@@ -117,9 +126,9 @@ uint64_t cw_bus_next(const cw_bus *bus)
     const bool calm = bits == CW_QUIET_FOREVER && !(cw_rules_touch(&bus->rules) & acts);
     if (bus->rules.awake_count && !calm)
         bits = cw_least(bits, LOOK_AT_FAULTS_BITS);
-    if (cw_is_off_grid(bus))
-        bits = bit_times_of(bus, bits);
-    uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
+    if (cw_is_off_grid(bus) || (bus->timed.rates && !bus->frame_step.active))
+        bits = bit_times_of(bus, bits); /* of bits that may be shorter */
+    uint64_t tick = tick_after(bus, bits);
     tick = cw_least(tick, cw_least(bus->next_restart, bus->rules.next_due));
     return cw_least(tick, cw_inbox_first(bus));
 }
@@ -130,8 +139,8 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
     stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
     stats->pending = (uint32_t)(bus->queued + bus->rules.held_count);
-    if (!bus->timed.rates)
-        stats->busy_ticks = cw_rate_ticks(cw_wire_rate(&bus->time), stats->busy_bits);
+    stats->busy_ticks = cw_rate_ticks(cw_wire_rate(&bus->time), stats->busy_bits) -
+                        bus->timed.short_ticks;
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
 }
 

@@ -24,14 +24,16 @@ static void drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why)
     cw_push_drop(bus, i, CW_SIDE_TX, &short_one, why, cw_now(bus));
 }
 
-/* Puts a frame into the queue of a node, with the flags that its controller would send. */
-static bool put(bus_node *n, const cw_queue_slot *slot)
+/* Puts a frame into the queue of a node, as its controller would send it. */
+static bool put(cw_bus *bus, bus_node *n, const cw_queue_slot *slot)
 {
     cw_frame frame;
     cw_frame_copy(&frame, slot->frame);
+    if (!cw_queue_put(&n->queue, &frame, slot->handed_in))
+        return false;
     if (cw_frame_is_fd(&frame))
-        frame.flags = (uint8_t)cw_mac_fd_flags(&n->mac, frame.flags);
-    return cw_queue_put(&n->queue, &frame, slot->handed_in);
+        cw_complete_fd(bus, n);
+    return true;
 }
 
 static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
@@ -40,7 +42,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
     const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
     cw_drop why = cw_knows_frame(bus, i, slot->frame) ? CW_DROP_QUEUE_FULL : CW_DROP_BAD_FRAME;
     if (why == CW_DROP_BAD_FRAME || n->queue.count >= n->queue_limit ||
-        !put(n, slot)) {
+        !put(bus, n, slot)) {
         drop(bus, i, slot->frame, why);
         return;
     }
@@ -79,13 +81,15 @@ static void take_over_mac(cw_mac *m, const cw_mac *old)
 {
     const unsigned protocol = m->protocol;
     cw_fd_part *fd = m->fd;
-    const bool same = protocol == old->protocol;
+    const bool same = protocol == old->protocol, compares_late = fd && fd->compares_late;
     *m = *old;
     m->fd = fd;
     if (same && fd)
         *fd = *old->fd;
     if (!same)
         (void)cw_mac_set_protocol(m, protocol, fd);
+    if (fd)
+        fd->compares_late = compares_late; /* a setting */
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
@@ -188,7 +192,9 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->work = cw_bus_work(old);
     bus->rules.work = 0;
     bus->recessive_bits = old->recessive_bits;
-    bus->load = old->load;
+    if (bus->load.unit == old->load.unit)
+        bus->load = old->load;
+    bus->timed.short_ticks = old->timed.short_ticks;
     bus->stats = old->stats;
     bus->error_flag = old->error_flag;
     bus->overload_flag = old->overload_flag;

@@ -4,8 +4,6 @@
  */
 #include "bus/bus_private.h"
 
-#include "mac/late.h"
-
 /* The default: a bit in 16 quanta, which are a whole number of 2^-32 ticks in any case. */
 static cw_bit_timing default_timing(cw_span bit_time)
 {
@@ -18,20 +16,9 @@ static bool delay_valid(cw_span delay)
     return delay >= 0 && delay <= CW_DELAY_MAX;
 }
 
-static bool data_timing_valid(const cw_data_timing *d)
-{
-    const uint32_t most = 65536;
-    if (d->data_brp == 0)
-        return true;
-    cw_bit_timing bit = d->bit;
-    bit.quantum = 1;
-    return cw_bit_timing_valid(&bit) && d->brp >= 1 && d->brp <= most && d->data_brp <= most &&
-           cw_late_valid(&d->tdc, cw_bit_timing_quanta(&d->bit) * d->data_brp);
-}
-
 static bool node_timing_valid(const cw_node_timing *t)
 {
-    return data_timing_valid(&t->data) &&
+    return cw_data_timing_valid(&t->data) &&
            (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
            delay_valid(t->stub) && delay_valid(t->tx_delay[0]) && delay_valid(t->tx_delay[1]) &&
            delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
@@ -119,7 +106,9 @@ cw_span cw_shortest_bit(const cw_bus_config *c)
     cw_span shortest = INT64_MAX;
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
-        shortest = bit_length(&timing) < shortest ? bit_length(&timing) : shortest;
+        const cw_span bit = bit_length(&timing), data = cw_data_bit(c, i, &timing);
+        shortest = bit < shortest ? bit : shortest;
+        shortest = data < shortest ? data : shortest;
     }
     return shortest;
 }
@@ -133,17 +122,19 @@ unsigned cw_bits_of_bit_time(const cw_bus_config *c)
 /* Returns the bit timing of a node from its next bit on. */
 static const cw_bit_timing *coming(const cw_timed *t, unsigned i)
 {
-    return t->nodes[i].retimed ? &t->next_timings[i] : &t->nodes[i].timing;
+    const cw_bit_timing *now = t->rates ? &t->rates[i].nominal : &t->nodes[i].timing;
+    return t->nodes[i].retimed ? &t->next_timings[i] : now;
 }
 
 /* Returns true when bits are common to all nodes. */
-static bool is_uniform(const cw_bus *bus)
+static bool is_uniform(cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
     bool uniform = t->longest == 0;
     for (unsigned i = 0; i < bus->node_count; i++)
         uniform = uniform && t->ringing[i].now == 0 && same_timing(coming(t, 0), coming(t, i));
-    return uniform && bit_length(coming(t, 0)) == t->bit_time;
+    return uniform && bit_length(coming(t, 0)) == t->bit_time &&
+           (!t->rates || cw_rates_agree(bus, coming(t, 0)));
 }
 
 /* Returns true when a span has at most so many units. Spans of long bits are near the largest
@@ -195,6 +186,8 @@ void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
         cw_timed_set_timing(&t->nodes[i], &timing);
+        if (t->rates)
+            cw_init_rates(bus, i, &c->nodes[i].timing.data, &timing);
         t->ringing[i] = (cw_ringing){.now = c->nodes[i].timing.ringing};
     }
     cw_timed_begin_ringing(t);
@@ -225,10 +218,15 @@ static bool change_fits(const cw_bit_timing *timing, cw_span bit_time, unsigned 
            has_at_most(longest, CW_DELAY_BITS_MAX, bit_length(timing));
 }
 
-bool cw_new_timing_valid(const cw_bus *bus, const cw_bit_timing *timing)
+bool cw_new_timing_valid(const cw_bus *bus, unsigned i, const cw_bit_timing *timing,
+                         const cw_data_timing *data)
 {
     const cw_timed *t = &bus->timed;
-    return t->divides && change_fits(timing, t->bit_time, t->bits_of_bit_time, t->longest);
+    if (data && (!t->rates || !cw_data_timing_valid(data)))
+        return false;
+    const cw_bit_timing fast = t->rates ? cw_new_data_bit(bus, i, timing, data) : *timing;
+    return t->divides && change_fits(&fast, t->bit_time, t->bits_of_bit_time, t->longest) &&
+           change_fits(timing, t->bit_time, t->bits_of_bit_time, t->longest);
 }
 
 cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *s)
@@ -356,14 +354,18 @@ void cw_get_way(const cw_bus *bus, unsigned i, cw_settings *s)
 
 /* ---- Bit timings ----------------------------------------------------------------------------- */
 
-void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing)
+void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing, const cw_data_timing *data)
 {
     timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
     bus->timed.proof.valid = false;
+    if (bus->timed.rates)
+        cw_note_next_data(bus, i, data);
     bus->timed.next_timings[i] = *timing;
     n->retimed = bus->timed.active;
-    if (!bus->timed.active)
+    if (!bus->timed.active && bus->timed.rates)
+        cw_timed_retime_rates(bus, i);
+    else if (!bus->timed.active)
         cw_timed_set_timing(n, timing);
     const uint32_t permille = (uint32_t)(bit_length(timing) / (bus->timed.bit_time / 1000));
     if (permille < bus->timed.fastest_permille)
@@ -385,7 +387,7 @@ void cw_retime_quantum(cw_bus *bus, uint64_t nodes, cw_span quantum)
         if (timing.quantum == quantum)
             continue;
         timing.quantum = quantum;
-        if (cw_new_timing_valid(bus, &timing))
-            cw_retime(bus, i, &timing);
+        if (cw_new_timing_valid(bus, i, &timing, NULL))
+            cw_retime(bus, i, &timing, NULL);
     }
 }

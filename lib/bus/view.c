@@ -30,6 +30,7 @@ cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
     view->wire_faults = (levels->wire ^ levels->clean) & nodes;
     view->rx_faults = (levels->sampled ^ levels->wire) & nodes;
     view->alike = note->alike;
+    view->fast = note->fast;
     view->node_count = bus->node_count;
     view->wire_count = note->wire_count;
     view->marks = bus->timed.marks;

@@ -40,6 +40,9 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inve
 void cw_bits_encode_fd(cw_bits *bits, const cw_frame *frame, unsigned inverted);
 unsigned cw_bits_measure_fd(const cw_frame *frame);
 
+/* Returns the wire bit after BRS of an FD frame. */
+unsigned cw_bits_find_fast(const cw_frame *frame);
+
 /* Returns the wire bits of the stuff count and the CRC of an FD frame, with fixed stuff bits. */
 unsigned cw_fd_crc_wire_bits(const cw_form *form);
 

@@ -34,16 +34,23 @@ typedef struct plain_bytes {
 
 /* ---- SOF to data ----------------------------------------------------------------------------- */
 
-static plain_bytes lay_out(const cw_frame *frame)
+/* Returns the head with its pad before it, and the bits of the pad. */
+static cw_head pad_head(const cw_frame *frame, unsigned *pad_bits)
 {
     const bool extended = cw_frame_is_extended(frame);
     const cw_head head = cw_fd_head(frame);
+    *pad_bits = extended ? PAD_BITS(CW_FD_EXTENDED_HEAD_BITS) : PAD_BITS(CW_FD_BASE_HEAD_BITS);
+    const uint64_t pad = UINT64_C(0x55) & ((1u << *pad_bits) - 1);
+    return (cw_head){.number = head.number | pad << head.bits, .bits = head.bits + *pad_bits};
+}
+
+static plain_bytes lay_out(const cw_frame *frame)
+{
     const unsigned length = cw_frame_length(frame);
-    plain_bytes plain = {.pad_bits = extended ? PAD_BITS(CW_FD_EXTENDED_HEAD_BITS)
-                                              : PAD_BITS(CW_FD_BASE_HEAD_BITS)};
-    const unsigned head_bytes = (head.bits + plain.pad_bits) / 8;
-    const uint64_t padded = head.number | (UINT64_C(0x55) & ((1u << plain.pad_bits) - 1))
-                                              << head.bits;
+    plain_bytes plain;
+    const cw_head head = pad_head(frame, &plain.pad_bits);
+    const unsigned head_bytes = head.bits / 8;
+    const uint64_t padded = head.number;
     for (unsigned n = 0; n < head_bytes; n++)
         plain.bytes[n] = (uint8_t)(padded >> (8 * (head_bytes - 1 - n)));
     memcpy(plain.bytes + head_bytes, frame->data, length);
@@ -202,4 +209,16 @@ __attribute__((noinline)) unsigned cw_bits_measure_fd(const cw_frame *frame)
     cw_measure_byte(&all, plain.bytes[n]);
     return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits - drops +
            cw_fd_crc_wire_bits(&form) + CW_FD_TAIL_BITS;
+}
+
+/* The last byte of the head begins with FDF, res and BRS, which never get a stuff bit between
+ * them. */
+unsigned cw_bits_find_fast(const cw_frame *frame)
+{
+    unsigned pad_bits;
+    const cw_head head = pad_head(frame, &pad_bits);
+    cw_stuffed all = {.state = CW_STUFF_FIRST};
+    for (unsigned n = head.bits / 8 - 1; n > 0; n--)
+        cw_measure_byte(&all, (uint8_t)(head.number >> (8 * n)));
+    return (unsigned)(all.lengths & LENGTHS_MASK) - pad_bits + 3;
 }

@@ -29,6 +29,17 @@ void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock)
         late->delay = tdc->tdcv;
 }
 
+void cw_late_forget(cw_late_compare *late)
+{
+    late->begun = late->compared = 0;
+    late->measures = false;
+}
+
+void cw_late_measured(cw_late_compare *late, uint32_t delay)
+{
+    late->delay = late->tdc.mode == CW_TDC_AUTO ? delay : late->delay;
+}
+
 /* Begins to measure with the own edge from FDF to res. */
 static void begin_res(cw_late_compare *late, int64_t moment)
 {
@@ -41,8 +52,10 @@ void cw_late_begin_bit(cw_late_compare *late, const cw_mac *m, bool level, int64
 {
     if (late->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(m))
         return;
-    if (m->part == CW_PART_RES && !cw_mac_stuff_bit_due(m))
+    if (m->part == CW_PART_RES && (m->fd->offer.flags & CW_FRAME_BRS))
         begin_res(late, moment);
+    if (m->part == CW_PART_SOF)
+        late->measures = false; /* an error has ended the frame before */
     if (!cw_mac_is_fast(m))
         late->begun = late->compared = 0;
     if (!cw_mac_compares_late(m))

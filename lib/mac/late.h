@@ -19,6 +19,12 @@ void cw_late_init(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 /* Changes values and clock, for bits that are still to be compared, too. */
 void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 
+/* Forgets the bits so far: none is compared any more. */
+void cw_late_forget(cw_late_compare *late);
+
+/* Notes a delay in clocks that has been measured in another way. */
+void cw_late_measured(cw_late_compare *late, uint32_t delay);
+
 /* Notes that the transmitter begins a bit with this level at a moment. */
 void cw_late_begin_bit(cw_late_compare *late, const cw_mac *mac, bool level, int64_t moment);
 

@@ -285,11 +285,16 @@ bool cw_mac_synchronises_hard(const cw_mac *m)
     return between[m->phase] || (m->phase == CW_MAC_INTERMISSION && m->count > 0);
 }
 
-void cw_mac_note_edge(cw_mac *m)
+bool cw_mac_counts_edges(const cw_mac *m)
 {
     const bool counts = m->phase == CW_MAC_INTEGRATING || m->phase == CW_MAC_RECOVERING;
+    return counts && (m->protocol & CW_PROTOCOL_MASK) != CW_CLASSICAL;
+}
+
+void cw_mac_note_edge(cw_mac *m)
+{
     const bool seen = cw_mac_visible(m, CW_DOMINANT) == CW_DOMINANT; /* not in loopback */
-    if (counts && seen && (m->protocol & CW_PROTOCOL_MASK) != CW_CLASSICAL)
+    if (seen && cw_mac_counts_edges(m))
         m->count = 0;
 }
 

@@ -5,6 +5,7 @@
 #ifndef CANWIRE_MAC_H
 #define CANWIRE_MAC_H
 
+#include "format/parts.h"
 #include "time/rate.h"
 
 #define CW_INTEGRATION_BITS 11u
@@ -38,6 +39,28 @@ static inline bool cw_mac_is_fast(const cw_mac *mac)
 {
     return mac->fd && mac->fd->fast;
 }
+
+/* Return true when the bit in progress is the one at whose sample point the data phase begins, or
+ * ends, if no fault comes (D10). */
+static inline bool cw_mac_begins_data_phase(const cw_mac *mac)
+{
+    return mac->fd && mac->phase == CW_MAC_FRAME && mac->part == CW_PART_BRS;
+}
+
+static inline bool cw_mac_ends_data_phase(const cw_mac *mac)
+{
+    return mac->phase == CW_MAC_FRAME && mac->part == CW_PART_CRC_DELIMITER;
+}
+
+/* Returns true in res and BRS. A transmitter measures its delay in res (D13). */
+static inline bool cw_mac_comes_to_data_phase(const cw_mac *mac)
+{
+    return mac->fd && mac->phase == CW_MAC_FRAME &&
+           (mac->part == CW_PART_RES || mac->part == CW_PART_BRS);
+}
+
+/* Returns true when an edge makes the controller count anew, see cw_mac_note_edge(). */
+bool cw_mac_counts_edges(const cw_mac *mac);
 
 /* Returns false when edges do not move the controller: it is transmitter, in the data phase
  * (D12). */

@@ -20,7 +20,8 @@ static bool divides_bits(const cw_rule_set *set, const cw_rule_state *s)
 {
     const cw_rate rate = cw_wire_rate(set->bus.time);
     const uint64_t whole = cw_rate_ticks(rate, cw_rate_bits(rate, s->rule.for_ticks));
-    return cw_rule_is(s, CW_IN_TIME) || (cw_rule_is(s, CW_ON_LINE) && whole != s->rule.for_ticks);
+    const bool lasts_bits = whole == s->rule.for_ticks && (!set->bus.divided || whole == 0);
+    return cw_rule_is(s, CW_IN_TIME) || (cw_rule_is(s, CW_ON_LINE) && !lasts_bits);
 }
 
 /* Counts rules by kind, so that the common cases are skipped quickly. */

@@ -167,6 +167,7 @@ bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes)
     if (nodes == 0 || !cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))
         return false;
     s->hit_now = true;
+    s->source = (uint8_t)cw_lowest_node(nodes);
     if (s->rule.at == 0)
         s->on_wire = wires_of(set, nodes); /* the bit of that wire alone */
     s->bits_done = 0;

@@ -139,6 +139,7 @@ typedef struct cw_rule_bus {
     uint64_t all; /* nodes */
     uint64_t seed;
     bool fd;      /* some node knows FD frames */
+    bool divided; /* some node has a data rate: bits may be shorter than the rate says (D10) */
     const flag_watch *error_flag;
     const flag_watch *overload_flag;
     const uint64_t *wires; /* sets of nodes that share one ... */

@@ -8,7 +8,7 @@ void cw_count_clean_bits_now(cw_bus *bus)
 {
     bus->stats.bits += bus->clean_bits;
     bus->stats.busy_bits += bus->clean_bits;
-    cw_load_add(&bus->load, bus->clean_bits, true);
+    cw_load_add(&bus->load, bus->clean_bits * bus->load.unit, true);
     bus->clean_bits = 0;
 }
 

@@ -49,11 +49,12 @@ static void pin_frame(cw_bus *bus, unsigned i)
     cw_pin_first(&bus->nodes[i]);
 }
 
-/* Makes an FD frame that has just been queued one that the controller would send now (D8). Not
- * inlined, so that classical frames need no room for it. */
-__attribute__((noinline)) static void complete_fd(const bus_node *n)
+/* Not inlined, so that classical frames need no room for it. */
+__attribute__((noinline)) void cw_complete_fd(const cw_bus *bus, const bus_node *n)
 {
     cw_queue_slot *slot = cw_queue_at(&n->queue, n->queue.newest);
+    if (bus->timed.rates && (slot->frame->flags & CW_FRAME_BRS))
+        slot->fast_from = (uint8_t)cw_bits_find_fast(slot->frame);
     const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
     if (slot->frame->flags == flags)
         return;
@@ -69,7 +70,7 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
     assert(put);
     (void)put;
     if (cw_frame_is_fd(frame))
-        complete_fd(n);
+        cw_complete_fd(bus, n);
     bus->queued++;
     if (cw_queue_first(&n->queue) == n->queue.newest)
         cw_queue_changed(bus, i);

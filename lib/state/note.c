@@ -76,6 +76,7 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels)
     bit_note *note = &bus->note;
     note->start = cw_now(bus);
     note->end = cw_bit_end(bus);
+    note->fast = cw_fast_nodes(bus);
     note->levels = *levels;
     note->sampled = levels->sampled | bus->all;
     note->wanted = UINT64_MAX;

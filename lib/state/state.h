@@ -8,7 +8,7 @@
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
- *   note.c       the bit in progress, for traces
+ *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
 #ifndef CANWIRE_STATE_H
@@ -76,6 +76,7 @@ typedef struct bit_note {
     uint64_t sampled; /* by the controllers, after their modes have hidden levels */
     uint64_t wanted;  /* levels that would be driven without faults */
     uint64_t alike;   /* nodes that follow one controller, and have one level */
+    uint64_t fast;    /* nodes that began it at the data rate */
     unsigned wire_count;
     cw_bit_node nodes[CW_NODES_MAX]; /* without wire, state and counters; nodes that are alike share
                                         the first entry */
@@ -126,6 +127,7 @@ typedef struct cw_frame_step {
     cw_look look;         /* the next bit that a rule looks at; at a hit, single bits go on */
     uint16_t length;      /* SOF to EOF */
     uint8_t after_ack;    /* of these, behind the bit in which it is acknowledged */
+    cw_fast_part fast;    /* the bits at the data rate, if any */
     const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
     cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
                              that slot */
@@ -204,6 +206,10 @@ void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
 
 /* Puts a valid frame into a node's queue. cw_refusal() must have returned CW_DROP_COUNT. */
 void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
+
+/* Makes the FD frame that has just been put into the queue one that the controller would send now
+ * (D8). Finds where it goes on at the data rate. */
+void cw_complete_fd(const cw_bus *bus, const bus_node *node);
 
 /* Returns true when the frame is valid, and one that the controller of the node knows (D17). */
 static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_frame *frame)
@@ -368,6 +374,22 @@ void cw_leave(cw_bus *bus, uint64_t nodes);
 /* Takes nodes off the bus, moves them to other wires and forbids them to acknowledge, as the active
  * rules and the hosts demand. Undoes all that no rule and no host demands any more. */
 void cw_apply_topology(cw_bus *bus);
+
+/* ---- rates.c --------------------------------------------------------------------------------- */
+
+/* Return the bit timing of the data phase of a node, and a clock, by its nominal bit timing. The
+ * clock only matters where there is a data rate. */
+cw_bit_timing cw_data_bit_timing(const cw_data_timing *data, const cw_bit_timing *nominal);
+cw_span cw_data_clock(const cw_data_timing *data, const cw_bit_timing *nominal);
+
+/* Gives a node its data phase, beside its nominal bit timing. Some node must have a data rate. */
+void cw_timed_set_data(cw_bus *bus, unsigned node, const cw_data_timing *data);
+
+/* Returns the nodes whose present bit goes by the data rate. */
+uint64_t cw_fast_nodes(const cw_bus *bus);
+
+/* Gives a node its next bit timing, at both rates. */
+void cw_timed_retime_rates(cw_bus *bus, unsigned node);
 
 /* ---- note.c ---------------------------------------------------------------------------------- */
 

@@ -76,9 +76,11 @@ void cw_sync_stats_add(cw_sync_stats *sum, const cw_sync_stats *more)
 
 /* ---- Load ------------------------------------------------------------------------------------ */
 
-void cw_load_init(cw_load *load, cw_rate rate)
+void cw_load_init(cw_load *load, cw_rate rate, bool divided)
 {
-    *load = (cw_load){.slice_bits = cw_rate_bits(rate, CW_CLOCK_HZ / CW_LOAD_SLICES)};
+    const uint64_t ticks = CW_CLOCK_HZ / CW_LOAD_SLICES;
+    *load = (cw_load){.unit = divided ? (uint32_t)cw_rate_ticks(rate, 1) : 1,
+                      .slice_bits = divided ? ticks : cw_rate_bits(rate, ticks)};
     if (load->slice_bits == 0)
         load->slice_bits = 1;
     load->slice_left = load->slice_bits;

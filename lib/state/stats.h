@@ -13,21 +13,23 @@ void cw_delay_add(cw_delay *delay, uint64_t ticks);
 #define CW_LOAD_SLICES 10
 
 typedef struct cw_load {
-    uint64_t slice_bits;  /* bits of one slice, at least 1 */
-    uint64_t bits;        /* bits seen */
-    uint64_t slice_left;   /* bits that the present slice still takes */
+    uint32_t unit;        /* of a bit: 1, or its ticks where some bits are shorter (D10) */
+    uint64_t slice_bits;  /* units of one slice, at least 1 */
+    uint64_t bits;        /* units seen */
+    uint64_t slice_left;   /* units that the present slice still takes */
     uint64_t slice_number; /* number of the present slice since bit 0 */
     unsigned slice;        /* its place: slice_number % CW_LOAD_SLICES */
     uint32_t busy[CW_LOAD_SLICES];
 } cw_load;
 
-void cw_load_init(cw_load *load, cw_rate rate);
+/* divided: bits may be shorter than the rate says. */
+void cw_load_init(cw_load *load, cw_rate rate, bool divided);
 
-/* Adds bits, all busy or all not, that the present slice cannot take alone. The caller adds them to
- * load->bits. */
+/* Adds units, all busy or all not, that the present slice cannot take alone. The caller adds them
+ * to load->bits. */
 void cw_load_add_slices(cw_load *load, uint64_t bits, bool busy);
 
-/* Adds bits that are all busy or all not. */
+/* Adds units that are all busy or all not. */
 static inline void cw_load_add(cw_load *load, uint64_t bits, bool busy)
 {
     load->bits += bits;

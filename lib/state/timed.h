@@ -10,6 +10,7 @@
 #include "canwire.h"
 #include "rule/disturb.h"
 #include "time/cable.h"
+#include "time/fast.h"
 #include "time/pcs.h"
 
 /* The next thing that a node does. At one moment all looks come first, then all ends, then all
@@ -96,8 +97,9 @@ typedef struct cw_ringing {
 /* The two rates of a node (D10). */
 typedef struct timed_rates {
     cw_bit_timing nominal;
-    cw_data_timing data;  /* with its quantum; the nominal bit timing where it has no other one */
-    cw_data_timing next;  /* of nodes that are `retimed` */
+    cw_bit_timing data;   /* the nominal bit timing where it has no other one */
+    cw_data_timing given; /* by the host */
+    cw_data_timing next;  /* ... of nodes that are `retimed` */
     bool fast;            /* the present bit goes by the data rate, after the sample point of BRS */
     cw_late_compare late;
     cw_data_stats stats;
@@ -107,6 +109,7 @@ typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
     bool uniform;   /* all nodes have the bit timing of the bus, and no delays */
+    uint64_t short_ticks; /* by which busy bits so far were shorter than nominal ones */
     bool rings;     /* the wire swings at some node after edges to recessive, or has done so */
     bool rings_before; /* it swung otherwise before the last change, and nodes still look there */
     bool requested; /* by cw_bus_set_own_clocks() */
@@ -132,6 +135,7 @@ typedef struct cw_timed {
     timed_node *nodes;
     cw_bit_timing *next_timings; /* of nodes that are `retimed` */
     timed_rates *rates;  /* of each node; NULL: no node has a data rate */
+    cw_fast_bits fast;   /* of clean frames, where bits are common to all nodes */
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
     bool calm;               /* nothing acts on levels, and nothing is marked, see is_calm() */
@@ -210,6 +214,12 @@ static inline void cw_timed_set_timing(timed_node *n, const cw_bit_timing *timin
     n->timing = *timing;
     n->to_sample = timing->quantum * cw_bit_timing_sample_at(timing);
     cw_pcs_begin_bit(&n->begun, timing);
+}
+
+/* Returns the bit timing of a node at one of its rates. */
+static inline const cw_bit_timing *cw_timing_at(const timed_rates *rates, bool fast)
+{
+    return fast ? &rates->data : &rates->nominal;
 }
 
 /* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */

@@ -135,7 +135,7 @@ void cw_watch_view(cw_bus *bus, unsigned view, uint64_t bits)
     watch_flag(&bus->error_flag, view & CW_WIRE_ERROR, bits, &bus->stats.error_frames);
     watch_flag(&bus->overload_flag, view & CW_WIRE_OVERLOAD, bits, &bus->stats.overload_frames);
     bus->stats.busy_bits += view & CW_WIRE_BUSY ? bits : 0;
-    cw_load_add(&bus->load, bits, view & CW_WIRE_BUSY);
+    cw_load_add(&bus->load, bits * bus->load.unit - bus->time.short_by, view & CW_WIRE_BUSY);
 }
 
 /* ---- One bit --------------------------------------------------------------------------------- */

@@ -29,6 +29,10 @@ static void move(cw_bus *bus, unsigned bits)
 
 static void pass(cw_bus *bus, unsigned bits)
 {
+    if (bus->frame_step.fast.to) {
+        cw_frame_step_pass_fast(bus, bits);
+        return;
+    }
     move(bus, bits);
     cw_frame_step_count_bits(bus, bits);
     if (bus->rules.awake_count && !bus->frame_step.at_work)
@@ -55,6 +59,8 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     const cw_frame_step *step = &bus->frame_step;
     unsigned bits = cw_frame_step_next_moment(bus) - step->at;
     bits = (unsigned)cw_least(bits, end_of(step) - (uint64_t)step->at);
+    if (step->fast.to)
+        return cw_frame_step_fast_bits(bus, tick, bits);
     if (step->look.bit != CW_NO_LOOK)
         bits = (unsigned)cw_least(bits, (uint64_t)step->look.bit - step->at);
     bits = bits_up_to(bus, tick, bits);
@@ -122,7 +128,10 @@ static void go_straight_to_end(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     const unsigned bits = step->length + CW_INTERMISSION_BITS - step->at;
-    cw_frame_step_count_bits(bus, bits);
+    if (step->fast.to)
+        cw_frame_step_count_fast(bus, bits);
+    else
+        cw_frame_step_count_bits(bus, bits);
     step->hidden = 0; /* all losses happen from here on */
     if (bus->rules.awake_count)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
@@ -130,6 +139,8 @@ static void go_straight_to_end(cw_bus *bus)
         step->at = (uint16_t)cw_frame_step_pass_to(bus, step->at, step->next_loss + 1u);
         cw_losses_report(bus);
     }
+    if (step->fast.to)
+        cw_frame_step_save_time(bus);
     cw_frame_step_go_to_end(bus, step->at);
 }
 
@@ -165,7 +176,7 @@ static bool can_go_to_end(cw_bus *bus, uint64_t tick)
     const unsigned bits = end - step->at;
     bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* traffic rules send after a
                                                                           frame */
-    return cw_wire_fits(&bus->time, bits, tick) && step->tail == 0 && !step->at_work && !traffic &&
+    return cw_frame_step_tick(bus, end) <= tick && step->tail == 0 && !step->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
            cw_frame_step_is_undisturbed_until(bus, cw_frame_step_tick(bus, end)) &&
            cw_frame_step_is_noise_free(bus, bits) && rules_let_pass(bus);
@@ -201,7 +212,8 @@ static void look_at_stop(cw_bus *bus)
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
-    if (cw_frame_step_is_broken(bus) || step->at == end_of(step)) {
+    const bool observed = step->fast.to && bus->rules.awake_count;
+    if (cw_frame_step_is_broken(bus) || step->at == end_of(step) || observed) {
         cw_wake_controllers(bus);
         return;
     }
@@ -222,7 +234,7 @@ static void go_on(cw_bus *bus, uint64_t tick)
         pass(bus, bits - 1);
     else if (!pass_under_rules(bus, bits))
         return;
-    cw_take_inbox_before(bus, cw_bit_end(bus));
+    cw_take_inbox_before(bus, cw_frame_step_tick(bus, step->at + 1u));
     pass(bus, 1);
     cw_frame_step_run_moment(bus);
     if (step->at == step->length + CW_INTERMISSION_BITS)

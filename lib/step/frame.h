@@ -7,6 +7,7 @@
  *   frame_moment.c  acts at the end of single bits; losses.c finds lost arbitrations
  *   frame_look.c    finds the bits that rules look at; frame_read.c answers functions that read
  *   frame_end.c     ends a step before its frame ends
+ *   frame_fast.c    frames with a part at the data rate
  */
 #ifndef CANWIRE_STEP_FRAME_H
 #define CANWIRE_STEP_FRAME_H
@@ -135,11 +136,27 @@ static inline unsigned cw_frame_step_pass_to(cw_bus *bus, unsigned from, unsigne
 /* Adds bits of the frame to the statistics. */
 static inline void cw_frame_step_count_bits(cw_bus *bus, unsigned bits)
 {
+    assert(bus->frame_step.fast.to == 0);
     cw_count_clean_bits(bus);
     bus->stats.bits += bits;
     bus->stats.busy_bits += bits;
-    cw_load_add(&bus->load, bits, true);
+    cw_load_add(&bus->load, bits * bus->load.unit, true);
 }
+
+/* ---- frame_fast.c, for frames with a part at the data rate ----------------------------------- */
+
+/* Returns the bits to go at once, at least 1 and at most `most`, see bits_to_go(). */
+unsigned cw_frame_step_fast_bits(const cw_bus *bus, uint64_t tick, unsigned most);
+
+/* Adds the next bits of the frame to the statistics. */
+void cw_frame_step_count_fast(cw_bus *bus, unsigned bits);
+
+/* Passes some bits. */
+void cw_frame_step_pass_fast(cw_bus *bus, unsigned bits);
+
+/* Takes off the time that the rest of the frame saves, all at once. From then on its bits are as
+ * long as others. The step goes to its end, and no moment lies before the end of the data phase. */
+void cw_frame_step_save_time(cw_bus *bus);
 
 /* ---- losses.c -------------------------------------------------------------------------------- */
 

@@ -7,6 +7,8 @@
 #include "format/bits.h"
 #include "mac/confinement.h"
 
+#define AFTER_CRC_DELIMITER (CW_FD_AFTER_ACK_BITS + 1) /* bits, up to the end of an FD frame */
+
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
 /* Cheap checks come first, since this runs for every bit in the middle of a frame. */
@@ -150,6 +152,9 @@ __attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
         return true;
     refresh_esi(n, slot);
     bus->frame_step.after_ack = CW_FD_AFTER_ACK_BITS;
+    if (slot->fast_from)
+        bus->frame_step.fast = (cw_fast_part){
+            .from = slot->fast_from, .to = (uint16_t)(slot->wire_bits - AFTER_CRC_DELIMITER)};
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
 }
 
@@ -164,11 +169,14 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
     bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
+    bus->frame_step.fast = (cw_fast_part){.to = 0};
     if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)))
         return false;
     const bool waits = cw_rules_wait_for_frames(&bus->rules);
     uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
     bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
+    if (bus->frame_step.fast.to && (watched || bus->rules.awake_count))
+        return false; /* its bits are looked at one by one */
     if (watched && (at_work || cw_rules_act_first(bus, watched)))
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);

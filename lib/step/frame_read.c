@@ -4,6 +4,8 @@
  */
 #include "step/frame.h"
 
+#define LEAST_NOMINAL_BITS 25u /* of an FD frame, up to where it is received; others may be short */
+
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -28,7 +30,8 @@ static uint64_t clean_horizon(const cw_bus *bus)
         return step->length - CW_AFTER_ACCEPT_BITS - step->at;
     if (step->at < step->length)
         return step->length - step->at;
-    return bus->waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+    const unsigned least = bus->timed.rates ? LEAST_NOMINAL_BITS : CW_FRAME_BITS_MIN - 1;
+    return bus->waiting ? least : CW_QUIET_FOREVER;
 }
 
 uint64_t cw_frame_step_horizon(const cw_bus *bus)

@@ -16,6 +16,13 @@ static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned
     return passes;
 }
 
+/* It is apart for the same reason. */
+static __attribute__((noinline)) void count_and_save_time(cw_bus *bus, unsigned bits)
+{
+    cw_frame_step_count_fast(bus, bits);
+    cw_frame_step_save_time(bus);
+}
+
 bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -25,9 +32,10 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
     step->listeners = bus->outlook.listeners;
     step->length = first->wire_bits;
     const unsigned bits = step->length + CW_INTERMISSION_BITS;
-    if (!cw_wire_fits(&bus->time, bits, tick) || bus->rules.awake_count ||
-        cw_host_side_acts(bus) ||
-        !cw_frame_step_is_undisturbed_until(bus, cw_wire_tick(&bus->time, bits)) ||
+    step->at = 0;
+    const uint64_t end = cw_frame_step_tick(bus, bits);
+    if (end > tick || bus->rules.awake_count || cw_host_side_acts(bus) ||
+        !cw_frame_step_is_undisturbed_until(bus, end) ||
         (step->watched && !cw_rules_count_off(&bus->rules, winner) &&
          !rule_lets_whole_pass(bus, winner, first->frame)))
         return false;
@@ -36,7 +44,10 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
     step->node = (uint8_t)winner;
     step->contenders = contenders;
     cw_losses_hide(bus);
-    bus->clean_bits += bits;
+    if (step->fast.to)
+        count_and_save_time(bus, bits);
+    else
+        bus->clean_bits += bits;
     cw_frame_step_go_to_end(bus, 0);
     return true;
 }

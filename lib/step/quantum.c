@@ -12,7 +12,7 @@
  */
 #include "step/quantum.h"
 
-#include "mac/mac.h"
+#include "mac/late.h"
 
 #include <assert.h>
 
@@ -79,7 +79,8 @@ static void end_steadiness(cw_bus *bus)
 static bool goes_ahead(cw_bus *bus, unsigned i)
 {
     const timed_node *n = node_at(bus, i);
-    return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven);
+    return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven) &&
+           !cw_timed_compares_late(bus, i);
 }
 
 /* Plans the next bit of a node that has nothing to report at the end of this one. calm: see
@@ -185,13 +186,18 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
-    cw_timed_retime(&bus->timed, i);
+    cw_timed_retime(bus, i);
+    if (bus->timed.rates)
+        cw_timed_begin_at_rate(bus, i);
     cw_timed_begin(n);
     n->looked = moment;
     if (bus->timed.marking)
         cw_mark_put(bus, CW_MARK_BEGIN, i, moment, n->driven, 0);
     cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, after_quanta(n, n->pcs.sample_at));
     drive(bus, i, moment);
+    if (cw_timed_compares_late(bus, i))
+        cw_late_begin_bit(&bus->timed.rates[i].late, &bus->nodes[i].mac, bus->nodes[i].mac.driven,
+                          moment);
 }
 
 /* Begins the bits of all nodes that begin one at a moment. Returns these nodes. */
@@ -243,7 +249,7 @@ static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
 }
 
 /* Not inlined, since mostly no frame comes. */
-__attribute__((noinline)) static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
+__attribute__((noinline)) static void take_some_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_span end_of_bit = node_at(bus, i)->next_begin;
     if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
@@ -255,15 +261,24 @@ __attribute__((noinline)) static void take_frames(cw_bus *bus, unsigned i, cw_sp
     end_steadiness(bus);
 }
 
+static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
+{
+    if (cw_inbox_first(bus) < cw_tick_of(bus, node_at(bus, i)->next_begin))
+        take_some_frames(bus, i, moment);
+}
+
 static void sample(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
     cw_mac *m = &bus->nodes[i].mac;
     const cw_mac_phase phase = cw_mac_get_phase(m);
     const bool level = cw_timed_sample(bus, i, moment);
+    const bool may_change_rate = bus->timed.rates && phase == CW_MAC_FRAME;
     n->next_begin = after_quanta(n, n->pcs.end_at);
-    if (cw_inbox_first(bus) < cw_tick_of(bus, n->next_begin))
+    if (!may_change_rate)
         take_frames(bus, i, moment);
+    if (cw_timed_compares_late(bus, i))
+        cw_timed_compare_late(bus, i, moment);
     if (bus->timed.marking)
         cw_mark_put(bus, CW_MARK_SAMPLE, i, moment, cw_mac_visible(m, level), 0);
     cw_mac_sample(m, level, &n->report);
@@ -275,6 +290,10 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (cw_mac_get_phase(m) != phase)
         end_steadiness(bus);
     n->looked = moment;
+    if (may_change_rate) {
+        cw_timed_follow_rate(bus, i, moment);
+        take_frames(bus, i, moment); /* in a frame it does not matter that this comes later */
+    }
     if (has_report(n) || (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n)))
         plan_end(bus, i);
     else
@@ -303,7 +322,8 @@ static bool has_edges_to_take(const cw_bus *bus, unsigned i)
         return false;
     const bool notes = (t->counts || t->reports_syncs) &&
                        cw_mac_synchronises_hard(&bus->nodes[i].mac);
-    return notes || !cw_timed_edge_is_on_time(bus, n);
+    const bool counts = cw_mac_counts_edges(&bus->nodes[i].mac); /* others may be faster (D20) */
+    return notes || counts || !cw_timed_edge_is_on_time(bus, n);
 }
 
 /* A node that has gone ahead begins its bit now, when it is about to sample it. */

@@ -6,6 +6,7 @@
  *   quantum.c       all that nodes do, in the order of time
  *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
+ *   quantum_rate.c  the two rates of FD frames
  *   quantum_wires.c wires that rules cut and join
  *   quantum_ringing.c  the wire swings after edges to recessive
  *   quantum_rest.c  bit times in which all nodes rest
@@ -35,11 +36,13 @@ static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 }
 
 /* Takes the new bit timing of a node between two of its bits, if it has been given one. */
-static inline void cw_timed_retime(cw_timed *t, unsigned node)
+static inline void cw_timed_retime(cw_bus *bus, unsigned node)
 {
-    timed_node *n = &t->nodes[node];
-    if (n->retimed)
-        cw_timed_set_timing(n, &t->next_timings[node]);
+    timed_node *n = &bus->timed.nodes[node];
+    if (n->retimed && bus->timed.rates)
+        cw_timed_retime_rates(bus, node);
+    else if (n->retimed)
+        cw_timed_set_timing(n, &bus->timed.next_timings[node]);
     n->retimed = false;
 }
 
@@ -130,6 +133,48 @@ static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const timed_node 
  * CW_SPAN_MAX: it did not. */
 cw_span cw_timed_change(const cw_bus *bus, unsigned node, bool level, cw_span after,
                         cw_span before);
+
+/* ---- quantum_rate.c, where some node has a data rate ----------------------------------------- */
+
+/* Begins with the rate of its controller. */
+void cw_timed_enter_rate(cw_bus *bus, unsigned node);
+
+/* Begins in the middle of a bit, at the rate that the node had on the old bus. */
+void cw_timed_take_over_rates(cw_bus *bus, unsigned node, const cw_bus *old, unsigned from);
+
+/* Lets a bit begin at the nominal rate when its controller has been taken out of the data phase
+ * from outside. */
+void cw_timed_begin_at_rate(cw_bus *bus, unsigned node);
+
+/* Changes the rate of a node when its controller has done so at a sample point (D10). */
+void cw_timed_follow_rate(cw_bus *bus, unsigned node, cw_span moment);
+
+/* Compares the bits of a transmitter whose secondary sample points lie before a sample point or at
+ * it (D13). */
+void cw_timed_compare_late(cw_bus *bus, unsigned node, cw_span until);
+
+/* Returns true when a node compares its bits so now, or will do so in this frame. In loopback it
+ * sees nothing but these bits (M15). */
+static inline bool cw_timed_compares_late(const cw_bus *bus, unsigned node)
+{
+    const cw_mac *mac = &bus->nodes[node].mac;
+    return bus->timed.rates && bus->timed.rates[node].late.tdc.mode != CW_TDC_OFF &&
+           cw_mac_is_sending(mac) && !(mac->modes & CW_MODE_LOOPBACK);
+}
+
+/* Returns the moment at which the next bits of all nodes begin together. Those that are away do not
+ * count. CW_SPAN_MAX: there is none. */
+cw_span cw_timed_common_begin(const cw_bus *bus);
+
+/* Finds the end of the bit time that begins now. The bits that begin with it must have begun. */
+void cw_timed_find_bit_end(cw_bus *bus);
+
+/* Returns true when all bits begin together at the present tick, as far as that can be. */
+static inline bool cw_timed_is_straight(const cw_bus *bus)
+{
+    return !bus->timed.rates || !bus->timed.uniform ||
+           cw_timed_common_begin(bus) == cw_moment_of(bus, cw_now(bus));
+}
 
 /* ---- quantum_wires.c ------------------------------------------------------------------------- */
 

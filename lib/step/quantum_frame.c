@@ -56,7 +56,8 @@ static bool may_go(const cw_bus *bus)
            bus->rules.awake_count == 0 && t->disturbances.count == 0 && t->cable.dominant == 0 &&
            !t->rings && t->touched == 0 && !bus->stepping && !bus->watching && !bus->pending &&
            bus->group_count == 1 && t->one_wire && !cw_host_side_acts(bus) &&
-           !bus->error_flag.now && !bus->overload_flag.now && !cw_rules_delay_edges(&bus->rules);
+           !bus->error_flag.now && !bus->overload_flag.now && !cw_rules_delay_edges(&bus->rules) &&
+           !cw_fast_nodes(bus) && cw_timed_is_straight(bus);
 }
 
 /* Finds the frame that comes next: the only one that waits, or the first one of the inbox. */
@@ -280,7 +281,7 @@ static void count_bits(cw_bus *bus, uint64_t bits, bool busy)
 {
     bus->stats.busy_bits += busy ? bits : 0;
     if (bits > 0)
-        cw_load_add(&bus->load, bits, busy);
+        cw_load_add(&bus->load, bits * bus->load.unit, busy);
 }
 
 /* Returns the bit times of the step that begin before a moment. */

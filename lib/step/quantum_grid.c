@@ -4,7 +4,7 @@
  */
 #include "step/quantum.h"
 
-#include "mac/mac.h"
+#include "mac/late.h"
 
 #define REBASE_AFTER (UINT64_C(1) << 28) /* ticks; moments stay below 2^61 */
 
@@ -26,7 +26,9 @@ static void forget_arrivals(const cw_cable *cable, timed_node *n)
 static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
-    cw_timed_retime(&bus->timed, i);
+    cw_timed_retime(bus, i);
+    if (bus->timed.rates)
+        cw_timed_enter_rate(bus, i);
     n->begin = n->next_begin = n->looked = moment;
     n->driven = last_driven(&bus->nodes[i].mac);
     n->ahead = false;
@@ -73,6 +75,8 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned 
     const agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
     const cw_bit_timing timing = n->timing;
     *n = old->timed.nodes[from];
+    if (bus->timed.rates)
+        cw_timed_take_over_rates(bus, i, old, from);
     forget_arrivals(&bus->timed.cable, n);
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
@@ -158,7 +162,7 @@ void cw_timed_leave(cw_bus *bus)
         return;
     if (t->cable.newest + t->cable.longest >= now || !all_begin_at(t, now))
         return;
-    t->active = false;
+    t->active = t->rates && cw_is_data_phase(bus);
 }
 
 void cw_timed_rebase(cw_bus *bus)
@@ -183,5 +187,7 @@ void cw_timed_rebase(cw_bus *bus)
         cw_cable_rebase_moment(&t->nodes[i].last_arrival, by);
         if (t->counts)
             t->records[i].sampled_at -= by;
+        if (t->rates)
+            cw_late_rebase(&t->rates[i].late, by);
     }
 }

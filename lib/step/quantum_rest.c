@@ -38,7 +38,8 @@ static bool all_rest(const cw_bus *bus)
     for (unsigned i = 0; i < bus->node_count; i++)
         if (!is_periodic(bus, i))
             return false;
-    return true;
+    return !cw_fast_nodes(bus) &&
+           (cw_timed_is_straight(bus) || cw_timed_common_begin(bus) == CW_SPAN_MAX);
 }
 
 static cw_span bit_of(const timed_node *n)

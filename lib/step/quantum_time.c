@@ -30,7 +30,7 @@ static bool level_of_wires(const cw_bus *bus, cw_span moment)
 static void end_bit_time(cw_bus *bus, cw_span end)
 {
     bus->wire = level_of_wires(bus, end);
-    cw_wire_pass(&bus->time, 1);
+    cw_wire_end_bit(&bus->time);
     bus->stats.bits++;
     bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
     if (bus->rules.awake_count)
@@ -88,6 +88,25 @@ static void note_levels(cw_bus *bus, cw_span moment)
     cw_view_note(bus, &levels);
 }
 
+/* Counts what is at the data rate, and the time by which busy bits are shorter than others. */
+static void count_rates(cw_bus *bus, unsigned view)
+{
+    const uint64_t ticks = cw_bit_end(bus) - cw_now(bus);
+    if (view & CW_WIRE_BUSY)
+        bus->timed.short_ticks += bus->time.short_by;
+    if (!cw_fast_nodes(bus))
+        return;
+    bus->stats.data_bits++;
+    bus->stats.data_ticks += ticks;
+}
+
+static void count_bit_time(cw_bus *bus, unsigned view)
+{
+    cw_watch_view(bus, view, 1);
+    if (bus->timed.rates)
+        count_rates(bus, view);
+}
+
 /* Counts load and flags of the bit time. Looks at controllers only when they may do something else
  * to the wire than before. */
 static void watch(cw_bus *bus)
@@ -95,16 +114,20 @@ static void watch(cw_bus *bus)
     cw_timed *t = &bus->timed;
     if (t->steady_at != cw_now(bus))
         t->view = cw_view_wire(bus);
-    cw_watch_view(bus, t->view, 1);
+    count_bit_time(bus, t->view);
     t->steady_at = cw_bit_end(bus);
 }
 
-static void begin_bit_time(cw_bus *bus, cw_span begin, cw_span end)
+/* Returns the end of the bit time. */
+static cw_span begin_bit_time(cw_bus *bus, cw_span begin)
 {
     cw_sync_begin_bit_time(bus);
     bus->timed.moment = begin;
     settle_for_rules(bus);
     const uint64_t nodes = cw_timed_begin_bits(bus, begin);
+    if (bus->timed.rates)
+        cw_timed_find_bit_end(bus);
+    const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
     watch(bus);
     forget_disturbances(bus, begin);
     if (bus->timed.rings_before)
@@ -112,6 +135,7 @@ static void begin_bit_time(cw_bus *bus, cw_span begin, cw_span end)
     cw_timed_let_rules_act(bus, nodes, begin, end);
     if (bus->stepping || bus->watching)
         note_levels(bus, begin);
+    return end;
 }
 
 /* ---- Bit times that begin alike -------------------------------------------------------------- */
@@ -154,7 +178,7 @@ static void pass_steady(cw_bus *bus, uint64_t tick)
     unsigned count = 0;
     for (; count < most && is_steady(bus); count++) {
         bus->timed.steady_at = cw_bit_end(bus);
-        cw_watch_view(bus, CW_WIRE_BUSY, 1);
+        count_bit_time(bus, CW_WIRE_BUSY);
         pass_bit_time(bus, cw_moment_of(bus, cw_bit_end(bus)));
     }
     bus->work += count;
@@ -166,10 +190,9 @@ void cw_step_bit_times(cw_bus *bus, uint64_t tick)
     if (!bus->timed.active)
         cw_timed_enter(bus);
     cw_timed_rebase(bus);
-    const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
-    begin_bit_time(bus, cw_moment_of(bus, cw_now(bus)), end);
-    pass_bit_time(bus, end);
-    if (bus->timed.requested || !bus->timed.uniform)
+    pass_bit_time(bus, begin_bit_time(bus, cw_moment_of(bus, cw_now(bus))));
+    const bool divided = bus->timed.rates && bus->timed.uniform; /* by rates: each has its end */
+    if ((bus->timed.requested || !bus->timed.uniform) && !divided)
         pass_steady(bus, tick);
     cw_timed_leave(bus);
 }

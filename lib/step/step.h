@@ -55,11 +55,16 @@ static inline void cw_watch_wire(cw_bus *bus, uint64_t bits)
 
 /* ---- quantum*.c ------------------------------------------------------------------------------ */
 
+/* Returns true when a node is at the data rate, or may be after its next sample point. Some node
+ * must have a data rate. */
+bool cw_is_data_phase(const cw_bus *bus);
+
 /* Returns true when nodes go by their own clocks, because those may differ, or for a test. */
 static inline bool cw_is_off_grid(const cw_bus *bus)
 {
     return bus->timed.active || !bus->timed.uniform ||
-           ((bus->timed.requested || bus->rules.timed_rules) && bus->timed.divides);
+           ((bus->timed.requested || bus->rules.timed_rules) && bus->timed.divides) ||
+           (bus->timed.rates && cw_is_data_phase(bus));
 }
 
 /* Simulates the next bit time of the bus, in which each node goes by its own clock. Goes on with
@@ -107,7 +112,10 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
  * of the intermission count on after those of the frame. */
 static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 {
-    return cw_wire_tick(&bus->time, (uint64_t)n - bus->frame_step.at);
+    const cw_frame_step *step = &bus->frame_step;
+    if (step->fast.to)
+        return cw_fast_tick(&bus->time, &bus->timed.fast, &step->fast, step->at, n);
+    return cw_wire_tick(&bus->time, (uint64_t)n - step->at);
 }
 
 /* Continues the frame step that is under way, or begins one with the next frame. It goes as far as

@@ -60,16 +60,29 @@ static inline uint64_t cw_wire_bit_end(const cw_wire_time *t)
     return cw_wire_tick(t, 1) - t->short_by;
 }
 
+/* Ends the bit that has begun. */
+static inline void cw_wire_end_bit(cw_wire_time *t)
+{
+    t->now = cw_wire_bit_end(t);
+    t->short_by = 0;
+}
+
 /* Returns true when so many bits will have passed by a tick, which has not passed yet. */
 static inline bool cw_wire_fits(const cw_wire_time *t, uint64_t bits, uint64_t tick)
 {
     return tick - t->now >= cw_rate_ticks(t->rate, bits);
 }
 
+/* Returns true when one bit has room between two ticks. */
+static inline bool cw_wire_fits_after(const cw_wire_time *t, uint64_t begin, uint64_t tick)
+{
+    return tick >= begin && tick - begin >= cw_rate_ticks(t->rate, 1);
+}
+
 /* Returns the same for one bit and any tick. */
 static inline bool cw_wire_fits_bit(const cw_wire_time *t, uint64_t tick)
 {
-    return tick >= t->now && cw_wire_fits(t, 1, tick);
+    return cw_wire_fits_after(t, t->now, tick);
 }
 
 /* Returns the whole bits up to a tick, which has not passed yet. */

@@ -50,7 +50,7 @@ bool diff_same_event(const cw_event *a, const cw_event *b)
     SAME(state_before);
     SAME(why);
     SAME(lost_bit);
-    SAME(up);
+    SAME(fast);
     SAME(ticks);
     SAME(from);
     SAME(handed_in);
@@ -76,6 +76,10 @@ static void compare_bus_stats(comparison *c, const cw_bus *fast, const cw_bus *r
     SAME(ticks);
     SAME(bits);
     SAME(busy_bits);
+    SAME(busy_ticks);
+    SAME(data_bits);
+    SAME(data_ticks);
+    SAME(fd_frames);
     SAME(frames);
     SAME(frame_bits);
     SAME(error_frames);
@@ -143,6 +147,13 @@ static void compare_syncs(comparison *c, const cw_sync_stats *a, const cw_sync_s
     same(c, "margin", (uint64_t)a->margin, (uint64_t)b->margin);
 }
 
+static void compare_data(comparison *c, const cw_data_stats *a, const cw_data_stats *b)
+{
+    SAME(tdcv);
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
+        SAME(errors[i]);
+}
+
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
 {
     SAME(which);
@@ -159,12 +170,17 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
 {
     cw_node_stats stats[2];
     cw_sync_stats syncs[2];
+    cw_data_stats data[2];
     cw_settings settings[2];
     cw_status status = cw_node_get_stats(fast, c->number, &stats[0]);
     same(c, "status", status, cw_node_get_stats(reference, c->number, &stats[1]));
     if (status != CW_OK)
         return false;
     compare_node_stats(c, &stats[0], &stats[1]);
+    status = cw_node_get_data_stats(fast, c->number, &data[0]);
+    same(c, "status", status, cw_node_get_data_stats(reference, c->number, &data[1]));
+    if (status == CW_OK)
+        compare_data(c, &data[0], &data[1]);
     status = cw_node_get_sync_stats(fast, c->number, &syncs[0]);
     same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
     if (status == CW_OK)
@@ -212,6 +228,7 @@ static void compare_bits(comparison *c, const cw_bus *fast, const cw_bus *refere
     SAME(tx_faults);
     SAME(wire_faults);
     SAME(rx_faults);
+    SAME(fast);
     SAME(node_count);
     SAME(wire_count);
     c->of = "bit of node";

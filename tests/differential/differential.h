@@ -17,7 +17,7 @@
 #define DIFF_RULES_MAX 40u  /* of one configuration, and added while the bus runs */
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
 #define DIFF_NAMES 256u     /* distinct names of rules */
-#define DIFF_STYLES 16u
+#define DIFF_STYLES 18u
 #define DIFF_TIMED_BIT_MAX 8000u /* ticks; longer bits have no clocks of their own here */
 
 /* ---- Random numbers -------------------------------------------------------------------------- */
@@ -146,6 +146,8 @@ typedef struct diff_maker {
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
     bool clocks;      /* nodes have clocks of their own */
     bool fd;          /* nodes know FD frames, or not */
+    bool rates;       /* ... and have a data rate, mostly that of these timings */
+    cw_node_timing common;
     bool owned;       /* an identifier is sent by one node only, as it should be */
     unsigned frame_count;
     cw_frame frames[12]; /* of which the traffic consists */
@@ -155,6 +157,9 @@ cw_rule diff_random_rule(diff_maker *m);
 
 /* Draws the bit timing, the clock and the delays of a node; half of them have those of the bus. */
 void diff_random_timing(diff_maker *m, cw_node_timing *timing);
+
+/* Draws two rates, which all nodes can have in common. */
+void diff_random_rates(diff_maker *m, cw_node_timing *timing);
 
 /* Returns the frame with an identifier of that node, if identifiers belong to nodes. */
 cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node);

@@ -24,6 +24,9 @@
 #define TIMED (ACTION(PULSE) | ACTION(JITTER) | ACTION(RAMP)) /* they leave the grid */
 #define ALL_ACTIONS ((ACTION(COUNT) - 1) & ~TIMED)
 
+#define FD 1
+#define RATES 2
+
 typedef struct style {
     const char *name;
     unsigned weight; /* scenarios in about 100 */
@@ -40,7 +43,7 @@ typedef struct style {
     bool helps;       /* see add_plan_helper() */
     bool lines;       /* see add_line_rule() */
     bool clocks;      /* nodes have clocks of their own */
-    bool fd;          /* nodes know FD frames, or not */
+    uint8_t fd;       /* FD: nodes know FD frames, or not; RATES: ... and have a data rate */
 } style;
 
 static const style styles[DIFF_STYLES] = {
@@ -72,9 +75,13 @@ static const style styles[DIFF_STYLES] = {
     {"clocks", 6, 2000, 20000, 12, ALL_ACTIONS | TIMED, 10, 500, 50, 20, 20, false, false, false,
      true, false},
     {"FD frames", 8, 4000, 60000, 8, ALL_ACTIONS, 10, 500, 50, 20, 40, false, true, false, false,
-     true},
+     FD},
     {"bits of FD frames", 8, 4000, 40000, 12, POSITIONS | ACTION(NOISE) | ACTION(COUNTERS), 3, 700,
-     50, 2, 40, false, false, false, false, true},
+     50, 2, 40, false, false, false, false, FD},
+    {"data rates", 8, 4000, 60000, 8, ALL_ACTIONS, 10, 500, 50, 20, 40, false, true, false, false,
+     RATES},
+    {"bits at data rates", 8, 4000, 40000, 12, POSITIONS | ACTION(NOISE) | ACTION(COUNTERS), 3,
+     700, 50, 2, 40, false, false, false, false, RATES},
 };
 
 const char *diff_style_name(unsigned number)
@@ -156,6 +163,10 @@ static cw_node_config random_node(generator *g)
         node.restart_ticks = diff_random_ticks(m, 1, 3000);
     if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX)
         diff_random_timing(m, &node.timing);
+    if (m->rates)
+        node.timing = m->common;
+    if (m->rates && diff_chance(r, 10)) /* it does not go together with the others */
+        diff_random_rates(m, &node.timing);
     if (m->fd)
         node.protocol = random_protocol(r);
     return node;
@@ -730,7 +741,10 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->actions = g.style->actions;
     m->rarity = g.style->rarity;
     m->clocks = g.style->clocks;
-    m->fd = g.style->fd;
+    m->fd = g.style->fd != 0;
+    m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
+    if (m->rates)
+        diff_random_rates(m, &m->common);
     m->owned = diff_chance(&m->random, g.style->orderly);
     random_frames(m);
     random_plan(&g, &s->plans[0]);

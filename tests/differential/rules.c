@@ -72,6 +72,37 @@ void diff_random_timing(diff_maker *m, cw_node_timing *timing)
         timing->ringing = (cw_span)diff_below(r, bit / 2);
 }
 
+/* Draws the place of the sample point of a bit of so many quanta. */
+static cw_bit_timing random_segments(diff_random *r, unsigned quanta, unsigned most_behind)
+{
+    const unsigned behind = (unsigned)diff_between(r, 1, most_behind);
+    const unsigned first = (unsigned)diff_between(r, 1, quanta - behind - 1);
+    const unsigned less = behind < first ? behind : first;
+    return (cw_bit_timing){.prop_seg = (uint16_t)(quanta - behind - first - 1),
+                           .phase_seg1 = (uint16_t)first, .phase_seg2 = (uint16_t)behind,
+                           .sjw = (uint16_t)diff_between(r, 1, less)};
+}
+
+/* The bit has 20 quanta at least, the one of the data phase at most half as many. */
+void diff_random_rates(diff_maker *m, cw_node_timing *timing)
+{
+    diff_random *r = &m->random;
+    cw_data_timing *data = &timing->data;
+    do {
+        data->brp = (uint32_t)diff_between(r, 1, m->bit / 20);
+    } while (m->bit % data->brp || m->bit / data->brp > 400);
+    const unsigned quanta = (unsigned)(m->bit / data->brp);
+    const unsigned fast = (unsigned)diff_between(r, 8, quanta / 2);
+    data->data_brp = data->brp;
+    data->bit = random_segments(r, fast, fast / 2);
+    timing->bit = random_segments(r, quanta, quanta / 2);
+    while (timing->bit.phase_seg2 < data->bit.phase_seg2) /* each bit lasts as long as it should */
+        timing->bit = random_segments(r, quanta, quanta / 2);
+    timing->bit.quantum = (cw_span)data->brp * CW_TICK;
+    data->tdc.mode = (cw_tdc_mode)diff_below(r, 3);
+    data->tdc.tdco = (uint32_t)diff_between(r, 1, (uint64_t)fast * data->brp);
+}
+
 cw_settings diff_random_settings(diff_maker *m)
 {
     diff_random *r = &m->random;
@@ -89,6 +120,11 @@ cw_settings diff_random_settings(diff_maker *m)
     if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX && diff_chance(r, 200)) {
         s.which |= CW_SET_TIMING;
         s.timing = random_bit_timing(m);
+    }
+    if (m->rates && diff_chance(r, 50)) {
+        s.which |= CW_SET_DATA;
+        s.data = m->common.data;
+        s.data.tdc.mode = (cw_tdc_mode)diff_below(r, 3);
     }
     return s;
 }

@@ -185,7 +185,10 @@ static bool is_foreseeable(const cw_event *e)
  * unforeseen happens. Nothing comes when it has reported a resting bus. */
 static void check_next(pair *p, const side *s, size_t from, uint64_t next)
 {
-    if (next != CW_NEVER && !cw_bus_is_on_grid(s->bus)) /* it may come earlier in the bit time */
+    cw_data_stats data;
+    const bool rates = cw_node_get_data_stats(s->bus, 0, &data) == CW_OK;
+    const bool common = cw_bus_is_on_grid(s->bus) && !rates;
+    if (next != CW_NEVER && !common) /* it may come earlier in the bit time */
         next = next > p->bit_ticks ? next - p->bit_ticks : 0;
     const uint32_t unforeseen = ~(1u << CW_EVENT_ARBITRATION_LOST);
     for (size_t i = from; i < s->count; i++) {

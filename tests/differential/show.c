@@ -282,6 +282,13 @@ static void write_timing(FILE *out, const cw_node_timing *t)
         fputs(".bit = ", out);
         write_bit_timing(out, &t->bit);
     }
+    if (t->data.data_brp) {
+        fprintf(out, ".data = {.brp = %u, .data_brp = %u, .tdc = {%u, %u, %u}, .bit = ",
+                t->data.brp, t->data.data_brp, (unsigned)t->data.tdc.mode, t->data.tdc.tdco,
+                t->data.tdc.tdcv);
+        write_bit_timing(out, &t->data.bit);
+        fputs("}, ", out);
+    }
     fprintf(out, ".tx_delay = {%" PRId64 ", %" PRId64 "}, .rx_delay = {%" PRId64 ", %" PRId64 "}, ",
             t->tx_delay[0], t->tx_delay[1], t->rx_delay[0], t->rx_delay[1]);
     fprintf(out, ".place = %" PRId64 ", .ringing = %" PRId64 "}, ", t->place, t->ringing);

@@ -2,14 +2,15 @@
  *
  * quanta.h - controllers with clocks of their own, time quantum by time quantum.
  *
- * For tests only: slow and obvious, written from the rules of bit timing (T1 to T9 and T12 of
- * RULES.md). Each node looks at the wire at the end of each of its quanta. It sees the levels that
- * all nodes have driven before that moment, each as late as its delays say.
+ * For tests only: slow and obvious, written from the rules of bit timing (T1 to T9, T12 and D10 to
+ * D13 of RULES.md). Each node looks at the wire at the end of each of its quanta. It sees the
+ * levels that all nodes have driven before that moment, each as late as its delays say.
  */
 #ifndef CANWIRE_TEST_QUANTA_H
 #define CANWIRE_TEST_QUANTA_H
 
 #include "canwire.h"
+#include "mac/mac.h"
 
 #include <assert.h>
 #include <stdbool.h>
@@ -30,9 +31,28 @@ typedef struct quanta_timing {
     bool triple; /* T7 */
 } quanta_timing;
 
+#define QUANTA_LATE 64u /* bits of a transmitter that are remembered for later comparisons */
+
+/* The data phase of a node that knows FD frames. */
+typedef struct quanta_data {
+    quanta_timing timing;
+    int64_t clock;      /* of which delays are made */
+    cw_tdc tdc;
+    int64_t res_at;     /* begin of the own res bit; -1: the delay is known */
+    int64_t delay;
+    int64_t begun_at[QUANTA_LATE]; /* own bits of the data phase that are not compared yet */
+    bool sent[QUANTA_LATE];
+    unsigned count;
+} quanta_data;
+
 typedef struct quanta_node {
     cw_mac mac;
-    quanta_timing timing;
+    cw_fd_part fd;
+    bool knows_fd;
+    bool fast;          /* the bit goes by data.timing (D10) */
+    quanta_data data;
+    quanta_timing nominal;
+    quanta_timing timing; /* the present one */
     int64_t now;        /* end of the quantum that has just passed */
     unsigned count;     /* quanta of this bit that have passed */
     unsigned sample_at; /* ... at the sample point, as synchronisation has moved it */
@@ -99,11 +119,23 @@ static inline void quanta_add(quanta *q, const quanta_timing *timing, int64_t ph
 {
     quanta_node *n = &q->nodes[q->node_count++];
     *n = (quanta_node){.timing = *timing, .now = phase,
-                       .before = CW_RECESSIVE, .first = CW_RECESSIVE,
+                       .nominal = *timing, .before = CW_RECESSIVE, .first = CW_RECESSIVE,
                        .last_sample = CW_RECESSIVE, .driven = CW_RECESSIVE,
                        .ringing_since = INT64_MIN / 2,
                        .sample_at = 1 + timing->prop + timing->seg1, .end_at = quanta_bit(timing)};
     cw_mac_init(&n->mac, 0, 96);
+    (void)cw_mac_drive(&n->mac);
+}
+
+/* Lets the last node know FD frames, with that data phase. */
+static inline void quanta_add_data(quanta *q, unsigned protocol, const quanta_timing *timing,
+                                   int64_t clock, const cw_tdc *tdc)
+{
+    quanta_node *n = &q->nodes[q->node_count - 1];
+    n->knows_fd = true;
+    n->data = (quanta_data){.timing = *timing, .clock = clock, .tdc = *tdc, .res_at = -1};
+    (void)cw_mac_set_protocol(&n->mac, protocol, &n->fd);
+    n->fd.compares_late = tdc->mode != CW_TDC_OFF;
     (void)cw_mac_drive(&n->mac);
 }
 
@@ -198,7 +230,10 @@ static inline bool quanta_synchronises_hard(const quanta_node *n)
     const bool rests = phase == CW_MAC_IDLE || phase == CW_MAC_SUSPEND;
     const bool late = phase == CW_MAC_INTERMISSION && n->mac.count > 0;
     const bool off = phase == CW_MAC_BUS_OFF || phase == CW_MAC_RECOVERING;
-    return rests || late || off || phase == CW_MAC_INTEGRATING;
+    const cw_place place = cw_mac_place(&n->mac);
+    const bool res = phase == CW_MAC_FRAME && place.field == CW_FIELD_RES && !place.stuff &&
+                     cw_mac_role(&n->mac) == CW_ROLE_RECEIVER; /* D12 */
+    return rests || late || off || res || phase == CW_MAC_INTEGRATING;
 }
 
 /* An edge keeps the delays of the moment at which it is driven. */
@@ -212,6 +247,28 @@ static inline void quanta_put_edge(quanta *q, unsigned i, bool level)
         n->edge_delay[place][to] = q->delay[i][to][level] + late;
 }
 
+/* Remembers when the transmitter began res, and bits that it compares later (D13). */
+static inline void quanta_remember(quanta_node *n)
+{
+    const cw_place place = cw_mac_place(&n->mac);
+    quanta_data *d = &n->data;
+    if (!n->knows_fd || d->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(&n->mac))
+        return;
+    if (place.field == CW_FIELD_SOF)
+        d->res_at = -1;
+    if (place.field == CW_FIELD_RES && (n->fd.offer.flags & CW_FRAME_BRS)) {
+        d->res_at = d->tdc.mode == CW_TDC_AUTO ? n->now : -1;
+        d->delay = d->tdc.mode == CW_TDC_AUTO ? d->delay : d->tdc.tdcv * d->clock;
+    }
+    if (!n->fast)
+        d->count = 0;
+    if (!n->fast || place.field == CW_FIELD_CRC_DELIMITER)
+        return;
+    assert(d->count < QUANTA_LATE);
+    d->begun_at[d->count] = n->now;
+    d->sent[d->count++] = n->mac.driven;
+}
+
 static inline void quanta_drive(quanta *q, unsigned i)
 {
     quanta_node *n = &q->nodes[i];
@@ -222,6 +279,7 @@ static inline void quanta_drive(quanta *q, unsigned i)
     if (level != n->driven)
         quanta_put_edge(q, i, level);
     n->driven = level;
+    quanta_remember(n);
     if (q->bit_begun)
         q->bit_begun(q, i);
 }
@@ -260,6 +318,7 @@ static inline void quanta_synchronise_late(quanta_node *n, unsigned e)
         return;
     n->synchronised = true;
     quanta_count_sync(n, (int)e);
+    cw_mac_note_edge(&n->mac);
     if (quanta_synchronises_hard(n)) {
         n->count = 1;
         return;
@@ -275,6 +334,7 @@ static inline void quanta_synchronise_early(quanta *q, unsigned i, unsigned earl
     quanta_node *n = &q->nodes[i];
     n->synchronised = true;
     quanta_count_sync(n, -(int)early);
+    cw_mac_note_edge(&n->mac);
     if (quanta_synchronises_hard(n) || early <= n->timing.sjw)
         quanta_begin_bit(q, i, 1);
     else
@@ -288,7 +348,8 @@ static inline void quanta_watch_edge(quanta *q, unsigned i, bool level)
     const bool edge = n->before == CW_RECESSIVE && level == CW_DOMINANT;
     const unsigned in = n->count - 1; /* the quantum that the edge came in */
     n->before = level;
-    if (!edge || n->synchronised || n->last_sample == CW_DOMINANT)
+    const bool sends_fast = n->fast && cw_mac_role(&n->mac) == CW_ROLE_TRANSMITTER; /* D12 */
+    if (!edge || n->synchronised || n->last_sample == CW_DOMINANT || sends_fast)
         return;
     if (n->sampled)
         quanta_synchronise_early(q, i, n->end_at - in);
@@ -296,10 +357,62 @@ static inline void quanta_watch_edge(quanta *q, unsigned i, bool level)
         quanta_synchronise_late(n, in);
 }
 
+/* Looks for the own edge to res, clock by clock, up to now. */
+static inline void quanta_measure_delay(const quanta *q, unsigned i)
+{
+    quanta_data *d = &((quanta *)(uintptr_t)q)->nodes[i].data;
+    for (int64_t k = 0; d->res_at >= 0; k++) {
+        const int64_t end = d->res_at + (k + 1) * d->clock;
+        if (end > q->nodes[i].now)
+            return;
+        if (quanta_level_at(q, i, end) == CW_DOMINANT) {
+            d->delay = k * d->clock;
+            d->res_at = -1;
+        }
+    }
+}
+
+/* Compares the own bits whose secondary sample points have passed (D13). */
+static inline void quanta_compare_late(quanta *q, unsigned i)
+{
+    quanta_node *n = &q->nodes[i];
+    quanta_data *d = &n->data;
+    if (!n->knows_fd || d->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(&n->mac))
+        return;
+    quanta_measure_delay(q, i);
+    bool wrong = false;
+    unsigned left = 0;
+    for (unsigned k = 0; k < d->count; k++) {
+        const int64_t after = d->delay + d->tdc.tdco * d->clock;
+        const int64_t at = d->begun_at[k] + (after > 0 ? after : d->clock);
+        if (n->fast && at <= n->now) {
+            wrong = wrong || quanta_level_at(q, i, at) != d->sent[k];
+            continue;
+        }
+        d->begun_at[left] = d->begun_at[k];
+        d->sent[left++] = d->sent[k];
+    }
+    d->count = left;
+    if (wrong)
+        cw_mac_note_late_error(&n->mac);
+}
+
+/* Goes on with the bit as if it had been at the other rate since its begin (D10). */
+static inline void quanta_change_rate(quanta_node *n)
+{
+    if (!n->knows_fd || n->fd.fast == n->fast)
+        return;
+    n->fast = n->fd.fast;
+    n->timing = n->fast ? n->data.timing : n->nominal;
+    n->count = 1 + n->timing.prop + n->timing.seg1;
+    n->end_at = quanta_bit(&n->timing);
+}
+
 static inline void quanta_sample(quanta_node *n, bool level)
 {
     cw_mac_report report;
     cw_mac_sample(&n->mac, level, &report);
+    quanta_change_rate(n);
     n->report = report;
     n->sampled = true;
     n->synchronised = false;
@@ -356,6 +469,7 @@ static inline void quanta_step_node(quanta *q, unsigned i)
     if (!n->sampled && n->count == n->sample_at) {
         const bool taken = n->timing.triple ? majority : level;
         quanta_measure(q, i, taken);
+        quanta_compare_late(q, i);
         quanta_sample(n, taken);
         n->sampled_at = n->now;
         n->measures = !quanta_synchronises_hard(n);

@@ -264,6 +264,56 @@ static void draw_faults(uint64_t seed)
         s->nodes[i].timing.ringing = draw() % 2 ? draw_part_of_bit(draw() % 2 ? 100 : 900) : 0;
 }
 
+/* Draws a data phase with bits of 1/8 to 1/2 of the others. */
+static cw_data_timing draw_data(const cw_bit_timing *nominal)
+{
+    const unsigned whole = cw_bit_timing_quanta(nominal);
+    cw_data_timing d = {.brp = (uint32_t)between(1, 8)};
+    d.data_brp = (uint32_t)between(1, (int64_t)d.brp);
+    const unsigned most = whole * d.brp / d.data_brp / 2;
+    d.bit = (cw_bit_timing){.prop_seg = (uint16_t)between(0, most / 3),
+                            .phase_seg1 = (uint16_t)between(1, 1 + most / 4),
+                            .phase_seg2 = (uint16_t)between(1, 1 + most / 4), .sjw = 1};
+    const unsigned clocks = cw_bit_timing_quanta(&d.bit) * d.data_brp;
+    d.tdc.mode = (cw_tdc_mode)between(CW_TDC_OFF, CW_TDC_MANUAL);
+    d.tdc.tdco = (uint32_t)between(0, clocks);
+    d.tdc.tdcv = d.tdc.mode == CW_TDC_MANUAL ? (uint32_t)between(0, clocks) : 0;
+    return d;
+}
+
+static void make_fd(cw_frame *f)
+{
+    static const uint8_t flags[] = {0, CW_FRAME_FD, CW_FRAME_FD | CW_FRAME_BRS,
+                                    CW_FRAME_FD | CW_FRAME_BRS};
+    f->flags |= flags[draw() % 4];
+    if (f->flags & CW_FRAME_FD)
+        f->dlc = (uint8_t)between(0, 15);
+    for (unsigned i = 8; i < CW_FRAME_DATA_MAX; i++)
+        f->data[i] = (uint8_t)(draw() % 3 ? 0 : draw());
+}
+
+/* Most nodes have the same data phase; some know no FD frames. Half of the buses have faults. */
+static void draw_rates(uint64_t seed)
+{
+    (seed % 2 ? draw_scenario : draw_faults)(seed);
+    scenario *s = &now_tested;
+    const cw_data_timing common = draw_data(&s->nodes[0].timing.bit);
+    const bool others = draw() % 3 == 0;
+    for (unsigned i = 0; i < s->node_count; i++) {
+        cw_node_config *n = &s->nodes[i];
+        n->protocol = (uint8_t)(others && draw() % 3 == 0 ? draw() % 2 : CW_FD);
+        if (n->protocol != CW_FD)
+            continue;
+        n->timing.data = draw() % 8 ? common : draw_data(&n->timing.bit);
+        for (unsigned k = 0; k < FRAMES; k++)
+            make_fd(&s->frames[i][k]);
+    }
+    for (unsigned i = 0; i < s->node_count; i++) /* no longer than some bits of the data phase */
+        s->nodes[i].timing.place /= 4;
+    if (s->rule_count) /* so that bit times of the bus do not follow the rates */
+        s->nodes[0].timing.place++;
+}
+
 /* ---- Events ---------------------------------------------------------------------------------- */
 
 typedef struct event {
@@ -295,10 +345,11 @@ static void add_event(events *all, uint64_t tick, unsigned node, cw_event_kind k
     all->list[place] = (event){tick, node, kind, details};
 }
 
-static uint64_t details_of_error(const cw_error *e, unsigned tec, unsigned rec)
+static uint64_t details_of_error(const cw_error *e, bool fast, unsigned tec, unsigned rec)
 {
-    return (uint64_t)e->type << 56 | (uint64_t)e->role << 52 | (uint64_t)e->place.field << 40 |
-           (uint64_t)e->place.index << 32 | (uint64_t)e->flag << 28 | (uint64_t)tec << 12 | rec;
+    return (uint64_t)fast << 60 | (uint64_t)e->type << 56 | (uint64_t)e->role << 52 |
+           (uint64_t)e->place.field << 40 | (uint64_t)e->place.index << 32 |
+           (uint64_t)e->flag << 28 | (uint64_t)tec << 12 | rec;
 }
 
 static uint64_t details_of_frame(const cw_frame *f)
@@ -321,7 +372,10 @@ static void note_report(const quanta *q, unsigned i)
         add_event(&of_quanta, tick, i, CW_EVENT_ARBITRATION_LOST, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
         add_event(&of_quanta, tick, i, CW_EVENT_ERROR,
-                  details_of_error(&r->error, cw_mac_tec(&n->mac), cw_mac_rec(&n->mac)));
+                  details_of_error(&r->error, r->what & CW_REPORT_FAST, cw_mac_tec(&n->mac),
+                                   cw_mac_rec(&n->mac)));
+    if (r->what & CW_REPORT_EXCEPTION)
+        add_event(&of_quanta, tick, i, CW_EVENT_EXCEPTION, 0);
     if (r->what & CW_REPORT_OVERLOAD)
         add_event(&of_quanta, tick, i, CW_EVENT_OVERLOAD, 0);
     if (r->what & CW_REPORT_RX)
@@ -335,7 +389,7 @@ static uint64_t details_of(const cw_event *e, unsigned *sent)
     if (e->kind == CW_EVENT_ARBITRATION_LOST)
         return e->lost_bit;
     if (e->kind == CW_EVENT_ERROR)
-        return details_of_error(&e->error, e->tec, e->rec);
+        return details_of_error(&e->error, e->fast, e->tec, e->rec);
     if (e->kind == CW_EVENT_RX)
         return details_of_frame(&e->frame);
     return e->kind == CW_EVENT_TX ? ++*sent : 0;
@@ -539,6 +593,21 @@ static void change_ringing(quanta *q, const scenario *s, unsigned *done)
     }
 }
 
+/* Quanta of both phases are whole clocks. */
+static void add_data(quanta *all, const cw_node_config *node)
+{
+    const cw_data_timing *d = &node->timing.data;
+    const cw_span quantum = node->timing.bit.quantum;
+    quanta_timing timing = timing_of(d->data_brp ? &d->bit : &node->timing.bit);
+    if (node->protocol != CW_FD) {
+        (void)cw_mac_set_protocol(&all->nodes[all->node_count - 1].mac, node->protocol, NULL);
+        return;
+    }
+    if (d->data_brp)
+        timing.quantum = quantum * d->data_brp / d->brp;
+    quanta_add_data(all, CW_FD, &timing, d->brp ? quantum / d->brp : quantum, &d->tdc);
+}
+
 static unsigned changes_taken;
 static quanta q;
 static cw_sync_record records[QUANTA_NODES_MAX];
@@ -553,6 +622,7 @@ static void run_quanta(const scenario *s)
     for (unsigned i = 0; i < s->node_count; i++) {
         const quanta_timing timing = timing_of(&s->nodes[i].timing.bit);
         quanta_add(&q, &timing, 0);
+        add_data(&q, &s->nodes[i]);
         q.nodes[i].ringing = s->nodes[i].timing.ringing;
     }
     cw_node_timing nodes[QUANTA_NODES_MAX];
@@ -724,12 +794,19 @@ static void delays_and_ringing_change_for_edges_to_come(void **unused)
     assert_true(changes_taken > 2 * FAULTY_SEEDS);
 }
 
+static void nodes_have_two_rates_quantum_by_quantum(void **unused)
+{
+    (void)unused;
+    compare_runs(draw_rates);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bus_does_what_its_nodes_do_quantum_by_quantum),
         cmocka_unit_test(faults_act_at_their_times_quantum_by_quantum),
         cmocka_unit_test(delays_and_ringing_change_for_edges_to_come),
+        cmocka_unit_test(nodes_have_two_rates_quantum_by_quantum),
     };
     return cmocka_run_group_tests_name("clocks of nodes", tests, NULL, NULL);
 }

@@ -95,6 +95,29 @@ static cw_node_timing timing_of(unsigned node, int32_t ppm)
         .tx_delay = {2 * CW_TICK, 2 * CW_TICK}, .rx_delay = {4 * CW_TICK, 4 * CW_TICK}};
 }
 
+/* ---- FD -------------------------------------------------------------------------------------- */
+
+#define FD_QUANTUM_TICKS 2 /* at both rates; a bit has 40 quanta, or 10 */
+
+static void make_fd_node(cw_node_config *node)
+{
+    _Static_assert(BENCH_BIT_TICKS == 40 * FD_QUANTUM_TICKS, "40 quanta");
+    node->protocol = CW_FD;
+    node->timing.bit = (cw_bit_timing){.quantum = FD_QUANTUM_TICKS * CW_TICK, .prop_seg = 23,
+                                       .phase_seg1 = 8, .phase_seg2 = 8, .sjw = 8};
+    node->timing.data = (cw_data_timing){.brp = FD_QUANTUM_TICKS, .data_brp = FD_QUANTUM_TICKS,
+                                         .bit = {.prop_seg = 5, .phase_seg1 = 2,
+                                                 .phase_seg2 = 2, .sjw = 2}};
+}
+
+static void make_fd_frame(cw_frame *frame, unsigned bytes)
+{
+    frame->flags |= CW_FRAME_FD | CW_FRAME_BRS;
+    frame->dlc = (uint8_t)cw_fd_dlc(bytes);
+    for (unsigned i = 8; i < bytes; i++)
+        frame->data[i] = (uint8_t)(frame->data[i % 8] + 29u * i);
+}
+
 /* ---- The bus --------------------------------------------------------------------------------- */
 
 static cw_bus *make_bus(const bench_bus_options *o)
@@ -108,6 +131,8 @@ static cw_bus *make_bus(const bench_bus_options *o)
         nodes[i] = (cw_node_config){.queue = QUEUE, .warning_limit = 96};
         if (o->ppm)
             nodes[i].timing = timing_of(i, o->ppm);
+        if (o->fd)
+            make_fd_node(&nodes[i]);
     }
     cw_bus *bus = cw_bus_init(bench_alloc(cw_bus_size(&config)), &config);
     if (!bus)
@@ -171,6 +196,8 @@ void *bench_bus_start(const void *options)
     s->bus = make_bus(&s->options);
     for (unsigned i = 0; i < BENCH_FRAMES; i++)
         s->frames[i % CW_NODES_MAX][i / CW_NODES_MAX] = bench_frame(i, i % CW_NODES_MAX, false);
+    for (unsigned i = 0; s->options.fd && i < BENCH_FRAMES; i++)
+        make_fd_frame(&s->frames[i % CW_NODES_MAX][i / CW_NODES_MAX], s->options.fd);
     const unsigned waiting = s->options.load ? 0 : s->options.senders * QUEUE;
     for (unsigned i = 0; i < waiting; i++) {
         hand_in(s, i % s->options.senders, 0);

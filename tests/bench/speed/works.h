@@ -68,6 +68,7 @@ typedef struct bench_bus_options {
     int32_t ppm;      /* nodes have clocks of their own, which differ by up to twice that, and
                          delays; 0: all clocks agree */
     unsigned load;    /* percent; 0: as much as fits */
+    unsigned fd;      /* bytes of FD frames with BRS, four times as fast; 0: classical frames */
 } bench_bus_options;
 
 void *bench_bus_start(const void *options);

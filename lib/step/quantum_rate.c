@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum_rate.c - the two rates of nodes with clocks of their own (D10 to D13), and how long a bit
+ * time of the bus lasts meanwhile.
+ *
+ * A bit time is a bit of the wire where all nodes agree in their timings, also in the data phase.
+ * So a bus that goes bit by bit, and one that leaps, stop at the same ticks. While bits of nodes do
+ * not begin together, a bit time is as long as a nominal bit. It ends earlier where they come
+ * together again.
+ */
+#include "step/quantum.h"
+
+#include "mac/late.h"
+
+/* ---- One node -------------------------------------------------------------------------------- */
+
+static timed_rates *rates_of(cw_bus *bus, unsigned i)
+{
+    return &bus->timed.rates[i];
+}
+
+void cw_timed_follow_rate(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = &bus->timed.nodes[i];
+    timed_rates *r = rates_of(bus, i);
+    if (r->fast == cw_mac_is_fast(&bus->nodes[i].mac))
+        return;
+    r->fast = !r->fast;
+    cw_timed_set_timing(n, cw_timing_at(r, r->fast));
+    cw_pcs_change_rate(&n->pcs, &n->timing);
+    n->begin = moment - n->to_sample;
+    n->next_begin = n->begin + n->pcs.end_at * n->timing.quantum;
+}
+
+void cw_timed_begin_at_rate(cw_bus *bus, unsigned i)
+{
+    timed_rates *r = rates_of(bus, i);
+    if (!r->fast || cw_mac_is_fast(&bus->nodes[i].mac))
+        return;
+    r->fast = false;
+    cw_timed_set_timing(&bus->timed.nodes[i], &r->nominal);
+}
+
+void cw_timed_enter_rate(cw_bus *bus, unsigned i)
+{
+    timed_rates *r = rates_of(bus, i);
+    r->fast = cw_mac_is_fast(&bus->nodes[i].mac);
+    cw_late_forget(&r->late);
+    if (r->fast && cw_mac_is_sending(&bus->nodes[i].mac))
+        cw_late_measured(&r->late, 0); /* so far its bits were those of all nodes */
+    cw_timed_set_timing(&bus->timed.nodes[i], cw_timing_at(r, r->fast));
+}
+
+/* The node goes on at its present rate. The bit timings of the new bus come with its next bit. */
+void cw_timed_take_over_rates(cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
+{
+    timed_rates *r = rates_of(bus, i);
+    r->next = r->given;
+    r->fast = cw_mac_is_fast(&bus->nodes[i].mac);
+    if (old->timed.rates)
+        r->fast = old->timed.rates[from].fast;
+}
+
+/* Measures the delay of the own edge to res, by the clocks up to a sample point. */
+static void measure(cw_bus *bus, unsigned i, cw_span until)
+{
+    cw_late_compare *late = &rates_of(bus, i)->late;
+    cw_span moment;
+    while (cw_late_measures(late, &bus->nodes[i].mac, &moment) && moment <= until)
+        cw_late_measure(late, cw_timed_level(bus, i, moment));
+    rates_of(bus, i)->stats.tdcv = cw_late_delay(late);
+}
+
+__attribute__((noinline)) void cw_timed_compare_late(cw_bus *bus, unsigned i, cw_span until)
+{
+    cw_mac *m = &bus->nodes[i].mac;
+    cw_late_compare *late = &rates_of(bus, i)->late;
+    cw_span moment;
+    measure(bus, i, until);
+    while (cw_late_is_due(late, m, &moment) && moment <= until) {
+        if (cw_late_compare_next(late, cw_timed_level(bus, i, moment)))
+            cw_mac_note_late_error(m);
+    }
+}
+
+/* ---- Bits that all nodes have in common ------------------------------------------------------ */
+
+/* Returns true when a node is at the data rate after its next sample point, if no fault comes. */
+static bool will_be_fast(const cw_bus *bus, const cw_mac *m)
+{
+    if (cw_mac_is_fast(m))
+        return !cw_mac_ends_data_phase(m);
+    return cw_mac_begins_data_phase(m) && bus->timed.cable.dominant == 0;
+}
+
+/* Returns the end of the bit of a node that begins at a moment, or has begun then. */
+static cw_span end_of_bit(const cw_bus *bus, unsigned i, cw_span begin)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    const timed_rates *r = &bus->timed.rates[i];
+    const bool fast = will_be_fast(bus, &bus->nodes[i].mac);
+    const unsigned sample_at = n->ahead ? n->begun.sample_at : n->pcs.sample_at;
+    const unsigned end_at = n->ahead ? n->begun.end_at : n->pcs.end_at;
+    if (fast == r->fast)
+        return begin + end_at * n->timing.quantum;
+    const cw_bit_timing *after = cw_timing_at(r, fast);
+    const unsigned rest = cw_bit_timing_quanta(after) - cw_bit_timing_sample_at(after);
+    return begin + sample_at * n->timing.quantum + rest * after->quantum;
+}
+
+/* Returns the begin of the next bit of a node. */
+static cw_span next_begin(const cw_bus *bus, unsigned i)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    if (n->ahead)
+        return end_of_bit(bus, i, n->next_begin);
+    return n->pcs.sampled ? n->next_begin : end_of_bit(bus, i, n->begin);
+}
+
+static bool is_away(const cw_mac *m)
+{
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+}
+
+cw_span cw_timed_common_begin(const cw_bus *bus)
+{
+    cw_span common = CW_SPAN_MAX;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        if (is_away(&bus->nodes[i].mac))
+            continue;
+        const cw_span next = next_begin(bus, i);
+        if (common != CW_SPAN_MAX && next != common)
+            return CW_SPAN_MAX;
+        common = next;
+    }
+    return common;
+}
+
+/* Lets a node that is away begin a bit with the others. Nobody can see when its bits begin. */
+static void align(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = &bus->timed.nodes[i];
+    if (next_begin(bus, i) == moment)
+        return;
+    cw_agenda_remove(&bus->timed.agenda, i);
+    cw_timed_begin_at_rate(bus, i);
+    n->ahead = false;
+    n->pcs.sampled = true;
+    n->pcs.synchronised = false;
+    n->next_begin = moment;
+    cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
+}
+
+static void align_away(cw_bus *bus, cw_span moment)
+{
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (is_away(&bus->nodes[i].mac))
+            align(bus, i, moment);
+}
+
+__attribute__((noinline)) void cw_timed_find_bit_end(cw_bus *bus)
+{
+    const cw_timed *t = &bus->timed;
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    bus->time.short_by = 0;
+    if (!t->uniform)
+        return;
+    const cw_span common = cw_timed_common_begin(bus);
+    if (common == CW_SPAN_MAX || common % CW_TICK || common - now > t->bit_time)
+        return;
+    bus->time.short_by = (uint32_t)((t->bit_time - (common - now)) / CW_TICK);
+    align_away(bus, common);
+}
+
+static bool may_be_fast(const cw_mac *m)
+{
+    return cw_mac_is_fast(m) || cw_mac_comes_to_data_phase(m);
+}
+
+bool cw_is_data_phase(const cw_bus *bus)
+{
+    if (bus->frame_step.active)
+        return false;
+    bool found = bus->followers && may_be_fast(&bus->common);
+    for (uint64_t rest = bus->all & ~bus->followers; !found && rest; rest &= rest - 1)
+        found = may_be_fast(&bus->nodes[cw_lowest_node(rest)].mac);
+    return found || cw_fast_nodes(bus);
+}
