@@ -94,8 +94,10 @@ static bool read_details(cw_event *out, const json_t *line)
     out->tec = (uint16_t)number_of(line, "tec");
     out->rec = (uint16_t)number_of(line, "rec");
     out->lost_bit = (uint8_t)number_of(line, "bit");
-    if (out->kind == CW_EVENT_ERROR)
+    if (out->kind == CW_EVENT_ERROR) {
+        out->fast = strcmp(text_of(line, "rate"), "data") == 0;
         return read_error(&out->error, line);
+    }
     if (out->kind == CW_EVENT_STATE)
         return find_state(&out->state, text_of(line, "state"));
     if (out->kind == CW_EVENT_DROP)

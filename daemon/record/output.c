@@ -207,6 +207,9 @@ static char *put_error(char *at, const cw_event *event)
     if (error->place.stuff) {
         at = chars_text(at, ",\"stuff\":true");
     }
+    if (event->fast) {
+        at = chars_text(at, ",\"rate\":\"data\"");
+    }
     at = put_word(at, ",\"flag\":\"", cw_flag_name(error->flag));
     return put_counters(at, event);
 }

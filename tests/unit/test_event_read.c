@@ -84,6 +84,28 @@ static void test_errors_of_each_type_in_each_field(void **state)
         }
 }
 
+static void test_the_rate_at_which_an_error_is_found(void **state)
+{
+    (void)state;
+    for (unsigned fast = 0; fast < 2; fast++) {
+        const cw_event event = {.tick = TICK,
+                                .kind = CW_EVENT_ERROR,
+                                .nodes = GEARBOX,
+                                .fast = fast != 0,
+                                .error = {.role = CW_ROLE_RECEIVER,
+                                          .type = CW_ERROR_STUFF,
+                                          .place = {.field = CW_FIELD_DATA}}};
+        check(&event);
+    }
+    cw_event read;
+    uint64_t time_ns;
+    assert_int_equal(read_text(&read, &time_ns,
+                               "{\"t\":1,\"node\":\"engine\",\"event\":\"error\",\"type\":\"bit\","
+                               "\"field\":\"data\",\"index\":3,\"rate\":\"data\"}"),
+                     EVENT_READ);
+    assert_true(read.fast);
+}
+
 static void test_each_state_and_each_reason_of_a_drop(void **state)
 {
     (void)state;
@@ -106,7 +128,7 @@ static void test_frames_restarts_and_time_that_is_skipped(void **state)
 {
     (void)state;
     const cw_event_kind kinds[] = {CW_EVENT_RX, CW_EVENT_TX, CW_EVENT_ARBITRATION_LOST,
-                                   CW_EVENT_RESTART};
+                                   CW_EVENT_RESTART, CW_EVENT_OVERLOAD, CW_EVENT_EXCEPTION};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         check(&(cw_event){.tick = TICK,
                           .kind = kinds[i],
@@ -156,6 +178,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_errors_of_each_type_in_each_field),
+        cmocka_unit_test(test_the_rate_at_which_an_error_is_found),
         cmocka_unit_test(test_each_state_and_each_reason_of_a_drop),
         cmocka_unit_test(test_frames_restarts_and_time_that_is_skipped),
         cmocka_unit_test(test_what_is_not_understood_is_no_event),

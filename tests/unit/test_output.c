@@ -123,6 +123,35 @@ static const line_case lines[] = {
      "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"error\",\"role\":\"tx\","
      "\"type\":\"stuff\",\"field\":\"data\",\"index\":23,\"stuff\":true,\"flag\":\"none\","
      "\"tec\":256,\"rec\":2}\n"},
+    {"error at the data rate",
+     output_event,
+     {.nodes = ENGINE,
+      .kind = CW_EVENT_ERROR,
+      .fast = true,
+      .tec = 8,
+      .error = {.type = CW_ERROR_FORM,
+                .role = CW_ROLE_TRANSMITTER,
+                .flag = CW_FLAG_ACTIVE,
+                .place = {.field = CW_FIELD_FIXED_STUFF, .index = 5, .stuff = true}}},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"error\",\"role\":\"tx\","
+     "\"type\":\"form\",\"field\":\"fixed-stuff\",\"index\":5,\"stuff\":true,\"rate\":\"data\","
+     "\"flag\":\"active\",\"tec\":8,\"rec\":0}\n"},
+    {"protocol exception",
+     output_event,
+     {.nodes = GEARBOX, .kind = CW_EVENT_EXCEPTION},
+     "{\"t\":0.000000000,\"node\":\"gear.box_2\",\"event\":\"protocol-exception\"}\n"},
+    {"tx of the longest frame, with flags",
+     output_event,
+     {.tick = 80,
+      .nodes = LOAD,
+      .kind = CW_EVENT_TX,
+      .frame = {.id = 0x1FFFFFFF,
+                .flags = CW_FRAME_EXTENDED | CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI,
+                .dlc = 15,
+                .data = {0xDE, [63] = 0xEF}}},
+     "{\"t\":0.000001000,\"node\":\"load\",\"event\":\"tx\",\"frame\":\"1FFFFFFF##3DE"
+     "00000000000000000000000000000000000000000000000000000000000000"
+     "00000000000000000000000000000000000000000000000000000000000000EF\"}\n"},
     {"state",
      output_event,
      {.nodes = ENGINE, .kind = CW_EVENT_STATE, .state = CW_STATE_BUS_OFF, .tec = 256},
