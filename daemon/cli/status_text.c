@@ -70,6 +70,22 @@ static void print_pace(FILE *out, const json_t *bus)
                 number(bus, "skips"), skipped_ms / 1000, skipped_ms % 1000);
 }
 
+/* Prints the busy bits and the load by rate, on a bus with CAN FD. */
+static void print_rates(FILE *out, const json_t *bus)
+{
+    static const char *const rates[] = {"nominal", "data"};
+    if (!json_object_get(bus, "fd_frames"))
+        return;
+    fprintf(out, "    fd-frames %jd", number(bus, "fd_frames"));
+    for (size_t i = 0; i < COUNT_OF(rates); i++) {
+        const json_t *rate = json_object_get(bus, rates[i]);
+        intmax_t load = number(rate, "load_permille");
+        fprintf(out, " %s-bits %jd load %jd.%jd %%", rates[i], number(rate, "bits"), load / 10,
+                load % 10);
+    }
+    fputc('\n', out);
+}
+
 static void print_bus(FILE *out, const json_t *bus)
 {
     intmax_t time_ns = number(bus, "time_ns");
@@ -80,22 +96,31 @@ static void print_bus(FILE *out, const json_t *bus)
             text(bus, "name"), number(bus, "bitrate"), time_ns / NS_PER_S,
             time_ns % NS_PER_S / 1000000, load / 10, load % 10, number(bus, "frames"),
             number(bus, "error_frames"), number(bus, "overload_frames"), number(bus, "faults"));
+    print_rates(out, bus);
     print_pace(out, bus);
 }
 
-/* Prints "<LISTEN-ONLY,ONE-SHOT> ", or nothing. */
-static void print_modes(FILE *out, const json_t *settings)
+/* Prints a mode behind `before`; the next one follows a comma. */
+static void print_mode(FILE *out, const char **before, const char *name)
+{
+    char flag[UPPER_MAX];
+    fprintf(out, "%s%s", *before, upper(flag, name));
+    *before = ",";
+}
+
+/* Prints "<LISTEN-ONLY,ONE-SHOT,TDC-AUTO> ", or nothing. */
+static void print_modes(FILE *out, const json_t *node)
 {
     const char *before = "<";
-    char flag[UPPER_MAX];
-    json_t *members = (json_t *)(uintptr_t)settings; /* the iterator does not accept a const
-                                                        object */
-    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
-        if (!json_is_true(json_object_iter_value(i)))
-            continue;
-        fprintf(out, "%s%s", before, upper(flag, json_object_iter_key(i)));
-        before = ",";
-    }
+    const char *tdc = text(json_object_get(node, "data_timing"), "tdc-mode");
+    json_t *members = json_object_get(node, "settings");
+    for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
+        if (json_is_true(json_object_iter_value(i)))
+            print_mode(out, &before, json_object_iter_key(i));
+    if (strcmp(tdc, "auto") == 0)
+        print_mode(out, &before, "tdc-auto");
+    if (strcmp(tdc, "manual") == 0)
+        print_mode(out, &before, "tdc-manual");
     if (*before == ',')
         fputs("> ", out);
 }
@@ -128,6 +153,21 @@ static void print_timing(FILE *out, const json_t *timing, intmax_t bitrate, intm
           out);
 }
 
+/* Prints the bit timing of the data phase, where a node has one. */
+static void print_data_timing(FILE *out, const json_t *timing)
+{
+    if (!json_is_object(timing))
+        return;
+    fprintf(out, "\t  dbitrate %jd dsample-point %s\n", number(timing, "dbitrate"),
+            text(timing, "dsample-point"));
+    fprintf(out, "\t  dtq %s dprop-seg %jd dphase-seg1 %jd dphase-seg2 %jd dsjw %jd dbrp %jd\n",
+            decimal_signed(number(timing, "dtq_ps"), 3).text, number(timing, "dprop-seg"),
+            number(timing, "dphase-seg1"), number(timing, "dphase-seg2"), number(timing, "dsjw"),
+            number(timing, "dbrp"));
+    if (strcmp(text(timing, "tdc-mode"), "off") != 0)
+        fprintf(out, "\t  tdcv %jd tdco %jd\n", number(timing, "tdcv"), number(timing, "tdco"));
+}
+
 /* Prints how the clock of a node keeps up with the bus, where nodes have clocks of their own. */
 static void print_synchronisation(FILE *out, const json_t *sync)
 {
@@ -147,12 +187,13 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     const json_t *settings = json_object_get(node, "settings");
     char state[UPPER_MAX];
     fputs("    can ", out);
-    print_modes(out, settings);
+    print_modes(out, node);
     fprintf(out, "state %s (berr-counter tx %jd rx %jd) restart-ms %jd\n",
             has_link(node) ? upper(state, text(node, "state")) : "STOPPED",
             number(node, "tec"), number(node, "rec"),
             number(settings, "restart-ms"));
     print_timing(out, json_object_get(node, "timing"), bitrate, number(settings, "warning-limit"));
+    print_data_timing(out, json_object_get(node, "data_timing"));
     print_synchronisation(out, json_object_get(node, "synchronisation"));
 }
 
@@ -202,6 +243,10 @@ static void print_counters(FILE *out, const json_t *node)
     };
     print_columns(out, node, controller, COUNT_OF(controller));
     print_columns(out, json_object_get(node, "errors"), errors, COUNT_OF(errors));
+    if (json_object_get(node, "data_errors")) {
+        fputs("\t  at the data rate:\n", out);
+        print_columns(out, json_object_get(node, "data_errors"), errors, COUNT_OF(errors));
+    }
     print_columns(out, node, more, COUNT_OF(more));
     fputs("\t  dropped:\n", out);
     print_columns(out, json_object_get(node, "dropped"), drops, COUNT_OF(drops));

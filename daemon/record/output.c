@@ -8,6 +8,7 @@
 #include "base/jsonput.h"
 #include "base/number.h"
 #include "config/portname.h"
+#include "record/rate_load.h"
 #include "trace/frametext.h"
 
 #include <assert.h>
@@ -284,6 +285,35 @@ static unsigned load_permille(const cw_bus_stats *stats)
     return cw_load_permille(&start, stats);
 }
 
+static json_t *json_of_load(rate_load load)
+{
+    json_t *object = json_object();
+
+    put_count(object, "bits", load.bits);
+    put_ticks(object, "time_ns", load.ticks);
+    put_count(object, "load_permille", load.permille);
+    return object;
+}
+
+/* Puts what CAN FD adds. */
+static void put_fd(json_t *object, const cw_bus_stats *stats)
+{
+    const cw_bus_stats start = {0};
+
+    put_count(object, "fd_frames", stats->fd_frames);
+    put(object, "nominal", json_of_load(rate_load_nominal(&start, stats)));
+    put(object, "data", json_of_load(rate_load_data(&start, stats)));
+}
+
+bool output_has_fd(const cw_bus *bus)
+{
+    cw_bus_stats stats;
+    cw_data_stats data;
+
+    cw_bus_get_stats(bus, &stats);
+    return stats.fd_frames > 0 || cw_node_get_data_stats(bus, 0, &data) == CW_OK;
+}
+
 json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
 {
     json_t *object = json_object();
@@ -305,6 +335,9 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     put_count(object, "undetected_errors", stats.undetected_errors);
     put_count(object, "faults", stats.faults);
     put_count(object, "pending", stats.pending);
+    if (output_has_fd(bus)) {
+        put_fd(object, &stats);
+    }
     return object;
 }
 
@@ -318,12 +351,12 @@ static json_t *stats_of_drops(const uint64_t dropped[CW_DROP_COUNT])
     return object;
 }
 
-static json_t *stats_of_errors(const cw_node_stats *stats)
+static json_t *stats_of_errors(const uint64_t errors[CW_ERROR_COUNT])
 {
     json_t *object = json_object();
 
     for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
-        put_count(object, cw_error_type_name((cw_error_type)i), stats->errors[i]);
+        put_count(object, cw_error_type_name((cw_error_type)i), errors[i]);
     }
     return object;
 }
@@ -372,7 +405,7 @@ static void put_traffic(json_t *object, const cw_node_stats *stats)
 /* Puts the counters of errors and losses. */
 static void put_troubles(json_t *object, const cw_node_stats *stats)
 {
-    put(object, "errors", stats_of_errors(stats));
+    put(object, "errors", stats_of_errors(stats->errors));
     put_count(object, "bus_errors", sum_of_errors(stats));
     put_count(object, "overloads", stats->overloads);
     put_count(object, "error_warning", stats->error_warning);
@@ -426,6 +459,15 @@ json_t *output_synchronisation(const cfg *config, const cw_bus *bus, unsigned no
     return object;
 }
 
+void output_put_data_errors(json_t *object, const cw_bus *bus, unsigned node)
+{
+    cw_data_stats stats;
+
+    if (cw_node_get_data_stats(bus, node, &stats) == CW_OK) {
+        put(object, "data_errors", stats_of_errors(stats.errors));
+    }
+}
+
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
 {
     json_t *array = json_array();
@@ -436,6 +478,7 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
         if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
             json_t *object = output_node_stats(&config->nodes[i], &stats);
             put(object, "synchronisation", output_synchronisation(config, bus, i));
+            output_put_data_errors(object, bus, i);
             put_last(array, object);
         }
     }

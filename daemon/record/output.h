@@ -34,6 +34,14 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus);
 json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats);
 json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 
+/* Returns true when there is anything to tell about CAN FD: nodes have a data rate, or there were
+ * CAN FD frames. */
+bool output_has_fd(const cw_bus *bus);
+
+/* Puts the errors that a node has found at the data rate, by type. Puts nothing on a bus without a
+ * data rate. */
+void output_put_data_errors(json_t *object, const cw_bus *bus, unsigned node);
+
 /* Finds out how the clock of a node keeps up with the bus. Returns false where nothing has been
  * counted on a bus whose clocks are all the same, or by a bus that does not count. */
 bool output_sync_stats(cw_sync_stats *stats, const cfg *config, const cw_bus *bus, unsigned node);

@@ -8,11 +8,15 @@
 #include "base/number.h"
 #include "base/thread.h"
 #include "engine/reload.h"
+#include "record/data_timing.h"
 #include "record/output.h"
+#include "record/rate_load.h"
 
+#include <canwire_bus_fd_t.h>
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
 #include <canwire_file_t.h>
+#include <canwire_node_fd_t.h>
 #include <canwire_node_stats_t.h>
 #include <canwire_node_timing_t.h>
 #include <errno.h>
@@ -57,6 +61,8 @@ struct publisher {
     char channel_timing[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
     char channel_file[CHANNEL_MAX];
+    char channel_bus_fd[CHANNEL_MAX];
+    char channel_node_fd[CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
     char *event_text; /* of open_memstream, reused */
@@ -217,6 +223,8 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
     (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
     (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
+    (void)snprintf(p->channel_bus_fd, CHANNEL_MAX, "CANWIRE.%s.FDBUS", bus);
+    (void)snprintf(p->channel_node_fd, CHANNEL_MAX, "CANWIRE.%s.FDNODE", bus);
 }
 
 static void free_publisher(publisher *p)
@@ -442,16 +450,63 @@ static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
     PUBLISH(p, p->channel_timing, canwire_node_timing_t, &m);
 }
 
+static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
+{
+    const cw_bus_stats start = {.bits = 0};
+    const rate_load nominal = rate_load_nominal(&start, s), data = rate_load_data(&start, s);
+    const canwire_bus_fd_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(s->ticks),
+        .bus = p->config->bus_name,
+        .fd_frames = (int64_t)s->fd_frames,
+        .nominal_bits = (int64_t)nominal.bits,
+        .nominal_ns = ticks_to_ns(nominal.ticks),
+        .nominal_load_period_permille = (int32_t)rate_load_nominal(&p->last_bus, s).permille,
+        .data_bits = (int64_t)data.bits,
+        .data_ns = ticks_to_ns(data.ticks),
+        .data_load_period_permille = (int32_t)rate_load_data(&p->last_bus, s).permille,
+    };
+    PUBLISH(p, p->channel_bus_fd, canwire_bus_fd_t, &m);
+}
+
+static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
+{
+    cw_data_stats s;
+    data_timing t = {.tdc.mode = CW_TDC_OFF};
+    if (cw_node_get_data_stats(bus, i, &s) != CW_OK)
+        return;
+    const bool has_rate = data_timing_now(&t, p->config, bus, i);
+    const canwire_node_fd_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
+        .bus = p->config->bus_name,
+        .node = p->config->nodes[i].name,
+        .dbitrate_bps = has_rate ? (int32_t)timing_bitrate_bps(&t.bit) : 0,
+        .data_bit_errors = (int64_t)s.errors[CW_ERROR_BIT],
+        .data_stuff_errors = (int64_t)s.errors[CW_ERROR_STUFF],
+        .data_form_errors = (int64_t)s.errors[CW_ERROR_FORM],
+        .data_crc_errors = (int64_t)s.errors[CW_ERROR_CRC],
+        .data_ack_errors = (int64_t)s.errors[CW_ERROR_ACK],
+        .tdc_mode = (char *)(uintptr_t)data_timing_tdc_name(t.tdc.mode), /* only read */
+        .tdcv = (int32_t)t.tdcv,
+        .tdco = (int32_t)t.tdc.tdco,
+    };
+    PUBLISH(p, p->channel_node_fd, canwire_node_fd_t, &m);
+}
+
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 {
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     publish_bus(p, &stats);
+    if (output_has_fd(bus))
+        publish_bus_fd(p, &stats);
     for (unsigned i = 0; i < p->config->node_count; i++) {
         cw_node_stats node;
         if (cw_node_get_stats(bus, i, &node) == CW_OK)
             publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
         publish_timing(p, bus, i);
+        publish_node_fd(p, bus, i);
     }
     p->last_bus = stats;
 }

@@ -6,6 +6,7 @@
 
 #include "base/jsonput.h"
 #include "base/number.h"
+#include "record/data_timing.h"
 #include "record/output.h"
 #include "run/settings.h"
 
@@ -38,18 +39,23 @@ static const char *const when_full_names[] = {
 #define PPB_PER_PERMILLE 1000000u
 #define SAMPLE_POINT_MAX 16 /* bytes of "0.875" and of any 32 bits */
 
+static void put_sample_point(json_t *object, const char *key, const bit_timing *t)
+{
+    char text[SAMPLE_POINT_MAX];
+    (void)snprintf(text, sizeof text, "0.%03" PRIu32,
+                   timing_sample_point_ppb(t) / PPB_PER_PERMILLE);
+    put_text(object, key, text);
+}
+
 /* Returns the bit timing that the node has now. */
 static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing *now)
 {
     json_t *object = json_object();
     bit_timing t;
     int64_t ppm;
-    char sample_point[SAMPLE_POINT_MAX];
     cfg_timing_now(&t, &ppm, config, node, now);
-    (void)snprintf(sample_point, sizeof sample_point, "0.%03" PRIu32,
-                   timing_sample_point_ppb(&t) / PPB_PER_PERMILLE);
     put_count(object, "bitrate", timing_bitrate_bps(&t));
-    put_text(object, "sample-point", sample_point);
+    put_sample_point(object, "sample-point", &t);
     put_count(object, "tq_ps", timing_quanta_ps(&t, 1));
     put_count(object, "prop-seg", t.prop_seg);
     put_count(object, "phase-seg1", t.phase_seg1);
@@ -60,6 +66,27 @@ static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing
     put(object, "ppm", json_integer(ppm));
     put_bool(object, "triple-sampling", now->triple_sampling);
     return object;
+}
+
+/* Puts the bit timing of the data phase, with the names of `ip link`, where the node has one. */
+static void put_data_timing(json_t *node, const cfg *config, const cw_bus *bus, unsigned index)
+{
+    data_timing t;
+    if (!data_timing_now(&t, config, bus, index))
+        return;
+    json_t *object = json_object();
+    put_count(object, "dbitrate", timing_bitrate_bps(&t.bit));
+    put_sample_point(object, "dsample-point", &t.bit);
+    put_count(object, "dtq_ps", timing_quanta_ps(&t.bit, 1));
+    put_count(object, "dprop-seg", t.bit.prop_seg);
+    put_count(object, "dphase-seg1", t.bit.phase_seg1);
+    put_count(object, "dphase-seg2", t.bit.phase_seg2);
+    put_count(object, "dsjw", t.bit.sjw);
+    put_count(object, "dbrp", t.bit.brp);
+    put_text(object, "tdc-mode", data_timing_tdc_name(t.tdc.mode));
+    put_count(object, "tdcv", t.tdcv);
+    put_count(object, "tdco", t.tdc.tdco);
+    put(node, "data_timing", object);
 }
 
 /* Returns the counters between the node and its ECU. */
@@ -97,7 +124,9 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
     put(object, "timing", timing_json(config, node, &settings.timing));
+    put_data_timing(object, config, bus, node);
     put(object, "synchronisation", output_synchronisation(config, bus, node));
+    output_put_data_errors(object, bus, node);
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);

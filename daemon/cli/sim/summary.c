@@ -4,6 +4,9 @@
  */
 #include "cli/sim/summary.h"
 
+#include "record/output.h"
+#include "record/rate_load.h"
+
 #include <inttypes.h>
 
 static uint64_t sum(const uint64_t *counters, unsigned count)
@@ -24,6 +27,23 @@ static void print_node(FILE *out, const cfg_node *node, const cw_node_stats *s)
             s->queue);
 }
 
+static void print_load(FILE *out, const char *rate, rate_load load)
+{
+    fprintf(out, "; %" PRIu64 " %s bits, load %u.%u %%", load.bits, rate, load.permille / 10,
+            load.permille % 10);
+}
+
+/* Prints what CAN FD adds. */
+static void print_fd(FILE *out, const cw_bus_stats *stats)
+{
+    const cw_bus_stats start = {.bits = 0};
+
+    fprintf(out, "CAN FD: %" PRIu64 " frames", stats->fd_frames);
+    print_load(out, "nominal", rate_load_nominal(&start, stats));
+    print_load(out, "data", rate_load_data(&start, stats));
+    fputc('\n', out);
+}
+
 void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
 {
     cw_bus_stats stats;
@@ -37,6 +57,8 @@ void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
             "%" PRIu64 " fault hits\n",
             config->bus_name, time, config->bitrate_bps, stats.frames, load / 10, load % 10,
             stats.error_frames, stats.faults);
+    if (output_has_fd(bus))
+        print_fd(out, &stats);
     fprintf(out, "%-16s %-13s %4s %4s %9s %9s %8s %8s %8s %7s\n", "node", "state", "tec", "rec",
             "tx", "rx", "arb-lost", "errors", "dropped", "queued");
     for (unsigned i = 0; i < config->node_count; i++) {
