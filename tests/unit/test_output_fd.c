@@ -201,10 +201,17 @@ static void the_statistics_of_both_rates(void **state)
     json_t *root = stats_of(&r);
     const json_t *bus = json_object_get(root, "bus");
     const json_t *nominal = json_object_get(bus, "nominal"), *data = json_object_get(bus, "data");
+    const cw_frame fd = {.id = 0x100, .flags = CW_FRAME_FD | CW_FRAME_BRS, .dlc = 11};
+    unsigned fast = 1; /* the CRC delimiter begins at the data rate */
     cw_bus_stats stats;
+    cw_bits bits;
 
     (void)state;
+    assert_int_equal(cw_bits_encode(&bits, &fd), CW_OK);
+    for (unsigned n = 0; n < bits.length; n++)
+        fast += cw_bits_is_fast(&bits, n);
     cw_bus_get_stats(r.bus, &stats);
+    assert_int_equal(number(data, "bits"), fast);
     assert_int_equal(number(bus, "fd_frames"), 1);
     assert_int_equal(number(data, "bits"), stats.data_bits);
     assert_int_equal(number(data, "time_ns"), stats.data_ticks * 25 / 2);
@@ -303,7 +310,7 @@ static void the_status_has_the_lines_of_ip(void **state)
 {
     static const char *const lines[] = {
         "\n    fd-frames 7 nominal-bits 1200 load 12.5 % data-bits 3400 load 8.7 %\n",
-        "\n    can <ONE-SHOT,TDC-AUTO> state ERROR-ACTIVE (berr-counter tx 8 rx 1) restart-ms 100\n",
+        "\n    can <ONE-SHOT,TDC-AUTO> state ERROR-ACTIVE (berr-counter tx 8 rx 1) ",
         "\n\t  clock 80000000\n",
         "\n\t  dbitrate 2000000 dsample-point 0.750\n",
         "\n\t  dtq 12.5 dprop-seg 14 dphase-seg1 15 dphase-seg2 10 dsjw 5 dbrp 1\n",
