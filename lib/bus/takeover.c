@@ -25,14 +25,14 @@ static void drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why)
 }
 
 /* Puts a frame into the queue of a node, as its controller would send it. */
-static bool put(cw_bus *bus, bus_node *n, const cw_queue_slot *slot)
+static bool put(bus_node *n, const cw_queue_slot *slot)
 {
     cw_frame frame;
     cw_frame_copy(&frame, slot->frame);
     if (!cw_queue_put(&n->queue, &frame, slot->handed_in))
         return false;
     if (cw_frame_is_fd(&frame))
-        cw_complete_fd(bus, n);
+        cw_complete_fd(n);
     return true;
 }
 
@@ -42,7 +42,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
     const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
     cw_drop why = cw_knows_frame(bus, i, slot->frame) ? CW_DROP_QUEUE_FULL : CW_DROP_BAD_FRAME;
     if (why == CW_DROP_BAD_FRAME || n->queue.count >= n->queue_limit ||
-        !put(bus, n, slot)) {
+        !put(n, slot)) {
         drop(bus, i, slot->frame, why);
         return;
     }

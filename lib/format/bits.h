@@ -36,12 +36,15 @@ unsigned cw_bits_measure_classical(const cw_frame *frame);
 /* Does the same as cw_bits_encode(), with some bits of the CRC sequence inverted. */
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inverted);
 
+/* Wire bits of an FD frame. */
+typedef struct cw_fd_length {
+    uint16_t bits;      /* SOF to EOF */
+    uint8_t behind_brs; /* number of the bit after BRS */
+} cw_fd_length;
+
 /* Do so for a valid FD frame. */
 void cw_bits_encode_fd(cw_bits *bits, const cw_frame *frame, unsigned inverted);
-unsigned cw_bits_measure_fd(const cw_frame *frame);
-
-/* Returns the wire bit after BRS of an FD frame. */
-unsigned cw_bits_find_fast(const cw_frame *frame);
+cw_fd_length cw_bits_measure_fd(const cw_frame *frame);
 
 /* Returns the wire bits of the stuff count and the CRC of an FD frame, with fixed stuff bits. */
 unsigned cw_fd_crc_wire_bits(const cw_form *form);

@@ -28,6 +28,7 @@ _Static_assert(CW_FRAME_BITS_MAX <= CW_BITS_MAX, "cw_bits has room for the longe
 /* Pad, SOF to data. */
 typedef struct plain_bytes {
     uint8_t bytes[PLAIN_BYTES];
+    unsigned head;  /* of these, up to the DLC */
     unsigned count;
     unsigned pad_bits;
 } plain_bytes;
@@ -54,6 +55,7 @@ static plain_bytes lay_out(const cw_frame *frame)
     for (unsigned n = 0; n < head_bytes; n++)
         plain.bytes[n] = (uint8_t)(padded >> (8 * (head_bytes - 1 - n)));
     memcpy(plain.bytes + head_bytes, frame->data, length);
+    plain.head = head_bytes;
     plain.count = head_bytes + length;
     return plain;
 }
@@ -196,29 +198,28 @@ static bool entry_ends_with_stuff_bit(uint32_t state, uint8_t byte)
     return after_change && (entry >> 63) == (byte & 1u ? 0u : 1u);
 }
 
-/* Not inlined, so that it does not keep the measuring of classical frames from being inlined. */
-__attribute__((noinline)) unsigned cw_bits_measure_fd(const cw_frame *frame)
+static unsigned measured(const cw_stuffed *all)
+{
+    return (unsigned)(all->lengths & LENGTHS_MASK);
+}
+
+/* The last byte of the head begins with FDF, res and BRS, which never get a stuff bit between them.
+ * Not inlined, so that it does not keep the measuring of classical frames from being inlined. */
+__attribute__((noinline)) cw_fd_length cw_bits_measure_fd(const cw_frame *frame)
 {
     const cw_form form = cw_frame_form(frame);
     const plain_bytes plain = lay_out(frame);
     cw_stuffed all = {.state = CW_STUFF_FIRST};
     unsigned n = 0;
+    for (; n + 1 < plain.head; n++)
+        cw_measure_byte(&all, plain.bytes[n]);
+    const unsigned behind_brs = measured(&all) - plain.pad_bits + 3;
     for (; n + 1 < plain.count; n++)
         cw_measure_byte(&all, plain.bytes[n]);
     const bool drops = entry_ends_with_stuff_bit(all.state, plain.bytes[n]);
     cw_measure_byte(&all, plain.bytes[n]);
-    return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits - drops +
-           cw_fd_crc_wire_bits(&form) + CW_FD_TAIL_BITS;
-}
-
-/* The last byte of the head begins with FDF, res and BRS, which never get a stuff bit between
- * them. */
-unsigned cw_bits_find_fast(const cw_frame *frame)
-{
-    unsigned pad_bits;
-    const cw_head head = pad_head(frame, &pad_bits);
-    cw_stuffed all = {.state = CW_STUFF_FIRST};
-    for (unsigned n = head.bits / 8 - 1; n > 0; n--)
-        cw_measure_byte(&all, (uint8_t)(head.number >> (8 * n)));
-    return (unsigned)(all.lengths & LENGTHS_MASK) - pad_bits + 3;
+    return (cw_fd_length){
+        .behind_brs = (uint8_t)behind_brs,
+        .bits = (uint16_t)(measured(&all) - plain.pad_bits - drops + cw_fd_crc_wire_bits(&form) +
+                           CW_FD_TAIL_BITS)};
 }

@@ -50,16 +50,14 @@ static void pin_frame(cw_bus *bus, unsigned i)
 }
 
 /* Not inlined, so that classical frames need no room for it. */
-__attribute__((noinline)) void cw_complete_fd(const cw_bus *bus, const bus_node *n)
+__attribute__((noinline)) void cw_complete_fd(const bus_node *n)
 {
     cw_queue_slot *slot = cw_queue_at(&n->queue, n->queue.newest);
-    if (bus->timed.rates && (slot->frame->flags & CW_FRAME_BRS))
-        slot->fast_from = (uint8_t)cw_bits_find_fast(slot->frame);
     const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
     if (slot->frame->flags == flags)
         return;
     slot->frame->flags = (uint8_t)flags;
-    slot->wire_bits = (uint16_t)cw_bits_measure_fd(slot->frame);
+    slot->wire_bits = cw_bits_measure_fd(slot->frame).bits;
 }
 
 void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
@@ -70,7 +68,7 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
     assert(put);
     (void)put;
     if (cw_frame_is_fd(frame))
-        cw_complete_fd(bus, n);
+        cw_complete_fd(n);
     bus->queued++;
     if (cw_queue_first(&n->queue) == n->queue.newest)
         cw_queue_changed(bus, i);

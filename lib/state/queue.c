@@ -51,8 +51,9 @@ static unsigned find_place(const cw_queue *q, uint32_t key)
 __attribute__((noinline)) static void put_fd(cw_queue_slot *slot, const cw_frame *frame,
                                               uint64_t handed_in, uint32_t number)
 {
+    const cw_fd_length length = cw_bits_measure_fd(frame);
     *slot = (cw_queue_slot){.handed_in = handed_in, .number = number,
-                            .wire_bits = (uint16_t)cw_bits_measure_fd(frame),
+                            .wire_bits = length.bits, .behind_brs = length.behind_brs,
                             .bytes = (uint8_t)cw_frame_length(frame)};
     cw_frame_copy(slot->frame, frame);
 }

@@ -19,7 +19,7 @@ typedef struct cw_queue_slot {
     uint16_t wire_bits; /* of the frame, SOF to EOF */
     uint8_t bytes;      /* of its data field */
     bool tried;         /* a transmission has begun; false after a put */
-    uint8_t fast_from;  /* for the owner: 0 after a put */
+    uint8_t behind_brs; /* wire bit after BRS; 0: no FD frame */
     cw_frame frame[];   /* one, in its short form where the bus has no FD */
 } cw_queue_slot;
 

@@ -208,8 +208,8 @@ void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
 void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
 
 /* Makes the FD frame that has just been put into the queue one that the controller would send now
- * (D8). Finds where it goes on at the data rate. */
-void cw_complete_fd(const cw_bus *bus, const bus_node *node);
+ * (D8). */
+void cw_complete_fd(const bus_node *node);
 
 /* Returns true when the frame is valid, and one that the controller of the node knows (D17). */
 static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_frame *frame)

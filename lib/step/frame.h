@@ -151,6 +151,9 @@ unsigned cw_frame_step_fast_bits(const cw_bus *bus, uint64_t tick, unsigned most
 /* Adds the next bits of the frame to the statistics. */
 void cw_frame_step_count_fast(cw_bus *bus, unsigned bits);
 
+/* Does so with a whole frame, which has so many bits with its intermission. */
+void cw_frame_step_count_whole_fast(cw_bus *bus, unsigned bits);
+
 /* Passes some bits. */
 void cw_frame_step_pass_fast(cw_bus *bus, unsigned bits);
 

@@ -136,7 +136,7 @@ static void refresh_esi(bus_node *n, cw_queue_slot *slot)
     const cw_frame *offered = cw_mac_offered(&n->mac);
     if (slot->frame->flags != flags) {
         slot->frame->flags = (uint8_t)flags;
-        slot->wire_bits = (uint16_t)cw_bits_measure_fd(slot->frame);
+        slot->wire_bits = cw_bits_measure_fd(slot->frame).bits;
     }
     if (offered && offered->flags != flags)
         n->mac.offered = false;
@@ -152,9 +152,9 @@ __attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
         return true;
     refresh_esi(n, slot);
     bus->frame_step.after_ack = CW_FD_AFTER_ACK_BITS;
-    if (slot->fast_from)
+    if (bus->timed.rates && (slot->frame->flags & CW_FRAME_BRS))
         bus->frame_step.fast = (cw_fast_part){
-            .from = slot->fast_from, .to = (uint16_t)(slot->wire_bits - AFTER_CRC_DELIMITER)};
+            .from = slot->behind_brs, .to = (uint16_t)(slot->wire_bits - AFTER_CRC_DELIMITER)};
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
 }
 

@@ -51,6 +51,21 @@ void cw_frame_step_count_fast(cw_bus *bus, unsigned bits)
     cw_load_add(&bus->load, (uint64_t)bits * bus->load.unit - saved, true);
 }
 
+void cw_frame_step_count_whole_fast(cw_bus *bus, unsigned bits)
+{
+    const cw_fast_part *part = &bus->frame_step.fast;
+    const uint64_t saved = saved_by(bus, part->to);
+    cw_count_clean_bits(bus);
+    bus->stats.data_bits += part->to - part->from;
+    bus->stats.data_ticks += cw_rate_ticks(cw_wire_rate(&bus->time), part->to - part->from) +
+                             bus->timed.fast.saved_by_brs - saved;
+    bus->stats.bits += bits;
+    bus->stats.busy_bits += bits;
+    bus->timed.short_ticks += saved;
+    note_delay(&bus->timed.rates[bus->frame_step.node]);
+    cw_load_add(&bus->load, (uint64_t)bits * bus->load.unit - saved, true);
+}
+
 void cw_frame_step_pass_fast(cw_bus *bus, unsigned bits)
 {
     cw_frame_step *step = &bus->frame_step;

@@ -19,7 +19,7 @@ static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned
 /* It is apart for the same reason. */
 static __attribute__((noinline)) void count_and_save_time(cw_bus *bus, unsigned bits)
 {
-    cw_frame_step_count_fast(bus, bits);
+    cw_frame_step_count_whole_fast(bus, bits);
     cw_frame_step_save_time(bus);
 }
 
