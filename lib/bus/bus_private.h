@@ -81,6 +81,9 @@ void cw_init_timing(cw_bus *bus, const cw_bus_config *config);
 
 bool cw_data_timing_valid(const cw_data_timing *data);
 
+/* Returns true when some node has a data rate. */
+bool cw_has_data_rate(const cw_bus_config *config);
+
 /* Returns the length of a bit of a node in the data phase, by its nominal bit timing. */
 cw_span cw_data_bit(const cw_bus_config *config, unsigned node, const cw_bit_timing *nominal);
 

@@ -19,6 +19,14 @@ bool cw_data_timing_valid(const cw_data_timing *d)
            cw_late_valid(&d->tdc, cw_bit_timing_quanta(&d->bit) * d->data_brp);
 }
 
+bool cw_has_data_rate(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (c->nodes[i].timing.data.data_brp)
+            return true;
+    return false;
+}
+
 static cw_span bit_length(const cw_bit_timing *t)
 {
     return t->quantum * cw_bit_timing_quanta(t);

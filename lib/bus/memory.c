@@ -25,15 +25,6 @@ static bool has_fd(const cw_bus_config *c)
     return false;
 }
 
-/* Returns true when some node has a data rate. */
-static bool has_data_rate(const cw_bus_config *c)
-{
-    for (unsigned i = 0; i < c->node_count; i++)
-        if (c->nodes[i].timing.data.data_brp)
-            return true;
-    return false;
-}
-
 static bool config_valid(const cw_bus_config *c)
 {
     if (c->bit_ticks == 0 || c->node_count == 0 || c->node_count > CW_NODES_MAX || c->inbox == 0 ||
@@ -139,7 +130,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
-    timed_rates *rates = has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
+    timed_rates *rates = cw_has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
     cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);

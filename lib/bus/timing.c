@@ -116,7 +116,8 @@ cw_span cw_shortest_bit(const cw_bus_config *c)
 unsigned cw_bits_of_bit_time(const cw_bus_config *c)
 {
     const cw_span bits = (bit_time_of(c) + cw_shortest_bit(c) - 1) / cw_shortest_bit(c);
-    return bits > 2 ? (unsigned)bits : 2;
+    const cw_span more = cw_has_data_rate(c) ? bits / 4 + 1 : 0; /* clocks may become faster */
+    return bits > 2 ? (unsigned)(bits + more) : 2;
 }
 
 /* Returns the bit timing of a node from its next bit on. */

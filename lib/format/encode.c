@@ -181,5 +181,6 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
 {
     if (!cw_frame_valid(frame))
         return 0;
-    return cw_frame_is_fd(frame) ? cw_bits_measure_fd(frame).bits : cw_bits_measure_classical(frame);
+    return cw_frame_is_fd(frame) ? cw_bits_measure_fd(frame).bits
+                                 : cw_bits_measure_classical(frame);
 }

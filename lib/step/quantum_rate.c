@@ -117,9 +117,12 @@ static cw_span next_begin(const cw_bus *bus, unsigned i)
     return n->pcs.sampled ? n->next_begin : end_of_bit(bus, i, n->begin);
 }
 
+/* Returns true when nobody can see when the bits of a node begin: it neither drives nor samples the
+ * wire. */
 static bool is_away(const cw_mac *m)
 {
-    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+    const bool rests = m->phase == CW_MAC_IDLE && (m->modes & CW_MODE_LOOPBACK); /* M15 */
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || rests;
 }
 
 cw_span cw_timed_common_begin(const cw_bus *bus)

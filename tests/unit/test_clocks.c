@@ -292,6 +292,23 @@ static void make_fd(cw_frame *f)
         f->data[i] = (uint8_t)(draw() % 3 ? 0 : draw());
 }
 
+static bool is_possible(const scenario *s)
+{
+    const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = (uint8_t)s->node_count,
+                                  .inbox = 1, .nodes = s->nodes};
+    return cw_bus_size(&config) > 0;
+}
+
+static void shorten_ways(cw_node_timing *t)
+{
+    t->place /= 2;
+    t->stub /= 2;
+    for (unsigned level = 0; level < 2; level++) {
+        t->tx_delay[level] /= 2;
+        t->rx_delay[level] /= 2;
+    }
+}
+
 /* Most nodes have the same data phase; some know no FD frames. Half of the buses have faults. */
 static void draw_rates(uint64_t seed)
 {
@@ -308,8 +325,9 @@ static void draw_rates(uint64_t seed)
         for (unsigned k = 0; k < FRAMES; k++)
             make_fd(&s->frames[i][k]);
     }
-    for (unsigned i = 0; i < s->node_count; i++) /* no longer than some bits of the data phase */
-        s->nodes[i].timing.place /= 4;
+    while (!is_possible(s)) /* edges are under way for too many bits of the data phase */
+        for (unsigned i = 0; i < s->node_count; i++)
+            shorten_ways(&s->nodes[i].timing);
     if (s->rule_count) /* so that bit times of the bus do not follow the rates */
         s->nodes[0].timing.place++;
 }

@@ -1,0 +1,300 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_rates.c - FD frames at two rates on the bus (D10 to D13): how long bits last, errors where
+ * delays or rates do not fit, changes while the bus runs, statistics.
+ */
+#include "rig.h"
+
+#define NS_TICKS(ns) ((ns) * 2u / 25u)
+
+/* 500 kbit/s and 2 Mbit/s, both sampled at 80 %, with 40 quanta and 10. */
+static const cw_bit_timing nominal = {.quantum = 4 * CW_TICK, .prop_seg = 23, .phase_seg1 = 8,
+                                      .phase_seg2 = 8, .sjw = 8};
+static const cw_data_timing fast = {.brp = 4, .data_brp = 4,
+                                    .bit = {.prop_seg = 5, .phase_seg1 = 2, .phase_seg2 = 2,
+                                            .sjw = 2}};
+
+/* 5 Mbit/s with 16 quanta of a clock, sampled at 75 %, so 150 ns after the begin. */
+static const cw_data_timing faster = {.brp = 4, .data_brp = 1,
+                                      .bit = {.prop_seg = 5, .phase_seg1 = 6, .phase_seg2 = 4,
+                                              .sjw = 4}};
+
+static rig *rig_of(unsigned nodes, const cw_data_timing *data)
+{
+    rig *r = rig_new(nodes);
+    r->config.bit_ticks = 160;
+    for (unsigned i = 0; i < nodes; i++) {
+        r->nodes[i].protocol = CW_FD;
+        r->nodes[i].timing.bit = nominal;
+        r->nodes[i].timing.data = *data;
+    }
+    return r;
+}
+
+static void go_on(rig *r, unsigned bits)
+{
+    rig_run(r, cw_bus_now(r->bus) + bits * 160u);
+}
+
+static cw_frame frame_of(unsigned bytes)
+{
+    cw_frame f = rig_frame(0x123, CW_FRAME_FD | CW_FRAME_BRS, cw_fd_dlc(bytes));
+    for (unsigned i = 0; i < bytes; i++)
+        f.data[i] = (uint8_t)(i * 37u + 11u);
+    return f;
+}
+
+static cw_data_stats data_stats(const rig *r, unsigned node)
+{
+    cw_data_stats s;
+    assert_int_equal(cw_node_get_data_stats(r->bus, node, &s), CW_OK);
+    return s;
+}
+
+/* ---- How long bits last ---------------------------------------------------------------------- */
+
+/* Returns the ticks of a bit of the wire, by its place. */
+static uint64_t expected_ticks(cw_place place, bool in_data_phase)
+{
+    if (place.field == CW_FIELD_BRS)
+        return NS_TICKS(1700);
+    if (place.field == CW_FIELD_CRC_DELIMITER)
+        return NS_TICKS(800);
+    return in_data_phase ? NS_TICKS(500) : NS_TICKS(2000);
+}
+
+static void bits_are_nominal_fast_or_mixed(void **state)
+{
+    (void)state;
+    rig *r = rig_of(3, &fast);
+    const cw_frame f = frame_of(64);
+    unsigned seen[CW_FIELD_COUNT] = {0};
+    cw_bit_view view;
+    rig_start(r);
+    cw_bus_set_watching(r->bus, true);
+    rig_send(r, 0, &f, 0);
+    for (uint64_t end = 0, bits = 0; bits < 700; bits++) {
+        assert_int_equal(cw_bus_advance(r->bus, end + 160), CW_OK);
+        assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_OK);
+        assert_int_equal(view.start, end);
+        assert_true(view.fast == 0 || view.fast == 7);
+        assert_int_equal(view.end - view.start,
+                         expected_ticks(view.nodes[0].place, view.fast != 0));
+        seen[view.nodes[0].place.field] += view.nodes[0].place.stuff ? 0 : 1;
+        end = view.end;
+    }
+    assert_int_equal(seen[CW_FIELD_BRS], 1);
+    assert_int_equal(seen[CW_FIELD_DATA], 512);
+    assert_int_equal(seen[CW_FIELD_CRC], 21);
+    rig_free(r);
+}
+
+/* The closed formula: nominal bits outside, data bits inside, and one of each in the two mixed
+ * ones. */
+static uint64_t ticks_of(const cw_frame *f)
+{
+    cw_bits bits;
+    unsigned inside = 0;
+    assert_int_equal(cw_bits_encode(&bits, f), CW_OK);
+    for (unsigned n = 0; n < bits.length; n++)
+        inside += cw_bits_is_fast(&bits, n);
+    return (bits.length - inside - 1) * 160 + (inside + 1) * 40;
+}
+
+static void a_frame_lasts_as_long_as_its_bits(void **state)
+{
+    (void)state;
+    rig *r = rig_of(2, &fast);
+    rig_random random = {.state = 7};
+    uint64_t data_ticks = 0;
+    rig_start(r);
+    go_on(r, 20);
+    for (unsigned k = 0; k < 200; k++) {
+        cw_frame f = frame_of(rig_below(&random, 65));
+        f.flags |= k % 2 ? CW_FRAME_EXTENDED : 0;
+        f.id = rig_next(&random) & (k % 2 ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX);
+        for (unsigned i = 0; i < 64; i++)
+            f.data[i] = (uint8_t)(k % 3 ? rig_next(&random) : 0);
+        const uint64_t begin = cw_bus_now(r->bus);
+        rig_send(r, k % 2, &f, begin);
+        rig_run(r, begin + ticks_of(&f) + 10 * 160);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, -1), k + 1);
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, k)->tick, begin + ticks_of(&f));
+        const cw_bus_stats s = rig_bus_stats(r);
+        assert_true(s.data_ticks > data_ticks);
+        assert_int_equal(s.busy_ticks, s.busy_bits * 160 - s.data_bits * 120);
+        data_ticks = s.data_ticks;
+    }
+    assert_int_equal(rig_bus_stats(r).fd_frames, 200);
+    rig_free(r);
+}
+
+/* ---- Delays ---------------------------------------------------------------------------------- */
+
+/* Returns a rig whose loop has a delay of 200 ns: longer than up to the data sample point. */
+static rig *rig_delayed(const cw_tdc *tdc)
+{
+    cw_data_timing data = faster;
+    data.tdc = *tdc;
+    rig *r = rig_of(2, &data);
+    for (unsigned i = 0; i < 2; i++)
+        for (unsigned level = 0; level < 2; level++) {
+            r->nodes[i].timing.tx_delay[level] = NS_TICKS(100) * CW_TICK;
+            r->nodes[i].timing.rx_delay[level] = NS_TICKS(100) * CW_TICK;
+        }
+    rig_start(r);
+    return r;
+}
+
+static void a_loop_longer_than_the_sample_point_needs_compensation(void **state)
+{
+    (void)state;
+    const cw_tdc off = {.mode = CW_TDC_OFF}, automatic = {.mode = CW_TDC_AUTO, .tdco = 12};
+    const cw_frame f = frame_of(16);
+    rig *r = rig_delayed(&off);
+    rig_send(r, 0, &f, 0);
+    go_on(r, 200);
+    const cw_event *e = rig_nth(r, CW_EVENT_ERROR, 0);
+    assert_int_equal(e->error.type, CW_ERROR_BIT);
+    assert_int_equal(e->error.role, CW_ROLE_TRANSMITTER);
+    assert_int_equal(e->error.place.field, CW_FIELD_ESI);
+    assert_true(e->fast);
+    assert_true(data_stats(r, 0).errors[CW_ERROR_BIT] > 0);
+    assert_int_equal(data_stats(r, 0).errors[CW_ERROR_BIT], rig_stats(r, 0).errors[CW_ERROR_BIT]);
+    rig_free(r);
+
+    r = rig_delayed(&automatic);
+    rig_send(r, 0, &f, 0);
+    go_on(r, 200);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    assert_int_equal(data_stats(r, 0).tdcv, NS_TICKS(200));
+    rig_free(r);
+}
+
+static void without_brs_the_delay_does_not_matter(void **state)
+{
+    (void)state;
+    const cw_tdc off = {.mode = CW_TDC_OFF};
+    rig *r = rig_delayed(&off);
+    cw_frame f = frame_of(16);
+    f.flags &= (uint8_t)~CW_FRAME_BRS;
+    rig_send(r, 0, &f, 0);
+    go_on(r, 400);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    assert_int_equal(rig_bus_stats(r).data_bits, 0);
+    rig_free(r);
+}
+
+/* ---- Rates that differ, and changes ---------------------------------------------------------- */
+
+static void a_node_at_another_data_rate_destroys_what_it_reads(void **state)
+{
+    (void)state;
+    rig *r = rig_of(3, &fast);
+    r->nodes[2].timing.data.bit.phase_seg2 = 4; /* 12 quanta */
+    const cw_frame f = frame_of(32);
+    cw_frame slow = f;
+    slow.flags &= (uint8_t)~CW_FRAME_BRS;
+    rig_start(r);
+    rig_send(r, 0, &slow, 0);
+    go_on(r, 600);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    rig_send(r, 0, &f, cw_bus_now(r->bus));
+    go_on(r, 400);
+    const cw_event *e = rig_nth(r, CW_EVENT_ERROR, 0);
+    assert_int_equal(e->nodes, 4);
+    assert_true(e->fast);
+    rig_free(r);
+}
+
+static void the_data_phase_changes_while_the_bus_runs(void **state)
+{
+    (void)state;
+    rig *r = rig_of(2, &fast);
+    const cw_frame f = frame_of(8);
+    cw_settings s = {.which = CW_SET_DATA, .data = fast}, now;
+    rig_start(r);
+    rig_send(r, 0, &f, 0);
+    go_on(r, 200);
+    s.data.data_brp = 2;
+    s.data.bit = (cw_bit_timing){.prop_seg = 6, .phase_seg1 = 9, .phase_seg2 = 4, .sjw = 2};
+    for (unsigned i = 0; i < 2; i++) /* the same bits as before, by other quanta */
+        assert_int_equal(cw_node_set(r->bus, i, &s), CW_OK);
+    assert_int_equal(cw_node_get_settings(r->bus, 0, &now), CW_OK);
+    assert_true(now.which & CW_SET_DATA);
+    assert_int_equal(now.data.data_brp, 2);
+    rig_send(r, 1, &f, cw_bus_now(r->bus));
+    go_on(r, 200);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    s.data.brp = 0;
+    assert_int_equal(cw_node_set(r->bus, 0, &s), CW_INVALID);
+    rig_free(r);
+}
+
+static void a_faster_clock_is_faster_at_both_rates(void **state)
+{
+    (void)state;
+    rig *r = rig_of(2, &fast);
+    cw_settings s = {.which = CW_SET_QUANTUM, .timing = nominal};
+    s.timing.quantum = nominal.quantum / 1000 * 997;
+    const cw_frame f = frame_of(64);
+    rig_start(r);
+    for (unsigned i = 0; i < 2; i++)
+        assert_int_equal(cw_node_set(r->bus, i, &s), CW_OK);
+    go_on(r, 50);
+    rig_send(r, 0, &f, cw_bus_now(r->bus));
+    go_on(r, 1000);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    const uint64_t between = rig_nth(r, CW_EVENT_TX, 0)->tick - rig_nth(r, CW_EVENT_RX, 0)->tick;
+    assert_int_equal(between, 160); /* 159.5, and the ticks are whole */
+    rig_free(r);
+}
+
+static void buses_without_a_data_rate_have_no_data_statistics(void **state)
+{
+    (void)state;
+    static const cw_data_timing none = {.data_brp = 0};
+    rig *r = rig_of(2, &none);
+    cw_data_stats s;
+    const cw_settings settings = {.which = CW_SET_DATA, .data = fast};
+    rig_start(r);
+    assert_int_equal(cw_node_get_data_stats(r->bus, 0, &s), CW_REFUSED);
+    assert_int_equal(cw_node_get_data_stats(r->bus, 2, &s), CW_INVALID);
+    assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_INVALID);
+    rig_free(r);
+}
+
+static void wrong_values_are_refused(void **state)
+{
+    (void)state;
+    cw_data_timing bad[] = {fast, fast, fast, fast};
+    bad[0].brp = 0;
+    bad[1].data_brp = 65537;
+    bad[2].bit.phase_seg2 = 0;
+    bad[3].tdc = (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = 40 * CW_TDC_BITS_MAX};
+    for (unsigned i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        rig *r = rig_of(2, &bad[i]);
+        r->config.nodes = r->nodes;
+        assert_int_equal(cw_bus_size(&r->config), 0);
+        free(r);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bits_are_nominal_fast_or_mixed),
+        cmocka_unit_test(a_frame_lasts_as_long_as_its_bits),
+        cmocka_unit_test(a_loop_longer_than_the_sample_point_needs_compensation),
+        cmocka_unit_test(without_brs_the_delay_does_not_matter),
+        cmocka_unit_test(a_node_at_another_data_rate_destroys_what_it_reads),
+        cmocka_unit_test(the_data_phase_changes_while_the_bus_runs),
+        cmocka_unit_test(a_faster_clock_is_faster_at_both_rates),
+        cmocka_unit_test(buses_without_a_data_rate_have_no_data_statistics),
+        cmocka_unit_test(wrong_values_are_refused),
+    };
+    return cmocka_run_group_tests_name("two rates", tests, NULL, NULL);
+}
