@@ -274,9 +274,9 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     const cw_mac_phase phase = cw_mac_get_phase(m);
     const bool level = cw_timed_sample(bus, i, moment);
     const bool may_change_rate = bus->timed.rates && phase == CW_MAC_FRAME;
-    n->next_begin = after_quanta(n, n->pcs.end_at);
-    if (!may_change_rate)
-        take_frames(bus, i, moment);
+    n->next_begin = may_change_rate ? cw_timed_expected_end(bus, i)
+                                    : after_quanta(n, n->pcs.end_at);
+    take_frames(bus, i, moment);
     if (cw_timed_compares_late(bus, i))
         cw_timed_compare_late(bus, i, moment);
     if (bus->timed.marking)
@@ -290,10 +290,8 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (cw_mac_get_phase(m) != phase)
         end_steadiness(bus);
     n->looked = moment;
-    if (may_change_rate) {
+    if (may_change_rate)
         cw_timed_follow_rate(bus, i, moment);
-        take_frames(bus, i, moment); /* in a frame it does not matter that this comes later */
-    }
     if (has_report(n) || (cw_pcs_is_open(&n->pcs) && cw_timed_edge_may_come(bus, n)))
         plan_end(bus, i);
     else

@@ -149,6 +149,9 @@ void cw_timed_begin_at_rate(cw_bus *bus, unsigned node);
 /* Changes the rate of a node when its controller has done so at a sample point (D10). */
 void cw_timed_follow_rate(cw_bus *bus, unsigned node, cw_span moment);
 
+/* Returns the end of the bit in progress of a node, by its next sample if no fault comes. */
+cw_span cw_timed_expected_end(const cw_bus *bus, unsigned node);
+
 /* Compares the bits of a transmitter whose secondary sample points lie before a sample point or at
  * it (D13). */
 void cw_timed_compare_late(cw_bus *bus, unsigned node, cw_span until);

@@ -19,16 +19,21 @@ static timed_rates *rates_of(cw_bus *bus, unsigned i)
     return &bus->timed.rates[i];
 }
 
-void cw_timed_follow_rate(cw_bus *bus, unsigned i, cw_span moment)
+/* Goes on with a bit at its sample point as if it had been at the other rate since its begin. */
+static void change_rate(timed_node *n, timed_rates *r, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
-    timed_rates *r = rates_of(bus, i);
-    if (r->fast == cw_mac_is_fast(&bus->nodes[i].mac))
-        return;
     r->fast = !r->fast;
     cw_timed_set_timing(n, cw_timing_at(r, r->fast));
     cw_pcs_change_rate(&n->pcs, &n->timing);
     n->begin = moment - n->to_sample;
+}
+
+void cw_timed_follow_rate(cw_bus *bus, unsigned i, cw_span moment)
+{
+    timed_node *n = &bus->timed.nodes[i];
+    timed_rates *r = rates_of(bus, i);
+    if (r->fast != cw_mac_is_fast(&bus->nodes[i].mac))
+        change_rate(n, r, moment);
     n->next_begin = n->begin + n->pcs.end_at * n->timing.quantum;
 }
 
@@ -106,6 +111,11 @@ static cw_span end_of_bit(const cw_bus *bus, unsigned i, cw_span begin)
     const cw_bit_timing *after = cw_timing_at(r, fast);
     const unsigned rest = cw_bit_timing_quanta(after) - cw_bit_timing_sample_at(after);
     return begin + sample_at * n->timing.quantum + rest * after->quantum;
+}
+
+cw_span cw_timed_expected_end(const cw_bus *bus, unsigned i)
+{
+    return end_of_bit(bus, i, bus->timed.nodes[i].begin);
 }
 
 /* Returns the begin of the next bit of a node. */
