@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_rates.c - FD frames at two rates on the bus (D10 to D13): how long bits last, errors where
- * delays or rates do not fit, changes while the bus runs, statistics.
+ * test_rates.c - FD frames at two rates on the bus (D10 to D13). It looks at the lengths of bits,
+ * at delays and rates that do not fit, at changes while the bus runs, and at statistics.
  */
 #include "rig.h"
 
