@@ -470,14 +470,14 @@ typedef struct cw_mac {
 #define CW_REPORT_STATE 0x40u            /* the state changed; cw_mac_state() is the new one */
 #define CW_REPORT_DROPPED 0x80u          /* the offered frame was given up; why is valid */
 #define CW_REPORT_EXCEPTION 0x200u       /* protocol exception: the controller integrates (D16) */
-#define CW_REPORT_FAST 0x400u            /* with CW_REPORT_ERROR: at the data rate (D10) */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
 
 typedef struct cw_mac_report {
     uint16_t what;
     uint8_t lost_bit; /* as the SJA1000 counts: 0 first id bit, 11 RTR/SRR, 12 IDE, 13.., 31 RTR */
-    uint8_t why;      /* a cw_drop: CW_DROP_ONE_SHOT (M13) or CW_DROP_BUS_OFF (R10) */
+    uint8_t why : 7;  /* a cw_drop: CW_DROP_ONE_SHOT (M13) or CW_DROP_BUS_OFF (R10) */
+    uint8_t fast : 1; /* with CW_REPORT_ERROR: at the data rate (D10) */
     cw_error error;
 } cw_mac_report;
 

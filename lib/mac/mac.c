@@ -153,7 +153,7 @@ static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
 {
     m->offered = false;
     r->what |= CW_REPORT_DROPPED;
-    r->why = (uint8_t)why;
+    r->why = (unsigned)why & 0x7Fu;
 }
 
 /* Goes bus-off at once, whatever the controller was sending (R10). */
@@ -281,7 +281,7 @@ bool cw_mac_synchronises_hard(const cw_mac *m)
         [CW_MAC_SUSPEND] = true, [CW_MAC_BUS_OFF] = true,     [CW_MAC_RECOVERING] = true,
     };
     if (m->phase == CW_MAC_FRAME)
-        return m->part == CW_PART_RES && !cw_mac_is_transmitter(m);
+        return m->part == CW_PART_RES && !cw_mac_stuff_bit_due(m) && !cw_mac_is_transmitter(m);
     return between[m->phase] || (m->phase == CW_MAC_INTERMISSION && m->count > 0);
 }
 
@@ -397,7 +397,8 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
                          cw_mac_report *r)
 {
     bool passive = cw_confinement_passive(&m->confinement);
-    r->what |= cw_mac_is_fast(m) ? CW_REPORT_ERROR | CW_REPORT_FAST : CW_REPORT_ERROR;
+    r->what |= CW_REPORT_ERROR;
+    r->fast = cw_mac_is_fast(m);
     r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m)};
     if (cw_mac_is_sending(m))
         give_up_one_shot(m, r);

@@ -209,7 +209,7 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_report_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
-        report_error(bus, i, &r->error, r->what & CW_REPORT_FAST);
+        report_error(bus, i, &r->error, r->fast);
     if (r->what & CW_REPORT_TOLERATED)
         cw_push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
     if (r->what & CW_REPORT_OVERLOAD) {

@@ -390,7 +390,7 @@ static void note_report(const quanta *q, unsigned i)
         add_event(&of_quanta, tick, i, CW_EVENT_ARBITRATION_LOST, r->lost_bit);
     if (r->what & CW_REPORT_ERROR)
         add_event(&of_quanta, tick, i, CW_EVENT_ERROR,
-                  details_of_error(&r->error, r->what & CW_REPORT_FAST, cw_mac_tec(&n->mac),
+                  details_of_error(&r->error, r->fast, cw_mac_tec(&n->mac),
                                    cw_mac_rec(&n->mac)));
     if (r->what & CW_REPORT_EXCEPTION)
         add_event(&of_quanta, tick, i, CW_EVENT_EXCEPTION, 0);
