@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define TICK_PS 12500u
-#define INSIDE_PS 100u /* the unit where nodes have clocks of their own */
+#define LEAST_PS 100u /* the least unit, where nodes have clocks of their own; it divides a tick */
 #define UNITS_PER_BIT_MIN 10u /* so that sigrok's decoder can place its sample points */
 #define RULES_TEXT_MAX 256    /* bytes of the names of rules in one bit, with the final 0 */
 #define NO_ERROR CW_ERROR_COUNT
@@ -30,6 +30,7 @@
 
 /* The inside of bits, as far as it has been written, where nodes have clocks of their own. */
 typedef struct inside {
+    bool levels_only; /* the bits of a bus with data rates, whose nodes may fall out of step */
     bit_clocks clocks;
     uint64_t driven;    /* by the controllers */
     uint64_t tx_faults; /* rules change what these nodes drive */
@@ -59,7 +60,7 @@ struct vcd {
     uint64_t units; /* ... as written */
     inside *inside; /* NULL: all bits are common to all nodes */
     uint64_t end;  /* tick of the end of the last bit */
-    uint64_t units_per_bit;
+    uint64_t unit_ps;
     uint64_t driven; /* as in cw_bit_view */
     uint64_t sampled;
     uint64_t stuff;
@@ -82,6 +83,53 @@ struct vcd {
 
 /* ---- Header ---------------------------------------------------------------------------------- */
 
+static uint64_t common_divisor(uint64_t a, uint64_t b)
+{
+    while (b) {
+        const uint64_t rest = a % b;
+        a = b;
+        b = rest;
+    }
+    return a;
+}
+
+static uint64_t span_ps(cw_span span)
+{
+    return bit_moment_units(span, TICK_PS);
+}
+
+/* What all begins of bits are a multiple of, and the shortest bit. */
+typedef struct grid {
+    uint64_t ps;
+    uint64_t shortest_ps;
+} grid;
+
+/* Adds the data phase of a node. BRS and the CRC delimiter are in part of either rate (D10). */
+static void add_data_phase(grid *g, const cw_node_timing *t, cw_span bit)
+{
+    const cw_bit_timing *nominal = &t->bit, *data = &t->data.bit;
+    if (t->data.data_brp == 0 || nominal->quantum == 0)
+        return;
+    const cw_span quantum = nominal->quantum / t->data.brp * t->data.data_brp;
+    const cw_span data_bit = quantum * cw_bit_timing_quanta(data);
+    const cw_span sample = nominal->quantum * cw_bit_timing_sample_at(nominal);
+    const cw_span data_sample = quantum * cw_bit_timing_sample_at(data);
+    const cw_span brs = sample + data_bit - data_sample;
+    g->ps = common_divisor(g->ps, span_ps(data_bit));
+    g->ps = common_divisor(g->ps, span_ps(brs < bit ? bit - brs : brs - bit));
+    if (span_ps(data_bit) < g->shortest_ps)
+        g->shortest_ps = span_ps(data_bit);
+}
+
+static grid grid_of(const vcd *self)
+{
+    const uint64_t ticks = cw_rate_ticks(self->config->rate, 1);
+    grid g = {.ps = ticks * TICK_PS, .shortest_ps = ticks * TICK_PS};
+    for (size_t i = 0; i < self->node_count; i++)
+        add_data_phase(&g, &self->config->nodes[i].time.timing, (cw_span)ticks * CW_TICK);
+    return g;
+}
+
 static void write_scale(vcd *self)
 {
     static const struct {
@@ -89,13 +137,14 @@ static void write_scale(vcd *self)
         const char *name;
     } units[] = {{100000000, "100 us"}, {10000000, "10 us"}, {1000000, "1 us"}, {100000, "100 ns"},
                  {10000, "10 ns"},      {1000, "1 ns"},      {100, "100 ps"}};
-    const uint64_t bit_ps = cw_rate_ticks(self->config->rate, 1) * TICK_PS;
+    const size_t last = sizeof units / sizeof units[0] - 1;
+    const grid g = grid_of(self);
     size_t i = 0;
-    while (bit_ps % units[i].ps != 0 || bit_ps / units[i].ps < UNITS_PER_BIT_MIN)
-        i++; /* 100 ps divide a tick */
-    if (self->inside)
-        i = sizeof units / sizeof units[0] - 1;
-    self->units_per_bit = bit_ps / units[i].ps;
+    while (i < last && (g.ps % units[i].ps != 0 || g.shortest_ps / units[i].ps < UNITS_PER_BIT_MIN))
+        i++;
+    if (self->inside && !self->inside->levels_only)
+        i = last;
+    self->unit_ps = units[i].ps;
     fprintf(self->out, "$timescale %s $end\n", units[i].name);
 }
 
@@ -116,7 +165,7 @@ static void write_header(vcd *self)
         fprintf(out, "$var string 1 q%zu %s.state $end\n", i, name);
         fprintf(out, "$var real 64 c%zu %s.tec $end\n", i, name);
         fprintf(out, "$var real 64 k%zu %s.rec $end\n", i, name);
-        if (!self->inside)
+        if (!self->inside || self->inside->levels_only)
             continue;
         fprintf(out, "$var wire 1 u%zu %s.tq $end\n", i, name);
         fprintf(out, "$var wire 1 a%zu %s.sample $end\n", i, name);
@@ -128,6 +177,21 @@ static void write_header(vcd *self)
     fprintf(out, "$upscope $end\n$enddefinitions $end\n");
 }
 
+/* Makes room for the inside of bits, where there may be anything to see. Returns false without
+ * memory. */
+static bool make_inside(vcd *self, const cw_bus *bus)
+{
+    cw_data_stats data;
+    const bool on_grid = cw_bus_is_on_grid(bus);
+    const bool rates = cw_node_get_data_stats(bus, 0, &data) == CW_OK;
+    if (!cfg_has_clocks(self->config) || (on_grid && !rates))
+        return true;
+    self->inside = calloc(1, sizeof *self->inside);
+    if (self->inside)
+        self->inside->levels_only = on_grid;
+    return self->inside != NULL;
+}
+
 vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
 {
     vcd *self = calloc(1, sizeof *self + config->node_count * sizeof self->nodes[0]);
@@ -137,12 +201,9 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
     self->config = config;
     self->node_count = config->node_count;
     self->time = self->units = CW_NEVER;
-    if (cfg_has_clocks(config) && !cw_bus_is_on_grid(bus)) {
-        self->inside = calloc(1, sizeof *self->inside);
-        if (!self->inside) {
-            free(self);
-            return NULL;
-        }
+    if (!make_inside(self, bus)) {
+        free(self);
+        return NULL;
     }
     self->end = cw_bus_now(bus);
     for (unsigned i = 0; i < self->node_count; i++) {
@@ -194,9 +255,12 @@ static char *put_time(vcd *self, char *at, uint64_t units)
     return at;
 }
 
-static uint64_t units_of(const vcd *self, uint64_t tick)
+/* Returns a moment, `at` after a tick, in units, rounded down. */
+static uint64_t units_of(const vcd *self, uint64_t tick, cw_span at)
 {
-    return cw_rate_bits(self->config->rate, tick) * self->units_per_bit;
+    const uint64_t per_tick = TICK_PS / LEAST_PS;
+    const uint64_t least = tick * per_tick + bit_moment_units(at, (unsigned)per_tick);
+    return least / (self->unit_ps / LEAST_PS);
 }
 
 /* Returns the place for a change, behind its time. */
@@ -207,9 +271,8 @@ static char *begin_change(vcd *self, uint64_t tick)
     char *at = self->text + self->used;
     if (tick == self->time)
         return at;
-    assert(tick == cw_rate_bit_begin(self->config->rate, tick));
     self->time = tick;
-    return put_time(self, at, units_of(self, tick));
+    return put_time(self, at, units_of(self, tick, 0));
 }
 
 /* Writes a time inside of a bit. The changes that follow have no tick. */
@@ -427,7 +490,7 @@ static void write_phase_error(vcd *self, unsigned node, int error)
 static void begin_inside(vcd *self, const cw_bit_view *bit)
 {
     self->inside->driven = bit->driven;
-    for (unsigned i = 0; i < bit->node_count; i++) {
+    for (unsigned i = 0; i < bit->node_count && !self->inside->levels_only; i++) {
         write_bit(self, 'u', i, false);
         write_bit(self, 'a', i, false);
         write_sync(self, i, "");
@@ -488,11 +551,15 @@ static void write_mark(vcd *self, const cw_mark *m)
     case CW_MARK_SAMPLE:
         put_level(&sampled, m->node, m->level);
         write_levels(self, self->time, &self->sampled, sampled, 's');
+        if (in->levels_only)
+            break;
         write_bit(self, 'a', m->node, true);
         put_level(&in->sampling, m->node, true);
         break;
     case CW_MARK_HARD_SYNC:
     case CW_MARK_RESYNC:
+        if (in->levels_only)
+            break;
         write_sync(self, m->node, m->kind == CW_MARK_RESYNC ? "resync" : "hard");
         write_phase_error(self, m->node, m->phase_error);
         put_level(&in->synced, m->node, true);
@@ -509,11 +576,12 @@ static void write_inside(vcd *self, const cw_bit_view *bit)
         memset(&self->inside->clocks, 0, sizeof self->inside->clocks);
         return;
     }
-    const uint64_t start = units_of(self, bit->start);
     bit_moment m;
     bit_walk_begin(walk, &self->inside->clocks, bit);
     while (bit_walk_next(walk, &m)) {
-        write_time_inside(self, start + bit_moment_units(m.at, TICK_PS / INSIDE_PS));
+        if (self->inside->levels_only && !m.mark)
+            continue;
+        write_time_inside(self, units_of(self, bit->start, m.at));
         if (m.mark)
             write_mark(self, m.mark);
         else
@@ -529,6 +597,8 @@ static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
     const bool all = !in || !self->begun || bit->mark_count == 0;
     uint64_t driven = bit->driven, sampled = bit->sampled;
     bool wire = bit->wire == UINT64_MAX;
+    if (in && bit->mark_count == 0)
+        in->driven = bit->driven;
     if (!all) {
         driven = (in->driven & ~bit->tx_faults) | (bit->driven & bit->tx_faults);
         sampled = self->sampled;
