@@ -98,7 +98,7 @@ static uint64_t span_ps(cw_span span)
     return bit_moment_units(span, TICK_PS);
 }
 
-/* What all begins of bits are a multiple of, and the shortest bit. */
+/* The time that divides all begins of bits, and the shortest bit. */
 typedef struct grid {
     uint64_t ps;
     uint64_t shortest_ps;

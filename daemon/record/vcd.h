@@ -23,9 +23,9 @@
  *   NODE.sync          text: hard or resync, from there to the next quantum
  *   NODE.phase_error   of the last resynchronisation, in quanta, of type real
  *
- * Where nodes have a data rate (D10) and agree in all their bits, each bit has its own length, and
- * there are no such variables. While nodes fall out of step there, driven, sampled and wire change
- * at their true times, rounded down to a unit.
+ * Each bit has its own length on a bus with a data rate whose nodes agree in all their bits (D10).
+ * There are no such variables then. While nodes fall out of step there, driven, sampled and wire
+ * change at their true times, rounded down to a unit.
  *
  * Only changes are written, so idle time costs nothing. The unit of time is the coarsest that
  * divides all bits into ten or more: sigrok unfolds the file to a sample for each unit.

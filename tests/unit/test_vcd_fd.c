@@ -161,7 +161,8 @@ static void nodes_that_fall_out_of_step_have_their_true_times(void **state)
         ticks += fd_bus_ticks(&bits, n);
     for (unsigned seen = 0; seen < 6; seen++, n++) { /* until a node signals an error */
         const uint64_t middle = TICKS_NS(ticks + FD_DATA_TICKS / 2) * 10; /* 100 ps */
-        assert_string_equal(value_at(line, text, "d0", middle), cw_bits_level(&bits, n) ? "1" : "0");
+        value_at(line, text, "d0", middle);
+        assert_string_equal(line, cw_bits_level(&bits, n) ? "1" : "0");
         ticks += FD_DATA_TICKS;
     }
     assert_non_null(strstr(text, "serror-flag f1"));

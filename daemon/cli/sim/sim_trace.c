@@ -41,12 +41,26 @@ static void begin(sim_trace *self, const cw_bus *bus)
         (self->vcd_out->stream && !self->vcd) || (self->svg_out->stream && !self->svg);
 }
 
+/* Returns the tick at which the window begins: the begin of a bit. Behind bits at a data rate this is
+ * any tick, and only the present bit tells it. */
+static uint64_t window_start(const sim_trace *self)
+{
+    const uint64_t bit = cw_rate_ticks(self->run->config->rate, 1);
+    cw_bit_view now;
+    if (cw_bus_get_bit(self->run->bus, &now) != CW_OK ||
+        (now.start % bit == 0 && now.end % bit == 0))
+        return cw_rate_bit_begin(self->run->config->rate, self->from);
+    if (now.end > self->from)
+        return now.start;
+    return now.end + bit > self->from ? now.end : self->from;
+}
+
 /* Returns true for an event of the window. At its very start only rules that act from then on
  * belong to it; their events come before the bit that ends there. */
 static bool is_inside(const sim_trace *self, const cw_event *event)
 {
     const cfg *config = self->run->config;
-    uint64_t start = cw_rate_bit_begin(config->rate, self->from);
+    uint64_t start = window_start(self);
     bool acts = event->kind == CW_EVENT_FAULT && !bit_has_hit(&config->rules[event->rule]);
     return event->tick > start || (event->tick == start && acts);
 }
@@ -71,13 +85,17 @@ static void take_bit(void *user, const cw_bus *bus)
     cw_status status = cw_bus_get_bit(bus, &bit);
     assert(status == CW_OK);
     (void)status;
+    const bool begun = self->begun;
     if (self->left)
         return;
-    if (!self->begun)
+    if (!begun)
         begin(self, bus);
-    if (bit.end <= self->from || self->no_memory) /* it was needed to see the state before the
-                                                     window */
+    if (bit.end <= self->from || self->no_memory) { /* it was needed to see the state before the
+                                                       window */
+        if (self->svg && begun)
+            svg_skip(self->svg, &bit);
         return;
+    }
     if (self->vcd)
         vcd_bit(self->vcd, &bit);
     if (self->svg && !svg_bit(self->svg, &bit))

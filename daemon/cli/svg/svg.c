@@ -10,6 +10,7 @@
 #include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
 #include "cli/svg/svg_parts.h"
+#include "record/data_timing.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -28,6 +29,8 @@ struct svg {
     size_t capacity;
     note_list notes;
     inside_list *inside; /* NULL: all bits are common to all nodes */
+    uint32_t dbitrate_bps; /* of the first node that has a data rate; 0: none has */
+    uint64_t number;       /* bits of the bus before the picture, where there is a data rate */
     struct {
         cw_state state;
         uint16_t tec;
@@ -51,6 +54,17 @@ static size_t kept(const svg *self)
 
 /* ---- Taking bits ----------------------------------------------------------------------------- */
 
+static void note_rates(svg *self, const cw_bus *bus)
+{
+    data_timing t;
+    cw_bus_stats stats;
+    for (unsigned i = 0; i < self->config->node_count && self->dbitrate_bps == 0; i++)
+        if (data_timing_now(&t, self->config, bus, i))
+            self->dbitrate_bps = timing_bitrate_bps(&t.bit);
+    cw_bus_get_stats(bus, &stats);
+    self->number = stats.bits;
+}
+
 svg *svg_new(const cfg *config, const cw_bus *bus)
 {
     svg *self = calloc(1, sizeof *self);
@@ -64,6 +78,7 @@ svg *svg_new(const cfg *config, const cw_bus *bus)
         }
     }
     self->config = config;
+    note_rates(self, bus);
     notes_init(&self->notes, config, bus);
     for (unsigned i = 0; i < config->node_count; i++) {
         self->before[i].state = self->notes.before[i].state;
@@ -104,6 +119,12 @@ static bool make_room(svg *self)
     self->bits = bits;
     self->capacity = capacity;
     return true;
+}
+
+void svg_skip(svg *self, const cw_bit_view *bit)
+{
+    self->number++;
+    self->notes.end = bit->end;
 }
 
 bool svg_bit(svg *self, const cw_bit_view *bit)
@@ -158,6 +179,11 @@ static int bit_x(const pen *p, size_t bit)
     return svg_layout_x(&p->layout, p->row, bit);
 }
 
+static int bit_width(const pen *p, size_t bit)
+{
+    return svg_layout_width(&p->layout, p->row, bit);
+}
+
 /* Prints microseconds, with a fraction unless that is 0. */
 static void print_us(char out[SVG_LABEL_MAX], uint64_t tick)
 {
@@ -181,14 +207,23 @@ static void put_number(const pen *p, size_t bit, int y, const char *text)
         put_text(p, x + 2, y, "", text);
 }
 
+/* Returns the number of a bit since the start of the bus. Where there is no data rate, time tells
+ * it. */
+static uint64_t bit_number(const pen *p, size_t bit)
+{
+    const uint64_t before = p->svg->dbitrate_bps
+                                ? p->svg->number
+                                : cw_rate_bits(p->svg->config->rate, p->svg->bits[0].start);
+    return before + bit;
+}
+
 static void draw_ticks(const pen *p, int y)
 {
     const svg_row *row = p->row;
-    const cw_rate rate = p->svg->config->rate;
     const unsigned every = p->layout.bit >= 2 * SVG_BIT_MIN ? 5 : 10;
     for (size_t b = row->first; b <= row->end; b++) {
-        uint64_t tick = p->svg->bits[0].start + cw_rate_ticks(rate, b);
-        uint64_t number = cw_rate_bits(rate, tick);
+        uint64_t tick = svg_layout_start(&p->layout, b);
+        uint64_t number = bit_number(p, b);
         bool numbered = number % every == 0;
         char text[SVG_LABEL_MAX];
         put_line(p, bit_x(p, b), y - (numbered ? 22 : 3), bit_x(p, b), y, " stroke=\"#9a9a9a\"");
@@ -203,12 +238,32 @@ static void draw_ticks(const pen *p, int y)
     }
 }
 
+static bool is_fast(const pen *p, size_t bit)
+{
+    return p->svg->bits[bit].fast != 0;
+}
+
+/* Draws a bar above bits that nodes begin at the data rate. */
+static void draw_rates(const pen *p, int y)
+{
+    size_t first = p->row->first;
+    for (size_t b = first; b <= p->row->end; b++) {
+        if (b < p->row->end && is_fast(p, b) == is_fast(p, first))
+            continue;
+        if (is_fast(p, first))
+            put_rect(p, bit_x(p, first), y, bit_x(p, b) - bit_x(p, first), 4,
+                     " class=\"data-rate\" fill=\"" DATA_RATE "\"");
+        first = b;
+    }
+}
+
 /* Draws bus time and the number of the bit since the start of the bus. */
 static void draw_axis(pen *p)
 {
     const int y = p->y + SVG_AXIS - 6;
     fputs("<g class=\"axis\" font-size=\"9\" fill=\"" FAINT "\">\n", p->out);
     draw_ticks(p, y);
+    draw_rates(p, y);
     put_line(p, bit_x(p, p->row->first), y, bit_x(p, p->row->end), y, " stroke=\"#9a9a9a\"");
     put_text(p, SVG_MARGIN, y - 15, "", "time in \xC2\xB5s");
     put_text(p, SVG_MARGIN, y - 5, "", "bit");
@@ -287,7 +342,7 @@ static void draw_faults(const pen *p, int top, bool (*is_faulty)(const cw_bit_vi
 {
     for (size_t b = p->row->first; b < p->row->end; b++)
         if (is_faulty(&p->svg->bits[b], which))
-            put_rect(p, bit_x(p, b), top - 1, p->layout.bit, SVG_WAVE + 2,
+            put_rect(p, bit_x(p, b), top - 1, bit_width(p, b), SVG_WAVE + 2,
                      " class=\"fault\" fill=\"" FAULT "\" fill-opacity=\".25\" stroke=\"" FAULT
                      "\"");
 }
@@ -312,7 +367,7 @@ static void draw_digits(const pen *p, unsigned wire)
     for (size_t b = p->row->first; b < p->row->end; b++) {
         level l = wire_level(&p->svg->bits[b], wire);
         if (l != LEVEL_NONE)
-            put_text(p, bit_x(p, b) + p->layout.bit / 2, p->y + SVG_WAVE + 8, "",
+            put_text(p, bit_x(p, b) + bit_width(p, b) / 2, p->y + SVG_WAVE + 8, "",
                      l == LEVEL_RECESSIVE ? "1" : "0");
     }
     fputs("</g>\n", p->out);
@@ -405,9 +460,9 @@ static void draw_stuff(const pen *p, unsigned node, size_t first, size_t end)
     for (size_t b = first; b < end; b++) {
         if (!p->svg->bits[b].nodes[node].place.stuff)
             continue;
-        put_rect(p, bit_x(p, b), p->y, p->layout.bit, SVG_BAND,
+        put_rect(p, bit_x(p, b), p->y, bit_width(p, b), SVG_BAND,
                  " class=\"stuff\" fill=\"#3d3d3d\" stroke=\"#ffffff\"");
-        put_text(p, bit_x(p, b) + p->layout.bit / 2, p->y + SVG_BAND - 6,
+        put_text(p, bit_x(p, b) + bit_width(p, b) / 2, p->y + SVG_BAND - 6,
                  " font-size=\"9\" fill=\"#ffffff\" text-anchor=\"middle\"", "s");
     }
 }
@@ -556,8 +611,8 @@ static void draw_inside(const pen *p, unsigned node, int top)
     fputs("<g class=\"inside\">\n", p->out);
     for (size_t i = inside_before(in, p->row->first); i < end; i++)
         if (in->list[i].node == node)
-            inside_draw(p->out, &in->list[i], bit_x(p, in->list[i].bit), top, p->layout.bit,
-                        &last);
+            inside_draw(p->out, &in->list[i], bit_x(p, in->list[i].bit), top,
+                        bit_width(p, in->list[i].bit), &last);
     fputs("</g>\n", p->out);
 }
 
@@ -604,8 +659,11 @@ static void draw_title(const pen *p, uint64_t to)
     char text[CAPTION_MAX];
     print_us(from, first->start);
     print_us(until, end);
-    int used = snprintf(text, sizeof text, "%" PRIu32 " bit/s, %s to %s \xC2\xB5s",
-                        config->bitrate_bps, from, until);
+    char data[SVG_LABEL_MAX] = "";
+    if (p->svg->dbitrate_bps)
+        snprintf(data, sizeof data, " and %" PRIu32, p->svg->dbitrate_bps);
+    int used = snprintf(text, sizeof text, "%" PRIu32 "%s bit/s, %s to %s \xC2\xB5s",
+                        config->bitrate_bps, data, from, until);
     print_us(until, to);
     if (to != CW_NEVER && end < to)
         snprintf(text + used, sizeof text - (size_t)used,
@@ -614,12 +672,21 @@ static void draw_title(const pen *p, uint64_t to)
     put_text(p, p->layout.width - SVG_MARGIN, 20, " text-anchor=\"end\"", text);
 }
 
+static void draw_rate_legend(const pen *p, int x, int y)
+{
+    char text[SVG_LABEL_MAX + 64];
+    snprintf(text, sizeof text,
+             "begun at the data rate, %" PRIu32 " bit/s; all bits are to scale",
+             p->svg->dbitrate_bps);
+    put_rect(p, x, y - 5, 18, 4, " fill=\"" DATA_RATE "\"");
+    put_text(p, x + 23, y, "", text);
+}
+
 static void draw_legend(const pen *p)
 {
     int y = p->layout.height - 10;
     int x = SVG_MARGIN + p->layout.labels;
-    if (p->svg->inside)
-        y -= SVG_INSIDE_LEGEND;
+    y -= ((p->svg->inside != NULL) + (p->svg->dbitrate_bps != 0)) * SVG_LEGEND_LINE;
     fputs("<g class=\"legend\" font-size=\"9.5\" fill=\"" FAINT "\">\n", p->out);
     put_line(p, x, y - 3, x + 18, y - 3, " stroke=\"" DRIVEN "\" stroke-width=\"2\"");
     put_text(p, x + 23, y, "", "driven");
@@ -636,8 +703,10 @@ static void draw_legend(const pen *p)
     put_rect(p, x + 494, y - 11, 14, 14, " fill=\"#d4e6f7\"");
     put_text(p, x + 513, y, "", "receiver");
     if (p->svg->inside)
-        put_text(p, x, y + SVG_INSIDE_LEGEND, "",
+        put_text(p, x, y += SVG_LEGEND_LINE, "",
                  "below: time quanta, sample points (longer), synchronisations with phase errors");
+    if (p->svg->dbitrate_bps)
+        draw_rate_legend(p, x, y + SVG_LEGEND_LINE);
     fputs("</g>\n", p->out);
 }
 
@@ -645,7 +714,7 @@ bool svg_write(FILE *out, const svg *self, uint64_t to)
 {
     pen p = {.out = out, .svg = self};
     bool good = svg_layout_make(&p.layout, &self->notes, self->bits, self->count,
-                                self->inside != NULL);
+                                self->inside != NULL, self->dbitrate_bps != 0);
     if (good) {
         fprintf(out,
                 "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "

@@ -24,6 +24,9 @@ bool svg_event(svg *self, const cw_event *event);
  * memory. */
 bool svg_bit(svg *self, const cw_bit_view *bit);
 
+/* Takes note of a bit before the picture that came after svg_new(). */
+void svg_skip(svg *self, const cw_bit_view *bit);
+
 /* Returns the number of bits so far. */
 size_t svg_count(const svg *self);
 

@@ -12,9 +12,20 @@
 #define NOTE_SPACE 8 /* between texts */
 #define NAME_SPACE 10 /* between a name and the bits */
 
+uint64_t svg_layout_start(const svg_layout *self, size_t bit)
+{
+    return bit < self->count ? self->bits[bit].start : self->bits[self->count - 1].end;
+}
+
 int svg_layout_x(const svg_layout *self, const svg_row *row, size_t bit)
 {
-    return SVG_MARGIN + self->labels + (int)(bit - row->first) * self->bit;
+    const uint64_t ticks = svg_layout_start(self, bit) - svg_layout_start(self, row->first);
+    return SVG_MARGIN + self->labels + (int)(ticks * (unsigned)self->bit / self->shortest);
+}
+
+int svg_layout_width(const svg_layout *self, const svg_row *row, size_t bit)
+{
+    return svg_layout_x(self, row, bit + 1) - svg_layout_x(self, row, bit);
 }
 
 int svg_layout_letters(const svg_layout *self, int size)
@@ -57,26 +68,55 @@ static int find_labels(const cfg *config)
     return width;
 }
 
-/* Makes as many rows as needed, all of about the same length. */
-static bool make_rows(svg_layout *self, const cw_bit_view *bits, size_t count)
+static uint64_t shortest_bit(const cw_bit_view *bits, size_t count)
 {
-    const size_t most = SVG_AREA / SVG_BIT_MIN;
-    self->row_count = (count + most - 1) / most;
-    self->rows = calloc(self->row_count, sizeof *self->rows);
+    uint64_t ticks = bits[0].end - bits[0].start;
+    for (size_t b = 1; b < count; b++)
+        if (bits[b].end - bits[b].start < ticks)
+            ticks = bits[b].end - bits[b].start;
+    return ticks;
+}
+
+/* Begins a row with the bits that fit into so many ticks, at least one. */
+static void make_row(svg_layout *self, size_t first, uint64_t ticks)
+{
+    svg_row *row = &self->rows[self->row_count++];
+    const uint64_t start = self->bits[first].start;
+    row->first = row->end = first;
+    do {
+        const unsigned wires = self->bits[row->end++].wire_count;
+        row->wires = wires > row->wires ? wires : row->wires;
+    } while (row->end < self->count && self->bits[row->end].end - start <= ticks);
+}
+
+static int widest_row(const svg_layout *self)
+{
+    int width = 0;
+    for (size_t r = 0; r < self->row_count; r++) {
+        const svg_row *row = &self->rows[r];
+        const int area = svg_layout_x(self, row, row->end) - svg_layout_x(self, row, row->first);
+        width = area > width ? area : width;
+    }
+    return width;
+}
+
+/* Makes as many rows as needed, all of about the same length. */
+static bool make_rows(svg_layout *self)
+{
+    const uint64_t most = SVG_AREA / SVG_BIT_MIN; /* of the shortest bits in a row */
+    const uint64_t ticks = self->bits[self->count - 1].end - self->bits[0].start;
+    const uint64_t lengths = (ticks + self->shortest - 1) / self->shortest;
+    const uint64_t rows = (lengths + most - 1) / most;
+    const uint64_t each = (lengths + rows - 1) / rows;
+    self->rows = calloc(self->count, sizeof *self->rows);
     if (!self->rows)
         return false;
-    size_t each = (count + self->row_count - 1) / self->row_count;
     self->bit = SVG_AREA / (int)each;
     if (self->bit > SVG_BIT_MAX)
         self->bit = SVG_BIT_MAX;
-    for (size_t i = 0; i < self->row_count; i++) {
-        svg_row *row = &self->rows[i];
-        row->first = i * each;
-        row->end = i + 1 < self->row_count ? row->first + each : count;
-        for (size_t b = row->first; b < row->end; b++)
-            row->wires = bits[b].wire_count > row->wires ? bits[b].wire_count : row->wires;
-    }
-    int area = (int)each * self->bit;
+    for (size_t b = 0; b < self->count; b = self->rows[self->row_count - 1].end)
+        make_row(self, b, each * self->shortest);
+    int area = widest_row(self);
     self->width = 2 * SVG_MARGIN + self->labels + (area > SVG_AREA_MIN ? area : SVG_AREA_MIN);
     return true;
 }
@@ -106,8 +146,9 @@ static void take_lane(shelf *on, svg_layout *self, const svg_row *row, unsigned 
         size_t bit = note_bit(n->note);
         if (n->note->node != lane || bit < row->first || bit >= row->end)
             continue;
-        int half = (int)(n->note->half - 2 * row->first);
-        n->x = svg_layout_x(self, row, row->first) + half * self->bit / 2;
+        const size_t half = n->note->half;
+        n->x = svg_layout_x(self, row, half / 2);
+        n->x += half % 2 ? svg_layout_width(self, row, half / 2) / 2 : 0;
         n->letters = (int)strlen(n->note->text);
         on->notes[on->count++] = n;
     }
@@ -227,7 +268,7 @@ static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
 
 /* ---- The whole layout ------------------------------------------------------------------------ */
 
-static void stack_rows(svg_layout *self, size_t node_count, bool inside)
+static void stack_rows(svg_layout *self, size_t node_count, bool inside, bool rates)
 {
     int y = SVG_TITLE;
     for (size_t r = 0; r < self->row_count; r++) {
@@ -239,16 +280,19 @@ static void stack_rows(svg_layout *self, size_t node_count, bool inside)
             row->height += svg_layout_node(row, i);
         y += row->height + (r + 1 < self->row_count ? SVG_ROW_GAP : 0);
     }
-    self->height = y + SVG_LEGEND + (inside ? SVG_INSIDE_LEGEND : 0);
+    self->height = y + SVG_LEGEND + (inside + rates) * SVG_LEGEND_LINE;
 }
 
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
-                     size_t count, bool inside)
+                     size_t count, bool inside, bool rates)
 {
-    *self = (svg_layout){.labels = find_labels(notes->config)};
-    if (!make_rows(self, bits, count) || !place_notes(self, notes, count))
+    *self = (svg_layout){.labels = find_labels(notes->config),
+                         .bits = bits,
+                         .count = count,
+                         .shortest = shortest_bit(bits, count)};
+    if (!make_rows(self) || !place_notes(self, notes, count))
         return false;
-    stack_rows(self, bits[0].node_count, inside);
+    stack_rows(self, bits[0].node_count, inside, rates);
     return true;
 }
 

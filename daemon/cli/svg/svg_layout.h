@@ -21,7 +21,7 @@
 #define SVG_WAVE 16
 #define SVG_DIGITS 11
 #define SVG_INSIDE 17 /* quanta, sample points and synchronisations of a node */
-#define SVG_INSIDE_LEGEND 14
+#define SVG_LEGEND_LINE 14 /* a further line of the legend */
 #define SVG_GAP 12 /* below a lane */
 #define SVG_ROW_GAP 26
 #define SVG_LEGEND 26
@@ -56,7 +56,10 @@ typedef struct svg_row {
 } svg_row;
 
 typedef struct svg_layout {
-    int bit;    /* width of one */
+    const cw_bit_view *bits;
+    size_t count;
+    uint64_t shortest; /* ticks of the shortest bit; all others are to scale */
+    int bit;    /* its width */
     int labels; /* width of the labels left of the bits */
     int width;
     int height;
@@ -67,10 +70,11 @@ typedef struct svg_layout {
                            ones */
 } svg_layout;
 
-/* Lays out `count` bits, with room for what happens inside of them or without. Returns false when
- * there is no memory. The layout must be freed in either case. */
+/* Lays out `count` bits, which stay the caller's. inside: with room for what happens inside of
+ * them. rates: with room for what the legend says about the data rate. Returns false when there is
+ * no memory. The layout must be freed in either case. */
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,
-                     size_t count, bool inside);
+                     size_t count, bool inside, bool rates);
 
 void svg_layout_free(svg_layout *self);
 
@@ -80,8 +84,12 @@ int svg_layout_letters(const svg_layout *self, int size);
 /* Returns the width of the text of a note. */
 int svg_layout_text(const placed_note *n);
 
-/* Returns the left edge of a bit of a row. */
+/* Returns the tick at which a bit begins; the end of the last one for the one behind it. */
+uint64_t svg_layout_start(const svg_layout *self, size_t bit);
+
+/* Return the left edge of a bit of a row, and its width. */
 int svg_layout_x(const svg_layout *self, const svg_row *row, size_t bit);
+int svg_layout_width(const svg_layout *self, const svg_row *row, size_t bit);
 
 /* Return heights of a lane with its gap. */
 int svg_layout_faults(const svg_row *row);

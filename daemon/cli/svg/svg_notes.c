@@ -13,7 +13,7 @@
 
 void notes_init(note_list *self, const cfg *config, const cw_bus *bus)
 {
-    *self = (note_list){.config = config, .start = cw_bus_now(bus)};
+    *self = (note_list){.config = config, .end = cw_bus_now(bus)};
     for (unsigned i = 0; i < config->node_count; i++) {
         cw_node_stats stats;
         cw_status status = cw_node_get_stats(bus, i, &stats);
@@ -119,10 +119,11 @@ static void append_event(note *self, const cw_event *event)
     }
 }
 
-/* Returns half bits from the start of the picture; a bit that has begun counts as a whole one. */
+/* Returns half bits from the start of the picture to the end of the present bit, or to its begin
+ * for a tick that is not later. */
 static size_t half_at_end(const note_list *self, uint64_t tick)
 {
-    return 2 * (size_t)cw_rate_bits_begun(self->config->rate, tick - self->start);
+    return 2 * (self->bits + (tick > self->end));
 }
 
 static bool add_hit(note_list *self, const cw_event *event)
@@ -173,9 +174,11 @@ bool notes_bit(note_list *self, const cw_bit_view *bit)
         if (n->text[0] == '\0')
             continue;
         n->node = i;
-        n->half = half_at_end(self, bit->end);
+        n->half = 2 * (self->bits + 1);
         good = add_note(self, n) && good;
         *n = (note){.half = 0};
     }
+    self->bits++;
+    self->end = bit->end;
     return good;
 }

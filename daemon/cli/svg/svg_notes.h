@@ -37,7 +37,8 @@ typedef struct note_list {
     note *list;
     size_t count;
     size_t capacity;
-    uint64_t start;             /* tick of the picture */
+    size_t bits;                /* taken so far */
+    uint64_t end;               /* tick of the end of the last one; at first of the start */
     note pending[CW_NODES_MAX]; /* for the next bit; empty text: none */
     struct {
         cw_state state;

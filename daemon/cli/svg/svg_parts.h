@@ -18,6 +18,7 @@
 #define DRIVEN "#1c4f9c"
 #define STATE "#6b2fa0"
 #define FAULT "#b5127d"
+#define DATA_RATE "#b58bd0"
 #define ERROR_RED "#c8202c"
 
 typedef struct svg_style {
