@@ -64,7 +64,8 @@ static int width_of(const char *text, const char *name, int *x)
     snprintf(begin, sizeof begin, "<rect class=\"%s\" ", name);
     const char *at = strstr(text, begin);
     assert_non_null(at);
-    assert_int_equal(sscanf(at + strlen(begin), "x=\"%d\" y=\"%d\" width=\"%d\"", x, &y, &width), 3);
+    at += strlen(begin);
+    assert_int_equal(sscanf(at, "x=\"%d\" y=\"%d\" width=\"%d\"", x, &y, &width), 3);
     return width;
 }
 

@@ -207,8 +207,7 @@ static void put_number(const pen *p, size_t bit, int y, const char *text)
         put_text(p, x + 2, y, "", text);
 }
 
-/* Returns the number of a bit since the start of the bus. Where there is no data rate, time tells
- * it. */
+/* Returns the number of a bit since the start of the bus. Without a data rate, time tells it. */
 static uint64_t bit_number(const pen *p, size_t bit)
 {
     const uint64_t before = p->svg->dbitrate_bps
