@@ -130,6 +130,7 @@ typedef enum cfg_expect_kind {
     CFG_EXPECT_ARBITRATION_LOST,
     CFG_EXPECT_FAULTS, /* ... this one: hits of fault rules */
     CFG_EXPECT_LOAD,   /* of the whole run */
+    CFG_EXPECT_EXCEPTIONS, /* number of protocol exceptions */
     CFG_EXPECT_COUNT
 } cfg_expect_kind;
 

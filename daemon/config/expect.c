@@ -24,7 +24,8 @@
 #define HAS_TYPE 0x40u
 #define HAS_WHY 0x80u
 #define HAS_RULE 0x100u
-#define IS_FRAMES (HAS_FRAME | HAS_FROM | HAS_TO | HAS_TIME)
+#define HAS_RATE 0x200u
+#define IS_FRAMES (HAS_FRAME | HAS_FROM | HAS_TO | HAS_TIME | HAS_RATE)
 
 typedef struct subject {
     const char *name;
@@ -37,10 +38,11 @@ static const subject subjects[] = {
     {"delay", CFG_EXPECT_DELAY, IS_FRAMES},
     {"seen", CFG_EXPECT_SEEN, IS_FRAMES},
     {"state", CFG_EXPECT_STATE, HAS_NODE | HAS_REACHED | HAS_TIME},
-    {"errors", CFG_EXPECT_ERRORS, HAS_NODE | HAS_TYPE | HAS_TIME},
+    {"errors", CFG_EXPECT_ERRORS, HAS_NODE | HAS_TYPE | HAS_TIME | HAS_RATE},
     {"drops", CFG_EXPECT_DROPS, HAS_NODE | HAS_WHY | HAS_FRAME | HAS_TIME},
     {"restarts", CFG_EXPECT_RESTARTS, HAS_NODE | HAS_TIME},
     {"overloads", CFG_EXPECT_OVERLOADS, HAS_NODE | HAS_TIME},
+    {"protocol-exceptions", CFG_EXPECT_EXCEPTIONS, HAS_NODE | HAS_TIME},
     {"arbitration-lost", CFG_EXPECT_ARBITRATION_LOST, HAS_NODE | HAS_FRAME | HAS_TIME},
     {"faults", CFG_EXPECT_FAULTS, HAS_RULE | HAS_TIME},
     {"load", CFG_EXPECT_LOAD, 0},
@@ -56,13 +58,13 @@ typedef struct condition {
 static const condition conditions[] = {
     {"frame", HAS_FRAME}, {"data", HAS_FRAME},  {"from", HAS_FROM}, {"to", HAS_TO},
     {"time", HAS_TIME},   {"before", HAS_TIME}, {"node", HAS_NODE}, {"reached", HAS_REACHED},
-    {"type", HAS_TYPE},   {"why", HAS_WHY},     {"rule", HAS_RULE},
+    {"type", HAS_TYPE},   {"why", HAS_WHY},     {"rule", HAS_RULE}, {"rate", HAS_RATE},
 };
 
 #define CONDITIONS (sizeof conditions / sizeof conditions[0])
 
 static schema_reader read_name, read_count, read_delay, read_whether, read_states, read_load,
-    read_percent, read_types, read_whys, read_rule;
+    read_percent, read_types, read_whys, read_rule, read_rate;
 
 static const schema_range count_range = {0, UINT64_MAX, sizeof(uint64_t)};
 
@@ -87,6 +89,7 @@ static const schema_key expect_keys[] = {
     COUNTED("drops"),
     COUNTED("restarts"),
     COUNTED("overloads"),
+    COUNTED("protocol-exceptions"),
     COUNTED("arbitration-lost"),
     COUNTED("faults"),
     {.name = "load", .read = read_load},
@@ -105,6 +108,7 @@ static const schema_key expect_keys[] = {
     {.name = "type", .read = read_types},
     {.name = "why", .read = read_whys},
     {.name = "rule", .read = read_rule},
+    {.name = "rate", .read = read_rate},
     {.name = NULL},
 };
 
@@ -273,6 +277,20 @@ static void read_whys(schema *self, const schema_key *key, yaml_node_t *value, v
     for (unsigned i = 0; i < CW_DROP_COUNT; i++)
         choices[i] = (schema_choice){.name = cw_drop_name((cw_drop)i), .value = i};
     e->why = read_words(self, key, value, choices, CW_DROP_COUNT);
+}
+
+static void read_rate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const schema_choice rates[] = {
+        {.name = "nominal", .value = CW_RATE_NOMINAL},
+        {.name = "data", .value = CW_RATE_DATA},
+        {.name = NULL},
+    };
+    cfg_expect *e = object;
+    unsigned rate;
+
+    if (schema_choose(self, &rate, key, value, rates))
+        e->when.rate = (cw_phase_rate)rate;
 }
 
 static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, void *object)

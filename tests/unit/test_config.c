@@ -188,7 +188,7 @@ static void expectations_are_read(void **state)
     const cfg_expect *e = config->expects;
 
     (void)state;
-    assert_int_equal(config->expect_count, 18);
+    assert_int_equal(config->expect_count, 21);
     for (size_t i = 0; i < config->expect_count; i++)
         assert_int_equal(e[i].line, 11 + (int)i);
     assert_string_equal(e[0].name, "speed, everywhere");
@@ -236,6 +236,11 @@ static void expectations_are_read(void **state)
     assert_int_equal(e[16].min, 125);
     assert_int_equal(e[16].max, 600);
     assert_string_equal(e[17].name, "7");
+    assert_int_equal(e[17].when.rate, CW_RATE_ANY);
+    assert_int_equal(e[18].kind, CFG_EXPECT_EXCEPTIONS);
+    assert_int_equal(e[18].max, 2);
+    assert_int_equal(e[19].when.rate, CW_RATE_DATA);
+    assert_int_equal(e[20].when.rate, CW_RATE_NOMINAL);
     cfg_free(config);
 }
 

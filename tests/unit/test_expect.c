@@ -68,12 +68,17 @@ static const cw_event run[] = {
     {.kind = CW_EVENT_ERROR, .tick = 30 * MS, .nodes = B, .error = {.type = CW_ERROR_CRC}},
     {.kind = CW_EVENT_ERROR, .tick = 30 * MS, .nodes = A, .error = {.type = CW_ERROR_FORM}},
     {.kind = CW_EVENT_STATE, .tick = 30 * MS, .nodes = B, .state = CW_STATE_ERROR_PASSIVE},
-    {.kind = CW_EVENT_ERROR, .tick = 40 * MS, .nodes = B, .error = {.type = CW_ERROR_STUFF}},
+    {.kind = CW_EVENT_ERROR,
+     .tick = 40 * MS,
+     .nodes = B,
+     .fast = true,
+     .error = {.type = CW_ERROR_STUFF}},
     {.kind = CW_EVENT_STATE, .tick = 40 * MS, .nodes = B, .state = CW_STATE_BUS_OFF},
     {.kind = CW_EVENT_DROP, .tick = 45 * MS, .nodes = B, .why = CW_DROP_BUS_OFF, FRAME(0x124)},
     {.kind = CW_EVENT_RESTART, .tick = 50 * MS, .nodes = B},
     {.kind = CW_EVENT_ARBITRATION_LOST, .tick = 60 * MS, .nodes = B, FRAME(0x124)},
     {.kind = CW_EVENT_OVERLOAD, .tick = 61 * MS, .nodes = C},
+    {.kind = CW_EVENT_EXCEPTION, .tick = 62 * MS, .nodes = C},
     {.kind = CW_EVENT_RX,
      .tick = 70 * MS,
      .nodes = B | C,
@@ -218,6 +223,11 @@ static const judgement judgements[] = {
     {"{ restarts: 0 }", false, "0 restarts", "1"},
     {"{ restarts: 0, node: a }", true, "0 restarts at a", "0"},
     {"{ overloads: { max: 1 } }", true, "at most 1 overload flag", "1"},
+    {"{ protocol-exceptions: 1, node: c }", true, "1 protocol exception at c", "1"},
+    {"{ protocol-exceptions: 0 }", false, "0 protocol exceptions", "1"},
+    {"{ errors: 1, rate: data }", true, "1 error at the data rate", "1"},
+    {"{ errors: 2, rate: nominal }", true, "2 errors at the nominal rate", "2"},
+    {"{ errors: 0, rate: data, node: a }", true, "0 errors at the data rate at a", "0"},
     {"{ arbitration-lost: 1, frame: 124 }", true, "1 lost arbitration 124", "1"},
     {"{ arbitration-lost: 1, frame: 123 }", false, "1 lost arbitration 123", "0"},
     {"{ faults: 2 }", true, "2 hits", "2"},
@@ -250,6 +260,35 @@ static void runs_are_judged(void **state)
         expect_report_free(&report);
         cfg_free(config);
     }
+}
+
+/* The rate of a frame is that of its data field: only BRS of a CAN FD frame switches it (D10). */
+static void frames_have_a_rate(void **state)
+{
+    static const struct {
+        uint8_t flags;
+        bool data;
+    } cases[] = {{0, false},
+                 {CW_FRAME_EXTENDED, false},
+                 {CW_FRAME_FD, false},
+                 {CW_FRAME_FD | CW_FRAME_ESI, false},
+                 {CW_FRAME_FD | CW_FRAME_BRS, true},
+                 {CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_EXTENDED | CW_FRAME_ESI, true}};
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++)
+        for (unsigned data = 0; data < 2; data++) {
+            const cw_event sent = {.kind = CW_EVENT_TX,
+                                   .tick = MS,
+                                   .nodes = A,
+                                   .from = A,
+                                   .frame = {.id = 0x123, .flags = cases[i].flags}};
+            cfg *config = load(data ? "{ delivered: 1, rate: data }"
+                                    : "{ delivered: 1, rate: nominal }");
+            expect_report report = judge(config, &sent, 1);
+            assert_int_equal(report.failed, cases[i].data != (data != 0));
+            expect_report_free(&report);
+            cfg_free(config);
+        }
 }
 
 static void outcomes_say_how_long_they_looked(void **state)
@@ -390,6 +429,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(runs_are_judged),
+        cmocka_unit_test(frames_have_a_rate),
         cmocka_unit_test(outcomes_say_how_long_they_looked),
         cmocka_unit_test(the_text_has_a_line_for_each),
         cmocka_unit_test(junit_is_good_xml),

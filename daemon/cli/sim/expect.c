@@ -65,9 +65,16 @@ static bool matches_data(const cw_rule *when, const cw_frame *frame)
     return true;
 }
 
+static bool matches_rate(cw_phase_rate rate, bool data)
+{
+    return rate == CW_RATE_ANY || (rate == CW_RATE_DATA) == data;
+}
+
 static bool matches_frame(const cw_rule *when, const cw_frame *frame)
 {
-    return cw_frame_matches(frame, when->filters, when->filter_count) && matches_data(when, frame);
+    const unsigned fast = CW_FRAME_FD | CW_FRAME_BRS;
+    return matches_rate(when->rate, (frame->flags & fast) == fast) &&
+           cw_frame_matches(frame, when->filters, when->filter_count) && matches_data(when, frame);
 }
 
 /* Returns true for a delivery: at the named receivers, else at the sender when it is done. */
@@ -89,7 +96,7 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
     case CFG_EXPECT_STATE:
         return event->kind == CW_EVENT_STATE && (e->states >> event->state & 1u);
     case CFG_EXPECT_ERRORS:
-        return event->kind == CW_EVENT_ERROR &&
+        return event->kind == CW_EVENT_ERROR && matches_rate(e->when.rate, event->fast) &&
                (e->types == 0 || (e->types >> event->error.type & 1u));
     case CFG_EXPECT_DROPS:
         return event->kind == CW_EVENT_DROP && (e->why == 0 || (e->why >> event->why & 1u)) &&
@@ -98,6 +105,8 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
         return event->kind == CW_EVENT_RESTART;
     case CFG_EXPECT_OVERLOADS:
         return event->kind == CW_EVENT_OVERLOAD;
+    case CFG_EXPECT_EXCEPTIONS:
+        return event->kind == CW_EVENT_EXCEPTION;
     case CFG_EXPECT_ARBITRATION_LOST:
         return event->kind == CW_EVENT_ARBITRATION_LOST && matches_frame(&e->when, &event->frame);
     case CFG_EXPECT_FAULTS:
@@ -287,6 +296,7 @@ static void write_counted(FILE *out, const cfg_expect *e)
         [CFG_EXPECT_DROPS] = {"frame dropped", "frames dropped"},
         [CFG_EXPECT_RESTARTS] = {"restart", "restarts"},
         [CFG_EXPECT_OVERLOADS] = {"overload flag", "overload flags"},
+        [CFG_EXPECT_EXCEPTIONS] = {"protocol exception", "protocol exceptions"},
         [CFG_EXPECT_FAULTS] = {"hit", "hits"},
         [CFG_EXPECT_ARBITRATION_LOST] = {"lost arbitration", "lost arbitrations"},
         [CFG_EXPECT_DELIVERED] = {"frame", "frames"},
@@ -317,6 +327,7 @@ static void write_subject(FILE *out, const cfg_expect *e)
     case CFG_EXPECT_DROPS:
     case CFG_EXPECT_RESTARTS:
     case CFG_EXPECT_OVERLOADS:
+    case CFG_EXPECT_EXCEPTIONS:
     case CFG_EXPECT_ARBITRATION_LOST:
     case CFG_EXPECT_FAULTS:
     case CFG_EXPECT_COUNT:
@@ -333,6 +344,8 @@ static void write_wanted(FILE *out, const cfg *config, const cfg_expect *e)
     write_words(out, e->why, CW_DROP_COUNT, why_name);
     if (e->rule)
         fprintf(out, " of %s", e->rule);
+    if (e->when.rate != CW_RATE_ANY)
+        fprintf(out, " at the %s rate", e->when.rate == CW_RATE_DATA ? "data" : "nominal");
     write_where(out, config, e);
     write_window(out, &e->when);
 }
