@@ -75,10 +75,13 @@ static const char *plural(uint64_t count)
 
 static void print_summary(const cfg *config)
 {
-    printf("%s: ok (bus %s, %" PRIu32 " bit/s, classical CAN, %zu node%s, %zu rule%s",
-           config->file,
-           config->bus_name, config->bitrate_bps, config->node_count, plural(config->node_count),
-           config->rule_count, plural(config->rule_count));
+    printf("%s: ok (bus %s, %" PRIu32 " bit/s, ", config->file, config->bus_name,
+           config->bitrate_bps);
+    if (config->dbitrate_bps > 0)
+        printf("data %" PRIu32 " bit/s, ", config->dbitrate_bps);
+    printf("%s, %zu node%s, %zu rule%s", cfg_has_fd(config) ? "CAN FD" : "classical CAN",
+           config->node_count, plural(config->node_count), config->rule_count,
+           plural(config->rule_count));
     if (config->expect_count > 0)
         printf(", %zu expectation%s for canwire sim", config->expect_count,
                plural(config->expect_count));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bus.c - the keys of `bus`: its name, its bit rate and its line.
+ * bus.c - the keys of `bus`: its name, its bit rates and its line.
  */
 #include "config/parts.h"
 
@@ -10,11 +10,14 @@
 
 #define BITRATE_MIN 5000u
 #define BITRATE_MAX 1000000u
+#define DBITRATE_MAX 10000000u
 #define LINE_PS_MAX 100000u /* of a metre */
 #define BITRATE_ERROR_INVERSE 1000u /* the used rate differs by at most 1/1000 */
 
-static schema_reader read_bus_name, read_bitrate, read_line, read_line_delay;
+static schema_reader read_bus_name, read_bitrate, read_dbitrate, read_line, read_line_delay;
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
+
+static const schema_range dbitrate_range = {BITRATE_MIN, DBITRATE_MAX, sizeof(uint32_t)};
 
 static const schema_choice terminations[] = {
     {.name = "both", .value = CFG_TERMINATION_BOTH},
@@ -33,6 +36,14 @@ static const schema_key bus_keys[] = {
     {.name = "sample-point",
      .read = cfg_read_sample_point,
      .offset = offsetof(cfg, sample_permille)},
+    {.name = "dbitrate",
+     .read = read_dbitrate,
+     .offset = offsetof(cfg, dbitrate_bps),
+     .arg = &dbitrate_range},
+    {.name = "dsample-point",
+     .read = cfg_read_sample_point,
+     .offset = offsetof(cfg, dsample_permille)},
+    {.name = "fd-non-iso", .read = schema_read_bool, .offset = offsetof(cfg, fd_non_iso)},
     {.name = "line", .read = read_line},
     {.name = "termination",
      .read = schema_read_choice,
@@ -52,6 +63,12 @@ static const schema_key line_keys[] = {
 void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_map(self, key->name, value, bus_keys, object);
+    if (value->type != YAML_MAPPING_NODE || schema_find(self, value, "dbitrate"))
+        return;
+    const yaml_node_t *point = schema_find(self, value, "dsample-point");
+    if (point)
+        schema_complain(self, point, "dsample-point: the bus has no dbitrate, so it has no data "
+                        "phase of its own");
 }
 
 static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -110,4 +127,17 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
                         "nearest are %" PRIu32 " and %" PRIu32,
                         key->name, config->bitrate_bps, CW_CLOCK_HZ / 1000000u,
                         rounded_rate(fast + 1), rounded_rate(fast));
+}
+
+static void read_dbitrate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+
+    schema_read_uint(self, key, value, object);
+    if (config->dbitrate_bps >= config->bitrate_bps)
+        return;
+    if (config->dbitrate_bps > 0)
+        schema_complain(self, value,
+                        "%s: the data phase is not slower than the rest of the frame: %" PRIu32
+                        " to %u are allowed", key->name, config->bitrate_bps, DBITRATE_MAX);
 }

@@ -34,6 +34,30 @@ bool cfg_has_clocks(const cfg *config)
     return false;
 }
 
+bool cfg_knows_fd(const cfg *config, const cfg_node *node)
+{
+    return node->kind == CFG_KIND_FD ||
+           (node->kind == CFG_KIND_BY_BUS && config->dbitrate_bps > 0);
+}
+
+bool cfg_has_fd(const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (cfg_knows_fd(config, &config->nodes[i]))
+            return true;
+    return false;
+}
+
+static uint8_t protocol_of(const cfg *config, const cfg_node *node)
+{
+    unsigned protocol = node->kind == CFG_KIND_FD_TOLERANT ? CW_FD_TOLERANT : CW_CLASSICAL;
+
+    if (cfg_knows_fd(config, node))
+        protocol = CW_FD;
+    return (uint8_t)(protocol | (node->no_exception ? CW_PROTOCOL_NO_EXCEPTION : 0) |
+                     (config->fd_non_iso ? CW_PROTOCOL_NON_ISO : 0));
+}
+
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++) {
@@ -44,6 +68,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .queue = node->queue,
             .warning_limit = node->warning_limit,
             .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
+            .protocol = protocol_of(config, node),
             .timing = node->time.timing,
         };
     }

@@ -60,6 +60,22 @@ typedef enum cfg_when_full {
     CFG_WHEN_FULL_WAIT      /* frames stay in the port, which is not read: default of sockets */
 } cfg_when_full;
 
+/* Controllers of nodes, by the frames that they know (D17). */
+typedef enum cfg_kind {
+    CFG_KIND_BY_BUS = 0, /* fd where the bus has a data rate, else classical */
+    CFG_KIND_CLASSICAL,
+    CFG_KIND_FD_TOLERANT,
+    CFG_KIND_FD
+} cfg_kind;
+
+/* Transmitter delay compensation (D13) as wished. */
+typedef enum cfg_tdc {
+    CFG_TDC_BY_RATE = 0, /* as Linux does: auto with a prescaler of 1 or 2, else off */
+    CFG_TDC_OFF,
+    CFG_TDC_AUTO,
+    CFG_TDC_MANUAL
+} cfg_tdc;
+
 /* The clock of a node and its place on the line, by its keys. */
 typedef struct cfg_node_time {
     bool used;                   /* there is a key of time */
@@ -69,6 +85,11 @@ typedef struct cfg_node_time {
     bool found;                  /* no key gives the segments: they were found as Linux does it */
     int32_t ppm;                 /* error of the clock */
     uint16_t sample_permille;    /* wish; 0: none */
+    bit_timing data;             /* data phase (D10); clock_hz 0: none */
+    uint16_t dsample_permille;
+    cfg_tdc tdc;
+    uint32_t tdco;               /* clocks; 0: from the begin of a bit to its sample point */
+    uint32_t tdcv;
     uint64_t position_mm;        /* along the line */
     uint64_t stub_mm;
     cw_node_timing timing;       /* for the library */
@@ -80,6 +101,8 @@ typedef struct cfg_node {
     cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
     char *netns;         /* network namespace that the peer is in; NULL: that of the port */
+    cfg_kind kind;
+    bool no_exception;   /* a protocol exception is a form error (D16) */
     uint8_t modes;       /* CW_MODE_* */
     bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;
@@ -197,6 +220,9 @@ typedef struct cfg {
     cfg_place bitrate_place;
     cw_rate rate;
     uint16_t sample_permille;  /* of all nodes that have no other wish; 0: none */
+    uint32_t dbitrate_bps;     /* of the data phase of CAN FD frames (D10); 0: none */
+    uint16_t dsample_permille;
+    bool fd_non_iso;           /* FD frames have the format from before ISO 11898-1:2015 */
     uint64_t line_ps_per_m;    /* delay of a metre of line; default 5000 */
     cfg_termination termination; /* of which the ringing of the nodes has been made */
     uint64_t seed;
@@ -281,6 +307,12 @@ bool cfg_traffic_is_endless(const cfg_traffic *traffic);
 
 /* Returns the index of the node of that name, or CW_NO_NODE. */
 uint8_t cfg_find_node(const cfg *config, const char *name);
+
+/* Returns true when a node knows CAN FD frames. */
+bool cfg_knows_fd(const cfg *config, const cfg_node *node);
+
+/* Returns true when any node does. */
+bool cfg_has_fd(const cfg *config);
 
 /* Finds for each node of a configuration the node of that name in an old one, or CW_NO_NODE. */
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);

@@ -19,7 +19,7 @@
 #define WARNING_LIMIT_DEFAULT 96u
 
 static schema_reader read_node_name, read_port, read_peer, read_peer_name, read_netns, read_mode,
-    read_when_full;
+    read_when_full, read_fd, read_exception;
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
@@ -28,6 +28,22 @@ static const schema_range brp_range = {1, CFG_BRP_MAX, sizeof(uint32_t)};
 static const schema_range prop_range = {0, CFG_SEGMENT_MAX, sizeof(uint32_t)};
 static const schema_range phase_range = {1, CFG_SEGMENT_MAX, sizeof(uint32_t)};
 static const schema_range sjw_range = {1, CFG_SJW_MAX, sizeof(uint32_t)};
+
+static const schema_range tdc_range = {0, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
+
+static const schema_choice kinds[] = {
+    {.name = "classical", .value = CFG_KIND_CLASSICAL},
+    {.name = "fd-tolerant", .value = CFG_KIND_FD_TOLERANT},
+    {.name = "fd", .value = CFG_KIND_FD},
+    {.name = NULL},
+};
+
+static const schema_choice tdc_modes[] = {
+    {.name = "off", .value = CFG_TDC_OFF},
+    {.name = "auto", .value = CFG_TDC_AUTO},
+    {.name = "manual", .value = CFG_TDC_MANUAL},
+    {.name = NULL},
+};
 
 static const schema_choice when_full_choices[] = {
     {.name = "drop", .value = CFG_WHEN_FULL_DROP},
@@ -43,7 +59,8 @@ static const schema_choice when_full_choices[] = {
      .arg = &restart_range},                                                                       \
         {.name = "berr-reporting", .read = read_mode}, {.name = "one-shot", .read = read_mode},    \
         {.name = "listen-only", .read = read_mode}, {.name = "loopback", .read = read_mode},       \
-        {.name = "presume-ack", .read = read_mode}, {                                              \
+        {.name = "presume-ack", .read = read_mode},                                                \
+        {.name = "restricted", .read = read_mode}, {                                               \
         .name = "lost-arbitration-reporting", .read = read_mode                                    \
     }
 #define QUEUE                                                                                      \
@@ -93,6 +110,32 @@ static const schema_choice when_full_choices[] = {
         .name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing)                      \
     }
 
+/* Keys of CAN FD; node_data.c does the rest. */
+#define FD                                                                                         \
+    {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds},                      \
+        {.name = "fd", .read = read_fd}, {.name = "protocol-exception", .read = read_exception},   \
+        {.name = "dsample-point",                                                                  \
+         .read = cfg_read_sample_point,                                                            \
+         MEMBER(time.dsample_permille)},                                                           \
+        {.name = "dbrp", .read = schema_read_uint, MEMBER(time.data.brp), .arg = &brp_range},      \
+        {.name = "dprop-seg",                                                                      \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.data.prop_seg),                                                               \
+         .arg = &prop_range},                                                                      \
+        {.name = "dphase-seg1",                                                                    \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.data.phase_seg1),                                                             \
+         .arg = &phase_range},                                                                     \
+        {.name = "dphase-seg2",                                                                    \
+         .read = schema_read_uint,                                                                 \
+         MEMBER(time.data.phase_seg2),                                                             \
+         .arg = &phase_range},                                                                     \
+        {.name = "dsjw", .read = schema_read_uint, MEMBER(time.data.sjw), .arg = &sjw_range},      \
+        {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = tdc_modes},      \
+        {.name = "tdco", .read = schema_read_uint, MEMBER(time.tdco), .arg = &tdc_range}, {        \
+        .name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdc_range             \
+    }
+
 /* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */
 static const schema_key default_keys[] = {
     RESTART_AND_MODES,
@@ -104,6 +147,7 @@ static const schema_key default_keys[] = {
     ORDER,
     WARNING_LIMIT,
     TIME,
+    FD,
     {.name = NULL},
 };
 
@@ -122,6 +166,7 @@ static const schema_key node_keys[] = {
     ORDER,
     WARNING_LIMIT,
     TIME,
+    FD,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
 };
@@ -365,4 +410,22 @@ static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, v
         return;
     node->modes = (uint8_t)(on ? node->modes | mode : node->modes & ~mode);
     node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
+}
+
+static void read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    bool on;
+
+    if (schema_choose_bool(self, &on, key, value))
+        node->kind = on ? CFG_KIND_FD : CFG_KIND_CLASSICAL;
+}
+
+static void read_exception(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    bool on;
+
+    if (schema_choose_bool(self, &on, key, value))
+        node->no_exception = !on;
 }

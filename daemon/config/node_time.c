@@ -302,7 +302,8 @@ static bool any_uses_time(schema *self, yaml_node_t *nodes)
 {
     const cfg_walk *walk = self->user;
     const cfg *config = walk->config;
-    bool used = config->sample_permille > 0 || config->termination != CFG_TERMINATION_BOTH ||
+    bool used = config->sample_permille > 0 || config->dbitrate_bps > 0 ||
+                config->termination != CFG_TERMINATION_BOTH ||
                 (walk->default_map && uses_time(self, walk->default_map));
 
     for (size_t i = 0; i < config->node_count; i++)
@@ -310,14 +311,18 @@ static bool any_uses_time(schema *self, yaml_node_t *nodes)
     return used;
 }
 
-static void complete_node(schema *self, yaml_node_t *item, cfg_node_time *time)
+static void complete_node(schema *self, yaml_node_t *item, cfg_node *node)
 {
     const uint64_t ps_per_m = cfg_of(self)->line_ps_per_m;
+    const size_t errors = self->errors->errors;
+    cfg_node_time *time = &node->time;
 
     time->used = true;
     if (!time->limits)
         time->limits = timing_controller("any");
     complete_bit(self, item, time);
+    if (self->errors->errors == errors)
+        cfg_complete_data(self, item, node);
     time->timing.place = cfg_span_of_way(time->position_mm, ps_per_m);
     time->timing.stub = cfg_span_of_way(time->stub_mm, ps_per_m);
 }
@@ -333,7 +338,7 @@ static void complete_nodes(schema *self, yaml_node_t *nodes)
     if (self->errors->errors > errors)
         return;
     for (size_t i = 0; i < config->node_count; i++)
-        complete_node(self, schema_item(self, nodes, i), &config->nodes[i].time);
+        complete_node(self, schema_item(self, nodes, i), &config->nodes[i]);
     cfg_add_ringing(self, nodes);
     for (size_t i = 0; i < config->node_count; i++)
         check_lengths(self, schema_item(self, nodes, i), &config->nodes[i].time);
@@ -348,7 +353,8 @@ static void complete_time(schema *self, yaml_node_t *nodes)
 
     if (errors > 0)
         return;
-    if (any_uses_time(self, nodes))
+    cfg_check_fd(self, nodes);
+    if (self->errors->errors == 0 && any_uses_time(self, nodes))
         complete_nodes(self, nodes);
     if (self->errors->errors == errors)
         cfg_check_pairs(self, nodes);

@@ -39,6 +39,12 @@ schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
 /* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes);
 
+/* Checks the keys of CAN FD of all nodes against the bus and against each other. node_data.c */
+void cfg_check_fd(schema *self, yaml_node_t *nodes);
+
+/* Gives a node its data phase. Its own bit timing is complete. */
+void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node);
+
 /* Adds what missing terminators cause to the ringing of the nodes that have no such key. Their
  * places are known. */
 void cfg_add_ringing(schema *self, yaml_node_t *nodes); /* termination.c */

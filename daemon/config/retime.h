@@ -75,6 +75,7 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
 #define CFG_BRP_MAX 1024u
 #define CFG_SEGMENT_MAX 256u
 #define CFG_SJW_MAX 128u
+#define CFG_TDC_CLOCKS_MAX 65535u
 
 bool cfg_clock_valid(uint64_t hz);
 
@@ -86,6 +87,13 @@ bool cfg_fit_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX]);
 
 /* Finds segments as Linux does, for clock, bit rate, sample point and sjw. */
 bool cfg_find_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config);
+
+/* Do the same for the data phase, in time->data. */
+bool cfg_fit_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX]);
+bool cfg_find_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config);
+
+/* Returns the data phase that keys say; all 0 without one. */
+cw_data_timing cfg_data_timing(const cfg_node_time *time);
 
 /* Returns the bit timing that keys say. Without a clock the quantum is the nominal one with the
  * error. */

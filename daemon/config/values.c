@@ -19,6 +19,7 @@ static const schema_choice modes[] = {
     {.name = "presume-ack", .value = CW_MODE_PRESUME_ACK},
     {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
     {.name = "lost-arbitration-reporting", .value = CW_MODE_LOST_ARBITRATION_REPORTING},
+    {.name = "restricted", .value = CW_MODE_RESTRICTED},
     {.name = NULL},
 };
 

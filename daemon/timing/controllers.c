@@ -41,6 +41,17 @@ static const timing_limits controllers[] = {
     {"usb_8dev", 1, 16, 1, 8, 4, 1, 1024, 1},
     {"xilinx_can", 1, 16, 1, 8, 4, 1, 256, 1},
 };
+/* The data phase of those that have one. "any" is as most of them. */
+static const timing_limits data_phases[] = {
+    {"any", 1, 32, 1, 16, 16, 1, 1024, 1},
+    {"flexcan_fd", 2, 39, 2, 8, 4, 1, 1024, 1},
+    {"ifi_canfd", 1, 256, 2, 256, 128, 2, 512, 1},
+    {"m_can", 1, 32, 1, 16, 16, 1, 32, 1},
+    {"mcp251xfd", 1, 32, 1, 16, 16, 1, 256, 1},
+    {"peak_canfd", 1, 32, 1, 16, 16, 1, 1024, 1},
+    {"rcar_canfd", 2, 16, 2, 8, 8, 1, 256, 1},
+    {"rockchip_canfd", 1, 32, 1, 16, 16, 2, 256, 2},
+};
 #define CONTROLLER_COUNT (sizeof controllers / sizeof controllers[0])
 
 static bool within(char problem[TIMING_PROBLEM_MAX], const char *what, uint32_t value,
@@ -58,6 +69,14 @@ const timing_limits *timing_controller(const char *name)
     for (size_t i = 0; i < CONTROLLER_COUNT; i++)
         if (strcmp(controllers[i].name, name) == 0)
             return &controllers[i];
+    return NULL;
+}
+
+const timing_limits *timing_data_limits(const timing_limits *limits)
+{
+    for (size_t i = 0; i < sizeof data_phases / sizeof data_phases[0]; i++)
+        if (strcmp(data_phases[i].name, limits->name) == 0)
+            return &data_phases[i];
     return NULL;
 }
 

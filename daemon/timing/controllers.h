@@ -33,6 +33,10 @@ const timing_limits *timing_controllers(size_t *count);
  * drivers, and some of chips. */
 const timing_limits *timing_controller(const char *name);
 
+/* Returns the limits of the data phase of CAN FD frames, or NULL for those of a controller that
+ * knows no such frames. */
+const timing_limits *timing_data_limits(const timing_limits *limits);
+
 /* Returns true when the controller can do that, and sjw is not longer than a phase segment (T1).
  * Otherwise the message says what is wrong and what is allowed. */
 bool timing_fits(char problem[TIMING_PROBLEM_MAX], const bit_timing *t,

@@ -53,4 +53,9 @@ bool timing_by_segments(bit_timing *out, char problem[TIMING_PROBLEM_MAX],
 bool timing_by_kernel(bit_timing *out, char problem[TIMING_PROBLEM_MAX],
                       const timing_request *request);
 
+/* Finds one prescaler for both rates of CAN FD, so that a quantum is the same in both, as CiA
+ * recommends. It takes the smallest one with which timing_by_kernel() finds exactly these rates,
+ * with the sample points that it finds without that condition. Returns 0 when there is none. */
+uint32_t timing_common_brp(const timing_request *nominal, const timing_request *data);
+
 #endif

@@ -48,6 +48,10 @@ SEMANTIC = [
     "would be", "5 % are allowed", "has no segments", "100kHz to 1GHz", "a length of at most 10km",
     "in whole", "no edge is under way", "lasts between", "no delay and no way", "at most 100ns/m",
     "as the configuration has none of them", "too long or too short for this bus",
+    "a classical node has none", "only a node of kind fd", "only tdc-mode manual",
+    "tdcv is missing",
+    "tdc-mode is off", "knows no CAN FD", "the bus has no data rate", "none is of kind fd",
+    "the data phase is not slower", "tdco and tdcv together",
     "the nodes of one rule have", "min is more than max", "does not get its own frames",
 ]
 

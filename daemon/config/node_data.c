@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * node_data.c - CAN FD in nodes: their kind, and the bit timing of the data phase (D10, D13).
+ */
+#include "config/parts.h"
+
+#include "config/retime.h"
+
+#include <inttypes.h>
+
+#define SEGMENT_KEYS 4u         /* needed together */
+#define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
+
+/* The keys of the data phase. */
+static const char *const keys[] = {
+    "dbrp",          "dprop-seg", "dphase-seg1", "dphase-seg2", "dsjw",
+    "dsample-point", "tdc-mode",  "tdco",        "tdcv",
+};
+#define KEYS (sizeof keys / sizeof keys[0])
+
+static const char no_rate[] = "the bus has no data rate; bus: { dbitrate } gives it one";
+
+/* ---- Kinds and keys -------------------------------------------------------------------------- */
+
+/* Complains about the keys of a data phase that there is not. */
+static void refuse_data_keys(schema *self, const yaml_node_t *item, const char *why)
+{
+    for (size_t i = 0; i < KEYS; i++) {
+        const yaml_node_t *value = schema_find(self, item, keys[i]);
+        if (value)
+            schema_complain(self, value, "%s: %s", keys[i], why);
+    }
+}
+
+/* Checks that a node, or `defaults`, says all or nothing of the segments. */
+static void check_together(schema *self, const yaml_node_t *map)
+{
+    const yaml_node_t *point = schema_find(self, map, "dsample-point");
+    const char *missing = NULL;
+    bool any = false;
+
+    for (size_t i = 0; i < SEGMENT_KEYS; i++) {
+        const bool found = schema_find(self, map, keys[i]) != NULL;
+        any = any || found;
+        missing = found || missing ? missing : keys[i];
+    }
+    if (any && missing)
+        schema_complain(self, map, "%s is missing: dbrp, dprop-seg, dphase-seg1 and dphase-seg2 "
+                        "are needed together", missing);
+    else if (any && point)
+        schema_complain(self, point,
+                        "dsample-point: the segments say where it is; use one or the other");
+}
+
+static void check_kind(schema *self, const yaml_node_t *map)
+{
+    const yaml_node_t *fd = schema_find(self, map, "fd");
+
+    if (fd && schema_find(self, map, "kind"))
+        schema_complain(self, fd, "fd: kind says it, too; use one or the other");
+}
+
+static void check_exception(schema *self, const yaml_node_t *item, const cfg_node *node)
+{
+    const yaml_node_t *value = schema_find(self, item, "protocol-exception");
+
+    if (value && node->kind != CFG_KIND_FD_TOLERANT && !cfg_knows_fd(cfg_of(self), node))
+        schema_complain(self, value, "protocol-exception: a classical node has none; nodes of "
+                        "kind fd-tolerant and fd have");
+}
+
+/* Checks the keys of compensation, which need each other. */
+static void check_tdc(schema *self, const yaml_node_t *item, const cfg_node_time *time)
+{
+    const yaml_node_t *tdco = schema_find(self, item, "tdco");
+    const yaml_node_t *tdcv = schema_find(self, item, "tdcv");
+
+    if (tdco && time->tdc == CFG_TDC_OFF)
+        schema_complain(self, tdco, "tdco: tdc-mode is off; auto or manual is needed");
+    if (tdcv && time->tdc != CFG_TDC_MANUAL)
+        schema_complain(self, tdcv, "tdcv: only tdc-mode manual has it; auto measures it");
+    else if (time->tdc == CFG_TDC_MANUAL && time->tdcv == 0)
+        schema_complain(self, item, "tdcv is missing: tdc-mode manual needs it, in clocks");
+}
+
+static void check_node(schema *self, const yaml_node_t *item, const cfg_node *node)
+{
+    const cfg *config = cfg_of(self);
+    const bool knows_fd = cfg_knows_fd(config, node);
+
+    check_kind(self, item);
+    check_exception(self, item, node);
+    if (!knows_fd)
+        refuse_data_keys(self, item, "only a node of kind fd has a data phase");
+    else if (config->dbitrate_bps == 0)
+        refuse_data_keys(self, item, no_rate);
+    else
+        check_tdc(self, item, &node->time);
+    check_together(self, item);
+}
+
+static void check_defaults(schema *self, const yaml_node_t *map)
+{
+    check_kind(self, map);
+    check_together(self, map);
+    if (cfg_of(self)->dbitrate_bps == 0)
+        refuse_data_keys(self, map, no_rate);
+}
+
+void cfg_check_fd(schema *self, yaml_node_t *nodes)
+{
+    const cfg_walk *walk = self->user;
+    const cfg *config = walk->config;
+
+    if (walk->default_map)
+        check_defaults(self, walk->default_map);
+    for (size_t i = 0; i < config->node_count; i++)
+        check_node(self, schema_item(self, nodes, i), &config->nodes[i]);
+    if ((config->dbitrate_bps > 0 || config->fd_non_iso) && !cfg_has_fd(config))
+        schema_complain(self, nodes, "nodes: none is of kind fd, so the bus has no use for %s",
+                        config->dbitrate_bps > 0 ? "dbitrate" : "fd-non-iso");
+}
+
+/* ---- The data phase -------------------------------------------------------------------------- */
+
+/* Returns the value of a key of the data phase that the node has, this one first, or the node. */
+static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *first)
+{
+    yaml_node_t *found = schema_find(self, item, first);
+
+    for (size_t i = 0; !found && i < KEYS; i++)
+        found = schema_find(self, item, keys[i]);
+    return found ? found : item;
+}
+
+/* Returns true when keys give the segments. A node's own sample point replaces those of
+ * `defaults`. */
+static bool gives_segments(schema *self, const yaml_node_t *item)
+{
+    const cfg_walk *walk = self->user;
+
+    return schema_find(self, item, "dbrp") ||
+           (walk->default_map && schema_find(self, walk->default_map, "dbrp") &&
+            !schema_find(self, item, "dsample-point"));
+}
+
+static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
+{
+    const uint32_t wanted = cfg_of(self)->dbitrate_bps;
+    const uint64_t bus = wanted * timing_bit_clocks(data);
+    const uint64_t error = bus > data->clock_hz ? bus - data->clock_hz : data->clock_hz - bus;
+
+    if (error * RATE_ERROR_INVERSE > bus)
+        schema_warn(self, place_of(self, item, "dbrp"),
+                    "the node's data bit rate is %" PRIu32 " bit/s, the bus has %" PRIu32,
+                    timing_bitrate_bps(data), wanted);
+}
+
+static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
+{
+    const cw_tdc *tdc = &time->timing.data.tdc;
+    const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->data);
+
+    if ((uint64_t)tdc->tdco + tdc->tdcv >= most)
+        schema_complain(self, place_of(self, item, "tdco"),
+                        "tdco and tdcv together are less than %u bits of the data phase, here "
+                        "%" PRIu64 " clocks", CW_TDC_BITS_MAX, most);
+}
+
+void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
+{
+    cfg_node_time *time = &node->time;
+    const cfg *config = cfg_of(self);
+    char problem[TIMING_PROBLEM_MAX];
+
+    if (!cfg_knows_fd(config, node) || config->dbitrate_bps == 0) {
+        time->data = (bit_timing){.clock_hz = 0};
+        return;
+    }
+    if (!timing_data_limits(time->limits)) {
+        schema_complain(self, item, "controller %s knows no CAN FD frames; its node is one of "
+                        "kind: classical", time->limits->name);
+        return;
+    }
+    if (gives_segments(self, item) ? !cfg_fit_data(time, problem)
+                                   : !cfg_find_data(time, problem, config)) {
+        schema_complain(self, place_of(self, item, "dbrp"), "data phase: %s", problem);
+        return;
+    }
+    time->timing.data = cfg_data_timing(time);
+    check_rate(self, item, &time->data);
+    check_delay(self, item, time);
+}
