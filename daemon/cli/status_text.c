@@ -269,6 +269,14 @@ static void print_traffic(FILE *out, const json_t *node)
             0, 0);
 }
 
+static void print_rounded(FILE *out, const json_t *node)
+{
+    intmax_t frames = number(json_object_get(node, "interface"), "rounded");
+    if (frames > 0)
+        fprintf(out, "    %jd CAN FD frames were longer on the bus: no DLC has their length\n",
+                frames);
+}
+
 /* Prints frames that reached no receiver. */
 static void print_loopless(FILE *out, const json_t *node)
 {
@@ -311,6 +319,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_push_back(out, node);
     print_read_failed(out, node);
     print_loopless(out, node);
+    print_rounded(out, node);
     print_counters(out, node);
     print_traffic(out, node);
 }

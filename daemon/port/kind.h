@@ -21,7 +21,7 @@
 typedef enum port_sent {
     PORT_SENT = 0,
     PORT_SEND_FAILED, /* the kernel did not take it */
-    PORT_UNHEARD,     /* no ECU is connected */
+    PORT_UNHEARD,     /* no ECU is connected, or none that takes such frames */
     PORT_SENT_COUNT
 } port_sent;
 
@@ -31,7 +31,8 @@ typedef struct port_kind {
     void (*close)(port *p);
     /* See port_read(). */
     unsigned (*read)(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
-    port_sent (*send)(port *p, const struct can_frame *frame);
+    /* Sends a struct can_frame or canfd_frame, by its size. */
+    port_sent (*send)(port *p, const void *frame, size_t size);
     /* Updates counters that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
     /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
@@ -72,6 +73,9 @@ port *port_new(const port_kind *kind, size_t size);
 /* Reads up to max (PORT_BATCH at most) messages that wait at a socket into p->messages. Returns the
  * result of recvmmsg(). */
 int port_receive(port *p, int socket, unsigned max);
+
+/* Returns true when received message i is a frame; raw CAN sockets have no other messages. */
+bool port_is_frame(const port *p, unsigned i);
 
 /* Copies the frames for the bus among the received messages to `frames`; counts the other messages.
  * Returns the number of frames. */

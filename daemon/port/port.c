@@ -69,24 +69,41 @@ static uint8_t dlc_of(const struct can_frame *in)
     return raw ? in->len8_dlc : in->len;
 }
 
-/* Converts a frame. The kernel accepts an 11-bit identifier above 7FF: the value is kept, so that
- * the bus sees an invalid frame. Bytes that programs left behind the data are dropped: rules that
- * change a frame would show them. */
-static void from_socketcan(cw_frame *out, const struct canfd_frame *in, size_t size)
+/* Takes DLC and data of a CAN FD frame. As in drivers, a length that no DLC has is rounded up, with
+ * zero bytes, and a program cannot choose the ESI. Returns true for such a length. */
+static bool take_fd(cw_frame *out, const struct canfd_frame *in)
+{
+    out->flags |= (uint8_t)(CW_FRAME_FD | (in->flags & CANFD_BRS ? CW_FRAME_BRS : 0));
+    out->dlc = (uint8_t)cw_fd_dlc(in->len);
+    const unsigned length = cw_frame_length(out);
+    if (length > 0)
+        memcpy(out->data, in->data, in->len);
+    return length > in->len;
+}
+
+/* Bytes that programs left behind the data are dropped: rules that change a frame would show
+ * them. */
+static void take_classical(cw_frame *out, const struct canfd_frame *in)
+{
+    struct can_frame classic;
+    memcpy(&classic, in, sizeof classic);
+    out->dlc = dlc_of(&classic);
+    memcpy(out->data, classic.data, cw_frame_length(out));
+}
+
+/* Converts a frame. The kernel accepts an 11-bit identifier above 7FF, and CAN FD frames with
+ * CAN_RTR_FLAG: these are kept, so that the bus sees an invalid frame. */
+static void from_socketcan(port *p, cw_frame *out, const struct canfd_frame *in, size_t size)
 {
     *out = (cw_frame){.id = in->can_id & CAN_EFF_MASK};
     if (in->can_id & CAN_EFF_FLAG)
         out->flags |= CW_FRAME_EXTENDED;
     if (in->can_id & CAN_RTR_FLAG)
         out->flags |= CW_FRAME_REMOTE;
-    if (size == CANFD_MTU) {
-        out->flags |= CW_FRAME_FD; /* the bus refuses it, whatever its data */
-        return;
-    }
-    struct can_frame classic;
-    memcpy(&classic, in, sizeof classic);
-    out->dlc = dlc_of(&classic);
-    memcpy(out->data, classic.data, cw_frame_length(out));
+    if (size == CAN_MTU)
+        take_classical(out, in);
+    else if (take_fd(out, in))
+        p->stats.rounded++;
 }
 
 void port_count_drops(port *p, uint32_t drops)
@@ -117,12 +134,13 @@ static int64_t take_control(port *p, struct msghdr *header)
     return arrival_ns;
 }
 
-/* Returns true for a frame; raw CAN sockets have no other messages. */
-static bool is_frame(const port_messages *m, unsigned i)
+bool port_is_frame(const port *p, unsigned i)
 {
-    const struct mmsghdr *header = &m->headers[i];
-    bool classic = header->msg_len == CAN_MTU && m->frames[i].len <= CAN_MAX_DLEN;
-    return (classic || header->msg_len == CANFD_MTU) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
+    const struct mmsghdr *header = &p->messages.headers[i];
+    const unsigned length = p->messages.frames[i].len;
+    bool classic = header->msg_len == CAN_MTU && length <= CAN_MAX_DLEN;
+    bool fd = header->msg_len == CANFD_MTU && length <= CANFD_MAX_DLEN;
+    return (classic || fd) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
 }
 
 /* Returns true when a message is a frame for the bus, and copies it to *out. */
@@ -132,7 +150,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     int64_t arrival_ns = take_control(p, &m->msg_hdr);
     if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
-    if (!is_frame(&p->messages, i)) {
+    if (!port_is_frame(p, i)) {
         p->stats.malformed++;
         return false;
     }
@@ -140,7 +158,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
         p->stats.errors_ignored++;
         return false;
     }
-    from_socketcan(&out->frame, &p->messages.frames[i], m->msg_len);
+    from_socketcan(p, &out->frame, &p->messages.frames[i], m->msg_len);
     out->realtime_ns = arrival_ns;
     return true;
 }
@@ -208,13 +226,24 @@ void port_pushed_back(port *p)
 
 /* ---- Writing and counting -------------------------------------------------------------------- */
 
-static void to_socketcan(struct can_frame *out, const cw_frame *in)
+static port_sent send_classical(port *p, const cw_frame *in)
 {
     _Static_assert(CW_FILTER_EXTENDED == CAN_EFF_FLAG && CW_FILTER_REMOTE == CAN_RTR_FLAG, "");
-    *out = (struct can_frame){.can_id = cw_frame_can_id(in)};
-    out->len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
-    out->len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
-    memcpy(out->data, in->data, cw_frame_length(in));
+    struct can_frame out = {.can_id = cw_frame_can_id(in)};
+    out.len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
+    out.len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
+    memcpy(out.data, in->data, cw_frame_length(in));
+    return p->kind->send(p, &out, sizeof out);
+}
+
+static port_sent send_fd(port *p, const cw_frame *in)
+{
+    struct canfd_frame out = {.can_id = cw_frame_can_id(in), .flags = CANFD_FDF};
+    out.flags |= (uint8_t)((in->flags & CW_FRAME_BRS ? CANFD_BRS : 0) |
+                           (in->flags & CW_FRAME_ESI ? CANFD_ESI : 0));
+    out.len = (uint8_t)cw_frame_length(in);
+    memcpy(out.data, in->data, out.len);
+    return p->kind->send(p, &out, sizeof out);
 }
 
 bool port_write(port *p, const cw_frame *frame)
@@ -224,9 +253,7 @@ bool port_write(port *p, const cw_frame *frame)
         [PORT_SEND_FAILED] = &p->stats.write_failed,
         [PORT_UNHEARD] = &p->stats.unheard,
     };
-    struct can_frame out;
-    to_socketcan(&out, frame);
-    port_sent sent = p->kind->send(p, &out);
+    port_sent sent = frame->flags & CW_FRAME_FD ? send_fd(p, frame) : send_classical(p, frame);
     (*counters[sent])++;
     return sent == PORT_SENT;
 }
@@ -242,7 +269,7 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick)
         return false;
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
-    port_sent sent = p->kind->send(p, &out);
+    port_sent sent = p->kind->send(p, &out, sizeof out);
     (*counters[sent])++;
     return sent == PORT_SENT;
 }

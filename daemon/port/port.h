@@ -27,7 +27,8 @@ typedef struct port_stats {
     uint64_t read_failed;     /* reads that the kernel refused for reasons of its own */
     uint64_t written;         /* frames given to the ECU's interface; error frames not counted */
     uint64_t write_failed;    /* frames that the kernel did not take */
-    uint64_t unheard;         /* frames for an ECU that was not connected; unix:PATH, fd:NUMBER */
+    uint64_t unheard;         /* frames for an ECU that was not connected, or has not said that it
+                                 takes CAN FD frames; unix:PATH, fd:NUMBER */
     uint64_t kernel_dropped;  /* frames lost in the kernel before they could be read */
     uint64_t errors_written;  /* error frames given to the ECU's interface */
     uint64_t errors_failed;   /* error frames that the kernel did not take */
@@ -39,6 +40,7 @@ typedef struct port_stats {
     uint64_t refused;        /* connections refused since an ECU was connected already */
     uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
     uint64_t pushed_back;    /* number of times that reading paused: the node's queue was full */
+    uint64_t rounded;        /* CAN FD frames read with a length that no DLC has: zeros fill them */
 } port_stats;
 
 void port_close(port *p);
@@ -71,8 +73,8 @@ void port_count_loopless(port *p, int64_t least, int64_t most, bool counting);
 /* Counts a pause of reading, since the node's queue is full. */
 void port_pushed_back(port *p);
 
-/* Writes a classical frame. Returns false, and counts the failure, when the kernel does not take
- * it. */
+/* Writes a frame, a CAN FD frame with CANFD_FDF. Returns false, and counts the failure, when the
+ * kernel does not take it. */
 bool port_write(port *p, const cw_frame *frame);
 
 /* Writes an error frame, as a driver gives it to the ECU's programs. Storms of minor ones are

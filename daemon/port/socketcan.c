@@ -103,9 +103,9 @@ static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max
     return port_take(p, frames, received);
 }
 
-static port_sent send_to_socket(port *p, const struct can_frame *frame)
+static port_sent send_to_socket(port *p, const void *frame, size_t size)
 {
-    bool good = send(p->fd, frame, sizeof *frame, MSG_DONTWAIT) == sizeof *frame;
+    bool good = send(p->fd, frame, size, MSG_DONTWAIT) == (ssize_t)size;
     return good ? PORT_SENT : PORT_SEND_FAILED;
 }
 

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * unix.c - a port on a Unix socket whose messages are struct can_frame. It is for ECUs that are no
- * SocketCAN programs (emulators, test rigs), and for kernels without CAN.
+ * unix.c - a port on a Unix socket whose messages are struct can_frame or struct canfd_frame. It is
+ * for ECUs that are no SocketCAN programs (emulators, test rigs), and for kernels without CAN.
+ *
+ * An ECU gets CAN FD frames when it has sent one itself. One that was written for 16 bytes would
+ * take the begin of 72 for a frame.
  *
  * One ECU at a time connects to a path, or has the other end of a socket that canwired inherited.
  * Without an ECU the node stays on the bus, as on a vcan interface without programs. The file
@@ -28,6 +31,7 @@ typedef struct port_unix {
     port base;
     pathsocket listener; /* its fd is -1 for a socket that was inherited */
     int ecu;             /* -1: none is connected */
+    bool takes_fd;       /* the ECU has sent a struct canfd_frame */
     bool deaf;           /* the listener is not watched: accept() failed without resources */
 } port_unix;
 
@@ -70,6 +74,7 @@ static bool connect_ecu(port *p, int fd)
     if (!prepare(fd) || !watch(p, fd))
         return false;
     own(p)->ecu = fd;
+    own(p)->takes_fd = false;
     p->stats.connected++;
     return true;
 }
@@ -108,6 +113,15 @@ static void accept_waiting(port *p)
 static bool is_end(const struct mmsghdr *m)
 {
     return m->msg_len == 0 && m->msg_hdr.msg_controllen == 0;
+}
+
+/* Notes whether the ECU uses struct canfd_frame: also an error frame, which never enters the bus,
+ * counts as such a message. */
+static void note_size(port *p, int received)
+{
+    for (int i = 0; !own(p)->takes_fd && i < received; i++)
+        own(p)->takes_fd =
+            p->messages.headers[i].msg_len == CANFD_MTU && port_is_frame(p, (unsigned)i);
 }
 
 static int messages_before_end(const port *p, int received)
@@ -161,6 +175,7 @@ static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max
     int received = found.frames ? receive(p, max) : -1;
     bool nothing = !found.frames || (received < 0 && (errno == EAGAIN || errno == EINTR));
     int count = messages_before_end(p, received);
+    note_size(p, count);
     if (nothing && found.ecus)
         accept_waiting(p);
     else if (!nothing && (count < received || received < 0))
@@ -171,11 +186,11 @@ static unsigned read_frames(port *p, port_frame frames[PORT_BATCH], unsigned max
 
 /* Sends a frame. An ECU that has gone stays connected here, since its earlier frames are still
  * unread. */
-static port_sent send_frame(port *p, const struct can_frame *frame)
+static port_sent send_frame(port *p, const void *frame, size_t size)
 {
-    if (own(p)->ecu < 0)
+    if (own(p)->ecu < 0 || (size == CANFD_MTU && !own(p)->takes_fd))
         return PORT_UNHEARD;
-    if (send(own(p)->ecu, frame, sizeof *frame, MSG_DONTWAIT | MSG_NOSIGNAL) == sizeof *frame)
+    if (send(own(p)->ecu, frame, size, MSG_DONTWAIT | MSG_NOSIGNAL) == (ssize_t)size)
         return PORT_SENT;
     bool gone = errno == EPIPE || errno == ECONNRESET || errno == ENOTCONN;
     return gone ? PORT_UNHEARD : PORT_SEND_FAILED;

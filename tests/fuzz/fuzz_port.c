@@ -82,7 +82,8 @@ typedef struct rig {
     int program; /* the ECU's end; -1: it has none */
     bool at_path;
     struct sockaddr_un address;
-    struct can_frame captured; /* the last frame sent by the port "can" */
+    struct canfd_frame captured; /* the last frame sent by the port "can", or its begin */
+    size_t captured_size;
     port_sent verdict;         /* on what it sends */
 } rig;
 
@@ -98,7 +99,7 @@ static meaning meaning_of(const message *m)
         return OWN;
     if ((m->flags & MSG_TRUNC) || (m->size != CAN_MTU && m->size != CANFD_MTU))
         return MALFORMED;
-    if (m->size == CAN_MTU && m->bytes[4] > CAN_MAX_DLEN)
+    if (m->bytes[4] > (m->size == CAN_MTU ? CAN_MAX_DLEN : CANFD_MAX_DLEN))
         return MALFORMED;
     uint32_t can_id;
     memcpy(&can_id, m->bytes, sizeof can_id);
@@ -128,11 +129,28 @@ static void check_classic(const cw_frame *got, const message *m)
         REQUIRE(got->data[i] == (i < length ? in.data[i] : 0));
 }
 
+/* The writer's ESI does not count; the DLC is the least with room, filled with zeros. */
+static void check_fd(const cw_frame *got, const message *m)
+{
+    struct canfd_frame in;
+    memcpy(&in, m->bytes, sizeof in);
+    bool extended = in.can_id & CAN_EFF_FLAG, remote = in.can_id & CAN_RTR_FLAG;
+    REQUIRE(got->id == (in.can_id & CAN_EFF_MASK));
+    REQUIRE(got->flags == (CW_FRAME_FD | (in.flags & CANFD_BRS ? CW_FRAME_BRS : 0) |
+                           (extended ? CW_FRAME_EXTENDED : 0) | (remote ? CW_FRAME_REMOTE : 0)));
+    REQUIRE(cw_frame_valid(got) == (!remote && (extended || got->id <= CAN_SFF_MASK)));
+    static const unsigned lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+    REQUIRE(got->dlc < 16 && lengths[got->dlc] >= in.len);
+    REQUIRE(got->dlc == 0 || lengths[got->dlc - 1] < in.len);
+    for (unsigned i = 0; !remote && i < CW_FRAME_DATA_MAX; i++)
+        REQUIRE(got->data[i] == (i < in.len ? in.data[i] : 0));
+}
+
 static void check_read(const port_frame *got, const message *m)
 {
     REQUIRE(m->arrival_ns < 0 ? got->realtime_ns > 0 : got->realtime_ns == m->arrival_ns);
     if (m->size == CANFD_MTU)
-        REQUIRE(got->frame.flags & CW_FRAME_FD); /* a classical bus drops and counts it */
+        check_fd(&got->frame, m); /* a classical bus drops and counts it */
     else
         check_classic(&got->frame, m);
 }
@@ -207,11 +225,14 @@ static unsigned read_made_up(port *p, port_frame frames[PORT_BATCH], unsigned ma
     return port_take(p, frames, (int)s->count);
 }
 
-static port_sent capture(port *p, const struct can_frame *frame)
+static port_sent capture(port *p, const void *frame, size_t size)
 {
     (void)p;
-    check_out(frame);
-    running->captured = *frame;
+    REQUIRE(size == CAN_MTU || size == CANFD_MTU);
+    if (size == CAN_MTU)
+        check_out(frame);
+    memcpy(&running->captured, frame, size);
+    running->captured_size = size;
     return running->verdict;
 }
 
@@ -225,20 +246,36 @@ static const port_kind made_up = {.close = close_made_up,
                                   .send = capture,
                                   .control_bytes = PORT_CONTROL_BYTES};
 
+static void check_fd_sent(const struct canfd_frame *out, const cw_frame *frame)
+{
+    const unsigned length = cw_frame_length(frame);
+    REQUIRE((out->can_id & CAN_EFF_MASK) == frame->id && out->len == length);
+    REQUIRE(out->flags == (CANFD_FDF | (frame->flags & CW_FRAME_BRS ? CANFD_BRS : 0)));
+    REQUIRE(out->__res0 == 0 && out->__res1 == 0);
+    for (unsigned i = 0; i < CANFD_MAX_DLEN; i++)
+        REQUIRE(out->data[i] == (i < length ? frame->data[i] : 0));
+}
+
 /* Writes the frame back: its content is the same, and meaningless bytes are gone. */
 static void send_back(rig *r, const cw_frame *frame, const message *m)
 {
     side *s = &r->sides[CAN];
-    struct can_frame in;
-    if (!cw_frame_valid(frame) || (frame->flags & CW_FRAME_FD))
+    struct can_frame in, out;
+    if (!cw_frame_valid(frame))
         return;
-    memcpy(&in, m->bytes, sizeof in);
     (void)port_write(s->port, frame);
     s->counts.frames_out++;
     s->counts.sent_back++;
-    REQUIRE(r->captured.can_id == in.can_id && r->captured.len == in.len);
-    REQUIRE(dlc_of(&r->captured) == dlc_of(&in));
-    REQUIRE(memcmp(r->captured.data, in.data, cw_frame_length(frame)) == 0);
+    REQUIRE(r->captured_size == m->size);
+    if (frame->flags & CW_FRAME_FD) {
+        check_fd_sent(&r->captured, frame);
+        return;
+    }
+    memcpy(&in, m->bytes, sizeof in);
+    memcpy(&out, &r->captured, sizeof out);
+    REQUIRE(out.can_id == in.can_id && out.len == in.len);
+    REQUIRE(dlc_of(&out) == dlc_of(&in));
+    REQUIRE(memcmp(out.data, in.data, cw_frame_length(frame)) == 0);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */

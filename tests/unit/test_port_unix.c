@@ -312,18 +312,143 @@ static void messages_that_are_no_frames_are_counted(void **state)
     close(ecu);
 }
 
-static void fd_frames_are_left_to_the_bus_and_error_frames_ignored(void **state)
+static void write_fd(int fd, uint32_t can_id, unsigned length, unsigned flags)
 {
+    struct canfd_frame f = {.can_id = can_id, .len = (uint8_t)length, .flags = (uint8_t)flags};
+    memset(f.data, 0xAA, sizeof f.data); /* behind the data, too, where it does not count */
+    assert_int_equal(send(fd, &f, sizeof f, MSG_NOSIGNAL), sizeof f);
+}
+
+/* An ECU cannot choose the ESI. Older programs do not set CANFD_FDF: the size tells. A remote frame
+ * is left to the bus, which has none of these. */
+static void fd_frames_are_read_with_their_flags(void **state)
+{
+    static const struct {
+        uint32_t can_id;
+        unsigned flags, expected;
+        bool valid;
+    } cases[] = {
+        {0x123, 0, CW_FRAME_FD, true},
+        {0x123, CANFD_FDF, CW_FRAME_FD, true},
+        {0x123, CANFD_FDF | CANFD_BRS, CW_FRAME_FD | CW_FRAME_BRS, true},
+        {0x123, CANFD_ESI, CW_FRAME_FD, true},
+        {0x123, 0xFF, CW_FRAME_FD | CW_FRAME_BRS, true},
+        {0x12345678 | CAN_EFF_FLAG, CANFD_BRS, CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_EXTENDED,
+         true},
+        {0x123 | CAN_RTR_FLAG, 0, CW_FRAME_FD | CW_FRAME_REMOTE, false},
+        {0x800, 0, CW_FRAME_FD, false},
+    };
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
-    const struct canfd_frame fd = {.can_id = 0x123, .len = 64};
     int ecu = connect_to(f->path);
-    assert_int_equal(send(ecu, &fd, sizeof fd, 0), sizeof fd);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        write_fd(ecu, cases[i].can_id, 12, cases[i].flags);
+        assert_int_equal(read_all(f->port, frames), 1);
+        assert_int_equal(frames[0].frame.id, cases[i].can_id & CAN_EFF_MASK);
+        assert_int_equal(frames[0].frame.flags, cases[i].expected);
+        assert_int_equal(frames[0].frame.dlc, 9);
+        assert_int_equal(cw_frame_valid(&frames[0].frame), cases[i].valid);
+    }
+    write_fd(ecu, CAN_ERR_FLAG | CAN_ERR_BUSOFF, 8, 0);
     write_raw(ecu, CAN_ERR_FLAG | CAN_ERR_BUSOFF);
-    assert_int_equal(read_all(f->port, frames), 1);
-    assert_true(frames[0].frame.flags & CW_FRAME_FD);
-    assert_int_equal(stats_of(f->port).errors_ignored, 1);
+    assert_int_equal(read_all(f->port, frames), 0);
+    assert_int_equal(stats_of(f->port).errors_ignored, 2);
+    assert_int_equal(stats_of(f->port).rounded, 0);
     close(ecu);
+}
+
+static void lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted(void **state)
+{
+    static const unsigned lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+    fixture *f = *state;
+    port_frame frames[PORT_BATCH];
+    unsigned dlc = 0, rounded = 0;
+    int ecu = connect_to(f->path);
+    for (unsigned length = 0; length <= 64; length++) {
+        write_fd(ecu, 0x123, length, CANFD_FDF);
+        assert_int_equal(read_all(f->port, frames), 1);
+        dlc += length > lengths[dlc];
+        rounded += length < lengths[dlc];
+        assert_int_equal(frames[0].frame.dlc, dlc);
+        for (unsigned i = 0; i < 64; i++)
+            assert_int_equal(frames[0].frame.data[i], i < length ? 0xAA : 0);
+        assert_int_equal(stats_of(f->port).rounded, rounded);
+    }
+    assert_int_equal(rounded, 65 - 16);
+    write_fd(ecu, 0x123, 65, CANFD_FDF);
+    assert_int_equal(read_all(f->port, frames), 0);
+    assert_int_equal(stats_of(f->port).malformed, 1);
+    close(ecu);
+}
+
+static void read_fd(int ecu, struct canfd_frame *out)
+{
+    memset(out, 0xFF, sizeof *out);
+    assert_int_equal(recv(ecu, out, sizeof *out, 0), sizeof *out);
+}
+
+/* Classical frames and error frames stay as they are for an ECU that takes FD frames. */
+static void fd_frames_go_to_an_ecu_that_has_sent_one(void **state)
+{
+    fixture *f = *state;
+    struct canfd_frame out;
+    int ecu = connect_to(f->path);
+    cw_frame frame = {.id = 0x123, .flags = CW_FRAME_FD | CW_FRAME_BRS, .dlc = 15, .data = {1, 2}};
+    const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
+    frame.data[63] = 0x64;
+    write_fd(ecu, 0x100, 0, CANFD_FDF);
+    assert_int_equal(read_none(f->port), 1);
+    assert_true(port_write(f->port, &frame));
+    read_fd(ecu, &out);
+    assert_int_equal(out.can_id, 0x123);
+    assert_int_equal(out.len, 64);
+    assert_int_equal(out.flags, CANFD_FDF | CANFD_BRS);
+    assert_memory_equal(out.data, frame.data, 64);
+    frame = (cw_frame){.id = 0x123, .flags = CW_FRAME_FD | CW_FRAME_ESI | CW_FRAME_EXTENDED,
+                       .dlc = 9, .data = {7}};
+    assert_true(port_write(f->port, &frame));
+    read_fd(ecu, &out);
+    assert_int_equal(out.can_id, 0x123 | CAN_EFF_FLAG);
+    assert_int_equal(out.len, 12);
+    assert_int_equal(out.flags, CANFD_FDF | CANFD_ESI);
+    for (unsigned i = 12; i < 64; i++)
+        assert_int_equal(out.data[i], 0);
+    frame = rig_frame(0x124, 0, 3);
+    assert_true(port_write(f->port, &frame));
+    assert_int_equal(recv(ecu, &out, sizeof out, 0), CAN_MTU);
+    assert_true(port_write_error(f->port, &error, 0));
+    assert_int_equal(recv(ecu, &out, sizeof out, 0), CAN_MTU);
+    assert_int_equal(stats_of(f->port).written, 3);
+    close(ecu);
+}
+
+/* The begin of 72 bytes would look like a frame to a program that reads 16. A new ECU starts anew.
+ * One that only listens sends an error frame of 72 bytes. */
+static void an_ecu_that_has_sent_no_fd_frame_gets_none(void **state)
+{
+    fixture *f = *state;
+    struct canfd_frame out;
+    const cw_frame fd = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15};
+    const cw_frame classical = rig_frame(0x124, 0, 3);
+    for (unsigned round = 1; round <= 2; round++) {
+        int ecu = connect_to(f->path);
+        write_raw(ecu, 0x100);
+        assert_int_equal(send(ecu, &out, 71, 0), 71);
+        assert_int_equal(read_none(f->port), 1);
+        assert_false(port_write(f->port, &fd));
+        assert_true(port_write(f->port, &classical));
+        assert_int_equal(recv(ecu, &out, sizeof out, 0), CAN_MTU);
+        assert_int_equal(stats_of(f->port).unheard, round);
+        assert_int_equal(stats_of(f->port).write_failed, 0);
+        write_fd(ecu, CAN_ERR_FLAG, 0, 0);
+        assert_int_equal(read_none(f->port), 0);
+        assert_true(port_write(f->port, &fd));
+        read_fd(ecu, &out);
+        assert_int_equal(out.len, 64);
+        close(ecu);
+        assert_int_equal(read_none(f->port), 0);
+    }
+    assert_int_equal(stats_of(f->port).written, 4);
 }
 
 /* ---- ECUs come and go ------------------------------------------------------------------------ */
@@ -788,7 +913,10 @@ int main(void)
         ON_PORT(frames_go_to_the_ecu_and_error_frames_too),
         ON_PORT(only_what_counts_in_a_frame_is_taken),
         ON_PORT(messages_that_are_no_frames_are_counted),
-        ON_PORT(fd_frames_are_left_to_the_bus_and_error_frames_ignored),
+        ON_PORT(fd_frames_are_read_with_their_flags),
+        ON_PORT(lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted),
+        ON_PORT(fd_frames_go_to_an_ecu_that_has_sent_one),
+        ON_PORT(an_ecu_that_has_sent_no_fd_frame_gets_none),
         ON_PORT(nobody_hears_while_no_ecu_is_connected),
         ON_PORT(what_an_ecu_sent_before_it_went_still_counts),
         ON_PORT(an_ecu_may_go_without_having_read),
