@@ -4,7 +4,6 @@
  */
 #include "config/parts.h"
 #include "config/values.h"
-#include "trace/frametext.h"
 
 #include <string.h>
 
@@ -36,7 +35,8 @@ static schema_reader read_level, read_levels, read_at, read_node, read_groups,
     read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
     read_restart, read_order, read_period;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
-    complete_set, complete_side, complete_change, complete_send, complete_babble;
+    complete_set, complete_side, complete_change, complete_send, complete_babble,
+    complete_reply;
 
 static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
 static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
@@ -233,7 +233,7 @@ static const action actions[] = {
     {CW_ACTION_SEND, send_keys, complete_send},
     {CW_ACTION_BABBLE, babble_keys, complete_babble},
     {CW_ACTION_LOAD, load_keys, NULL},
-    {CW_ACTION_REPLY, reply_keys, NULL},
+    {CW_ACTION_REPLY, reply_keys, complete_reply},
 };
 
 #define ACTION_COUNT (sizeof actions / sizeof actions[0])
@@ -430,7 +430,7 @@ static void read_bytes(schema *self, const schema_key *key, yaml_node_t *value, 
     const char *text = schema_text(self, key, value, "data bytes such as DEADBEEF");
 
     if (text)
-        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
+        schema_problem(self, key, value, cfg_parse_bytes(self, &bytes, text));
     bool all_given = true;
     for (size_t i = 0; i < bytes.length; i++)
         all_given = all_given && bytes.mask[i] == 0xFF;
@@ -578,16 +578,30 @@ static void complete_change(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
 }
 
+/* Complains about a frame that the node of the rule does not know. */
+static void check_frame(schema *self, const yaml_node_t *map, const char *name, const cw_rule *rule)
+{
+    const schema_key key = {.name = name};
+
+    cfg_check_sender(self, &key, schema_find(self, map, name), &rule->frame, rule->node);
+}
+
 /* Makes a babble with a time between its frames act as `send`. */
 static void complete_babble(schema *self, yaml_node_t *map, cw_rule *rule)
 {
+    check_frame(self, map, "babble", rule);
     if (has(self, map, "every"))
         rule->action = CW_ACTION_SEND;
 }
 
 static void complete_send(schema *self, yaml_node_t *map, cw_rule *rule)
 {
-    (void)rule;
+    check_frame(self, map, "send", rule);
     if (has(self, map, "for") && !has(self, map, "every"))
         complain_at(self, map, "for", "without 'every' the frame is sent once");
+}
+
+static void complete_reply(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    check_frame(self, map, "reply", rule);
 }

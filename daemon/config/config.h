@@ -45,7 +45,7 @@ typedef struct cfg_traffic {
     trace_format format;
     bool fast;     /* as fast as possible, else at the times of the file */
     bool loop;     /* count is UINT64_MAX */
-    bool fd;       /* the bus carries CAN FD frames, else these are left out */
+    bool fd;       /* the node knows CAN FD frames, else these are left out */
     cfg_time gap;  /* from the last entry of the file to the first one of the next pass */
     char *channel; /* only this interface of the file, or NULL */
 

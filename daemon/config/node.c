@@ -246,6 +246,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
         read_node(self, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
     cfg_complete_time(self, value);
+    cfg_check_traffic(self, value);
 }
 
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -31,6 +31,10 @@ void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule);
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */
 
+/* Complains about frames of traffic that their nodes do not know. All nodes have been read from the
+ * list. */
+void cfg_check_traffic(schema *self, yaml_node_t *nodes);
+
 /* Keys of nodes about time, node_time.c; object: a cfg_node. */
 schema_reader cfg_read_clock, cfg_read_ppm, cfg_read_controller, cfg_read_length,
     cfg_read_edge_delays;

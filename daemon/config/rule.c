@@ -21,9 +21,16 @@ static const schema_key rule_keys[] = {
     {.name = NULL},
 };
 
+static const schema_choice rates[] = {
+    {.name = "nominal", .value = CW_RATE_NOMINAL},
+    {.name = "data", .value = CW_RATE_DATA},
+    {.name = NULL},
+};
+
 static const schema_key when_keys[] = {
     {.name = "frame", .read = cfg_read_filters},
     {.name = "data", .read = cfg_read_data},
+    {.name = "rate", .read = cfg_read_rate, .offset = offsetof(cw_rule, rate), .arg = rates},
     {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
     {.name = "state", .read = read_states},
     {.name = "time", .read = read_window},
@@ -307,7 +314,7 @@ static bool acts_in_frames(schema *self, const yaml_node_t *map, const cw_rule *
 {
     const bool pulse = rule->action == CW_ACTION_PULSE;
     const bool waits = find_when(self, map, "frame") || find_when(self, map, "data") ||
-                       find_when(self, map, "from");
+                       find_when(self, map, "from") || find_when(self, map, "rate");
 
     if (pulse && waits && rule->field == CW_FIELD_NONE && !rule->error_mask)
         schema_complain(self, schema_find(self, map, "do"),

@@ -5,7 +5,6 @@
 #include "config/parts.h"
 #include "config/source.h"
 #include "config/values.h"
-#include "trace/frametext.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -170,6 +169,29 @@ void cfg_read_traffic(schema *self, const schema_key *key, yaml_node_t *value, v
     for (; node->traffic_count < count; node->traffic_count++)
         read_entry(self, schema_item(self, value, node->traffic_count),
                    &node->traffic[node->traffic_count]);
+}
+
+/* Checks the traffic of a node against what the node knows. */
+static void check_node(schema *self, yaml_node_t *map, size_t index)
+{
+    cfg_node *node = &cfg_of(self)->nodes[index];
+    yaml_node_t *list = node->traffic_count > 0 ? schema_find(self, map, "traffic") : NULL;
+
+    for (size_t i = 0; list && i < node->traffic_count; i++) {
+        cfg_traffic *traffic = &node->traffic[i];
+        const schema_key *key = &kinds[traffic->kind].keys[0];
+
+        traffic->fd = cfg_knows_fd(cfg_of(self), node);
+        if (traffic->frame.flags & CW_FRAME_FD) /* so the entry is a map */
+            cfg_check_sender(self, key, schema_find(self, schema_item(self, list, i), key->name),
+                             &traffic->frame, index);
+    }
+}
+
+void cfg_check_traffic(schema *self, yaml_node_t *nodes)
+{
+    for (size_t i = 0; i < cfg_of(self)->node_count; i++)
+        check_node(self, schema_item(self, nodes, i), i);
 }
 
 /* ---- send ------------------------------------------------------------------------------------ */

@@ -5,7 +5,6 @@
 #include "config/values.h"
 
 #include "base/nearest.h"
-#include "trace/frametext.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -170,7 +169,44 @@ void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* Reads a frame of a classical bus: no bus has FD nodes yet. */
+#define MAKES_FD "(kind: fd of a node, or a dbitrate of the bus, makes it a CAN FD bus)"
+
+bool cfg_takes_fd(const schema *self)
+{
+    const cfg_walk *walk = self->user;
+
+    return walk->any_node || cfg_has_fd(walk->config);
+}
+
+void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *value,
+                      const cw_frame *frame, size_t node)
+{
+    const cfg_walk *walk = self->user;
+    const cfg_node *sender = &walk->config->nodes[node];
+
+    if (!(frame->flags & CW_FRAME_FD) || walk->any_node || cfg_knows_fd(walk->config, sender))
+        return;
+    schema_problem(self, key, value,
+                   cfg_has_fd(walk->config)
+                       ? schema_print(self,
+                                      "a CAN FD frame (##), but the node '%s' knows classical "
+                                      "frames only (kind: fd makes it know both)",
+                                      sender->name)
+                       : "a CAN FD frame (##), but the bus is classical " MAKES_FD);
+}
+
+const char *cfg_parse_bytes(const schema *self, text_bytes *out, const char *text)
+{
+    const bool fd = cfg_takes_fd(self);
+    const char *problem = text_parse_bytes(out, text, fd);
+    text_bytes longer;
+
+    if (problem && !fd && !text_parse_bytes(&longer, text, true))
+        problem = "more than 8 data bytes, but the bus is classical " MAKES_FD;
+    return problem;
+}
+
+/* Reads a frame. Its node is checked later: cfg_check_sender(). */
 void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
@@ -179,8 +215,6 @@ void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, voi
     if (!text)
         return;
     const char *problem = text_parse_frame(&frame, text);
-    if (!problem && (frame.flags & CW_FRAME_FD))
-        problem = "a CAN FD frame (##), but the bus is classical";
     schema_problem(self, key, value, problem);
     if (!problem)
         *(cw_frame *)schema_member(key, object) = frame;
@@ -224,7 +258,7 @@ void cfg_read_data(schema *self, const schema_key *key, yaml_node_t *value, void
     const char *text = schema_text(self, key, value, "data bytes such as DEAD..EF");
 
     if (text)
-        schema_problem(self, key, value, text_parse_bytes(&bytes, text));
+        schema_problem(self, key, value, cfg_parse_bytes(self, &bytes, text));
     rule->data_length = bytes.length;
     memcpy(rule->data_mask, bytes.mask, sizeof bytes.mask);
     memcpy(rule->data_value, bytes.value, sizeof bytes.value);
@@ -365,14 +399,35 @@ uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
 
 /* ---- Places of rules ------------------------------------------------------------------------ */
 
+static const char *parse_position(const schema *self, cw_rule *rule, const char *text)
+{
+    const bool fd = cfg_takes_fd(self);
+    const char *problem = text_parse_position(&rule->field, &rule->index, text, fd);
+    cw_field field;
+    uint16_t index;
+
+    if (problem && !fd && !text_parse_position(&field, &index, text, true))
+        problem = "only CAN FD frames have this position, but the bus is classical " MAKES_FD;
+    return problem;
+}
+
+void cfg_read_rate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cw_phase_rate *rate = schema_member(key, object);
+
+    schema_read_choice(self, key, value, object);
+    if (*rate == CW_RATE_DATA && !cfg_takes_fd(self))
+        schema_problem(self, key, value,
+                       "no frame has a data rate, as the bus is classical " MAKES_FD);
+}
+
 void cfg_read_position(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
     const char *text = schema_text(self, key, value, "a position such as crc[3]");
 
     if (text)
-        schema_problem(self, key, value,
-                       text_parse_position(&rule->field, &rule->index, text, false));
+        schema_problem(self, key, value, parse_position(self, rule, text));
 }
 
 /* Reads wire, NODE.tx or NODE.rx; names of nodes may contain points. */

@@ -6,6 +6,7 @@
 #define CANWIRE_CONFIG_VALUES_H
 
 #include "config/walk.h"
+#include "trace/frametext.h"
 
 #define NODE_NAME_MAX 32u                    /* of a bus too */
 #define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* length that the library distinguishes */
@@ -22,6 +23,7 @@ schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */
+schema_reader cfg_read_rate;      /* member: cw_phase_rate; arg: a schema_choice[] */
 schema_reader cfg_read_window;    /* the same; exact */
 schema_reader cfg_read_position;  /* object: a cw_rule */
 schema_reader cfg_read_line;      /* the same; wire, NODE.tx or NODE.rx */
@@ -41,6 +43,17 @@ int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value,
 /* Returns the node that a value names as a mask. Returns 0 after a complaint or when the name is
  * not known yet. */
 uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value);
+
+/* Returns true when rules may ask for CAN FD frames: a node knows them, or a profile is checked
+ * alone. */
+bool cfg_takes_fd(const schema *self);
+
+/* Complains about a CAN FD frame that its node does not know. */
+void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *value,
+                      const cw_frame *frame, size_t node);
+
+/* Reads data bytes, as long as frames of the bus may be. Returns what is wrong, or NULL. */
+const char *cfg_parse_bytes(const schema *self, text_bytes *out, const char *text);
 
 /* Returns the states that a value names, one or a list, as bits. */
 uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value);

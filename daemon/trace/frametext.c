@@ -53,6 +53,10 @@ static const char bytes_problem[] =
     "expected 1 to 8 bytes of two hexadecimal digits such as DEAD..EF or DE AD x1, '.' or 'x' for "
     "any digit, blanks only between bytes";
 
+static const char fd_bytes_problem[] =
+    "expected 1 to 64 bytes of two hexadecimal digits such as DEAD..EF or DE AD x1, '.' or 'x' for "
+    "any digit, blanks only between bytes";
+
 static const char levels_problem[] =
     "expected 1 to 64 levels such as 10x1: 1 recessive, 0 dominant, x as it is, not all x";
 static char *print_fd_flags(char *at, uint8_t flags);
@@ -64,7 +68,7 @@ static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_fd(cw_frame *frame, const char *text);
 static const char *parse_data(cw_frame *frame, const char *text);
 static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
-static const char *parse_byte(text_bytes *bytes, const char *text);
+static const char *parse_byte(text_bytes *bytes, const char *text, unsigned max);
 static cw_field find_field(const char *name, size_t length);
 static bool parse_index(uint16_t *index, cw_field field, const char *text, bool fd);
 
@@ -154,14 +158,15 @@ const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text)
     return NULL;
 }
 
-const char *text_parse_bytes(text_bytes *out, const char *text)
+const char *text_parse_bytes(text_bytes *out, const char *text, bool fd)
 {
+    const unsigned max = fd ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
     text_bytes bytes = {0};
 
-    while ((text = parse_byte(&bytes, text)) != NULL && *text != '\0')
+    while ((text = parse_byte(&bytes, text, max)) != NULL && *text != '\0')
         text += strspn(text, " ");
     if (!text)
-        return bytes_problem;
+        return fd ? fd_bytes_problem : bytes_problem;
     *out = bytes;
     return NULL;
 }
@@ -412,10 +417,9 @@ static bool parse_nibble(text_bytes *bytes, char c)
 }
 
 /* Adds a byte; returns the text behind it, or NULL. */
-static const char *parse_byte(text_bytes *bytes, const char *text)
+static const char *parse_byte(text_bytes *bytes, const char *text, unsigned max)
 {
-    if (bytes->length == CW_CLASSICAL_DATA_MAX || !parse_nibble(bytes, text[0]) ||
-        !parse_nibble(bytes, text[1]))
+    if (bytes->length == max || !parse_nibble(bytes, text[0]) || !parse_nibble(bytes, text[1]))
         return NULL;
     bytes->length++;
     return text + 2;

@@ -37,15 +37,15 @@ const char *text_parse_error_mask(uint32_t *mask, const char *text);
 /* Reads an identifier alone, 3 digits (base) or 8 (extended); *flags is 0 or CW_FRAME_EXTENDED. */
 const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text);
 
-/* Data bytes with wildcards, "DEAD..EF" or "DE AD x1", 1 to 8 bytes. Each hexadecimal digit may be
- * the wildcard '.' or 'x'. Blanks may separate bytes. */
+/* Data bytes with wildcards, "DEAD..EF" or "DE AD x1", 1 to 8 bytes, with fd up to 64. Each
+ * hexadecimal digit may be the wildcard '.' or 'x'. Blanks may separate bytes. */
 typedef struct text_bytes {
     uint8_t length;
-    uint8_t mask[8];  /* 1 where the bit is given */
-    uint8_t value[8]; /* 0 where it is not */
+    uint8_t mask[CW_FRAME_DATA_MAX];  /* 1 where the bit is given */
+    uint8_t value[CW_FRAME_DATA_MAX]; /* 0 where it is not */
 } text_bytes;
 
-const char *text_parse_bytes(text_bytes *out, const char *text);
+const char *text_parse_bytes(text_bytes *out, const char *text, bool fd);
 
 /* Consecutive levels of bits, "10x1": 1 recessive, 0 dominant, x unchanged. There are 1 to
  * CW_PATTERN_MAX bits, not all of them x. */

@@ -107,13 +107,13 @@ static void identifiers(const char *text)
     REQUIRE(strtoul(text, NULL, 16) == id);
 }
 
-static void patterns(const char *text)
+static void patterns(const char *text, bool fd)
 {
     text_bytes bytes;
     text_levels levels;
-    if (!text_parse_bytes(&bytes, text)) {
-        REQUIRE(bytes.length >= 1 && bytes.length <= 8);
-        for (unsigned i = 0; i < 8; i++)
+    if (!text_parse_bytes(&bytes, text, fd)) {
+        REQUIRE(bytes.length >= 1 && bytes.length <= (fd ? 64 : 8));
+        for (unsigned i = 0; i < 64; i++)
             REQUIRE((bytes.value[i] & ~bytes.mask[i]) == 0);
     }
     if (!text_parse_levels(&levels, text)) {
@@ -187,7 +187,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     frames(text, data ? data : none, size);
     filters(text);
     identifiers(text);
-    patterns(text);
+    patterns(text, false);
+    patterns(text, true);
     positions(text, false);
     positions(text, true);
     numbers(text);

@@ -53,6 +53,7 @@ SEMANTIC = [
     "tdc-mode is off", "knows no CAN FD", "the bus has no data rate", "none is of kind fd",
     "the data phase is not slower", "tdco and tdcv together",
     "the nodes of one rule have", "min is more than max", "does not get its own frames",
+    "but the bus is classical", "as the bus is classical", "knows classical frames only",
 ]
 
 

@@ -122,6 +122,88 @@ static void conditions_are_read(void **state)
     cfg_free(config);
 }
 
+/* Loads rules where node 0 knows CAN FD frames and the others do not. Returns NULL after errors,
+ * with the messages in *errors. */
+static cfg_rules *load_fd(char **errors, const char *text)
+{
+    cfg *config = load_good(GOOD "full.yaml");
+    size_t length;
+    FILE *out = open_memstream(errors, &length);
+
+    config->nodes[0].kind = CFG_KIND_FD;
+    cfg_rules *rules = cfg_load_rules(text, strlen(text), "text", config, NULL, out);
+    fclose(out);
+    cfg_free(config);
+    return rules;
+}
+
+static void rules_may_ask_for_fd_frames(void **state)
+{
+    static const char text[] =
+        "[{ name: a, when: { rate: data, data: 00..2233445566778899 }, do: { flip: brs } },"
+        " { name: b, when: { frame: \"#8\", rate: nominal }, do: { send: 123##1AA, as: engine } },"
+        " { name: c, do: { change: { or: \"00112233445566778899\" } } },"
+        " { name: d, do: { flip: \"data[63.7]\" } },"
+        " { name: e, when: { rate: data }, do: { send: 1FFFFFFF##2112233445566778899,"
+        "   as: engine } }]";
+    char *errors;
+    cfg_rules *rules = load_fd(&errors, text);
+
+    (void)state;
+    if (!rules)
+        fail_msg("%s", errors);
+    const cw_rule *r = rules->rules;
+    assert_int_equal(r[0].trigger, CW_TRIGGER_FRAME);
+    assert_int_equal(r[0].rate, CW_RATE_DATA);
+    assert_int_equal(r[0].field, CW_FIELD_BRS);
+    assert_int_equal(r[0].data_length, 10);
+    assert_int_equal(r[0].data_mask[1], 0);
+    assert_int_equal(r[0].data_value[9], 0x99);
+    assert_int_equal(r[1].trigger, CW_TRIGGER_ERROR);
+    assert_int_equal(r[1].rate, CW_RATE_NOMINAL);
+    assert_int_equal(r[1].frame.flags, CW_FRAME_FD | CW_FRAME_BRS);
+    assert_int_equal(r[2].rate, CW_RATE_ANY);
+    assert_int_equal(r[2].change.or_mask[9], 0x99);
+    assert_int_equal(r[3].index, 511);
+    assert_int_equal(r[4].trigger, CW_TRIGGER_FRAME); /* the rate alone is a condition on frames */
+    assert_int_equal(r[4].frame.flags, CW_FRAME_FD | CW_FRAME_ESI | CW_FRAME_EXTENDED);
+    assert_int_equal(r[4].frame.dlc, 9); /* filled up to 12 bytes */
+    cfg_free_rules(rules);
+    free(errors);
+}
+
+static void nodes_send_what_they_know(void **state)
+{
+    static const struct {
+        const char *text;
+        const char *expected;
+    } cases[] = {
+        {"{ name: x, do: { send: 123##1AA, as: gearbox } }",
+         "text:1:24: send: '123##1AA': a CAN FD frame (##), but the node 'gearbox' knows classical "
+         "frames only (kind: fd makes it know both)\n"},
+        {"{ name: x, do: { babble: 123##1AA, as: gearbox, every: 1ms } }",
+         "text:1:26: babble: '123##1AA': a CAN FD frame (##), but the node 'gearbox' knows"},
+        {"{ name: x, do: { reply: 123##1AA, as: gearbox } }",
+         "text:1:25: reply: '123##1AA': a CAN FD frame (##), but the node 'gearbox' knows"},
+        {"{ name: x, do: { reply: 123##gAA, as: engine } }",
+         "text:1:25: reply: '123##gAA': expected a CAN FD frame such as 123##1DEADBEEF"},
+        {"{ name: x, when: { rate: fast }, do: { flip: sof } }",
+         "text:1:26: rate: expected one of nominal, data"},
+        {"{ name: x, do: { flip: \"stuff-count[4]\" } }",
+         "text:1:24: flip: 'stuff-count[4]': expected a position: sof id[0..28] srr ide rtr r0 r1 "
+         "fdf res brs"},
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        char *errors;
+
+        assert_null(load_fd(&errors, cases[i].text));
+        if (strncmp(errors, cases[i].expected, strlen(cases[i].expected)) != 0)
+            fail_msg("expected %s\ngot %s", cases[i].expected, errors);
+        free(errors);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -129,6 +211,8 @@ int main(void)
         cmocka_unit_test(rule_defaults_act_always),
         cmocka_unit_test(rules_wait_for_what_is_written),
         cmocka_unit_test(conditions_are_read),
+        cmocka_unit_test(rules_may_ask_for_fd_frames),
+        cmocka_unit_test(nodes_send_what_they_know),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -298,14 +298,34 @@ static void bytes_may_have_wildcards(void **state)
 
     (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
-        assert_null(text_parse_bytes(&bytes, cases[i].text));
+        assert_null(text_parse_bytes(&bytes, cases[i].text, i % 2));
         assert_int_equal(bytes.length, cases[i].length);
         assert_memory_equal(bytes.mask, cases[i].mask, bytes.length);
         assert_memory_equal(bytes.value, cases[i].value, bytes.length);
     }
     for (size_t i = 0; i < COUNT(bad); i++)
-        if (!text_parse_bytes(&bytes, bad[i]))
+        if (!text_parse_bytes(&bytes, bad[i], false))
             fail_msg("'%s' was accepted", bad[i]);
+}
+
+static void bytes_of_fd_frames_are_up_to_64(void **state)
+{
+    static const char pair[] = "1x";
+    char text[2 * (CW_FRAME_DATA_MAX + 1) + 1] = "";
+    text_bytes bytes;
+
+    (void)state;
+    for (size_t i = 0; i < CW_FRAME_DATA_MAX; i++)
+        strcat(text, pair);
+    assert_null(text_parse_bytes(&bytes, text, true));
+    assert_int_equal(bytes.length, CW_FRAME_DATA_MAX);
+    assert_int_equal(bytes.mask[63], 0xF0);
+    assert_int_equal(bytes.value[63], 0x10);
+    assert_non_null(text_parse_bytes(&bytes, text, false));
+    strcat(text, pair);
+    assert_non_null(text_parse_bytes(&bytes, text, true));
+    assert_null(text_parse_bytes(&bytes, "112233445566778899", true));
+    assert_int_equal(bytes.length, 9);
 }
 
 static void levels_come_in_order(void **state)
@@ -906,6 +926,7 @@ int main(void)
         cmocka_unit_test(filters_are_printed_as_they_are_written),
         cmocka_unit_test(bad_filters_are_refused),
         cmocka_unit_test(bytes_may_have_wildcards),
+        cmocka_unit_test(bytes_of_fd_frames_are_up_to_64),
         cmocka_unit_test(levels_come_in_order),
         cmocka_unit_test(parts_are_percent),
         cmocka_unit_test(error_filters_are_classes),
