@@ -9,6 +9,7 @@
 
 #include "base/plain.h"
 #include "config/config.h"
+#include "config/fdnodes.h"
 #include "config/portname.h"
 #include "port/links.h"
 
@@ -38,8 +39,10 @@ static const char help[] =
     "\n"
     "  -h, --help   this text\n"
     "\n"
-    "The bus is classical CAN: what `up` makes has an MTU of 16, so that a program that\n"
-    "writes CAN FD frames gets an error.\n"
+    "What `up` makes has an MTU of 72 where the node knows CAN FD, else one of 16, so\n"
+    "that a program that writes CAN FD frames gets an error. It changes that of its own\n"
+    "interfaces when their node has changed: a vcan is down for a moment, and a pair is\n"
+    "made anew.\n"
     "\n"
     "An interface that is there already is used when it is of the right kind, and never\n"
     "removed; one of another kind is refused, before anything is made. What `up` has made\n"
@@ -55,12 +58,13 @@ static const struct option options[] = {
 };
 
 /* The step that the port of a node needs. */
-typedef enum step { STEP_NONE = 0, STEP_SET_UP, STEP_MAKE, STEP_REPLACE } step;
+typedef enum step { STEP_NONE = 0, STEP_SET_UP, STEP_MAKE, STEP_REPLACE, STEP_MTU } step;
 
 typedef struct plan {
     links *links;
     const char *owner; /* "canwire FILE" */
     const cfg *config;
+    uint64_t fd; /* nodes that know CAN FD */
     step steps[CW_NODES_MAX];
     bool made[CW_NODES_MAX];
 } plan;
@@ -159,15 +163,25 @@ static bool is_ours(const char *owner, const link_info *info)
 
 /* ---- Up -------------------------------------------------------------------------------------- */
 
-/* Decides the step for an existing interface. */
-static bool judge(step *out, const plan *p, const cfg_node *node, const link_info *info)
+static unsigned mtu_of(const plan *p, size_t node)
 {
+    return p->fd >> node & 1u ? CANFD_MTU : CAN_MTU;
+}
+
+/* Decides the step for an existing interface. Of a pair, the other end may be in another namespace
+ * by now. */
+static bool judge(step *out, const plan *p, size_t index, const link_info *info)
+{
+    const cfg_node *node = &p->config->nodes[index];
     char alias[LINKS_ALIAS_BYTES];
     bool pair = strcmp(info->kind, "vxcan") == 0;
 
     print_alias(alias, p->owner, node);
     *out = info->up ? STEP_NONE : STEP_SET_UP;
-    if (is_ours(p->owner, info) && strcmp(info->alias, alias) != 0)
+    const bool ours = is_ours(p->owner, info);
+    if (ours && info->mtu != mtu_of(p, index))
+        *out = pair ? STEP_REPLACE : STEP_MTU;
+    if (ours && strcmp(info->alias, alias) != 0)
         *out = STEP_REPLACE;
     else if (!pair && node->peer)
         return complain(node->port, "it exists and is no vxcan interface, but has a peer in FILE");
@@ -176,17 +190,19 @@ static bool judge(step *out, const plan *p, const cfg_node *node, const link_inf
     return true;
 }
 
-/* Warns only: an interface in use is not set down to change its MTU. */
-static void warn_of_fd(const cfg_node *node, const link_info *info)
+/* Warns only: an interface of somebody else is not set down to change its MTU. */
+static void warn_of_mtu(const cfg_node *node, const link_info *info, unsigned mtu)
 {
-    if (info->mtu <= LINKS_MTU)
+    const bool fd = mtu == CANFD_MTU;
+    if ((info->mtu >= CANFD_MTU) == fd)
         return;
-    plain_print(
-        stderr,
-        "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames can be written to it, "
-        "and get lost, since the bus is classical CAN (ip link set %s down; "
-        "ip link set %s mtu %d up)\n",
-        node->port, (unsigned)info->mtu, node->port, node->port, (int)LINKS_MTU);
+    plain_print(stderr,
+                "canwire vcan: %s: it exists with an MTU of %u: CAN FD frames %s (ip link set %s "
+                "down; ip link set %s mtu %u up)\n",
+                node->port, (unsigned)info->mtu,
+                fd ? "cannot be written to it"
+                   : "can be written to it, and get lost, since the node knows none",
+                node->port, node->port, mtu);
 }
 
 static int open_netns(const cfg_node *node)
@@ -207,10 +223,10 @@ static bool plan_port(plan *p, size_t i)
     if (number != 0 && number != ENODEV)
         return complain_link(p, "look at", node->port, number);
     p->steps[i] = STEP_MAKE;
-    if (number == 0 && !judge(&p->steps[i], p, node, &info))
+    if (number == 0 && !judge(&p->steps[i], p, i, &info))
         return false;
-    if (number == 0 && p->steps[i] != STEP_REPLACE)
-        warn_of_fd(node, &info);
+    if (number == 0 && p->steps[i] != STEP_REPLACE && p->steps[i] != STEP_MTU)
+        warn_of_mtu(node, &info, mtu_of(p, i));
     if (!node->netns)
         return true;
     int fd = open_netns(node);
@@ -223,12 +239,13 @@ static bool plan_port(plan *p, size_t i)
     return true;
 }
 
-static int make_pair(plan *p, const cfg_node *node)
+static int make_pair(plan *p, size_t index)
 {
+    const cfg_node *node = &p->config->nodes[index];
     int fd = node->netns ? open_netns(node) : -1;
     if (node->netns && fd < 0)
         return errno; /* it has gone since the plan */
-    int number = links_make_vxcan(p->links, node->port, node->peer, fd);
+    int number = links_make_vxcan(p->links, node->port, node->peer, fd, mtu_of(p, index));
 
     if (fd >= 0)
         (void)close(fd);
@@ -240,7 +257,7 @@ static bool make(plan *p, size_t i)
     const cfg_node *node = &p->config->nodes[i];
     char alias[LINKS_ALIAS_BYTES];
     char peer[PEER_BYTES];
-    int number = node->peer ? make_pair(p, node) : links_make_vcan(p->links, node->port);
+    int number = node->peer ? make_pair(p, i) : links_make_vcan(p->links, node->port, mtu_of(p, i));
 
     print_peer(peer, node);
     if (number != 0) {
@@ -271,6 +288,8 @@ static bool carry_out(plan *p, size_t i)
         return make(p, i);
     if (p->steps[i] == STEP_SET_UP)
         number = links_set(p->links, port, NULL);
+    else if (p->steps[i] == STEP_MTU)
+        number = links_set_mtu(p->links, port, mtu_of(p, i));
     return number == 0 || complain_link(p, "set up", port, number);
 }
 
@@ -359,6 +378,7 @@ static int run(const char *verb, const char *file)
         return CLI_BAD_INPUT;
     }
     plan p = {.links = links_open(), .owner = owner, .config = config};
+    p.fd = config ? cfg_fd_nodes(config) : 0;
     bool good = p.links || complain("netlink", strerror(errno));
     good = good && (up ? bring_up(&p) : bring_down(&p));
     links_close(p.links);

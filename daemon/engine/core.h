@@ -29,6 +29,13 @@ typedef struct port_watch {
     engine *engine;
 } port_watch;
 
+/* An MTU that does not fit the node, as the log has told it. */
+typedef enum mtu_told {
+    MTU_FITS = 0,
+    MTU_SMALL, /* of a node that knows CAN FD: its frames do not pass */
+    MTU_LARGE  /* of another one: programs can write CAN FD frames, which are dropped */
+} mtu_told;
+
 /* The known interfaces of the nodes. */
 typedef struct engine_links {
     linkwatch *watch;
@@ -39,6 +46,7 @@ typedef struct engine_links {
     bool reported_uncounted; /* the log says that frames without loopback cannot be counted */
     uint64_t refused;   /* nodes whose interface exists but could not be opened */
     ev_timer retry;     /* of these, and of a list that failed */
+    mtu_told mtu[CW_NODES_MAX];
     bool reported_small; /* the log says that the kernel grants a port too little room */
 } engine_links;
 

@@ -9,11 +9,13 @@
 #include "engine/core.h"
 
 #include "base/log.h"
+#include "config/fdnodes.h"
 #include "config/portname.h"
 #include "port/loopless.h"
 #include "port/open.h"
 
 #include <errno.h>
+#include <linux/can.h>
 #include <net/if.h>
 #include <string.h>
 
@@ -33,6 +35,37 @@ static const char *const link_words[] = {
 
 /* ---- Nodes and the bus ----------------------------------------------------------------------- */
 
+static mtu_told judge_mtu(const engine *e, unsigned node, unsigned mtu)
+{
+    const bool fd = cfg_fd_nodes(e->config) & bit_of(node);
+    if (mtu == 0 || (mtu >= CANFD_MTU) == fd)
+        return MTU_FITS;
+    return fd ? MTU_SMALL : MTU_LARGE;
+}
+
+/* Warns of an MTU that does not fit, once. It changes only while the interface is down, so it is
+ * looked at when that comes up. */
+static void report_mtu(engine *e, unsigned node)
+{
+    const cfg_node *config = &e->config->nodes[node];
+    const unsigned mtu = e->now.ports[node] ? port_mtu(e->now.ports[node]) : 0;
+    const mtu_told verdict = judge_mtu(e, node, mtu);
+    if (verdict == e->links.mtu[node])
+        return;
+    e->links.mtu[node] = verdict;
+    if (verdict == MTU_LARGE)
+        log_node_warning(config->name,
+                         "port %s: its MTU is %u: programs can write CAN FD frames, which are "
+                         "dropped (bad-frame), since the node knows none; with an MTU of 16 they "
+                         "get an error",
+                         config->port, mtu);
+    else if (verdict == MTU_SMALL)
+        log_node_warning(config->name,
+                         "port %s: its MTU is %u: CAN FD frames do not pass, neither way (ip link "
+                         "set %s down; ip link set %s mtu %u up; or make it by canwire vcan up)",
+                         config->port, mtu, config->port, config->port, (unsigned)CANFD_MTU);
+}
+
 /* Changes the link of a node. The bus has been advanced to the present. */
 static void set_link(engine *e, unsigned node, report_link state)
 {
@@ -44,6 +77,8 @@ static void set_link(engine *e, unsigned node, report_link state)
         log_node_info(config->name, "%s %s", config->port, link_words[state]);
     else
         log_node_warning(config->name, "%s %s", config->port, link_words[state]);
+    if (state == REPORT_LINK_UP)
+        report_mtu(e, node);
     inputs_attach(&e->inputs, node, state == REPORT_LINK_UP);
 }
 
@@ -59,6 +94,7 @@ static void lose_port(engine *e, unsigned node)
         e->pushed_back &= ~bit_of(node);
     }
     e->links.refused &= ~bit_of(node);
+    e->links.mtu[node] = MTU_FITS; /* as far as the log has told of the next one */
     set_link(e, node, REPORT_LINK_MISSING);
 }
 
@@ -235,6 +271,7 @@ static bool open_port(engine *e, unsigned node)
     if (!e->now.ports[node])
         log_node_error(config->name, "port %s", error);
     report_small_buffer(e, node);
+    report_mtu(e, node);
     return e->now.ports[node] != NULL;
 }
 
@@ -304,7 +341,9 @@ static report_link link_after(const engine *e, const reload *r, const report_lin
 void engine_carry_links_over(engine *e, const reload *r)
 {
     report_link before[CW_NODES_MAX];
+    mtu_told told[CW_NODES_MAX];
     memcpy(before, e->links.state, sizeof before);
+    memcpy(told, e->links.mtu, sizeof told);
     e->links.refused = 0;
     e->links.vcans = 0; /* the list that is asked for below sets it again */
     for (unsigned i = 0; i < e->config->node_count; i++) {
@@ -312,6 +351,8 @@ void engine_carry_links_over(engine *e, const reload *r)
         e->links.state[i] = state;
         inputs_attach(&e->inputs, i, state == REPORT_NO_LINK || state == REPORT_LINK_UP);
         report_small_buffer(e, i);
+        e->links.mtu[i] = r->port_from[i] != CW_NO_NODE ? told[r->port_from[i]] : MTU_FITS;
+        report_mtu(e, i);
     }
     linkwatch_list(e->links.watch);
 }

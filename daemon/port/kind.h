@@ -35,6 +35,8 @@ typedef struct port_kind {
     port_sent (*send)(port *p, const void *frame, size_t size);
     /* Updates counters that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
+    /* See port_mtu(); NULL: it has no interface. */
+    unsigned (*mtu)(const port *p);
     /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
      * accept file descriptors that a sender passes along. */
     size_t control_bytes;

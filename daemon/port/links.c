@@ -275,26 +275,25 @@ int links_each(links *l, links_visitor *visit, void *user)
     return ask(l, &r, visit, user);
 }
 
-static void put_mtu(request *r)
+static void put_mtu(request *r, uint32_t mtu)
 {
-    static const uint32_t mtu = LINKS_MTU;
     put(r, IFLA_MTU, &mtu, sizeof mtu);
 }
 
 /* Makes a request for a new interface that is up. */
-static request make_new(const char *name)
+static request make_new(const char *name, unsigned mtu)
 {
     request r = make_request(RTM_NEWLINK, NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL);
     r.info.ifi_flags = IFF_UP;
     r.info.ifi_change = IFF_UP;
     put_text(&r, IFLA_IFNAME, name);
-    put_mtu(&r);
+    put_mtu(&r, mtu);
     return r;
 }
 
-int links_make_vcan(links *l, const char *name)
+int links_make_vcan(links *l, const char *name, unsigned mtu)
 {
-    request r = make_new(name);
+    request r = make_new(name, mtu);
     nesting info = begin(&r, IFLA_LINKINFO);
     put_text(&r, IFLA_INFO_KIND, "vcan");
     end(&r, info);
@@ -303,9 +302,9 @@ int links_make_vcan(links *l, const char *name)
 
 /* Makes a pair. The kernel sets only the first one up, since the second does not exist then. So the
  * peer is the first. The second is in this namespace, where it can be set up later. */
-int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd)
+int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd, unsigned mtu)
 {
-    request r = make_new(peer);
+    request r = make_new(peer, mtu);
     if (netns_fd >= 0)
         put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
     nesting info = begin(&r, IFLA_LINKINFO);
@@ -315,19 +314,37 @@ int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd)
     const struct ifinfomsg header = {.ifi_family = AF_UNSPEC};
     memcpy(extend(&r, sizeof header), &header, sizeof header);
     put_text(&r, IFLA_IFNAME, name);
-    put_mtu(&r);
+    put_mtu(&r, mtu);
     end(&r, other);
     end(&r, data);
     end(&r, info);
     return ask(l, &r, NULL, NULL);
 }
 
-int links_set(links *l, const char *name, const char *alias)
+/* Returns a request that sets an existing interface up or down. */
+static request make_change(const char *name, unsigned flags)
 {
     request r = make_request(RTM_SETLINK, NLM_F_ACK);
-    r.info.ifi_flags = IFF_UP;
+    r.info.ifi_flags = flags;
     r.info.ifi_change = IFF_UP;
     put_text(&r, IFLA_IFNAME, name);
+    return r;
+}
+
+int links_set_mtu(links *l, const char *name, unsigned mtu)
+{
+    request down = make_change(name, 0);
+    int number = ask(l, &down, NULL, NULL);
+    if (number != 0)
+        return number;
+    request up = make_change(name, IFF_UP); /* the kernel changes the MTU first */
+    put_mtu(&up, mtu);
+    return ask(l, &up, NULL, NULL);
+}
+
+int links_set(links *l, const char *name, const char *alias)
+{
+    request r = make_change(name, IFF_UP);
     if (alias)
         put(&r, IFLA_IFALIAS, alias, strlen(alias));
     return ask(l, &r, NULL, NULL);

@@ -16,10 +16,6 @@
 #define LINKS_KIND_BYTES 16u
 #define LINKS_ALIAS_BYTES 256u /* with the final 0; the kernel's limit */
 
-/* MTU of new interfaces: the bus is classical, so the kernel must refuse CAN FD frames. The MTU can
- * change only while an interface is down. */
-#define LINKS_MTU CAN_MTU
-
 typedef struct links links;
 
 typedef struct link_info {
@@ -43,12 +39,16 @@ int links_find(links *l, link_info *info, const char *name);
 typedef bool links_visitor(void *user, const link_info *info);
 int links_each(links *l, links_visitor *visit, void *user);
 
-/* Makes a vcan interface with LINKS_MTU and sets it up. */
-int links_make_vcan(links *l, const char *name);
+/* Makes a vcan interface and sets it up. mtu: CAN_MTU, with which the kernel refuses CAN FD frames,
+ * or CANFD_MTU. */
+int links_make_vcan(links *l, const char *name, unsigned mtu);
 
-/* Makes a pair of vxcan interfaces with LINKS_MTU. The peer is up, in the namespace of netns_fd,
- * -1: in this one. */
-int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd);
+/* Makes a pair of vxcan interfaces, both with this MTU. The peer is up, in the namespace of
+ * netns_fd, -1: in this one. */
+int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd, unsigned mtu);
+
+/* Changes the MTU of an interface, which is down for a moment, and sets it up. */
+int links_set_mtu(links *l, const char *name, unsigned mtu);
 
 /* Sets an interface up and gives it an alias; NULL keeps the alias. */
 int links_set(links *l, const char *name, const char *alias);

@@ -53,6 +53,11 @@ unsigned port_buffer_bytes(const port *p)
     return p->buffer_bytes;
 }
 
+unsigned port_mtu(const port *p)
+{
+    return p->kind->mtu ? p->kind->mtu(p) : 0;
+}
+
 int port_fd(const port *p)
 {
     return p->fd;

@@ -54,6 +54,10 @@ unsigned port_index(const port *p);
  * waits instead. */
 unsigned port_buffer_bytes(const port *p);
 
+/* Returns the MTU of the port's interface: CAN FD frames need CANFD_MTU. Returns 0 without an
+ * interface, or when it has gone. */
+unsigned port_mtu(const port *p);
+
 /* Returns a descriptor that is readable when frames wait. */
 int port_fd(const port *p);
 

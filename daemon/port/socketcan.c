@@ -117,10 +117,19 @@ static void count_drops(port *p)
         port_count_drops(p, memory[SK_MEMINFO_DROPS]);
 }
 
+static unsigned read_mtu(const port *p)
+{
+    struct ifreq request = {.ifr_mtu = 0};
+    if (!if_indextoname(p->index, request.ifr_name))
+        return 0;
+    return ioctl(p->fd, SIOCGIFMTU, &request) == 0 ? (unsigned)request.ifr_mtu : 0;
+}
+
 static const port_kind socketcan = {.close = close_socket,
                                     .read = read_socket,
                                     .send = send_to_socket,
                                     .count = count_drops,
+                                    .mtu = read_mtu,
                                     .control_bytes = PORT_CONTROL_BYTES};
 
 /* Returns true for the main name of an interface. The kernel also finds alternative names, but
@@ -145,18 +154,6 @@ static bool claim_interface(socketcan_port *s, const char *interface, const char
     return false;
 }
 
-/* Warns of an MTU above that of classical frames: the kernel then accepts CAN FD frames, too. */
-static void warn_of_fd(const port *p, const char *interface)
-{
-    struct ifreq request = {.ifr_mtu = 0};
-    (void)snprintf(request.ifr_name, sizeof request.ifr_name, "%s", interface);
-    if (ioctl(p->fd, SIOCGIFMTU, &request) == 0 && request.ifr_mtu > (int)CAN_MTU)
-        log_warning("port %s: its MTU is %d: programs can write CAN FD frames, which are dropped "
-                    "(bad-frame), since the bus is classical CAN; with an MTU of 16 they get an "
-                    "error",
-                    interface, request.ifr_mtu);
-}
-
 port *port_socketcan_open(const char *interface, const char *bus, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_new(&socketcan, sizeof(socketcan_port));
@@ -176,6 +173,5 @@ port *port_socketcan_open(const char *interface, const char *bus, char error[POR
         close_socket(p);
         return NULL;
     }
-    warn_of_fd(p, interface);
     return p;
 }

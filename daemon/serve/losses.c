@@ -20,7 +20,7 @@
 static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_QUEUE_FULL] = "dropped, queue full",
     [CW_DROP_LISTEN_ONLY] = "dropped, listen-only",
-    [CW_DROP_BAD_FRAME] = "dropped, not a classical CAN frame",
+    [CW_DROP_BAD_FRAME] = "dropped, no frame of a kind that the node knows",
     [CW_DROP_LINK_DOWN] = "dropped, link down",
     [CW_DROP_COUNT] = "received, not taken by the port",
     [CW_DROP_COUNT + 1] = "lost in the kernel before they could be read",

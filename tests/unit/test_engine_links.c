@@ -136,6 +136,7 @@ static struct {
     unsigned opened; /* so far */
     bool attached[NODES];
     unsigned reloads; /* that are ready, one for each update */
+    unsigned mtu; /* of all interfaces */
     unsigned short_bytes; /* missing room of a port that is asked */
 } bus;
 
@@ -182,6 +183,11 @@ void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
     (void)least;
     (void)most;
     (void)counting;
+}
+
+unsigned port_mtu(const port *p)
+{
+    return p->index > 0 ? bus.mtu : 0;
 }
 
 unsigned port_buffer_bytes(const port *p)
