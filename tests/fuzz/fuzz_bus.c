@@ -178,6 +178,26 @@ static void read_nodes(pair *p, fuzz_input *in)
     }
 }
 
+/* Lets nodes know FD frames, at two rates where a bit has ticks enough. */
+static void add_fd(pair *p)
+{
+    static const cw_data_timing data = {.brp = 2, .data_brp = 2,
+                                        .bit = {.prop_seg = 3, .phase_seg1 = 4, .phase_seg2 = 2,
+                                                .sjw = 2}};
+    const unsigned quanta = p->config.bit_ticks / 2;
+    for (unsigned i = 0; i < p->config.node_count; i++) {
+        p->nodes[i].protocol = i == 5 ? CW_FD_TOLERANT : CW_FD;
+        if (p->config.bit_ticks < 80 || p->config.bit_ticks > 160)
+            continue;
+        p->nodes[i].timing.bit = (cw_bit_timing){.quantum = 2 * CW_TICK, .phase_seg1 = 8,
+                                                 .phase_seg2 = 8, .sjw = 4,
+                                                 .prop_seg = (uint16_t)(quanta - 17)};
+        p->nodes[i].timing.data = data;
+        p->nodes[i].timing.data.tdc.mode = (cw_tdc_mode)(i % 2);
+        p->nodes[i].timing.data.tdc.tdco = 16;
+    }
+}
+
 /* Reads a configuration without rules, which come later: one that the bus refuses makes the whole
  * configuration invalid. */
 static void read_config(pair *p, fuzz_input *in)
@@ -189,6 +209,8 @@ static void read_config(pair *p, fuzz_input *in)
     p->config.inbox = (uint16_t)(1 + fuzz_below(in, 32));
     p->config.events = (uint16_t)fuzz_below(in, 512);
     read_nodes(p, in);
+    if (p->config.seed >= 0xC0)
+        add_fd(p);
 }
 
 /* ---- Both ------------------------------------------------------------------------------------ */
@@ -200,6 +222,8 @@ static void same(const pair *p)
     cw_bus_get_stats(p->whole.bus, &a);
     cw_bus_get_stats(p->bitwise.bus, &b);
     REQUIRE(a.ticks == b.ticks && a.bits == b.bits && a.busy_bits == b.busy_bits);
+    REQUIRE(a.busy_ticks == b.busy_ticks && a.data_ticks == b.data_ticks);
+    REQUIRE(a.data_bits == b.data_bits && a.fd_frames == b.fd_frames);
     REQUIRE(a.frames == b.frames && a.frame_bits == b.frame_bits && a.faults == b.faults);
     REQUIRE(a.error_frames == b.error_frames && a.overload_frames == b.overload_frames);
     REQUIRE(a.pending == b.pending && a.load_permille == b.load_permille);
