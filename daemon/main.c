@@ -498,8 +498,8 @@ static bool run(service *s, struct ev_loop *loop, const options *o)
     if (!start(s, loop, o))
         return false;
     start_watchers(s, loop);
-    log_info("%s: %zu nodes at %u bit/s, classical CAN", s->config->bus_name, s->config->node_count,
-             s->config->bitrate_bps);
+    log_info("%s: %zu nodes at %u bit/s, %s", s->config->bus_name, s->config->node_count,
+             s->config->bitrate_bps, cfg_has_fd(s->config) ? "CAN FD" : "classical CAN");
     report_status(s);
     notify_ready(s->notifier);
     watchdog_start(&s->watchdog, loop, s->engine, s->notifier);

@@ -33,8 +33,8 @@ uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config
     if (release >= next || config->rule_count > 0 || release_is_fast(plan))
         return least(next, release);
     const cw_frame *frame = release_first(plan, &node);
-    if (!frame || !will_queue(bus, node, frame))
-        return release;
+    if (!frame || config->dbitrate_bps > 0 || !will_queue(bus, node, frame))
+        return release; /* with a data rate not all bits have one length */
     /* it is the next frame on the bus if no other one is under way or comes with it */
     bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 &&
                  release_is_alone(plan, release + cw_rate_ticks(config->rate, 2));

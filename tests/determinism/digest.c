@@ -96,7 +96,8 @@ static void add_bus(const cw_bus *bus, unsigned rules)
     cw_node_stats node;
     cw_rule_stats rule;
     cw_bus_get_stats(bus, &s);
-    ADD_ALL(cw_bus_now(bus), s.ticks, s.bits, s.busy_bits, s.busy_ticks, s.data_bits, s.data_ticks, s.frames, s.frame_bits, s.error_frames,
+    ADD_ALL(cw_bus_now(bus), s.ticks, s.bits, s.busy_bits, s.busy_ticks, s.data_bits,
+            s.data_ticks, s.frames, s.frame_bits, s.error_frames,
             s.overload_frames, s.arbitration_lost, s.undetected_errors, s.faults, s.events_lost,
             s.pending, s.load_permille, cw_bus_pending(bus), cw_bus_recessive_bits(bus),
             cw_bus_idle(bus), cw_bus_next(bus));
