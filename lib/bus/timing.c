@@ -277,10 +277,17 @@ bool cw_bus_config_takes(const cw_bus_config *c, unsigned node, const cw_setting
 {
     const cw_bit_timing now = cw_bit_timing_of(c, node);
     const cw_bit_timing next = cw_timing_with(&now, s);
+    const bool changes_data = s->which & CW_SET_DATA;
+    const cw_data_timing *data = changes_data ? &s->data : &c->nodes[node].timing.data;
     cw_way ways[CW_NODES_MAX];
     find_ways(ways, c);
+    if (!cw_data_timing_valid(data) || (changes_data && !cw_has_data_rate(c)))
+        return false;
+    const cw_bit_timing fast = cw_data_bit_timing(data, &next);
     return divides_bits(c) && way_fits(ways, c->node_count, node, s, cw_shortest_bit(c)) &&
            change_fits(&next, bit_time_of(c), cw_bits_of_bit_time(c),
+                       longest_of(ways, c->node_count)) &&
+           change_fits(&fast, bit_time_of(c), cw_bits_of_bit_time(c),
                        longest_of(ways, c->node_count));
 }
 

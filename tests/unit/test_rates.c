@@ -229,7 +229,9 @@ static void the_data_phase_changes_while_the_bus_runs(void **state)
     go_on(r, 200);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+    assert_true(cw_bus_config_takes(&r->config, 0, &s));
     s.data.brp = 0;
+    assert_false(cw_bus_config_takes(&r->config, 0, &s));
     assert_int_equal(cw_node_set(r->bus, 0, &s), CW_INVALID);
     rig_free(r);
 }
@@ -264,6 +266,7 @@ static void buses_without_a_data_rate_have_no_data_statistics(void **state)
     assert_int_equal(cw_node_get_data_stats(r->bus, 0, &s), CW_REFUSED);
     assert_int_equal(cw_node_get_data_stats(r->bus, 2, &s), CW_INVALID);
     assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_INVALID);
+    assert_false(cw_bus_config_takes(&r->config, 0, &settings));
     rig_free(r);
 }
 
