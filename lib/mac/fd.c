@@ -110,6 +110,13 @@ bool cw_mac_compares_late(const cw_mac *m)
            cw_mac_part_is(m, CW_PART_DATA_RATE);
 }
 
+/* Its sample point may lie before the delimiter has come back: the wire still carries the CRC. */
+bool cw_mac_passes_delimiter(const cw_mac *m)
+{
+    return m->fd->compares_late && m->fd->fast && cw_mac_sends(m) &&
+           m->part == CW_PART_CRC_DELIMITER;
+}
+
 void cw_mac_note_late_error(cw_mac *m)
 {
     m->fd->late_error = cw_mac_is_fast(m) && cw_mac_sends(m);

@@ -798,7 +798,7 @@ static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
         detect(m, CW_ERROR_BIT, r);
         return;
     }
-    if (m->fd && cw_mac_compares_late(m))
+    if (m->fd && (cw_mac_compares_late(m) || cw_mac_passes_delimiter(m)))
         level = m->driven;
     if (cw_mac_stuff_bit_due(m))
         sample_stuff_bit(m, level, r);

@@ -112,6 +112,9 @@ void cw_mac_fd_renew_esi(cw_mac *mac);
 /* Does so when ESI is the next bit. */
 void cw_mac_fd_update_esi(cw_mac *mac);
 
+/* Returns true when a transmitter that compares late does not look at the CRC delimiter (D13). */
+bool cw_mac_passes_delimiter(const cw_mac *mac);
+
 /* Returns the number of the fixed stuff bit that is due. */
 unsigned cw_mac_fd_fixed_number(const cw_mac *mac);
 

@@ -478,3 +478,22 @@ def test_bus_off_by_timing_on_a_quiet_bus(play):
     assert [e["tec"] for e in run.of("error", "engine", end=off + 1e-6)] == (
         [8 * n for n in range(1, 18)] + [136 + 7 * n for n in range(1, 19)])
     assert [e["tec"] for e in run.of("state", "dash", end=off)] == [96, 128, 127, 95]
+
+
+def test_xl_frame(tmp_path):
+    """Profile "xl-frame": who reads it so leaves without an error; the dash acknowledges."""
+    scenario = tmp_path / "scenario.yaml"
+    scenario.write_text(f"""
+bus: {{ name: profiles, bitrate: 500000, dbitrate: 2000000 }}
+nodes:
+  - {{ name: engine, traffic: [ {{ send: "123##1DEADBEEF", every: 2ms }} ] }}
+  - name: gearbox
+  - name: dash
+profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ from: engine, at: gearbox }} }} ]
+""")
+    events, stats = tmp_path / "events", tmp_path / "stats"
+    sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
+    run = Run([json.loads(line) for line in events.read_text().splitlines()],
+              json.loads(stats.read_text()))
+    assert run.counts["gearbox", "protocol-exception"] == ENGINE_FRAMES == run.counts["dash", "rx"]
+    assert not run.of("error") and not run.counts["gearbox", "rx"]
