@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""CAN FD on whole buses, in virtual time: kinds of nodes that do not go together, rates that differ,
-delays that need compensation, and how long all of it takes."""
+"""CAN FD on whole buses, in virtual time. Some kinds of nodes do not go together, and some rates do
+not. Some delays need compensation, and all of it takes its time."""
 
 import json
 
@@ -53,8 +53,8 @@ def test_a_classical_node_destroys_fd_frames_until_it_is_passive(play):
 
 
 def test_a_classical_frame_of_a_passive_node_fails_among_fd_frames(play):
-    """Behind each frame that it cannot read it waits for an idle bus; a bus full of FD frames has no
-    room for it."""
+    """Behind each frame that it cannot read it waits for an idle bus. A bus full of FD frames has
+    no room for it."""
     run = play([sender("a", "123##1DEADBEEF", "110us"), "name: b",
                 sender("old", "321#11", "1ms", ", kind: classical")], "100ms")
     assert len(run.of("tx", "a")) > 500
