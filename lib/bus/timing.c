@@ -316,6 +316,11 @@ static cw_span shortest_coming(const cw_timed *t, cw_span *longest)
     return shortest;
 }
 
+static bool carries_others(const cw_timed *t)
+{
+    return cw_disturbs_by(&t->disturbances, t->cable.ways);
+}
+
 /* Nodes look back by their present bit, and by what rings. */
 bool cw_new_way_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
@@ -326,7 +331,7 @@ bool cw_new_way_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
     return t->divides &&
            way_fits(cw_cable_ways(&t->cable), t->cable.node_count, i, s, shortest) &&
            (!t->active || !(s->which & CW_SET_WAY) ||
-            cw_cable_takes_way(&t->cable, t->moment, back));
+            cw_cable_takes_way(&t->cable, carries_others(t), t->moment, back));
 }
 
 void cw_set_way(cw_bus *bus, unsigned i, const cw_settings *s)
@@ -336,7 +341,7 @@ void cw_set_way(cw_bus *bus, unsigned i, const cw_settings *s)
         cw_timed_settle(t, k);
     if (s->which & CW_SET_WAY) {
         const cw_way way = way_with(&cw_cable_ways(&t->cable)[i], s);
-        cw_cable_set_way(&t->cable, i, &way, t->moment);
+        cw_cable_set_way(&t->cable, i, &way, carries_others(t), t->moment);
         t->longest = cw_cable_find_delays(&t->cable);
         t->disturbances.ways = t->cable.ways;
         cw_find_longest(bus);

@@ -38,6 +38,14 @@ void cw_disturb(cw_disturbances *all, const cw_disturbance *added)
     all->list[place].ways = all->ways;
 }
 
+bool cw_disturbs_by(const cw_disturbances *all, uint16_t ways)
+{
+    for (unsigned i = 0; i < all->count; i++)
+        if (all->list[i].ways == ways)
+            return true;
+    return false;
+}
+
 void cw_disturb_end(cw_disturbances *all, unsigned rule, cw_span moment)
 {
     for (unsigned i = 0; i < all->count; i++)

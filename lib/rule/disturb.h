@@ -38,6 +38,9 @@ typedef struct cw_disturbances {
 /* Adds one. The place of one that has ended is used when there is no room. */
 void cw_disturb(cw_disturbances *all, const cw_disturbance *added);
 
+/* Returns true when one has those delays. */
+bool cw_disturbs_by(const cw_disturbances *all, uint16_t ways);
+
 /* Ends the one of a rule that has no end yet. */
 void cw_disturb_end(cw_disturbances *all, unsigned rule, cw_span moment);
 

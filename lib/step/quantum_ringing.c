@@ -29,8 +29,9 @@ void cw_timed_begin_ringing(cw_timed *t)
 void cw_timed_set_ringing(cw_timed *t, unsigned i, cw_span ringing)
 {
     cw_ringing *r = &t->ringing[i];
-    *r = (cw_ringing){.now = ringing, .since = t->moment,
-                      .former = r->now, .former_since = r->since};
+    if (r->since < t->moment) /* of two changes at one moment only the last one counts */
+        *r = (cw_ringing){.since = t->moment, .former = r->now, .former_since = r->since};
+    r->now = ringing;
     t->rings = t->rings_before = true;
     t->calm = false;
     if (!t->active)

@@ -68,21 +68,22 @@ cw_span cw_cable_former_delay(const cw_cable *cable, uint16_t ways, unsigned fro
                 : cw_cable_delay(cable, from, to, level);
 }
 
-/* Ways by which no edge has come are changed in place. */
-static bool are_used(const cw_cable *cable)
+/* Ways by which nothing has come are changed in place. */
+static bool are_used(const cw_cable *cable, bool carries)
 {
-    return cable->count != cable->counted;
+    return cable->count != cable->counted || carries;
 }
 
-bool cw_cable_takes_way(const cw_cable *cable, cw_span now, cw_span back)
+bool cw_cable_takes_way(const cw_cable *cable, bool carries, cw_span now, cw_span back)
 {
     const cw_span replaced = cable->replaced[(cable->ways + 1u) % CW_WAYS_KEPT];
-    return !are_used(cable) || replaced + cable->longest + back < now;
+    return !are_used(cable, carries) || replaced + cable->longest + back < now;
 }
 
-void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, cw_span now)
+void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, bool carries,
+                      cw_span now)
 {
-    if (are_used(cable)) {
+    if (are_used(cable, carries)) {
         const cw_way *before = cw_cable_ways(cable);
         cable->replaced[cable->ways % CW_WAYS_KEPT] = now;
         cable->ways++;

@@ -83,11 +83,13 @@ static inline cw_way *cw_cable_ways(const cw_cable *cable)
 }
 
 /* Returns true when a way can be changed. It cannot when the oldest ones are still needed for looks
- * that far back from now. */
-bool cw_cable_takes_way(const cw_cable *cable, cw_span now, cw_span back);
+ * that far back from now. carries: something else than edges has come by the present ways, such as
+ * a pulse. */
+bool cw_cable_takes_way(const cw_cable *cable, bool carries, cw_span now, cw_span back);
 
 /* Changes the way of a node, for edges that come from now on. */
-void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, cw_span now);
+void cw_cable_set_way(cw_cable *cable, unsigned node, const cw_way *way, bool carries,
+                      cw_span now);
 
 /* Finds the delays by the ways. Returns the longest one. */
 cw_span cw_cable_find_delays(cw_cable *cable);
