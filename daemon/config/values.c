@@ -182,9 +182,11 @@ void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *va
                       const cw_frame *frame, size_t node)
 {
     const cfg_walk *walk = self->user;
-    const cfg_node *sender = &walk->config->nodes[node];
+    const bool known = node < walk->config->node_count; /* else there is an error already */
+    const cfg_node *sender = known ? &walk->config->nodes[node] : NULL;
 
-    if (!(frame->flags & CW_FRAME_FD) || walk->any_node || cfg_knows_fd(walk->config, sender))
+    if (!(frame->flags & CW_FRAME_FD) || walk->any_node || !sender ||
+        cfg_knows_fd(walk->config, sender))
         return;
     schema_problem(self, key, value,
                    cfg_has_fd(walk->config)

@@ -61,7 +61,7 @@ static void assert_sums(const cw_bus *bus)
     }
     assert(bus->queued == queued);
     assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
-    assert(bus->load.unit > 1 || bus->load.bits == bus->stats.bits);
+    assert(bus->load.unit > 1 || bus->load.bits <= bus->stats.bits); /* less: see takeover.c */
     assert(bus->load.bits <= cw_now(bus));
     assert(bus->time.short_by == 0);
     assert(bus->inbox.next == CW_NEVER || bus->inbox.count > 0);

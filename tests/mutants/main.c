@@ -154,7 +154,7 @@ static const char *value_of(const char *parameter)
 static void print_host(char host[HOST_BYTES], const char *profile)
 {
     int used = snprintf(host, HOST_BYTES,
-                        "bus: { name: host, bitrate: 500000 }\n"
+                        "bus: { name: host, bitrate: 500000, dbitrate: 2000000 }\n"
                         "nodes:\n"
                         "  - name: engine\n"
                         "    traffic: [ { send: 32A#35403783970DB6A1, every: 1ms } ]\n"

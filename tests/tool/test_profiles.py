@@ -489,7 +489,7 @@ nodes:
   - {{ name: engine, traffic: [ {{ send: "123##1DEADBEEF", every: 2ms }} ] }}
   - name: gearbox
   - name: dash
-profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ from: engine, at: gearbox }} }} ]
+profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ sender: engine, reader: gearbox }} }} ]
 """)
     events, stats = tmp_path / "events", tmp_path / "stats"
     sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
