@@ -44,7 +44,7 @@ class Fd:
         self.socket.send(head + data.ljust(64, b"\0"))
 
     def receive(self):
-        raw = self.socket.recv(72)
+        raw = self.socket.recv(72)  # whole: a frame
         identifier, length, flags = struct.unpack_from("=IBB", raw)
         return len(raw), identifier, flags, raw[8:8 + length]
 
@@ -193,7 +193,7 @@ def test_iso_tp_with_frames_of_64_bytes(vcan, canwired):
     for size in (1, 7, 62, 63, 500, 4000):
         data = bytes(i * 7 % 256 for i in range(size))
         tester.send(data)
-        assert ecu.recv(8192) == data, size
+        assert ecu.recv(8192) == data, size  # whole: a message
     text = status(daemon, "isotp").replace(" ", "")
     assert int(re.search(r'"fd_frames":(\d+)', text)[1]) > 64
     daemon.stop()
