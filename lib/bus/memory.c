@@ -3,6 +3,7 @@
  * memory.c - a bus in its caller's memory: its size by the configuration, and its state at tick 0.
  */
 #include "bus/bus_private.h"
+#include "format/layout.h"
 
 #include <assert.h>
 #include <string.h>
@@ -213,6 +214,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
     bus->wanted = CW_EVENTS_USUAL;
+    bus->frame_step.after_ack = CW_AFTER_ACK_BITS; /* other ones only on a bus with FD */
     cw_load_init(&bus->load, cw_wire_rate(&bus->time), bus->timed.rates);
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)

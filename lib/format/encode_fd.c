@@ -28,7 +28,6 @@ _Static_assert(CW_FRAME_BITS_MAX <= CW_BITS_MAX, "cw_bits has room for the longe
 /* Pad, SOF to data. */
 typedef struct plain_bytes {
     uint8_t bytes[PLAIN_BYTES];
-    unsigned head;  /* of these, up to the DLC */
     unsigned count;
     unsigned pad_bits;
 } plain_bytes;
@@ -55,7 +54,6 @@ static plain_bytes lay_out(const cw_frame *frame)
     for (unsigned n = 0; n < head_bytes; n++)
         plain.bytes[n] = (uint8_t)(padded >> (8 * (head_bytes - 1 - n)));
     memcpy(plain.bytes + head_bytes, frame->data, length);
-    plain.head = head_bytes;
     plain.count = head_bytes + length;
     return plain;
 }
@@ -203,23 +201,43 @@ static unsigned measured(const cw_stuffed *all)
     return (unsigned)(all->lengths & LENGTHS_MASK);
 }
 
+static void measure_bytes(cw_stuffed *all, const uint8_t bytes[], unsigned count)
+{
+    unsigned n = 0;
+    for (; n + CW_STUFF_BYTES <= count; n += CW_STUFF_BYTES)
+        cw_measure_five(all, bytes + n);
+    for (; n < count; n++)
+        cw_measure_byte(all, bytes[n]);
+}
+
+/* Measures the bytes of a head but the last one, from the number, which needs no memory. */
+static void measure_head(cw_stuffed *all, cw_head head)
+{
+    for (unsigned shift = head.bits - 8; shift > 0; shift -= 8)
+        cw_measure_byte(all, (uint8_t)(head.number >> shift));
+}
+
 /* The last byte of the head begins with FDF, res and BRS, which never get a stuff bit between them.
  * Not inlined, so that it does not keep the measuring of classical frames from being inlined. */
 __attribute__((noinline)) cw_fd_length cw_bits_measure_fd(const cw_frame *frame)
 {
     const cw_form form = cw_frame_form(frame);
-    const plain_bytes plain = lay_out(frame);
+    const unsigned length = cw_frame_length(frame);
+    unsigned pad_bits;
+    const cw_head head = pad_head(frame, &pad_bits);
     cw_stuffed all = {.state = CW_STUFF_FIRST};
-    unsigned n = 0;
-    for (; n + 1 < plain.head; n++)
-        cw_measure_byte(&all, plain.bytes[n]);
-    const unsigned behind_brs = measured(&all) - plain.pad_bits + 3;
-    for (; n + 1 < plain.count; n++)
-        cw_measure_byte(&all, plain.bytes[n]);
-    const bool drops = entry_ends_with_stuff_bit(all.state, plain.bytes[n]);
-    cw_measure_byte(&all, plain.bytes[n]);
+    uint8_t last = (uint8_t)head.number;
+    measure_head(&all, head);
+    const unsigned behind_brs = measured(&all) - pad_bits + 3;
+    if (length > 0) {
+        cw_measure_byte(&all, last);
+        measure_bytes(&all, frame->data, length - 1);
+        last = frame->data[length - 1];
+    }
+    const bool drops = entry_ends_with_stuff_bit(all.state, last);
+    cw_measure_byte(&all, last);
     return (cw_fd_length){
         .behind_brs = (uint8_t)behind_brs,
-        .bits = (uint16_t)(measured(&all) - plain.pad_bits - drops + cw_fd_crc_wire_bits(&form) +
+        .bits = (uint16_t)(measured(&all) - pad_bits - drops + cw_fd_crc_wire_bits(&form) +
                            CW_FD_TAIL_BITS)};
 }

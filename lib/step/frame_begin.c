@@ -142,12 +142,15 @@ static void refresh_esi(bus_node *n, cw_queue_slot *slot)
         n->mac.offered = false;
 }
 
-/* Prepares the first frame of the winner on a bus with FD. Returns false when it is no clean one:
- * some node does not know it (D17). It is not inlined, since most buses have no FD. */
+/* Prepares the first frame of the winner on a bus with FD; on other buses nothing of this changes.
+ * Returns false when the frame is no clean one: some node does not know it (D17). It is not
+ * inlined, since most buses have no FD. */
 __attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
 {
     bus_node *n = &bus->nodes[winner];
     cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
+    bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
+    bus->frame_step.fast.to = 0;
     if (!cw_frame_is_fd(slot->frame))
         return true;
     refresh_esi(n, slot);
@@ -168,14 +171,12 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
-    bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
-    bus->frame_step.fast = (cw_fast_part){.to = 0};
     if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)))
         return false;
     const bool waits = cw_rules_wait_for_frames(&bus->rules);
     uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
     bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
-    if (bus->frame_step.fast.to && (watched || bus->rules.awake_count))
+    if (bus->frame_step.fast.to != 0 && (watched || bus->rules.awake_count))
         return false; /* its bits are looked at one by one */
     if (watched && (at_work || cw_rules_act_first(bus, watched)))
         return false;
