@@ -25,10 +25,11 @@ static bool can_take(const cw_bus *bus, unsigned i)
     return cw_refusal(bus, i) == CW_DROP_COUNT;
 }
 
-static uint64_t bits_so_far(const cw_bus *bus, uint64_t *busy)
+static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
 {
-    *busy = cw_busy_bits_so_far(bus);
-    return cw_bits_so_far(bus);
+    const uint64_t unit = bus->load.unit, saved = bus->timed.short_ticks;
+    *busy = cw_busy_bits_so_far(bus) * unit - saved;
+    return cw_bits_so_far(bus) * unit - saved;
 }
 
 void cw_link_rules(cw_bus *bus, uint64_t seed)
@@ -43,7 +44,8 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
         .drop = drop,
         .count_made = count_made,
         .can_take = can_take,
-        .bits = bits_so_far,
+        .time = time_so_far,
+        .bit_length = cw_timed_bit_length,
     };
     bus->rules.bus = (cw_rule_bus){.time = &bus->time,
                                    .node_count = bus->node_count,

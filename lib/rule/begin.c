@@ -37,9 +37,9 @@ void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
     s->scope = s->for_attempt ? s->scope | scope : 0;
     s->active = true;
     s->active_until = window_end(set, &s->rule);
-    s->dominant_bits = 0;
+    s->dominant_ticks = 0;
     s->next_at = s->rule.action == CW_ACTION_SEND ? cw_rules_now(set) : CW_NEVER;
-    s->bits_base = set->bus.effects->bits(set->bus.self, &s->busy_base);
+    s->time_base = set->bus.effects->time(set->bus.self, &s->busy_base);
     cw_rules_set_due(set, s->active_until);
     cw_rules_set_due(set, s->next_at);
     if (cw_rule_needs_bits(s))

@@ -23,9 +23,11 @@ static cw_disturb_effect effect_now(cw_rule_set *set, cw_rule_state *s)
     return dominant ? CW_DISTURB_INVERT : CW_DISTURB_NOTHING;
 }
 
-static cw_span bit_time(const cw_rule_set *set)
+/* Returns the length of a bit of a transmitter that begins now (D10). */
+static cw_span length_of_bit(const cw_rule_set *set, unsigned node)
 {
-    return (cw_span)cw_rate_ticks(cw_wire_rate(set->bus.time), 1) * CW_TICK;
+    return set->bus.divided ? set->bus.effects->bit_length(set->bus.self, node)
+                            : cw_rule_bit_time(set);
 }
 
 /* ---- Pulses ---------------------------------------------------------------------------------- */
@@ -75,8 +77,7 @@ static void begin_bit(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
     if (effect != CW_DISTURB_NOTHING)
         cw_disturb(all, &d);
     s->disturbs = true;
-    s->bits_done++;
-    s->bits_left--;
+    cw_rule_pass_bit(s, length_of_bit(set, s->source));
 }
 
 /* Transmitters that begin a frame together reach a position at nearly the same moment: that is one
@@ -101,7 +102,7 @@ static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule,
         begins = true;
     }
     if (begins && s->rule.action == CW_ACTION_PULSE)
-        pulse(set, all, rule, moment, bit_time(set));
+        pulse(set, all, rule, moment, length_of_bit(set, s->source));
     else if (begins)
         begin_bit(set, all, rule, moment);
 }
@@ -126,7 +127,7 @@ static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     const bool tx = s->rule.line == CW_LINE_TX;
-    const bool level = tx ? cw_stuck_tx_level(s, cw_wire_rate(set->bus.time)) : s->rule.level;
+    const bool level = tx ? cw_stuck_tx_level(set, s) : s->rule.level;
     if (s->rule.for_ticks && s->active_until < cw_rules_bit_end(set))
         end = begin + (cw_span)(s->active_until - cw_rules_now(set)) * CW_TICK;
     const cw_disturbance d = {.begin = begin, .end = end,
@@ -139,10 +140,10 @@ static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
 
 /* A pulse on the wire comes to all nodes at once: it belongs to no node. */
 static void pulse_without_frame(cw_rule_set *set, cw_disturbances *all, unsigned rule,
-                                cw_span begin)
+                                cw_span begin, cw_span end)
 {
     cw_rule_at(set, rule)->source = CW_NO_NODE;
-    pulse(set, all, rule, begin, bit_time(set));
+    pulse(set, all, rule, begin, end - begin);
 }
 
 static void flip_at_random(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
@@ -191,7 +192,7 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
         cw_rule_state *s = cw_rule_at(set, rule);
         cw_rule_check_scope(set, rule);
         if (s->pulses)
-            pulse_without_frame(set, all, rule, begin);
+            pulse_without_frame(set, all, rule, begin, end);
         if (!s->active)
             continue;
         if (cw_rule_is(s, CW_ON_LINE))

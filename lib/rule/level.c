@@ -8,6 +8,7 @@
 #include "rule/private.h"
 
 #define ALL_NODES UINT64_MAX
+#define ROUNDING (CW_TICK / 16) /* of the bits of a rule that lasts for a time */
 
 static cw_rule_state *awake_rule(cw_rule_set *set, unsigned i)
 {
@@ -22,17 +23,17 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 /* ---- Stuck TX lines -------------------------------------------------------------------------- */
 
 /* The transceiver releases the bus when its TXD has been dominant for too long. */
-static bool stuck_tx_level(const cw_rule_state *s, cw_rate rate)
+static bool stuck_tx_level(const cw_rule_state *s)
 {
     const uint64_t timeout = s->rule.dominant_timeout;
-    const bool timed_out = timeout && cw_rate_ticks(rate, s->dominant_bits) >= timeout;
-    return timed_out ? CW_RECESSIVE : s->rule.level;
+    return timeout && s->dominant_ticks >= timeout ? CW_RECESSIVE : s->rule.level;
 }
 
-bool cw_stuck_tx_level(cw_rule_state *s, cw_rate rate)
+bool cw_stuck_tx_level(const cw_rule_set *set, cw_rule_state *s)
 {
-    const bool level = stuck_tx_level(s, rate);
-    s->dominant_bits += level == CW_DOMINANT;
+    const bool level = stuck_tx_level(s);
+    if (level == CW_DOMINANT)
+        s->dominant_ticks += cw_rules_bit_end(set) - cw_rules_now(set);
     return level;
 }
 
@@ -46,8 +47,7 @@ uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven)
     for (unsigned i = 0; set->line_rules && i < set->awake_count; i++) {
         const cw_rule_state *s = awake_rule(set, i);
         if (is_stuck_tx(s))
-            set_level(&driven, cw_node_bit(s->rule.node),
-                      stuck_tx_level(s, cw_wire_rate(set->bus.time)));
+            set_level(&driven, cw_node_bit(s->rule.node), stuck_tx_level(s));
     }
     set_level(&driven, set->off, CW_RECESSIVE);
     return driven;
@@ -58,7 +58,7 @@ void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
     levels->driven = cw_rules_change_lines(set, levels->driven);
     for (unsigned i = 0; set->line_rules && i < set->awake_count; i++)
         if (is_stuck_tx(awake_rule(set, i)))
-            (void)cw_stuck_tx_level(awake_rule(set, i), cw_wire_rate(set->bus.time));
+            (void)cw_stuck_tx_level(set, awake_rule(set, i));
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -152,12 +152,33 @@ static uint64_t wires_of(const cw_rule_set *set, uint64_t nodes)
     return wires;
 }
 
-/* Returns the bits that an action lasts. Only FORCE may last for a time. */
-static uint64_t action_bits(const cw_rule_set *set, const cw_rule *rule)
+/* Only FORCE may last for a time: it acts on all bits that begin in it. */
+static bool lasts_for_a_time(const cw_rule *rule)
 {
-    if (rule->action != CW_ACTION_FORCE || rule->for_ticks == 0)
-        return rule->bits;
-    return cw_rate_bits_begun(cw_wire_rate(set->bus.time), rule->for_ticks);
+    return rule->action == CW_ACTION_FORCE && rule->for_ticks > 0;
+}
+
+static void begin_bits(cw_rule_state *s)
+{
+    s->bits_done = 0;
+    s->bits_left = lasts_for_a_time(&s->rule) ? 1 : s->rule.bits;
+    s->ticks_left = s->rule.for_ticks;
+    s->part = 0;
+}
+
+/* Lengths of bits may be rounded. So a bit counts as whole a little before its end. */
+void cw_rule_pass_bit(cw_rule_state *s, cw_span length)
+{
+    s->bits_done++;
+    if (!lasts_for_a_time(&s->rule)) {
+        s->bits_left--;
+        return;
+    }
+    const cw_span passed = s->part + length;
+    const uint64_t ticks = (uint64_t)((passed + ROUNDING) / CW_TICK);
+    s->part = passed - (cw_span)ticks * CW_TICK;
+    s->ticks_left -= cw_least(ticks, s->ticks_left);
+    s->bits_left = s->ticks_left > 0;
 }
 
 /* A new hit while an action is under way begins it again. */
@@ -170,8 +191,7 @@ bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes)
     s->source = (uint8_t)cw_lowest_node(nodes);
     if (s->rule.at == 0)
         s->on_wire = wires_of(set, nodes); /* the bit of that wire alone */
-    s->bits_done = 0;
-    s->bits_left = action_bits(set, &s->rule);
+    begin_bits(s);
     return true;
 }
 
@@ -275,11 +295,9 @@ static void change_samples(cw_rule_set *set, uint64_t *levels)
 
 static void count_bits(cw_rule_set *set)
 {
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        cw_rule_state *s = awake_rule(set, i);
-        s->bits_done += s->bits_left > 0;
-        s->bits_left -= s->bits_left > 0;
-    }
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (awake_rule(set, i)->bits_left > 0)
+            cw_rule_pass_bit(awake_rule(set, i), cw_rule_bit_time(set));
 }
 
 void cw_rules_change_sampled(cw_rule_set *set, cw_levels *levels)

@@ -186,12 +186,21 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule);
 
 /* ---- level.c, noise.c ------------------------------------------------------------------------ */
 
+/* Returns the length of a nominal bit of the bus. */
+static inline cw_span cw_rule_bit_time(const cw_rule_set *set)
+{
+    return (cw_span)cw_rate_ticks(cw_wire_rate(set->bus.time), 1) * CW_TICK;
+}
+
+/* Counts a bit of a position action under way, of this length. */
+void cw_rule_pass_bit(cw_rule_state *state, cw_span length);
+
 /* Finds the nodes whose levels a new rule changes. The hit of a rule with a position finds them
  * again. */
 void cw_rule_aim(cw_rule_state *state);
 
-/* Returns the level of a stuck TX line in a bit, and counts the bit for the dominant timeout. */
-bool cw_stuck_tx_level(cw_rule_state *state, cw_rate rate);
+/* Returns the level of a stuck TX line in a bit, and counts its time for the dominant timeout. */
+bool cw_stuck_tx_level(const cw_rule_set *set, cw_rule_state *state);
 
 /* Returns the driven levels of all nodes with those of stuck TX lines, and counts nothing. */
 uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven);

@@ -55,7 +55,9 @@ typedef struct cw_rule_state {
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
     bool rx_hit;          /* the decision at rx_tick */
     uint64_t bits_done;   /* of a position action under way */
-    uint64_t bits_left;
+    uint64_t bits_left;   /* of an action that lasts for a time 1, until that has passed */
+    uint64_t ticks_left;  /* of that time ... */
+    cw_span part;         /* ... but for this part of a tick */
     uint64_t reached_at;  /* tick of the bit time in which the position was last reached ... */
     uint8_t source;       /* ... by this node, whose bits count */
     bool pulses;          /* a pulse is to come in the next bit time */
@@ -76,9 +78,9 @@ typedef struct cw_rule_state {
     uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
     uint64_t active_until; /* tick; CW_NEVER: until cleared */
     uint64_t next_at;     /* SEND: tick of the next frame */
-    uint64_t dominant_bits; /* STUCK on a TX: its dominant bits up to now */
-    uint64_t busy_base;   /* LOAD: busy bits and bits when it began */
-    uint64_t bits_base;
+    uint64_t dominant_ticks; /* STUCK on a TX: its dominant time up to now */
+    uint64_t busy_base;   /* LOAD: busy time and time when it began */
+    uint64_t time_base;
 } cw_rule_state;
 
 /* The origin of a received frame, see cw_event. All 0 for frames on their way to the wire. */
@@ -125,9 +127,12 @@ typedef struct cw_rule_effects {
     void (*drop)(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, uint64_t tick);
     /* Counts a frame that no host has handed in, or that no wire has carried. */
     void (*count_made)(cw_bus *bus, unsigned node, cw_side side);
-    /* Answer traffic rules: true when a node's queue takes a frame now, and the bits so far. */
+    /* Answer traffic rules: true when a node's queue takes a frame now, and the time so far with
+     * its busy part. The time is in bits; where bits are divided in ticks. */
     bool (*can_take)(const cw_bus *bus, unsigned node);
-    uint64_t (*bits)(const cw_bus *bus, uint64_t *busy);
+    uint64_t (*time)(const cw_bus *bus, uint64_t *busy);
+    /* Returns the length of a transmitter's bit that has begun, by an exact clock. */
+    cw_span (*bit_length)(const cw_bus *bus, unsigned node);
 } cw_rule_effects;
 
 /* The part of the bus that rules see. It is set when the bus is made, and rules change nothing in

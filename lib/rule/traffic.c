@@ -17,12 +17,12 @@ static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
     effects->queue(set->bus.self, node, frame, cw_rules_now(set), rule + 1);
 }
 
-/* Returns the bits, and the busy ones, since the load began. */
-static uint64_t bits_of_load(const cw_rule_set *set, const cw_rule_state *s, uint64_t *busy)
+/* Returns the time, and the busy part of it, since the load began. */
+static uint64_t time_of_load(const cw_rule_set *set, const cw_rule_state *s, uint64_t *busy)
 {
-    uint64_t bits = set->bus.effects->bits(set->bus.self, busy);
+    uint64_t time = set->bus.effects->time(set->bus.self, busy);
     *busy -= s->busy_base;
-    return bits - s->bits_base;
+    return time - s->time_base;
 }
 
 /* A node that cannot take a frame is not asked in every bit. */
@@ -72,8 +72,8 @@ void cw_fill_up(cw_rule_set *set, unsigned rule)
     if (!can_take(set, s))
         return;
     uint64_t busy;
-    uint64_t bits = bits_of_load(set, s, &busy);
-    if (busy * 1000 > bits * s->rule.load_permille)
+    uint64_t time = time_of_load(set, s, &busy);
+    if (busy * 1000 > time * s->rule.load_permille)
         return;
     const cw_frame frame = random_frame(&s->prng);
     send(set, rule, &frame);
@@ -83,13 +83,14 @@ void cw_fill_up(cw_rule_set *set, unsigned rule)
  * tick has been looked at. */
 static uint64_t bits_to_target(const cw_rule_set *set, const cw_rule_state *s)
 {
-    const uint64_t permille = s->rule.load_permille;
+    const uint64_t bit = set->bus.divided ? cw_rate_ticks(cw_wire_rate(set->bus.time), 1) : 1;
+    const uint64_t falls = s->rule.load_permille * bit; /* in each bit */
     uint64_t busy;
-    uint64_t target = bits_of_load(set, s, &busy) * permille;
+    uint64_t target = time_of_load(set, s, &busy) * s->rule.load_permille;
     busy *= 1000;
     if (busy <= target)
         return 1;
-    return permille ? (busy - target + permille - 1) / permille : CW_QUIET_FOREVER;
+    return falls ? (busy - target + falls - 1) / falls : CW_QUIET_FOREVER;
 }
 
 uint64_t cw_traffic_free(const cw_rule_set *set, uint64_t bits, bool busy)

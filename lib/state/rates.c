@@ -6,7 +6,7 @@
 
 #include "mac/late.h"
 
-static cw_span data_quantum(cw_span nominal, const cw_data_timing *data)
+cw_span cw_data_quantum(cw_span nominal, const cw_data_timing *data)
 {
     return nominal / data->brp * data->data_brp + nominal % data->brp * data->data_brp / data->brp;
 }
@@ -15,7 +15,7 @@ cw_bit_timing cw_data_bit_timing(const cw_data_timing *data, const cw_bit_timing
 {
     cw_bit_timing bit = data->data_brp ? data->bit : *nominal;
     if (data->data_brp)
-        bit.quantum = data_quantum(nominal->quantum, data);
+        bit.quantum = cw_data_quantum(nominal->quantum, data);
     return bit;
 }
 

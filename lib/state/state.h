@@ -377,8 +377,9 @@ void cw_apply_topology(cw_bus *bus);
 
 /* ---- rates.c --------------------------------------------------------------------------------- */
 
-/* Return the bit timing of the data phase of a node, and a clock, by its nominal bit timing. The
- * clock only matters where there is a data rate. */
+/* Return the time quantum and the bit timing of the data phase of a node, and a clock, by what is
+ * nominal. The clock only matters where there is a data rate. */
+cw_span cw_data_quantum(cw_span nominal, const cw_data_timing *data);
 cw_bit_timing cw_data_bit_timing(const cw_data_timing *data, const cw_bit_timing *nominal);
 cw_span cw_data_clock(const cw_data_timing *data, const cw_bit_timing *nominal);
 

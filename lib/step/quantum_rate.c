@@ -90,12 +90,17 @@ __attribute__((noinline)) void cw_timed_compare_late(cw_bus *bus, unsigned i, cw
 
 /* ---- Bits that all nodes have in common ------------------------------------------------------ */
 
-/* Returns true when a node is at the data rate after its next sample point, if no fault comes. */
+/* Returns true when a node is at the data rate after its next sample point, if it samples what it
+ * sends. */
+static bool is_fast_after_sample(const cw_mac *m)
+{
+    return cw_mac_is_fast(m) ? !cw_mac_ends_data_phase(m) : cw_mac_begins_data_phase(m);
+}
+
+/* Does the same by the levels of the wire, if no fault comes. */
 static bool will_be_fast(const cw_bus *bus, const cw_mac *m)
 {
-    if (cw_mac_is_fast(m))
-        return !cw_mac_ends_data_phase(m);
-    return cw_mac_begins_data_phase(m) && bus->timed.cable.dominant == 0;
+    return is_fast_after_sample(m) && (cw_mac_is_fast(m) || bus->timed.cable.dominant == 0);
 }
 
 /* Returns the end of the bit of a node that begins at a moment, or has begun then. */
@@ -116,6 +121,18 @@ static cw_span end_of_bit(const cw_bus *bus, unsigned i, cw_span begin)
 cw_span cw_timed_expected_end(const cw_bus *bus, unsigned i)
 {
     return end_of_bit(bus, i, bus->timed.nodes[i].begin);
+}
+
+cw_span cw_timed_bit_length(const cw_bus *bus, unsigned i)
+{
+    const timed_rates *r = &bus->timed.rates[i];
+    const bool after = is_fast_after_sample(&bus->nodes[i].mac);
+    const cw_span quantum = bus->timed.bit_time / cw_bit_timing_quanta(&r->nominal);
+    const cw_span data = r->given.data_brp ? cw_data_quantum(quantum, &r->given) : quantum;
+    const cw_bit_timing *begins = cw_timing_at(r, r->fast), *ends = cw_timing_at(r, after);
+    const unsigned rest = cw_bit_timing_quanta(ends) - cw_bit_timing_sample_at(ends);
+    return cw_bit_timing_sample_at(begins) * (r->fast ? data : quantum) +
+           rest * (after ? data : quantum);
 }
 
 /* Returns the begin of the next bit of a node. */

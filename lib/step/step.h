@@ -90,6 +90,10 @@ bool cw_timed_frame_go(cw_bus *bus, uint64_t tick);
 /* Returns true when a node has something to report at the end of a bit that it has sampled. */
 bool cw_timed_has_report(const cw_bus *bus);
 
+/* Returns the length of the bit of a transmitter that has begun (D10), by a clock that is as exact
+ * as that of the bus. Some node must have a data rate. */
+cw_span cw_timed_bit_length(const cw_bus *bus, unsigned node);
+
 /* Takes over the nodes of an old bus that is off the grid, in the middle of their bits. from: as in
  * cw_bus_take_over(). */
 void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);

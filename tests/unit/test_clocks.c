@@ -455,10 +455,26 @@ static int64_t jitter(const quanta *q, unsigned node)
     return late;
 }
 
-static void begin_pulse(const quanta *q, quanta_fault *f, const cw_rule *r, unsigned source,
-                        int64_t begin)
+/* Returns the length of a transmitter's bit by a clock that is exact (D10). */
+static int64_t length_of_bit(const quanta_node *n, const cw_data_timing *data)
 {
-    const int64_t from = begin + r->pulse_offset + BIT_SPAN / 1000 * r->pulse_permille;
+    const cw_place place = cw_mac_place(&n->mac);
+    const bool switches = place.field == CW_FIELD_BRS && n->driven == CW_RECESSIVE;
+    const bool after = n->fast ? place.field != CW_FIELD_CRC_DELIMITER : switches;
+    const int64_t quantum = BIT_SPAN / quanta_bit(&n->nominal);
+    if (!n->fast && !after)
+        return BIT_SPAN;
+    const int64_t fast = quantum / data->brp * data->data_brp;
+    const quanta_timing *first = n->fast ? &n->data.timing : &n->nominal;
+    const quanta_timing *then = after ? &n->data.timing : &n->nominal;
+    return (1 + first->prop + first->seg1) * (n->fast ? fast : quantum) +
+           then->seg2 * (after ? fast : quantum);
+}
+
+static void begin_pulse(const quanta *q, quanta_fault *f, const cw_rule *r, unsigned source,
+                        int64_t begin, int64_t bit)
+{
+    const int64_t from = begin + r->pulse_offset + bit / 1000 * r->pulse_permille;
     (void)quanta_disturb(q, f, r->line == CW_LINE_TX ? r->node : source, from,
                          from + r->pulse_length);
 }
@@ -494,7 +510,8 @@ static void disturb(quanta *q, unsigned node)
             f->spans[(f->count - 1) % QUANTA_SPANS].end = n->now;
         const bool hit = stands_at(&n->mac, r) && is_hit(r, matches[i]++);
         if (hit && r->action == CW_ACTION_PULSE)
-            begin_pulse(q, f, r, node, n->now);
+            begin_pulse(q, f, r, node, n->now,
+                        length_of_bit(n, &now_tested.nodes[node].timing.data));
         else if (hit)
             bits_left[i] = r->bits;
         if (bits_left[i] > 0) {
@@ -530,7 +547,7 @@ static void begin_pulses(quanta *q, const scenario *s)
         if (r->action == CW_ACTION_PULSE && r->trigger == CW_TRIGGER_TIME &&
             q->faults[i].count == 0 && begin <= quanta_next(q) &&
             begin < bit_time_from(r->time_end))
-            begin_pulse(q, &q->faults[i], r, QUANTA_NOBODY, begin);
+            begin_pulse(q, &q->faults[i], r, QUANTA_NOBODY, begin, BIT_SPAN);
     }
 }
 

@@ -4,6 +4,7 @@
  * at delays and rates that do not fit, at changes while the bus runs, and at statistics.
  */
 #include "rig.h"
+#include "rules.h"
 
 #define NS_TICKS(ns) ((ns) * 2u / 25u)
 
@@ -290,6 +291,116 @@ static void wrong_values_are_refused(void **state)
     }
 }
 
+/* ---- Rules in the data phase ----------------------------------------------------------------- */
+
+/* Sends a frame whose data is recessive. Returns the bits of a field, without stuff bits, that node
+ * 2 takes for other ones. Bit 0 of the result is the first bit. */
+static uint64_t wrong_bits(const cw_rule *rule, cw_field field, bool stepping)
+{
+    rig *r = rig_of(3, &fast);
+    cw_frame f = frame_of(64);
+    uint64_t wrong = 0;
+    memset(f.data, 0xFF, sizeof f.data);
+    (void)rig_rule(r, *rule);
+    rig_start(r);
+    cw_bus_set_watching(r->bus, true);
+    cw_bus_set_stepping(r->bus, stepping);
+    rig_send(r, 0, &f, 0);
+    for (cw_bit_view view; cw_bus_now(r->bus) < 220 * 160;) {
+        assert_int_equal(cw_bus_advance(r->bus, cw_bus_now(r->bus) + 160), CW_OK);
+        assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_OK);
+        const cw_place place = view.nodes[0].place;
+        const bool same = (view.sampled & 1u) == (view.sampled >> 2 & 1u);
+        if (place.field == field && !place.stuff && !same)
+            wrong |= UINT64_C(1) << place.index;
+    }
+    rig_free(r);
+    return wrong;
+}
+
+static cw_rule rule_on_data(cw_action action)
+{
+    cw_rule rule = new_rule("data", CW_TRIGGER_FRAME, action);
+    rule.field = CW_FIELD_DATA;
+    rule.level = CW_DOMINANT;
+    rule.at = NODE(2);
+    return rule;
+}
+
+/* A time is as long in the data phase as elsewhere: so many more bits begin in it. The second one
+ * is a stuff bit, behind a DLC of 15. */
+static void a_level_is_forced_for_a_time(void **state)
+{
+    (void)state;
+    static const struct {
+        uint64_t ns;
+        uint64_t bits;
+    } cases[] = {{1, 0x1}, {1000, 0x1}, {1013, 0x3}, {2000, 0x7}, {2013, 0xF}};
+    for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cw_rule rule = rule_on_data(CW_ACTION_FORCE);
+        rule.for_ticks = (cases[i].ns + 12) * 2 / 25;
+        assert_int_equal(wrong_bits(&rule, CW_FIELD_DATA, false), cases[i].bits);
+        assert_int_equal(wrong_bits(&rule, CW_FIELD_DATA, true), cases[i].bits);
+    }
+}
+
+/* The CRC delimiter begins at the one rate and ends at the other. */
+static void a_time_goes_by_both_rates(void **state)
+{
+    (void)state;
+    cw_rule rule = rule_on_data(CW_ACTION_FORCE);
+    rule.field = CW_FIELD_CRC_DELIMITER;
+    rule.level = CW_RECESSIVE;
+    rule.for_ticks = NS_TICKS(800);
+    assert_int_equal(wrong_bits(&rule, CW_FIELD_ACK_SLOT, false), 0);
+    rule.for_ticks++;
+    assert_int_equal(wrong_bits(&rule, CW_FIELD_ACK_SLOT, false), 1);
+    rule.for_ticks = NS_TICKS(2000);
+    assert_int_equal(wrong_bits(&rule, CW_FIELD_ACK_SLOT, false), 1);
+}
+
+/* The transmitter does not synchronise in the data phase (D12): the pulse meets its sample point at
+ * 80 % of the first data bit. */
+static void a_part_of_a_bit_is_one_of_that_bit(void **state)
+{
+    (void)state;
+    rig *r = rig_of(3, &fast);
+    cw_frame f = frame_of(64);
+    cw_rule *rule = rig_rule(r, rule_on_data(CW_ACTION_PULSE));
+    f.data[0] = 0xFF;
+    rule->at = 0;
+    rule->pulse_permille = 600;
+    rule->pulse_length = NS_TICKS(200) * CW_TICK;
+    rig_start(r);
+    rig_send(r, 0, &f, 0);
+    go_on(r, 300);
+    const cw_error e = rig_nth(r, CW_EVENT_ERROR, 0)->error;
+    assert_int_equal(e.type, CW_ERROR_BIT);
+    assert_int_equal(e.place.field, CW_FIELD_DATA);
+    assert_int_equal(e.place.index, 0);
+    rig_free(r);
+}
+
+/* The load is one of time: a frame of 64 bytes has many bits that are short. */
+static void a_load_counts_time(void **state)
+{
+    (void)state;
+    rig *r = rig_of(2, &fast);
+    cw_rule *own = rig_rule(r, new_rule("own", CW_TRIGGER_TIME, CW_ACTION_SEND));
+    own->frame = frame_of(64);
+    own->period_ticks = NS_TICKS(1000000);
+    cw_rule *load = rig_rule(r, new_rule("load", CW_TRIGGER_TIME, CW_ACTION_LOAD));
+    load->load_permille = 500;
+    load->node = 1;
+    rig_start(r);
+    go_on(r, 500000);
+    const cw_bus_stats s = rig_bus_stats(r);
+    assert_in_range(s.data_bits * 1000 / s.bits, 200, 1000);
+    assert_in_range(s.busy_ticks * 1000 / s.ticks, 499, 501);
+    assert_in_range(s.load_permille, 495, 505);
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -302,6 +413,10 @@ int main(void)
         cmocka_unit_test(a_faster_clock_is_faster_at_both_rates),
         cmocka_unit_test(buses_without_a_data_rate_have_no_data_statistics),
         cmocka_unit_test(wrong_values_are_refused),
+        cmocka_unit_test(a_level_is_forced_for_a_time),
+        cmocka_unit_test(a_time_goes_by_both_rates),
+        cmocka_unit_test(a_part_of_a_bit_is_one_of_that_bit),
+        cmocka_unit_test(a_load_counts_time),
     };
     return cmocka_run_group_tests_name("two rates", tests, NULL, NULL);
 }
