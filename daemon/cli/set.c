@@ -28,6 +28,11 @@ static const char help[] =
     "  brp, prop-seg, phase-seg1, phase-seg2, sjw                     as the controller allows\n"
     "  triple-sampling  on or off\n"
     "\n"
+    "  dbrp, dprop-seg, dphase-seg1, dphase-seg2, dsjw, dsample-point\n"
+    "                   the same of the data phase; only where the node has one (CAN FD)\n"
+    "  tdc-mode         off, auto or manual\n"
+    "  tdco, tdcv       0, or 1, to 65535 clocks; tdcv only with tdc-mode manual\n"
+    "\n"
     "  tx-delay, rx-delay\n"
     "                   0 to 10ms, such as 120ns; or 120ns/180ns: of edges to dominant, and to\n"
     "                   recessive\n"
@@ -35,8 +40,9 @@ static const char help[] =
     "  ringing          0 to 10ms, at most 16 bits\n"
     "\n"
     "A bit timing changes from the node's next bit on. Delays and places change for the edges\n"
-    "that come from now on: one that is under way arrives as it would have. when-full,\n"
-    "controller and all other keys change in the configuration, see `canwire reload`.\n"
+    "that come from now on: one that is under way arrives as it would have. A\n"
+    "sample-point finds the data phase anew, too. when-full, controller, kind and all other keys\n"
+    "change in the configuration, see `canwire reload`.\n"
     "\n";
 
 /* Puts KEY=VALUE into an object. */

@@ -192,9 +192,17 @@ static cfg_retime changes_of(schema *self, const yaml_node_t *map)
         if (!value || value->type != YAML_MAPPING_NODE)
             continue;
         put_delays(self, key == RETIME_TX_DELAY ? change.way.tx_delay : change.way.rx_delay, value);
-        change.given |= (uint16_t)(1u << key);
+        change.given |= 1u << key;
     }
     return change;
+}
+
+static bool same_data(const cw_data_timing *a, const cw_data_timing *b)
+{
+    return a->brp == b->brp && a->data_brp == b->data_brp && a->bit.prop_seg == b->bit.prop_seg &&
+           a->bit.phase_seg1 == b->bit.phase_seg1 && a->bit.phase_seg2 == b->bit.phase_seg2 &&
+           a->bit.sjw == b->bit.sjw && a->tdc.mode == b->tdc.mode && a->tdc.tdco == b->tdc.tdco &&
+           a->tdc.tdcv == b->tdc.tdcv;
 }
 
 static bool same_bits(const cw_settings *a, const cw_settings *b)
@@ -202,7 +210,8 @@ static bool same_bits(const cw_settings *a, const cw_settings *b)
     const cw_bit_timing *s = &a->timing, *t = &b->timing;
     return a->which == b->which && s->quantum == t->quantum && s->prop_seg == t->prop_seg &&
            s->phase_seg1 == t->phase_seg1 && s->phase_seg2 == t->phase_seg2 && s->sjw == t->sjw &&
-           s->triple_sampling == t->triple_sampling;
+           s->triple_sampling == t->triple_sampling &&
+           (!(a->which & CW_SET_DATA) || same_data(&a->data, &b->data));
 }
 
 /* A rule gives one bit timing to all of its nodes. Their bits are not known in a profile that is

@@ -86,6 +86,7 @@ typedef struct cfg_node_time {
     int32_t ppm;                 /* error of the clock */
     uint16_t sample_permille;    /* wish; 0: none */
     bit_timing data;             /* data phase (D10); clock_hz 0: none */
+    bool data_found;             /* its segments were found */
     uint16_t dsample_permille;
     cfg_tdc tdc;
     uint32_t tdco;               /* clocks; 0: from the begin of a bit to its sample point */

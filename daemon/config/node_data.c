@@ -4,7 +4,7 @@
  */
 #include "config/parts.h"
 
-#include "config/retime.h"
+#include "config/phases.h"
 
 #include <inttypes.h>
 

@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 
+#include "config/phases.h"
 #include "config/retime.h"
 #include "config/reway.h"
 #include "config/values.h"

@@ -6,7 +6,7 @@
 #include "config/retime.h"
 
 #include "base/schema.h"
-#include "timing/request.h"
+#include "config/phases.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -20,12 +20,13 @@
 #define BIT(key) (1u << (key))
 #define SEGMENTS                                                                                   \
     (BIT(RETIME_BRP) | BIT(RETIME_PROP_SEG) | BIT(RETIME_PHASE_SEG1) | BIT(RETIME_PHASE_SEG2))
+#define DATA_MASK (BIT(RETIME_TDCV + 1) - BIT(RETIME_DBRP))
 
 /* A key whose value is a number of quanta or clocks. */
 typedef struct number {
     uint32_t min;
     uint32_t max;
-    size_t offset; /* in a bit_timing */
+    size_t offset; /* in a cfg_retime */
 } number;
 
 static const char *const names[RETIME_KEYS] = {
@@ -38,6 +39,15 @@ static const char *const names[RETIME_KEYS] = {
     [RETIME_PHASE_SEG2] = "phase-seg2",
     [RETIME_SJW] = "sjw",
     [RETIME_TRIPLE_SAMPLING] = "triple-sampling",
+    [RETIME_DBRP] = "dbrp",
+    [RETIME_DPROP_SEG] = "dprop-seg",
+    [RETIME_DPHASE_SEG1] = "dphase-seg1",
+    [RETIME_DPHASE_SEG2] = "dphase-seg2",
+    [RETIME_DSJW] = "dsjw",
+    [RETIME_DSAMPLE_POINT] = "dsample-point",
+    [RETIME_TDC_MODE] = "tdc-mode",
+    [RETIME_TDCO] = "tdco",
+    [RETIME_TDCV] = "tdcv",
     [RETIME_TX_DELAY] = "tx-delay",
     [RETIME_RX_DELAY] = "rx-delay",
     [RETIME_POSITION] = "position",
@@ -53,11 +63,18 @@ static const unsigned ways[RETIME_KEYS] = {
 };
 
 static const number numbers[RETIME_KEYS] = {
-    [RETIME_BRP] = {1, CFG_BRP_MAX, offsetof(bit_timing, brp)},
-    [RETIME_PROP_SEG] = {0, CFG_SEGMENT_MAX, offsetof(bit_timing, prop_seg)},
-    [RETIME_PHASE_SEG1] = {1, CFG_SEGMENT_MAX, offsetof(bit_timing, phase_seg1)},
-    [RETIME_PHASE_SEG2] = {1, CFG_SEGMENT_MAX, offsetof(bit_timing, phase_seg2)},
-    [RETIME_SJW] = {1, CFG_SJW_MAX, offsetof(bit_timing, sjw)},
+    [RETIME_BRP] = {1, CFG_BRP_MAX, offsetof(cfg_retime, bit.brp)},
+    [RETIME_PROP_SEG] = {0, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.prop_seg)},
+    [RETIME_PHASE_SEG1] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.phase_seg1)},
+    [RETIME_PHASE_SEG2] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.phase_seg2)},
+    [RETIME_SJW] = {1, CFG_SJW_MAX, offsetof(cfg_retime, bit.sjw)},
+    [RETIME_DBRP] = {1, CFG_BRP_MAX, offsetof(cfg_retime, data.bit.brp)},
+    [RETIME_DPROP_SEG] = {0, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.prop_seg)},
+    [RETIME_DPHASE_SEG1] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.phase_seg1)},
+    [RETIME_DPHASE_SEG2] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.phase_seg2)},
+    [RETIME_DSJW] = {1, CFG_SJW_MAX, offsetof(cfg_retime, data.bit.sjw)},
+    [RETIME_TDCO] = {0, CFG_TDC_CLOCKS_MAX, offsetof(cfg_retime, data.tdco)},
+    [RETIME_TDCV] = {1, CFG_TDC_CLOCKS_MAX, offsetof(cfg_retime, data.tdcv)},
 };
 
 const char *cfg_retime_name(retime_key key)
@@ -119,11 +136,20 @@ static bool put_ppm(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const 
            refuse(problem, "ppm: expected " CFG_PPM_RANGE ", not '%.40s'", text);
 }
 
-static bool put_sample_point(cfg_retime *change, char problem[RETIME_PROBLEM_MAX],
+static bool put_sample_point(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
                              const char *text)
 {
-    const char *wrong = text_parse_sample_point(&change->sample_permille, text);
-    return !wrong || refuse(problem, "sample-point: '%.40s': %s", text, wrong);
+    const char *wrong = text_parse_sample_point(key == RETIME_SAMPLE_POINT
+                                                    ? &change->sample_permille
+                                                    : &change->data.sample_permille,
+                                                text);
+    return !wrong || refuse(problem, "%s: '%.40s': %s", names[key], text, wrong);
+}
+
+static bool put_tdc_mode(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const char *text)
+{
+    return cfg_parse_tdc(&change->data.tdc, text) ||
+           refuse(problem, "tdc-mode: expected one of off, auto, manual, not '%.40s'", text);
 }
 
 static bool put_number(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
@@ -134,7 +160,7 @@ static bool put_number(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], ret
     if (text_parse_uint(&value, text) || value < n->min || value > n->max)
         return refuse(problem, "%s: expected a decimal integer %" PRIu32 "..%" PRIu32
                       ", not '%.40s'", names[key], n->min, n->max, text);
-    *(uint32_t *)(void *)((char *)&change->bit + n->offset) = (uint32_t)value;
+    *(uint32_t *)(void *)((char *)change + n->offset) = (uint32_t)value;
     return true;
 }
 
@@ -172,7 +198,10 @@ static bool put_value(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], reti
     case RETIME_PPM:
         return put_ppm(change, problem, text);
     case RETIME_SAMPLE_POINT:
-        return put_sample_point(change, problem, text);
+    case RETIME_DSAMPLE_POINT:
+        return put_sample_point(change, problem, key, text);
+    case RETIME_TDC_MODE:
+        return put_tdc_mode(change, problem, text);
     case RETIME_TRIPLE_SAMPLING:
         return put_triple(change, problem, text);
     case RETIME_BRP:
@@ -180,6 +209,13 @@ static bool put_value(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], reti
     case RETIME_PHASE_SEG1:
     case RETIME_PHASE_SEG2:
     case RETIME_SJW:
+    case RETIME_DBRP:
+    case RETIME_DPROP_SEG:
+    case RETIME_DPHASE_SEG1:
+    case RETIME_DPHASE_SEG2:
+    case RETIME_DSJW:
+    case RETIME_TDCO:
+    case RETIME_TDCV:
         return put_number(change, problem, key, text);
     case RETIME_TX_DELAY:
     case RETIME_RX_DELAY:
@@ -198,22 +234,25 @@ bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime
 {
     if (!put_value(change, problem, key, text))
         return false;
-    change->given |= (uint16_t)BIT(key);
+    change->given |= BIT(key);
     return true;
 }
 
 static const char *print_one(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key)
 {
-    const bit_timing *bit = &values->bit;
-    uint32_t value = bit->clock_hz;
+    uint32_t value = values->bit.clock_hz;
     if (key == RETIME_TRIPLE_SAMPLING)
         return values->triple_sampling ? "on" : "off";
+    if (key == RETIME_TDC_MODE)
+        return cfg_tdc_name(values->data.tdc);
     if (numbers[key].max > 0)
-        memcpy(&value, (const char *)bit + numbers[key].offset, sizeof value);
+        memcpy(&value, (const char *)values + numbers[key].offset, sizeof value);
     if (key == RETIME_PPM)
         (void)snprintf(text, TIME_TEXT_MAX, "%" PRId32, values->ppm);
     else if (key == RETIME_SAMPLE_POINT)
         (void)snprintf(text, TIME_TEXT_MAX, "0.%03u", (unsigned)values->sample_permille);
+    else if (key == RETIME_DSAMPLE_POINT)
+        (void)snprintf(text, TIME_TEXT_MAX, "0.%03u", (unsigned)values->data.sample_permille);
     else
         (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu32, value);
     return text;
@@ -241,121 +280,6 @@ void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime
         (void)snprintf(text, TIME_TEXT_MAX, "%s", printed);
 }
 
-/* ---- Segments -------------------------------------------------------------------------------- */
-
-bool cfg_fit_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX])
-{
-    bit_timing *bit = &time->bit;
-    if (bit->sjw == 0) /* as Linux does */
-        bit->sjw = timing_least(bit->phase_seg1,
-                                timing_least(time->limits->sjw_max, bit->phase_seg2 / 2));
-    if (bit->sjw == 0)
-        bit->sjw = 1;
-    return timing_fits(problem, bit, time->limits);
-}
-
-/* Both rates of a node, and limits for them with one prescaler, where that is possible. */
-typedef struct rates {
-    timing_request nominal;
-    timing_request data;
-    timing_limits narrow[2];
-} rates;
-
-static void narrow_to(timing_request *request, timing_limits *narrow, uint32_t brp)
-{
-    *narrow = *request->limits;
-    narrow->brp_min = narrow->brp_max = (uint16_t)brp;
-    request->limits = narrow;
-}
-
-static void rates_of(rates *r, const cfg_node_time *time, const cfg *config)
-{
-    r->nominal = (timing_request){
-        .limits = time->limits,
-        .clock_hz = time->bit.clock_hz,
-        .bitrate_bps = config->bitrate_bps,
-        .sample_permille = time->sample_permille ? time->sample_permille : config->sample_permille,
-        .sjw = time->bit.sjw,
-    };
-    r->data = (timing_request){
-        .limits = timing_data_limits(time->limits),
-        .clock_hz = time->bit.clock_hz,
-        .bitrate_bps = config->dbitrate_bps,
-        .sample_permille =
-            time->dsample_permille ? time->dsample_permille : config->dsample_permille,
-        .sjw = time->data.sjw,
-    };
-    if (config->dbitrate_bps == 0 || !r->data.limits)
-        return;
-    const uint32_t brp = timing_common_brp(&r->nominal, &r->data);
-    if (brp == 0)
-        return;
-    narrow_to(&r->nominal, &r->narrow[0], brp);
-    narrow_to(&r->data, &r->narrow[1], brp);
-}
-
-bool cfg_find_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config)
-{
-    rates r;
-    rates_of(&r, time, config);
-    time->found = true;
-    return timing_by_kernel(&time->bit, problem, &r.nominal);
-}
-
-/* ---- The data phase -------------------------------------------------------------------------- */
-
-bool cfg_find_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config)
-{
-    rates r;
-    rates_of(&r, time, config);
-    return timing_by_kernel(&time->data, problem, &r.data);
-}
-
-bool cfg_fit_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX])
-{
-    const timing_limits *limits = timing_data_limits(time->limits);
-    bit_timing *data = &time->data;
-    data->clock_hz = time->bit.clock_hz;
-    if (data->sjw == 0)
-        data->sjw = timing_least(data->phase_seg1,
-                                 timing_least(limits->sjw_max, data->phase_seg2 / 2));
-    if (data->sjw == 0)
-        data->sjw = 1;
-    return timing_fits(problem, data, limits);
-}
-
-/* As Linux does: compensation goes with a prescaler of 1 or 2, and compares at the sample point. */
-static cw_tdc tdc_of(const cfg_node_time *time)
-{
-    const bit_timing *data = &time->data;
-    const uint32_t sample_at = data->brp * (TIMING_SYNC_SEG + timing_tseg1(data));
-    cw_tdc tdc = {.mode = CW_TDC_OFF};
-    if (time->tdc == CFG_TDC_AUTO || (time->tdc == CFG_TDC_BY_RATE && data->brp <= 2))
-        tdc.mode = CW_TDC_AUTO;
-    if (time->tdc == CFG_TDC_MANUAL)
-        tdc = (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = time->tdcv};
-    if (tdc.mode != CW_TDC_OFF)
-        tdc.tdco = time->tdco ? time->tdco : sample_at;
-    return tdc;
-}
-
-cw_data_timing cfg_data_timing(const cfg_node_time *time)
-{
-    const bit_timing *data = &time->data;
-    if (data->clock_hz == 0)
-        return (cw_data_timing){.brp = 0};
-    return (cw_data_timing){
-        .bit = {.quantum = cw_quantum(data->clock_hz, data->brp, time->ppm),
-                .prop_seg = (uint16_t)data->prop_seg,
-                .phase_seg1 = (uint16_t)data->phase_seg1,
-                .phase_seg2 = (uint16_t)data->phase_seg2,
-                .sjw = (uint16_t)data->sjw},
-        .brp = time->bit.brp,
-        .data_brp = data->brp,
-        .tdc = tdc_of(time),
-    };
-}
-
 /* ---- A change -------------------------------------------------------------------------------- */
 
 /* Returns the keys of a node in use. Without any it has the default of the library, whose clock is
@@ -380,6 +304,19 @@ static unsigned present_way(const cw_node_timing *t, const cfg_node_time *time)
            (time->stub_mm ? BIT(RETIME_STUB) : 0) | (t->ringing ? BIT(RETIME_RINGING) : 0);
 }
 
+/* Returns the keys of the data phase that mean anything. */
+static unsigned present_data(const cfg_redata *data)
+{
+    unsigned given = DATA_MASK & ~BIT(RETIME_DSAMPLE_POINT);
+    if (data->bit.clock_hz == 0)
+        return 0;
+    if (data->tdc == CFG_TDC_OFF)
+        given &= ~BIT(RETIME_TDCO);
+    if (data->tdc != CFG_TDC_MANUAL)
+        given &= ~BIT(RETIME_TDCV);
+    return given;
+}
+
 static cfg_way way_of(const cfg_node_time *time)
 {
     const cw_node_timing *t = &time->timing;
@@ -392,11 +329,13 @@ static cfg_way way_of(const cfg_node_time *time)
 
 cfg_retime cfg_retime_present(const cfg_node_time *time)
 {
+    const cfg_redata data = cfg_data_present(time);
     const unsigned known = time->bit.clock_hz ? SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK) : 0;
     const unsigned always = BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING);
     const unsigned way = present_way(&time->timing, time);
-    return (cfg_retime){.given = (uint16_t)(known | always | way),
+    return (cfg_retime){.given = known | always | way | present_data(&data),
                         .way = way_of(time),
+                        .data = data,
                         .bit = time->bit,
                         .ppm = time->ppm,
                         .triple_sampling = time->triple_sampling};
@@ -404,10 +343,10 @@ cfg_retime cfg_retime_present(const cfg_node_time *time)
 
 static void take_numbers(bit_timing *bit, const cfg_retime *change)
 {
-    for (retime_key key = 0; key < RETIME_KEYS; key++)
-        if (numbers[key].max > 0 && (change->given & BIT(key)))
-            memcpy((char *)bit + numbers[key].offset,
-                   (const char *)&change->bit + numbers[key].offset, sizeof(uint32_t));
+    for (retime_key key = RETIME_BRP; key <= RETIME_SJW; key++)
+        if (change->given & BIT(key))
+            memcpy((char *)bit + (numbers[key].offset - offsetof(cfg_retime, bit)),
+                   (const char *)change + numbers[key].offset, sizeof(uint32_t));
 }
 
 /* Returns the first key of the segments that is missing. */
@@ -447,6 +386,8 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
         time->bit.clock_hz = CFG_CLOCK_DEFAULT_HZ;
     if (finds || (!clock_known && (given & SEGMENTS)))
         time->bit.sjw = 0;
+    if (given & SEGMENTS)
+        time->found = false;
     take_numbers(&time->bit, change);
     if (given & BIT(RETIME_SAMPLE_POINT))
         time->sample_permille = change->sample_permille;
@@ -456,6 +397,37 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
         *which |= CW_SET_QUANTUM;
     if (finds || (given & (SEGMENTS & ~BIT(RETIME_BRP))) || (given & BIT(RETIME_SJW)))
         *which |= CW_SET_SEGMENTS;
+    return true;
+}
+
+static bool refuse_data(char problem[RETIME_PROBLEM_MAX], const cfg *config, unsigned node,
+                     unsigned given)
+{
+    retime_key key = RETIME_DBRP;
+    while (!(given & BIT(key)))
+        key++;
+    return refuse(problem, "%s: %s", names[key],
+                  cfg_knows_fd(config, &config->nodes[node])
+                      ? "the bus has no data rate; bus: { dbitrate } gives it one"
+                      : "only a node of kind fd has a data phase");
+}
+
+/* Changes the data phase. Whenever a quantum is given, that of the other phase is, too: what rules
+ * have done to it ends. */
+static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], const cfg *config,
+                        unsigned node, const cfg_retime *change, unsigned *which)
+{
+    const unsigned given = change->given & DATA_MASK;
+    const bool found_anew = change->given & BIT(RETIME_SAMPLE_POINT);
+    bool bit_changes;
+    if (time->data.clock_hz == 0)
+        return !given || refuse_data(problem, config, node, given);
+    if (!given && !(*which & CW_SET_QUANTUM))
+        return true;
+    if (!cfg_change_data(time, problem, RETIME_PROBLEM_MAX, &bit_changes, config, &change->data,
+                         given >> RETIME_DBRP, found_anew))
+        return false;
+    *which |= CW_SET_QUANTUM | CW_SET_DATA | (bit_changes ? CW_SET_SEGMENTS : 0);
     return true;
 }
 
@@ -516,15 +488,12 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
         which |= CW_SET_SAMPLING;
     }
     if (!keys_agree(problem, change->given, time.bit.clock_hz > 0) ||
-        !change_bit(&time, problem, config, change, &which))
+        !change_bit(&time, problem, config, change, &which) ||
+        !change_data(&time, problem, config, node, change, &which))
         return false;
     set->which = (uint16_t)((set->which & ~CW_SET_TIMING) | which);
     set->timing = cfg_bit_timing(&time, cfg_nominal_quantum(config, node));
-    if (time.data.clock_hz > 0 && (which & CW_SET_QUANTUM)) { /* else both rates would change */
-        time.data.clock_hz = time.bit.clock_hz;
-        set->which |= CW_SET_DATA;
-        set->data = cfg_data_timing(&time);
-    }
+    set->data = cfg_data_timing(&time);
     if (!bus_takes(config, node, set))
         return refuse(problem, "a bit of the node would be too long or too short for this bus");
     set->which |= (uint16_t)cfg_change_way(&time, set, config, &change->way, ways_given(change));

@@ -9,6 +9,7 @@
 #define CANWIRE_CONFIG_RETIME_H
 
 #include "config/config.h"
+#include "config/redata.h"
 #include "config/reway.h"
 
 #define RETIME_PROBLEM_MAX 240
@@ -24,6 +25,15 @@ typedef enum retime_key {
     RETIME_PHASE_SEG2,
     RETIME_SJW,
     RETIME_TRIPLE_SAMPLING,
+    RETIME_DBRP, /* the data phase, in the order of CFG_DATA_* */
+    RETIME_DPROP_SEG,
+    RETIME_DPHASE_SEG1,
+    RETIME_DPHASE_SEG2,
+    RETIME_DSJW,
+    RETIME_DSAMPLE_POINT,
+    RETIME_TDC_MODE,
+    RETIME_TDCO,
+    RETIME_TDCV,
     RETIME_TX_DELAY,
     RETIME_RX_DELAY,
     RETIME_POSITION,
@@ -34,11 +44,12 @@ typedef enum retime_key {
 
 /* Values of some keys. */
 typedef struct cfg_retime {
-    uint16_t given; /* 1u << retime_key */
+    uint32_t given; /* 1u << retime_key */
     bit_timing bit;
     int32_t ppm;
     uint16_t sample_permille;
     bool triple_sampling;
+    cfg_redata data;
     cfg_way way;
 } cfg_retime;
 
@@ -62,8 +73,9 @@ cfg_retime cfg_retime_present(const cfg_node_time *time);
 
 /* Changes a node. *out becomes what its keys then say; its time->timing.bit stays as it was. `set`
  * gets the parts of its bit timing and of its place that change. Keys that are not given stay as
- * the configuration has them at present. A change that the node's controller or the bus does not
- * allow returns false with a message; *out and *set are then undefined. */
+ * the configuration has them at present. A sample point finds both phases anew. A change that the
+ * node's controller or the bus does not allow returns false with a message; *out and *set are then
+ * undefined. */
 bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
                      const cfg *config, unsigned node, const cfg_retime *change);
 
@@ -81,19 +93,6 @@ bool cfg_clock_valid(uint64_t hz);
 
 /* Returns false for a text that is not CFG_PPM_RANGE. */
 bool cfg_parse_ppm(int32_t *ppm, const char *text);
-
-/* Completes sjw as Linux does where it is 0, and checks the segments against the controller. */
-bool cfg_fit_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX]);
-
-/* Finds segments as Linux does, for clock, bit rate, sample point and sjw. */
-bool cfg_find_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config);
-
-/* Do the same for the data phase, in time->data. */
-bool cfg_fit_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX]);
-bool cfg_find_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config);
-
-/* Returns the data phase that keys say; all 0 without one. */
-cw_data_timing cfg_data_timing(const cfg_node_time *time);
 
 /* Returns the bit timing that keys say. Without a clock the quantum is the nominal one with the
  * error. */

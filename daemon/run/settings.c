@@ -48,7 +48,7 @@ static const char *const order_names[] = {
 
 /* Keys of a node that the bus knows from its begin. */
 static const char *const fixed_keys[] = {
-    "when-full", "controller",
+    "when-full", "controller", "kind", "fd", "protocol-exception",
 };
 
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
@@ -174,7 +174,9 @@ static bool refuse_key(char *error, const char *key)
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
                  "berr-reporting, presume-ack, lost-arbitration-reporting, restart-ms, queue, "
                  "order, warning-limit, clock, ppm, sample-point, brp, prop-seg, phase-seg1, "
-                 "phase-seg2, sjw, triple-sampling, tx-delay, rx-delay, position, stub, ringing",
+                 "phase-seg2, sjw, triple-sampling, dbrp, dprop-seg, dphase-seg1, dphase-seg2, "
+                 "dsjw, dsample-point, tdc-mode, tdco, tdcv, tx-delay, rx-delay, position, "
+                 "stub, ringing",
                  key);
     return false;
 }

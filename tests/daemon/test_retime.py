@@ -248,3 +248,115 @@ def test_a_node_without_keys_of_time_needs_all_segments(watched):
     run.set("dash", "brp=10", "prop-seg=6", "phase-seg1=6", "phase-seg2=3", "clock=80MHz")
     run.set("dash", "brp=11")
     run.end()
+
+
+# ---- The data phase of CAN FD --------------------------------------------------------------------
+
+FAST = """bus: { name: day, bitrate: 500000, dbitrate: 2000000 }
+control: day.sock
+nodes:
+  - { name: engine, restart-ms: 1, traffic: [ { send: 123##1DEADBEEF0011223344, every: 1ms } ] }
+  - { name: dash, controller: m_can }
+  - { name: old, kind: fd-tolerant }
+"""
+
+
+def data_timing(bus, node):
+    return bus.status()["nodes"][node]["data_timing"]
+
+
+# Keys of a node, and what its data phase then has.
+DATA = [
+    (["dbrp=2", "dprop-seg=6", "dphase-seg1=7", "dphase-seg2=6", "dsjw=2"],
+     {"dbrp": 2, "dbitrate": 2000000, "dsample-point": "0.700", "tdco": 28}),
+    (["dsample-point=70%"], {"dbrp": 1, "dbitrate": 2000000, "dsample-point": "0.700"}),
+    (["clock=40MHz", "sample-point=70%"],
+     {"dbrp": 1, "dbitrate": 2000000, "dsample-point": "0.750"}),
+    (["clock=40MHz", "dsample-point=60%", "sample-point=80%", "dsjw=4"],
+     {"dbitrate": 2000000, "dsample-point": "0.600", "dsjw": 4}),
+    (["dsjw=3", "tdc-mode=off"], {"dsjw": 3, "tdc-mode": "off"}),
+    (["tdco=25"], {"tdc-mode": "auto", "tdco": 25}),
+    (["tdc-mode=manual", "tdcv=9"], {"tdc-mode": "manual", "tdcv": 9, "tdco": 30}),
+]
+
+
+@pytest.mark.parametrize(("words", "has"), DATA)
+def test_a_data_phase_is_the_same_by_set_and_by_configuration(watched, words, has):
+    run = watched(FAST)
+    before = data_timing(run.bus, 0)
+    run.set("dash", *words)
+    run.wait_events(30)
+    by_set = run.bus.status()["nodes"][1]
+    assert has.items() <= by_set["data_timing"].items()
+    assert data_timing(run.bus, 0) == before
+    run.reload(("dash,", "dash, " + ", ".join(word.replace("=", ": ") for word in words) + ","))
+    run.wait_events(30)
+    by_file = run.bus.status()["nodes"][1]
+    for key in ("timing", "data_timing"):
+        assert by_set[key] == by_file[key]
+    settings = [line["settings"] for line in run.end() if "set" in line]
+    assert [set(each) for each in settings] == [{word.split("=")[0] for word in words}]
+
+
+def test_a_wrong_data_rate_makes_errors_and_the_right_one_none(watched):
+    run = watched(FAST)
+    assert run.count("error") == 0
+    run.set("dash", "dbrp=2")
+    wait_until(lambda: run.count("error") > 20, "errors")
+    assert data_timing(run.bus, 1)["dbitrate"] == 1000000
+    run.set("dash", "dbrp=1")
+    wait_until(lambda: run.bus.status()["nodes"][0]["state"] == "error-active", "health")
+    errors = run.bus.status()["nodes"][1]["errors"]
+    run.wait_events(30)
+    assert run.bus.status()["nodes"][1]["errors"] == errors
+    run.end()
+
+
+def test_a_clock_alone_changes_both_rates(watched):
+    run = watched(FAST)
+    run.set("dash", "clock=40MHz")
+    node = run.bus.status()["nodes"][1]
+    assert (node["timing"]["bitrate"], node["data_timing"]["dbitrate"]) == (250000, 1000000)
+    run.end()
+
+
+WRONG_DATA = [
+    ("dash", ["dbrp=0"], "dbrp: expected a decimal integer 1..1024, not '0'"),
+    ("dash", ["dsample-point=9%"], "dsample-point: '9%': expected a part of the bit such as"),
+    ("dash", ["tdc-mode=on"], "tdc-mode: expected one of off, auto, manual, not 'on'"),
+    ("dash", ["tdcv=0"], "tdcv: expected a decimal integer 1..65535, not '0'"),
+    ("dash", ["tdcv=5"], "node dash: tdcv: only tdc-mode manual has it; auto measures it"),
+    ("dash", ["tdc-mode=manual"], "node dash: tdcv is missing: tdc-mode manual needs it"),
+    ("dash", ["tdc-mode=off", "tdco=5"], "node dash: tdco: tdc-mode is off; auto or manual"),
+    ("dash", ["tdco=1280"], "node dash: tdco and tdcv together are less than 32 bits of the data "
+                            "phase, here 1280 clocks"),
+    ("dash", ["dbrp=33"], "node dash: data phase: brp would be 33, m_can has 1 to 32"),
+    ("dash", ["dsjw=16"], "node dash: data phase: sjw would be 16, at most"),
+    ("dash", ["dbrp=1", "dsample-point=70%"], "node dash: dsample-point: the segments say where it "
+                                              "is; use one or the other"),
+    ("dash", ["one-shot=on", "clock=3MHz", "sample-point=80%"], "node dash: data phase: the "
+                                                                "nearest bit rate is 50.00 % off"),
+    ("old", ["dsjw=1"], "node old: dsjw: only a node of kind fd has a data phase"),
+    ("dash", ["kind=classical"], "kind: change it in the configuration and reload"),
+    ("dash", ["fd=off"], "fd: change it in the configuration and reload"),
+]
+
+
+def test_a_wrong_data_phase_changes_nothing(watched):
+    run = watched(FAST)
+    before = run.bus.status()["nodes"]
+    for node, words, message in WRONG_DATA:
+        assert message in run.refused(node, *words)
+    after = run.bus.status()["nodes"]
+    assert not after[1]["settings"]["one-shot"]
+    for key in ("timing", "data_timing"):
+        assert after[1][key].items() >= {k: v for k, v in before[1][key].items()
+                                         if k != "tdcv"}.items()
+    assert not [line for line in run.end() if "set" in line]
+
+
+def test_a_bus_without_a_data_rate_has_no_data_phase(watched):
+    run = watched(PLAIN.replace("name: dash", "name: dash, kind: fd"))
+    assert "dsjw: the bus has no data rate; bus: { dbitrate } gives it one" in run.refused(
+        "dash", "dsjw=1")
+    run.end()
