@@ -94,14 +94,13 @@ bool cfg_fit_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX])
 static cw_tdc tdc_of(const cfg_node_time *time)
 {
     const bit_timing *data = &time->data;
-    const uint32_t sample_at = data->brp * (TIMING_SYNC_SEG + timing_tseg1(data));
     cw_tdc tdc = {.mode = CW_TDC_OFF};
     if (time->tdc == CFG_TDC_AUTO || (time->tdc == CFG_TDC_BY_RATE && data->brp <= 2))
         tdc.mode = CW_TDC_AUTO;
     if (time->tdc == CFG_TDC_MANUAL)
         tdc = (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = time->tdcv};
     if (tdc.mode != CW_TDC_OFF)
-        tdc.tdco = time->tdco ? time->tdco : sample_at;
+        tdc.tdco = time->tdco ? time->tdco : timing_linux_tdco(data, time->limits);
     return tdc;
 }
 

@@ -37,6 +37,17 @@ const timing_limits *timing_controller(const char *name);
  * knows no such frames. */
 const timing_limits *timing_data_limits(const timing_limits *limits);
 
+/* The longest way to a secondary sample point (D13) in clocks, as far as anybody says. */
+#define TIMING_TDCO_MAX 65535u
+
+/* Returns the longest one that the register of a controller holds, or TIMING_TDCO_MAX if its Linux
+ * driver does not say that. */
+uint32_t timing_tdco_max(const timing_limits *limits);
+
+/* Returns the one that Linux takes: the way to the sample point, or the longest possible one
+ * (can_calc_tdco()). `limits` are those of the controller. */
+uint32_t timing_linux_tdco(const bit_timing *data, const timing_limits *limits);
+
 /* Returns true when the controller can do that, and sjw is not longer than a phase segment (T1).
  * Otherwise the message says what is wrong and what is allowed. */
 bool timing_fits(char problem[TIMING_PROBLEM_MAX], const bit_timing *t,

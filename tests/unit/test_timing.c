@@ -134,6 +134,45 @@ static void controllers_have_names_of_their_own_and_possible_limits(void **state
     assert_null(timing_controller(""));
 }
 
+/* Rows of bittiming_const, data_bittiming_const and tdc_const of Linux drivers. */
+static void data_phases_are_those_of_linux(void **state)
+{
+    static const struct {
+        const char *name;
+        uint32_t tseg1_max, tseg2_max, sjw_max, brp_max, tdco_max;
+    } rows[] = {
+        {"flexcan_fd", 39, 8, 4, 1024, 31},     {"m_can", 32, 16, 16, 32, 127},
+        {"mcp251xfd", 32, 16, 16, 256, 63},     {"rcar_canfd_gen4", 32, 16, 16, 256, 256},
+        {"rockchip_canfd", 32, 16, 16, 512, 63}, {"kvaser_pciefd", 512, 32, 16, 8192, 65535},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(rows); i++) {
+        const timing_limits *limits = timing_controller(rows[i].name);
+        const timing_limits *data = timing_data_limits(limits);
+        assert_int_equal(data->tseg1_max, rows[i].tseg1_max);
+        assert_int_equal(data->tseg2_max, rows[i].tseg2_max);
+        assert_int_equal(data->sjw_max, rows[i].sjw_max);
+        assert_int_equal(data->brp_max, rows[i].brp_max);
+        assert_int_equal(timing_tdco_max(limits), rows[i].tdco_max);
+    }
+    assert_null(timing_data_limits(timing_controller("sja1000")));
+}
+
+/* As can_calc_tdco(): up to the sample point in clocks, or what the register holds. */
+static void linux_compensates_up_to_the_sample_point(void **state)
+{
+    const bit_timing data = {80 * MHZ, 2, 7, 7, 5, 2};
+
+    (void)state;
+    assert_int_equal(timing_linux_tdco(&data, timing_controller("any")), 30);
+    assert_int_equal(timing_linux_tdco(&data, timing_controller("xilinx_canfd")), 30);
+    const bit_timing long_bit = {80 * MHZ, 2, 15, 16, 8, 4};
+    assert_int_equal(timing_linux_tdco(&long_bit, timing_controller("m_can")), 64);
+    assert_int_equal(timing_linux_tdco(&long_bit, timing_controller("mcp251xfd")), 63);
+    assert_int_equal(timing_linux_tdco(&long_bit, timing_controller("flexcan_fd")), 31);
+}
+
 static void the_message_names_the_segment_and_what_is_allowed(void **state)
 {
     static const struct {
@@ -468,6 +507,8 @@ int main(void)
         cmocka_unit_test(spans_are_rounded_up_to_quanta),
         cmocka_unit_test(quanta_have_a_length),
         cmocka_unit_test(controllers_have_names_of_their_own_and_possible_limits),
+        cmocka_unit_test(data_phases_are_those_of_linux),
+        cmocka_unit_test(linux_compensates_up_to_the_sample_point),
         cmocka_unit_test(the_message_names_the_segment_and_what_is_allowed),
         cmocka_unit_test(known_answers_of_the_classical_steps),
         cmocka_unit_test(a_round_trip_that_leaves_too_little_is_refused),
