@@ -31,6 +31,7 @@
 
 typedef struct timing_options {
     timing_request request;
+    timing_request data; /* bitrate_bps 0: no data phase */
     bool has_delay; /* --delay */
     bool has_line;  /* --length, --tx-delay or --rx-delay */
     uint64_t delay_ns;
@@ -46,7 +47,7 @@ typedef struct timing_options {
 static const char usage[] =
     "usage: canwire timing --bitrate N --clock F [--kernel[=VERSION]] [--tq N] [--sample-point P]\n"
     "       [--delay TIME] [--length L] [--tx-delay TIME] [--rx-delay TIME] [--sjw N]\n"
-    "       [--controller NAME] [--json]\n"
+    "       [--controller NAME] [--dbitrate N [--dsample-point P]] [--json]\n"
     "       canwire timing FILE [--json]\n";
 
 static const char help[] =
@@ -80,12 +81,21 @@ static const char help[] =
     "                 as Linux does it for ip link set can0 type can bitrate N: a bit rate within\n"
     "                 5 %, then the sample point; delays do not count. VERSION is 4.8 or later;\n"
     "                 before 6.3 sjw was 1, before 5.19 brp was large where others are as good\n"
+    "  --dbitrate N   bit rate of the data phase of CAN FD, at least the other one. Both phases\n"
+    "                 are then found as in a configuration, with one brp where that gives both\n"
+    "                 rates and sample points. With --tq or a delay the data phase takes the\n"
+    "                 other's brp where that gives the rate; with --kernel each is found alone\n"
+    "  --dsample-point P\n"
+    "                 as --sample-point, in the data phase\n"
     "  --json         as JSON: segments in tq, sample point and tolerance as fractions; with FILE\n"
     "                 tq and round trip in ns, lines in m, errors of clock and bit rate in ppm\n"
     "  -h, --help     this text\n"
     "\n"
     "tolerance is how far the clock of each node may be off, the smaller of sjw / (20 bits) and\n"
-    "min(phase-seg1, phase-seg2) / (2 (13 bits - phase-seg2)).\n"
+    "min(phase-seg1, phase-seg2) / (2 (13 bits - phase-seg2)). dtolerance is the smallest of\n"
+    "dsjw / (20 dbits), of min(dphase-seg1, dphase-seg2) / (2 ((6 dbits - dphase-seg2) dbrp / brp\n"
+    "+ 7 bits)), and of (dsjw - max(0, brp / dbrp - 1)) / (2 ((2 bits - phase-seg2) brp / dbrp +\n"
+    "dphase-seg2 + 4 dbits)). tdco is that of Linux, with a dbrp of 1 or 2.\n"
     "\n"
     "With FILE, a configuration, it shows all nodes: tq, segments and sjw, prescaler, sample "
     "point\n"
@@ -137,13 +147,13 @@ static bool take_clock(uint32_t *out, const char *text)
     return true;
 }
 
-static bool take_sample(uint32_t *out, const char *text)
+static bool take_sample(uint32_t *out, const char *option, const char *text)
 {
     uint16_t permille;
     const char *wrong = text_parse_sample_point(&permille, text);
 
     if (wrong)
-        return refuse_value("--sample-point", text, wrong);
+        return refuse_value(option, text, wrong);
     *out = permille;
     return true;
 }
@@ -247,7 +257,11 @@ static bool take_option(timing_options *o, int option)
     if (option == 'q')
         return take_number(&r->quanta, "--tq", optarg, TIMING_QUANTA_MIN, TIMING_QUANTA_MAX);
     if (option == 's')
-        return take_sample(&r->sample_permille, optarg);
+        return take_sample(&r->sample_permille, "--sample-point", optarg);
+    if (option == 'B')
+        return take_number(&o->data.bitrate_bps, "--dbitrate", optarg, BITRATE_MIN, BITRATE_MAX);
+    if (option == 'S')
+        return take_sample(&o->data.sample_permille, "--dsample-point", optarg);
     if (option == 'w')
         return take_number(&r->sjw, "--sjw", optarg, 1, SJW_MAX);
     if (option == 'n')
@@ -277,6 +291,8 @@ static int check_options(const timing_options *o, const char *word)
     if (o->has_delay && o->has_line)
         return refuse("--delay", "it is the whole round trip, without --length, --tx-delay and "
                                  "--rx-delay");
+    if (o->data.sample_permille > 0 && o->data.bitrate_bps == 0)
+        return refuse("--dsample-point", "it needs --dbitrate");
     if (o->kernel && (o->request.quanta > 0 || o->has_delay || o->has_line))
         return refuse("--kernel", "Linux knows no --tq and no delays");
     return -1;
@@ -292,7 +308,8 @@ static int parse_options(timing_options *o, int argc, char **argv)
         {"delay", required_argument, NULL, 'd'},    {"length", required_argument, NULL, 'l'},
         {"tx-delay", required_argument, NULL, 't'}, {"rx-delay", required_argument, NULL, 'r'},
         {"kernel", optional_argument, NULL, 'k'},   {"json", no_argument, NULL, 'j'},
-        {"help", no_argument, NULL, 'h'},           {NULL, 0, NULL, 0},
+        {"help", no_argument, NULL, 'h'},           {"dbitrate", required_argument, NULL, 'B'},
+        {"dsample-point", required_argument, NULL, 'S'}, {NULL, 0, NULL, 0},
     };
     int c;
 
@@ -342,13 +359,66 @@ static uint64_t round_trip_ns(const timing_options *o)
     return 2 * (o->tx_ns + o->rx_ns) + (line_ps + PS_PER_NS - 1) / PS_PER_NS;
 }
 
+/* ---- Results --------------------------------------------------------------------------------- */
+
+static bool find_one(bit_timing *out, char problem[TIMING_PROBLEM_MAX], const timing_options *o)
+{
+    return o->kernel ? timing_by_kernel(out, problem, &o->request)
+                     : timing_by_segments(out, problem, &o->request);
+}
+
+/* Completes what is wanted of the data phase. Returns false after a message. */
+static bool want_data(timing_options *o)
+{
+    const timing_request *r = &o->request;
+
+    o->data.limits = timing_data_limits(r->limits);
+    o->data.clock_hz = r->clock_hz;
+    o->data.linux_version = r->linux_version;
+    if (!o->data.limits)
+        plain_print(stderr, "canwire timing: --controller %s knows no CAN FD frames\n",
+                    r->limits->name);
+    else if (o->data.bitrate_bps < r->bitrate_bps)
+        plain_print(stderr, "canwire timing: --dbitrate %" PRIu32 ": the data phase is not slower "
+                    "than --bitrate, %" PRIu32 "\n", o->data.bitrate_bps, r->bitrate_bps);
+    return o->data.limits && o->data.bitrate_bps >= r->bitrate_bps;
+}
+
+/* Finds both phases. */
+static bool find_both(bit_timing found[2], char problem[TIMING_PROBLEM_MAX],
+                      const timing_options *o)
+{
+    const bool by_segments = o->request.quanta > 0 || o->request.has_round_trip;
+
+    if (!o->kernel && !by_segments)
+        return timing_by_rates(&found[0], &found[1], problem, &o->request, &o->data);
+    if (!find_one(&found[0], problem, o))
+        return false;
+    return by_segments ? timing_data_beside(&found[1], problem, &found[0], &o->data)
+                       : timing_by_kernel(&found[1], problem, &o->data);
+}
+
+static void show(const timing_options *o, const bit_timing found[2])
+{
+    const timing_limits *limits = o->request.limits;
+    const bool has_data = o->data.bitrate_bps > 0;
+
+    if (o->json) {
+        timing_print_json(stdout, &found[0], has_data ? &found[1] : NULL, limits);
+        return;
+    }
+    timing_print_text(stdout, &found[0], &o->request);
+    if (has_data)
+        timing_print_data_text(stdout, &found[0], &found[1], &o->data, limits);
+}
+
 int cli_timing(int argc, char **argv)
 {
     timing_options o = {.request = {.limits = timing_controller("any")},
                         .tx_ns = TRANSCEIVER_NS,
                         .rx_ns = TRANSCEIVER_NS};
     char problem[TIMING_PROBLEM_MAX];
-    bit_timing found;
+    bit_timing found[2];
     int status = parse_options(&o, argc, argv);
 
     if (status >= 0)
@@ -358,15 +428,13 @@ int cli_timing(int argc, char **argv)
     o.request.has_round_trip = o.has_delay || o.has_line;
     if (o.request.has_round_trip)
         o.request.round_trip_ns = round_trip_ns(&o);
-    bool possible = o.kernel ? timing_by_kernel(&found, problem, &o.request)
-                             : timing_by_segments(&found, problem, &o.request);
-    if (!possible) {
+    const bool has_data = o.data.bitrate_bps > 0;
+    if (has_data && !want_data(&o))
+        return CLI_BAD_INPUT;
+    if (has_data ? !find_both(found, problem, &o) : !find_one(&found[0], problem, &o)) {
         plain_print(stderr, "canwire timing: %s\n", problem);
         return CLI_BAD_INPUT;
     }
-    if (o.json)
-        timing_print_json(stdout, &found);
-    else
-        timing_print_text(stdout, &found, &o.request);
+    show(&o, found);
     return CLI_OK;
 }

@@ -6,6 +6,8 @@
 
 #include "base/decimal.h"
 #include "base/wide.h"
+#include "cli/timing_text.h"
+#include "record/data_timing.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -31,6 +33,7 @@ typedef struct table {
 typedef struct row {
     const char *name;
     const timing_node *node;
+    const cfg_node_time *time;
     uint32_t sample_ppb;
     int64_t sample_error_ppb; /* against the wish */
     int64_t divider_ppb;      /* error of the bit rate by brp and segments alone */
@@ -89,6 +92,7 @@ static row row_of(const table *all, size_t i)
     const cfg *config = all->config;
     row r = {.name = config->nodes[i].name,
              .node = &all->nodes[i],
+             .time = &config->nodes[i].time,
              .sample_ppb = timing_sample_point_ppb(&all->nodes[i].bit),
              .divider_ppb = divider_error_ppb(&all->nodes[i].bit, config->bitrate_bps),
              .has_others = config->node_count > 1};
@@ -245,6 +249,19 @@ static void print_worst_json(FILE *out, const row *r)
             r->has_line ? decimal(r->line_mm, MM_DIGITS).text : "null", r->line_node);
 }
 
+/* Prints the data phase of a CAN FD node. */
+static void print_data_json(FILE *out, const row *r)
+{
+    const cw_tdc *tdc = &r->time->timing.data.tdc;
+
+    timing_print_data_keys(out, &r->node->bit, &r->time->data);
+    fprintf(out, ",\"tdc-mode\":\"%s\"", data_timing_tdc_name(tdc->mode));
+    if (tdc->mode != CW_TDC_OFF)
+        fprintf(out, ",\"tdco\":%" PRIu32, tdc->tdco);
+    if (tdc->mode == CW_TDC_MANUAL)
+        fprintf(out, ",\"tdcv\":%" PRIu32, tdc->tdcv);
+}
+
 static void print_row_json(FILE *out, const row *r)
 {
     const bit_timing *t = &r->node->bit;
@@ -263,6 +280,8 @@ static void print_row_json(FILE *out, const row *r)
     print_fraction(out, "sufficient", timing_sufficient_ppb(t));
     if (r->has_others)
         print_worst_json(out, r);
+    if (r->time->data.clock_hz > 0)
+        print_data_json(out, r);
     fputc('}', out);
 }
 
@@ -271,9 +290,12 @@ void timing_table_print_json(FILE *out, const cfg *config)
     table all;
 
     fill(&all, config);
-    fprintf(out, "{\"bus\":\"%s\",\"bitrate\":%" PRIu32 ",\"sample-point\":%s,\"nodes\":[",
+    fprintf(out, "{\"bus\":\"%s\",\"bitrate\":%" PRIu32 ",\"sample-point\":%s",
             config->bus_name, config->bitrate_bps,
             decimal(wanted_permille(config), PERMILLE_DIGITS).text);
+    if (config->dbitrate_bps > 0)
+        fprintf(out, ",\"dbitrate\":%" PRIu32, config->dbitrate_bps);
+    fputs(",\"nodes\":[", out);
     for (size_t i = 0; i < config->node_count; i++) {
         const row r = row_of(&all, i);
         fputs(i == 0 ? "" : ",", out);

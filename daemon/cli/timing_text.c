@@ -83,13 +83,60 @@ void timing_print_text(FILE *out, const bit_timing *t, const timing_request *req
     print_tolerance(out, t);
 }
 
-void timing_print_json(FILE *out, const bit_timing *t)
+void timing_print_data_text(FILE *out, const bit_timing *nominal, const bit_timing *data,
+                            const timing_request *request, const timing_limits *limits)
+{
+    const uint32_t ppb = timing_sample_point_ppb(data);
+
+    fputs("\ndata phase\n", out);
+    print_bit(out, data, request->bitrate_bps);
+    fprintf(out,
+            "dbrp          %" PRIu32 "\ndprop-seg     %" PRIu32 " tq\ndphase-seg1   %" PRIu32
+            " tq\ndphase-seg2   %" PRIu32 " tq\ndsjw          %" PRIu32 " tq\n",
+            data->brp, data->prop_seg, data->phase_seg1, data->phase_seg2, data->sjw);
+    fprintf(out, "dsample-point %s %%\n", decimal(ppb / PPB_PER_CENTIPERCENT, 2).text);
+    fprintf(out,
+            "dtolerance    %s %%: %s %% by dsjw, %s %% behind an error, %s %% where the rate "
+            "changes\n",
+            percent_of_ppb(timing_data_tolerance_ppb(nominal, data)).text,
+            percent_of_ppb(timing_tolerance_of_sjw_ppb(data)).text,
+            percent_of_ppb(timing_tolerance_of_data_error_ppb(nominal, data)).text,
+            percent_of_ppb(timing_tolerance_of_switch_ppb(nominal, data)).text);
+    if (data->brp <= TIMING_TDC_BRP_MAX)
+        fprintf(out, "tdco          %" PRIu32 " clocks\n", timing_linux_tdco(data, limits));
+}
+
+void timing_print_data_keys(FILE *out, const bit_timing *nominal, const bit_timing *data)
+{
+    fprintf(out,
+            ",\"dbrp\":%" PRIu32 ",\"dprop-seg\":%" PRIu32 ",\"dphase-seg1\":%" PRIu32
+            ",\"dphase-seg2\":%" PRIu32 ",\"dsjw\":%" PRIu32
+            ",\"dtq\":%s,\"dsample-point\":%s,\"dtolerance\":%s",
+            data->brp, data->prop_seg, data->phase_seg1, data->phase_seg2, data->sjw,
+            ns_of_quanta(data, 1).text, decimal(timing_sample_point_ppb(data), PPB_DIGITS).text,
+            decimal(timing_data_tolerance_ppb(nominal, data), PPB_DIGITS).text);
+}
+
+/* Prints what Linux would compensate with, or nothing when it would not. */
+static void print_tdco(FILE *out, const bit_timing *data, const timing_limits *limits)
+{
+    if (data->brp <= TIMING_TDC_BRP_MAX)
+        fprintf(out, ",\"tdco\":%" PRIu32, timing_linux_tdco(data, limits));
+}
+
+void timing_print_json(FILE *out, const bit_timing *t, const bit_timing *data,
+                       const timing_limits *limits)
 {
     fprintf(out,
             "{\"brp\":%" PRIu32 ",\"prop-seg\":%" PRIu32 ",\"phase-seg1\":%" PRIu32
             ",\"phase-seg2\":%" PRIu32 ",\"sjw\":%" PRIu32
-            ",\"sample-point\":%s,\"tolerance\":%s}\n",
+            ",\"sample-point\":%s,\"tolerance\":%s",
             t->brp, t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw,
             decimal(timing_sample_point_ppb(t), PPB_DIGITS).text,
             decimal(timing_tolerance_ppb(t), PPB_DIGITS).text);
+    if (data) {
+        timing_print_data_keys(out, t, data);
+        print_tdco(out, data, limits);
+    }
+    fputs("}\n", out);
 }

@@ -95,7 +95,8 @@ static cw_tdc tdc_of(const cfg_node_time *time)
 {
     const bit_timing *data = &time->data;
     cw_tdc tdc = {.mode = CW_TDC_OFF};
-    if (time->tdc == CFG_TDC_AUTO || (time->tdc == CFG_TDC_BY_RATE && data->brp <= 2))
+    if (time->tdc == CFG_TDC_AUTO ||
+        (time->tdc == CFG_TDC_BY_RATE && data->brp <= TIMING_TDC_BRP_MAX))
         tdc.mode = CW_TDC_AUTO;
     if (time->tdc == CFG_TDC_MANUAL)
         tdc = (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = time->tdcv};

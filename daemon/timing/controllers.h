@@ -40,6 +40,9 @@ const timing_limits *timing_data_limits(const timing_limits *limits);
 /* The longest way to a secondary sample point (D13) in clocks, as far as anybody says. */
 #define TIMING_TDCO_MAX 65535u
 
+/* The largest prescaler of the data phase with which Linux compensates the delay. */
+#define TIMING_TDC_BRP_MAX 2u
+
 /* Returns the longest one that the register of a controller holds, or TIMING_TDCO_MAX if its Linux
  * driver does not say that. */
 uint32_t timing_tdco_max(const timing_limits *limits);

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 
 import pytest
+from can import bit_timing
 
 from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire
 
@@ -347,3 +348,100 @@ def test_newer_versions_take_the_smallest_prescaler_and_a_larger_sjw():
     assert values(*words, "--kernel=5.19")[:5] == [3, 7, 8, 6, 1]
     assert values(*words, "--kernel=6.3")[:5] == [3, 7, 8, 6, 3]
     assert values(*words, "--kernel") == values(*words, "--kernel=6.3")
+
+
+# ---- CAN FD --------------------------------------------------------------------------------------
+
+DATA_KEYS = ["dbrp", "dprop-seg", "dphase-seg1", "dphase-seg2", "dsjw", "dtq", "dsample-point",
+             "dtolerance"]
+
+
+def both(clock, bitrate, dbitrate, *words):
+    """Returns the JSON object with both phases."""
+    found = json.loads(timing("--clock", clock, "--bitrate", bitrate, "--dbitrate", dbitrate,
+                              *words, "--json").stdout)
+    assert list(found) == [*KEYS, *DATA_KEYS] + ["tdco"] * (found["dbrp"] <= 2)
+    return found
+
+
+def tolerance_of(t):
+    """Returns T10 of the data phase; two of the three limits as python-can computes them."""
+    bit = 1 + t["prop-seg"] + t["phase-seg1"] + t["phase-seg2"]
+    dbit = 1 + t["dprop-seg"] + t["dphase-seg1"] + t["dphase-seg2"]
+    phases = min(t["dphase-seg1"], t["dphase-seg2"])
+    error = (6 * dbit - t["dphase-seg2"]) * t["dbrp"] / t["brp"] + 7 * bit
+    return max(0, min(
+        bit_timing._oscillator_tolerance_condition_3(data_sjw=t["dsjw"], dbt=dbit),
+        phases / (2 * error),
+        bit_timing._oscillator_tolerance_condition_5(
+            data_sjw=t["dsjw"], data_brp=t["dbrp"], nom_brp=t["brp"],
+            data_phase_seg2=t["dphase-seg2"], nom_phase_seg2=t["phase-seg2"], nbt=bit, dbt=dbit)))
+
+
+@pytest.mark.parametrize("clock", [20, 40, 80])
+@pytest.mark.parametrize("words", [[], ["--kernel"], ["--tq", 20], ["--controller", "flexcan_fd"],
+                                   ["--dsample-point", "80%", "--sample-point", "80%"]])
+@pytest.mark.parametrize("dbitrate", [1000000, 2000000, 4000000])
+def test_both_phases_have_their_rates_and_the_tolerance_of_t10(clock, words, dbitrate):
+    t = both(f"{clock}MHz", 500000, dbitrate, *words)
+    quanta = 1 + t["prop-seg"] + t["phase-seg1"] + t["phase-seg2"]
+    dquanta = 1 + t["dprop-seg"] + t["dphase-seg1"] + t["dphase-seg2"]
+    assert clock * 1000000 / (t["brp"] * quanta) == 500000
+    assert clock * 1000000 / (t["dbrp"] * dquanta) == dbitrate
+    assert t["dtq"] == t["dbrp"] * 1000 / clock
+    assert t["dtolerance"] == pytest.approx(tolerance_of(t), abs=2e-9)
+    if "tdco" in t:
+        longest = 31 if "flexcan_fd" in words else 65535
+        assert t["tdco"] == min(longest, t["dbrp"] * (dquanta - t["dphase-seg2"]))
+
+
+@pytest.mark.parametrize("controller", ["any", "m_can", "mcp251xfd", "rockchip_canfd"])
+def test_a_configuration_finds_the_same_phases(table, controller):
+    found = both("80MHz", 500000, 2000000, "--controller", controller)
+    text = ("bus: { bitrate: 500000, dbitrate: 2000000 }\n"
+            f"nodes: [ {{ name: a, controller: {controller} }} ]")
+    bus = json.loads(table(text, "--json").stdout)
+    assert bus["dbitrate"] == 2000000
+    node = bus["nodes"][0]
+    assert {key: node[key] for key in found} == found
+    assert node["tdc-mode"] == "auto"
+
+
+def test_a_node_without_a_data_phase_has_no_keys_of_it(table):
+    text = ("bus: { bitrate: 500000, dbitrate: 2000000 }\n"
+            "nodes: [ { name: a }, { name: b, kind: classical } ]")
+    nodes = json.loads(table(text, "--json").stdout)["nodes"]
+    assert ["dbrp" in node for node in nodes] == [True, False]
+
+
+def test_both_phases_as_text():
+    text = timing("--clock", "80MHz", "--bitrate", 500000, "--dbitrate", 2000000).stdout
+    nominal, data = text.split("\n\n")
+    assert nominal.startswith("bit           160 tq of 12.5 ns: 500000 bit/s\n")
+    assert data.splitlines() == [
+        "data phase",
+        "bit           40 tq of 12.5 ns: 2000000 bit/s",
+        "dbrp          1",
+        "dprop-seg     14 tq",
+        "dphase-seg1   15 tq",
+        "dphase-seg2   10 tq",
+        "dsjw          5 tq",
+        "dsample-point 75 %",
+        "dtolerance    0.37 %: 0.625 % by dsjw, 0.37 % behind an error, 0.532 % where the rate "
+        "changes",
+        "tdco          30 clocks"]
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--dbitrate", 400000], "--dbitrate 400000: the data phase is not slower than --bitrate"),
+    (["--dbitrate", 2000000, "--controller", "sja1000"], "sja1000 knows no CAN FD frames"),
+    (["--dbitrate", 20000000], "data phase: "),
+    (["--dbitrate", 2000000, "--dsample-point", "9%"], "--dsample-point 9%: expected a part of"),
+])
+def test_a_data_phase_that_is_not_possible_is_refused(words, message):
+    assert message in refusal("--clock", "16MHz", "--bitrate", 500000, *words)
+
+
+def test_a_sample_point_of_the_data_phase_needs_its_rate():
+    result = timing("--clock", "16MHz", "--bitrate", 500000, "--dsample-point", "80%", status=2)
+    assert "--dsample-point: it needs --dbitrate" in result.stderr
