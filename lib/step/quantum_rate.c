@@ -188,6 +188,14 @@ static void align_away(cw_bus *bus, cw_span moment)
             align(bus, i, moment);
 }
 
+/* A node that is away samples nothing. When it comes back, it has last seen what all have. */
+__attribute__((noinline)) void cw_timed_show_wire(cw_bus *bus)
+{
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (is_away(&bus->nodes[i].mac))
+            bus->timed.nodes[i].pcs.last_sample = bus->wire;
+}
+
 __attribute__((noinline)) void cw_timed_find_bit_end(cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;

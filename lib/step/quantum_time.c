@@ -30,6 +30,8 @@ static bool level_of_wires(const cw_bus *bus, cw_span moment)
 static void end_bit_time(cw_bus *bus, cw_span end)
 {
     bus->wire = level_of_wires(bus, end);
+    if (bus->timed.rates && bus->timed.uniform)
+        cw_timed_show_wire(bus);
     cw_wire_end_bit(&bus->time);
     bus->stats.bits++;
     bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;

@@ -241,6 +241,37 @@ static void the_data_phase_changes_while_the_bus_runs(void **state)
     rig_free(r);
 }
 
+/* Returns the tick at which the first node that misses an acknowledgement says so. The other one
+ * comes onto the bus at a tick, in the data phase, and synchronises to what it sees there. */
+static uint64_t second_error(uint64_t tick, bool stepping, uint64_t *end)
+{
+    rig *r = rig_of(2, &fast);
+    const cw_frame f = frame_of(3);
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
+    rig_send(r, 0, &f, 20 * 160);
+    rig_run(r, tick);
+    assert_int_equal(cw_node_attach(r->bus, 1, true), CW_OK);
+    rig_run(r, 130 * 160);
+    *end = cw_bus_now(r->bus);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, 0), 2);
+    const uint64_t second = rig_nth(r, CW_EVENT_ERROR, 1)->tick;
+    rig_free(r);
+    return second;
+}
+
+static void a_node_comes_onto_the_bus_in_the_data_phase(void **state)
+{
+    (void)state;
+    uint64_t end, reference_end;
+    for (uint64_t tick = 80 * 160; tick < 115 * 160; tick += 8) {
+        const uint64_t reference = second_error(tick, true, &reference_end);
+        assert_int_equal(second_error(tick, false, &end), reference);
+        assert_int_equal(end, reference_end);
+    }
+}
+
 static void a_faster_clock_is_faster_at_both_rates(void **state)
 {
     (void)state;
@@ -410,6 +441,7 @@ int main(void)
         cmocka_unit_test(without_brs_the_delay_does_not_matter),
         cmocka_unit_test(a_node_at_another_data_rate_destroys_what_it_reads),
         cmocka_unit_test(the_data_phase_changes_while_the_bus_runs),
+        cmocka_unit_test(a_node_comes_onto_the_bus_in_the_data_phase),
         cmocka_unit_test(a_faster_clock_is_faster_at_both_rates),
         cmocka_unit_test(buses_without_a_data_rate_have_no_data_statistics),
         cmocka_unit_test(wrong_values_are_refused),
