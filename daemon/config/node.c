@@ -29,7 +29,8 @@ static const schema_range prop_range = {0, CFG_SEGMENT_MAX, sizeof(uint32_t)};
 static const schema_range phase_range = {1, CFG_SEGMENT_MAX, sizeof(uint32_t)};
 static const schema_range sjw_range = {1, CFG_SJW_MAX, sizeof(uint32_t)};
 
-static const schema_range tdc_range = {0, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
+static const schema_range tdco_range = {0, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
+static const schema_range tdcv_range = {1, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
 
 static const schema_choice kinds[] = {
     {.name = "classical", .value = CFG_KIND_CLASSICAL},
@@ -132,8 +133,8 @@ static const schema_choice when_full_choices[] = {
          .arg = &phase_range},                                                                     \
         {.name = "dsjw", .read = schema_read_uint, MEMBER(time.data.sjw), .arg = &sjw_range},      \
         {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = tdc_modes},      \
-        {.name = "tdco", .read = schema_read_uint, MEMBER(time.tdco), .arg = &tdc_range}, {        \
-        .name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdc_range             \
+        {.name = "tdco", .read = schema_read_uint, MEMBER(time.tdco), .arg = &tdco_range}, {       \
+        .name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdcv_range            \
     }
 
 /* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */

@@ -5,11 +5,13 @@
 #include "config/parts.h"
 
 #include "config/phases.h"
+#include "config/reway.h"
 
 #include <inttypes.h>
 
 #define SEGMENT_KEYS 4u         /* needed together */
 #define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
+#define SSP_BITS_MAX 6u         /* of the data phase, that M_CAN and others have room for */
 
 /* The keys of the data phase. */
 static const char *const keys[] = {
@@ -167,6 +169,70 @@ static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *ti
                         "%" PRIu64 " clocks", CW_TDC_BITS_MAX, most);
 }
 
+/* ---- The delay of the transmitter ------------------------------------------------------------ */
+
+/* Returns the way of an own edge, from the begin of a bit back to the controller. */
+static cw_span loop_delay(const cw_node_timing *t)
+{
+    const cw_span dominant = t->tx_delay[CW_DOMINANT] + t->rx_delay[CW_DOMINANT];
+    const cw_span recessive = t->tx_delay[CW_RECESSIVE] + t->rx_delay[CW_RECESSIVE];
+
+    return dominant > recessive ? dominant : recessive;
+}
+
+/* Without compensation a bit must be back before its sample point (D13, T12). */
+static void warn_of_late_bits(schema *self, yaml_node_t *item, const cfg_node_time *time)
+{
+    const cw_bit_timing *bit = &time->timing.data.bit;
+    const cw_span delay = loop_delay(&time->timing);
+    const cw_span to_sample = bit->quantum * cw_bit_timing_sample_at(bit);
+
+    if (delay >= to_sample)
+        schema_warn(self, place_of(self, item, "tdc-mode"),
+                    "without delay compensation the node cannot send at the data rate: its bits "
+                    "come back after %" PRIu64 " ns, and are sampled after %" PRIu64
+                    " ns; tdc-mode: auto measures the delay",
+                    cfg_delay_of(delay).ns, cfg_delay_of(to_sample).ns);
+}
+
+/* Returns the delay that a secondary sample point is later by, in clocks. */
+static uint64_t compensated_clocks(const cfg_node_time *time)
+{
+    const cw_data_timing *data = &time->timing.data;
+    const cw_span clock = data->bit.quantum / data->data_brp;
+
+    return data->tdc.mode == CW_TDC_MANUAL
+               ? data->tdc.tdcv
+               : (uint64_t)((loop_delay(&time->timing) + clock - 1) / clock);
+}
+
+/* Warns of secondary sample points that a controller cannot have. */
+static void warn_of_compensation(schema *self, yaml_node_t *item, const cfg_node_time *time)
+{
+    const uint32_t tdco = time->timing.data.tdc.tdco;
+    const uint32_t held = timing_tdco_max(time->limits);
+    const uint64_t late = compensated_clocks(time) + tdco;
+    const uint64_t most = SSP_BITS_MAX * timing_bit_clocks(&time->data);
+
+    if (tdco > held)
+        schema_warn(self, place_of(self, item, "tdco"),
+                    "tdco: %s holds at most %" PRIu32 " clocks, not %" PRIu32, time->limits->name,
+                    held, tdco);
+    if (late >= most)
+        schema_warn(self, place_of(self, item, "tdco"),
+                    "the secondary sample point is %" PRIu64 " clocks behind the begin of its "
+                    "bit; controllers compare within %u bits of the data phase, %" PRIu64
+                    " clocks", late, SSP_BITS_MAX, most);
+}
+
+static void warn_of_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
+{
+    if (time->timing.data.tdc.mode == CW_TDC_OFF)
+        warn_of_late_bits(self, item, time);
+    else
+        warn_of_compensation(self, item, time);
+}
+
 void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
 {
     cfg_node_time *time = &node->time;
@@ -190,4 +256,5 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
     time->timing.data = cfg_data_timing(time);
     check_rate(self, item, &time->data);
     check_delay(self, item, time);
+    warn_of_delay(self, item, time);
 }

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from simtool import sim
+from simtool import canwire, sim
 
 BUS = "bus: {{ name: fd, bitrate: 500000, sample-point: 0.8, dbitrate: {dbitrate}{more} }}\n"
 
@@ -120,3 +120,14 @@ def test_times_of_a_frame_with_64_bytes(play):
     fast = 1 + 4 + 512 + 32  # ESI to the CRC
     begin = tx["t"] - (nominal * 2000 + fast * 500 + 1700 + 800) * 1e-9
     assert abs(begin - 1e-3) < 1e-9
+
+
+@pytest.mark.parametrize("delay", [249, 250])
+def test_a_node_that_check_warns_of_cannot_send_and_others_can(play, tmp_path, delay):
+    """A data bit is sampled 250 ns behind its begin. A level that comes then is not seen (T12)."""
+    run = play([sender("a", "123##1DEADBEEF", more=f", tdc-mode: off, tx-delay: {delay}ns"),
+                "name: b"], more=", dsample-point: 0.5")
+    warned = "cannot send at the data rate" in canwire("check", tmp_path / "fd.yaml").stderr
+    failed = [e for e in run.of("error", "a") if e["type"] == "bit" and e["rate"] == "data"]
+    assert (warned, bool(failed), bool(run.of("rx", "b"))) == (
+        (True, True, False) if delay == 250 else (False, False, True))
