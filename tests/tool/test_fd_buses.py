@@ -131,3 +131,19 @@ def test_a_node_that_check_warns_of_cannot_send_and_others_can(play, tmp_path, d
     failed = [e for e in run.of("error", "a") if e["type"] == "bit" and e["rate"] == "data"]
     assert (warned, bool(failed), bool(run.of("rx", "b"))) == (
         (True, True, False) if delay == 250 else (False, False, True))
+
+
+def test_rules_change_the_data_phase_and_back(play):
+    """From 5 to 10 ms b has half of the data rate, and no frame passes."""
+    nodes = [sender("a", "123##1DEADBEEF", "1ms", ", restart-ms: 1"), "name: b"]
+    run = play(nodes, "40ms", faults=(
+        "faults:\n"
+        "  - { name: away, when: { time: 5ms }, do: { set: b, dbrp: 2 } }\n"
+        "  - { name: back, when: { time: 10ms }, do: { set: b, dbrp: 1 } }\n"))
+    assert [e["rule"] for e in run.of("fault")] == ["away", "back"]
+    received = [e["t"] for e in run.of("rx", "b")]
+    errors = [e["t"] for e in run.of("error")]
+    assert len([t for t in received if t < 0.005]) == 4
+    assert not [t for t in received if 0.005 <= t < 0.010]
+    assert [t for t in received if t > 0.030] and not [t for t in errors if t < 0.005]
+    assert [t for t in errors if t < 0.010] and not [t for t in errors if t > 0.030]

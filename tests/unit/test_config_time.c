@@ -4,6 +4,9 @@
  */
 #include "configs.h"
 
+#include "config/retime.h"
+#include "run/bus_make.h"
+
 #include <string.h>
 
 /* Loads a configuration from a text. */
@@ -137,6 +140,116 @@ static void a_line_without_length_does_not_ring(void **state)
     cfg_free(config);
 }
 
+/* ---- The data phase -------------------------------------------------------------------------- */
+
+/* Without keys of their own all nodes have one data phase, and stay on the common grid of bits. */
+static void default_data_phases_are_on_the_grid(void **state)
+{
+    static const uint32_t rates[][2] = {{125000, 500000},   {250000, 1000000}, {500000, 1000000},
+                                        {500000, 2000000},  {500000, 4000000}, {500000, 5000000},
+                                        {1000000, 5000000}, {1000000, 8000000}};
+    static const char *const controllers[] = {"any", "m_can", "mcp251xfd", "flexcan_fd"};
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(rates) * COUNT(controllers); i++) {
+        const uint32_t *rate = rates[i / COUNT(controllers)];
+        char text[300];
+        void *memory;
+        snprintf(text, sizeof text, "{ bus: { bitrate: %u, dbitrate: %u }, defaults: { controller: "
+                 "%s }, nodes: [ { name: a }, { name: b }, { name: c, kind: classical } ] }",
+                 (unsigned)rate[0], (unsigned)rate[1], controllers[i % COUNT(controllers)]);
+        cfg *config = load_text(text);
+        assert_int_equal(timing_bitrate_bps(&config->nodes[0].time.data), rate[1]);
+        cw_bus *bus = bus_make(&memory, config);
+        assert_non_null(bus);
+        if (!cw_bus_is_on_grid(bus))
+            fail_msg("%s", text);
+        free(memory);
+        cfg_free(config);
+    }
+}
+
+/* Changes keys of node 1. */
+static void set(cw_bus *bus, cfg *config, retime_key key, const char *text)
+{
+    cfg_retime change = {.given = 0};
+    cw_settings settings = {.which = 0};
+    char problem[RETIME_PROBLEM_MAX] = "";
+    cfg_node_time time = {.used = false};
+
+    if (!cfg_retime_put(&change, problem, key, text) ||
+        !cfg_retime_node(&time, &settings, problem, config, 1, &change))
+        fail_msg("%s", problem);
+    assert_int_equal(cw_node_set(bus, 1, &settings), CW_OK);
+    config->nodes[1].time = time;
+}
+
+static void another_data_phase_leaves_the_grid_and_the_same_one_comes_back(void **state)
+{
+    static const struct {
+        retime_key key;
+        const char *away;
+        const char *back;
+    } cases[] = {
+        {RETIME_DBRP, "2", "1"},
+        {RETIME_DSJW, "4", "5"},
+        {RETIME_DPHASE_SEG2, "9", "10"},
+        {RETIME_DSAMPLE_POINT, "70%", "75%"},
+        {RETIME_SAMPLE_POINT, "80%", "87.5%"},
+        {RETIME_CLOCK, "40MHz", "80MHz"},
+    };
+    cfg *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
+                            "{ name: b } ] }");
+    void *memory;
+    cw_bus *bus = bus_make(&memory, config);
+
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        set(bus, config, cases[i].key, cases[i].away);
+        if (cw_bus_is_on_grid(bus))
+            fail_msg("%s=%s", cfg_retime_name(cases[i].key), cases[i].away);
+        set(bus, config, cases[i].key, cases[i].back);
+        if (!cw_bus_is_on_grid(bus))
+            fail_msg("%s=%s", cfg_retime_name(cases[i].key), cases[i].back);
+    }
+    free(memory);
+    cfg_free(config);
+}
+
+/* Present values of a node are printed in a form that sets the same. */
+static void present_values_can_be_set_again(void **state)
+{
+    cfg *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
+                            "{ name: b, dbrp: 2, dprop-seg: 6, dphase-seg1: 7, dphase-seg2: 6, "
+                            "tdc-mode: manual, tdcv: 9, tdco: 40 } ] }");
+    const cfg_retime present = cfg_retime_present(&config->nodes[1].time);
+    cfg_retime again = {.given = 0};
+    char problem[RETIME_PROBLEM_MAX];
+    cw_settings settings = {.which = 0};
+    cfg_node_time time;
+    unsigned of_data = 0;
+
+    (void)state;
+    for (retime_key key = 0; key < RETIME_KEYS; key++) {
+        char text[TIME_TEXT_MAX];
+        if (!(present.given >> key & 1u))
+            continue;
+        of_data += key >= RETIME_DBRP && key <= RETIME_TDCV;
+        cfg_retime_print(text, &present, key);
+        assert_true(cfg_retime_put(&again, problem, key, text));
+    }
+    assert_int_equal(of_data, 8); /* all but the sample point */
+    assert_int_equal(again.given, present.given);
+    assert_true(cfg_retime_node(&time, &settings, problem, config, 1, &again));
+    assert_int_equal(settings.data.data_brp, 2);
+    assert_int_equal(settings.data.bit.prop_seg, 6);
+    assert_int_equal(settings.data.bit.phase_seg2, 6);
+    assert_memory_equal(&time.data, &config->nodes[1].time.data, sizeof time.data);
+    assert_int_equal(settings.data.tdc.tdcv, 9);
+    assert_int_equal(settings.data.tdc.tdco, 40);
+    cfg_free(config);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -145,6 +258,9 @@ int main(void)
         cmocka_unit_test(termination_adds_to_the_ringing_of_defaults),
         cmocka_unit_test(a_line_without_length_does_not_ring),
         cmocka_unit_test(prescaler_and_error_are_found_from_a_quantum),
+        cmocka_unit_test(default_data_phases_are_on_the_grid),
+        cmocka_unit_test(another_data_phase_leaves_the_grid_and_the_same_one_comes_back),
+        cmocka_unit_test(present_values_can_be_set_again),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
