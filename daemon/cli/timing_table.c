@@ -202,6 +202,48 @@ static void print_bus(FILE *out, const cfg *config)
             decimal(config->line_ps_per_m, PS_DIGITS).text);
 }
 
+/* ---- Text of the data phase ------------------------------------------------------------------ */
+
+static void print_data_row(FILE *out, int name_width, const row *r)
+{
+    const bit_timing *data = &r->time->data;
+    const cw_tdc *tdc = &r->time->timing.data.tdc;
+    char segments[CELL_MAX];
+
+    snprintf(segments, sizeof segments, "%" PRIu32 "-%" PRIu32 "-%" PRIu32 "/%" PRIu32,
+             data->prop_seg, data->phase_seg1, data->phase_seg2, data->sjw);
+    fprintf(out, "%*s  %6s  %11s  %4" PRIu32 "  %8s  %11s  %6s", -name_width, r->name,
+            decimal(timing_quanta_ps(data, 1), PS_DIGITS).text, segments, data->brp,
+            rounded_percent(timing_sample_point_ppb(data)).text,
+            percent(timing_data_tolerance_ppb(&r->node->bit, data)).text,
+            data_timing_tdc_name(tdc->mode));
+    if (tdc->mode == CW_TDC_OFF)
+        fputs("     -\n", out);
+    else
+        fprintf(out, "  %4" PRIu32 "\n", tdc->tdco);
+}
+
+/* Prints the nodes that have a data phase, if any has. */
+static void print_data_table(FILE *out, const table *all)
+{
+    const cfg *config = all->config;
+    size_t width = strlen(titles[0]);
+
+    if (config->dbitrate_bps == 0)
+        return;
+    for (size_t i = 0; i < config->node_count; i++)
+        if (strlen(config->nodes[i].name) > width)
+            width = strlen(config->nodes[i].name);
+    fprintf(out, "\ndata phase: dbitrate %" PRIu32 "\n%*s  %6s  %11s  %4s  %8s  %11s  %6s  %4s\n",
+            config->dbitrate_bps, -(int)width, titles[0], "DTQ/NS", "SEGMENTS", "DBRP", "SAMPLE/%",
+            "TOLERANCE/%", "TDC", "TDCO");
+    for (size_t i = 0; i < config->node_count; i++) {
+        const row r = row_of(all, i);
+        if (r.time->data.clock_hz > 0)
+            print_data_row(out, (int)width, &r);
+    }
+}
+
 void timing_table_print(FILE *out, const cfg *config)
 {
     int widths[COLUMNS] = {0};
@@ -226,6 +268,7 @@ void timing_table_print(FILE *out, const cfg *config)
         put_row(c, &r);
         print_cells(out, widths, c);
     }
+    print_data_table(out, &all);
 }
 
 /* ---- JSON ------------------------------------------------------------------------------------ */

@@ -9,7 +9,7 @@
 
 #include <stdio.h>
 
-/* Prints a line about the bus and a table. */
+/* Prints a line about the bus and a table, and another one of the data phase of CAN FD nodes. */
 void timing_table_print(FILE *out, const cfg *config);
 
 /* Prints one object on one line. */

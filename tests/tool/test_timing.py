@@ -445,3 +445,17 @@ def test_a_data_phase_that_is_not_possible_is_refused(words, message):
 def test_a_sample_point_of_the_data_phase_needs_its_rate():
     result = timing("--clock", "16MHz", "--bitrate", 500000, "--dsample-point", "80%", status=2)
     assert "--dsample-point: it needs --dbitrate" in result.stderr
+
+
+def test_the_data_phases_of_a_configuration_as_a_table(table):
+    """The nominal bit has 160 tq. So c has 6 / (2 x ((120 - 6) x 2 + 7 x 160)) behind an error."""
+    text = ("bus: { name: fd, bitrate: 500000, dbitrate: 2000000 }\n"
+            "nodes: [ { name: engine }, { name: b, kind: classical },\n"
+            "  { name: c, tdc-mode: off, dbrp: 2, dprop-seg: 6, dphase-seg1: 7, dphase-seg2: 6 } ]")
+    nominal, data = table(text).stdout.split("\n\n")
+    assert len(nominal.splitlines()) == 5
+    assert data.splitlines() == [
+        "data phase: dbitrate 2000000",
+        "NODE    DTQ/NS     SEGMENTS  DBRP  SAMPLE/%  TOLERANCE/%     TDC  TDCO",
+        "engine    12.5   14-15-10/5     1        75         0.37    auto    30",
+        "c           25      6-7-6/3     2        70        0.222     off     -"]
