@@ -55,7 +55,7 @@ _canwire_options() {
     bits) echo --raw --fd-non-iso --help ;;
     timing)
         echo --bitrate --clock --tq --sample-point --delay --length --tx-delay --rx-delay --sjw \
-            --controller --kernel --json --help
+            --controller --kernel --dbitrate --dsample-point --json --help
         ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
     status | faults) echo --json --help ;;
@@ -152,7 +152,7 @@ _canwire() {
         ;;
     --until | --seed | --from | --to | --with | --files | \
         --bitrate | --clock | --tq | --sample-point | --delay | --length | --tx-delay | \
-        --rx-delay | --sjw) return ;;
+        --rx-delay | --sjw | --dbitrate | --dsample-point) return ;;
     esac
     if [[ $current == -* ]]; then
         _canwire_words "$(_canwire_options "$command")"

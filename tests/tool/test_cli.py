@@ -58,6 +58,8 @@ VALUES = [
     ("timing", "--clock", "quick", "16MHz"),
     ("timing", "--tq", "7", "a whole number from 8 to 25"),
     ("timing", "--sample-point", "100%", "from 10% to 99.9%"),
+    ("timing", "--dbitrate", "999", "expected a whole number from 1000 to 20000000"),
+    ("timing", "--dsample-point", "100%", "from 10% to 99.9%"),
     ("timing", "--delay", "600", "unit"),
     ("timing", "--length", "40", "40m"),
     ("timing", "--tx-delay", "2bit", "600ns"),
