@@ -147,3 +147,13 @@ def test_rules_change_the_data_phase_and_back(play):
     assert not [t for t in received if 0.005 <= t < 0.010]
     assert [t for t in received if t > 0.030] and not [t for t in errors if t < 0.005]
     assert [t for t in errors if t < 0.010] and not [t for t in errors if t > 0.030]
+
+
+def test_nodes_from_before_the_standard_talk_to_each_other(play):
+    """Without stuff count the CRC field is shorter: 4 bits and a fixed stuff bit."""
+    frame = sender("a", "123##1" + "55" * 8)
+    iso = play([frame, "name: b"])
+    old = play([frame, "name: b"], more=", dsample-point: 0.8, fd-non-iso: on")
+    assert not old.of("error") and len(old.of("tx", "a")) == len(old.of("rx", "b")) == 10
+    assert {e["frame"] for e in old.of("rx", "b")} == {"123##1" + "55" * 8}
+    assert old.of("rx", "b")[0]["t"] < iso.of("rx", "b")[0]["t"]

@@ -497,3 +497,71 @@ profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ sender: engine, reader: 
               json.loads(stats.read_text()))
     assert run.counts["gearbox", "protocol-exception"] == ENGINE_FRAMES == run.counts["dash", "rx"]
     assert not run.of("error") and not run.counts["gearbox", "rx"]
+
+
+@pytest.fixture
+def play_fd(tmp_path):
+    """Plays a profile with two senders of CAN FD frames and a listener."""
+    def run(name, parameters, flags, dbitrate=2000000, delay=""):
+        scenario = tmp_path / "scenario.yaml"
+        scenario.write_text(f"""
+bus: {{ name: profiles, bitrate: 500000, sample-point: 0.8, dbitrate: {dbitrate} }}
+nodes:
+  - {{ name: engine{delay}, traffic: [ {{ send: "123##{flags}DEADBEEF", every: 2ms }} ] }}
+  - {{ name: gearbox{delay}, traffic: [ {{ send: 200#0102, every: 3ms, offset: 1ms }} ] }}
+  - {{ name: dash{delay} }}
+profiles: [ {{ file: {PROFILES}/{name}.yaml, with: {{ {parameters} }} }} ]
+""")
+        events, stats = tmp_path / "events", tmp_path / "stats"
+        sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
+        return Run([json.loads(line) for line in events.read_text().splitlines()],
+                   json.loads(stats.read_text()))
+    return run
+
+
+def test_wrong_data_bit_rate(play_fd):
+    run = play_fd("wrong-data-bit-rate", "victim: dash", flags=1)
+    first = run.of("error")[0]
+    assert (first["node"], first["rate"]) == ("dash", "data")
+    passive = run.first("dash", "error-passive")
+    assert not [e for e in run.of("rx", end=passive) if e["frame"].startswith("123")]
+    assert [e for e in run.of("rx", "gearbox", passive) if e["frame"].startswith("123")]
+    assert not [e for e in run.of("rx", "dash") if e["frame"].startswith("123")]
+    assert run.counts["gearbox", "tx"] == GEARBOX_FRAMES
+    states = run.states("dash")
+    assert "error-warning" in states[states.index("error-passive"):]  # active again
+    assert run.states("engine")[-1] == "bus-off"
+
+
+def test_wrong_data_bit_rate_does_nothing_without_brs(play_fd):
+    run = play_fd("wrong-data-bit-rate", "victim: dash", flags=0)
+    assert run.nothing_lost() and not run.of("error")
+
+
+def test_wrong_data_bit_rate_begins_in_time(play_fd):
+    run = play_fd("wrong-data-bit-rate", "victim: dash, begin: 100ms", flags=1)
+    assert not run.of("error", end=BEGIN)
+    assert run.of("error", "dash", begin=BEGIN)
+
+
+LOOP_200_NS = ", tx-delay: 100ns, rx-delay: 100ns"
+
+
+def test_no_delay_compensation(play_fd):
+    run = play_fd("no-delay-compensation", "victim: engine", 1, 5000000, LOOP_200_NS)
+    first = run.of("error")[0]
+    assert (first["node"], first["type"], first["rate"]) == ("engine", "bit", "data")
+    assert run.first("engine", "error-passive") < run.first("engine", "bus-off")
+    assert not run.of("tx", "engine")
+
+
+def test_no_delay_compensation_does_nothing_without_brs(play_fd):
+    run = play_fd("no-delay-compensation", "victim: engine", 0, 5000000, LOOP_200_NS)
+    assert run.nothing_lost() and not run.of("error")
+
+
+def test_no_delay_compensation_begins_in_time(play_fd):
+    run = play_fd("no-delay-compensation", "victim: engine, begin: 100ms", 1, 5000000,
+                  LOOP_200_NS)
+    assert run.of("tx", "engine", end=BEGIN) and not run.of("error", end=BEGIN)
+    assert not run.of("tx", "engine", begin=BEGIN + 0.001) and run.of("error", "engine")
