@@ -565,3 +565,70 @@ def test_no_delay_compensation_begins_in_time(play_fd):
                   LOOP_200_NS)
     assert run.of("tx", "engine", end=BEGIN) and not run.of("error", end=BEGIN)
     assert not run.of("tx", "engine", begin=BEGIN + 0.001) and run.of("error", "engine")
+
+
+# ---- ECUs that are older than CAN FD -------------------------------------------------------------
+
+
+FD_SCENARIO = """
+bus: {{ name: profiles, bitrate: 500000, dbitrate: 2000000 }}
+nodes:
+  - {{ name: engine, restart-ms: 20, traffic: [ {{ send: "{frame}", every: 2ms }} ] }}
+  - {{ name: gearbox, restart-ms: 20{gearbox} }}
+  - {{ name: dash{dash} }}
+{profiles}
+"""
+
+@pytest.fixture
+def play_older(tmp_path):
+    def run(name, parameters="", frame="123##1DEADBEEF", gearbox="", dash=""):
+        scenario = tmp_path / "scenario.yaml"
+        profiles = f"profiles: [ {{ file: {PROFILES}/{name}.yaml, with: {{ {parameters} }} }} ]"
+        scenario.write_text(FD_SCENARIO.format(
+            frame=frame, gearbox=gearbox, dash=dash,
+            profiles=profiles if name else ""))
+        events, stats = tmp_path / "events", tmp_path / "stats"
+        sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
+        return Run([json.loads(line) for line in events.read_text().splitlines()],
+                   json.loads(stats.read_text()))
+    return run
+
+
+def test_classical_among_fd(play_older):
+    """The sender is bus-off after 32 attempts; after four rounds the old ECU is error-passive."""
+    run = play_older("classical-among-fd", "victim: dash")
+    off = run.first("engine", "bus-off")
+    assert [e["tec"] for e in run.of("error", "engine", end=off + 1e-9)] == [
+        8 * n for n in range(1, 33)]
+    passive = run.first("dash", "error-passive")
+    assert run.counts["dash", "error"] > len(run.of("error", "dash", end=passive)) == 127
+    assert not run.of("tx", "engine", end=passive) and run.of("tx", "engine", begin=passive)
+    assert len(run.of("rx", "gearbox")) == run.counts["engine", "tx"] and not run.of("rx", "dash")
+
+
+def test_classical_among_fd_is_as_a_classical_node(play_older):
+    def events(run):
+        return [e for e in run.events if e["event"] != "fault"]
+
+    own = ", traffic: [ { send: 321#11, every: 3ms } ]"
+    imitated = play_older("classical-among-fd", "victim: dash", gearbox=own)
+    assert events(imitated) == events(play_older(None, gearbox=own, dash=", kind: classical"))
+    assert imitated.counts["dash", "error"] > 100
+
+
+def test_classical_among_fd_without_fd_frames(play_older):
+    run = play_older("classical-among-fd", "victim: dash", frame="123#DEADBEEF")
+    assert not run.of("error") and run.counts["dash", "rx"] == ENGINE_FRAMES
+
+
+def test_tolerant_among_fd(play_older):
+    """As a tolerant node, but for the bit in which it leaves."""
+    own = ", traffic: [ { send: 321#11, every: 4ms, offset: 1ms } ]"
+    imitated = play_older("tolerant-among-fd", "victim: dash", dash=own)
+    real = play_older(None, dash=own + ", kind: fd-tolerant")
+    for run in imitated, real:
+        assert not run.of("error")
+        assert run.counts["dash", "protocol-exception"] == run.counts["engine", "tx"] == (
+            ENGINE_FRAMES) == run.counts["gearbox", "rx"] - run.counts["dash", "tx"]
+    assert imitated.counts == collections.Counter(
+        {**real.counts, (None, "fault"): imitated.counts[None, "fault"]})
