@@ -2,11 +2,12 @@
 """The part of scripts/demo that runs where AF_CAN exists.
 
 engine, brakes and dash are can-utils on vcan0..2, canwired runs config/demo.yaml, and this script
-subscribes to its statistics over LCM.
+subscribes to its statistics over LCM. Another canwired runs config/demo-fd.yaml on vcan4..6.
 """
 
 import contextlib
 import importlib
+import json
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import lcm
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "config/demo.yaml"
+FD_CONFIG = ROOT / "config/demo-fd.yaml"
 CAR_LOG = ROOT / "config/demo/car.log"
 CONTENTION_LOG = ROOT / "config/demo/contention.log"
 CANWIRE = ROOT / "build/release/canwire"
@@ -30,6 +32,9 @@ PORTS = {"engine": "vcan0", "brakes": "vcan1", "dash": "vcan2", "tap": "vcan3"}
 FLOOD_ID = "7F0"
 FLOOD = ["cangen", PORTS["dash"], "-I", FLOOD_ID, "-L", "8", "-g", "1", "-c", "8"]
 PATIENCE_S = 40
+FD_PORTS = {"engine": "vcan4", "brakes": "vcan5", "dash": "vcan6"}
+FD_LONG = "456##1" + "C0FFEE00" * 16  # BRS, 64 bytes
+FD_SHORT = "123##1DEADBEEF"
 CONTENTION_ATTEMPTS = 10  # on a busy machine writing may take longer than the transmission
 CONTENTION_MAX_S = 0.02
 
@@ -144,18 +149,24 @@ class LoadMeter:
                 self.seconds.append((time.time(), int(words[1]), int(words[4].rstrip("%"))))
 
 
-class Subscriber:
-    """Keeps all statistics that canwired publishes."""
+def message_types(folder):
+    """Returns a module with the LCM types of canwire."""
+    types = sorted((ROOT / "config/lcm").glob("*.lcm"))
+    subprocess.run(["lcm-gen", "-p", "--ppath", folder, *types], check=True)
+    sys.path.insert(0, str(folder))
+    return importlib.import_module("canwire")
 
-    def __init__(self, folder):
-        types = sorted((ROOT / "config/lcm").glob("*.lcm"))
-        subprocess.run(["lcm-gen", "-p", "--ppath", folder, *types], check=True)
-        sys.path.insert(0, str(folder))
-        self.types = importlib.import_module("canwire")
+
+class Subscriber:
+    """Keeps all statistics that canwired publishes of a bus."""
+
+    def __init__(self, types, bus):
+        self.types = types
         self.bus, self.nodes, self.events = [], {}, []
         self.lcm = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
         for channel in ("BUS", "NODE", "EVENT"):
-            self.lcm.subscribe(f"CANWIRE\\.demo\\.{channel}", self.take).set_queue_capacity(1000)
+            name = rf"CANWIRE\.{bus}\.{channel}"
+            self.lcm.subscribe(name, self.take).set_queue_capacity(1000)
         threading.Thread(target=self.run, daemon=True).start()
 
     def run(self):
@@ -193,7 +204,8 @@ class Demo:
     def __init__(self, folder, programs):
         self.checks = Checks()
         self.programs = programs
-        self.statistics = Subscriber(folder)
+        self.folder = folder
+        self.statistics = Subscriber(message_types(folder), "demo")
         self.dumps = {ecu: Candump(programs, port) for ecu, port in PORTS.items()}
         self.sender = {f.partition("#")[0]: e for e, f in map(log_frame, read_log(CAR_LOG))}
         self.sender[FLOOD_ID] = "dash"
@@ -313,7 +325,12 @@ class Demo:
                 claim = f"{sender} wrote {written}, {lost} dropped, {ecu} got {got} ({name})"
                 self.checks.check(got == written - lost, claim)
 
-    # -- 4 and 5 --
+    # -- 4 --
+
+    def fd(self):
+        FdBus(self).show()
+
+    # -- 5 and 6 --
 
     def loads(self):
         print("                   canbusload       canwired (LCM), same second")
@@ -359,6 +376,65 @@ class Demo:
         self.checks.check(self.daemon.wait(PATIENCE_S) == 0, "canwired ends well")
 
 
+class FdBus:
+    """The fourth part: CAN FD, and an ECU that is older."""
+
+    def __init__(self, demo):
+        self.check = demo.checks.check
+        link("down", FD_PORTS["dash"])
+        self.statistics = Subscriber(demo.statistics.types, "demo-fd")
+        self.dump = Candump(demo.programs, FD_PORTS["brakes"])
+        with (demo.folder / "stderr-fd").open("w") as errors:
+            self.daemon = demo.programs.start(CANWIRED, "-c", FD_CONFIG, stderr=errors)
+        wait_until(lambda: self.statistics.bus, "the first statistics of the CAN FD bus")
+
+    def show(self):
+        print("   Two ECUs, 2 Mbit/s in the data phase; engine writes 64 bytes in one frame:")
+        self.arrives(FD_LONG)
+        print("   dash is classical. It comes onto the bus and takes the same frames for classical:")
+        link("up", FD_PORTS["dash"])
+        wait_until(lambda: self.is_up("dash"), "dash on the bus")
+        self.clash()
+        print("   dash is unplugged, and engine has restarted:")
+        link("down", FD_PORTS["dash"])
+        wait_until(lambda: not self.is_up("dash"), "dash off the bus")
+        wait_until(lambda: self.node("engine").state == "error-active", "the restart of engine")
+        self.arrives(FD_SHORT)
+        self.daemon.send_signal(signal.SIGTERM)
+        self.check(self.daemon.wait(PATIENCE_S) == 0, "canwired of the CAN FD bus ends well")
+
+    def node(self, name):
+        return self.statistics.nodes[name]
+
+    def events(self, kind, node):
+        every = [json.loads(e.json) for e in self.statistics.events]
+        return [e for e in every if e["event"] == kind and e["node"] == node]
+
+    def is_up(self, name):
+        links = self.events("link", name)
+        return bool(links) and links[-1]["state"] == "up"
+
+    def arrives(self, frame):
+        write(FD_PORTS["engine"], frame)
+        wait_until(lambda: self.dump.size() > self.dump.read_bytes, f"{frame} at brakes")
+        (seen,) = self.dump.take()
+        as_written = seen.text.replace("##5", "##1")  # candump shows that it is CAN FD, 4
+        self.check(as_written == frame, f"{frame} arrives at brakes")
+        print(f"   ({seen.time:.6f}) vcan5 {seen.text[:30]}{'...' if len(seen.text) > 30 else ''}")
+
+    def clash(self):
+        """Each attempt costs the sender 8, and nobody can read the frame."""
+        write(FD_PORTS["engine"], FD_SHORT)
+        wait_until(lambda: self.node("engine").bus_off, "bus-off of engine")
+        states = self.events("state", "engine")
+        for e in states[:3]:
+            print(f"   {1000 * (e['t'] - states[0]['t']):6.3f} ms  engine {e['state']:14}"
+                  f" TEC {e['tec']}")
+        names = [e["state"] for e in states[:3]]
+        self.check(names == ["error-warning", "error-passive", "bus-off"], "engine goes bus-off")
+        self.check(not self.dump.take(), f"{FD_SHORT} does not arrive while dash is there")
+
+
 def read_log(path):
     return [line for line in path.read_text().splitlines() if line.startswith("(")]
 
@@ -384,15 +460,24 @@ def arbitration_key(frame):
     return f"{number:011b}0"
 
 
-def vcan(verb):
-    subprocess.run([CANWIRE, "vcan", verb, CONFIG], check=True, stdout=subprocess.DEVNULL)
+def vcan(verb, config):
+    subprocess.run([CANWIRE, "vcan", verb, config], check=True, stdout=subprocess.DEVNULL)
+
+
+def link(verb, interface):
+    subprocess.run(["ip", "link", "set", interface, verb], check=True)
+
+
+def write(interface, frame):
+    subprocess.run(["cansend", interface, frame], check=True)
 
 
 def main():
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        vcan("up")
-        stack.callback(vcan, "down")
+        for config in CONFIG, FD_CONFIG:
+            vcan("up", config)
+            stack.callback(vcan, "down", config)
         programs = Programs(folder)
         stack.callback(programs.close)
         print("canwire: three ECUs on one simulated CAN bus, 500 kbit/s (config/demo.yaml)")
@@ -403,9 +488,11 @@ def main():
         demo.drive("car", flood=False)
         heading(3, f"The same, while dash floods with {FLOOD_ID} (cangen, 8 frames each ms)")
         demo.drive("car and flood", flood=True)
-        heading(4, "Bus load (canbusload rounds down, and goes by real time)")
+        heading(4, "CAN FD (config/demo-fd.yaml)")
+        demo.fd()
+        heading(5, "Bus load (canbusload rounds down, and goes by real time)")
         demo.loads()
-        heading(5, "Statistics from LCM")
+        heading(6, "Statistics from LCM")
         demo.numbers()
         demo.stop()
     for claim in demo.checks.skipped:
