@@ -391,7 +391,7 @@ class FdBus:
     def show(self):
         print("   Two ECUs, 2 Mbit/s in the data phase; engine writes 64 bytes in one frame:")
         self.arrives(FD_LONG)
-        print("   dash is classical. It comes onto the bus and takes the same frames for classical:")
+        print("   dash is classical. It comes onto the bus and takes such frames for classical:")
         link("up", FD_PORTS["dash"])
         wait_until(lambda: self.is_up("dash"), "dash on the bus")
         self.clash()

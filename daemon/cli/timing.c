@@ -93,7 +93,7 @@ static const char help[] =
     "\n"
     "tolerance is how far the clock of each node may be off, the smaller of sjw / (20 bits) and\n"
     "min(phase-seg1, phase-seg2) / (2 (13 bits - phase-seg2)). dtolerance is the smallest of\n"
-    "dsjw / (20 dbits), of min(dphase-seg1, dphase-seg2) / (2 ((6 dbits - dphase-seg2) dbrp / brp\n"
+    "dsjw / (20 dbits), of min(phase-seg1, phase-seg2) / (2 ((6 dbits - dphase-seg2) dbrp / brp\n"
     "+ 7 bits)), and of (dsjw - max(0, brp / dbrp - 1)) / (2 ((2 bits - phase-seg2) brp / dbrp +\n"
     "dphase-seg2 + 4 dbits)). tdco is that of Linux, with a dbrp of 1 or 2.\n"
     "\n"

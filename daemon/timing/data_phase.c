@@ -59,11 +59,12 @@ bool timing_data_beside(bit_timing *data, char problem[TIMING_PROBLEM_MAX],
 
 /* ---- Tolerance ------------------------------------------------------------------------------- */
 
-/* Spans are in clocks, which both phases have in common. */
+/* Spans are in clocks, which both phases have in common. The bit behind an error flag is a nominal
+ * one, so its phase segments take what the clocks have run apart. */
 uint32_t timing_tolerance_of_data_error_ppb(const bit_timing *nominal, const bit_timing *data)
 {
     const uint64_t slack =
-        (uint64_t)timing_least(data->phase_seg1, data->phase_seg2) * nominal->brp;
+        (uint64_t)timing_least(nominal->phase_seg1, nominal->phase_seg2) * nominal->brp;
     const uint64_t data_tq = ERROR_DATA_BITS * (uint64_t)timing_quanta(data) - data->phase_seg2;
     const uint64_t span = data_tq * data->brp + ERROR_BITS * timing_bit_clocks(nominal);
 

@@ -19,7 +19,7 @@ bool timing_data_beside(bit_timing *data, char problem[TIMING_PROBLEM_MAX],
                         const bit_timing *nominal, const timing_request *fast);
 
 /* Return how far the clock of each node may be off in the data phase (T10), in ppb, rounded down.
- * Behind a bit error it is min(dphase_seg1, dphase_seg2) / (2 ((6 dbits - dphase_seg2) dbrp / brp +
+ * Behind a bit error it is min(phase_seg1, phase_seg2) / (2 ((6 dbits - dphase_seg2) dbrp / brp +
  * 7 bits)). At the change of the rate it is (dsjw - max(0, brp / dbrp - 1)) / (2 ((2 bits -
  * phase_seg2) brp / dbrp + dphase_seg2 + 4 dbits)), or 0. */
 uint32_t timing_tolerance_of_data_error_ppb(const bit_timing *nominal, const bit_timing *data);

@@ -365,14 +365,15 @@ def both(clock, bitrate, dbitrate, *words):
 
 
 def tolerance_of(t):
-    """Returns T10 of the data phase; two of the three limits as python-can computes them."""
+    """Returns T10 of the data phase, as python-can computes it."""
     bit = 1 + t["prop-seg"] + t["phase-seg1"] + t["phase-seg2"]
     dbit = 1 + t["dprop-seg"] + t["dphase-seg1"] + t["dphase-seg2"]
-    phases = min(t["dphase-seg1"], t["dphase-seg2"])
-    error = (6 * dbit - t["dphase-seg2"]) * t["dbrp"] / t["brp"] + 7 * bit
     return max(0, min(
         bit_timing._oscillator_tolerance_condition_3(data_sjw=t["dsjw"], dbt=dbit),
-        phases / (2 * error),
+        bit_timing._oscillator_tolerance_condition_4(
+            nom_phase_seg1=t["phase-seg1"], nom_phase_seg2=t["phase-seg2"],
+            data_phase_seg2=t["dphase-seg2"], nbt=bit, dbt=dbit, data_brp=t["dbrp"],
+            nom_brp=t["brp"]),
         bit_timing._oscillator_tolerance_condition_5(
             data_sjw=t["dsjw"], data_brp=t["dbrp"], nom_brp=t["brp"],
             data_phase_seg2=t["dphase-seg2"], nom_phase_seg2=t["phase-seg2"], nbt=bit, dbt=dbit)))
@@ -427,7 +428,7 @@ def test_both_phases_as_text():
         "dphase-seg2   10 tq",
         "dsjw          5 tq",
         "dsample-point 75 %",
-        "dtolerance    0.37 %: 0.625 % by dsjw, 0.37 % behind an error, 0.532 % where the rate "
+        "dtolerance    0.532 %: 0.625 % by dsjw, 0.741 % behind an error, 0.532 % where the rate "
         "changes",
         "tdco          30 clocks"]
 
@@ -448,7 +449,7 @@ def test_a_sample_point_of_the_data_phase_needs_its_rate():
 
 
 def test_the_data_phases_of_a_configuration_as_a_table(table):
-    """The nominal bit has 160 tq. So c has 6 / (2 x ((120 - 6) x 2 + 7 x 160)) behind an error."""
+    """The limit of c is 3 / (2 x ((320 - 20) / 2 + 6 + 80)): 160 tq are a nominal bit."""
     text = ("bus: { name: fd, bitrate: 500000, dbitrate: 2000000 }\n"
             "nodes: [ { name: engine }, { name: b, kind: classical },\n"
             "  { name: c, tdc-mode: off, dbrp: 2, dprop-seg: 6, dphase-seg1: 7, dphase-seg2: 6 } ]")
@@ -457,5 +458,5 @@ def test_the_data_phases_of_a_configuration_as_a_table(table):
     assert data.splitlines() == [
         "data phase: dbitrate 2000000",
         "NODE    DTQ/NS     SEGMENTS  DBRP  SAMPLE/%  TOLERANCE/%     TDC  TDCO",
-        "engine    12.5   14-15-10/5     1        75         0.37    auto    30",
-        "c           25      6-7-6/3     2        70        0.222     off     -"]
+        "engine    12.5   14-15-10/5     1        75        0.531    auto    30",
+        "c           25      6-7-6/3     2        70        0.635     off     -"]
