@@ -108,15 +108,20 @@ static void print_mode(FILE *out, const char **before, const char *name)
     *before = ",";
 }
 
-/* Prints "<LISTEN-ONLY,ONE-SHOT,TDC-AUTO> ", or nothing. */
+/* Prints "<LISTEN-ONLY,ONE-SHOT,FD,TDC-AUTO> ", or nothing. */
 static void print_modes(FILE *out, const json_t *node)
 {
     const char *before = "<";
     const char *tdc = text(json_object_get(node, "data_timing"), "tdc-mode");
+    const char *kind = text(node, "kind");
     json_t *members = json_object_get(node, "settings");
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
         if (json_is_true(json_object_iter_value(i)))
             print_mode(out, &before, json_object_iter_key(i));
+    if (strcmp(kind, "fd") == 0 || strcmp(kind, "fd-tolerant") == 0)
+        print_mode(out, &before, kind);
+    if (json_is_true(json_object_get(node, "fd-non-iso")))
+        print_mode(out, &before, "fd-non-iso");
     if (strcmp(tdc, "auto") == 0)
         print_mode(out, &before, "tdc-auto");
     if (strcmp(tdc, "manual") == 0)

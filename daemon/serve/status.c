@@ -68,6 +68,21 @@ static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing
     return object;
 }
 
+/* Puts what a node makes of CAN FD frames, on a bus where there may be some. */
+static void put_kind(json_t *object, const cfg *config, unsigned index)
+{
+    const cfg_node *node = &config->nodes[index];
+    const bool tolerant = node->kind == CFG_KIND_FD_TOLERANT;
+    const bool fd = cfg_knows_fd(config, node);
+    if (!cfg_has_fd(config) && !tolerant)
+        return;
+    put_text(object, "kind", fd ? "fd" : tolerant ? "fd-tolerant" : "classical");
+    if (fd || tolerant)
+        put_bool(object, "protocol-exception", !node->no_exception);
+    if (fd)
+        put_bool(object, "fd-non-iso", config->fd_non_iso);
+}
+
 /* Puts the bit timing of the data phase, with the names of `ip link`, where the node has one. */
 static void put_data_timing(json_t *node, const cfg *config, const cw_bus *bus, unsigned index)
 {
@@ -125,6 +140,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_count(object, "tx_errors", errors->tx[node]);
     put(object, "settings", settings_to_json(&settings));
     put(object, "timing", timing_json(config, node, &settings.timing));
+    put_kind(object, config, node);
     put_data_timing(object, config, bus, node);
     put(object, "synchronisation", output_synchronisation(config, bus, node));
     output_put_data_errors(object, bus, node);

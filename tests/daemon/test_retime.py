@@ -265,6 +265,21 @@ def data_timing(bus, node):
     return bus.status()["nodes"][node]["data_timing"]
 
 
+def test_the_status_says_what_nodes_make_of_can_fd(watched):
+    run = watched(FAST)
+    nodes = run.bus.status()["nodes"]
+    assert [node["kind"] for node in nodes] == ["fd", "fd", "fd-tolerant"]
+    assert all(node["protocol-exception"] for node in nodes)
+    assert [node.get("fd-non-iso") for node in nodes] == [False, False, None]
+    run.end()
+
+
+def test_the_status_of_a_classical_bus_has_no_kinds(watched):
+    run = watched(PLAIN)
+    assert "kind" not in run.bus.status()["nodes"][0]
+    run.end()
+
+
 # Keys of a node, and what its data phase then has.
 DATA = [
     (["dbrp=2", "dprop-seg=6", "dphase-seg1=7", "dphase-seg2=6", "dsjw=2"],

@@ -280,6 +280,7 @@ static const char status[] =
     "\"nominal\":{\"bits\":1200,\"load_permille\":125},"
     "\"data\":{\"bits\":3400,\"load_permille\":87}},"
     "\"nodes\":[{\"name\":\"a\",\"state\":\"error-active\",\"tec\":8,\"rec\":1,"
+    "\"kind\":\"fd\",\"protocol-exception\":true,\"fd-non-iso\":true,"
     "\"settings\":{\"one-shot\":true,\"restart-ms\":100,\"warning-limit\":96},"
     "\"timing\":{\"bitrate\":500000,\"sample-point\":\"0.800\",\"tq_ps\":12500,\"prop-seg\":63,"
     "\"phase-seg1\":64,\"phase-seg2\":32,\"sjw\":32,\"brp\":1,\"clock\":80000000},"
@@ -310,7 +311,7 @@ static void the_status_has_the_lines_of_ip(void **state)
 {
     static const char *const lines[] = {
         "\n    fd-frames 7 nominal-bits 1200 load 12.5 % data-bits 3400 load 8.7 %\n",
-        "\n    can <ONE-SHOT,TDC-AUTO> state ERROR-ACTIVE (berr-counter tx 8 rx 1) ",
+        "\n    can <ONE-SHOT,FD,FD-NON-ISO,TDC-AUTO> state ERROR-ACTIVE (berr-counter tx 8 rx 1) ",
         "\n\t  clock 80000000\n",
         "\n\t  dbitrate 2000000 dsample-point 0.750\n",
         "\n\t  dtq 12.5 dprop-seg 14 dphase-seg1 15 dphase-seg2 10 dsjw 5 dbrp 1\n",
@@ -340,7 +341,7 @@ static void a_node_without_compensation_has_no_tdcv(void **state)
     json_object_set_new(json_object_get(node, "data_timing"), "tdc-mode", json_string("off"));
     status_print(out, root);
     assert_int_equal(fclose(out), 0);
-    assert_non_null(strstr(text, "can <ONE-SHOT> state"));
+    assert_non_null(strstr(text, "can <ONE-SHOT,FD,FD-NON-ISO> state"));
     assert_non_null(strstr(text, "dbitrate 2000000"));
     assert_null(strstr(text, "tdcv"));
     free(text);

@@ -261,13 +261,14 @@ static void settings_are_changed(void **state)
     int fd = connect_client(r);
     json_t *reply = grant(r, fd,
                           "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":true,"
-                          "\"berr-reporting\":\"on\","
+                          "\"berr-reporting\":\"on\",\"restricted\":true,"
                           "\"lost-arbitration-reporting\":true,\"restart-ms\":\"250\",\"queue\":3,"
                           "\"order\":\"fifo\",\"warning-limit\":255}}");
     const json_t *now = json_object_get(reply, "settings");
     assert_true(is_on(now, "one-shot") && is_on(now, "berr-reporting"));
     assert_true(is_on(now, "lost-arbitration-reporting"));
     assert_false(is_on(now, "loopback"));
+    assert_true(is_on(now, "restricted"));
     assert_int_equal(number(now, "restart-ms"), 250);
     assert_int_equal(number(now, "queue"), 3);
     assert_string_equal(text(now, "order"), "fifo");
