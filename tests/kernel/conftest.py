@@ -249,15 +249,18 @@ def make_room_for_lcm():
 
 
 class Listener:
-    """Subscribes to all messages of one bus, and keeps them."""
+    """Subscribes to all messages of one bus, and keeps them. fd: to those of CAN FD, too."""
 
-    def __init__(self, types, bus):
+    def __init__(self, types, bus, fd=False):
         self.decoders = {
             f"CANWIRE.{bus}.BUS": (types.bus_stats_t, "bus"),
             f"CANWIRE.{bus}.NODE": (types.node_stats_t, "nodes"),
             f"CANWIRE.{bus}.EVENT": (types.event_t, "events"),
         }
-        self.bus, self.nodes, self.events = [], [], []
+        if fd:
+            self.decoders[f"CANWIRE.{bus}.FDBUS"] = (types.bus_fd_t, "fd_bus")
+            self.decoders[f"CANWIRE.{bus}.FDNODE"] = (types.node_fd_t, "fd_nodes")
+        self.bus, self.nodes, self.events, self.fd_bus, self.fd_nodes = [], [], [], [], []
         self.lcm = lcm.LCM(LCM_URL)
         for channel in self.decoders:
             name = channel.replace(".", "\\.")
@@ -320,8 +323,8 @@ def listen(lcm_types):
     """listen("bus") starts a Listener."""
     listeners = []
 
-    def start(bus):
-        listeners.append(Listener(lcm_types, bus))
+    def start(bus, **more):
+        listeners.append(Listener(lcm_types, bus, **more))
         return listeners[-1]
 
     yield start

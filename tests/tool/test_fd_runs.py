@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""CAN FD from `canwire sim` to other programs and back: sigrok, tshark and python-can read what a bus
-has carried, and a bus carries what python-can has written. Needs no CAN in the kernel.
+"""CAN FD from `canwire sim` to other programs and back. sigrok, tshark and python-can read what a
+bus has carried. A bus carries what python-can has written. Needs no CAN in the kernel.
 """
 
 import json
@@ -15,7 +15,8 @@ from simtool import run, sim
 ALL_64 = "".join(f"{n:02X}" for n in range(64))
 FRAMES = ["123##1DEADBEEF", "12345678##0" + "11" * 8, "7FE##1" + "22" * 12, "00000001##1" + ALL_64,
           "7FF##0", "123#DEADBEEF"]
-BUS = """bus: { name: fd, bitrate: 500000, sample-point: 0.8, dbitrate: 2000000, dsample-point: 0.8 }
+BUS = """
+bus: { name: fd, bitrate: 500000, sample-point: 0.8, dbitrate: 2000000, dsample-point: 0.8 }
 nodes:
   - name: a
     traffic:
