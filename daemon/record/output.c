@@ -305,13 +305,12 @@ static void put_fd(json_t *object, const cw_bus_stats *stats)
     put(object, "data", json_of_load(rate_load_data(&start, stats)));
 }
 
-bool output_has_fd(const cw_bus *bus)
+bool output_has_fd(const cfg *config, const cw_bus *bus)
 {
     cw_bus_stats stats;
-    cw_data_stats data;
 
     cw_bus_get_stats(bus, &stats);
-    return stats.fd_frames > 0 || cw_node_get_data_stats(bus, 0, &data) == CW_OK;
+    return stats.fd_frames > 0 || cfg_has_fd(config);
 }
 
 json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
@@ -335,7 +334,7 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     put_count(object, "undetected_errors", stats.undetected_errors);
     put_count(object, "faults", stats.faults);
     put_count(object, "pending", stats.pending);
-    if (output_has_fd(bus)) {
+    if (output_has_fd(config, bus)) {
         put_fd(object, &stats);
     }
     return object;

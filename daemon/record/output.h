@@ -34,9 +34,9 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus);
 json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats);
 json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 
-/* Returns true when there is anything to tell about CAN FD: nodes have a data rate, or there were
- * CAN FD frames. */
-bool output_has_fd(const cw_bus *bus);
+/* Returns true when there is anything to tell about CAN FD: some node knows it, or there were such
+ * frames before a reload. */
+bool output_has_fd(const cfg *config, const cw_bus *bus);
 
 /* Puts the errors that a node has found at the data rate, by type. Puts nothing on a bus without a
  * data rate. */

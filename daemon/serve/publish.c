@@ -499,7 +499,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     publish_bus(p, &stats);
-    if (output_has_fd(bus))
+    if (output_has_fd(p->config, bus))
         publish_bus_fd(p, &stats);
     for (unsigned i = 0; i < p->config->node_count; i++) {
         cw_node_stats node;

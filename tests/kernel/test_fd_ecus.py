@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What ECUs with CAN FD see on real vcan beside frames: ESI, error frames with their places, sockets
-with both sizes of messages, LCM, journal and recordings.
+"""CAN FD on real vcan, beside plain frames. ECUs see ESI and error frames with places. Sockets have
+messages of both sizes. LCM, journal and recordings know CAN FD.
 """
 
 import json

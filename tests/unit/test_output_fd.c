@@ -171,9 +171,24 @@ static void a_classical_bus_tells_nothing_of_it(void **state)
     assert_null(json_object_get(bus, "fd_frames"));
     assert_null(json_object_get(bus, "data"));
     assert_null(json_object_get(node, "data_errors"));
-    assert_false(output_has_fd(r.bus));
+    assert_false(output_has_fd(&config, r.bus));
     assert_false(data_timing_now(&t, &config, r.bus, 0));
     json_decref(root);
+    free(r.memory);
+}
+
+/* Before the first frame, too. */
+static void a_bus_with_a_node_that_knows_can_fd_tells_of_it(void **state)
+{
+    rig r = begin(CW_CLASSICAL, false);
+    cfg_node kinds[] = {nodes[0], {.name = b_name, .kind = CFG_KIND_FD}};
+    cfg known = config;
+
+    (void)state;
+    known.nodes = kinds;
+    assert_true(output_has_fd(&known, r.bus));
+    kinds[1].kind = CFG_KIND_FD_TOLERANT;
+    assert_false(output_has_fd(&known, r.bus));
     free(r.memory);
 }
 
@@ -353,6 +368,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(loads_are_divided_by_rate),
         cmocka_unit_test(a_classical_bus_tells_nothing_of_it),
+        cmocka_unit_test(a_bus_with_a_node_that_knows_can_fd_tells_of_it),
         cmocka_unit_test(a_bus_without_a_data_rate_tells_its_frames),
         cmocka_unit_test(the_statistics_of_both_rates),
         cmocka_unit_test(the_data_phase_of_a_node),

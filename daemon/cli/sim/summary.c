@@ -57,7 +57,7 @@ void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
             "%" PRIu64 " fault hits\n",
             config->bus_name, time, config->bitrate_bps, stats.frames, load / 10, load % 10,
             stats.error_frames, stats.faults);
-    if (output_has_fd(bus))
+    if (output_has_fd(config, bus))
         print_fd(out, &stats);
     fprintf(out, "%-16s %-13s %4s %4s %9s %9s %8s %8s %8s %7s\n", "node", "state", "tec", "rec",
             "tx", "rx", "arb-lost", "errors", "dropped", "queued");
