@@ -331,6 +331,18 @@ static request make_change(const char *name, unsigned flags)
     return r;
 }
 
+/* Sets a link up that was up before. The error is that of what has failed meanwhile. */
+static void set_up_again(links *l, const char *name)
+{
+    char error[ERROR_BYTES];
+    const bool unanswered = l->unanswered;
+    request up = make_change(name, IFF_UP);
+    memcpy(error, l->error, sizeof error);
+    (void)ask(l, &up, NULL, NULL);
+    memcpy(l->error, error, sizeof error);
+    l->unanswered = unanswered;
+}
+
 int links_set_mtu(links *l, const char *name, unsigned mtu)
 {
     request down = make_change(name, 0);
@@ -339,7 +351,10 @@ int links_set_mtu(links *l, const char *name, unsigned mtu)
         return number;
     request up = make_change(name, IFF_UP); /* the kernel changes the MTU first */
     put_mtu(&up, mtu);
-    return ask(l, &up, NULL, NULL);
+    number = ask(l, &up, NULL, NULL);
+    if (number != 0)
+        set_up_again(l, name);
+    return number;
 }
 
 int links_set(links *l, const char *name, const char *alias)

@@ -21,7 +21,7 @@ import pytest
 from canbits import CLASSIC, Frame
 from conftest import CANWIRED, PATIENCE_S, CanSocket, assert_balance, wait_until
 from failing import Calls, Try, build_library
-from test_vcan import CANWIRE, PEERS, enter, netns, rig  # pylint: disable=unused-import
+from test_vcan import CANWIRE, PAIR, PEERS, enter, netns, rig  # pylint: disable=unused-import
 
 FILES = ("socketcan.c", "port.c", "claim.c", "linkwatch.c", "netdev.c", "links.c", "loopless.c",
          "vcan.c")
@@ -363,3 +363,29 @@ def test_canwire_vcan(verb, rig, netns, calls):  # pylint: disable=redefined-out
     go_through(CANWIRE, tries, attempt)
     assert run_vcan("down", rig.file).returncode == 0
     assert interfaces() == none
+
+
+def test_an_mtu_that_does_not_change(rig, calls):  # pylint: disable=redefined-outer-name
+    """The interface is down for a moment. When the next request fails it comes up again."""
+    rig("up", PAIR)
+    classical = seen_here()
+    assert classical["v0"] == (True, 16)
+    rig.file.write_text(PAIR.replace("500000", "500000, dbitrate: 2000000"))
+    calls.list_sites()
+    assert run_vcan("up", rig.file, calls.environment()).returncode == 0
+    assert seen_here()["v0"] == (True, 72)
+    sites = calls.sites()
+    functions, _ = callers_of(CANWIRE, sites)
+    ours = [s for s in sites
+            if s.call == "send" and "links_set_mtu" in map(functions.get, s.frames)]
+    assert len(ours) >= 2
+    fd_file = rig.file.read_text()
+    for site in ours:
+        calls.order(False)
+        rig("up", PAIR)
+        rig.file.write_text(fd_file)
+        calls.fail(Try(site, "ENOBUFS"))
+        run = run_vcan("up", rig.file, calls.environment())
+        assert calls.failed() == 1 and run.returncode == 1
+        assert "No buffer space available" in run.stderr
+        assert seen_here() == classical
