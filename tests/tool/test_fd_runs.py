@@ -103,8 +103,8 @@ def test_python_can_reads_the_log(carry):
 def changes(path, name):
     """Returns the values of a signal in a dump, each with its time in ns."""
     header, body = path.read_text().split("$enddefinitions $end\n")
-    scale = {"1 ns": 1, "10 ns": 10, "100 ns": 100}[
-        re.search(r"\$timescale (.*?) \$end", header).group(1)]
+    count, unit = re.search(r"\$timescale (\d+) (\w+) \$end", header).groups()
+    scale = int(count) * {"ps": 0.001, "ns": 1, "us": 1000}[unit]
     handle = re.search(rf"\$var \w+ \d+ (\S+) {re.escape(name)} \$end", header).group(1)
     now, found = 0, []
     for line in body.splitlines():
@@ -130,6 +130,17 @@ def test_bits_of_a_dump_have_their_lengths(carry):
     first, last = begins["data[0]"][0], begins["data[63]"][0] + 8 * 500
     edges = [t for t, _ in changes(path, "wire") if first <= t < last]
     assert len(edges) == 512 and {b - a for a, b in zip(edges, edges[1:])} == {500}
+
+
+@pytest.mark.parametrize("begin", range(30, 190, 9))
+def test_a_dump_begins_at_any_time(carry, tmp_path, begin):
+    """No bit need begin just then, since bits have several lengths."""
+    every = changes(carry("--vcd", "all.vcd", ["123##1" + "55" * 24]), "wire")
+    part = tmp_path / "part.vcd"
+    sim(tmp_path / "bus.yaml", "--vcd", part, "--from", f"{begin}us")
+    rest = changes(part, "wire")
+    due = [change for change in every if change[0] >= 1000 * begin + 2000]
+    assert rest[-len(due):] == due if due else len(rest) <= 2
 
 
 # ---- What python-can has written -----------------------------------------------------------------

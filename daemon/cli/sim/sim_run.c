@@ -230,8 +230,9 @@ static uint64_t next_look(const sim_run *s)
     return release_look_at(s->plan, s->bus);
 }
 
-/* Advances to a tick. Bits that no sink wants are left to the bus, which may skip them. Ends early
- * when a replay at full speed may send. */
+/* Advances to a tick. Bits that no sink wants are left to the bus, which may skip them. The last
+ * ones before a wanted time go singly: where bits have several lengths none need begin just then.
+ * Ends early when a replay at full speed may send. */
 static void advance(sim_run *s, uint64_t tick)
 {
     while (!is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
@@ -243,12 +244,13 @@ static void advance(sim_run *s, uint64_t tick)
             wanted = quiet_until(s, end);
         else
             s->calm_bits = 0; /* the first wanted bit must be shown */
-        now = wanted == cw_bus_now(s->bus);
+        end = least(end, wanted);
+        now = end < cw_bus_tick_after(s->bus, 1);
         set_watching(s, now);
         if (now || cw_bus_now(s->bus) >= s->careful_from)
             advance_bit(s);
         else
-            advance_bus(s, least(end, wanted));
+            advance_bus(s, end);
         if (look == CW_NEVER)
             continue;
         release_look(s->plan, s->bus);
