@@ -263,7 +263,9 @@ static bool check_time(journal_player *p)
         return fail(p, "at", "at: before the line above");
     if (live_config(p->live)->dbitrate_bps > 0) /* bits have several lengths */
         return true;
-    if (p->entry.at == cw_rate_bit_begin(rate, p->entry.at))
+    const uint64_t passed = p->entry.at - now; /* since the end of a bit; bits of a bus before a
+                                                  reload may have had other lengths */
+    if (passed == cw_rate_bit_begin(rate, passed))
         return true;
     journal_complain(p->reader, "at", "at: not the end of a bit, which has %" PRIu64 " ticks",
                      cw_rate_ticks(rate, 1));

@@ -375,3 +375,19 @@ def test_a_bus_without_a_data_rate_has_no_data_phase(watched):
     assert "dsjw: the bus has no data rate; bus: { dbitrate } gives it one" in run.refused(
         "dash", "dsjw=1")
     run.end()
+
+
+def test_a_bus_goes_to_classical_frames_and_back(watched):
+    """Bits that were shorter leave the ones behind them at any tick."""
+    run = watched(FAST)
+    run.wait_events(15)
+    classical = [(", dbitrate: 2000000", ""), ("123##1DEADBEEF0011223344", "123#DEADBEEF"),
+                 (", kind: fd-tolerant", "")]
+    run.reload(*classical)
+    run.wait_events(15)
+    run.set("dash", "one-shot=on")
+    run.wait_events(15)
+    run.reload((" bitrate: 500000", " bitrate: 500000, dbitrate: 4000000"),
+               ("123#DEADBEEF", "123##1DEADBEEF"))
+    run.wait_events(15)
+    run.end()
