@@ -169,6 +169,9 @@ static inline bool cw_timed_compares_late(const cw_bus *bus, unsigned node)
  * count. CW_SPAN_MAX: there is none. */
 cw_span cw_timed_common_begin(const cw_bus *bus);
 
+/* Returns true when bits of all nodes begin with the bit time, but of those that nobody sees. */
+bool cw_timed_begins_together(const cw_bus *bus);
+
 /* Lets nodes know the level of the wire that neither drive nor sample it. The bit time ends, and
  * all nodes have the same bit timings. */
 void cw_timed_show_wire(cw_bus *bus);

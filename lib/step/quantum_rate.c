@@ -166,6 +166,18 @@ cw_span cw_timed_common_begin(const cw_bus *bus)
     return common;
 }
 
+bool cw_timed_begins_together(const cw_bus *bus)
+{
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const timed_node *n = &bus->timed.nodes[i];
+        const bool begins = (n->ahead || n->pcs.sampled) && n->next_begin == now;
+        if (!is_away(&bus->nodes[i].mac) && !begins && n->begin != now)
+            return false;
+    }
+    return true;
+}
+
 /* Lets a node that is away begin a bit with the others. Nobody can see when its bits begin. */
 static void align(cw_bus *bus, unsigned i, cw_span moment)
 {

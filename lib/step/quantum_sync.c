@@ -14,6 +14,15 @@ static cw_sync_record *record_of(cw_bus *bus, unsigned i)
     return &bus->timed.records[i];
 }
 
+/* Returns true when bits of nodes do not all begin with the bit time. Nodes whose bit timings are
+ * alike come apart where they are at different rates (D11). */
+static bool is_apart(const cw_bus *bus)
+{
+    if (!bus->timed.uniform)
+        return true;
+    return bus->timed.rates && !cw_timed_begins_together(bus);
+}
+
 void cw_sync_begin_bit_time(cw_bus *bus)
 {
     cw_timed *t = &bus->timed;
@@ -22,7 +31,7 @@ void cw_sync_begin_bit_time(cw_bus *bus)
         t->records[i].measures = false;
     t->counts = counts;
     t->reports_syncs = cw_wants_event(bus, CW_EVENT_SYNC) && !t->uniform;
-    t->marking = bus->watching && t->mark_room > 0 && !t->uniform;
+    t->marking = bus->watching && t->mark_room > 0 && is_apart(bus);
     t->mark_count = 0;
 }
 

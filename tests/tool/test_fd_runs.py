@@ -143,6 +143,21 @@ def test_a_dump_begins_at_any_time(carry, tmp_path, begin):
     assert rest[-len(due):] == due if due else len(rest) <= 2
 
 
+def test_an_error_flag_in_the_data_phase_has_its_length(tmp_path):
+    """The bits of b no longer begin with those of the others (D11): six nominal ones, cut by a
+    synchronisation. Its bit error shows a that the flag has come between two bits of its own."""
+    (tmp_path / "bus.yaml").write_text(
+        "bus: { name: t, bitrate: 500000, dbitrate: 2000000 }\nnodes:\n"
+        "  - { name: a, traffic: [ { send: '123##1DEADBEEF' } ] }\n  - name: b\n  - name: c\n"
+        "faults: [ { name: f, when: { count: 1 }, do: { flip: 'fixed-stuff[2]', at: b } } ]\n")
+    sim(tmp_path / "bus.yaml", "--vcd", tmp_path / "f.vcd", "--to", "96us")
+    b = [c for c in changes(tmp_path / "f.vcd", "b.driven") if c[0] > 60000]
+    assert [level for _, level in b] == ["0", "1"] and b[0][0] == 80387
+    assert 11900 < b[1][0] - b[0][0] <= 12000
+    a = [c for c in changes(tmp_path / "f.vcd", "a.driven") if c[0] > 80000]
+    assert a[:2] == [(81375, "1"), (82000, "0")]
+
+
 # ---- What python-can has written -----------------------------------------------------------------
 
 @pytest.mark.parametrize("name", ["drive.asc", "drive.log"])
