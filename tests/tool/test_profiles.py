@@ -55,16 +55,20 @@ class Run:
             ENGINE_FRAMES, GEARBOX_FRAMES)
 
 
+def simulate(folder, text):
+    """Runs a scenario for 300 ms."""
+    scenario, events, stats = (folder / name for name in ("scenario.yaml", "events", "stats"))
+    scenario.write_text(text)
+    sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
+    return Run([json.loads(line) for line in events.read_text().splitlines()],
+               json.loads(stats.read_text()))
+
+
 @pytest.fixture
 def play(tmp_path):
     def run(name, parameters="", dash="", gearbox="{ send: 200#0102, every: 3ms, offset: 1ms }"):
-        scenario = tmp_path / "scenario.yaml"
-        scenario.write_text(SCENARIO.format(
+        return simulate(tmp_path, SCENARIO.format(
             file=PROFILES / f"{name}.yaml", parameters=parameters, dash=dash, gearbox=gearbox))
-        events, stats = tmp_path / "events", tmp_path / "stats"
-        sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
-        return Run([json.loads(line) for line in events.read_text().splitlines()],
-                   json.loads(stats.read_text()))
     return run
 
 
@@ -482,8 +486,7 @@ def test_bus_off_by_timing_on_a_quiet_bus(play):
 
 def test_xl_frame(tmp_path):
     """Profile "xl-frame": who reads it so leaves without an error; the dash acknowledges."""
-    scenario = tmp_path / "scenario.yaml"
-    scenario.write_text(f"""
+    run = simulate(tmp_path, f"""
 bus: {{ name: profiles, bitrate: 500000, dbitrate: 2000000 }}
 nodes:
   - {{ name: engine, traffic: [ {{ send: "123##1DEADBEEF", every: 2ms }} ] }}
@@ -491,10 +494,6 @@ nodes:
   - name: dash
 profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ sender: engine, reader: gearbox }} }} ]
 """)
-    events, stats = tmp_path / "events", tmp_path / "stats"
-    sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
-    run = Run([json.loads(line) for line in events.read_text().splitlines()],
-              json.loads(stats.read_text()))
     assert run.counts["gearbox", "protocol-exception"] == ENGINE_FRAMES == run.counts["dash", "rx"]
     assert not run.of("error") and not run.counts["gearbox", "rx"]
 
@@ -503,8 +502,7 @@ profiles: [ {{ file: {PROFILES}/xl-frame.yaml, with: {{ sender: engine, reader: 
 def play_fd(tmp_path):
     """Plays a profile with two senders of CAN FD frames and a listener."""
     def run(name, parameters, flags, dbitrate=2000000, delay=""):
-        scenario = tmp_path / "scenario.yaml"
-        scenario.write_text(f"""
+        return simulate(tmp_path, f"""
 bus: {{ name: profiles, bitrate: 500000, sample-point: 0.8, dbitrate: {dbitrate} }}
 nodes:
   - {{ name: engine{delay}, traffic: [ {{ send: "123##{flags}DEADBEEF", every: 2ms }} ] }}
@@ -512,10 +510,6 @@ nodes:
   - {{ name: dash{delay} }}
 profiles: [ {{ file: {PROFILES}/{name}.yaml, with: {{ {parameters} }} }} ]
 """)
-        events, stats = tmp_path / "events", tmp_path / "stats"
-        sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
-        return Run([json.loads(line) for line in events.read_text().splitlines()],
-                   json.loads(stats.read_text()))
     return run
 
 
@@ -582,15 +576,9 @@ nodes:
 @pytest.fixture
 def play_older(tmp_path):
     def run(name, parameters="", frame="123##1DEADBEEF", gearbox="", dash=""):
-        scenario = tmp_path / "scenario.yaml"
         profiles = f"profiles: [ {{ file: {PROFILES}/{name}.yaml, with: {{ {parameters} }} }} ]"
-        scenario.write_text(FD_SCENARIO.format(
-            frame=frame, gearbox=gearbox, dash=dash,
-            profiles=profiles if name else ""))
-        events, stats = tmp_path / "events", tmp_path / "stats"
-        sim(scenario, "--until", "300ms", "--events", events, "--stats", stats)
-        return Run([json.loads(line) for line in events.read_text().splitlines()],
-                   json.loads(stats.read_text()))
+        return simulate(tmp_path, FD_SCENARIO.format(
+            frame=frame, gearbox=gearbox, dash=dash, profiles=profiles if name else ""))
     return run
 
 
