@@ -403,7 +403,7 @@ typedef struct cw_fd_part {
     bool acknowledged;   /* transmitter: the first bit of the ACK slot was dominant (D7) */
     bool fast;           /* the next bit is sampled at the data rate (D10) */
     bool compares_late;  /* the transmitter does not compare at its sample points (D13) */
-    bool late_error;     /* ... and has found a bit error since the last one */
+    uint8_t late_error;  /* ... and has found an error since the last one: 1 + cw_error_type */
     cw_frame rx;         /* in place of the ones of cw_mac */
     cw_frame offer;      /* the frame of tx */
     cw_bits tx;
@@ -592,6 +592,7 @@ typedef struct cw_late_compare {
     int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* begins of the last bits, in a ring: the n-th after BRS
                                               is at n modulo the size */
     uint64_t sent;       /* their levels, the newest lowest */
+    uint64_t fixed;      /* those that are fixed stuff bits, likewise */
     uint32_t passed;     /* clocks that have been looked at */
     uint32_t delay;      /* clocks: tdcv as measured, or given */
     uint32_t begun;      /* bits after BRS */

@@ -20,7 +20,7 @@ void cw_mac_fd_begin(cw_mac *m)
     fd->crc17 = cw_crc_begin(CW_CRC17_BITS, non_iso);
     fd->crc21 = cw_crc_begin(CW_CRC21_BITS, non_iso);
     fd->stuff_bits = 0;
-    fd->late_error = false;
+    fd->late_error = 0;
     fd->acknowledged = false;
     m->crc_error = false; /* a non-ISO frame has no stuff count to judge first */
     memset(&fd->rx, 0, sizeof fd->rx);
@@ -117,7 +117,8 @@ bool cw_mac_passes_delimiter(const cw_mac *m)
            m->part == CW_PART_CRC_DELIMITER;
 }
 
-void cw_mac_note_late_error(cw_mac *m)
+void cw_mac_note_late_error(cw_mac *m, cw_error_type error)
 {
-    m->fd->late_error = cw_mac_is_fast(m) && cw_mac_sends(m);
+    if (!m->fd->late_error && cw_mac_is_fast(m) && cw_mac_sends(m))
+        m->fd->late_error = (uint8_t)(1 + error);
 }

@@ -62,6 +62,7 @@ void cw_late_begin_bit(cw_late_compare *late, const cw_mac *m, bool level, int64
         return;
     late->begun_at[late->begun % KEPT] = moment;
     late->sent = late->sent << 1 | level;
+    late->fixed = late->fixed << 1 | (cw_mac_has_fixed_stuffing(m) && cw_mac_stuff_bit_due(m));
     late->begun++;
 }
 
@@ -90,10 +91,11 @@ bool cw_late_is_due(const cw_late_compare *late, const cw_mac *m, int64_t *momen
     return cw_mac_is_fast(m) && cw_mac_is_sending(m) && late->compared < late->begun;
 }
 
-bool cw_late_compare_next(cw_late_compare *late, bool level)
+bool cw_late_compare_next(cw_late_compare *late, bool level, cw_error_type *error)
 {
     const unsigned back = late->begun - 1 - late->compared;
     late->compared++;
+    *error = back < KEPT && (late->fixed >> back & 1u) ? CW_ERROR_FORM : CW_ERROR_BIT;
     return back < KEPT && (late->sent >> back & 1u) != level;
 }
 

@@ -794,8 +794,9 @@ static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
 static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (m->fd && m->fd->late_error) {
-        m->fd->late_error = false;
-        detect(m, CW_ERROR_BIT, r);
+        const cw_error_type error = (cw_error_type)(m->fd->late_error - 1);
+        m->fd->late_error = 0;
+        detect(m, error, r);
         return;
     }
     if (m->fd && (cw_mac_compares_late(m) || cw_mac_passes_delimiter(m)))

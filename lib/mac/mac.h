@@ -77,9 +77,9 @@ void cw_mac_note_edge(cw_mac *mac);
  * (D13). */
 bool cw_mac_compares_late(const cw_mac *mac);
 
-/* Notes that a comparison has found a bit error. The controller acts on it at its next sample
- * point, as long as the data phase lasts (D13). */
-void cw_mac_note_late_error(cw_mac *mac);
+/* Notes that a comparison has found an error. The controller acts on the first one at its next
+ * sample point, as long as the data phase lasts (D13). */
+void cw_mac_note_late_error(cw_mac *mac, cw_error_type error);
 
 /* Returns the wire bits of the offered frame. */
 static inline const cw_bits *cw_mac_tx(const cw_mac *mac)

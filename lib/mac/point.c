@@ -64,7 +64,7 @@ static void go_to_fd_point(cw_fd_part *fd, const cw_fd_part *there)
     fd->crc21 = there->crc21;
     fd->stuff_bits = there->stuff_bits;
     fd->fast = there->fast;
-    fd->late_error = false;
+    fd->late_error = 0;
     fd->rx = there->rx; /* with what is behind the data: it is compared, too */
 }
 

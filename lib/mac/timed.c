@@ -150,12 +150,13 @@ static unsigned end_quantum(cw_timed_mac *c, bool level, cw_mac_report *report)
 static void pass(cw_timed_mac *c, uint32_t clocks, bool level)
 {
     int64_t moment;
+    cw_error_type error;
     c->now += clocks;
     while (cw_late_measures(&c->late, &c->mac, &moment) && moment <= c->now)
         cw_late_measure(&c->late, moment < c->now || level);
     while (cw_late_is_due(&c->late, &c->mac, &moment) && moment <= c->now)
-        if (cw_late_compare_next(&c->late, level))
-            cw_mac_note_late_error(&c->mac);
+        if (cw_late_compare_next(&c->late, level, &error))
+            cw_mac_note_late_error(&c->mac, error);
 }
 
 unsigned cw_timed_mac_quantum(cw_timed_mac *c, bool level, cw_mac_report *report)

@@ -80,11 +80,12 @@ __attribute__((noinline)) void cw_timed_compare_late(cw_bus *bus, unsigned i, cw
 {
     cw_mac *m = &bus->nodes[i].mac;
     cw_late_compare *late = &rates_of(bus, i)->late;
+    cw_error_type error;
     cw_span moment;
     measure(bus, i, until);
     while (cw_late_is_due(late, m, &moment) && moment <= until) {
-        if (cw_late_compare_next(late, cw_timed_level(bus, i, moment)))
-            cw_mac_note_late_error(m);
+        if (cw_late_compare_next(late, cw_timed_level(bus, i, moment), &error))
+            cw_mac_note_late_error(m, error);
     }
 }
 

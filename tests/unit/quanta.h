@@ -42,6 +42,7 @@ typedef struct quanta_data {
     int64_t delay;
     int64_t begun_at[QUANTA_LATE]; /* own bits of the data phase that are not compared yet */
     bool sent[QUANTA_LATE];
+    cw_error_type error[QUANTA_LATE]; /* what a difference is: form for fixed stuff bits (D14) */
     unsigned count;
 } quanta_data;
 
@@ -266,6 +267,7 @@ static inline void quanta_remember(quanta_node *n)
         return;
     assert(d->count < QUANTA_LATE);
     d->begun_at[d->count] = n->now;
+    d->error[d->count] = place.field == CW_FIELD_FIXED_STUFF ? CW_ERROR_FORM : CW_ERROR_BIT;
     d->sent[d->count++] = n->mac.driven;
 }
 
@@ -380,21 +382,20 @@ static inline void quanta_compare_late(quanta *q, unsigned i)
     if (!n->knows_fd || d->tdc.mode == CW_TDC_OFF || !cw_mac_is_sending(&n->mac))
         return;
     quanta_measure_delay(q, i);
-    bool wrong = false;
     unsigned left = 0;
     for (unsigned k = 0; k < d->count; k++) {
         const int64_t after = d->delay + d->tdc.tdco * d->clock;
         const int64_t at = d->begun_at[k] + (after > 0 ? after : d->clock);
         if (n->fast && at <= n->now) {
-            wrong = wrong || quanta_level_at(q, i, at) != d->sent[k];
+            if (quanta_level_at(q, i, at) != d->sent[k])
+                cw_mac_note_late_error(&n->mac, d->error[k]);
             continue;
         }
         d->begun_at[left] = d->begun_at[k];
+        d->error[left] = d->error[k];
         d->sent[left++] = d->sent[k];
     }
     d->count = left;
-    if (wrong)
-        cw_mac_note_late_error(&n->mac);
 }
 
 /* Goes on with the bit as if it had been at the other rate since its begin (D10). */
