@@ -70,7 +70,8 @@ static uint16_t queue_room(const cw_bus_config *c, unsigned node)
 static unsigned least_ring(const cw_bus_config *c)
 {
     const unsigned rules = (unsigned)c->rule_count + c->rule_room;
-    unsigned events = cw_bits_of_bit_time(c) * c->node_count * CW_EVENTS_PER_NODE + 2u * rules +
+    const unsigned bits = cw_bits_of_bit_time(c);
+    unsigned events = bits * c->node_count * CW_EVENTS_PER_NODE + (bits + 1) * rules +
                       2u * c->inbox + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
         events += queue_room(c, i);

@@ -46,6 +46,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
         .can_take = can_take,
         .time = time_so_far,
         .bit_length = cw_timed_bit_length,
+        .end_of_bit = cw_timed_end_of_bit,
     };
     bus->rules.bus = (cw_rule_bus){.time = &bus->time,
                                    .node_count = bus->node_count,

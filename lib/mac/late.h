@@ -38,8 +38,8 @@ void cw_late_measure(cw_late_compare *late, bool level);
 /* Returns true when a bit is still to be compared. *moment is its secondary sample point. */
 bool cw_late_is_due(const cw_late_compare *late, const cw_mac *mac, int64_t *moment);
 
-/* Compares that bit with what the controller sees there. Returns true when it is wrong: a form error
- * in a fixed stuff bit (D14), or else a bit error. */
+/* Compares that bit with what the controller sees there. Returns true when it is wrong: that is a
+ * form error in a fixed stuff bit (D14), else a bit error. */
 bool cw_late_compare_next(cw_late_compare *late, bool level, cw_error_type *error);
 
 /* Returns the delay in clocks: as measured last, or as given. */

@@ -91,13 +91,35 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule)
     cw_rule_act(set, rule);
 }
 
+static void emit(cw_rule_set *set, unsigned rule)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (s->hit_now)
+        cw_rule_report_hit(set, rule, cw_least(s->hit_at, cw_rules_now(set)));
+    s->hit_now = false;
+}
+
+void cw_rule_note_hit(cw_rule_set *set, unsigned rule, uint64_t end)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (s->hit_now && s->hit_at < end)
+        cw_rule_report_hit(set, rule, s->hit_at); /* by a clock of its own: an earlier bit */
+    s->hit_now = true;
+    s->hit_at = end;
+    cw_rule_wake(set, rule);
+}
+
 void cw_rules_emit(cw_rule_set *set)
 {
-    for (unsigned i = 0; i < set->awake_count; i++) {
-        cw_rule_state *s = cw_rule_at(set, set->awake[i]);
-        if (s->hit_now)
-            cw_rule_report_hit(set, set->awake[i], cw_rules_now(set));
-        s->hit_now = false;
-    }
+    for (unsigned i = 0; i < set->awake_count; i++)
+        if (cw_rule_at(set, set->awake[i])->hit_at <= cw_rules_now(set))
+            emit(set, set->awake[i]);
+    cw_rules_fall_asleep(set);
+}
+
+void cw_rules_emit_rest(cw_rule_set *set)
+{
+    for (unsigned i = 0; i < set->awake_count; i++)
+        emit(set, set->awake[i]);
     cw_rules_fall_asleep(set);
 }

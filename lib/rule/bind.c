@@ -13,7 +13,8 @@ static void match_transmission(cw_rule_set *set, unsigned rule, unsigned node)
     bool again = s->hit_now;
     if (!again && !cw_rule_begins(set, rule, cw_rules_now(set), reported))
         return;
-    s->hit_now = !cw_rule_is(s, CW_RANDOM_BITS);
+    if (!cw_rule_is(s, CW_RANDOM_BITS))
+        cw_rule_note_hit(set, rule, reported);
     if (cw_rule_is(s, CW_LASTS))
         cw_rule_begin_window(set, rule, cw_node_bit(node));
     else
@@ -43,9 +44,8 @@ bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame)
         } else if (cw_rule_names(r->nodes, self) &&
                    (s->hit_now ||
                     cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))) {
-            s->hit_now = true;
+            cw_rule_note_hit(set, rule, cw_rules_bit_end(set));
             wrong_crc = true;
-            cw_rule_wake(set, rule);
         }
     }
     return wrong_crc;

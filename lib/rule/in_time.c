@@ -55,6 +55,14 @@ static void pulse(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span
 
 /* ---- Positions ------------------------------------------------------------------------------- */
 
+/* Takes armings up to the begin of the bit. Rules that fire when they are armed do so at bit times
+ * of the bus. */
+static void arm_for_bit(cw_rule_state *s, uint64_t tick)
+{
+    while (s->rule.trigger != CW_TRIGGER_ARMED && cw_rule_next_arming(s) <= tick)
+        cw_rule_take_arming(s, tick);
+}
+
 /* Ends what rules do to the bits that end now, of these nodes. */
 static void end_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment)
 {
@@ -89,16 +97,35 @@ static bool was_just_reached(const cw_rule_set *set, const cw_rule_state *s, uin
     return other && s->disturbs && tick - s->reached_at < cw_rules_bit_end(set) - tick;
 }
 
-static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule, uint64_t nodes,
-                          cw_span moment)
+/* Returns true when a transmitter reaches the position with a bit that begins at this tick. */
+static bool reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t tick)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    bool begins = s->bits_left > 0 && (nodes >> s->source & 1u);
     const uint64_t there = s->bound & nodes ? cw_rule_nodes_at_position(set, s, nodes) : 0;
-    if (there && !was_just_reached(set, s, there) && cw_rule_reaches(set, rule, there)) {
+    if (!there || was_just_reached(set, s, there))
+        return false;
+    arm_for_bit(s, tick);
+    const unsigned node = cw_lowest_node(there);
+    return cw_rule_reaches(set, rule, there, tick,
+                           set->bus.effects->end_of_bit(set->bus.self, node));
+}
+
+/* An edge has ended the bit of the hit early. */
+static void end_hit(cw_rule_state *s, uint64_t nodes, uint64_t tick)
+{
+    if (s->hit_now && (nodes >> s->source & 1u))
+        s->hit_at = cw_least(s->hit_at, tick);
+}
+
+static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule, uint64_t nodes,
+                          cw_span moment, uint64_t tick)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    end_hit(s, nodes, tick);
+    bool begins = s->bits_left > 0 && (nodes >> s->source & 1u);
+    if (reaches(set, rule, nodes, tick)) {
         cw_disturb_end(all, rule, moment);
         s->reached_at = cw_rules_now(set);
-        s->source = (uint8_t)cw_lowest_node(there);
         begins = true;
     }
     if (begins && s->rule.action == CW_ACTION_PULSE)
@@ -108,14 +135,14 @@ static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule,
 }
 
 void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,
-                         uint64_t driven)
+                         uint64_t tick, uint64_t driven)
 {
     set->driven = cw_rules_change_lines(set, driven);
     end_bits(set, all, nodes, moment);
     for (unsigned i = 0; i < set->awake_count; i++) {
         const unsigned rule = set->awake[i];
         if (cw_rule_is(cw_rule_at(set, rule), CW_HAS_POSITION))
-            begin_bits_of(set, all, rule, nodes, moment);
+            begin_bits_of(set, all, rule, nodes, moment, tick);
     }
 }
 

@@ -182,12 +182,12 @@ void cw_rule_pass_bit(cw_rule_state *s, cw_span length)
 }
 
 /* A new hit while an action is under way begins it again. */
-bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes)
+bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t begin, uint64_t end)
 {
     cw_rule_state *s = &set->rules[rule];
-    if (nodes == 0 || !cw_rule_match(set, rule, cw_rules_now(set), cw_rules_bit_end(set)))
+    if (nodes == 0 || !cw_rule_match(set, rule, begin, end))
         return false;
-    s->hit_now = true;
+    cw_rule_note_hit(set, rule, end);
     s->source = (uint8_t)cw_lowest_node(nodes);
     if (s->rule.at == 0)
         s->on_wire = wires_of(set, nodes); /* the bit of that wire alone */
@@ -267,7 +267,8 @@ static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw
 {
     cw_rule_check_scope(set, rule);
     if (s->bound)
-        (void)cw_rule_reaches(set, rule, cw_rule_nodes_at_position(set, s, ALL_NODES));
+        (void)cw_rule_reaches(set, rule, cw_rule_nodes_at_position(set, s, ALL_NODES),
+                              cw_rules_now(set), cw_rules_bit_end(set));
     if (!acts_now(s))
         return;
     plan->wire |= s->on_wire;

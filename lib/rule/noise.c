@@ -41,7 +41,7 @@ static inline uint64_t draw_bit(const cw_rule_set *set, const cw_rule *r, cw_prn
 static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
 {
     *levels ^= flipped;
-    s->hit_now = true;
+    cw_rule_note_hit(set, cw_rule_index(set, s), cw_rules_bit_end(set));
     cw_rule_count_hit(set, cw_rule_index(set, s), cw_rules_bit_end(set));
     if (cw_rule_is_over(s))
         cw_rule_end_action(set, cw_rule_index(set, s));

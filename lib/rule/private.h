@@ -172,6 +172,9 @@ bool cw_rule_needs_bits(const cw_rule_state *state);
 /* Returns whether a rule that is no position action begins to act: its match is a hit. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
+/* Notes a hit, which becomes an event at the end of its bit, a tick. */
+void cw_rule_note_hit(cw_rule_set *set, unsigned rule, uint64_t end);
+
 /* Lets the rule act from now on, for its time or once. */
 void cw_rule_act(cw_rule_set *set, unsigned rule);
 
@@ -209,8 +212,9 @@ uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven);
 uint64_t cw_rule_nodes_at_position(const cw_rule_set *set, cw_rule_state *state, uint64_t nodes);
 
 /* Notes that such nodes are in the named bit. Returns true when that is a hit, and the action
- * begins. */
-bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes);
+ * begins. begin, end: ticks of that bit. */
+bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t begin,
+                     uint64_t end);
 
 /* Ends an action for one transmission with that transmission. */
 void cw_rule_check_scope(cw_rule_set *set, unsigned rule);

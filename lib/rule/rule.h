@@ -46,7 +46,7 @@ typedef struct cw_rule_state {
     bool used;            /* the place holds a rule */
     bool awake;           /* in the awake list: looked at in every bit */
     bool active;          /* acting, see active_until */
-    bool hit_now;         /* hit in the bit in progress; it becomes an event at its end */
+    bool hit_now;         /* hit in the bit in progress; it becomes an event at its end ... */
     bool to_act;          /* hit, and it acts at the end of the bit */
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     bool open;            /* no time, arming or place in a frame keeps it from a match */
@@ -71,6 +71,7 @@ typedef struct cw_rule_state {
     uint64_t taken;       /* matches that were not passed over */
     uint64_t hits;
     uint64_t last_hit;    /* tick */
+    uint64_t hit_at;      /* ... tick of that end, if hit_now */
     uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */
     uint64_t arm_at[CW_ARMINGS_MAX]; /* ticks of the armings under way, sorted */
     unsigned armings;
@@ -133,6 +134,8 @@ typedef struct cw_rule_effects {
     uint64_t (*time)(const cw_bus *bus, uint64_t *busy);
     /* Returns the length of a transmitter's bit that has begun, by an exact clock. */
     cw_span (*bit_length)(const cw_bus *bus, unsigned node);
+    /* Returns the tick at which the bit of a node with its own clock will end, if no edge comes. */
+    uint64_t (*end_of_bit)(const cw_bus *bus, unsigned node);
 } cw_rule_effects;
 
 /* The part of the bus that rules see. It is set when the bus is made, and rules change nothing in
@@ -448,12 +451,16 @@ bool cw_rules_delay_edges(const cw_rule_set *set);
 /* Returns how late an edge of a node comes, by rules on jitter. */
 cw_span cw_rules_edge_delay(cw_rule_set *set, unsigned node);
 
-/* Nodes begin a bit at a moment; rules on positions act in it. driven: as in cw_levels. */
+/* Nodes begin a bit at a moment, which is a tick or comes before it; rules on positions act in it.
+ * driven: as in cw_levels. */
 void cw_rules_begin_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_span moment,
-                         uint64_t driven);
+                         uint64_t tick, uint64_t driven);
 
-/* Reports the hits of the bit that has ended. */
+/* Reports the hits of the bits that have ended by now. */
 void cw_rules_emit(cw_rule_set *set);
+
+/* Reports all hits. No bit of a node goes on beyond now. */
+void cw_rules_emit_rest(cw_rule_set *set);
 
 /* The wires of the bus, and the nodes that do not acknowledge, as the active rules say. */
 typedef struct cw_topology {

@@ -16,7 +16,8 @@ static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in
 {
     const cw_rule_set *set = &bus->rules;
     const uint64_t of_nodes = (uint64_t)bus->node_count * CW_EVENTS_PER_NODE;
-    return bus->timed.bits_of_bit_time * of_nodes + 2u * set->count + queued +
+    const uint64_t of_rules = (bus->timed.bits_of_bit_time + 1u) * (uint64_t)set->count;
+    return bus->timed.bits_of_bit_time * of_nodes + of_rules + queued +
            (handed_in + held + bus->node_count) * (1 + set->host_rules + set->copies);
 }
 

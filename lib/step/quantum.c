@@ -221,7 +221,7 @@ static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
     if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
         return;
     cw_rules_begin_bits(&bus->rules, &bus->timed.disturbances, nodes, moment,
-                        ~bus->timed.cable.dominant);
+                        cw_tick_of(bus, moment), ~bus->timed.cable.dominant);
     if (bus->timed.disturbances.count)
         cw_timed_alert(bus);
 }
@@ -382,6 +382,13 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
     cw_wire_go_to(&bus->time, now);
     n->report.what = 0;
     end_steadiness(bus);
+}
+
+uint64_t cw_timed_end_of_bit(const cw_bus *bus, unsigned i)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    return cw_tick_of(bus, bus->timed.rates ? cw_timed_expected_end(bus, i)
+                                            : after_quanta(n, n->pcs.end_at));
 }
 
 bool cw_timed_has_report(const cw_bus *bus)

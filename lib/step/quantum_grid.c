@@ -163,6 +163,8 @@ void cw_timed_leave(cw_bus *bus)
     if (t->cable.newest + t->cable.longest >= now || !all_begin_at(t, now))
         return;
     t->active = t->rates && cw_is_data_phase(bus);
+    if (bus->rules.awake_count && !t->active)
+        cw_rules_emit_rest(&bus->rules);
 }
 
 void cw_timed_rebase(cw_bus *bus)

@@ -94,6 +94,9 @@ bool cw_timed_has_report(const cw_bus *bus);
  * as that of the bus. Some node must have a data rate. */
 cw_span cw_timed_bit_length(const cw_bus *bus, unsigned node);
 
+/* Returns the tick at which the bit of a node will end, if no edge comes. */
+uint64_t cw_timed_end_of_bit(const cw_bus *bus, unsigned node);
+
 /* Takes over the nodes of an old bus that is off the grid, in the middle of their bits. from: as in
  * cw_bus_take_over(). */
 void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);

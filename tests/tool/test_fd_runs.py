@@ -158,6 +158,33 @@ def test_an_error_flag_in_the_data_phase_has_its_length(tmp_path):
     assert a[:2] == [(81375, "1"), (82000, "0")]
 
 
+ONE_BY_ONE = [f"data[2.{n}]" for n in range(1, 8)] + ["fixed-stuff[1]"]
+
+
+def events_of(tmp_path, node):
+    (tmp_path / "bus.yaml").write_text(
+        "bus: { name: t, bitrate: 500000, dbitrate: 2000000 }\nnodes:\n"
+        f"  - {{ name: a, traffic: [ {{ send: '123##100112233445566' }} ]{node} }}\n  - name: b\n"
+        "faults:\n  - { name: f0, when: { count: 1 }, do: { flip: 'data[2.0]', at: b } }\n" +
+        "".join(f"  - {{ name: f{n}, when: {{ count: 1, after: {{ rule: f{n - 1} }} }},\n"
+                f"      do: {{ flip: '{place}', at: b }} }}\n"
+                for n, place in enumerate(ONE_BY_ONE, 1)))
+    result = sim(tmp_path / "bus.yaml", "--events", "-")
+    return [json.loads(line) for line in result.stdout.splitlines()]
+
+
+def test_faults_come_at_the_ends_of_bits_of_the_data_phase(tmp_path):
+    """Clocks that hardly differ change neither their hits nor their times, up to the rounding of a
+    tick. The bits of such a bus itself are nominal ones."""
+    equal = events_of(tmp_path, "")
+    assert [e["rule"] for e in equal if e["event"] == "fault"] == [f"f{n}" for n in range(9)]
+    apart = events_of(tmp_path, ", ppm: 1")
+    assert len(apart) == len(equal)
+    for one, other in zip(equal, apart):
+        assert abs(one.pop("t") - other.pop("t")) < 50e-9
+        assert one == other
+
+
 # ---- What python-can has written -----------------------------------------------------------------
 
 @pytest.mark.parametrize("name", ["drive.asc", "drive.log"])

@@ -42,7 +42,7 @@ typedef struct quanta_data {
     int64_t delay;
     int64_t begun_at[QUANTA_LATE]; /* own bits of the data phase that are not compared yet */
     bool sent[QUANTA_LATE];
-    cw_error_type error[QUANTA_LATE]; /* what a difference is: form for fixed stuff bits (D14) */
+    cw_error_type error[QUANTA_LATE]; /* if it differs: form for fixed stuff bits (D14) */
     unsigned count;
 } quanta_data;
 
