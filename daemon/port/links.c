@@ -345,14 +345,17 @@ static void set_up_again(links *l, const char *name)
 
 int links_set_mtu(links *l, const char *name, unsigned mtu)
 {
-    request down = make_change(name, 0);
-    int number = ask(l, &down, NULL, NULL);
+    link_info before;
+    int number = links_find(l, &before, name);
     if (number != 0)
         return number;
+    request down = make_change(name, 0);
+    number = ask(l, &down, NULL, NULL);
     request up = make_change(name, IFF_UP); /* the kernel changes the MTU first */
     put_mtu(&up, mtu);
-    number = ask(l, &up, NULL, NULL);
-    if (number != 0)
+    if (number == 0)
+        number = ask(l, &up, NULL, NULL);
+    if (number != 0 && before.up)
         set_up_again(l, name);
     return number;
 }

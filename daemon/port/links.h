@@ -47,8 +47,8 @@ int links_make_vcan(links *l, const char *name, unsigned mtu);
  * netns_fd, -1: in this one. */
 int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd, unsigned mtu);
 
-/* Changes the MTU of an interface, which is down for a moment, and sets it up, also when that
- * fails. */
+/* Changes the MTU of an interface, which is down for a moment, and sets it up. When that fails, it
+ * is up if it was up before. */
 int links_set_mtu(links *l, const char *name, unsigned mtu);
 
 /* Sets an interface up and gives it an alias; NULL keeps the alias. */

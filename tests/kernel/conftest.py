@@ -45,6 +45,12 @@ def wait_until(condition, what, timeout_s=PATIENCE_S):
     return value
 
 
+def listeners(interface, kind="all"):
+    """Returns the number of sockets that read an interface: all frames, or those of "err"."""
+    lists = Path(f"/proc/net/can/rcvlist_{kind}").read_text(encoding="ascii")
+    return sum(line.split()[:1] == [interface] for line in lists.splitlines())
+
+
 @pytest.fixture
 def vcan():
     """vcan(2) makes vcan0 and vcan1; mtu=72 lets FD frames through."""

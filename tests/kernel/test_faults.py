@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
-from conftest import CANWIRED, ROOT, wait_until
+from conftest import CANWIRED, ROOT, listeners, wait_until
 
 CANWIRE = os.environ.get("CANWIRE") or Path(CANWIRED).with_name("canwire")
 PROFILES = ROOT / "config/profiles"
@@ -51,17 +51,12 @@ class Candump:
 
     def __init__(self, file, interface):
         self.file = file
-        listeners = self.listeners(interface)
+        before = listeners(interface, "err")
         with file.open("w") as out:
             self.process = subprocess.Popen(
                 ["candump", "-L", "-r", str(RECEIVE_BUFFER_BYTES), f"{interface},0:0,#FFFFFFFF"],
                 stdout=out)
-        wait_until(lambda: self.listeners(interface) > listeners, "candump to listen")
-
-    @staticmethod
-    def listeners(interface):
-        lists = Path("/proc/net/can/rcvlist_err").read_text(encoding="ascii")
-        return sum(line.split()[:1] == [interface] for line in lists.splitlines())
+        wait_until(lambda: listeners(interface, "err") > before, "candump to listen")
 
     def all(self):
         lines = self.file.read_text(encoding="ascii").split("\n")[:-1]

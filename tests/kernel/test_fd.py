@@ -12,7 +12,7 @@ import threading
 import can
 import pytest
 
-from conftest import PATIENCE_S, ROOT, wait_until
+from conftest import PATIENCE_S, ROOT, listeners, wait_until
 
 CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
 BUS = """
@@ -59,9 +59,11 @@ class Dump:
     """A candump of an interface in the log format, without times."""
 
     def __init__(self, interface):
+        before = listeners(interface)
         self.process = subprocess.Popen([shutil.which("candump"), "-L", interface],
                                         stdout=subprocess.PIPE, text=True)
         self.lines = []
+        wait_until(lambda: listeners(interface) > before, "candump to listen")
         threading.Thread(target=self.read, daemon=True).start()
 
     def read(self):

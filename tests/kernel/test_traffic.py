@@ -9,7 +9,7 @@ import subprocess
 import pytest
 
 from canbits import Frame
-from conftest import PATIENCE_S, ROOT, wait_until
+from conftest import PATIENCE_S, ROOT, listeners, wait_until
 from test_faults import CANWIRE, Shell
 
 BIT_NS = 2000
@@ -216,20 +216,15 @@ CANDUMPS = {"log": ["-L"], "absolute": ["-t", "a"], "zero": ["-t", "z", "-x", "-
             "delta": ["-t", "d"], "date": ["-t", "A"]}
 
 
-def listeners():
-    with open("/proc/net/can/rcvlist_all", encoding="ascii") as lists:
-        return lists.read().count("vcan0")
-
-
 def test_what_candump_records_is_replayed(vcan, can_socket, tmp_path):
     vcan(1)
     sender = can_socket("vcan0")
-    before = listeners()
+    before = listeners("vcan0")
     dumps = []
     for name, options in CANDUMPS.items():
         with (tmp_path / name).open("w") as out:
             dumps.append(subprocess.Popen(["candump", *options, "vcan0"], stdout=out))
-    wait_until(lambda: listeners() == before + len(CANDUMPS), "candump to listen")
+    wait_until(lambda: listeners("vcan0") == before + len(CANDUMPS), "candump to listen")
     sent = ["123#DEADBEEF", "12345678#", "7FF#1122334455667788", "001#R", "00000001#R8", "000#20"]
     for text in sent:
         sender.send(Frame.parse(text))
