@@ -1209,6 +1209,8 @@ typedef struct cw_mark {
     int16_t phase_error; /* RESYNC: in quanta */
     uint8_t node;
     bool level;       /* DRIVE, SAMPLE */
+    uint8_t phase;    /* cw_mac_phase of its bit in progress ... */
+    cw_place place;   /* ... and place, as in cw_bit_node */
 } cw_mark;
 
 /* A bit of bus time. In the sets of levels bit i is 1 where the level of node i is recessive, and 1

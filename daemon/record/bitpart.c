@@ -8,21 +8,24 @@
 
 #include <assert.h>
 
+bit_part bit_part_at(const cw_place *place, cw_mac_phase phase, bool sampled)
+{
+    bit_part part = {.field = place->field, .phase = phase};
+    if (bit_part_waits(phase) && sampled == CW_DOMINANT)
+        part.field = CW_FIELD_NONE;
+    else if (phase == CW_MAC_ERROR_WAIT) /* the first bit of the delimiter */
+        part.phase = CW_MAC_ERROR_DELIMITER;
+    else if (phase == CW_MAC_OVERLOAD_WAIT)
+        part.phase = CW_MAC_OVERLOAD_DELIMITER;
+    if (part.field == CW_FIELD_DATA)
+        part.byte = place->index / 8u;
+    return part;
+}
+
 bit_part bit_part_of(const cw_bit_view *bit, unsigned node)
 {
     const cw_bit_node *n = &bit->nodes[node];
-    bool dominant = !(bit->sampled >> node & 1u);
-    bool waits = n->phase == CW_MAC_ERROR_WAIT || n->phase == CW_MAC_OVERLOAD_WAIT;
-    bit_part part = {.field = n->place.field, .phase = n->phase};
-    if (waits && dominant)
-        part.field = CW_FIELD_NONE;
-    else if (n->phase == CW_MAC_ERROR_WAIT) /* the first bit of the delimiter */
-        part.phase = CW_MAC_ERROR_DELIMITER;
-    else if (n->phase == CW_MAC_OVERLOAD_WAIT)
-        part.phase = CW_MAC_OVERLOAD_DELIMITER;
-    if (part.field == CW_FIELD_DATA)
-        part.byte = n->place.index / 8u;
-    return part;
+    return bit_part_at(&n->place, n->phase, bit->sampled >> node & 1u);
 }
 
 bool bit_part_same(const bit_part *a, const bit_part *b)

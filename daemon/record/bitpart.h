@@ -16,9 +16,18 @@ typedef struct bit_part {
     unsigned byte; /* of CW_FIELD_DATA */
 } bit_part;
 
-/* Returns the part of node `node` in a bit. No delimiter begins while other nodes still send their
+/* Returns the part of a node in a bit. No delimiter begins while other nodes still send their
  * flags; the sampled level shows that. */
+bit_part bit_part_at(const cw_place *place, cw_mac_phase phase, bool sampled);
+
+/* Returns the part of node `node` in a bit. */
 bit_part bit_part_of(const cw_bit_view *bit, unsigned node);
+
+/* Returns true for a phase whose part depends on the sampled level. */
+static inline bool bit_part_waits(cw_mac_phase phase)
+{
+    return phase == CW_MAC_ERROR_WAIT || phase == CW_MAC_OVERLOAD_WAIT;
+}
 
 bool bit_part_same(const bit_part *a, const bit_part *b);
 

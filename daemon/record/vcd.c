@@ -366,25 +366,26 @@ static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t le
 
 /* Returns a mark; while it stays the same, so does the part. The part of some phases depends on a
  * level, too. */
-static inline uint32_t mark_of(const cw_bit_node *n)
+static inline uint32_t mark_of(const cw_place *place, cw_mac_phase phase)
 {
-    uint32_t byte = n->place.field == CW_FIELD_DATA ? n->place.index / 8u : 0;
-    bool waits = n->phase == CW_MAC_ERROR_WAIT || n->phase == CW_MAC_OVERLOAD_WAIT;
-    return waits ? NO_MARK : (uint32_t)n->phase << 16 | (uint32_t)n->place.field << 8 | byte;
+    uint32_t byte = place->field == CW_FIELD_DATA ? place->index / 8u : 0;
+    return bit_part_waits(phase) ? NO_MARK
+                                 : (uint32_t)phase << 16 | (uint32_t)place->field << 8 | byte;
 }
 
-static void write_part(vcd *self, const cw_bit_view *bit, unsigned node)
+static void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *place,
+                       cw_mac_phase phase, bool sampled)
 {
     vcd_node *n = &self->nodes[node];
     if (n->mark == NO_MARK || n->mark != self->printed_mark) {
         self->printed_mark = n->mark;
-        self->printed_part = bit_part_of(bit, node);
+        self->printed_part = bit_part_at(place, phase, sampled);
         bit_part_print(self->printed, &self->printed_part);
     }
     if (self->begun && bit_part_same(&n->part, &self->printed_part))
         return;
     n->part = self->printed_part;
-    write_text(self, bit->start, self->printed, 'f', node);
+    write_text(self, tick, self->printed, 'f', node);
 }
 
 static void write_error(vcd *self, uint64_t tick, size_t node)
@@ -405,7 +406,8 @@ static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
     for (uint64_t rest = (parts | self->errors) & all_nodes(self); rest; rest &= rest - 1) {
         unsigned i = lowest(rest);
         if (parts >> i & 1u)
-            write_part(self, bit, i);
+            write_part(self, bit->start, i, &bit->nodes[i].place, bit->nodes[i].phase,
+                       bit->sampled >> i & 1u);
         if (self->errors >> i & 1u)
             write_error(self, bit->start, i);
     }
@@ -538,12 +540,24 @@ static void write_drive(vcd *self, const cw_mark *m)
     write_levels(self, self->time, &self->driven, driven, 'd');
 }
 
+/* Writes the place of a node in its bit: known at its begin, or else at its sample point. */
+static void write_place(vcd *self, const cw_mark *m, bool sampled)
+{
+    uint64_t stuff = self->stuff;
+    put_level(&stuff, m->node, m->place.stuff);
+    write_levels(self, self->time, &self->stuff, stuff, 't');
+    self->nodes[m->node].mark = mark_of(&m->place, (cw_mac_phase)m->phase);
+    write_part(self, self->time, m->node, &m->place, (cw_mac_phase)m->phase, sampled);
+}
+
 static void write_mark(vcd *self, const cw_mark *m)
 {
     inside *in = self->inside;
     uint64_t sampled = self->sampled;
     switch (m->kind) {
     case CW_MARK_BEGIN:
+        if (!bit_part_waits((cw_mac_phase)m->phase))
+            write_place(self, m, CW_RECESSIVE);
         break;
     case CW_MARK_DRIVE:
         write_drive(self, m);
@@ -551,6 +565,8 @@ static void write_mark(vcd *self, const cw_mark *m)
     case CW_MARK_SAMPLE:
         put_level(&sampled, m->node, m->level);
         write_levels(self, self->time, &self->sampled, sampled, 's');
+        if (bit_part_waits((cw_mac_phase)m->phase))
+            write_place(self, m, m->level);
         if (in->levels_only)
             break;
         write_bit(self, 'a', m->node, true);
@@ -626,7 +642,7 @@ static uint64_t find_alike(vcd *self, changes *found, const cw_bit_view *bit)
     if (!bit->alike)
         return 0;
     const cw_bit_node *one = &bit->nodes[lowest(bit->alike)];
-    const uint32_t mark = mark_of(one);
+    const uint32_t mark = mark_of(&one->place, one->phase);
     bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;
     self->alike = bit->alike;
     self->alike_mark = mark;
@@ -636,17 +652,34 @@ static uint64_t find_alike(vcd *self, changes *found, const cw_bit_view *bit)
     return bit->alike;
 }
 
-static changes find_changes(vcd *self, const cw_bit_view *bit)
+/* Finds places that all nodes enter at the start of the bit. */
+static void find_places(vcd *self, changes *found, const cw_bit_view *bit)
 {
-    changes found = {.stuff = 0};
-    const uint64_t single = all_nodes(self) & ~find_alike(self, &found, bit);
+    const uint64_t single = all_nodes(self) & ~find_alike(self, found, bit);
     for (uint64_t rest = single; rest; rest &= rest - 1) {
         unsigned i = lowest(rest);
-        const uint32_t mark = mark_of(&bit->nodes[i]);
+        const uint32_t mark = mark_of(&bit->nodes[i].place, bit->nodes[i].phase);
         bool same = mark == self->nodes[i].mark && mark != NO_MARK;
         self->nodes[i].mark = mark;
-        found.stuff |= (uint64_t)bit->nodes[i].place.stuff << i;
-        found.parts |= (uint64_t)!same << i;
+        found->stuff |= (uint64_t)bit->nodes[i].place.stuff << i;
+        found->parts |= (uint64_t)!same << i;
+    }
+}
+
+/* Returns true when all that marks say is written, and the start of the bit says nothing. */
+static bool goes_by_marks(const vcd *self, const cw_bit_view *bit)
+{
+    return self->inside && self->begun && bit->mark_count > 0 && !bit_rests(bit);
+}
+
+static changes find_changes(vcd *self, const cw_bit_view *bit)
+{
+    changes found = {.stuff = self->stuff};
+    if (goes_by_marks(self, bit)) {
+        self->alike = 0;
+    } else {
+        found.stuff = 0;
+        find_places(self, &found, bit);
     }
     for (unsigned i = 0; i < bit->node_count; i++) {
         const vcd_node *n = &self->nodes[i];

@@ -191,10 +191,10 @@ static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
         cw_timed_begin_at_rate(bus, i);
     cw_timed_begin(n);
     n->looked = moment;
-    if (bus->timed.marking)
-        cw_mark_put(bus, CW_MARK_BEGIN, i, moment, n->driven, 0);
     cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS, after_quanta(n, n->pcs.sample_at));
     drive(bus, i, moment);
+    if (bus->timed.marking)
+        cw_mark_put(bus, CW_MARK_BEGIN, i, moment, n->driven, 0);
     if (cw_timed_compares_late(bus, i))
         cw_late_begin_bit(&bus->timed.rates[i].late, &bus->nodes[i].mac, bus->nodes[i].mac.driven,
                           moment);

@@ -39,13 +39,16 @@ __attribute__((noinline)) void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsig
                                            cw_span moment, bool level, int phase_error)
 {
     cw_timed *t = &bus->timed;
+    const cw_mac *m = &bus->nodes[i].mac;
     const cw_span since = moment - cw_moment_of(bus, cw_now(bus));
     if (t->mark_count == t->mark_room)
         return;
     t->marks[t->mark_count++] = (cw_mark){.at = since > 0 ? since : 0, .kind = kind,
                                           .quantum = t->nodes[i].timing.quantum,
                                           .phase_error = (int16_t)phase_error,
-                                          .node = (uint8_t)i, .level = level};
+                                          .node = (uint8_t)i, .level = level,
+                                          .phase = (uint8_t)cw_mac_get_phase(m),
+                                          .place = cw_mac_place(m)};
 }
 
 static void count_sync(cw_bus *bus, unsigned i, const cw_sync *sync)

@@ -132,6 +132,22 @@ def test_bits_of_a_dump_have_their_lengths(carry):
     assert len(edges) == 512 and {b - a for a, b in zip(edges, edges[1:])} == {500}
 
 
+def test_fields_of_nodes_with_clocks_of_their_own_begin_with_their_bits(tmp_path):
+    """Clocks that hardly differ have the same picture, up to a synchronisation of each bit."""
+    found = []
+    for ppm in "", ", ppm: 1":
+        (tmp_path / "bus.yaml").write_text(
+            "bus: { name: t, bitrate: 500000, dbitrate: 2000000 }\nnodes:\n"
+            f"  - {{ name: a, traffic: [ {{ send: '123##1DEADBEEF' }} ]{ppm} }}\n  - name: b\n")
+        sim(tmp_path / "bus.yaml", "--vcd", tmp_path / "f.vcd")
+        found.append([[c for c in changes(tmp_path / "f.vcd", f"{node}.{name}") if c[0] > 25000]
+                      for node in "ab" for name in ("field", "stuff")])
+    assert {"res", "brs", "esi", "data[3]", "stuff-count", "crc"} < {f for _, f in found[0][0]}
+    for equal, apart in zip(*found):
+        assert [value for _, value in equal] == [value for _, value in apart]
+        assert all(abs(a - b) < 130 for (a, _), (b, _) in zip(equal, apart))
+
+
 @pytest.mark.parametrize("begin", range(30, 190, 9))
 def test_a_dump_begins_at_any_time(carry, tmp_path, begin):
     """No bit need begin just then, since bits have several lengths."""
