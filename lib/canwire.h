@@ -907,6 +907,20 @@ typedef struct cw_node_timing {
 
 #define CW_DELAY_MAX (CW_TICK * 800000) /* 10 ms: of each delay and way */
 
+#define CW_NODE_FILTERS_MAX 512u /* as of a CAN_RAW socket of Linux */
+#define CW_RECEIVE_BUFFERS_MAX 64u
+
+/* The part of a controller that its host sees. All 0: the host gets every frame, at once. */
+typedef struct cw_host_config {
+    const cw_filter *filters;  /* the frames that the host gets, when there are any; copied. They do
+                                  not decide what the node acknowledges (M12) */
+    uint16_t filter_count;     /* at most CW_NODE_FILTERS_MAX */
+    uint16_t receive_buffers;  /* frames that wait for the host, the one that it is about to fetch
+                                  included, 0..CW_RECEIVE_BUFFERS_MAX; 0: it takes each at once. A
+                                  frame that finds them full is lost */
+    uint64_t service_ticks;    /* time in which the host fetches a frame, one after the other */
+} cw_host_config;
+
 typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
     cw_order order;         /* the order in which pending frames go (M1) */
@@ -918,6 +932,7 @@ typedef struct cw_node_config {
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
     uint8_t protocol;       /* a cw_protocol and CW_PROTOCOL_*; NON_ISO all nodes or none */
     cw_node_timing timing;
+    cw_host_config host;
 } cw_node_config;
 
 typedef struct cw_bus_config {
@@ -944,6 +959,7 @@ typedef enum cw_event_kind {
     CW_EVENT_TOLERATED, /* CW_REPORT_TOLERATED; for drivers' error frames, not in event streams */
     CW_EVENT_OVERLOAD,
     CW_EVENT_EXCEPTION, /* protocol exception: the node leaves a frame without an error (D16) */
+    CW_EVENT_OVERRUN,   /* a received frame is lost: the host has not fetched the ones before */
     CW_EVENT_RX,
     CW_EVENT_TX,
     CW_EVENT_STATE,
@@ -1270,10 +1286,11 @@ typedef struct cw_node_stats {
     uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
     uint64_t rx_frames;      /* given to its host */
     uint64_t rx_bytes;
-    uint64_t rx_accepted;    /* frames that its controller received */
+    uint64_t rx_accepted;    /* frames that its controller received and its filters let pass */
     uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
     uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
-    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by the event ring */
+    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by overruns, or by
+                                           the event ring */
     uint64_t arbitration_lost;
     uint64_t retransmissions; /* attempts after the first one of a frame */
     uint64_t errors[CW_ERROR_COUNT];
@@ -1287,7 +1304,7 @@ typedef struct cw_node_stats {
     uint32_t queue;          /* frames waiting or being sent now */
     uint32_t queue_peak;
     uint32_t held;           /* frames that rules hold back on their way onto the bus now ... */
-    uint32_t rx_held;        /* ... and on their way to the host */
+    uint32_t rx_held;        /* ... and on their way to the host, or its buffers hold */
     uint16_t tec;
     uint16_t rec;
     cw_state state;
@@ -1323,6 +1340,15 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
+
+/* Counts of what sits between one controller and its host. */
+typedef struct cw_host_stats {
+    uint64_t filtered; /* frames that its filters did not let pass */
+    uint64_t overruns; /* frames that found its receive buffers full; in rx_dropped, too */
+} cw_host_stats;
+
+/* CW_INVALID: no such node. CW_REFUSED: no node of the bus has filters or receive buffers. */
+cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned node, cw_host_stats *stats);
 
 /* Counts of one node at the data rate (D10). */
 typedef struct cw_data_stats {

@@ -58,6 +58,19 @@ static uint8_t protocol_of(const cfg *config, const cfg_node *node)
                      (config->fd_non_iso ? CW_PROTOCOL_NON_ISO : 0));
 }
 
+/* The buffer for the frame on the wire is none that waits for the host. */
+static cw_host_config host_of(const cfg_controller *controller)
+{
+    const bool stores = controller->model != CFG_MODEL_QUEUE && controller->service_ticks > 0;
+
+    return (cw_host_config){
+        .filters = controller->filters,
+        .filter_count = controller->filter_count,
+        .receive_buffers = stores ? (uint16_t)(controller->receive_buffers - 1) : 0,
+        .service_ticks = controller->service_ticks,
+    };
+}
+
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++) {
@@ -70,6 +83,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
             .protocol = protocol_of(config, node),
             .timing = node->time.timing,
+            .host = host_of(&node->controller),
         };
     }
     *out = (cw_bus_config){

@@ -96,6 +96,20 @@ typedef struct cfg_node_time {
     cw_node_timing timing;       /* for the library */
 } cfg_node_time;
 
+/* What sits between the controller and its host. */
+typedef enum cfg_model {
+    CFG_MODEL_QUEUE = 0, /* the host takes each frame at once */
+    CFG_MODEL_BASIC      /* one transmit buffer, a few receive buffers */
+} cfg_model;
+
+typedef struct cfg_controller {
+    cfg_model model;
+    uint32_t receive_buffers; /* the one for the frame on the wire included */
+    uint64_t service_ticks;   /* time that the host needs for each frame; 0: none */
+    uint16_t filter_count;
+    cw_filter *filters;
+} cfg_controller;
+
 typedef struct cfg_node {
     char *name;          /* "", which is no node's name, while it is unknown */
     char *port;          /* interface name, or NULL */
@@ -112,6 +126,7 @@ typedef struct cfg_node {
     uint16_t warning_limit;
     uint32_t restart_ms;
     cfg_node_time time;
+    cfg_controller controller;
     size_t traffic_count;
     cfg_traffic *traffic;
     int line; /* of the node in its file */

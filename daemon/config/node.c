@@ -111,6 +111,11 @@ static const schema_choice when_full_choices[] = {
         .name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing)                      \
     }
 
+#define FILTER                                                                                     \
+    {                                                                                              \
+        .name = "filter", .read = cfg_read_acceptance                                              \
+    }
+
 /* Keys of CAN FD; node_data.c does the rest. */
 #define FD                                                                                         \
     {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds},                      \
@@ -148,6 +153,7 @@ static const schema_key default_keys[] = {
     ORDER,
     WARNING_LIMIT,
     TIME,
+    FILTER,
     FD,
     {.name = NULL},
 };
@@ -167,6 +173,7 @@ static const schema_key node_keys[] = {
     ORDER,
     WARNING_LIMIT,
     TIME,
+    FILTER,
     FD,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},

@@ -57,28 +57,6 @@ void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void 
         schema_expected(self, key, value, CFG_PPM_RANGE);
 }
 
-void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cfg_node *node = object;
-    const char *text = schema_text(self, key, value, "the name of a controller such as sja1000");
-    const timing_limits *found = text ? timing_controller(text) : NULL;
-    nearest guess = {.word = text};
-    const char *list = "";
-    size_t count;
-    const timing_limits *all = timing_controllers(&count);
-
-    if (found)
-        node->time.limits = found;
-    if (!text || found)
-        return;
-    for (size_t i = 0; i < count; i++) {
-        nearest_consider(&guess, all[i].name);
-        list = schema_join(self, list, all[i].name);
-    }
-    schema_complain(self, value, "%s: there is no controller '%.40s'%s; allowed: %s", key->name,
-                    text, schema_suggestion(self, &guess), list);
-}
-
 void cfg_read_length(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint64_t *mm = schema_member(key, object);
@@ -292,9 +270,11 @@ static void check_ways(schema *self, yaml_node_t *nodes)
 
 static bool uses_time(schema *self, const yaml_node_t *map)
 {
-    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
-        if (schema_find(self, map, keys[i]))
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
+        const yaml_node_t *const value = schema_find(self, map, keys[i]);
+        if (value && !cfg_is_model(keys[i], value))
             return true;
+    }
     return false;
 }
 

@@ -36,9 +36,15 @@ schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read *
 void cfg_check_traffic(schema *self, yaml_node_t *nodes);
 
 /* Keys of nodes about time, node_time.c; object: a cfg_node. */
-schema_reader cfg_read_clock, cfg_read_ppm, cfg_read_controller, cfg_read_length,
-    cfg_read_edge_delays;
+schema_reader cfg_read_clock, cfg_read_ppm, cfg_read_length, cfg_read_edge_delays;
 schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
+
+/* Keys of nodes about their controllers, controller.c; object: a cfg_node. */
+schema_reader cfg_read_controller; /* a name, or a map */
+schema_reader cfg_read_acceptance; /* filters */
+
+/* Returns true when a key has no name of a controller, which has bit timings, but a model. */
+bool cfg_is_model(const char *key, const yaml_node_t *value);
 
 /* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes);

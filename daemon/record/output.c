@@ -241,6 +241,7 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_number(at, ",\"bit\":", event->lost_bit);
     case CW_EVENT_ERROR:
         return put_error(at, event);
+    case CW_EVENT_OVERRUN:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
         return put_frame(at, &event->frame);
@@ -458,13 +459,25 @@ json_t *output_synchronisation(const cfg *config, const cw_bus *bus, unsigned no
     return object;
 }
 
-void output_put_data_errors(json_t *object, const cw_bus *bus, unsigned node)
+/* Puts what lies between controller and host, where there is something. */
+static void put_host(json_t *object, const cw_bus *bus, unsigned node)
+{
+    cw_host_stats stats;
+
+    if (cw_node_get_host_stats(bus, node, &stats) == CW_OK) {
+        put_count(object, "filtered", stats.filtered);
+        put_count(object, "overruns", stats.overruns);
+    }
+}
+
+void output_put_more(json_t *object, const cw_bus *bus, unsigned node)
 {
     cw_data_stats stats;
 
     if (cw_node_get_data_stats(bus, node, &stats) == CW_OK) {
         put(object, "data_errors", stats_of_errors(stats.errors));
     }
+    put_host(object, bus, node);
 }
 
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
@@ -477,7 +490,7 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
         if (cw_node_get_stats(bus, i, &stats) == CW_OK) {
             json_t *object = output_node_stats(&config->nodes[i], &stats);
             put(object, "synchronisation", output_synchronisation(config, bus, i));
-            output_put_data_errors(object, bus, i);
+            output_put_more(object, bus, i);
             put_last(array, object);
         }
     }

@@ -143,7 +143,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_kind(object, config, node);
     put_data_timing(object, config, bus, node);
     put(object, "synchronisation", output_synchronisation(config, bus, node));
-    output_put_data_errors(object, bus, node);
+    output_put_more(object, bus, node);
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);

@@ -173,6 +173,9 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
     case CW_EVENT_TOLERATED:
         set_tolerated(out, event);
         return modes & CW_MODE_BERR_REPORTING;
+    case CW_EVENT_OVERRUN:
+        *out = errframe_rx_overflow();
+        return true;
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
     case CW_EVENT_OVERLOAD:
@@ -197,7 +200,8 @@ errframe errframe_rx_overflow(void)
 
 bool errframe_is_minor(const errframe *frame)
 {
-    bool state = (frame->can_id & CAN_ERR_CRTL) && frame->data[1] != CAN_ERR_CRTL_TX_OVERFLOW;
+    const unsigned overflow = CAN_ERR_CRTL_RX_OVERFLOW | CAN_ERR_CRTL_TX_OVERFLOW;
+    bool state = (frame->can_id & CAN_ERR_CRTL) && !(frame->data[1] & overflow);
     return !state && !(frame->can_id & (CAN_ERR_BUSOFF | CAN_ERR_RESTARTED));
 }
 

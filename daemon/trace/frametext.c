@@ -33,7 +33,8 @@ static const char fd_frame_problem[] =
     "3 both, or 0";
 
 static const char filter_problem[] =
-    "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, separated by ','";
+    "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, or ~ and one of the "
+    "first two, separated by ','";
 
 static const char position_problem[] =
     "expected a position: sof id[0..28] srr ide rtr r0 r1 dlc[0..3] data[BYTE.BIT] crc[0..14] "
@@ -370,7 +371,7 @@ static const char *parse_exact(cw_filter *filter, size_t digits, const char **te
     return NULL;
 }
 
-static const char *parse_filter(cw_filter *filter, const char **text)
+static const char *parse_upright(cw_filter *filter, const char **text)
 {
     size_t digits = strspn(*text, HEX_DIGITS);
     char after = (*text)[digits];
@@ -380,6 +381,19 @@ static const char *parse_filter(cw_filter *filter, const char **text)
     if (after == ':' || after == '~')
         return parse_masked(filter, digits, text);
     return parse_exact(filter, digits, text);
+}
+
+/* A leading ~ inverts what follows. */
+static const char *parse_filter(cw_filter *filter, const char **text)
+{
+    const bool inverts = **text == '~';
+    *text += inverts;
+    const char *problem = parse_upright(filter, text);
+
+    if (!problem && inverts && filter->inverted)
+        return filter_problem;
+    filter->inverted = filter->inverted || inverts;
+    return problem;
 }
 
 /* Parses filters; with out == NULL they are only checked and counted. */

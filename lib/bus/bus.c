@@ -17,7 +17,7 @@ static void report_pending(cw_bus *bus)
 
 static void run_due_nodes(cw_bus *bus)
 {
-    if (bus->next_restart > cw_now(bus)) {
+    if (bus->node_due > cw_now(bus)) {
         cw_take_inbox_before(bus, cw_now(bus) + 1); /* sorted by node, too */
         return;
     }
@@ -25,7 +25,7 @@ static void run_due_nodes(cw_bus *bus)
         cw_run_due_node(bus, i);
     /* after cw_bus_bring_forward() the inbox is not sorted by node */
     cw_take_inbox_before(bus, cw_now(bus) + 1);
-    cw_find_next_restart(bus);
+    cw_find_node_due(bus);
 }
 
 /* Rules may trigger each other, but each one acts only once at a tick by that, so the loop ends.
@@ -35,7 +35,7 @@ static void run_due(cw_bus *bus)
     cw_count_clean_bits(bus);
     do {
         bus->work += bus->rules.awake_count;
-        if (bus->pending || bus->rules.next_due <= cw_now(bus) || bus->next_restart <= cw_now(bus))
+        if (bus->pending || bus->rules.next_due <= cw_now(bus) || bus->node_due <= cw_now(bus))
             cw_wake_controllers(bus);
         cw_rules_run_due(&bus->rules);
         run_due_nodes(bus);
@@ -46,7 +46,7 @@ static void run_due(cw_bus *bus)
 
 static void run_all_due(cw_bus *bus)
 {
-    uint64_t due = cw_least(cw_least(bus->next_restart, bus->rules.next_due), cw_inbox_first(bus));
+    uint64_t due = cw_least(cw_least(bus->node_due, bus->rules.next_due), cw_inbox_first(bus));
     if (due <= cw_now(bus) || bus->pending || bus->rules.awake_count)
         run_due(bus);
 }

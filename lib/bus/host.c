@@ -44,10 +44,11 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     bus->detached |= cw_node_bit(i);
     bus->removed |= cw_node_bit(i);
     bus->restarts[i].at = CW_NEVER;
-    cw_find_next_restart(bus);
+    cw_find_node_due(bus);
     cw_flush_queue(bus, i, CW_DROP_REMOVED);
     cw_flush_inbox(bus, i);
     flush_held(bus, i);
+    cw_buffers_flush(bus, i, CW_DROP_REMOVED);
     cw_apply_topology(bus);
     return CW_OK;
 }
@@ -63,8 +64,9 @@ static void reset_controller(cw_bus *bus, unsigned i)
     cw_mac_init(m, m->modes, m->confinement.warning_limit);
     (void)cw_mac_set_protocol(m, protocol, fd);
     bus->restarts[i].at = CW_NEVER;
-    cw_find_next_restart(bus);
     cw_flush_queue(bus, i, CW_DROP_LINK_DOWN);
+    cw_buffers_flush(bus, i, CW_DROP_LINK_DOWN);
+    cw_find_node_due(bus);
 }
 
 cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
@@ -123,6 +125,7 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
     cw_take_inbox_of(bus, i);
     if (bus->restarts[i].at <= cw_now(bus))
         restart(bus, i);
+    cw_buffers_run(bus, i);
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
@@ -157,7 +160,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     if (n->mac.phase != CW_MAC_BUS_OFF)
         return;
     bus->restarts[i].at = cw_automatic_restart(bus, i);
-    cw_find_next_restart(bus);
+    cw_find_node_due(bus);
 }
 
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)

@@ -47,7 +47,7 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert(n->mac.phase < CW_MAC_PHASE_COUNT);
     assert((n->queue.count > 0) == (bus->waiting >> i & 1u));
     assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
-    assert(bus->next_restart <= bus->restarts[i].at);
+    assert(bus->node_due <= bus->restarts[i].at && bus->node_due <= cw_buffers_due(bus, i));
     (void)cw_node_get_stats(bus, i, &stats);
     assert(cw_node_stats_balance(&stats));
 }

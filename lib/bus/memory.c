@@ -14,7 +14,17 @@ static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
            c->warning_limit >= 1 && c->warning_limit <= 255 &&
-           (c->protocol & CW_PROTOCOL_MASK) <= CW_FD;
+           (c->protocol & CW_PROTOCOL_MASK) <= CW_FD &&
+           c->host.filter_count <= CW_NODE_FILTERS_MAX &&
+           c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX;
+}
+
+static bool has_buffers(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (c->nodes[i].host.filter_count || c->nodes[i].host.receive_buffers)
+            return true;
+    return false;
 }
 
 /* Returns true when some node knows FD frames. */
@@ -74,7 +84,7 @@ static unsigned least_ring(const cw_bus_config *c)
     unsigned events = bits * c->node_count * CW_EVENTS_PER_NODE + (bits + 1) * rules +
                       2u * c->inbox + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
-        events += queue_room(c, i);
+        events += queue_room(c, i) + c->nodes[i].host.receive_buffers;
     return events;
 }
 
@@ -86,6 +96,27 @@ static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
         cw_queue_place *order = carve(a, capacity, sizeof *order);
         if (nodes)
             cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order, has_fd(c));
+    }
+}
+
+static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
+{
+    if (!has_buffers(c))
+        return;
+    cw_buffers *buffers = carve(a, c->node_count, sizeof *buffers);
+    if (bus)
+        bus->buffers = buffers;
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_host_config *h = &c->nodes[i].host;
+        cw_filter *filters = carve(a, h->filter_count, sizeof *filters);
+        stored_frame *stored = carve(a, h->receive_buffers + 1u, sizeof *stored);
+        if (!bus)
+            continue;
+        if (h->filter_count)
+            memcpy(filters, h->filters, h->filter_count * sizeof *filters);
+        buffers[i] = (cw_buffers){.filters = filters, .filter_count = h->filter_count,
+                                  .limit = h->receive_buffers, .stored = stored,
+                                  .service_ticks = h->service_ticks};
     }
 }
 
@@ -179,6 +210,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     carve_rules(a, bus ? &bus->rules : NULL, c);
     carve_timed(a, bus ? &bus->timed : NULL, c);
     carve_queues(a, nodes, c);
+    carve_buffers(a, bus, c);
     return bus;
 }
 
@@ -211,7 +243,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
     bus->node_count = config->node_count;
     bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
-    bus->next_restart = CW_NEVER;
+    bus->node_due = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
     bus->wanted = CW_EVENTS_USUAL;

@@ -29,7 +29,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 
 size_t cw_bus_pending(const cw_bus *bus)
 {
-    return (size_t)bus->queued + bus->inbox.count + bus->rules.held_count;
+    return (size_t)bus->queued + bus->inbox.count + bus->rules.held_count + cw_buffers_total(bus);
 }
 
 bool cw_bus_idle(const cw_bus *bus)
@@ -129,7 +129,7 @@ uint64_t cw_bus_next(const cw_bus *bus)
     if (cw_is_off_grid(bus) || (bus->timed.rates && !bus->frame_step.active))
         bits = bit_times_of(bus, bits); /* of bits that may be shorter */
     uint64_t tick = tick_after(bus, bits);
-    tick = cw_least(tick, cw_least(bus->next_restart, bus->rules.next_due));
+    tick = cw_least(tick, cw_least(bus->node_due, bus->rules.next_due));
     return cw_least(tick, cw_inbox_first(bus));
 }
 
@@ -138,7 +138,7 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
     *stats = bus->stats;
     stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
-    stats->pending = (uint32_t)(bus->queued + bus->rules.held_count);
+    stats->pending = (uint32_t)(bus->queued + bus->rules.held_count) + cw_buffers_total(bus);
     stats->busy_ticks = cw_rate_ticks(cw_wire_rate(&bus->time), stats->busy_bits) -
                         bus->timed.short_ticks;
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);
@@ -155,9 +155,20 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     stats->inbox = n->inbox;
     stats->queue = n->queue.count;
     cw_rules_count_held(&bus->rules, i, &stats->held, &stats->rx_held);
+    stats->rx_held += cw_buffers_count(bus, i);
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
     stats->state = cw_mac_state(&n->mac);
+    return CW_OK;
+}
+
+cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned i, cw_host_stats *stats)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    if (!bus->buffers)
+        return CW_REFUSED;
+    *stats = bus->buffers[i].stats;
     return CW_OK;
 }
 

@@ -160,6 +160,25 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
     }
 }
 
+/* Frames that wait for their hosts go on waiting. */
+static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *from,
+                              const uint8_t *to)
+{
+    for (unsigned i = 0; old->buffers && i < bus->node_count; i++) {
+        if (from[i] == CW_NO_NODE)
+            continue;
+        for (unsigned n = 0; n < cw_buffers_count(old, from[i]); n++) {
+            stored_frame s = *cw_buffers_at(old, from[i], n);
+            s.origin.from = renumber(s.origin.from, to);
+            if (cw_frame_is_fd(&s.frame) && !bus->fd)
+                cw_frame_cut(&s.frame);
+            cw_buffers_put(bus, i, &s);
+        }
+        if (bus->buffers)
+            bus->buffers[i].stats = old->buffers[from[i]].stats;
+    }
+}
+
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
     uint64_t taken = 0;
@@ -212,7 +231,8 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     cw_timed_take_over(bus, old, from);
     take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);
-    cw_find_next_restart(bus);
+    take_over_buffers(bus, old, from, to);
+    cw_find_node_due(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);
     cw_rules_start(&bus->rules);

@@ -81,9 +81,10 @@ const char *cw_event_name(cw_event_kind kind)
         "drop",     "restart",
         "arbitration-lost", "error",
         "tolerated", "overload",
-        "protocol-exception", "rx",
-        "tx",       "state",
-        "skip",     "sync",
+        "protocol-exception", "overrun",
+        "rx",       "tx",
+        "state",    "skip",
+        "sync",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];

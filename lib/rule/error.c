@@ -16,6 +16,8 @@ static uint32_t error_class(const cw_event *e)
         return e->state == CW_STATE_BUS_OFF ? 0x040 : 0x004;
     case CW_EVENT_RESTART:
         return 0x100;
+    case CW_EVENT_OVERRUN:
+        return 0x004;
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
     case CW_EVENT_DROP:

@@ -134,15 +134,14 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
     bus_node *n = &bus->nodes[i];
     cw_frame frame;
     cw_frame_copy(&frame, received);
-    n->stats.rx_accepted++;
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;
     }
+    if (!cw_buffers_accept(bus, i, &frame))
+        return;
     const frame_origin origin = find_origin(bus, i);
-    if (cw_rules_hand_out(&bus->rules, i, &frame, &origin))
-        cw_push_rx(bus, i, &frame, &origin);
-    cw_rules_passed(&bus->rules, i, CW_SIDE_RX, cw_now(bus));
+    cw_buffers_receive(bus, i, &frame, &origin);
 }
 
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes)

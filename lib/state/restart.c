@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * restart.c - the times of the restarts that are to come (R12).
+ * restart.c - the times of the restarts that are to come (R12), and what nodes do next.
  */
 #include "state/state.h"
 
 void cw_schedule_restart(cw_bus *bus, unsigned i, uint64_t tick)
 {
     bus->restarts[i].at = tick;
-    bus->next_restart = cw_least(bus->next_restart, tick);
+    bus->node_due = cw_least(bus->node_due, tick);
 }
 
 uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
@@ -18,9 +18,10 @@ uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
     return due > cw_now(bus) ? due : cw_now(bus);
 }
 
-void cw_find_next_restart(cw_bus *bus)
+void cw_find_node_due(cw_bus *bus)
 {
-    bus->next_restart = CW_NEVER;
+    bus->node_due = CW_NEVER;
     for (unsigned i = 0; i < bus->node_count; i++)
-        bus->next_restart = cw_least(bus->next_restart, bus->restarts[i].at);
+        bus->node_due = cw_least(bus->node_due,
+                                 cw_least(bus->restarts[i].at, cw_buffers_due(bus, i)));
 }

@@ -8,6 +8,7 @@
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
+ *   buffers.c    filters, and frames that wait for their hosts
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -18,6 +19,7 @@
 #include "format/bitset.h"
 #include "rule/rule.h"
 #include "mac/mac.h"
+#include "state/buffers.h"
 #include "state/queue.h"
 #include "state/stats.h"
 #include "state/timed.h"
@@ -146,7 +148,7 @@ typedef struct cw_frame_step {
 struct cw_bus {
     cw_wire_time time;
     unsigned node_count;
-    uint64_t next_restart; /* the earliest of `restarts` */
+    uint64_t node_due; /* the earliest of `restarts`, and of frames that hosts fetch */
     uint64_t recessive_bits;
     uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
     uint64_t work;         /* see cw_bus_work() */
@@ -180,6 +182,7 @@ struct cw_bus {
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
+    cw_buffers *buffers;     /* ... or NULL: no node has filters or receive buffers */
     cw_rule_set rules;
     cw_timed timed;
     bit_note note;
@@ -280,7 +283,38 @@ void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
  * before now; or CW_NEVER (R12). */
 uint64_t cw_automatic_restart(const cw_bus *bus, unsigned node);
 
-void cw_find_next_restart(cw_bus *bus);
+/* Finds the next restart, or frame that a host has fetched. */
+void cw_find_node_due(cw_bus *bus);
+
+/* ---- buffers.c ------------------------------------------------------------------------------- */
+
+/* Returns true when the filters of a node let a received frame pass, and counts it otherwise. */
+bool cw_buffers_accept(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Takes a frame for the host of a node. The caller does not need it any more. */
+void cw_buffers_receive(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin);
+
+/* Hands out the frames that the host of a node has fetched by now. */
+void cw_buffers_run(cw_bus *bus, unsigned node);
+
+/* Returns the tick at which the host of a node has fetched its next frame, or CW_NEVER. */
+uint64_t cw_buffers_due(const cw_bus *bus, unsigned node);
+
+/* Returns the frames that wait for the host of a node. */
+uint32_t cw_buffers_count(const cw_bus *bus, unsigned node);
+
+/* Drops the frames that wait for the host of a node. */
+void cw_buffers_flush(cw_bus *bus, unsigned node, cw_drop why);
+
+/* Returns the n-th frame that waits for the host of a node. */
+const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
+
+/* Puts a frame behind those that wait for the host of a node, as it waited in another bus. */
+void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored);
+
+/* Return the frames that wait for hosts now, and at most. */
+uint32_t cw_buffers_total(const cw_bus *bus);
+uint32_t cw_buffers_most(const cw_bus *bus);
 
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 
@@ -452,10 +486,11 @@ void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
  * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
-/* Returns true when rules on the host side may act on a received frame. */
+/* Returns true when rules on the host side, filters or buffers may act on a received frame. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
-    return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count;
+    return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count ||
+           bus->buffers;
 }
 
 /* Commits that followers have received a frame in this bit, when no other node has a report.

@@ -95,7 +95,7 @@ static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
 static inline bool cw_frame_step_is_undisturbed_until(const cw_bus *bus, uint64_t tick)
 {
     bool loopback = (bus->frame_step.listeners | bus->outlook.away) != bus->all;
-    return bus->next_restart >= tick && bus->rules.next_due >= tick &&
+    return bus->node_due >= tick && bus->rules.next_due >= tick &&
            (!loopback || cw_inbox_first(bus) >= tick);
 }
 

@@ -92,7 +92,7 @@ static bool goes_on_at(const cw_bus *bus, unsigned n, uint64_t tick, uint64_t du
 
 unsigned cw_frame_step_fast_bits(const cw_bus *bus, uint64_t tick, unsigned most)
 {
-    const uint64_t due = cw_least(cw_least(bus->next_restart, bus->rules.next_due),
+    const uint64_t due = cw_least(cw_least(bus->node_due, bus->rules.next_due),
                                   cw_inbox_first(bus));
     unsigned least = 1;
     while (least < most) {

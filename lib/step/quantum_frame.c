@@ -271,7 +271,7 @@ static bool is_undisturbed(const cw_bus *bus, const clean_frame *f, uint64_t tic
 {
     const uint64_t end = cw_tick_of(bus, f->until), first = next_frame_at(bus, f);
     const cw_span joined = f->begin + bus->timed.cable.longest + 3 * bus->timed.bit_time;
-    return end <= tick && bus->next_restart >= end && bus->rules.next_due >= end &&
+    return end <= tick && bus->node_due >= end && bus->rules.next_due >= end &&
            (first >= end || (first > cw_tick_of(bus, joined) && takes_all(bus)));
 }
 

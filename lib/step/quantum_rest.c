@@ -65,7 +65,7 @@ static uint64_t reach(const cw_bus *bus, uint64_t tick)
     uint64_t bits = cw_wire_bits_before(&bus->time, cw_inbox_first(bus));
     bits = bits > left ? bits - left : 0;
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
-    bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->next_restart));
+    bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->node_due));
     bits = cw_least(bits, cw_wire_bits_before(&bus->time, bus->rules.next_due));
     return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), CW_LEAP_TICKS));
 }

@@ -151,7 +151,7 @@ static bool is_in_frame(const cw_bus *bus)
 /* Returns the tick before which nothing comes in and no rule becomes due. */
 static uint64_t next_due(const cw_bus *bus)
 {
-    return cw_least(cw_least(bus->next_restart, bus->rules.next_due), cw_inbox_first(bus));
+    return cw_least(cw_least(bus->node_due, bus->rules.next_due), cw_inbox_first(bus));
 }
 
 /* Returns true when the next bit time begins as the last one did, and no rule acts. */

@@ -58,7 +58,7 @@ uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
         return 0;
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, bits_up_to_inbox(bus));
-    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->next_restart));
+    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->node_due));
     bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
     if (bus->rules.awake_count == 0)
         return bits;

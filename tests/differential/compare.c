@@ -154,6 +154,12 @@ static void compare_data(comparison *c, const cw_data_stats *a, const cw_data_st
         SAME(errors[i]);
 }
 
+static void compare_host(comparison *c, const cw_host_stats *a, const cw_host_stats *b)
+{
+    SAME(filtered);
+    SAME(overruns);
+}
+
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
 {
     SAME(which);
@@ -171,6 +177,7 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     cw_node_stats stats[2];
     cw_sync_stats syncs[2];
     cw_data_stats data[2];
+    cw_host_stats hosts[2];
     cw_settings settings[2];
     cw_status status = cw_node_get_stats(fast, c->number, &stats[0]);
     same(c, "status", status, cw_node_get_stats(reference, c->number, &stats[1]));
@@ -181,6 +188,10 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     same(c, "status", status, cw_node_get_data_stats(reference, c->number, &data[1]));
     if (status == CW_OK)
         compare_data(c, &data[0], &data[1]);
+    status = cw_node_get_host_stats(fast, c->number, &hosts[0]);
+    same(c, "status", status, cw_node_get_host_stats(reference, c->number, &hosts[1]));
+    if (status == CW_OK)
+        compare_host(c, &hosts[0], &hosts[1]);
     status = cw_node_get_sync_stats(fast, c->number, &syncs[0]);
     same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
     if (status == CW_OK)

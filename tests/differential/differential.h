@@ -158,6 +158,10 @@ cw_rule diff_random_rule(diff_maker *m);
 /* Draws the bit timing, the clock and the delays of a node; half of them have those of the bus. */
 void diff_random_timing(diff_maker *m, cw_node_timing *timing);
 
+/* Filters that some nodes have the first ones of. */
+#define DIFF_FILTERS 3u
+extern const cw_filter diff_filters[DIFF_FILTERS];
+
 /* Draws two rates, which all nodes can have in common. */
 void diff_random_rates(diff_maker *m, cw_node_timing *timing);
 

@@ -107,6 +107,7 @@ typedef struct generator {
     diff_maker maker;
     diff_scenario *scenario;
     const style *style;
+    bool hosts;       /* some nodes have filters, or slow hosts */
     unsigned names;   /* of rules, used so far */
     diff_op *moments; /* of the frames handed in, by the tick at which they come up */
     size_t moment_count;
@@ -146,6 +147,25 @@ static uint8_t random_protocol(diff_random *r)
     return (uint8_t)protocol;
 }
 
+const cw_filter diff_filters[DIFF_FILTERS] = {
+    {.value = 0x100, .mask = 0x700},
+    {.value = 0x001, .mask = CW_FILTER_BASE_MASK, .inverted = true},
+    {.value = CW_FILTER_EXTENDED, .mask = CW_FILTER_EXTENDED | 1}};
+
+/* Filters, and a host that is slow or very slow. */
+static cw_host_config random_host(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    cw_host_config host = {.filters = diff_filters};
+    if (diff_chance(r, 400))
+        host.filter_count = (uint16_t)diff_between(r, 1, DIFF_FILTERS);
+    if (diff_chance(r, 600)) {
+        host.receive_buffers = (uint16_t)diff_magnitude(r, 1, CW_RECEIVE_BUFFERS_MAX);
+        host.service_ticks = diff_random_ticks(m, 1, 1000);
+    }
+    return host;
+}
+
 static cw_node_config random_node(generator *g)
 {
     diff_maker *m = &g->maker;
@@ -167,6 +187,8 @@ static cw_node_config random_node(generator *g)
         node.timing = m->common;
     if (m->rates && diff_chance(r, 10)) /* it does not go together with the others */
         diff_random_rates(m, &node.timing);
+    if (g->hosts && diff_chance(r, 500))
+        node.host = random_host(m);
     if (m->fd)
         node.protocol = random_protocol(r);
     return node;
@@ -742,6 +764,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->rarity = g.style->rarity;
     m->clocks = g.style->clocks;
     m->fd = g.style->fd != 0;
+    g.hosts = diff_chance(&m->random, 150);
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);

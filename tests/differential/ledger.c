@@ -49,9 +49,12 @@ static bool rules_leave_frames_alone(const diff_scenario *s)
     bool alone = true;
     for (unsigned i = 0; i < s->added_count; i++)
         alone = alone && leaves_frames_alone(&s->added[i].rule);
-    for (unsigned p = 0; p < s->plan_count; p++)
+    for (unsigned p = 0; p < s->plan_count; p++) {
         for (unsigned i = 0; i < s->plans[p].config.rule_count; i++)
             alone = alone && leaves_frames_alone(&s->plans[p].rules[i].rule);
+        for (unsigned i = 0; i < s->plans[p].config.node_count; i++)
+            alone = alone && s->plans[p].nodes[i].host.receive_buffers == 0;
+    }
     return alone;
 }
 

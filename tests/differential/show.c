@@ -264,7 +264,7 @@ static bool same_node(const cw_node_config *a, const cw_node_config *b)
 {
     return a->modes == b->modes && a->order == b->order && a->queue == b->queue &&
            a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks &&
-           a->protocol == b->protocol &&
+           a->protocol == b->protocol && memcmp(&a->host, &b->host, sizeof a->host) == 0 &&
            memcmp(&a->timing, &b->timing, sizeof a->timing) == 0;
 }
 
@@ -294,6 +294,13 @@ static void write_timing(FILE *out, const cw_node_timing *t)
     fprintf(out, ".place = %" PRId64 ", .ringing = %" PRId64 "}, ", t->place, t->ringing);
 }
 
+static void write_host(FILE *out, const cw_host_config *h)
+{
+    if (h->filter_count || h->receive_buffers)
+        fprintf(out, ".host = {diff_filters, %u, %u, %" PRIu64 "}, ", h->filter_count,
+                h->receive_buffers, h->service_ticks);
+}
+
 static void write_nodes(FILE *out, const diff_plan *plan)
 {
     for (unsigned i = 0, next; i < plan->config.node_count; i = next) {
@@ -309,6 +316,7 @@ static void write_nodes(FILE *out, const diff_plan *plan)
         write_number(out, "protocol", n->protocol);
         write_number(out, "restart_ticks", n->restart_ticks);
         write_timing(out, &n->timing);
+        write_host(out, &n->host);
         fputs("},\n", out);
     }
 }

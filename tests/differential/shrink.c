@@ -309,26 +309,30 @@ static bool remove_node(diff_scenario *s, unsigned at)
     return true;
 }
 
+#define SETTINGS 6u
+
 static unsigned setting_places(const diff_scenario *s)
 {
-    return s->plan_count * CW_NODES_MAX * 5;
+    return s->plan_count * CW_NODES_MAX * SETTINGS;
 }
 
 static bool simplify_setting(diff_scenario *s, unsigned place)
 {
-    cw_node_config *n = &s->plans[place / 5 / CW_NODES_MAX].nodes[place / 5 % CW_NODES_MAX];
+    cw_node_config *n = &s->plans[place / SETTINGS / CW_NODES_MAX].nodes[place / SETTINGS % CW_NODES_MAX];
     const cw_node_config before = *n;
-    if (place % 5 == 0)
+    if (place % SETTINGS == 0)
         n->modes = 0;
-    else if (place % 5 == 1)
+    else if (place % SETTINGS == 1)
         n->order = CW_ORDER_PRIORITY;
-    else if (place % 5 == 2)
+    else if (place % SETTINGS == 2)
         n->queue = 16;
-    else if (place % 5 == 3)
+    else if (place % SETTINGS == 3)
         n->warning_limit = 96;
-    else
+    else if (place % SETTINGS == 4)
         n->restart_ticks = 0;
-    return place / 5 % CW_NODES_MAX < s->plans[place / 5 / CW_NODES_MAX].config.node_count &&
+    else
+        memset(&n->host, 0, sizeof n->host);
+    return place / SETTINGS % CW_NODES_MAX < s->plans[place / SETTINGS / CW_NODES_MAX].config.node_count &&
            memcmp(&before, n, sizeof before) != 0;
 }
 

@@ -100,6 +100,9 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_EXCEPTION:
         append(self, NOTE_OVERLOAD, "protocol exception");
         break;
+    case CW_EVENT_OVERRUN:
+        append_frame(self, NOTE_LOST, "overrun", event);
+        break;
     case CW_EVENT_RX:
         append_frame(self, NOTE_FRAME, "received", event);
         break;

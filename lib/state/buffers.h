@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * buffers.h - what sits between a controller and its host: acceptance filters (M12), and buffers
+ * for received frames that the host has not fetched yet.
+ */
+#ifndef CANWIRE_STATE_BUFFERS_H
+#define CANWIRE_STATE_BUFFERS_H
+
+#include "canwire.h"
+#include "rule/rule.h"
+
+/* A received frame that the host has not fetched yet. */
+typedef struct stored_frame {
+    uint64_t due; /* tick at which the host has fetched it */
+    frame_origin origin;
+    cw_frame frame;
+} stored_frame;
+
+/* The buffers of one node. All 0: its host takes each frame at once. */
+typedef struct cw_buffers {
+    const cw_filter *filters;
+    unsigned filter_count;    /* 0: every frame is accepted */
+    unsigned limit;           /* frames that may wait for the host; 0: frames are not stored */
+    stored_frame *stored;     /* a ring of limit + 1, in the order of the frames */
+    unsigned first;
+    unsigned count;
+    uint64_t service_ticks;   /* time that the host needs for each */
+    cw_host_stats stats;
+} cw_buffers;
+
+#endif
