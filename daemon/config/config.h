@@ -96,7 +96,7 @@ typedef struct cfg_node_time {
     cw_node_timing timing;       /* for the library */
 } cfg_node_time;
 
-/* What sits between the controller and its host. */
+/* The buffers between the controller and its host. */
 typedef enum cfg_model {
     CFG_MODEL_QUEUE = 0, /* the host takes each frame at once */
     CFG_MODEL_BASIC      /* one transmit buffer, a few receive buffers */

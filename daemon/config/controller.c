@@ -33,9 +33,11 @@ static const schema_key model_keys[] = {
 
 /* ---- Models ---------------------------------------------------------------------------------- */
 
-/* Returns true after a complaint about a key that a queue does not have. */
+/* Complains about keys that a queue does not have. */
 static void check_queue(schema *self, const yaml_node_t *map)
 {
+    if (!schema_find(self, map, model_keys[0].name))
+        return; /* that is the complaint */
     for (const schema_key *key = model_keys + 1; key->name; key++) {
         const yaml_node_t *const value = schema_find(self, map, key->name);
         if (value)
@@ -44,14 +46,36 @@ static void check_queue(schema *self, const yaml_node_t *map)
     }
 }
 
+/* Leaves the filters, which have a key of their own. */
+static void forget_model(cfg_controller *controller)
+{
+    controller->model = CFG_MODEL_QUEUE;
+    controller->receive_buffers = BUFFERS_DEFAULT;
+    controller->service_ticks = 0;
+}
+
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)
 {
-    node->controller = (cfg_controller){.receive_buffers = BUFFERS_DEFAULT};
+    forget_model(&node->controller);
     schema_map(self, key->name, value, model_keys, node);
     if (node->controller.model == CFG_MODEL_QUEUE)
         check_queue(self, value);
-    else
-        node->order = CW_ORDER_FIFO; /* there is one transmit buffer */
+}
+
+void cfg_complete_controllers(schema *self, yaml_node_t *nodes)
+{
+    cfg *config = cfg_of(self);
+
+    for (size_t i = 0; i < config->node_count; i++) {
+        cfg_node *node = &config->nodes[i];
+        const yaml_node_t *const order = schema_find(self, schema_item(self, nodes, i), "order");
+        if (node->controller.model != CFG_MODEL_BASIC)
+            continue;
+        if (order && node->order != CW_ORDER_FIFO)
+            schema_complain(self, order, "order: a basic controller has one transmit buffer, so "
+                            "its frames go in the order in which its host writes them: fifo");
+        node->order = CW_ORDER_FIFO;
+    }
 }
 
 /* ---- The name of a real one ------------------------------------------------------------------ */
@@ -66,6 +90,7 @@ static void read_name(schema *self, const schema_key *key, const yaml_node_t *va
     size_t count;
     const timing_limits *all = timing_controllers(&count);
 
+    forget_model(&node->controller);
     if (found)
         node->time.limits = found;
     if (!text || found)

@@ -253,6 +253,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     for (; config->node_count < count; config->node_count++)
         read_node(self, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
+    cfg_complete_controllers(self, value);
     cfg_complete_time(self, value);
     cfg_check_traffic(self, value);
 }

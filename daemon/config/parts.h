@@ -43,6 +43,10 @@ schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
 schema_reader cfg_read_controller; /* a name, or a map */
 schema_reader cfg_read_acceptance; /* filters */
 
+/* Completes what the models of controllers say about other keys. All nodes have been read from the
+ * list. */
+void cfg_complete_controllers(schema *self, yaml_node_t *nodes);
+
 /* Returns true when a key has no name of a controller, which has bit timings, but a model. */
 bool cfg_is_model(const char *key, const yaml_node_t *value);
 

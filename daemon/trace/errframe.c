@@ -200,8 +200,7 @@ errframe errframe_rx_overflow(void)
 
 bool errframe_is_minor(const errframe *frame)
 {
-    const unsigned overflow = CAN_ERR_CRTL_RX_OVERFLOW | CAN_ERR_CRTL_TX_OVERFLOW;
-    bool state = (frame->can_id & CAN_ERR_CRTL) && !(frame->data[1] & overflow);
+    bool state = (frame->can_id & CAN_ERR_CRTL) && frame->data[1] != CAN_ERR_CRTL_TX_OVERFLOW;
     return !state && !(frame->can_id & (CAN_ERR_BUSOFF | CAN_ERR_RESTARTED));
 }
 

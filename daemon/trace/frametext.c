@@ -33,8 +33,8 @@ static const char fd_frame_problem[] =
     "3 both, or 0";
 
 static const char filter_problem[] =
-    "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, or ~ and one of the "
-    "first two, separated by ','";
+    "expected a frame filter: an identifier (123, 12345678), ID:MASK or ID~MASK, or ~ and one of "
+    "the first two, separated by ','";
 
 static const char position_problem[] =
     "expected a position: sof id[0..28] srr ide rtr r0 r1 dlc[0..3] data[BYTE.BIT] crc[0..14] "
@@ -414,7 +414,7 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
         if (*text++ != ',')
             return filter_problem;
     }
-    return "more frame filters than fit (8 in a fault rule)";
+    return "more frame filters than fit (8 in a fault rule, 512 in a node)";
 }
 
 /* Reads one digit of a byte with wildcards; returns false for other characters. */

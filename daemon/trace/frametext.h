@@ -24,8 +24,8 @@ const char *text_parse_frame(cw_frame *out, const char *text);
 char *text_print_frame(char out[FRAME_TEXT_MAX], const cw_frame *frame);
 
 /* Reads can-utils filter text: "123" (exact, base), "12345678" (exact, extended), "ID:MASK",
- * "ID~MASK" (inverted), and "~" with one of the first three (inverted, too). Commas separate several filters. *count is the number written, at most
- * max. */
+ * "ID~MASK" (inverted), and "~" with one of the first three (inverted, too). Commas separate
+ * several filters. *count is the number written, at most max. */
 const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, const char *text);
 
 /* Prints one filter in the same notation. */

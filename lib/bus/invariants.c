@@ -54,11 +54,13 @@ static void assert_node(const cw_bus *bus, unsigned i)
 
 static void assert_sums(const cw_bus *bus)
 {
-    uint64_t queued = 0, handed_in = 0;
+    uint64_t queued = 0, handed_in = 0, stored = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
         queued += bus->nodes[i].queue.count;
         handed_in += bus->nodes[i].inbox;
+        stored += cw_buffers_count(bus, i);
     }
+    assert(bus->stored == stored && stored <= bus->stored_most);
     assert(bus->queued == queued);
     assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
     assert(bus->load.unit > 1 || bus->load.bits <= bus->stats.bits); /* less: see takeover.c */

@@ -112,6 +112,7 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
         stored_frame *stored = carve(a, h->receive_buffers + 1u, sizeof *stored);
         if (!bus)
             continue;
+        bus->stored_most += h->receive_buffers ? h->receive_buffers + 1u : 0;
         if (h->filter_count)
             memcpy(filters, h->filters, h->filter_count * sizeof *filters);
         buffers[i] = (cw_buffers){.filters = filters, .filter_count = h->filter_count,

@@ -29,7 +29,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus)
 
 size_t cw_bus_pending(const cw_bus *bus)
 {
-    return (size_t)bus->queued + bus->inbox.count + bus->rules.held_count + cw_buffers_total(bus);
+    return (size_t)bus->queued + bus->inbox.count + bus->rules.held_count + bus->stored;
 }
 
 bool cw_bus_idle(const cw_bus *bus)
@@ -138,7 +138,7 @@ void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
     *stats = bus->stats;
     stats->arbitration_lost -= cw_count_bits(cw_losses_ahead(bus));
     stats->ticks = cw_now(bus);
-    stats->pending = (uint32_t)(bus->queued + bus->rules.held_count) + cw_buffers_total(bus);
+    stats->pending = (uint32_t)(bus->queued + bus->rules.held_count) + bus->stored;
     stats->busy_ticks = cw_rate_ticks(cw_wire_rate(&bus->time), stats->busy_bits) -
                         bus->timed.short_ticks;
     stats->load_permille = (uint16_t)cw_load_second_permille(&bus->load);

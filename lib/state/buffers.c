@@ -57,6 +57,7 @@ static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_or
     s->due = cw_after(last > now ? last : now, b->service_ticks);
     s->origin = *origin;
     cw_frame_copy(&s->frame, frame);
+    bus->stored++;
     bus->node_due = cw_least(bus->node_due, stored_at(b, 0)->due);
 }
 
@@ -71,8 +72,9 @@ void cw_buffers_receive(cw_bus *bus, unsigned i, cw_frame *frame, const frame_or
 }
 
 /* Takes the frame that has waited longest. */
-static void take_first(cw_buffers *b, stored_frame *out)
+static void take_first(cw_bus *bus, cw_buffers *b, stored_frame *out)
 {
+    bus->stored--;
     *out = *stored_at(b, 0);
     b->first = (b->first + 1) % (b->limit + 1);
     b->count--;
@@ -83,7 +85,7 @@ void cw_buffers_run(cw_bus *bus, unsigned i)
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     stored_frame s;
     while (b && b->count && stored_at(b, 0)->due <= cw_now(bus)) {
-        take_first(b, &s);
+        take_first(bus, b, &s);
         deliver(bus, i, &s.frame, &s.origin);
     }
 }
@@ -104,7 +106,7 @@ void cw_buffers_flush(cw_bus *bus, unsigned i, cw_drop why)
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     stored_frame s;
     while (b && b->count) {
-        take_first(b, &s);
+        take_first(bus, b, &s);
         cw_push_drop(bus, i, CW_SIDE_RX, &s.frame, why, cw_now(bus));
     }
 }
@@ -122,27 +124,12 @@ void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s)
                        .side = CW_SIDE_RX, .origin = s->origin};
     if (b && b->count < b->limit) {
         *stored_at(b, b->count++) = *s;
+        bus->stored++;
         return;
     }
     cw_frame_copy(&held.frame, &s->frame);
     if (!cw_rules_hold(&bus->rules, &held))
         cw_push_drop(bus, i, CW_SIDE_RX, &s->frame, CW_DROP_REMOVED, cw_now(bus));
-}
-
-uint32_t cw_buffers_total(const cw_bus *bus)
-{
-    uint32_t total = 0;
-    for (unsigned i = 0; bus->buffers && i < bus->node_count; i++)
-        total += bus->buffers[i].count;
-    return total;
-}
-
-uint32_t cw_buffers_most(const cw_bus *bus)
-{
-    uint32_t most = 0;
-    for (unsigned i = 0; bus->buffers && i < bus->node_count; i++)
-        most += bus->buffers[i].limit + 1;
-    return most;
 }
 
 bool cw_buffers_accept(cw_bus *bus, unsigned i, const cw_frame *frame)

@@ -27,13 +27,13 @@ void cw_ring_find_enough(cw_bus *bus)
     for (unsigned i = 0; i < bus->node_count; i++)
         queues += bus->nodes[i].queue.capacity;
     bus->ring.enough = worst_bit(bus, queues, bus->inbox.capacity,
-                                 CW_HELD_FRAMES + cw_buffers_most(bus));
+                                 CW_HELD_FRAMES + bus->stored_most);
 }
 
 bool cw_ring_has_room_now(const cw_bus *bus)
 {
     uint64_t worst = worst_bit(bus, bus->queued, bus->inbox.count,
-                               bus->rules.held_count + cw_buffers_total(bus));
+                               bus->rules.held_count + bus->stored);
     uint64_t room = bus->ring.capacity - bus->ring.count;
     /* rules on the host side may need more room than the ring has. Then the ring is emptied first,
      * and events that still do not fit are counted as lost */

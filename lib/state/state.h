@@ -183,6 +183,8 @@ struct cw_bus {
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
     cw_buffers *buffers;     /* ... or NULL: no node has filters or receive buffers */
+    uint32_t stored;         /* frames in all receive buffers now ... */
+    uint32_t stored_most;    /* ... and at most */
     cw_rule_set rules;
     cw_timed timed;
     bit_note note;
@@ -311,10 +313,6 @@ const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
 
 /* Puts a frame behind those that wait for the host of a node, as it waited in another bus. */
 void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored);
-
-/* Return the frames that wait for hosts now, and at most. */
-uint32_t cw_buffers_total(const cw_bus *bus);
-uint32_t cw_buffers_most(const cw_bus *bus);
 
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 

@@ -7,8 +7,8 @@
 
 _canwire_commands="check vcan bits timing sim status watch record faults inject clear fire restart"
 _canwire_commands+=" set reload help"
-_canwire_events="fault link drop restart arbitration-lost error overload protocol-exception rx tx"
-_canwire_events+=" state skip sync"
+_canwire_events="fault link drop restart arbitration-lost error overload protocol-exception overrun"
+_canwire_events+=" rx tx state skip sync"
 
 # Words of $1 that begin as the word being typed.
 _canwire_words() {

@@ -318,7 +318,9 @@ static unsigned setting_places(const diff_scenario *s)
 
 static bool simplify_setting(diff_scenario *s, unsigned place)
 {
-    cw_node_config *n = &s->plans[place / SETTINGS / CW_NODES_MAX].nodes[place / SETTINGS % CW_NODES_MAX];
+    const unsigned node = place / SETTINGS % CW_NODES_MAX;
+    diff_plan *plan = &s->plans[place / SETTINGS / CW_NODES_MAX];
+    cw_node_config *n = &plan->nodes[node];
     const cw_node_config before = *n;
     if (place % SETTINGS == 0)
         n->modes = 0;
@@ -332,8 +334,7 @@ static bool simplify_setting(diff_scenario *s, unsigned place)
         n->restart_ticks = 0;
     else
         memset(&n->host, 0, sizeof n->host);
-    return place / SETTINGS % CW_NODES_MAX < s->plans[place / SETTINGS / CW_NODES_MAX].config.node_count &&
-           memcmp(&before, n, sizeof before) != 0;
+    return node < plan->config.node_count && memcmp(&before, n, sizeof before) != 0;
 }
 
 /* ---- Values of operations -------------------------------------------------------------------- */

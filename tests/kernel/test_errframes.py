@@ -2,6 +2,7 @@
 """Error frames that ECUs get, on real vcan: as linux/can/error.h and the SJA1000 driver have
 them."""
 
+import json
 import socket
 import subprocess
 
@@ -9,17 +10,30 @@ import pytest
 
 from canbits import CLASSIC, Frame
 from conftest import RECEIVE_BUFFER_BYTES, SO_RCVBUFFORCE, wait_until
+from test_faults import Shell
 
 CAN_RAW_ERR_FILTER = 2  # option of SOL_CAN_RAW that Python does not name
 ERR, LOSTARB, CRTL, PROT, ACK = 0x20000000, 0x2, 0x4, 0x8, 0x20
 BUSOFF, BUSERROR, RESTARTED, CNT = 0x40, 0x80, 0x100, 0x200
-TX_OVERFLOW, TX_WARNING, RX_PASSIVE, TX_PASSIVE, ACTIVE = 0x02, 0x08, 0x10, 0x20, 0x40
+RX_OVERFLOW, TX_OVERFLOW, TX_WARNING = 0x01, 0x02, 0x08
+RX_PASSIVE, TX_PASSIVE, ACTIVE = 0x10, 0x20, 0x40
 
 ALONE = """
 bus: {{ name: errors, bitrate: 500000 }}
 lcm: {{ period: 50ms, events: [state] }} # single errors would be a flood
 nodes:
   - {{ name: engine, port: vcan0, berr-reporting: {berr} }}
+"""
+
+SLOW = """
+bus: {{ name: slow, bitrate: 500000 }}
+control: slow.sock
+nodes:
+  - name: dash
+    port: vcan0
+    filter: "100:700"
+    controller: {{ model: basic, service-time: 3s }}
+  - {{ name: engine, port: vcan1 }}
 """
 
 # each attempt of the engine ends in a bit error that only it sees: 32 of them and it is bus-off
@@ -228,3 +242,19 @@ def test_tshark_reads_them(vcan, canwired, can_socket, errors, tmp_path):
                f["err.prot.type.bit"] == "1" and f["err.prot.type.tx"] == "1" for f in bit_errors)
     for name in ("err.ctrl.tx_warning", "err.ctrl.tx_passive", "err.busoff", "err.restarted"):
         assert sum(frame[name] == "1" for frame in read) == 1, name
+
+
+def test_an_ecu_that_reads_too_slowly_is_told_of_the_overrun(vcan, canwired, can_socket, errors):
+    """Frames in a row; the host is still at the first one when the others have come."""
+    vcan(2)
+    daemon = canwired(SLOW.format())
+    ecu = can_socket("vcan0")
+    reader = errors("vcan0")
+    frames = [Frame(0x100, 1, bytes([number])) for number in range(4)]
+    can_socket("vcan1").send(*frames, Frame(0x200, 1, b"\xff"))  # the filter keeps the last one out
+    assert reader.take(3) == [pack(CRTL, 0, RX_OVERFLOW)] * 3
+    assert ecu.receive(1) == frames[:1]
+    node = json.loads(Shell(daemon).run("status", "slow", "--json"))["nodes"][0]
+    assert (node["overruns"], node["filtered"], node["rx_frames"]) == (3, 1, 1)
+    daemon.stop()
+    assert reader.waiting() == []

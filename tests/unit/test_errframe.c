@@ -200,6 +200,10 @@ static void an_overflow_on_the_way_to_the_bus(void **state)
     assert_int_equal(e.can_id, 0x20000004);
     assert_memory_equal(e.data, ((uint8_t[8]){0, 0x01}), 8);
     assert_false(errframe_is_minor(&e));
+    const cw_event overrun = {.kind = CW_EVENT_OVERRUN, .frame = {.id = 0x123}};
+    errframe out;
+    assert_true(errframe_from_event(&out, &overrun, 0));
+    assert_memory_equal(&out, &e, sizeof e);
 }
 
 static void storm_is_limited_and_counted(void **state)
