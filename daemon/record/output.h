@@ -38,8 +38,8 @@ json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
  * frames before a reload. */
 bool output_has_fd(const cfg *config, const cw_bus *bus);
 
-/* Puts what only some buses have. These are the errors of a node at the data rate, by type, and the
- * frames that its filters and receive buffers have kept from its host. */
+/* Puts what only some buses have. These are the errors of a node at the data rate by type, and what
+ * its filters and receive buffers have kept from its host. */
 void output_put_more(json_t *object, const cw_bus *bus, unsigned node);
 
 /* Finds out how the clock of a node keeps up with the bus. Returns false where nothing has been
