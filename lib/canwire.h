@@ -491,6 +491,11 @@ void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
 #define CW_PROTOCOL_MASK 0x0Fu         /* of the cw_protocol */
 #define CW_PROTOCOL_NO_EXCEPTION 0x10u /* a protocol exception is a form error instead (D16) */
 #define CW_PROTOCOL_NON_ISO 0x20u      /* see CW_FRAME_NON_ISO */
+/* Controllers before CAN 2.0B, which are CW_CLASSICAL. One of 2.0A reads each frame as a base
+ * frame: SRR as RTR, IDE as r1, id[11] as r0, id[12..15] as DLC. A passive one of 2.0B checks and
+ * acknowledges extended frames, and its host gets none. Neither sends them. */
+#define CW_PROTOCOL_2_0A 0x40u
+#define CW_PROTOCOL_2_0B_PASSIVE 0x80u
 cw_status cw_mac_set_protocol(cw_mac *mac, unsigned protocol, cw_fd_part *fd);
 
 /* Offers a frame for transmission. The offer stays through lost arbitration, errors, disconnection

@@ -118,7 +118,7 @@ static void print_modes(FILE *out, const json_t *node)
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i))
         if (json_is_true(json_object_iter_value(i)))
             print_mode(out, &before, json_object_iter_key(i));
-    if (strcmp(kind, "fd") == 0 || strcmp(kind, "fd-tolerant") == 0)
+    if (*kind && strcmp(kind, "classical") != 0)
         print_mode(out, &before, kind);
     if (json_is_true(json_object_get(node, "fd-non-iso")))
         print_mode(out, &before, "fd-non-iso");

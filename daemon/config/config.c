@@ -40,6 +40,25 @@ bool cfg_knows_fd(const cfg *config, const cfg_node *node)
            (node->kind == CFG_KIND_BY_BUS && config->dbitrate_bps > 0);
 }
 
+const char *cfg_kind_name(const cfg *config, const cfg_node *node)
+{
+    static const char *const names[] = {
+        [CFG_KIND_BY_BUS] = "classical",
+        [CFG_KIND_CLASSICAL] = "classical",
+        [CFG_KIND_2_0A] = "2.0A",
+        [CFG_KIND_2_0B_PASSIVE] = "2.0B-passive",
+        [CFG_KIND_FD_TOLERANT] = "fd-tolerant",
+        [CFG_KIND_FD] = "fd",
+    };
+
+    return cfg_knows_fd(config, node) ? names[CFG_KIND_FD] : names[node->kind];
+}
+
+bool cfg_is_old(const cfg_node *node)
+{
+    return node->kind == CFG_KIND_2_0A || node->kind == CFG_KIND_2_0B_PASSIVE;
+}
+
 bool cfg_has_fd(const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
@@ -50,10 +69,16 @@ bool cfg_has_fd(const cfg *config)
 
 static uint8_t protocol_of(const cfg *config, const cfg_node *node)
 {
-    unsigned protocol = node->kind == CFG_KIND_FD_TOLERANT ? CW_FD_TOLERANT : CW_CLASSICAL;
+    static const uint8_t of_kinds[] = {
+        [CFG_KIND_BY_BUS] = CW_CLASSICAL,
+        [CFG_KIND_CLASSICAL] = CW_CLASSICAL,
+        [CFG_KIND_2_0A] = CW_CLASSICAL | CW_PROTOCOL_2_0A,
+        [CFG_KIND_2_0B_PASSIVE] = CW_CLASSICAL | CW_PROTOCOL_2_0B_PASSIVE,
+        [CFG_KIND_FD_TOLERANT] = CW_FD_TOLERANT,
+        [CFG_KIND_FD] = CW_FD,
+    };
+    const unsigned protocol = cfg_knows_fd(config, node) ? CW_FD : of_kinds[node->kind];
 
-    if (cfg_knows_fd(config, node))
-        protocol = CW_FD;
     return (uint8_t)(protocol | (node->no_exception ? CW_PROTOCOL_NO_EXCEPTION : 0) |
                      (config->fd_non_iso ? CW_PROTOCOL_NON_ISO : 0));
 }

@@ -64,6 +64,8 @@ typedef enum cfg_when_full {
 typedef enum cfg_kind {
     CFG_KIND_BY_BUS = 0, /* fd where the bus has a data rate, else classical */
     CFG_KIND_CLASSICAL,
+    CFG_KIND_2_0A,
+    CFG_KIND_2_0B_PASSIVE,
     CFG_KIND_FD_TOLERANT,
     CFG_KIND_FD
 } cfg_kind;
@@ -326,6 +328,12 @@ uint8_t cfg_find_node(const cfg *config, const char *name);
 
 /* Returns true when a node knows CAN FD frames. */
 bool cfg_knows_fd(const cfg *config, const cfg_node *node);
+
+/* Returns the name of the kind that a node has, by itself or by its bus. */
+const char *cfg_kind_name(const cfg *config, const cfg_node *node);
+
+/* Returns true when a node is of CAN 2.0A or 2.0B passive: it sends no extended frames. */
+bool cfg_is_old(const cfg_node *node);
 
 /* Returns true when any node does. */
 bool cfg_has_fd(const cfg *config);

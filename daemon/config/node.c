@@ -33,6 +33,9 @@ static const schema_range tdco_range = {0, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)}
 static const schema_range tdcv_range = {1, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
 
 static const schema_choice kinds[] = {
+    {.name = "2.0A", .value = CFG_KIND_2_0A},
+    {.name = "2.0B-passive", .value = CFG_KIND_2_0B_PASSIVE},
+    {.name = "2.0B", .value = CFG_KIND_CLASSICAL},
     {.name = "classical", .value = CFG_KIND_CLASSICAL},
     {.name = "fd-tolerant", .value = CFG_KIND_FD_TOLERANT},
     {.name = "fd", .value = CFG_KIND_FD},

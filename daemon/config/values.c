@@ -185,6 +185,10 @@ void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *va
     const bool known = node < walk->config->node_count; /* else there is an error already */
     const cfg_node *sender = known ? &walk->config->nodes[node] : NULL;
 
+    if (sender && !walk->any_node && (frame->flags & CW_FRAME_EXTENDED) && cfg_is_old(sender))
+        schema_problem(self, key, value,
+                       schema_print(self, "an extended frame, but the node '%s' sends base frames "
+                                    "only (kind: classical makes it send both)", sender->name));
     if (!(frame->flags & CW_FRAME_FD) || walk->any_node || !sender ||
         cfg_knows_fd(walk->config, sender))
         return;

@@ -68,15 +68,15 @@ static json_t *timing_json(const cfg *config, unsigned node, const cw_bit_timing
     return object;
 }
 
-/* Puts what a node makes of CAN FD frames, on a bus where there may be some. */
+/* Puts the frames that a node knows, where nodes may differ in that. */
 static void put_kind(json_t *object, const cfg *config, unsigned index)
 {
     const cfg_node *node = &config->nodes[index];
     const bool tolerant = node->kind == CFG_KIND_FD_TOLERANT;
     const bool fd = cfg_knows_fd(config, node);
-    if (!cfg_has_fd(config) && !tolerant)
+    if (!cfg_has_fd(config) && !tolerant && !cfg_is_old(node))
         return;
-    put_text(object, "kind", fd ? "fd" : tolerant ? "fd-tolerant" : "classical");
+    put_text(object, "kind", cfg_kind_name(config, node));
     if (fd || tolerant)
         put_bool(object, "protocol-exception", !node->no_exception);
     if (fd)

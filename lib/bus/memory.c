@@ -14,7 +14,7 @@ static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
            c->warning_limit >= 1 && c->warning_limit <= 255 &&
-           (c->protocol & CW_PROTOCOL_MASK) <= CW_FD &&
+           cw_protocol_valid(c->protocol) &&
            c->host.filter_count <= CW_NODE_FILTERS_MAX &&
            c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX;
 }
@@ -22,7 +22,8 @@ static bool node_config_valid(const cw_node_config *c)
 static bool has_buffers(const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++)
-        if (c->nodes[i].host.filter_count || c->nodes[i].host.receive_buffers)
+        if (c->nodes[i].host.filter_count || c->nodes[i].host.receive_buffers ||
+            (c->nodes[i].protocol & CW_PROTOCOL_2_0B_PASSIVE))
             return true;
     return false;
 }
@@ -231,6 +232,8 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
     (void)cw_mac_set_protocol(&n->mac, c->protocol, fd ? &bus->fd_parts[1 + i] : NULL);
     n->queue_limit = c->queue;
+    if (c->protocol & CW_PROTOCOL_2_0A)
+        bus->old |= cw_node_bit(i);
     bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
 }
 

@@ -57,11 +57,18 @@ bool cw_mac_is_on_bus(const cw_mac *m)
     return m->phase != CW_MAC_OFF && !is_bus_off(m);
 }
 
+bool cw_protocol_valid(unsigned protocol)
+{
+    const unsigned old = protocol & (CW_PROTOCOL_2_0A | CW_PROTOCOL_2_0B_PASSIVE);
+    const unsigned frames = protocol & CW_PROTOCOL_MASK;
+    const bool one = old == 0 || old == CW_PROTOCOL_2_0A || old == CW_PROTOCOL_2_0B_PASSIVE;
+    return protocol <= UINT8_MAX && frames <= CW_FD && one && (!old || frames == CW_CLASSICAL);
+}
+
 cw_status cw_mac_set_protocol(cw_mac *m, unsigned protocol, cw_fd_part *fd)
 {
-    const unsigned known = CW_PROTOCOL_MASK | CW_PROTOCOL_NO_EXCEPTION | CW_PROTOCOL_NON_ISO;
-    const unsigned frames = protocol & CW_PROTOCOL_MASK;
-    if ((protocol & ~known) || frames > CW_FD || (frames == CW_FD) != (fd != NULL))
+    const bool knows_fd = (protocol & CW_PROTOCOL_MASK) == CW_FD;
+    if (!cw_protocol_valid(protocol) || knows_fd != (fd != NULL))
         return CW_INVALID;
     m->protocol = (uint8_t)protocol;
     m->fd = fd;
@@ -117,7 +124,7 @@ cw_status cw_mac_offer(cw_mac *m, const cw_frame *frame)
 {
     if (is_bus_off(m) || cw_mac_is_sending(m) || only_receives(m))
         return CW_REFUSED;
-    if (!cw_frame_valid(frame) || (cw_frame_is_fd(frame) && !m->fd))
+    if (!cw_mac_knows(m, frame))
         return CW_INVALID;
     cw_mac_encode(m, frame, 0);
     m->offered = true;
@@ -577,6 +584,15 @@ static bool finish_frame(cw_mac *m, cw_mac_report *r)
     return false;
 }
 
+/* Returns the level by which the part after the present one is chosen. Only a controller that knows
+ * FD frames goes on to res, and one of CAN 2.0A knows base frames alone. */
+static bool choosing_level(const cw_mac *m)
+{
+    const bool may_be_fdf = cw_parts[m->part].effect == CW_EFFECT_TAKE_FDF;
+    const bool old = (m->protocol & CW_PROTOCOL_2_0A) && m->part == CW_PART_IDE;
+    return cw_mac_last_level(m) && (m->fd || !may_be_fdf) && !old;
+}
+
 /* Carries out the effect of the end of the present part. Returns true when the frame goes on. */
 static bool take_effect(cw_mac *m, cw_mac_report *r)
 {
@@ -589,7 +605,7 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
         take_rtr(m);
         break;
     case CW_EFFECT_TAKE_IDE:
-        cw_mac_rx(m)->flags |= cw_mac_last_level(m) ? CW_FRAME_EXTENDED : 0;
+        cw_mac_rx(m)->flags |= choosing_level(m) ? CW_FRAME_EXTENDED : 0;
         break;
     case CW_EFFECT_TAKE_FDF:
         return take_fdf(m, r);
@@ -630,14 +646,6 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
         break;
     }
     return true;
-}
-
-/* Returns the level by which the part after the present one is chosen: only a controller that knows
- * FD frames goes on to res. */
-static bool choosing_level(const cw_mac *m)
-{
-    const bool may_be_fdf = cw_parts[m->part].effect == CW_EFFECT_TAKE_FDF;
-    return cw_mac_last_level(m) && (m->fd || !may_be_fdf);
 }
 
 static unsigned bits_of_part(const cw_mac *m)

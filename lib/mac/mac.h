@@ -5,6 +5,7 @@
 #ifndef CANWIRE_MAC_H
 #define CANWIRE_MAC_H
 
+#include "format/frame.h"
 #include "format/parts.h"
 #include "time/rate.h"
 
@@ -58,6 +59,17 @@ static inline bool cw_mac_comes_to_data_phase(const cw_mac *mac)
     return mac->fd && mac->phase == CW_MAC_FRAME &&
            (mac->part == CW_PART_RES || mac->part == CW_PART_BRS);
 }
+
+/* Returns true when a frame is valid, and one that the controller can send (D17). */
+static inline bool cw_mac_knows(const cw_mac *mac, const cw_frame *frame)
+{
+    const bool old = mac->protocol & (CW_PROTOCOL_2_0A | CW_PROTOCOL_2_0B_PASSIVE);
+    return cw_frame_valid(frame) && (!cw_frame_is_fd(frame) || mac->fd) &&
+           !(old && cw_frame_is_extended(frame));
+}
+
+/* Returns true when a cw_protocol goes together with these CW_PROTOCOL_*. */
+bool cw_protocol_valid(unsigned protocol);
 
 /* Returns true when an edge makes the controller count anew, see cw_mac_note_edge(). */
 bool cw_mac_counts_edges(const cw_mac *mac);

@@ -135,7 +135,9 @@ void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s)
 bool cw_buffers_accept(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
-    if (!b || cw_frame_matches(frame, b->filters, b->filter_count))
+    const bool passive = bus->nodes[i].mac.protocol & CW_PROTOCOL_2_0B_PASSIVE;
+    const bool known = !passive || !cw_frame_is_extended(frame);
+    if (!b || (known && cw_frame_matches(frame, b->filters, b->filter_count)))
         return true;
     b->stats.filtered++;
     return false;

@@ -173,6 +173,7 @@ struct cw_bus {
     cw_arbiter arbiter;
     cw_shares shares;
     uint32_t wanted;    /* kinds of events, as bits */
+    uint64_t old; /* nodes that read extended frames as base frames (2.0A) */
     bool fd;   /* some node knows FD frames, so there is room for them */
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
@@ -219,7 +220,7 @@ void cw_complete_fd(const bus_node *node);
 /* Returns true when the frame is valid, and one that the controller of the node knows (D17). */
 static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_frame *frame)
 {
-    return cw_frame_valid(frame) && (!cw_frame_is_fd(frame) || bus->nodes[node].mac.fd);
+    return cw_mac_knows(&bus->nodes[node].mac, frame);
 }
 
 /* Returns the reason why a node takes no frame now; CW_DROP_COUNT when it takes one. */

@@ -161,6 +161,13 @@ __attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
 }
 
+/* Controllers of CAN 2.0A destroy extended frames. */
+static bool is_extended(const cw_bus *bus, unsigned winner)
+{
+    const cw_queue *q = &bus->nodes[winner].queue;
+    return cw_frame_is_extended(cw_queue_at(q, cw_queue_first(q))->frame);
+}
+
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
@@ -171,7 +178,8 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
-    if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)))
+    if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)) ||
+        ((bus->old & bus->outlook.listeners) && is_extended(bus, winner)))
         return false;
     const bool waits = cw_rules_wait_for_frames(&bus->rules);
     uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;

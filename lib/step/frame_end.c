@@ -6,7 +6,8 @@
 
 #include "mac/confinement.h"
 
-#define PROTOCOLS_MAX 12u /* cw_protocol, each with the two CW_PROTOCOL_* or without */
+#define PROTOCOLS_MAX 20u /* cw_protocol with NO_EXCEPTION and NON_ISO or without; of classical ones
+                             also 2.0A and 2.0B passive */
 
 /* The points of receivers after the bits that have passed, for each protocol that some node has. */
 typedef struct points {

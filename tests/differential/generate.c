@@ -107,6 +107,7 @@ typedef struct generator {
     diff_maker maker;
     diff_scenario *scenario;
     const style *style;
+    bool old;         /* some nodes are of CAN 2.0A or 2.0B passive */
     bool hosts;       /* some nodes have filters, or slow hosts */
     unsigned names;   /* of rules, used so far */
     diff_op *moments; /* of the frames handed in, by the tick at which they come up */
@@ -191,6 +192,8 @@ static cw_node_config random_node(generator *g)
         node.host = random_host(m);
     if (m->fd)
         node.protocol = random_protocol(r);
+    if (g->old && (node.protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL && diff_chance(r, 300))
+        node.protocol |= diff_chance(r, 500) ? CW_PROTOCOL_2_0A : CW_PROTOCOL_2_0B_PASSIVE;
     return node;
 }
 
@@ -765,6 +768,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->clocks = g.style->clocks;
     m->fd = g.style->fd != 0;
     g.hosts = diff_chance(&m->random, 150);
+    g.old = diff_chance(&m->random, 100);
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);
