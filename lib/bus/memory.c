@@ -234,6 +234,7 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     n->queue_limit = c->queue;
     if (c->protocol & CW_PROTOCOL_2_0A)
         bus->old |= cw_node_bit(i);
+    bus->formats_differ = bus->fd || bus->old;
     bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
 }
 

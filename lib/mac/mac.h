@@ -63,6 +63,8 @@ static inline bool cw_mac_comes_to_data_phase(const cw_mac *mac)
 /* Returns true when a frame is valid, and one that the controller can send (D17). */
 static inline bool cw_mac_knows(const cw_mac *mac, const cw_frame *frame)
 {
+    if (!(frame->flags & (CW_FRAME_FD | CW_FRAME_EXTENDED)))
+        return cw_frame_valid(frame);
     const bool old = mac->protocol & (CW_PROTOCOL_2_0A | CW_PROTOCOL_2_0B_PASSIVE);
     return cw_frame_valid(frame) && (!cw_frame_is_fd(frame) || mac->fd) &&
            !(old && cw_frame_is_extended(frame));

@@ -142,15 +142,17 @@ static void refresh_esi(bus_node *n, cw_queue_slot *slot)
         n->mac.offered = false;
 }
 
-/* Prepares the first frame of the winner on a bus with FD; on other buses nothing of this changes.
- * Returns false when the frame is no clean one: some node does not know it (D17). It is not
- * inlined, since most buses have no FD. */
-__attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
+/* Prepares the first frame of the winner on a bus with FD, or with controllers of CAN 2.0A. On
+ * other buses nothing of this changes. Returns false when the frame is no clean one: some node does
+ * not know it (D17). It is not inlined, since most buses have neither. */
+__attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winner)
 {
     bus_node *n = &bus->nodes[winner];
     cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
     bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
     bus->frame_step.fast.to = 0;
+    if (cw_frame_is_extended(slot->frame) && (bus->old & bus->outlook.listeners))
+        return false;
     if (!cw_frame_is_fd(slot->frame))
         return true;
     refresh_esi(n, slot);
@@ -159,13 +161,6 @@ __attribute__((noinline)) static bool prepare_fd(cw_bus *bus, unsigned winner)
         bus->frame_step.fast = (cw_fast_part){
             .from = slot->behind_brs, .to = (uint16_t)(slot->wire_bits - AFTER_CRC_DELIMITER)};
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
-}
-
-/* Controllers of CAN 2.0A destroy extended frames. */
-static bool is_extended(const cw_bus *bus, unsigned winner)
-{
-    const cw_queue *q = &bus->nodes[winner].queue;
-    return cw_frame_is_extended(cw_queue_at(q, cw_queue_first(q))->frame);
 }
 
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
@@ -178,8 +173,8 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
-    if (!suits_step(bus, contenders, winner) || (bus->fd && !prepare_fd(bus, winner)) ||
-        ((bus->old & bus->outlook.listeners) && is_extended(bus, winner)))
+    if (!suits_step(bus, contenders, winner) ||
+        (bus->formats_differ && !prepare_format(bus, winner)))
         return false;
     const bool waits = cw_rules_wait_for_frames(&bus->rules);
     uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
