@@ -924,6 +924,8 @@ typedef struct cw_host_config {
                                   included, 0..CW_RECEIVE_BUFFERS_MAX; 0: it takes each at once. A
                                   frame that finds them full is lost */
     uint64_t service_ticks;    /* time in which the host fetches a frame, one after the other */
+    bool overload_when_full;   /* the controller sends overload frames while its buffers are full
+                                  after a frame, two at most (O1 a) */
 } cw_host_config;
 
 typedef struct cw_node_config {

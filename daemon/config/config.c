@@ -93,6 +93,7 @@ static cw_host_config host_of(const cfg_controller *controller)
         .filter_count = controller->filter_count,
         .receive_buffers = stores ? (uint16_t)(controller->receive_buffers - 1) : 0,
         .service_ticks = controller->service_ticks,
+        .overload_when_full = controller->overload_when_full,
     };
 }
 

@@ -108,6 +108,7 @@ typedef struct cfg_controller {
     cfg_model model;
     uint32_t receive_buffers; /* the one for the frame on the wire included */
     uint64_t service_ticks;   /* time that the host needs for each frame; 0: none */
+    bool overload_when_full;
     uint16_t filter_count;
     cw_filter *filters;
 } cfg_controller;

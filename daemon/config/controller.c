@@ -28,6 +28,7 @@ static const schema_key model_keys[] = {
     {.name = "receive-buffers", .read = schema_read_uint, MEMBER(receive_buffers),
      .arg = &buffers_range},
     {.name = "service-time", .read = cfg_read_ticks_min, MEMBER(service_ticks)},
+    {.name = "overload-when-full", .read = schema_read_bool, MEMBER(overload_when_full)},
     {.name = NULL},
 };
 
@@ -52,6 +53,7 @@ static void forget_model(cfg_controller *controller)
     controller->model = CFG_MODEL_QUEUE;
     controller->receive_buffers = BUFFERS_DEFAULT;
     controller->service_ticks = 0;
+    controller->overload_when_full = false;
 }
 
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)

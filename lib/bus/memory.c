@@ -118,7 +118,9 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
             memcpy(filters, h->filters, h->filter_count * sizeof *filters);
         buffers[i] = (cw_buffers){.filters = filters, .filter_count = h->filter_count,
                                   .limit = h->receive_buffers, .stored = stored,
-                                  .service_ticks = h->service_ticks};
+                                  .service_ticks = h->service_ticks,
+                                  .overload = h->overload_when_full};
+        bus->overload_when_full = bus->overload_when_full || h->overload_when_full;
     }
 }
 

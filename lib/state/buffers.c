@@ -7,6 +7,8 @@
  */
 #include "state/state.h"
 
+#define OVERLOAD_BITS 15u /* of an overload frame with the flags of all nodes */
+
 /* ---- Delivery -------------------------------------------------------------------------------- */
 
 /* Gives a frame to the host, past the rules on its way. */
@@ -42,6 +44,21 @@ static void overrun(cw_bus *bus, unsigned i, const cw_frame *frame)
     bus->buffers[i].stats.overruns++;
 }
 
+/* Wants overload frames as long as the buffers will be full. The first one comes in place of the
+ * intermission, which would begin a bit later. */
+static void ask_for_time(cw_bus *bus, unsigned i)
+{
+    const cw_buffers *b = &bus->buffers[i];
+    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
+    const uint64_t free_at = stored_at(b, b->count - b->limit)->due;
+    const bool second = free_at > cw_now(bus) + (1 + OVERLOAD_BITS) * bit;
+    if (free_at <= cw_now(bus) + bit)
+        return;
+    cw_leave(bus, cw_node_bit(i));
+    (void)cw_mac_request_overload(&bus->nodes[i].mac, second ? 2 : 1);
+    bus->outlook.valid = false;
+}
+
 /* A frame that has been fetched in the bit in progress is still stored: hosts get their frames
  * between two bits. */
 static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
@@ -58,6 +75,8 @@ static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_or
     s->origin = *origin;
     cw_frame_copy(&s->frame, frame);
     bus->stored++;
+    if (b->overload && unfetched(b, now) == b->limit)
+        ask_for_time(bus, i);
     bus->node_due = cw_least(bus->node_due, stored_at(b, 0)->due);
 }
 

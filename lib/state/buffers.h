@@ -25,6 +25,7 @@ typedef struct cw_buffers {
     unsigned first;
     unsigned count;
     uint64_t service_ticks;   /* time that the host needs for each */
+    bool overload;            /* overload frames are wanted while they are full (O1 a) */
     cw_host_stats stats;
 } cw_buffers;
 

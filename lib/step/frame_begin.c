@@ -45,12 +45,12 @@ static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
     return !given_up && !error_rules_may_act(bus, contenders, winner);
 }
 
-/* Returns the number of last bits that the controllers must take themselves, to miss an
- * acknowledgement or to suspend transmission after the intermission (M8). */
+/* Returns the number of last bits that the controllers must take themselves. They may miss an
+ * acknowledgement, want overload frames, or suspend transmission after the intermission (M8). */
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
     const unsigned from_ack_slot = bus->frame_step.after_ack + 1u + CW_INTERMISSION_BITS;
-    if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0)
+    if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0 || bus->overload_when_full)
         return from_ack_slot;
     bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);
     return suspends ? CW_INTERMISSION_BITS : 0;

@@ -163,6 +163,7 @@ static cw_host_config random_host(diff_maker *m)
     if (diff_chance(r, 600)) {
         host.receive_buffers = (uint16_t)diff_magnitude(r, 1, CW_RECEIVE_BUFFERS_MAX);
         host.service_ticks = diff_random_ticks(m, 1, 1000);
+        host.overload_when_full = diff_chance(r, 300);
     }
     return host;
 }

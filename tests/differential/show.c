@@ -297,8 +297,8 @@ static void write_timing(FILE *out, const cw_node_timing *t)
 static void write_host(FILE *out, const cw_host_config *h)
 {
     if (h->filter_count || h->receive_buffers)
-        fprintf(out, ".host = {diff_filters, %u, %u, %" PRIu64 "}, ", h->filter_count,
-                h->receive_buffers, h->service_ticks);
+        fprintf(out, ".host = {diff_filters, %u, %u, %" PRIu64 ", %d}, ", h->filter_count,
+                h->receive_buffers, h->service_ticks, h->overload_when_full);
 }
 
 static void write_nodes(FILE *out, const diff_plan *plan)

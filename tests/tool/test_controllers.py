@@ -52,6 +52,21 @@ def test_a_slow_host_loses_frames_in_slots_of_100_us(tmp_path, service, lost):
     assert all(a["t"] <= b["t"] for a, b in zip(events, events[1:]))
 
 
+@pytest.mark.parametrize("service, frames", [(150, 2), (40, 2), (20, 1), (1, 0)])
+def test_a_full_controller_asks_for_time_by_overload_frames(tmp_path, service, frames):
+    """Frames follow each other after 3 bits. Each overload frame puts 15 bits in between, 30 us."""
+    for step in [], ["--step"]:
+        events, nodes = run(
+            tmp_path, "  - { name: a, traffic: [ { send: '123#', count: 10, every: 10us } ] }\n"
+                      "  - { name: b, controller: { model: basic, overload-when-full: on, "
+                      f"service-time: {service}us }} }}\n  - name: c\n", *step)
+        assert not of(events, "b", "overrun") and len(of(events, "b", "rx")) == 10
+        assert len(of(events, "b", "overload")) == nodes["b"]["overloads"] == 10 * frames
+        ends = [round(e["t"] * 1e6) for e in of(events, "a", "tx")]
+        assert {later - end for end, later in zip(ends, ends[1:])} == {96 + 30 * frames}
+        assert all(n["rec"] == n["tec"] == 0 for n in nodes.values())
+
+
 def test_a_transmit_buffer_makes_urgent_frames_wait(tmp_path):
     """Inner priority inversion: 700 has lost arbitration and keeps 001 of the same node waiting."""
     order = []
