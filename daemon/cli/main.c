@@ -26,6 +26,7 @@ static const command commands[] = {
     {"timing", "find the segments of a bit, or show those of a configuration", cli_timing},
     {"vcan", "make or remove the interfaces of a configuration", cli_vcan},
     {"sim", "run a configuration in virtual time, without sockets", cli_sim},
+    {"analyse", "show what a bus can promise: response times and load", cli_analyse},
     {"status", "show a running bus and its nodes", cli_status},
     {"watch", "show what happens on a bus, live", cli_watch},
     {"record", "write what happens on a bus into a file, live", cli_record},

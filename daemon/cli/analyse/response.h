@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * response.h - worst-case response times of periodic messages on one CAN bus.
+ *
+ * The analysis is exact. It is that of Davis, Burns, Bril and Lukkien, "Controller Area Network
+ * (CAN) schedulability analysis: refuted, revisited and revised", Real-Time Systems 35 (2007).
+ * Nodes whose frames go first in, first out have an upper bound. Each frame waits there for all
+ * others of the node, after Davis, Kollmann, Pollex and Slomka (2011).
+ */
+#ifndef CANWIRE_CLI_ANALYSE_RESPONSE_H
+#define CANWIRE_CLI_ANALYSE_RESPONSE_H
+
+#include "canwire.h"
+
+/* One message. All times are ticks. */
+typedef struct response_message {
+    uint32_t key;      /* the lower one wins arbitration, see response_key() */
+    unsigned node;
+    bool fifo;         /* its node sends first in, first out */
+    uint64_t period;   /* shortest time between two; CW_NEVER: it comes once */
+    uint64_t jitter;   /* at most so late after the begin of its period */
+    uint64_t length;   /* of its longest frame, with the intermission */
+    uint64_t blocking; /* found: the longest frame of lower priority, that has just begun */
+    uint64_t response; /* found: from the begin of the period to the end of the frame and its
+                          intermission; CW_NEVER: there is no bound */
+    uint64_t instances; /* found: that had to be looked at */
+    uint64_t delay;    /* of a fifo node: until it comes first in its queue */
+} response_message;
+
+typedef struct response_bus {
+    uint64_t bit;        /* of the arbitration phase */
+    uint64_t error_every; /* one error in each such time; CW_NEVER: none */
+    response_message *messages;
+    size_t count;
+} response_bus;
+
+/* Returns the priority of a frame: the lower one wins. */
+uint32_t response_key(const cw_frame *frame);
+
+/* Finds blocking and response of all messages. */
+void response_find(response_bus *bus);
+
+#endif

@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sources.c - the periodic messages of a configuration, with the lengths of their frames.
+ *
+ * The most stuff bits come with five equal bits, and then with four behind each stuff bit. So there
+ * is one for each four bits behind the first one.
+ */
+#include "cli/analyse/sources.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define INTERMISSION_BITS 3u
+#define STUFF_EVERY 4u
+/* Bits from SOF to the last one of the CRC: without data, of base and extended frames. */
+#define BASE_STUFFED 34u
+#define EXTENDED_STUFFED 54u
+#define CLASSICAL_TAIL 10u /* CRC delimiter, ACK slot and delimiter, EOF */
+/* CAN FD: SOF to BRS, of base and extended frames; ESI and DLC; behind the CRC. */
+#define FD_BASE_HEAD 17u
+#define FD_EXTENDED_HEAD 36u
+#define FD_ESI_DLC 5u
+#define FD_TAIL 11u /* CRC delimiter, ACK slot of two bits, ACK delimiter, EOF */
+#define FD_SHORT_CRC 27u /* with stuff count and fixed stuff bits, up to 16 bytes */
+#define FD_LONG_CRC 32u
+#define FD_SHORT_CRC_NON_ISO 22u
+#define FD_LONG_CRC_NON_ISO 27u
+#define FD_SHORT_BYTES 16u
+
+/* ---- Lengths --------------------------------------------------------------------------------- */
+
+static unsigned most_stuff_bits(unsigned bits)
+{
+    return (bits - 1) / STUFF_EVERY;
+}
+
+static unsigned longest_classical(const cw_frame *frame)
+{
+    const unsigned head =
+        frame->flags & CW_FRAME_EXTENDED ? EXTENDED_STUFFED : BASE_STUFFED;
+    const unsigned stuffed = head + 8 * cw_frame_length(frame);
+    return stuffed + most_stuff_bits(stuffed) + CLASSICAL_TAIL + INTERMISSION_BITS;
+}
+
+static unsigned fd_crc_bits(const cw_frame *frame)
+{
+    const bool is_short = cw_frame_length(frame) <= FD_SHORT_BYTES;
+    if (frame->flags & CW_FRAME_NON_ISO)
+        return is_short ? FD_SHORT_CRC_NON_ISO : FD_LONG_CRC_NON_ISO;
+    return is_short ? FD_SHORT_CRC : FD_LONG_CRC;
+}
+
+/* A stuff bit before ESI is a nominal one, and there may be as many as the head allows. */
+static unsigned longest_fd(const cw_frame *frame, unsigned *fast)
+{
+    const unsigned head = frame->flags & CW_FRAME_EXTENDED ? FD_EXTENDED_HEAD : FD_BASE_HEAD;
+    const unsigned stuffed = head + FD_ESI_DLC + 8 * cw_frame_length(frame);
+    const unsigned bits = stuffed + most_stuff_bits(stuffed) + fd_crc_bits(frame) + FD_TAIL +
+                          INTERMISSION_BITS;
+    const unsigned nominal = head + most_stuff_bits(head) + FD_TAIL + INTERMISSION_BITS;
+    *fast = frame->flags & CW_FRAME_BRS ? bits - nominal : 0;
+    return bits;
+}
+
+unsigned sources_longest_bits(const cw_frame *frame, unsigned *fast)
+{
+    *fast = 0;
+    return frame->flags & CW_FRAME_FD ? longest_fd(frame, fast) : longest_classical(frame);
+}
+
+uint64_t sources_time(const cfg *config, unsigned bits, unsigned fast)
+{
+    const uint64_t nominal = cw_rate_ticks(config->rate, bits - (config->dbitrate_bps ? fast : 0));
+    if (config->dbitrate_bps == 0)
+        return nominal;
+    return nominal + ((uint64_t)fast * CW_CLOCK_HZ + config->dbitrate_bps - 1) /
+                         config->dbitrate_bps;
+}
+
+/* Returns the time of a frame as it is. */
+static uint64_t time_as_configured(const cfg *config, const cw_frame *frame)
+{
+    cw_bits bits;
+    unsigned fast = 0;
+    if (cw_bits_encode(&bits, frame) != CW_OK)
+        return 0;
+    for (unsigned n = 0; n < bits.length; n++)
+        fast += cw_bits_is_fast(&bits, n);
+    return sources_time(config, bits.length + INTERMISSION_BITS, fast);
+}
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+static void add(sources *s, const cfg_node *node, unsigned index, const cfg_traffic *traffic)
+{
+    const cfg *config = s->config;
+    cw_frame frame = traffic->frame;
+    unsigned fast;
+    if ((frame.flags & CW_FRAME_FD) && config->fd_non_iso)
+        frame.flags |= CW_FRAME_NON_ISO;
+    source *new = &s->list[s->count];
+    *new = (source){.node = node, .traffic = traffic,
+                    .bits = sources_longest_bits(&frame, &fast),
+                    .length = time_as_configured(config, &frame)};
+    s->messages[s->count++] = (response_message){
+        .key = response_key(&frame),
+        .node = index,
+        .fifo = node->order == CW_ORDER_FIFO,
+        .period = traffic->has_every ? text_time_ticks(traffic->every, config->rate) : CW_NEVER,
+        .jitter = text_time_ticks(traffic->jitter, config->rate),
+        .length = sources_time(config, new->bits, fast),
+    };
+}
+
+/* Sorts by priority, in both lists. */
+static void sort(sources *s)
+{
+    for (size_t i = 1; i < s->count; i++) {
+        const source moved = s->list[i];
+        const response_message message = s->messages[i];
+        size_t place = i;
+        for (; place > 0 && s->messages[place - 1].key > message.key; place--) {
+            s->list[place] = s->list[place - 1];
+            s->messages[place] = s->messages[place - 1];
+        }
+        s->list[place] = moved;
+        s->messages[place] = message;
+    }
+}
+
+bool sources_find(sources *s, const cfg *config)
+{
+    size_t most = 1;
+    for (size_t i = 0; i < config->node_count; i++)
+        most += config->nodes[i].traffic_count;
+    *s = (sources){.config = config, .list = calloc(most, sizeof *s->list),
+                   .messages = calloc(most, sizeof *s->messages)};
+    if (!s->list || !s->messages)
+        return false;
+    for (unsigned i = 0; i < config->node_count; i++) {
+        const cfg_node *node = &config->nodes[i];
+        s->incomplete = s->incomplete || node->port;
+        for (size_t t = 0; t < node->traffic_count; t++) {
+            if (node->traffic[t].kind == CFG_TRAFFIC_SEND)
+                add(s, node, i, &node->traffic[t]);
+            else
+                s->incomplete = true;
+        }
+    }
+    sort(s);
+    return true;
+}
+
+void sources_free(sources *s)
+{
+    free(s->list);
+    free(s->messages);
+    *s = (sources){.count = 0};
+}

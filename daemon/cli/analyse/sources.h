@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sources.h - the periodic messages of a configuration, with the lengths of their frames.
+ */
+#ifndef CANWIRE_CLI_ANALYSE_SOURCES_H
+#define CANWIRE_CLI_ANALYSE_SOURCES_H
+
+#include "cli/analyse/response.h"
+#include "config/config.h"
+
+typedef struct source {
+    const cfg_node *node;
+    const cfg_traffic *traffic;
+    unsigned bits;        /* of the longest frame of this length of data, with the intermission */
+    uint64_t length;      /* ticks of the frame as it is configured, with the intermission */
+    uint64_t seen;        /* longest time from hand-in to the end of the frame, in a simulation */
+    uint64_t seen_count;
+} source;
+
+/* All messages of a configuration. */
+typedef struct sources {
+    const cfg *config;
+    size_t count;
+    source *list;               /* sorted by priority, like ... */
+    response_message *messages; /* ... these */
+    bool incomplete;            /* nodes have ports, replays or replies: their frames are unknown */
+} sources;
+
+/* Returns the most bits of a frame from SOF to the end of its intermission, whatever its data.
+ * *fast are those of them at the data rate. */
+unsigned sources_longest_bits(const cw_frame *frame, unsigned *fast);
+
+/* Finds all messages. Returns false without memory. sources_free() in either case. */
+bool sources_find(sources *s, const cfg *config);
+
+void sources_free(sources *s);
+
+/* Returns the time of these bits, of which some are at the data rate: ticks, rounded up. */
+uint64_t sources_time(const cfg *config, unsigned bits, unsigned fast);
+
+#endif

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""canwire analyse: response times against the literature, and against simulated runs."""
+
+import json
+import random
+import subprocess
+
+import pytest
+
+from simtool import CANWIRE, canwire, sim
+
+PAPER = """
+bus: { name: paper, bitrate: 125000 }
+nodes:
+  - { name: a, traffic: [ { send: '001#00000000000000', every: 2500us } ] }
+  - { name: b, traffic: [ { send: '002#00000000000000', every: 3500us } ] }
+  - { name: c, traffic: [ { send: '003#00000000000000', every: 3500us } ] }
+"""
+
+
+def analyse(path, *arguments, status=0):
+    return json.loads(canwire("analyse", path, "--json", *arguments, status=status).stdout)
+
+
+def by_id(result):
+    return {m["id"]: m for m in result["messages"]}
+
+
+@pytest.fixture
+def write(tmp_path):
+    def to_file(text):
+        path = tmp_path / "bus.yaml"
+        path.write_text(text)
+        return path
+    return to_file
+
+
+def test_the_counter_example_of_davis_burns_bril_and_lukkien(write):
+    messages = by_id(analyse(write(PAPER)))
+    assert {m["bits"] for m in messages.values()} == {125}
+    assert [messages[i]["response_ns"] for i in ("001", "002", "003")] == [
+        2_000_000, 3_000_000, 3_500_000]
+    assert [messages[i]["blocking_ns"] for i in ("001", "002", "003")] == [1_000_000, 1_000_000, 0]
+
+
+def test_the_table_says_the_same_and_what_was_seen(write):
+    text = canwire("analyse", write(PAPER), "--simulate", "1s").stdout.splitlines()
+    assert text[0].split() == ["NODE", "FRAME", "EVERY", "BITS", "BLOCKED", "RESPONSE", "SEEN"]
+    assert text[3].split()[:6] == ["c", "003", "3.500", "125", "0.000", "3.500"]
+
+
+def test_a_message_that_is_late_gives_the_status_3(write):
+    path = write(PAPER.replace("'003#00000000000000', every: 3500us", "'003#', every: 1ms"))
+    result = analyse(path, status=3)
+    assert by_id(result)["003"]["late"] and by_id(result)["003"]["response_ns"] is None
+    assert "no bound" in canwire("analyse", path, status=3).stdout
+
+
+@pytest.mark.parametrize("frame, bits", [
+    ("123#", 55), ("123#R8", 55), ("123#0011223344556677", 135), ("12345678#", 80),
+    ("12345678#0011223344556677", 160), ("123#00", 65), ("12345678#00", 90)])
+def test_longest_frames(write, frame, bits):
+    """47 + 8n + (33 + 8n) / 4, and 67 + 8n + (53 + 8n) / 4 for extended ones."""
+    result = analyse(write("bus: { bitrate: 500000 }\nnodes:\n"
+                           f"  - {{ name: a, traffic: [ {{ send: '{frame}', every: 1s }} ] }}\n"))
+    assert result["messages"][0]["bits"] == bits
+    assert result["messages"][0]["length_ns"] == bits * 2000
+
+
+def longest_of(tmp_path, name, kind, count, rng):
+    """Sends frames with data that has many stuff bits, and returns the longest time of one."""
+    flags, extended, length = kind
+    send = []
+    for _ in range(count):
+        data = bytes(rng.choice((0x00, 0x0F, 0x1E, 0x3C, 0x78, 0xF0, 0xE1, 0xC3, 0x87, 0xFF))
+                     for _ in range(length)).hex()
+        identifier = f"{rng.choice((0, 0x0F0F0F0F, 0x10F0F0F0)):08X}" if extended else "078"
+        send.append(f"(1.0) can0 {identifier}{flags}{data}")
+    (tmp_path / "log").write_text("\n".join(send) + "\n")
+    path = tmp_path / f"{name}.yaml"
+    path.write_text("bus: { bitrate: 500000, dbitrate: 2000000, sample-point: 80%, "
+                    "dsample-point: 80% }\nnodes:\n"
+                    "  - { name: a, queue: 4096, traffic: [ { replay: log } ] }\n  - name: b\n")
+    ends = [json.loads(line)["t"] for line in sim(path, "--events", "-").stdout.splitlines()
+            if '"tx"' in line]
+    return max(b - a for a, b in zip(ends, ends[1:]))
+
+
+@pytest.mark.parametrize("kind", [("##1", False, 8), ("##1", False, 64), ("##0", False, 24),
+                                  ("##1", True, 16), ("#", False, 8), ("#", True, 8)])
+def test_no_frame_is_longer_than_its_bound(tmp_path, write, kind):
+    """Frames that follow each other at once, so the time between their ends is that of one."""
+    flags, extended, length = kind
+    longest = longest_of(tmp_path, "run", kind, 400, random.Random(length))
+    frame = ("12345678" if extended else "123") + flags + "00" * length
+    result = analyse(write("bus: { bitrate: 500000, dbitrate: 2000000, sample-point: 80%, "
+                           "dsample-point: 80% }\nnodes:\n"
+                           f"  - {{ name: a, traffic: [ {{ send: '{frame}', every: 1s }} ] }}\n"))
+    bound = result["messages"][0]["length_ns"] * 1e-9
+    assert longest <= bound < 1.25 * longest
+
+
+def random_bus(rng):
+    """Nodes with messages of random periods, offsets and jitters, of about 30 to 90 % load."""
+    nodes, used = [], set()
+    fd = rng.random() < 0.3
+    for name in "abcde"[:rng.randint(2, 5)]:
+        traffic = []
+        for _ in range(rng.randint(1, 4)):
+            while (identifier := rng.randrange(0x700)) in used:
+                pass
+            used.add(identifier)
+            text = f"{identifier:03X}" if rng.random() < 0.7 else f"{identifier << 18:08X}"
+            data = bytes(rng.choice((0, 0xFF, 0x0F)) for _ in range(rng.randint(0, 8))).hex()
+            flags = "##1" if fd and rng.random() < 0.5 else "#"
+            every = rng.choice((1000, 2000, 2500, 5000, 10000))
+            traffic.append(f"{{ send: '{text}{flags}{data}', every: {every}us, "
+                           f"offset: {rng.randrange(every)}us, jitter: {rng.randrange(500)}us }}")
+        model = ", controller: { model: basic }" if rng.random() < 0.3 else ""
+        nodes.append(f"  - {{ name: {name}{model}, traffic: [ {', '.join(traffic)} ] }}\n")
+    rate = ", dbitrate: 2000000" if fd else ""
+    return f"bus: {{ bitrate: {rng.choice((250000, 500000))}{rate} }}\nnodes:\n" + "".join(nodes)
+
+
+def test_no_simulated_message_is_later_than_its_bound(tmp_path):
+    bounded = 0
+    for seed in range(60):
+        path = tmp_path / f"{seed}.yaml"
+        path.write_text(random_bus(random.Random(seed)))
+        result = subprocess.run([CANWIRE, "analyse", path, "--json", "--simulate", "2s"],
+                                stdout=subprocess.PIPE, check=False)
+        assert result.returncode in (0, 3)
+        for m in json.loads(result.stdout)["messages"]:
+            bounded += m["response_ns"] is not None
+            assert m["response_ns"] is None or m["seen_ns"] <= m["response_ns"], (seed, m)
+    assert bounded > 300
+
+
+def test_ports_and_replays_make_it_incomplete(write, tmp_path):
+    (tmp_path / "log").write_text("(1.0) can0 123#\n")
+    assert analyse(write(PAPER))["complete"]
+    path = write(PAPER + "  - { name: d, traffic: [ { replay: log } ] }\n")
+    assert not analyse(path)["complete"]
+    assert "not known" in canwire("analyse", path).stdout
+
+
+def test_errors_make_responses_longer(write):
+    path = write(PAPER.replace("3500us", "20ms").replace("2500us", "20ms"))
+    clean, noisy = by_id(analyse(path)), by_id(analyse(path, "--error-every", "10ms"))
+    assert noisy["003"]["response_ns"] - clean["003"]["response_ns"] == 31 * 8000 + 1_000_000
+
+
+@pytest.mark.parametrize("arguments, status", [
+    ([], 2), (["bus.yaml", "--simulate", "0"], 1), (["bus.yaml", "--simulate", "x"], 1),
+    (["none.yaml"], 1), (["bus.yaml", "--what"], 2), (["--help"], 0)])
+def test_command_lines(write, tmp_path, arguments, status):
+    write(PAPER)
+    result = canwire("analyse", *arguments, status=status, cwd=tmp_path)
+    assert (result.stdout if status == 0 else result.stderr) != ""

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_response.c - worst-case response times, against examples of the literature and by hand.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "cli/analyse/response.h"
+
+#define MS ((uint64_t)CW_CLOCK_HZ / 1000)
+#define US (MS / 1000)
+#define BIT_125K (8 * US)
+
+/* The counter-example of Davis et al. 2007: 125 kbit/s, frames of 125 bits with 7 bytes. The
+ * analysis before it found 3 ms for C, by its first instance alone. */
+static void the_second_instance_may_be_the_worst(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 5 * MS / 2, .length = 125 * BIT_125K, .node = 0},
+        {.key = 2, .period = 7 * MS / 2, .length = 125 * BIT_125K, .node = 1},
+        {.key = 3, .period = 7 * MS / 2, .length = 125 * BIT_125K, .node = 2},
+    };
+    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_find(&bus);
+    assert_int_equal(m[0].response, 2 * MS);
+    assert_int_equal(m[1].response, 3 * MS);
+    assert_int_equal(m[2].response, 7 * MS / 2);
+    assert_int_equal(m[2].instances, 2);
+    assert_int_equal(m[0].blocking, MS);
+    assert_int_equal(m[2].blocking, 0);
+}
+
+/* A frame that comes in the first bit of another one still wins. */
+static void a_frame_that_just_comes_in_time_wins(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 10 * MS, .length = 1 * MS, .node = 0},
+        {.key = 2, .period = 50 * MS, .length = 1 * MS, .node = 1},
+        {.key = 9, .period = 50 * MS, .length = 9 * MS - 4 * US, .node = 2},
+    };
+    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_find(&bus);
+    /* 9 ms - 4 us of blocking, the first, and the second of message 1 at 10 ms: 4 us too late, but
+     * within a bit */
+    assert_int_equal(m[1].response, 9 * MS - 4 * US + 3 * MS);
+}
+
+static void jitter_counts_for_the_frame_and_for_those_below(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 10 * MS, .length = 1 * MS, .jitter = 9 * MS, .node = 0},
+        {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
+    };
+    response_bus bus = {BIT_125K, CW_NEVER, m, 2};
+    response_find(&bus);
+    assert_int_equal(m[0].response, 9 * MS + 2 * MS);
+    assert_int_equal(m[1].response, 3 * MS); /* two of message 1 come one after the other */
+}
+
+/* Each error takes 31 bits and the longest frame so far. */
+static void errors_take_time(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 100 * MS, .length = 2 * MS, .node = 0},
+        {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
+    };
+    response_bus bus = {BIT_125K, 50 * MS, m, 2};
+    response_find(&bus);
+    const uint64_t error = 31 * BIT_125K + 2 * MS;
+    assert_int_equal(m[0].response, 1 * MS + error + 2 * MS);
+    assert_int_equal(m[1].response, error + 3 * MS);
+    bus.error_every = 1 * MS; /* more than there is time for */
+    response_find(&bus);
+    assert_int_equal(m[0].response, CW_NEVER);
+}
+
+static void more_than_the_bus_can_carry_has_no_bound(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 2 * MS, .length = 1 * MS, .node = 0},
+        {.key = 2, .period = 2 * MS, .length = 1 * MS + 1, .node = 1},
+        {.key = 3, .period = CW_NEVER, .length = 1 * MS, .node = 1},
+    };
+    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_find(&bus);
+    assert_int_equal(m[0].response, 2 * MS + 1);
+    assert_int_equal(m[1].response, CW_NEVER);
+    assert_int_equal(m[2].response, CW_NEVER);
+}
+
+/* An urgent frame waits in its queue behind one of no urgency, and then disturbs others late. */
+static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 20 * MS, .length = 1 * MS, .node = 0, .fifo = true},
+        {.key = 2, .period = 20 * MS, .length = 1 * MS, .node = 1},
+        {.key = 3, .period = 20 * MS, .length = 1 * MS, .node = 2},
+        {.key = 4, .period = 20 * MS, .length = 1 * MS, .node = 0, .fifo = true},
+    };
+    response_bus bus = {BIT_125K, CW_NEVER, m, 4};
+    response_find(&bus);
+    assert_int_equal(m[0].response, 4 * MS); /* as the last one of its node */
+    assert_int_equal(m[3].response, 4 * MS);
+    assert_int_equal(m[1].response, 3 * MS);
+    assert_int_equal(m[2].response, 4 * MS);
+    m[0].fifo = m[3].fifo = false;
+    response_find(&bus);
+    assert_int_equal(m[0].response, 2 * MS);
+    m[0].fifo = m[3].fifo = true;
+    m[2].period = 2 * MS; /* the fifo node need not come to its last frame any more */
+    m[1].period = 2 * MS;
+    response_find(&bus);
+    assert_int_equal(m[0].response, CW_NEVER);
+    assert_int_equal(m[1].response, CW_NEVER);
+}
+
+static void priorities_are_those_of_arbitration(void **state)
+{
+    (void)state;
+    const cw_frame order[] = {
+        {.id = 0x100},
+        {.id = 0x100, .flags = CW_FRAME_REMOTE},
+        {.id = 0x100 << 18, .flags = CW_FRAME_EXTENDED},
+        {.id = 0x100 << 18, .flags = CW_FRAME_EXTENDED | CW_FRAME_REMOTE},
+        {.id = 0x100 << 18 | 1, .flags = CW_FRAME_EXTENDED},
+        {.id = 0x101},
+    };
+    for (size_t i = 0; i + 1 < sizeof order / sizeof order[0]; i++)
+        assert_true(response_key(&order[i]) < response_key(&order[i + 1]));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_second_instance_may_be_the_worst),
+        cmocka_unit_test(a_frame_that_just_comes_in_time_wins),
+        cmocka_unit_test(jitter_counts_for_the_frame_and_for_those_below),
+        cmocka_unit_test(errors_take_time),
+        cmocka_unit_test(more_than_the_bus_can_carry_has_no_bound),
+        cmocka_unit_test(a_fifo_node_makes_its_frames_wait_for_each_other),
+        cmocka_unit_test(priorities_are_those_of_arbitration),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
