@@ -12,6 +12,7 @@
 #include "mutants.h"
 
 #include "config/config.h"
+#include "config/rig.h"
 
 #include <ftw.h>
 #include <stdio.h>
@@ -222,8 +223,8 @@ static void try_file(const char *path)
     (void)snprintf(mutant, sizeof mutant, "%.*s/mutant.yaml", folder, own);
     char *text = read_text(&size, own);
     trial t = {.config = mutant, .mutated = mutant, .whole = text, .whole_size = size,
-               .folder = top};
-    if (is_profile(own))
+               .folder = top, .is_rig = rig_is_rig(own)};
+    if (!t.is_rig && is_profile(own))
         try_profile(&t, host);
     else
         try_trial(&t);

@@ -25,6 +25,7 @@ typedef struct trial {
     const char *whole;   /* text of that file, with nothing missing */
     size_t whole_size;
     const char *folder;  /* every message begins with its name */
+    bool is_rig;         /* of several buses: it is only checked */
 } trial;
 
 /* Tries this text in the file that changes, as `canwire check` and `canwire sim` would, and reloads

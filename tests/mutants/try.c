@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * try.c - tries a configuration: it is checked and run, and a running bus changes to it.
+ * try.c - tries a configuration: it is checked and run, and a running bus changes to it. A rig is
+ * checked.
  */
 #include "mutants.h"
 
 #include "config/config.h"
+#include "config/rig.h"
 #include "engine/reload.h"
 #include "port/open.h"
 #include "record/output.h"
@@ -113,6 +115,16 @@ static bool check(const trial *t, const char *file)
     end_messages(t, &m, good);
     cfg_free(config);
     return good;
+}
+
+static bool check_rig(const trial *t)
+{
+    messages m;
+    begin_messages(&m);
+    rig *found = rig_load(t->config, m.out);
+    end_messages(t, &m, found != NULL);
+    rig_free(found);
+    return found != NULL;
 }
 
 /* ---- Runs ------------------------------------------------------------------------------------ */
@@ -253,6 +265,8 @@ static void try_reload(const trial *t, const char *text, size_t size)
 bool try_files(const trial *t, const char *text, size_t size)
 {
     write_file(t->mutated, text, size);
+    if (t->is_rig)
+        return check_rig(t);
     if (t->mutated != t->config)
         (void)check(t, t->mutated);
     bool good = check(t, t->config);
