@@ -7,6 +7,7 @@
 #include "base/plain.h"
 #include "config/files.h"
 #include "config/portname.h"
+#include "config/rig.h"
 #include "run/journal_check.h"
 #include "run/replay.h"
 
@@ -17,8 +18,8 @@
 static const char usage[] =
     "usage: canwire check [--ports] FILE | --journal FILE\n"
     "\n"
-    "Validates a configuration or a fault profile, and reads the recordings that it replays to\n"
-    "their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
+    "Validates a configuration, a rig or a fault profile, and reads the recordings that it\n"
+    "replays to their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
     "Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports     only print the interfaces that the nodes use, one a line\n"
@@ -32,6 +33,7 @@ static const struct option options[] = {
 };
 
 static int check_file(const char *file, bool ports);
+static int check_rig(const char *file, bool ports);
 
 int cli_check(int argc, char **argv)
 {
@@ -58,7 +60,8 @@ int cli_check(int argc, char **argv)
     }
     if (journal)
         return journal_check(argv[optind], stdout, stderr) ? CLI_OK : CLI_BAD_INPUT;
-    return check_file(argv[optind], ports);
+    return rig_is_rig(argv[optind]) ? check_rig(argv[optind], ports)
+                                    : check_file(argv[optind], ports);
 }
 
 static void print_ports(const cfg *config)
@@ -120,6 +123,40 @@ static void print_profile(const char *file, size_t rules)
     printf("%s: ok (fault profile, %zu rule%s)\n", file, rules, plural(rules));
 }
 
+/* Checks the files of a bus, and reports. */
+static bool check_bus(const cfg *config, bool ports)
+{
+    bool good = cfg_check_files(config, NULL, "canwire check", stderr);
+    if (!ports)
+        fputs(config->warnings, stderr);
+    if (ports)
+        print_ports(config);
+    else if (good)
+        good = check_replays(config);
+    if (!ports && good)
+        print_summary(config);
+    return good;
+}
+
+static int check_rig(const char *file, bool ports)
+{
+    rig *found = rig_load(file, stderr);
+    size_t rules = 0;
+    bool good = true;
+    if (!found)
+        return CLI_BAD_INPUT;
+    for (size_t i = 0; i < found->bus_count; i++)
+        good = check_bus(found->buses[i], ports) && good;
+    for (size_t i = 0; i < found->gateway_count; i++)
+        rules += found->gateways[i].rule_count;
+    if (good && !ports)
+        printf("%s: ok (rig, %zu bus%s, %zu gateway%s, %zu rule%s)\n", file, found->bus_count,
+               found->bus_count == 1 ? "" : "es", found->gateway_count,
+               plural(found->gateway_count), rules, plural(rules));
+    rig_free(found);
+    return good ? CLI_OK : CLI_BAD_INPUT;
+}
+
 static int check_file(const char *file, bool ports)
 {
     cfg *config;
@@ -129,17 +166,9 @@ static int check_file(const char *file, bool ports)
     if (!cfg_check(&config, &rules, file, stderr))
         return CLI_BAD_INPUT;
     if (config)
-        good = cfg_check_files(config, NULL, "canwire check", stderr);
-    if (config && !ports)
-        fputs(config->warnings, stderr);
-    if (!config && !ports)
+        good = check_bus(config, ports);
+    else if (!ports)
         print_profile(file, rules);
-    else if (config && ports)
-        print_ports(config);
-    else if (config && good)
-        good = check_replays(config);
-    if (config && !ports && good)
-        print_summary(config);
     cfg_free(config);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -17,7 +17,7 @@
 #define NAME_CHARACTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
 
 #define BLOCK_BYTES 4096u /* of lines that are written with one call */
-#define HEAD_MAX (TIME_TEXT_MAX + 16u)
+#define HEAD_MAX (TIME_TEXT_MAX + 16u + 48u) /* with the name of a bus */
 #define TAIL_MAX 256u /* with the name of a rule */
 
 /* Lines of one event for several nodes. Only the name of the node differs: the text before and
@@ -42,14 +42,28 @@ static void add_line(block *b, const char *name);
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
 
+static char *put_bus(char *at, const char *bus);
+static void write_event(FILE *out, const cfg *config, const cw_event *event, const char *bus);
+
 void output_event(FILE *out, const cfg *config, const cw_event *event)
+{
+    write_event(out, config, event, NULL);
+}
+
+void output_event_of_bus(FILE *out, const cfg *config, const cw_event *event)
+{
+    write_event(out, config, event, config->bus_name);
+}
+
+/* Writes the lines of an event; bus is NULL where there is only one. */
+static void write_event(FILE *out, const cfg *config, const cw_event *event, const char *bus)
 {
     block b;
 
     if (event->kind == CW_EVENT_TOLERATED) {
         return;
     }
-    char *head_end = put_head(b.head, event);
+    char *head_end = put_bus(put_head(b.head, event), bus);
     if (is_of_the_bus(event->kind)) {
         begin_block(&b, out, head_end, put_tail(b.tail, config, event));
         add_line(&b, "");
@@ -93,13 +107,20 @@ void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t
     end_block(&b);
 }
 
-void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
+json_t *output_all_stats(const cfg *config, const cw_bus *bus)
 {
     json_t *root = json_object();
 
     put(root, "bus", output_bus_stats(config, bus));
     put(root, "nodes", stats_of_nodes(config, bus));
     put(root, "rules", stats_of_rules(config, bus));
+    return root;
+}
+
+void output_stats(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    json_t *root = output_all_stats(config, bus);
+
     put_out(out, root);
     json_decref(root);
 }
@@ -266,6 +287,15 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
 static char *put_head(char *at, const cw_event *event)
 {
     return text_print_seconds(chars_text(at, "{\"t\":"), event->tick);
+}
+
+static char *put_bus(char *at, const char *bus)
+{
+    if (!bus) {
+        return at;
+    }
+    at = chars_text(at, ",\"bus\":\"");
+    return chars_text(chars_text(at, bus), "\"");
 }
 
 /* Writes the text behind the name. */

@@ -17,6 +17,9 @@
  * CW_EVENT_TOLERATED writes nothing. */
 void output_event(FILE *out, const cfg *config, const cw_event *event);
 
+/* Writes the same lines with the bus, for a reader of several buses. */
+void output_event_of_bus(FILE *out, const cfg *config, const cw_event *event);
+
 /* Writes a line of candump -L for each tx event; the interface is the node's port, else the node's
  * name. Other events write nothing. */
 void output_log(FILE *out, const cfg *config, const cw_event *event);
@@ -27,6 +30,9 @@ void output_log_at(FILE *out, const cfg *config, const cw_event *event, uint64_t
 /* Writes all statistics of the bus, its nodes and rules as one indented JSON object. Times are
  * integers in nanoseconds. The nodes of the bus and its rules are those of config. */
 void output_stats(FILE *out, const cfg *config, const cw_bus *bus);
+
+/* Returns the same object, to be released by the caller. */
+json_t *output_all_stats(const cfg *config, const cw_bus *bus);
 
 /* Return the parts of these statistics, to be released by the caller: of the bus, of a node, of a
  * rule. */

@@ -5,8 +5,8 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits timing sim status watch record faults inject clear fire restart"
-_canwire_commands+=" set reload help"
+_canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
+_canwire_commands+=" restart set reload help"
 _canwire_events="fault link drop restart arbitration-lost error overload protocol-exception overrun"
 _canwire_events+=" rx tx state skip sync"
 
@@ -58,6 +58,7 @@ _canwire_options() {
             --controller --kernel --dbitrate --dsample-point --json --help
         ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
+    analyse) echo --simulate --error-every --json --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
     record) echo --format --size --files --help ;;
@@ -77,7 +78,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --format | --size | --files | --with | --until | \
+        --format | --size | --files | --with | --until | --simulate | --error-every | \
             --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | \
             --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
         esac
@@ -90,7 +91,7 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
+    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
     vcan:0) _canwire_words "up down" ;;
     status:0 | watch:0 | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
         set:0 | reload:0)

@@ -34,6 +34,7 @@ COMMANDS = {
     "timing": ["--bitrate", "500000", "--clock", "16MHz"],
     "vcan": ["down", "FILE"],
     "sim": ["FILE"],
+    "analyse": ["FILE"],
     "status": [BUS],
     "watch": [BUS],
     "record": [BUS, "out.log"],
@@ -69,6 +70,8 @@ VALUES = [
     ("record", "--format", "mp3", "candump or pcapng"),
     ("record", "--size", "big", "64kB"),
     ("record", "--files", "0", "from 1 to"),
+    ("analyse", "--simulate", "soon", "10ms"),
+    ("analyse", "--error-every", "0", "more than 0"),
     ("inject", "--with", "rate", "KEY=VALUE"),
     ("reload", "--pid", "0", "the number of a process"),
 ]

@@ -7,6 +7,7 @@
 #include "base/plain.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"
+#include "cli/sim/sim_rig.h"
 #include "cli/sim/sim_run.h"
 #include "cli/sim/sim_scout.h"
 #include "cli/sim/sim_trace.h"
@@ -67,7 +68,8 @@ static const char usage[] =
 static const char help[] =
     "\n"
     "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
-    "with a port are there but send nothing.\n"
+    "with a port are there but send nothing. FILE may be a rig of several buses: --until, --seed,\n"
+    "--events, --log, --stats and --step then are for all of them.\n"
     "\n"
     "  --journal FILE\n"
     "                 what canwired --journal has written down, once more\n"
@@ -451,12 +453,29 @@ static int parse_options(sim_options *o, int argc, char **argv)
     return check_options(o);
 }
 
+/* Runs a rig. It has no outputs of single bits yet. */
+static int run_rig(const sim_options *o)
+{
+    const sim_rig_options options = {
+        .file = o->file, .has_until = o->until.text, .until = o->until.time,
+        .has_seed = o->has_seed, .seed = o->seed, .events = o->outputs[OUT_EVENTS],
+        .log = o->outputs[OUT_LOG], .stats = o->outputs[OUT_STATS], .step = o->step};
+    if (o->until.time.bits > 0)
+        return refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
+    if (o->until_event || o->outputs[OUT_PCAPNG] || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] ||
+        o->outputs[OUT_JUNIT] || o->sync)
+        return refuse(o->file, "a rig has --until, --seed, --events, --log, --stats and --step");
+    return sim_rig_main(&options);
+}
+
 int cli_sim(int argc, char **argv)
 {
     sim_options options = {.file = NULL};
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
+    if (!options.journal && rig_is_rig(options.file))
+        return run_rig(&options);
     sim s = {.judge.to_stderr = writes_to_stdout(&options)};
     bool good = set_up(&s, &options);
     if (good) {

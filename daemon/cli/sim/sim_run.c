@@ -15,6 +15,7 @@
 #define SLICE_WORK 20000u /* of the bus between two looks at its events: some ms */
 #define CALM_BITS 3 /* shown after an event: its last effect is visible by then */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
+#define FRAME_BITS_MIN 25 /* nominal bits of any frame, SOF to its reception, at any data rate */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -383,4 +384,38 @@ bool sim_go(sim_run *s)
                     "frame (--until TIME waits longer)\n",
                     QUIET_LIMIT_S);
     return !release_failed(s->plan);
+}
+
+/* ---- Runs of several buses ------------------------------------------------------------------- */
+
+uint64_t sim_next(const sim_run *s)
+{
+    const uint64_t bit = cw_bus_tick_after(s->bus, 1);
+    uint64_t next = least(cw_bus_next(s->bus), release_next_tick(s->plan));
+    /* rules, replies and fast replays send frames that the bus does not know yet */
+    if (s->config->rule_count > 0 || s->config->reply_count > 0 || release_is_fast(s->plan))
+        next = least(next, cw_bus_tick_after(s->bus, FRAME_BITS_MIN));
+    return next > bit ? next : bit;
+}
+
+void sim_release_to(sim_run *s, uint64_t end)
+{
+    release_look(s->plan, s->bus);
+    while (!is_over(s)) {
+        const uint64_t tick = release_next_tick(s->plan);
+        const uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
+        if (tick <= end && tick <= bit_end)
+            hand_in_due(s, tick);
+        else if (bit_end <= end)
+            advance(s, least(tick - 1, end));
+        else
+            break;
+    }
+    pass_on_events(s);
+}
+
+bool sim_traffic_is_over(const sim_run *s)
+{
+    return release_next_tick(s->plan) == CW_NEVER && !release_is_fast(s->plan) &&
+           traffic_is_over(s);
 }

@@ -82,6 +82,17 @@ void sim_pass_on(sim_run *s, const cw_event *event);
 /* Continues with another bus that has taken over. */
 void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 
+/* ---- Runs of several buses ------------------------------------------------------------------- */
+
+/* Returns a tick before which nobody receives a frame, when no frame is put in. It is after now. */
+uint64_t sim_next(const sim_run *s);
+
+/* Advances to a tick with all releases up to there. */
+void sim_release_to(sim_run *s, uint64_t tick);
+
+/* Returns true when no release is to come, no frame waits, and the end of the last one is over. */
+bool sim_traffic_is_over(const sim_run *s);
+
 /* ---- Stopping -------------------------------------------------------------------------------- */
 
 /* Makes the bus stay behind its events from a tick on, which is slow. Call it before sim_go() when

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_rig.h - runs the buses of a rig in one virtual time, with the gateways between them.
+ */
+#ifndef CANWIRE_CLI_SIM_SIM_RIG_H
+#define CANWIRE_CLI_SIM_SIM_RIG_H
+
+#include "cli/sim/sim_judge.h"
+#include "cli/sim/sim_run.h"
+#include "config/rig.h"
+
+/* The options of the command line for a rig. */
+typedef struct sim_rig_options {
+    const char *file;
+    bool has_until;
+    cfg_time until; /* without bits */
+    bool has_seed;
+    uint64_t seed;
+    const char *events; /* names of outputs, or NULL */
+    const char *log;
+    const char *stats;
+    bool step;
+} sim_rig_options;
+
+/* Runs to the end. Returns the exit status. */
+int sim_rig_main(const sim_rig_options *options);
+
+#endif

@@ -1,0 +1,397 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rig.c - reads a rig: several buses, and the gateways between their nodes.
+ */
+#include "config/rig.h"
+
+#include "base/schema.h"
+#include "base/yamlfile.h"
+#include "config/portname.h"
+#include "config/rig_loop.h"
+#include "config/source.h"
+#include "config/values.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define QUEUE_DEFAULT 16u
+#define SIDES "a list of two nodes, [ BUS:NODE, BUS:NODE ]"
+
+/* The owner of a rig; rig_load() returns its first member. */
+typedef struct rig_owner {
+    rig rig;
+    arena arena;
+} rig_owner;
+
+/* The state of the readers (schema.user). */
+typedef struct rig_walk {
+    rig *rig;
+    FILE *errors; /* of the files of buses */
+} rig_walk;
+
+static schema_reader read_buses, read_gateways, read_name, read_between, read_rules, read_filter,
+    read_id, read_delay;
+
+static const schema_range queue_range = {1, RIG_QUEUE_MAX, sizeof(uint32_t)};
+
+static const schema_choice directions[] = {
+    {.name = "forward", .value = RIG_FORWARD},
+    {.name = "backward", .value = RIG_BACKWARD},
+    {.name = "both", .value = RIG_BOTH},
+    {.name = NULL},
+};
+
+static const schema_key rig_keys[] = {
+    {.name = "buses", .read = read_buses, .required = true},
+    {.name = "gateways", .read = read_gateways},
+    {.name = NULL},
+};
+
+static const schema_key gateway_keys[] = {
+    {.name = "name", .read = read_name, .required = true},
+    {.name = "between", .read = read_between, .required = true},
+    {.name = "rules", .read = read_rules, .required = true},
+    {.name = NULL},
+};
+
+#define MEMBER(m) .offset = offsetof(rig_rule, m)
+
+static const schema_key rule_keys[] = {
+    {.name = "filter", .read = read_filter},
+    {.name = "id", .read = read_id},
+    {.name = "delay", .read = read_delay, MEMBER(delay)},
+    {.name = "queue", .read = schema_read_uint, MEMBER(queue), .arg = &queue_range},
+    {.name = "direction", .read = schema_read_choice, MEMBER(direction), .arg = directions},
+    {.name = NULL},
+};
+
+static rig *rig_of(const schema *self)
+{
+    const rig_walk *walk = self->user;
+    return walk->rig;
+}
+
+/* ---- Buses ----------------------------------------------------------------------------------- */
+
+/* Complains about what only one bus of a rig can have. */
+static void compare(schema *self, const schema_key *key, const yaml_node_t *item, const cfg *one,
+                    const cfg *other)
+{
+    if (strcmp(one->file, other->file) == 0)
+        schema_complain(self, item, "%s: duplicate file '%s'", key->name, one->file);
+    else if (strcmp(one->bus_name, other->bus_name) == 0)
+        schema_complain(self, item, "%s: duplicate bus '%s', in %s and in %s", key->name,
+                        one->bus_name, other->file, one->file);
+    if (one->control && other->control && strcmp(one->control, other->control) == 0)
+        schema_complain(self, item, "%s: duplicate control socket '%s', in %s and in %s", key->name,
+                        one->control, other->file, one->file);
+    for (size_t i = 0; i < one->node_count; i++)
+        for (size_t k = 0; k < other->node_count; k++) {
+            const char *port = one->nodes[i].port;
+            if (port && other->nodes[k].port && strcmp(port, other->nodes[k].port) == 0)
+                schema_complain(self, item, "%s: duplicate port '%s', in %s and in %s", key->name,
+                                port, other->file, one->file);
+        }
+}
+
+static void read_bus(schema *self, const schema_key *key, const yaml_node_t *item)
+{
+    const rig_walk *walk = self->user;
+    rig *r = walk->rig;
+    const char *text = schema_text(self, key, item, "the file of a bus");
+    const char *file = text ? cfg_resolve_path(self, r->file, text) : NULL;
+    if (!file)
+        return;
+    cfg *config = cfg_load_regular(file, walk->errors);
+    if (!config) {
+        schema_complain(self, item, "%s: there are errors in '%s'", key->name, file);
+        return;
+    }
+    for (size_t i = 0; i < r->bus_count; i++)
+        compare(self, key, item, config, r->buses[i]);
+    r->buses[r->bus_count++] = config;
+}
+
+static void read_buses(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig *r = object;
+    const size_t count = schema_count(self, key, value, 1, RIG_BUSES_MAX);
+
+    r->buses = schema_alloc(self, count + 1, sizeof(cfg *));
+    for (size_t i = 0; r->buses && i < count; i++)
+        read_bus(self, key, schema_item(self, value, i));
+}
+
+/* ---- Gateways -------------------------------------------------------------------------------- */
+
+static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig_gateway *gateway = object;
+    const rig *r = rig_of(self);
+    char *name = cfg_read_name(self, key, value, NODE_NAME_MAX);
+
+    for (size_t i = 0; name && i < r->gateway_count; i++)
+        if (r->gateways[i].name && strcmp(r->gateways[i].name, name) == 0)
+            schema_complain(self, value, "%s: duplicate gateway '%s'", key->name, name);
+    gateway->name = name;
+}
+
+/* Complains about a bus that does not exist, and lists those that do. */
+static void complain_bus(schema *self, const schema_key *key, const yaml_node_t *value,
+                         const char *name)
+{
+    const rig *r = rig_of(self);
+    nearest guess = {.word = name};
+    const char *list = "";
+    for (size_t i = 0; i < r->bus_count; i++) {
+        nearest_consider(&guess, r->buses[i]->bus_name);
+        list = schema_join(self, list, r->buses[i]->bus_name);
+    }
+    schema_complain(self, value, "%s: there is no bus '%.40s'%s; allowed: %s", key->name, name,
+                    schema_suggestion(self, &guess), list);
+}
+
+static void complain_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const cfg *bus, const char *name)
+{
+    nearest guess = {.word = name};
+    for (size_t i = 0; i < bus->node_count; i++)
+        nearest_consider(&guess, bus->nodes[i].name);
+    schema_complain(self, value, "%s: there is no node '%.40s' on bus %s%s", key->name, name,
+                    bus->bus_name, schema_suggestion(self, &guess));
+}
+
+/* Finds BUS:NODE. Returns false after a complaint. */
+static bool read_end(schema *self, rig_end *out, const schema_key *key, const yaml_node_t *value)
+{
+    static const char expected[] = "BUS:NODE";
+    const rig *r = rig_of(self);
+    const char *text = schema_text(self, key, value, expected);
+    const char *colon = text ? strchr(text, ':') : NULL;
+    if (text && !colon)
+        schema_expected(self, key, value, expected);
+    char *bus = colon ? schema_copy(self, text) : NULL;
+    if (!bus)
+        return false;
+    bus[colon - text] = '\0';
+    for (out->bus = 0; out->bus < r->bus_count; out->bus++)
+        if (strcmp(r->buses[out->bus]->bus_name, bus) == 0)
+            break;
+    if (out->bus == r->bus_count) {
+        complain_bus(self, key, value, bus);
+        return false;
+    }
+    out->node = cfg_find_node(r->buses[out->bus], colon + 1);
+    if (out->node == CW_NO_NODE)
+        complain_node(self, key, value, r->buses[out->bus], colon + 1);
+    return out->node != CW_NO_NODE;
+}
+
+static void read_between(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig_gateway *gateway = object;
+    if (value->type != YAML_SEQUENCE_NODE) {
+        schema_expected(self, key, value, SIDES);
+        return;
+    }
+    if (schema_count(self, key, value, 2, 2) != 2 || rig_of(self)->bus_count == 0)
+        return;
+    bool good = true;
+    for (unsigned i = 0; i < 2; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        good = read_end(self, &gateway->ends[i], key, item) && good;
+        const rig_end *end = &gateway->ends[i];
+        if (good && rig_of(self)->buses[end->bus]->nodes[end->node].port)
+            schema_complain(self, item, "%s: the node of a gateway has no port of its own",
+                            key->name);
+    }
+    if (good && gateway->ends[0].bus == gateway->ends[1].bus)
+        schema_complain(self, value, "%s: both nodes are on bus %s; a gateway connects two buses",
+                        key->name, rig_of(self)->buses[gateway->ends[0].bus]->bus_name);
+}
+
+static void read_gateways(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig *r = object;
+    const size_t count = schema_count(self, key, value, 0, RIG_GATEWAYS_MAX);
+
+    r->gateways = schema_alloc(self, count + 1, sizeof *r->gateways);
+    for (; r->gateways && r->gateway_count < count; r->gateway_count++)
+        schema_map(self, "gateway", schema_item(self, value, r->gateway_count), gateway_keys,
+                   &r->gateways[r->gateway_count]);
+}
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig_rule *rule = object;
+    const size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
+
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "a frame filter such as 123 or 100:700");
+        unsigned more = 0;
+        if (!text)
+            continue;
+        schema_problem(self, key, item,
+                       text_parse_filters(&rule->filters[rule->filter_count], &more,
+                                          CW_RULE_FILTERS_MAX - rule->filter_count, text));
+        rule->filter_count = (uint8_t)(rule->filter_count + more);
+    }
+}
+
+static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig_rule *rule = object;
+    const char *text = schema_text(self, key, value, "an identifier such as 123 or 12345678");
+    uint8_t flags = 0;
+    const char *problem = text ? text_parse_id(&rule->id, &flags, text) : NULL;
+
+    schema_problem(self, key, value, problem);
+    rule->has_id = text && !problem;
+    if (flags & CW_FRAME_EXTENDED)
+        rule->id |= CW_FILTER_EXTENDED;
+}
+
+static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_time *delay = schema_member(key, object);
+
+    cfg_read_time(self, key, value, object);
+    if (delay->bits > 0)
+        schema_complain(self, value, "%s: bits of which bus? Expected a time such as 200us",
+                        key->name);
+}
+
+static void read_rules(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    rig_gateway *gateway = object;
+    const size_t count = schema_count(self, key, value, 1, RIG_RULES_MAX);
+
+    gateway->rules = schema_alloc(self, count + 1, sizeof *gateway->rules);
+    for (; gateway->rules && gateway->rule_count < count; gateway->rule_count++) {
+        yaml_node_t *item = schema_item(self, value, gateway->rule_count);
+        rig_rule *rule = &gateway->rules[gateway->rule_count];
+        *rule = (rig_rule){
+            .place = cfg_place_of(item), .queue = QUEUE_DEFAULT, .direction = RIG_BOTH};
+        schema_map(self, "rule", item, rule_keys, rule);
+    }
+}
+
+const rig_rule *rig_find_rule(const rig_gateway *gateway, unsigned end, const cw_frame *frame)
+{
+    for (size_t i = 0; i < gateway->rule_count; i++) {
+        const rig_rule *rule = &gateway->rules[i];
+        if (rule->direction >> end & 1u &&
+            cw_frame_matches(frame, rule->filters, rule->filter_count))
+            return rule;
+    }
+    return NULL;
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+static void check_loop(rig *r, diag *errors)
+{
+    rig_loop loop;
+    char frames[FILTER_TEXT_MAX] = "any frame";
+    char names[RIG_LOOP_MAX * (NODE_NAME_MAX + 2)] = "";
+    if (!rig_find_loop(&loop, r))
+        return;
+    if (loop.frame.mask != 0)
+        text_print_filter(frames, &loop.frame);
+    for (unsigned i = 0; i < loop.count; i++) {
+        strcat(names, loop.gateways[i]->name);
+        strcat(names, ", ");
+    }
+    diag_add(errors, (size_t)loop.rule->place.line, (size_t)loop.rule->place.column,
+             "rules: a loop: %s goes round for ever, through %sand %s again", frames, names,
+             loop.gateways[0]->name);
+}
+
+static bool read_root(rig_owner *owner, yaml_document_t *document, diag *found, FILE *errors)
+{
+    rig_walk walk = {.rig = &owner->rig, .errors = errors};
+    schema self = {
+        .errors = found, .arena = &owner->arena, .document = document, .user = &walk};
+    yaml_node_t *root = yaml_document_get_root_node(document);
+
+    if (root)
+        schema_map(&self, "rig", root, rig_keys, &owner->rig);
+    else
+        diag_add(found, 1, 1, "the file is empty; a rig needs the key buses");
+    if (found->errors == 0)
+        check_loop(&owner->rig, found);
+    return found->errors == 0;
+}
+
+/* Loads the document of a file. Returns false after a complaint. */
+static bool load_document(yaml_document_t *document, const char *file, diag *found)
+{
+    size_t size;
+    char *text = yaml_file_read(&size, file, true, found);
+    const bool good = text && yaml_text_load(document, text, size, &yaml_file_limits, found);
+
+    free(text);
+    return good;
+}
+
+rig *rig_load(const char *file, FILE *errors)
+{
+    diag found = {.file.name = file};
+    rig_owner *owner = calloc(1, sizeof *owner);
+    yaml_document_t document;
+    bool good = false;
+
+    if (owner)
+        owner->rig.file = arena_print(&owner->arena, "%s", file);
+    if (!owner || !owner->rig.file)
+        diag_add(&found, 0, 0, "out of memory");
+    else if (load_document(&document, file, &found)) {
+        good = read_root(owner, &document, &found, errors);
+        yaml_document_delete(&document);
+    }
+    diag_flush(&found, errors);
+    if (good)
+        return &owner->rig;
+    rig_free(owner ? &owner->rig : NULL);
+    return NULL;
+}
+
+void rig_free(rig *self)
+{
+    rig_owner *owner = (rig_owner *)self;
+
+    if (!owner)
+        return;
+    for (size_t i = 0; i < self->bus_count; i++)
+        cfg_free(self->buses[i]);
+    arena_free(&owner->arena);
+    free(owner);
+}
+
+bool rig_is_rig(const char *file)
+{
+    diag found = {.file.name = file};
+    arena memory = {.blocks = NULL};
+    yaml_document_t document;
+    schema self = {.errors = &found, .arena = &memory, .document = &document};
+    bool is = false;
+
+    if (load_document(&document, file, &found)) {
+        yaml_node_t *root = yaml_document_get_root_node(&document);
+        is = root && root->type == YAML_MAPPING_NODE && schema_find(&self, root, "buses");
+        yaml_document_delete(&document);
+    }
+    char *unread = NULL; /* rig_load() tells about the same file */
+    size_t size = 0;
+    FILE *nowhere = open_memstream(&unread, &size);
+    if (nowhere) {
+        diag_flush(&found, nowhere);
+        (void)fclose(nowhere);
+    }
+    free(unread);
+    arena_free(&memory);
+    return is;
+}

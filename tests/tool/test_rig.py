@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: MIT
+"""Rigs: several buses in one virtual time, and the gateways between them."""
+
+import json
+
+import jsonschema
+import pytest
+import yaml
+
+from simtool import ROOT, canwire, sim
+
+SCHEMA = json.loads((ROOT / "config/schema/canwire-rig.schema.json").read_text())
+EXAMPLE = ROOT / "config/rig/rig.yaml"
+BODY = """bus: { name: body, bitrate: 125000 }
+nodes:
+  - { name: sender, traffic: [ %s ] }
+  - { name: gw, queue: %d }
+  - { name: other }
+"""
+TRAIN = """bus: { name: train, bitrate: 500000 }
+nodes:
+  - { name: sender, traffic: [ %s ] }
+  - { name: gw, queue: %d }
+  - { name: other }
+"""
+HEAD = "buses: [ body.yaml, train.yaml ]\ngateways:\n"
+GATEWAY = '  - { name: %s, between: [ "body:%s", "train:%s" ], rules: [ %s ] }\n'
+
+
+def write(folder, gateways, body="", train="", queue=16):
+    (folder / "body.yaml").write_text(BODY % (body, queue))
+    (folder / "train.yaml").write_text(TRAIN % (train, queue))
+    (folder / "rig.yaml").write_text(gateways)
+    return folder / "rig.yaml"
+
+
+def events_of(file, *arguments):
+    return [json.loads(line)
+            for line in sim(file, *arguments, "--events", "-").stdout.splitlines()]
+
+
+def stats_of(file, *arguments):
+    return json.loads(sim(file, *arguments, "--stats", "-").stdout)
+
+
+def without_bus(events, bus):
+    return [{key: value for key, value in e.items() if key != "bus"}
+            for e in events if e["bus"] == bus]
+
+
+# ---- check ---------------------------------------------------------------------------------------
+
+def test_check_tells_what_is_in_a_rig():
+    lines = canwire("check", EXAMPLE).stdout.splitlines()
+    assert lines[-1] == f"{EXAMPLE}: ok (rig, 2 buses, 1 gateway, 2 rules)"
+    assert len(lines) == 3
+    jsonschema.validate(yaml.load(EXAMPLE.read_text(), yaml.BaseLoader), SCHEMA)
+
+
+RULE = GATEWAY % ("g", "gw", "gw", "%s")
+# the text, the place and the message, and whether a schema can see it
+WRONG = [
+    ("", "1:1: the file is empty", None),
+    ("gateways: []\nbuses: 1\n", "2:8: buses: ", False),
+    ("buses: []\n", "1:8: buses: ", False),
+    ("buses: [ none.yaml ]\n", "1:10: buses: there are errors in", True),
+    ("buses: [ body.yaml, body.yaml ]\n", "1:21: buses: duplicate file", True),
+    ("buses: [ body.yaml, ./body.yaml ]\n", "1:21: buses: duplicate bus 'body'", True),
+    ("buses: [ body.yaml ]\ngates: []\n", "2:1: rig: unknown key 'gates'", False),
+    (HEAD + "  - { name: g }\n", "3:5: gateway: ", False),
+    (HEAD + GATEWAY % ("g", "gw", "gw", ""), "rules: ", False),
+    (HEAD + GATEWAY % ("g", "gwx", "gw", "{}"), "3:27: between: there is no node 'gwx' on bus body "
+     "(did you mean 'gw'?)", True),
+    (HEAD + '  - { name: g, between: [ "body:gw", "trian:gw" ], rules: [ {} ] }\n',
+     "3:38: between: there is no bus 'trian' (did you mean 'train'?); allowed: body, train", True),
+    (HEAD + '  - { name: g, between: [ "body:gw", "body:other" ], rules: [ {} ] }\n',
+     "both nodes are on bus body", True),
+    (HEAD + '  - { name: g, between: [ gw, "train:gw" ], rules: [ {} ] }\n',
+     "3:27: between: expected BUS:NODE", False),
+    (HEAD + GATEWAY % ("g", "gw", "gw", "{}") * 2, "duplicate gateway 'g'", True),
+    (HEAD + RULE % "{ filter: 12345 }", "3:71: filter: ", None),
+    (HEAD + RULE % "{ id: 12345 }", "3:67: id: ", False),
+    (HEAD + RULE % "{ delay: 3bit }", "delay: bits of which bus?", False),
+    (HEAD + RULE % "{ queue: 0 }", "queue: ", False),
+    (HEAD + RULE % "{ direction: up }", "direction: ", False),
+    (HEAD + RULE % "{ data: 1 }", "unknown key 'data'", False),
+]
+
+
+@pytest.mark.parametrize("text, message, valid", WRONG)
+def test_errors_have_their_place(tmp_path, text, message, valid):
+    file = write(tmp_path, text)
+    told = canwire("check", file, status=1).stderr
+    assert f"{file}:{message}" in told if message[0].isdigit() else message in told
+    assert f"{file}:" in told
+    if valid is not None:
+        document = yaml.load(text, yaml.BaseLoader)
+        schema = jsonschema.Draft202012Validator(SCHEMA)
+        assert schema.is_valid(document) == valid
+
+
+def test_an_error_in_the_file_of_a_bus_has_its_place(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{}")
+    (tmp_path / "train.yaml").write_text("bus: { name: train, bitrate: 500000 }\nnodes: 3\n")
+    told = canwire("check", file, status=1).stderr
+    assert f"{tmp_path}/train.yaml:2:8: nodes: " in told
+
+
+def test_a_port_belongs_to_one_bus(tmp_path):
+    for name in "one", "two":
+        (tmp_path / f"{name}.yaml").write_text(
+            f"bus: {{ name: {name}, bitrate: 500000 }}\nnodes: [ {{ name: a, port: vcan9 }} ]\n")
+    (tmp_path / "rig.yaml").write_text("buses: [ one.yaml, two.yaml ]\n")
+    assert "1:20: buses: duplicate port 'vcan9'" in canwire("check", tmp_path / "rig.yaml",
+                                                            status=1).stderr
+
+
+def test_other_commands_say_that_a_rig_is_no_configuration():
+    assert "this is a rig" in canwire("analyse", EXAMPLE, status=1).stderr
+
+
+@pytest.mark.parametrize("first, second, loop", [
+    ("{}", "{}", True),
+    ("{ filter: '123', direction: forward }", "{ filter: '123', direction: backward }", True),
+    ("{ filter: '123', direction: forward }", "{ filter: '123', direction: forward }", False),
+    ("{ filter: '123', direction: forward }", "{ filter: '124', direction: backward }", False),
+    ("{ filter: '100:700', id: '200', direction: forward }",
+     "{ filter: '200', id: '1FF', direction: backward }", True),
+    ("{ filter: '123', id: '200', direction: forward }",
+     "{ filter: '200', id: '1FF', direction: backward }", False),
+    ("{ filter: '123', id: '200', direction: forward }",
+     "{ filter: '200', id: '00000123', direction: backward }", False),
+    ("{ filter: '123', direction: forward }", "{ filter: '~123', direction: backward }", False),
+    ("{ filter: '123', direction: forward }",
+     "{ filter: '123', id: '300', direction: backward }, { direction: backward }", False),
+    ("{ filter: '100:700', direction: forward }", "{ filter: '003:003', direction: backward }",
+     True),
+])
+def test_a_loop_of_two_gateways_is_told(tmp_path, first, second, loop):
+    file = write(tmp_path, HEAD + GATEWAY % ("one", "gw", "gw", first) +
+                 GATEWAY % ("two", "other", "other", second))
+    told = canwire("check", file, status=1 if loop else 0)
+    if loop:
+        assert f"{file}:3:" in told.stderr and "a loop: " in told.stderr
+        assert "through one, two, and one again" in told.stderr
+    else:  # and it ends by itself
+        write(tmp_path, file.read_text(), "{ send: '123#01' }, { send: '103#', offset: 5ms }",
+              "{ send: '123#02' }, { send: '1FF#', offset: 5ms }")
+        events_of(file)
+
+
+def test_a_gateway_in_both_directions_is_no_loop(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{}", "{ send: '123#01' }", "{ send: '200#02' }")
+    sent = [(e["bus"], e["node"], e["frame"]) for e in events_of(file) if e["event"] == "tx"]
+    assert sorted(sent) == [("body", "gw", "200#02"), ("body", "sender", "123#01"),
+                            ("train", "gw", "123#01"), ("train", "sender", "200#02")]
+
+
+# ---- sim -----------------------------------------------------------------------------------------
+
+LOAD = ", ".join(f"{{ send: '{i:03X}#{i:06X}', every: {9 + i % 7}ms, offset: {i % 50}00us }}"
+                 for i in range(0x100, 0x180, 5))
+
+
+def test_buses_without_gateways_are_those_of_their_files(tmp_path):
+    file = write(tmp_path, "buses: [ body.yaml, train.yaml ]\n", LOAD, LOAD)
+    together = events_of(file, "--until", "200ms")
+    for bus in "body", "train":
+        assert without_bus(together, bus) == events_of(tmp_path / f"{bus}.yaml", "--until", "200ms")
+    assert all(a["t"] <= b["t"] for a, b in zip(together, together[1:]))
+
+
+def test_an_airbag_comes_to_the_safety_bus_in_time():
+    """The gateway has 050#01 at 5.440 ms. 020#01 follows 100 us later, on a bus at rest."""
+    got = [e for e in events_of(EXAMPLE, "--until", "20ms")
+           if e.get("frame") in ("050#01", "020#01")]
+    body = [e for e in got if e["bus"] == "body"]
+    raw = canwire("bits", "020#01", "--raw").stdout.strip()
+    assert {e["t"] for e in body if e["event"] == "rx"} == {0.00544}
+    assert [e["t"] for e in got if e["bus"] == "powertrain" and e["event"] == "tx"] == [
+        round(0.00554 + len(raw) * 2e-6, 9)]
+
+
+@pytest.mark.parametrize("delay", ["0us", "370us", "5ms", "1234567ns"])
+def test_the_far_bus_is_as_if_its_gateway_sent_by_itself(tmp_path, delay):
+    file = write(tmp_path, HEAD + RULE % (f"{{ filter: '100:7E0', delay: {delay}, queue: 1024, "
+                                          "direction: backward }"), LOAD, LOAD, queue=64)
+    together = events_of(file, "--until", "100ms")
+    assert events_of(file, "--until", "100ms", "--step") == together
+    nano = {"0us": 0, "370us": 370000, "5ms": 5000000}.get(delay, 1234567)
+    entries = []
+    for e in together:
+        if e["bus"] == "train" and e["node"] == "gw" and e["event"] == "rx":
+            if int(e["frame"][:3], 16) & 0x7E0 == 0x100:
+                at = round(e["t"] * 1e9) + nano
+                entries.append(f"{{ send: '{e['frame']}', offset: {at}ns }}")
+    assert len(entries) > 20
+    traffic = f"queue: 64, traffic: [ {', '.join(entries)} ]"
+    alone = (BODY % (LOAD, 64)).replace("queue: 64", traffic)
+    (tmp_path / "alone.yaml").write_text(alone)
+    assert without_bus(together, "body") == events_of(tmp_path / "alone.yaml", "--until", "100ms")
+
+
+def test_loss_at_the_far_queue_is_counted(tmp_path):
+    """A power train at full load is more than a body bus can carry."""
+    file = write(tmp_path, HEAD + RULE % "{ queue: 1024 }", "",
+                 "{ send: '123#0011223344556677', every: 250us, count: 400 }", queue=4)
+    stats = stats_of(file)
+    body = {n["name"]: n for n in stats["buses"][0]["nodes"]}
+    side = stats["gateways"][0]["backward"]
+    assert side["rules"] == [{"rule": 0, "forwarded": 400, "lost": 0}]
+    assert side["dropped"] == body["gw"]["dropped"]["queue-full"] > 200
+    assert body["gw"]["tx_frames"] + side["dropped"] == 400
+    assert len([e for e in events_of(file) if e["event"] == "drop"]) == side["dropped"]
+    assert stats["gateways"][0]["forward"]["dropped"] == 0
+
+
+def test_loss_in_the_queue_of_a_rule_is_counted(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{ queue: 2, delay: 10ms }",
+                 "", "{ send: '123#', every: 1ms, count: 40 }")
+    side = stats_of(file)["gateways"][0]["backward"]
+    assert side["rules"] == [{"rule": 0, "forwarded": 8, "lost": 32}] and side["dropped"] == 0
+
+
+@pytest.mark.parametrize("rule, received", [
+    ("{ filter: '123', id: '00000123' }", "00000123#AA"), ("{ filter: '123' }", "123#AA"),
+    ("{ filter: '124' }", None), ("{ filter: '123', id: '7FF' }, { id: '100' }", "7FF#AA")])
+def test_the_first_rule_that_matches_decides(tmp_path, rule, received):
+    file = write(tmp_path, HEAD + RULE % rule, "{ send: '123#AA' }")
+    got = [e["frame"] for e in events_of(file) if e["bus"] == "train" and e["node"] == "other"]
+    assert got == ([received] if received else [])
+
+
+def test_rules_and_replies_send_in_time(tmp_path):
+    """Frames that rules send come to a bus without a word before."""
+    file = write(tmp_path, HEAD + RULE % "{ direction: backward }",
+                 "{ reply: '300#01', to: '200' }", "")
+    with open(tmp_path / "train.yaml", "a", encoding="utf-8") as train:
+        train.write("faults:\n"
+                    "  - { name: s, when: { time: 3ms }, do: { send: '200#', as: other } }\n")
+    sent = [(e["node"], e["frame"]) for e in events_of(file, "--until", "20ms")
+            if e["event"] == "tx"]
+    assert sent == [("other", "200#"), ("gw", "200#"), ("sender", "300#01")]
+
+
+def test_expectations_of_each_bus_are_judged(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{}", "{ send: '123#' }")
+    with open(tmp_path / "train.yaml", "a", encoding="utf-8") as train:
+        train.write("expect: [ { delivered: 2, frame: 124 } ]\n")
+    sim(file, status=3)
+
+
+def test_endless_traffic_needs_an_end_and_bits_have_no_length(tmp_path):
+    assert "never ends" in sim(EXAMPLE, status=1).stderr
+    assert "several lengths" in sim(EXAMPLE, "--until", "3bit", status=2).stderr
+    assert "a rig has" in sim(EXAMPLE, "--vcd", tmp_path / "x", status=2).stderr
+
+
+def test_no_output_is_an_input(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{}", "{ send: '123#' }")
+    before = (tmp_path / "body.yaml").read_text()
+    sim(file, "--events", tmp_path / "body.yaml", status=1)
+    sim(file, "--log", file, status=1)
+    assert (tmp_path / "body.yaml").read_text() == before
