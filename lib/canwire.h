@@ -338,6 +338,7 @@ typedef enum cw_drop {
 #define CW_MODE_BERR_REPORTING 0x10u /* for the host: nothing changes on the wire */
 #define CW_MODE_LOST_ARBITRATION_REPORTING 0x20u /* the same */
 #define CW_MODE_RESTRICTED 0x40u /* D19: receives and acknowledges, and sends nothing else */
+#define CW_MODE_TIME_TRIGGERED 0x80u /* L1: one attempt, and no error or overload flags */
 
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */

@@ -17,7 +17,7 @@ static const char help[] =
     "the configuration, as in `ip link set ... type can`:\n"
     "\n"
     "  loopback, listen-only, one-shot, berr-reporting, presume-ack, restricted,\n"
-    "  lost-arbitration-reporting                                     on or off\n"
+    "  time-triggered, lost-arbitration-reporting                     on or off\n"
     "  restart-ms       0 to 4294967295; 0: never by itself\n"
     "  queue            1 to 4096 frames\n"
     "  order            priority or fifo\n"

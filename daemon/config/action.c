@@ -144,6 +144,7 @@ static const schema_key set_keys[] = {
     {.name = "loopback", .read = read_mode},
     {.name = "presume-ack", .read = read_mode},
     {.name = "restricted", .read = read_mode},
+    {.name = "time-triggered", .read = read_mode},
     {.name = "berr-reporting", .read = read_mode},
     {.name = "lost-arbitration-reporting", .read = read_mode},
     {.name = "restart-ms",

@@ -64,7 +64,8 @@ static const schema_choice when_full_choices[] = {
         {.name = "berr-reporting", .read = read_mode}, {.name = "one-shot", .read = read_mode},    \
         {.name = "listen-only", .read = read_mode}, {.name = "loopback", .read = read_mode},       \
         {.name = "presume-ack", .read = read_mode},                                                \
-        {.name = "restricted", .read = read_mode}, {                                               \
+        {.name = "restricted", .read = read_mode},                                                 \
+        {.name = "time-triggered", .read = read_mode}, {                                           \
         .name = "lost-arbitration-reporting", .read = read_mode                                    \
     }
 #define QUEUE                                                                                      \

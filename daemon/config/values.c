@@ -19,6 +19,7 @@ static const schema_choice modes[] = {
     {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
     {.name = "lost-arbitration-reporting", .value = CW_MODE_LOST_ARBITRATION_REPORTING},
     {.name = "restricted", .value = CW_MODE_RESTRICTED},
+    {.name = "time-triggered", .value = CW_MODE_TIME_TRIGGERED},
     {.name = NULL},
 };
 

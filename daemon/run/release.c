@@ -446,14 +446,14 @@ static bool node_is_free(const cw_bus *bus, unsigned node)
 }
 
 /* Returns true when the node finishes its frame at the end of a frame on the bus. Such a node has a
- * frame to send and is not one-shot. */
+ * frame to send, and tries it again until it is through. */
 static bool is_busy_till_end_of_frame(const cw_bus *bus, unsigned node)
 {
     cw_node_stats stats;
     cw_settings settings;
     return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue > 0 &&
            stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
-           !(settings.modes & CW_MODE_ONE_SHOT);
+           !(settings.modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED));
 }
 
 uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)

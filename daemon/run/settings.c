@@ -31,6 +31,7 @@ static const mode_key mode_keys[] = {
     {"loopback", CW_MODE_LOOPBACK},       {"listen-only", CW_MODE_LISTEN_ONLY},
     {"one-shot", CW_MODE_ONE_SHOT},       {"berr-reporting", CW_MODE_BERR_REPORTING},
     {"presume-ack", CW_MODE_PRESUME_ACK}, {"restricted", CW_MODE_RESTRICTED},
+    {"time-triggered", CW_MODE_TIME_TRIGGERED},
     {"lost-arbitration-reporting", CW_MODE_LOST_ARBITRATION_REPORTING},
 };
 
@@ -172,7 +173,8 @@ static bool refuse_key(char *error, const char *key)
     else
         snprintf(error, SETTINGS_ERROR_MAX,
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
-                 "berr-reporting, presume-ack, restricted, lost-arbitration-reporting, "
+                 "berr-reporting, presume-ack, restricted, time-triggered, "
+                 "lost-arbitration-reporting, "
                  "restart-ms, queue, order, warning-limit, clock, ppm, sample-point, brp, "
                  "prop-seg, phase-seg1, phase-seg2, sjw, triple-sampling, dbrp, dprop-seg, "
                  "dphase-seg1, dphase-seg2, dsjw, dsample-point, tdc-mode, tdco, tdcv, tx-delay, "

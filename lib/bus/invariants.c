@@ -93,7 +93,7 @@ static void assert_followers(const cw_bus *bus)
         const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
         assert(m->phase == CW_MAC_IDLE && m->role == CW_ROLE_NONE);
         assert(!m->no_ack && m->overloads_wanted == 0);
-        assert(!(m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED)));
+        assert(!(m->modes & CW_MODES_APART));
         assert(m->protocol == bus->common.protocol);
         assert(!cw_confinement_passive(&m->confinement));
     }

@@ -392,10 +392,17 @@ bool cw_mac_holds_wire(const cw_mac *m)
 
 /* ---- Errors (E1..E9) and overload (O1, O2) --------------------------------------------------- */
 
+/* Gives up the frame of an attempt that has failed (M13, L1). */
 static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
 {
-    if (m->modes & CW_MODE_ONE_SHOT)
+    if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
         drop_offer(m, CW_DROP_ONE_SHOT, r);
+}
+
+/* Returns true when the controller leaves a frame where others send flags (D19, L1). */
+static bool sends_no_flags(const cw_mac *m)
+{
+    return m->modes & (CW_MODE_RESTRICTED | CW_MODE_TIME_TRIGGERED);
 }
 
 /* Reports an error in the present bit and starts the flag. The counters from before the error's own
@@ -415,7 +422,7 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
         cw_confinement_rx_error(&m->confinement, rec_step);
     if (check_bus_off(m, r))
         return;
-    if (m->modes & CW_MODE_RESTRICTED) { /* D19 */
+    if (sends_no_flags(m)) {
         r->error.flag = CW_FLAG_NONE;
         cw_mac_integrate(m);
         return;
@@ -448,7 +455,7 @@ static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
 {
     bool deferred = cw_confinement_passive(&m->confinement);
     signal_error(m, CW_ERROR_ACK, !deferred, 0, r);
-    m->ack_deferred = deferred;
+    m->ack_deferred = deferred && m->phase == CW_MAC_ERROR_PASSIVE;
 }
 
 bool cw_mac_force_error(cw_mac *m)
@@ -461,7 +468,7 @@ bool cw_mac_force_error(cw_mac *m)
 
 static void signal_overload(cw_mac *m, cw_mac_report *r)
 {
-    if (m->modes & CW_MODE_RESTRICTED) { /* D19 */
+    if (sends_no_flags(m)) {
         cw_mac_integrate(m);
         return;
     }
@@ -472,7 +479,7 @@ static void signal_overload(cw_mac *m, cw_mac_report *r)
 /* Begins the intermission, or first an overload frame that the host wants (O1 a). */
 static void expect_intermission(cw_mac *m, cw_mac_report *r)
 {
-    if (m->overloads_wanted > 0 && m->overloads_in_row < 2 && !(m->modes & CW_MODE_RESTRICTED)) {
+    if (m->overloads_wanted > 0 && m->overloads_in_row < 2 && !sends_no_flags(m)) {
         m->overloads_wanted--;
         m->overloads_in_row++;
         signal_overload(m, r);

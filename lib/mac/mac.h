@@ -15,6 +15,10 @@
 #define CW_DELIMITER_BITS 8u
 #define CW_QUIET_FOREVER CW_BITS_FOREVER
 
+/* Modes in which a controller does something else than others do at the same levels. */
+#define CW_MODES_APART                                                                             \
+    (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED | CW_MODE_TIME_TRIGGERED)
+
 /* Returns true when the controller is neither taken off the bus nor bus-off. */
 bool cw_mac_is_on_bus(const cw_mac *mac);
 

@@ -28,7 +28,7 @@ static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
         return;
     if (!(m->modes & CW_MODE_RESTRICTED)) /* D19 */
         outlook->senders |= self;
-    if (m->modes & CW_MODE_ONE_SHOT)
+    if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
         outlook->one_shot |= self;
     if (m->no_ack)
         return;

@@ -118,7 +118,8 @@ _canwire_settings() {
     else
         compopt -o nospace 2>/dev/null
         _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= restricted= \
-            lost-arbitration-reporting= restart-ms= queue= order= warning-limit= clock= ppm= \
+            time-triggered= lost-arbitration-reporting= restart-ms= queue= order= \
+            warning-limit= clock= ppm= \
             sample-point= brp= prop-seg= phase-seg1= phase-seg2= sjw= triple-sampling= dbrp= \
             dprop-seg= dphase-seg1= dphase-seg2= dsjw= dsample-point= tdc-mode= tdco= tdcv= \
             tx-delay= rx-delay= position= stub= ringing="

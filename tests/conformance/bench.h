@@ -28,7 +28,7 @@
  *     disconnect  cuts the node off          reconnect connects it again
  *     no-restart, no-withdraw          ... must be refused
  *     modes=M     changes modes, M of O (one-shot) L (listen-only) A (presume-ack)
- *                 B (loopback) R (restricted operation)
+ *                 B (loopback) R (restricted operation) T (time-triggered)
  *     init=M      as first token: a node that still integrates
  *     protocol=P  the node knows C (classical frames), T (they, and it tolerates FD frames) or F
  *                 (FD frames), and integrates again; with x it has no protocol exceptions, with n

@@ -145,12 +145,13 @@ static bool tolerance_matches(const cw_error *seen, const expect *e)
             field == CW_FIELD_OVERLOAD_DELIMITER);
 }
 
-/* Returns the reason of a drop. M13 precedes R10: an attempt of a one-shot node ends with the error
- * that leads to bus-off, too. */
+/* Returns the reason of a drop. M13 precedes R10: the only attempt of a node (L1, too) ends with
+ * the error that leads to bus-off. */
 static cw_drop drop_reason(const player *b, const expect *e)
 {
+    const unsigned once = CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED;
     bool attempt_ends = e->what & (CW_REPORT_ERROR | CW_REPORT_ARBITRATION_LOST);
-    return attempt_ends && (b->modes & CW_MODE_ONE_SHOT) ? CW_DROP_ONE_SHOT : CW_DROP_BUS_OFF;
+    return attempt_ends && (b->modes & once) ? CW_DROP_ONE_SHOT : CW_DROP_BUS_OFF;
 }
 
 static void check_report(player *b, const cw_mac_report *seen, const expect *e)

@@ -5,6 +5,7 @@
 #include "net.h"
 #include "timed.h"
 
+#define TRIGGERED "init=T r11 set=5,9 "
 #define RECOVERED "r10 r(T=0 R=0) "
 
 static const net_case net_cases[] = {
@@ -364,6 +365,32 @@ static const test_case cases[] = {
     {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
     {"X15", NULL, timed_run_intermission},
     {"X16", NULL, timed_run_triple_sampling},
+    /* L1: one attempt, no flag; eleven recessive bits, and it takes part again. */
+    {"X17", TRIGGERED ">" F ":data0 ~(bit here tx none T+8 drop) r11 " AGAIN, NULL},
+    {"X17", TRIGGERED ">" F ":data0 ~(bit here tx none T+8 drop) d6 r10 d r11 <" F " r3", NULL},
+    {"X17", TRIGGERED "*456#55/123#AA r3 " AGAIN, NULL},
+    {"X17", TRIGGERED "<" F ":ack X(bit ack rx none R+1) r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "<" F ":{crcdel|ackdel|eof0|eof5} "
+            "d(form {crcdel|ackdel|eof0|eof5} rx none R+1) r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "<" F ":eof6 d r11 " AGAIN, NULL},
+    {"X17", TRIGGERED ">" F ":eof6 d(form eof6 tx none T+8 drop) r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "<" F " r{0|1} d r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "<" F " r2 <456#AA r3", NULL},
+    {"X17", TRIGGERED "<" F "~data0:ack {r|d} +r r(crc ackdel rx none R+1) r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "<07A#55:id3s ~(stuff id3s rx none R+1) d20 r10 d r11 " AGAIN, NULL},
+    {"X17", TRIGGERED "overload=2 <" F " r3 " AGAIN, NULL},
+    /* The others send an active flag and their delimiter: it is idle when they are. */
+    {"X17", TRIGGERED "<" F ":crcdel d(form crcdel rx none R+1) d6 r8 r3 " AGAIN, NULL},
+    /* Passive: the flag would be hidden, too. It owes no suspend time, but after a good frame. */
+    {"X17", "init=T r11 set=5,150 <" F ":crcdel d(form crcdel rx none R+1) r11 " AGAIN, NULL},
+    {"X17", "init=T r11 set=150,0 >" F ":data0 ~(bit here tx none T+8 drop) r11 >" F " r11", NULL},
+    {"X17", "init=T r11 set=150,0 >124#AA offer=456#AA r11 >456#AA r11", NULL},
+    {"X17", "init=T r11 set=248,0 >" F ":data0 ~(bit here tx none T+8 drop) r50 away", NULL},
+    /* The missing acknowledgement; R3 i. */
+    {"X17", TRIGGERED ">" F ":ack +r r(ack ackend tx none T+8 drop) r11 " AGAIN, NULL},
+    {"X17", "init=T r11 set=130,0 >" F ":ack +r r(ack ackend tx none drop) d6 r11 >" F " r11",
+     NULL},
+    {"X17", "modes=T <" F " r3 >" F ":data0 modes= ~(bit here tx act T+8) " ACTIVE AGAIN, NULL},
 };
 
 /* Checks the error of a wrong level in every bit up to EOF, for both roles. */

@@ -266,7 +266,7 @@ static void play_contest(player *b, const wire *bench_wire, unsigned from, unsig
     e.what |= CW_REPORT_ARBITRATION_LOST;
     if (from > 0 && lost == from) /* joined and lost in one bit */
         e.what |= CW_REPORT_STARTED;
-    if (b->modes & CW_MODE_ONE_SHOT)
+    if (b->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
         e.what |= CW_REPORT_DROPPED;
     e.lost_bit = wire_lost_bit(&b->wire, lost);
     player_bit(b, false, true, false, e);
@@ -342,6 +342,7 @@ static unsigned parse_modes(const char *p)
         modes |= *p == 'B' ? CW_MODE_LOOPBACK : 0;
         modes |= *p == 'A' ? CW_MODE_PRESUME_ACK : 0;
         modes |= *p == 'R' ? CW_MODE_RESTRICTED : 0;
+        modes |= *p == 'T' ? CW_MODE_TIME_TRIGGERED : 0;
     }
     return modes;
 }

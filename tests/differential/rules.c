@@ -39,6 +39,8 @@ unsigned diff_random_modes(diff_maker *m)
         modes |= CW_MODE_PRESUME_ACK;
     if (diff_chance(&m->random, 200))
         modes |= CW_MODE_BERR_REPORTING;
+    if (diff_chance(&m->random, 120))
+        modes |= CW_MODE_TIME_TRIGGERED;
     if (m->fd && diff_chance(&m->random, 70))
         modes |= CW_MODE_RESTRICTED;
     return modes;

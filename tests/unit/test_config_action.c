@@ -81,7 +81,7 @@ static void controller_actions_are_read(void **state)
     assert_int_equal(rule_of(config, "wrong-crc-alone")->from, 3);
     assert_int_equal(set->which,
                      CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING);
-    assert_int_equal(set->modes_mask, 0x3F | CW_MODE_RESTRICTED);
+    assert_int_equal(set->modes_mask, 0x3F | CW_MODE_RESTRICTED | CW_MODE_TIME_TRIGGERED);
     assert_int_equal(set->modes, CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
                                      CW_MODE_BERR_REPORTING |
                                      CW_MODE_LOST_ARBITRATION_REPORTING);
