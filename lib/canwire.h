@@ -440,7 +440,7 @@ typedef struct cw_mac {
     uint16_t part_bits;       /* of the part */
     uint8_t count;            /* bits seen in the present flag, delimiter, intermission ... */
     uint8_t run;              /* equal bits in a row in the stuffed part, stuff bits counted */
-    uint8_t groups;           /* R12: groups of 11 recessive bits seen */
+    uint8_t groups;           /* R12, software reset: groups of 11 recessive bits seen */
     uint8_t overloads_wanted; /* O1 a, not yet sent */
     uint8_t overloads_in_row; /* O1 a, sent since the last frame or idle */
     uint8_t protocol;         /* cw_protocol, and CW_PROTOCOL_* */
@@ -453,6 +453,7 @@ typedef struct cw_mac {
     bool crc_error : 1;       /* receiver: CRC wrong, not yet signalled (E3) */
     bool no_ack : 1;          /* a fault: it does not acknowledge */
     bool ack_deferred : 1;    /* R3 i: TEC moves when a dominant bit is seen in the flag */
+    bool waits_long : 1;      /* software reset: it integrates by 128 groups of 11 recessive bits */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
     cw_confinement confinement;
@@ -526,6 +527,14 @@ cw_status cw_mac_request_restart(cw_mac *mac);
  * ends a bus-off. CW_INVALID: out of range. The next report has a changed state, and the drop of an
  * offer that follows from it. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
+
+/* Resets the controller: it stops whatever it does at once. The offer and overload frames that are
+ * wanted are forgotten, TEC = REC = 0. Modes, limits and protocol stay. After a hardware reset the
+ * controller integrates (M10), also out of bus-off. After a software reset it comes back when it
+ * has seen 128 groups of 11 recessive bits, counted as in R12. In bus-off a software reset is a
+ * restart (R12): state and counters change after the last group. A controller that is disconnected
+ * stays so, and does this when it is back. */
+void cw_mac_reset(cw_mac *mac, bool hardware);
 
 /* Changes the modes. When listen-only or loopback changes, a controller on the bus leaves it and
  * integrates again (M10). */
@@ -731,6 +740,9 @@ typedef enum cw_action {
     CW_ACTION_COUNTERS,   /* tec, rec; CW_KEEP leaves one alone */
     CW_ACTION_OVERLOAD,   /* asks for `number` overload frames */
     CW_ACTION_SET,        /* `settings` */
+    CW_ACTION_SOFTWARE_RESET, /* see cw_mac_reset(); frames that wait are dropped, and so are frames
+                                 that wait for the host */
+    CW_ACTION_HARDWARE_RESET,
     /* On the host side of the matching frame. With CW_SIDE_TX they act where a node of `from` is
      * handed the frame, with CW_SIDE_RX where a node of `at` (0: any) gets it: */
     CW_ACTION_DROP,

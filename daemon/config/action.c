@@ -183,6 +183,8 @@ static const schema_key set_keys[] = {
     {.name = "ramp", .read = cfg_read_ramp},
     END,
 };
+static const schema_key software_reset_keys[] = {NODES("software-reset"), END};
+static const schema_key hardware_reset_keys[] = {NODES("hardware-reset"), END};
 static const schema_key disconnect_keys[] = {NODES("disconnect"), FOR, END};
 static const schema_key partition_keys[] = {{.name = "partition", .read = read_groups}, FOR, END};
 static const schema_key drop_keys[] = {
@@ -234,6 +236,8 @@ static const action actions[] = {
     {CW_ACTION_COUNTERS, counters_keys, complete_counters},
     {CW_ACTION_OVERLOAD, overload_keys, NULL},
     {CW_ACTION_SET, set_keys, complete_set},
+    {CW_ACTION_SOFTWARE_RESET, software_reset_keys, NULL},
+    {CW_ACTION_HARDWARE_RESET, hardware_reset_keys, NULL},
     {CW_ACTION_DISCONNECT, disconnect_keys, NULL},
     {CW_ACTION_PARTITION, partition_keys, NULL},
     {CW_ACTION_DROP, drop_keys, complete_side},

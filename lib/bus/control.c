@@ -58,6 +58,39 @@ static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
     (void)cw_node_set(bus, i, &rule->settings);
 }
 
+/* The host initialises its controller anew. Frames that wait for the bus are lost, and so are those
+ * that wait for the host. A node that its host has taken off the bus has no controller to reset. */
+static void reset(cw_bus *bus, unsigned i, bool hardware)
+{
+    if (bus->detached & cw_node_bit(i))
+        return;
+    cw_commit_early(bus, i);
+    cw_mac *mac = cw_own_mac(bus, i);
+    const bool off = cw_mac_state(mac) == CW_STATE_BUS_OFF;
+    const cw_drop why = off ? CW_DROP_BUS_OFF : CW_DROP_FAULT; /* R12 */
+    cw_mac_reset(mac, hardware);
+    bus->restarts[i].at = CW_NEVER;
+    cw_flush_queue(bus, i, why);
+    cw_buffers_flush(bus, i, why);
+    cw_find_node_due(bus);
+    if (!off)
+        return;
+    bus->nodes[i].stats.restarts++;
+    cw_rules_error(&bus->rules, i, cw_push_node_event(bus, CW_EVENT_RESTART, i));
+}
+
+static void software_reset(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)rule;
+    reset(bus, i, false);
+}
+
+static void hardware_reset(cw_bus *bus, unsigned i, const cw_rule *rule)
+{
+    (void)rule;
+    reset(bus, i, true);
+}
+
 typedef void control_action(cw_bus *bus, unsigned node, const cw_rule *rule);
 
 static control_action *const actions[CW_ACTION_COUNT] = {
@@ -67,6 +100,8 @@ static control_action *const actions[CW_ACTION_COUNT] = {
     [CW_ACTION_COUNTERS] = put_counters,
     [CW_ACTION_OVERLOAD] = overload,
     [CW_ACTION_SET] = change_settings,
+    [CW_ACTION_SOFTWARE_RESET] = software_reset,
+    [CW_ACTION_HARDWARE_RESET] = hardware_reset,
 };
 
 void cw_control_nodes(cw_bus *bus, const cw_rule *rule)

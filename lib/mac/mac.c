@@ -25,6 +25,7 @@
 void cw_mac_integrate(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
+    m->groups = 0;
     cw_mac_enter(m, CW_MAC_INTEGRATING);
 }
 
@@ -167,6 +168,7 @@ static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
 static void go_bus_off(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
+    m->waits_long = false; /* R12 is as long */
     cw_mac_enter(m, CW_MAC_BUS_OFF);
 }
 
@@ -193,6 +195,24 @@ cw_status cw_mac_set_counters(cw_mac *m, unsigned tec, unsigned rec)
     if (was_off && !is_off)
         cw_mac_integrate(m);
     return CW_OK;
+}
+
+void cw_mac_reset(cw_mac *m, bool hardware)
+{
+    const bool restarts = !hardware && is_bus_off(m);
+    m->offered = false;
+    m->overloads_wanted = 0;
+    m->overloads_in_row = 0;
+    m->ack_deferred = false;
+    m->groups = 0;
+    m->waits_long = !hardware && !restarts;
+    if (restarts) {
+        cw_mac_enter(m, CW_MAC_RECOVERING);
+        return;
+    }
+    cw_confinement_reset(&m->confinement);
+    if (m->phase != CW_MAC_OFF)
+        cw_mac_integrate(m);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -839,12 +859,22 @@ void cw_mac_become_idle(cw_mac *m)
     cw_mac_enter(m, CW_MAC_IDLE);
 }
 
+/* After a software reset the controller waits for as many groups as in R12. */
+void cw_mac_end_integration(cw_mac *m)
+{
+    m->count = 0;
+    if (m->waits_long && ++m->groups < CW_RECOVERY_GROUPS)
+        return;
+    m->waits_long = false;
+    cw_mac_become_idle(m);
+}
+
 static void sample_integrating(cw_mac *m, bool level, cw_mac_report *r)
 {
     (void)r;
     m->count = level ? (uint8_t)(m->count + 1) : 0;
     if (m->count == CW_INTEGRATION_BITS)
-        cw_mac_become_idle(m);
+        cw_mac_end_integration(m);
 }
 
 static void sample_idle(cw_mac *m, bool level, cw_mac_report *r)

@@ -92,6 +92,9 @@ bool cw_mac_in_dominant_flag(const cw_mac *mac);
 /* Leaves the bus as after cw_mac_init(), until it has been idle for long enough (M10). */
 void cw_mac_integrate(cw_mac *mac);
 
+/* Ends a group of 11 recessive bits of a controller that integrates. */
+void cw_mac_end_integration(cw_mac *mac);
+
 /* ---- fd.c, for controllers with a part for FD ------------------------------------------------ */
 
 /* Begins a frame. */

@@ -104,6 +104,12 @@ static uint64_t steady_recovery_bits(const cw_mac *m)
     return m->offered ? 0 : CW_INTEGRATION_BITS * groups - m->count - 1;
 }
 
+/* Returns the groups of recessive bits that a controller that integrates waits for. */
+static uint64_t groups_to_idle(const cw_mac *m)
+{
+    return m->waits_long ? CW_RECOVERY_GROUPS - (uint64_t)m->groups : 1;
+}
+
 static uint64_t steady_recessive_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
@@ -113,7 +119,7 @@ static uint64_t steady_recessive_bits(const cw_mac *m)
     case CW_MAC_IDLE:
         return m->offered ? 0 : CW_QUIET_FOREVER;
     case CW_MAC_INTEGRATING:
-        return CW_INTEGRATION_BITS - m->count;
+        return CW_INTEGRATION_BITS * groups_to_idle(m) - m->count;
     case CW_MAC_SUSPEND:
         return CW_SUSPEND_BITS - (uint64_t)m->count;
     case CW_MAC_RECOVERING:
@@ -202,10 +208,14 @@ static void skip_recovery(cw_mac *m, uint64_t bits, bool level)
 
 static void skip_integration(cw_mac *m, uint64_t bits, bool level)
 {
-    if (level)
-        skip_to_idle(m, bits, CW_INTEGRATION_BITS);
-    else
-        m->count = 0;
+    const uint64_t seen = level ? m->count + bits : 0;
+    if (seen < CW_INTEGRATION_BITS) {
+        m->count = (uint8_t)seen;
+        return;
+    }
+    m->groups = (uint8_t)(m->groups + seen / CW_INTEGRATION_BITS - 1);
+    cw_mac_end_integration(m);
+    m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
 }
 
 void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)

@@ -10,7 +10,8 @@ static void commands_at_the_end_of_a_frame(void **state)
 {
     (void)state;
     static const cw_action actions[] = {CW_ACTION_SET, CW_ACTION_BUS_OFF, CW_ACTION_ERROR_FLAG,
-                                        CW_ACTION_DISCONNECT};
+                                        CW_ACTION_DISCONNECT, CW_ACTION_SOFTWARE_RESET,
+                                        CW_ACTION_HARDWARE_RESET};
     const cw_frame frame = rig_frame(0x123, 0, 4);
     rig *plain = rig_new(2);
     rig_start(plain);
@@ -31,9 +32,12 @@ static void commands_at_the_end_of_a_frame(void **state)
         rig_run(r, end);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
         assert_int_equal(rig_stats(r, 0).tx_frames, 1);
-        bool dropped = actions[i] == CW_ACTION_SET;
-        assert_int_equal(rig_stats(r, 0).queue, dropped ? 0 : 1);
-        assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_LISTEN_ONLY], dropped ? 1 : 0);
+        const bool silent = actions[i] == CW_ACTION_SET;
+        const bool resets = actions[i] == CW_ACTION_SOFTWARE_RESET ||
+                            actions[i] == CW_ACTION_HARDWARE_RESET;
+        assert_int_equal(rig_stats(r, 0).queue, silent || resets ? 0 : 1);
+        assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_LISTEN_ONLY], silent ? 1 : 0);
+        assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_FAULT], resets ? 1 : 0);
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end);
         rig_run_bits(r, 1000);
         rig_free(r);
@@ -150,6 +154,108 @@ static void a_state_changes_while_a_node_is_away(void **state)
     assert_int_equal(stats[0].busy_bits, stats[1].busy_bits);
 }
 
+static cw_rule *reset_at(rig *r, bool hardware, unsigned node, uint64_t bit)
+{
+    cw_rule *reset = rig_rule(r, new_rule("reset", CW_TRIGGER_TIME,
+                                          hardware ? CW_ACTION_HARDWARE_RESET
+                                                   : CW_ACTION_SOFTWARE_RESET));
+    reset->nodes = NODE(node);
+    reset->time_begin = bit * BIT;
+    return reset;
+}
+
+/* Frames that wait, on either side of the controller, are dropped and counted. */
+static void a_reset_loses_no_frame_silently(void **state)
+{
+    (void)state;
+    for (unsigned hardware = 0; hardware < 2; hardware++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        r->nodes[1].host = (cw_host_config){.receive_buffers = 8, .service_ticks = 1000 * BIT};
+        (void)reset_at(r, hardware, 1, 300);
+        rig_start(r);
+        for (unsigned i = 0; i < 2; i++)
+            rig_send(r, 0, &frame, 0);
+        for (unsigned i = 0; i < 3; i++)
+            rig_send(r, 1, &frame, 299 * BIT);
+        rig_run_bits(r, 2000);
+        const cw_node_stats stats = rig_stats(r, 1);
+        assert_int_equal(stats.dropped[CW_DROP_FAULT], 3);
+        assert_int_equal(stats.rx_dropped[CW_DROP_FAULT], 2);
+        assert_int_equal(stats.restarts, 0);
+        assert_true(cw_node_stats_balance(&stats));
+        assert_int_equal(rig_count(r, CW_EVENT_DROP, 1), 5);
+        rig_free(r);
+    }
+}
+
+/* A reset brings no node back that is cut off. The wait begins when it is back. */
+static void a_reset_does_not_reconnect(void **state)
+{
+    (void)state;
+    for (unsigned hardware = 0; hardware < 2; hardware++) {
+        rig *r = rig_new(2);
+        const cw_frame frame = rig_frame(0x123, 0, 0);
+        cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
+        away->nodes = NODE(1);
+        away->for_ticks = 3000 * BIT;
+        (void)reset_at(r, hardware, 1, 100);
+        rig_start(r);
+        rig_send(r, 1, &frame, 200 * BIT);
+        rig_run_bits(r, 5000);
+        const uint64_t wait = hardware ? JOIN : RECOVERY_BITS;
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 1);
+        assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
+                         (3000 + wait + cw_frame_wire_bits(&frame)) * BIT);
+        rig_free(r);
+    }
+}
+
+/* Returns the recessive bits that a controller needs to be idle. */
+static unsigned bits_to_idle(cw_mac *mac)
+{
+    cw_mac_report report;
+    unsigned bits = 0;
+    for (; cw_mac_get_phase(mac) != CW_MAC_IDLE; bits++) {
+        (void)cw_mac_drive(mac);
+        cw_mac_sample(mac, CW_RECESSIVE, &report);
+    }
+    return bits;
+}
+
+/* A dominant bit costs a group of 11, disconnection and a change of modes all of them. Bus-off has
+ * a wait of its own (R12). A hardware reset ends the wait. */
+static void a_software_reset_waits_for_128_groups(void **state)
+{
+    (void)state;
+    for (unsigned with = 0; with < 6; with++) {
+        cw_mac mac;
+        cw_mac_report report;
+        cw_mac_init(&mac, 0, 96);
+        assert_int_equal(bits_to_idle(&mac), JOIN);
+        cw_mac_reset(&mac, false);
+        for (unsigned bit = 0; bit < 27; bit++) /* two groups, and five bits */
+            cw_mac_sample(&mac, with != 1 || bit < 26, &report);
+        if (with == 2) {
+            cw_mac_disconnect(&mac);
+            cw_mac_reconnect(&mac);
+        } else if (with == 3) {
+            cw_mac_set_modes(&mac, CW_MODE_LOOPBACK);
+        } else if (with == 4) {
+            assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
+            assert_int_equal(cw_mac_set_counters(&mac, 0, 0), CW_OK);
+        } else if (with == 5) {
+            cw_mac_reset(&mac, true);
+        }
+        static const unsigned left[] = {RECOVERY_BITS - 27, RECOVERY_BITS - 22, RECOVERY_BITS,
+                                        RECOVERY_BITS, JOIN, JOIN};
+        assert_int_equal(bits_to_idle(&mac), left[with]);
+        cw_mac_disconnect(&mac);
+        cw_mac_reconnect(&mac);
+        assert_int_equal(bits_to_idle(&mac), JOIN); /* it is over */
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -158,6 +264,9 @@ int main(void)
         cmocka_unit_test(counters_do_not_reconnect),
         cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
         cmocka_unit_test(a_state_changes_while_a_node_is_away),
+        cmocka_unit_test(a_reset_loses_no_frame_silently),
+        cmocka_unit_test(a_reset_does_not_reconnect),
+        cmocka_unit_test(a_software_reset_waits_for_128_groups),
     };
     return cmocka_run_group_tests_name("fault_control", tests, NULL, NULL);
 }
