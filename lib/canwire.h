@@ -927,6 +927,31 @@ typedef struct cw_node_timing {
 
 #define CW_NODE_FILTERS_MAX 512u /* as of a CAN_RAW socket of Linux */
 #define CW_RECEIVE_BUFFERS_MAX 64u
+#define CW_MAILBOXES_MAX 64u
+
+typedef enum cw_mailbox_use {
+    CW_MAILBOX_RECEIVE = 0, /* keeps a received frame until the host has fetched it; a newer one
+                               takes its place */
+    CW_MAILBOX_TRANSMIT,    /* keeps a frame until it has been sent */
+    CW_MAILBOX_REPLY,       /* keeps the last data frame that the host wrote, and sends it when a
+                               remote frame of its identifier comes */
+    CW_MAILBOX_USES
+} cw_mailbox_use;
+
+typedef struct cw_mailbox {
+    cw_mailbox_use use;
+    cw_filter filter; /* the frames that it takes; of REPLY one identifier */
+    bool filled;      /* REPLY: it has `frame` from the start, a data frame that it takes */
+    cw_frame frame;
+} cw_mailbox;
+
+/* Which of the mailboxes with a frame goes next. */
+typedef enum cw_transmit {
+    CW_TRANSMIT_PRIORITY = 0, /* the one with the most urgent identifier */
+    CW_TRANSMIT_NUMBER,       /* the first one */
+    CW_TRANSMIT_REQUEST,      /* the one that was filled first */
+    CW_TRANSMIT_COUNT
+} cw_transmit;
 
 /* The part of a controller that its host sees. All 0: the host gets every frame, at once. */
 typedef struct cw_host_config {
@@ -937,8 +962,18 @@ typedef struct cw_host_config {
                                   included, 0..CW_RECEIVE_BUFFERS_MAX; 0: it takes each at once. A
                                   frame that finds them full is lost */
     uint64_t service_ticks;    /* time in which the host fetches a frame, one after the other */
+    uint16_t receive_bytes;    /* 0, or the bytes that those frames may have together, as in the
+                                  SJA1000: 3 with a base identifier, 5 with an extended one, and
+                                  the data */
     bool overload_when_full;   /* the controller sends overload frames while its buffers are full
                                   after a frame, two at most (O1 a) */
+    const cw_mailbox *mailboxes; /* numbered from 0; copied. The host gets the frames that the
+                                    RECEIVE ones take. A frame that no TRANSMIT one takes is bad,
+                                    and one that finds them full waits in the queue */
+    uint8_t mailbox_count;     /* at most CW_MAILBOXES_MAX; 0: no mailboxes */
+    bool receive_fifo;         /* the mailboxes are for sending; received frames go into the
+                                  receive_buffers, which do not count otherwise */
+    cw_transmit transmit;
 } cw_host_config;
 
 typedef struct cw_node_config {
@@ -1300,7 +1335,8 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 typedef struct cw_node_stats {
     uint64_t handed_in;      /* frames by cw_node_send() that have become due */
     uint64_t made_by_rules;  /* frames that rules made for it to send: SEND, BABBLE, LOAD, REPLY,
-                                DUPLICATE */
+                                DUPLICATE; and the replies of its mailboxes */
+    uint64_t stored;         /* frames that went into mailboxes with replies */
     uint64_t tx_frames;
     uint64_t tx_bytes;
     uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
@@ -1309,8 +1345,8 @@ typedef struct cw_node_stats {
     uint64_t rx_accepted;    /* frames that its controller received and its filters let pass */
     uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
     uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
-    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by overruns, or by
-                                           the event ring */
+    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by overruns, by newer
+                                           frames in mailboxes, or by the event ring */
     uint64_t arbitration_lost;
     uint64_t retransmissions; /* attempts after the first one of a frame */
     uint64_t errors[CW_ERROR_COUNT];
@@ -1321,8 +1357,8 @@ typedef struct cw_node_stats {
     uint64_t restarts;
     uint64_t undetected_errors; /* frames accepted with content that no node sent */
     uint32_t inbox;          /* frames by cw_node_send() that are not due yet */
-    uint32_t queue;          /* frames waiting or being sent now */
-    uint32_t queue_peak;
+    uint16_t queue;          /* frames waiting or being sent now */
+    uint16_t queue_peak;
     uint32_t held;           /* frames that rules hold back on their way onto the bus now ... */
     uint32_t rx_held;        /* ... and on their way to the host, or its buffers hold */
     uint16_t tec;
@@ -1354,7 +1390,7 @@ typedef struct cw_bus_stats {
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 
 /* Returns true when every frame of the node is accounted for. handed_in and made_by_rules are the
- * sum of tx_frames, queue, held and dropped. rx_accepted and rx_made_by_rules are the sum of
+ * sum of tx_frames, stored, queue, held and dropped. rx_accepted and rx_made_by_rules are the sum of
  * rx_frames, rx_held and rx_dropped. */
 bool cw_node_stats_balance(const cw_node_stats *stats);
 
@@ -1363,11 +1399,14 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *sta
 
 /* Counts of what sits between one controller and its host. */
 typedef struct cw_host_stats {
-    uint64_t filtered; /* frames that its filters did not let pass */
+    uint64_t filtered; /* frames that its filters did not let pass, or no mailbox took */
     uint64_t overruns; /* frames that found its receive buffers full; in rx_dropped, too */
+    uint64_t overwritten; /* frames in receive mailboxes that newer ones replaced; likewise */
+    uint64_t replies;  /* remote frames that its mailboxes answered; no host got them */
 } cw_host_stats;
 
-/* CW_INVALID: no such node. CW_REFUSED: no node of the bus has filters or receive buffers. */
+/* CW_INVALID: no such node. CW_REFUSED: no node of the bus has filters, buffers or
+ * mailboxes. */
 cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned node, cw_host_stats *stats);
 
 /* Counts of one node at the data rate (D10). */

@@ -18,7 +18,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
     if (why != CW_DROP_COUNT && why != CW_DROP_QUEUE_FULL)
         return CW_QUEUE_MAX;
     cw_rules_count_held(&bus->rules, i, &held, &rx_held);
-    uint32_t used = n->queue.count + n->inbox + held;
+    uint32_t used = n->queue.count - cw_mailbox_replies(bus, i) + n->inbox + held;
     return used < n->queue_limit ? n->queue_limit - used : 0;
 }
 

@@ -25,7 +25,8 @@ static bool is_subset(uint64_t part, uint64_t whole)
 static void assert_queue(const cw_queue *q, unsigned limit)
 {
     assert(q->count <= q->capacity && limit <= q->capacity);
-    for (unsigned i = 0; i + 1 < q->count && i < 2; i++)
+    assert(q->boxed <= q->count);
+    for (unsigned i = 0; i + 1 < q->count && i < 2 && i + 1 != q->boxed; i++)
         assert(q->order[q->count - 2 - i].key >= q->order[q->count - 1 - i].key);
 }
 
@@ -50,6 +51,8 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert(bus->node_due <= bus->restarts[i].at && bus->node_due <= cw_buffers_due(bus, i));
     (void)cw_node_get_stats(bus, i, &stats);
     assert(cw_node_stats_balance(&stats));
+    assert((cw_mailbox_replies(bus, i) > 0) == (bus->replying >> i & 1u));
+    assert(!bus->buffers || !bus->buffers[i].boxes || (n->queue.count > 0) == (n->queue.boxed > 0));
 }
 
 static void assert_sums(const cw_bus *bus)

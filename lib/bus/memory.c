@@ -10,19 +10,41 @@
 
 /* ---- Validity of the configuration ----------------------------------------------------------- */
 
+/* The frame of a mailbox must be one that it can send. */
+static bool mailbox_valid(const cw_mailbox *box)
+{
+    const cw_filter *f = &box->filter;
+    const bool one_id = !f->inverted && (f->mask == CW_FILTER_BASE_MASK ||
+                                         f->mask == CW_FILTER_EXTENDED_MASK);
+    const bool frame = !box->filled || (cw_frame_valid(&box->frame) &&
+                                        !cw_frame_is_remote(&box->frame) &&
+                                        cw_frame_matches(&box->frame, f, 1));
+    return (unsigned)box->use < CW_MAILBOX_USES &&
+           (box->use != CW_MAILBOX_REPLY || (one_id && frame));
+}
+
+static bool mailboxes_valid(const cw_host_config *h)
+{
+    for (unsigned i = 0; i < h->mailbox_count && i < CW_MAILBOXES_MAX; i++)
+        if (!mailbox_valid(&h->mailboxes[i]))
+            return false;
+    return h->mailbox_count <= CW_MAILBOXES_MAX && (unsigned)h->transmit < CW_TRANSMIT_COUNT;
+}
+
 static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
            c->warning_limit >= 1 && c->warning_limit <= 255 &&
            cw_protocol_valid(c->protocol) &&
            c->host.filter_count <= CW_NODE_FILTERS_MAX &&
-           c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX;
+           c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX && mailboxes_valid(&c->host);
 }
 
 static bool has_buffers(const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++)
         if (c->nodes[i].host.filter_count || c->nodes[i].host.receive_buffers ||
+            c->nodes[i].host.mailbox_count ||
             (c->nodes[i].protocol & CW_PROTOCOL_2_0B_PASSIVE))
             return true;
     return false;
@@ -61,8 +83,30 @@ static void *carve(arena *a, size_t count, size_t size)
     return a->base ? a->base + offset : NULL;
 }
 
+static uint64_t boxes_for(const cw_host_config *h, cw_mailbox_use use)
+{
+    uint64_t boxes = 0;
+    for (unsigned i = 0; i < h->mailbox_count; i++)
+        if (h->mailboxes[i].use == use)
+            boxes |= UINT64_C(1) << i;
+    return boxes;
+}
+
+static bool is_boxed(const cw_host_config *h)
+{
+    return h->mailbox_count > 0 && !h->receive_fifo;
+}
+
+/* Returns the frames that may wait for the host of a node. */
+static unsigned stored_limit(const cw_host_config *h)
+{
+    if (!is_boxed(h))
+        return h->receive_buffers;
+    return h->service_ticks ? cw_count_bits(boxes_for(h, CW_MAILBOX_RECEIVE)) : 0;
+}
+
 /* Returns the room in a node's queue: enough for the settings of its configuration and of the rules
- * from the start. */
+ * from the start, and for the replies of mailboxes. */
 static uint16_t queue_room(const cw_bus_config *c, unsigned node)
 {
     const cw_node_config *n = &c->nodes[node];
@@ -74,7 +118,7 @@ static uint16_t queue_room(const cw_bus_config *c, unsigned node)
         if (sets && r->settings.queue > room)
             room = r->settings.queue;
     }
-    return room;
+    return (uint16_t)(room + cw_count_bits(boxes_for(&n->host, CW_MAILBOX_REPLY)));
 }
 
 /* Returns the least size of the ring with which the bus never stands still. */
@@ -85,7 +129,7 @@ static unsigned least_ring(const cw_bus_config *c)
     unsigned events = bits * c->node_count * CW_EVENTS_PER_NODE + (bits + 1) * rules +
                       2u * c->inbox + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
-        events += queue_room(c, i) + c->nodes[i].host.receive_buffers;
+        events += queue_room(c, i) + stored_limit(&c->nodes[i].host);
     return events;
 }
 
@@ -109,17 +153,27 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
         bus->buffers = buffers;
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_host_config *h = &c->nodes[i].host;
+        const unsigned limit = stored_limit(h);
         cw_filter *filters = carve(a, h->filter_count, sizeof *filters);
-        stored_frame *stored = carve(a, h->receive_buffers + 1u, sizeof *stored);
+        stored_frame *stored = carve(a, limit + 1u, sizeof *stored);
+        cw_mailbox *boxes = h->mailbox_count ? carve(a, h->mailbox_count, sizeof *boxes) : NULL;
         if (!bus)
             continue;
-        bus->stored_most += h->receive_buffers ? h->receive_buffers + 1u : 0;
+        bus->stored_most += limit ? limit + 1u : 0;
         if (h->filter_count)
             memcpy(filters, h->filters, h->filter_count * sizeof *filters);
+        if (boxes)
+            memcpy(boxes, h->mailboxes, h->mailbox_count * sizeof *boxes);
         buffers[i] = (cw_buffers){.filters = filters, .filter_count = h->filter_count,
-                                  .limit = h->receive_buffers, .stored = stored,
+                                  .limit = limit, .stored = stored,
+                                  .byte_limit = h->receive_bytes,
                                   .service_ticks = h->service_ticks,
-                                  .overload = h->overload_when_full};
+                                  .overload = h->overload_when_full,
+                                  .boxes = boxes, .boxed = is_boxed(h),
+                                  .receive_boxes = boxes_for(h, CW_MAILBOX_RECEIVE),
+                                  .transmit_boxes = boxes_for(h, CW_MAILBOX_TRANSMIT),
+                                  .reply_boxes = boxes_for(h, CW_MAILBOX_REPLY),
+                                  .transmit = (uint8_t)h->transmit};
         bus->overload_when_full = bus->overload_when_full || h->overload_when_full;
     }
 }

@@ -36,17 +36,30 @@ static bool put(bus_node *n, const cw_queue_slot *slot)
     return true;
 }
 
-static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from)
+/* Returns true when the node can send the frame, as far as its protocol and its mailboxes go. A
+ * frame that has begun needs no mailbox. */
+static bool can_send(const cw_bus *bus, unsigned i, const cw_frame *frame, bool begun)
+{
+    return cw_knows_frame(bus, i, frame) &&
+           (begun || !bus->buffers || cw_mailboxes_take(bus, i, frame));
+}
+
+/* reply: the frame is a reply of a mailbox. */
+static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from, bool reply)
 {
     bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
-    cw_drop why = cw_knows_frame(bus, i, slot->frame) ? CW_DROP_QUEUE_FULL : CW_DROP_BAD_FRAME;
-    if (why == CW_DROP_BAD_FRAME || n->queue.count >= n->queue_limit ||
-        !put(n, slot)) {
+    const bool begun = has_begun(&old->mac) && old->offered_slot == from;
+    const bool full = n->queue.count - cw_mailbox_replies(bus, i) >= n->queue_limit;
+    cw_drop why = can_send(bus, i, slot->frame, begun || reply) ? CW_DROP_QUEUE_FULL
+                                                                : CW_DROP_BAD_FRAME;
+    if (why == CW_DROP_BAD_FRAME || (full && !reply) || !put(n, slot)) {
         drop(bus, i, slot->frame, why);
         return;
     }
     cw_queue_at(&n->queue, n->queue.newest)->tried = slot->tried;
+    if (bus->buffers)
+        cw_mailboxes_find_again(bus, i, reply);
     if (old->offered_slot == from) /* of a frame under way, or of one whose end is to be reported */
         n->offered_slot = n->queue.newest;
     bus->queued++;
@@ -54,14 +67,18 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
 }
 
 /* A frame that has begun gets a place in any case. */
-static void take_over_queue(cw_bus *bus, unsigned i, const bus_node *old)
+static void take_over_queue(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node)
 {
-    bool begun = has_begun(&old->mac);
-    if (begun)
-        take_over_slot(bus, i, old, old->offered_slot);
+    const bus_node *old = &old_bus->nodes[old_node];
+    const bool begun = has_begun(&old->mac);
+    for (unsigned k = 0; begun && k < old->queue.count; k++)
+        if (cw_queue_nth(&old->queue, k) == old->offered_slot)
+            take_over_slot(bus, i, old, old->offered_slot,
+                           cw_mailboxes_is_reply(old_bus, old_node, k));
     for (unsigned k = 0; k < old->queue.count; k++)
         if (!begun || cw_queue_nth(&old->queue, k) != old->offered_slot)
-            take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k));
+            take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k),
+                           cw_mailboxes_is_reply(old_bus, old_node, k));
 }
 
 /* Applies settings as cw_node_set() would. */
@@ -93,16 +110,17 @@ static void take_over_mac(cw_mac *m, const cw_mac *old)
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
-static void take_over_node(cw_bus *bus, unsigned i, const bus_node *old,
-                           const restart_times *old_restart)
+static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node)
 {
+    const bus_node *old = &old_bus->nodes[old_node];
+    const restart_times *old_restart = &old_bus->restarts[old_node];
     bus_node *n = &bus->nodes[i];
     unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
     bus->restarts[i].at = old_restart->at;
     bus->restarts[i].off_at = old_restart->off_at;
-    take_over_queue(bus, i, old);
+    take_over_queue(bus, i, old_bus, old_node);
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = n->mac.protocol == old->mac.protocol && has_begun(&old->mac);
     n->mac.no_ack = false;
@@ -176,6 +194,8 @@ static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *fro
         }
         if (bus->buffers)
             bus->buffers[i].stats = old->buffers[from[i]].stats;
+        if (bus->buffers)
+            cw_mailboxes_take_over(bus, i, &old->buffers[from[i]]);
     }
 }
 
@@ -221,7 +241,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (from[i] == CW_NO_NODE)
             continue;
         to[from[i]] = (uint8_t)i;
-        take_over_node(bus, i, &old->nodes[from[i]], &old->restarts[from[i]]);
+        take_over_node(bus, i, old, from[i]);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);
         if (old->removed & cw_node_bit(from[i]))

@@ -3,9 +3,12 @@
  * buffers.c - acceptance filters, and buffers for frames that hosts have not fetched yet.
  *
  * A host fetches one frame after the other, and needs a time for each. Meanwhile further ones wait.
- * One that finds no free buffer is lost, and those that wait stay as they are.
+ * One that finds no free buffer is lost, and those that wait stay as they are. In mailboxes it is
+ * the other way round: the new frame takes the place of an older one.
  */
 #include "state/state.h"
+
+#include <assert.h>
 
 #define OVERLOAD_BITS 15u /* of an overload frame with the flags of all nodes */
 
@@ -35,13 +38,28 @@ static unsigned unfetched(const cw_buffers *b, uint64_t now)
     return b->count - fetched;
 }
 
+/* Returns the bytes that a frame takes in the receive buffer of the SJA1000. */
+static unsigned bytes_of(const cw_frame *frame)
+{
+    return (cw_frame_is_extended(frame) ? 5u : 3u) + cw_frame_length(frame);
+}
+
+static bool is_full(const cw_buffers *b, uint64_t now, const cw_frame *frame)
+{
+    const unsigned waiting = unfetched(b, now);
+    unsigned bytes = bytes_of(frame);
+    for (unsigned n = b->count - waiting; b->byte_limit && n < b->count; n++)
+        bytes += bytes_of(&stored_at(b, n)->frame);
+    return waiting == b->limit || (b->byte_limit && bytes > b->byte_limit);
+}
+
+/* Reports that a received frame is lost: the new one, or an older one. */
 static void overrun(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_OVERRUN, i);
     cw_frame_copy(&e->frame, frame);
     cw_rules_error(&bus->rules, i, e);
     bus->nodes[i].stats.rx_dropped[CW_DROP_QUEUE_FULL]++;
-    bus->buffers[i].stats.overruns++;
 }
 
 /* Wants overload frames as long as the buffers will be full. The first one comes in place of the
@@ -59,32 +77,89 @@ static void ask_for_time(cw_bus *bus, unsigned i)
     bus->outlook.valid = false;
 }
 
-/* A frame that has been fetched in the bit in progress is still stored: hosts get their frames
- * between two bits. */
-static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
+/* Adds a frame behind those that wait. One that has been fetched in the bit in progress is still
+ * among them: hosts get their frames between two bits. */
+static void add(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin,
+                unsigned box)
 {
     cw_buffers *b = &bus->buffers[i];
     const uint64_t now = cw_now(bus);
     const uint64_t last = b->count ? stored_at(b, b->count - 1)->due : now;
-    if (unfetched(b, now) == b->limit) {
-        overrun(bus, i, frame);
-        return;
-    }
+    assert(b->count <= b->limit);
     stored_frame *s = stored_at(b, b->count++);
     s->due = cw_after(last > now ? last : now, b->service_ticks);
+    s->box = (uint8_t)box;
     s->origin = *origin;
     cw_frame_copy(&s->frame, frame);
     bus->stored++;
-    if (b->overload && unfetched(b, now) == b->limit)
-        ask_for_time(bus, i);
     bus->node_due = cw_least(bus->node_due, stored_at(b, 0)->due);
 }
+
+static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
+{
+    cw_buffers *b = &bus->buffers[i];
+    const uint64_t now = cw_now(bus);
+    if (is_full(b, now, frame)) {
+        overrun(bus, i, frame);
+        b->stats.overruns++;
+        return;
+    }
+    add(bus, i, frame, origin, CW_NO_BOX);
+    if (b->overload && unfetched(b, now) == b->limit)
+        ask_for_time(bus, i);
+}
+
+/* ---- Receive mailboxes ----------------------------------------------------------------------- */
+
+/* Returns the frame that waits in a mailbox, or NULL. */
+static stored_frame *waiting_in(const cw_buffers *b, uint64_t now, unsigned box)
+{
+    for (unsigned n = b->count - unfetched(b, now); n < b->count; n++)
+        if (stored_at(b, n)->box == box)
+            return stored_at(b, n);
+    return NULL;
+}
+
+static uint64_t full_boxes(const cw_buffers *b, uint64_t now)
+{
+    uint64_t full = 0;
+    for (unsigned n = b->count - unfetched(b, now); n < b->count; n++)
+        full |= cw_node_bit(stored_at(b, n)->box);
+    return full;
+}
+
+/* Its host fetches the newer frame when it would have fetched the older one. */
+static void overwrite(cw_bus *bus, unsigned i, stored_frame *s, const cw_frame *frame,
+                      const frame_origin *origin)
+{
+    overrun(bus, i, &s->frame);
+    bus->buffers[i].stats.overwritten++;
+    s->origin = *origin;
+    cw_frame_copy(&s->frame, frame);
+}
+
+static void store_in_box(cw_bus *bus, unsigned i, const cw_frame *frame,
+                         const frame_origin *origin)
+{
+    const cw_buffers *b = &bus->buffers[i];
+    const uint64_t now = cw_now(bus);
+    bool taken;
+    const unsigned box = cw_mailboxes_for(b, frame, full_boxes(b, now), &taken);
+    if (taken)
+        overwrite(bus, i, waiting_in(b, now, box), frame, origin);
+    else
+        add(bus, i, frame, origin, box);
+}
+
+/* ---- Reception ------------------------------------------------------------------------------- */
 
 void cw_buffers_receive(cw_bus *bus, unsigned i, cw_frame *frame, const frame_origin *origin)
 {
     const cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     bus->nodes[i].stats.rx_accepted++;
-    if (b && b->limit)
+    if (b && b->limit && b->boxed)
+        store_in_box(bus, i, frame, origin);
+    else if (b && b->limit)
         store(bus, i, frame, origin);
     else
         deliver(bus, i, frame, origin);
@@ -135,14 +210,30 @@ const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned i, unsigned n)
     return stored_at(&bus->buffers[i], n);
 }
 
-/* A host without buffers has the frame at once. */
+/* Returns true when a buffer or a mailbox, set in *box, takes a frame that waited in another
+ * bus. */
+static bool has_place(const cw_buffers *b, const cw_frame *frame, uint64_t now, uint8_t *box)
+{
+    bool taken = false;
+    *box = CW_NO_BOX;
+    if (!b || b->count >= b->limit)
+        return false;
+    if (b->boxed)
+        *box = (uint8_t)cw_mailboxes_for(b, frame, full_boxes(b, now), &taken);
+    return !taken;
+}
+
+/* A host without a place for the frame has it at once. */
 void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     held_frame held = {.due = cw_now(bus), .rule = CW_NO_RULE, .node = (uint8_t)i,
                        .side = CW_SIDE_RX, .origin = s->origin};
-    if (b && b->count < b->limit) {
-        *stored_at(b, b->count++) = *s;
+    uint8_t box;
+    if (has_place(b, &s->frame, cw_now(bus), &box)) {
+        stored_frame *put = stored_at(b, b->count++);
+        *put = *s;
+        put->box = box;
         bus->stored++;
         return;
     }
@@ -156,7 +247,11 @@ bool cw_buffers_accept(cw_bus *bus, unsigned i, const cw_frame *frame)
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     const bool passive = bus->nodes[i].mac.protocol & CW_PROTOCOL_2_0B_PASSIVE;
     const bool known = !passive || !cw_frame_is_extended(frame);
-    if (!b || (known && cw_frame_matches(frame, b->filters, b->filter_count)))
+    bool taken;
+    if (b && b->reply_boxes && cw_mailboxes_answer(bus, i, frame))
+        return false;
+    if (!b || (known && cw_frame_matches(frame, b->filters, b->filter_count) &&
+               (!b->boxed || cw_mailboxes_for(b, frame, 0, &taken) != CW_NO_BOX)))
         return true;
     b->stats.filtered++;
     return false;

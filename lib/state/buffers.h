@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * buffers.h - what sits between a controller and its host: acceptance filters (M12), and buffers
- * for received frames that the host has not fetched yet.
+ * buffers.h - what sits between a controller and its host: acceptance filters (M12), buffers for
+ * received frames that the host has not fetched yet, and mailboxes.
  */
 #ifndef CANWIRE_STATE_BUFFERS_H
 #define CANWIRE_STATE_BUFFERS_H
@@ -12,6 +12,7 @@
 /* A received frame that the host has not fetched yet. */
 typedef struct stored_frame {
     uint64_t due; /* tick at which the host has fetched it */
+    uint8_t box;  /* its mailbox */
     frame_origin origin;
     cw_frame frame;
 } stored_frame;
@@ -24,9 +25,20 @@ typedef struct cw_buffers {
     stored_frame *stored;     /* a ring of limit + 1, in the order of the frames */
     unsigned first;
     unsigned count;
+    unsigned byte_limit;      /* of them together, as the SJA1000 counts; 0: none */
     uint64_t service_ticks;   /* time that the host needs for each */
     bool overload;            /* overload frames are wanted while they are full (O1 a) */
+    bool boxed;               /* the host gets what the receive mailboxes take */
+    cw_mailbox *boxes;        /* the frame of one with a reply is what was written last */
+    uint64_t receive_boxes;   /* sets of mailboxes by their numbers */
+    uint64_t transmit_boxes;
+    uint64_t reply_boxes;
+    uint64_t written;         /* reply boxes that the host has written */
+    uint64_t newer;           /* ... since their reply was queued */
+    uint8_t transmit;         /* cw_transmit */
     cw_host_stats stats;
 } cw_buffers;
+
+#define CW_NO_BOX 0xFFu /* of a frame under way that no mailbox takes any more */
 
 #endif

@@ -27,7 +27,10 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
         return CW_DROP_LISTEN_ONLY;
     if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
         return CW_DROP_BUS_OFF;
-    return n->queue.count >= n->queue_limit ? CW_DROP_QUEUE_FULL : CW_DROP_COUNT;
+    if (n->queue.count < n->queue_limit || n->queue.count - cw_mailbox_replies(bus, i) <
+                                               n->queue_limit)
+        return CW_DROP_COUNT;
+    return CW_DROP_QUEUE_FULL;
 }
 
 void cw_pin_first(bus_node *n)
@@ -60,7 +63,8 @@ __attribute__((noinline)) void cw_complete_fd(const bus_node *n)
     slot->wire_bits = cw_bits_measure_fd(slot->frame).bits;
 }
 
-void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+/* Puts a frame into the queue, wherever that is. */
+static void put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
     bus_node *n = &bus->nodes[i];
     pin_frame(bus, i);
@@ -70,6 +74,26 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
     if (cw_frame_is_fd(frame))
         cw_complete_fd(n);
     bus->queued++;
+}
+
+void cw_enqueue_reply(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned box)
+{
+    bus_node *n = &bus->nodes[i];
+    cw_share_lost(bus, i);
+    put(bus, i, frame, cw_now(bus));
+    cw_mailboxes_put_into(bus, i, n->queue.newest, box);
+    cw_queue_changed(bus, i);
+    n->stats.made_by_rules++;
+    if (n->queue.count > n->stats.queue_peak)
+        n->stats.queue_peak = n->queue.count;
+}
+
+void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
+{
+    bus_node *n = &bus->nodes[i];
+    put(bus, i, frame, tick);
+    if (bus->buffers)
+        cw_mailboxes_find_one(bus, i);
     if (cw_queue_first(&n->queue) == n->queue.newest)
         cw_queue_changed(bus, i);
     if (source)
@@ -82,6 +106,12 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
 {
     cw_share_lost(bus, i);
     cw_drop why = cw_knows_frame(bus, i, frame) ? cw_refusal(bus, i) : CW_DROP_BAD_FRAME;
+    if (bus->buffers && why != CW_DROP_BAD_FRAME) {
+        if (cw_mailboxes_store(bus, i, frame))
+            return;
+        if (!cw_mailboxes_take(bus, i, frame))
+            why = CW_DROP_BAD_FRAME;
+    }
     if (why != CW_DROP_COUNT) {
         cw_push_drop(bus, i, CW_SIDE_TX, frame, why, tick);
         return;
@@ -95,7 +125,10 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
     bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
     cw_rules_count_gone(&bus->rules, cw_queue_at(&n->queue, slot)->source);
-    cw_queue_remove(&n->queue, slot);
+    if (bus->buffers)
+        cw_mailboxes_remove(bus, i, slot);
+    else
+        cw_queue_remove(&n->queue, slot);
     bus->queued--;
     cw_queue_changed(bus, i);
 }

@@ -56,10 +56,10 @@ static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
 }
 
 /* Returns true when nothing comes before a frame for now: no other frame, and nothing that rules
- * and nodes do at this tick. */
+ * and nodes do at this tick. Mailboxes may take it out of the queue. */
 static bool is_next(const cw_bus *bus)
 {
-    return bus->inbox.count == 0 && bus->rules.next_due > cw_now(bus) &&
+    return bus->inbox.count == 0 && !bus->buffers && bus->rules.next_due > cw_now(bus) &&
            bus->node_due > cw_now(bus) && !bus->pending && bus->rules.host_rules == 0 &&
            bus->rules.traffic_rules == 0 && bus->rules.held_count == 0;
 }

@@ -22,22 +22,22 @@ void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t cap
 
 /* Returns the identifier as arbitration sees it: base id, then IDE, then the extension. RTR does
  * not count, so that a remote and a data frame of one identifier stay in order. */
-static uint32_t priority_key(const cw_frame *frame)
+uint32_t cw_queue_priority(const cw_frame *frame)
 {
     return cw_key_with_rtr(frame, CW_DOMINANT);
 }
 
 static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
 {
-    return q->mode == CW_ORDER_PRIORITY ? priority_key(frame) : 0;
+    return q->mode == CW_ORDER_PRIORITY ? cw_queue_priority(frame) : 0;
 }
 
-/* Finds the place of a new frame: after all that are at least as urgent. In this binary search only
+/* Finds the place of a new frame: after all that wait and are at least as urgent. In this binary search only
  * the number of frames decides on branches, since the processor cannot foresee keys. */
 static unsigned find_place(const cw_queue *q, uint32_t key)
 {
     unsigned place = 0;
-    unsigned rest = q->count;
+    unsigned rest = q->count - q->boxed;
     if (rest == 0 || q->order[0].key <= key)
         return 0;
     while (rest > 1) {
@@ -102,7 +102,8 @@ static bool goes_after(const cw_queue *q, const cw_queue_place *a, const cw_queu
 void cw_queue_set_order(cw_queue *q, cw_order mode)
 {
     q->mode = (uint8_t)mode;
-    for (unsigned i = 0; i < q->count; i++) {
+    const unsigned waiting = q->count - (unsigned)q->boxed;
+    for (unsigned i = 0; i < waiting; i++) {
         cw_queue_place moved = q->order[i];
         moved.key = place_key(q, cw_queue_at(q, moved.slot)->frame);
         unsigned place = i;
@@ -110,6 +111,32 @@ void cw_queue_set_order(cw_queue *q, cw_order mode)
             q->order[place] = q->order[place - 1];
         q->order[place] = moved;
     }
+}
+
+void cw_queue_put_into_box(cw_queue *q, uint16_t slot, unsigned box, uint32_t key)
+{
+    const unsigned waiting = q->count - q->boxed;
+    unsigned place = waiting - 1;
+    while (q->order[place].slot != slot) {
+        assert(place > 0);
+        place--;
+    }
+    for (; place + 1 < q->count && (place + 1 < waiting || q->order[place + 1].key > key); place++)
+        q->order[place] = q->order[place + 1];
+    q->order[place] = (cw_queue_place){.key = key, .slot = slot, .box = (uint8_t)box};
+    q->boxed++;
+}
+
+void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame)
+{
+    cw_queue_slot *s = cw_queue_at(q, slot);
+    const cw_queue_slot before = *s;
+    if (cw_frame_is_fd(frame))
+        put_fd(s, frame, before.handed_in, before.number);
+    else
+        put_classical(s, frame, before.handed_in, before.number);
+    s->source = before.source;
+    s->tried = before.tried;
 }
 
 void cw_queue_remove(cw_queue *q, uint16_t slot)
@@ -121,6 +148,8 @@ void cw_queue_remove(cw_queue *q, uint16_t slot)
         assert(place > 0);
         place--;
     }
+    if (q->boxed && place + q->boxed > last)
+        q->boxed--;
     for (; place < last; place++)
         q->order[place] = q->order[place + 1];
     q->order[last].slot = slot;

@@ -27,6 +27,7 @@ typedef struct cw_queue_slot {
 typedef struct cw_queue_place {
     uint32_t key; /* lower goes first */
     uint16_t slot; /* see cw_queue_at() */
+    uint8_t box;   /* of a frame in a mailbox: its number */
 } cw_queue_place;
 
 typedef struct cw_queue {
@@ -38,6 +39,8 @@ typedef struct cw_queue {
     uint16_t capacity;
     uint16_t newest; /* slot of the last put */
     uint8_t mode;    /* cw_order */
+    uint8_t boxed;   /* frames in mailboxes: those that go first. The others wait for a mailbox, in
+                        the order of `mode`. 0 where there are no mailboxes */
 } cw_queue;
 
 /* Returns the bytes of a slot, whole words. fd: it has room for FD frames. */
@@ -75,6 +78,16 @@ static inline uint16_t cw_queue_first(const cw_queue *q)
 {
     return cw_queue_nth(q, 0);
 }
+
+/* Returns what a frame is sorted by where priority decides: its identifier as arbitration sees it. */
+uint32_t cw_queue_priority(const cw_frame *frame);
+
+/* Moves a frame that waits into a mailbox. Among those in mailboxes it goes behind all keys up to
+ * its own. */
+void cw_queue_put_into_box(cw_queue *q, uint16_t slot, unsigned box, uint32_t key);
+
+/* Gives a frame that is not on the wire other content. */
+void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame);
 
 /* Takes a slot in use out of the queue; its contents stay readable until the next put. */
 void cw_queue_remove(cw_queue *q, uint16_t slot);

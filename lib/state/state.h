@@ -8,7 +8,7 @@
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
- *   buffers.c    filters, and frames that wait for their hosts
+ *   buffers.c    filters, and frames that wait for their hosts; mailboxes.c mailboxes
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -185,7 +185,8 @@ struct cw_bus {
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
-    cw_buffers *buffers;     /* ... or NULL: no node has filters or receive buffers */
+    cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
+    uint64_t replying;       /* nodes with replies of mailboxes in their queues */
     uint32_t stored;         /* frames in all receive buffers now ... */
     uint32_t stored_most;    /* ... and at most */
     cw_rule_set rules;
@@ -214,6 +215,9 @@ void cw_queue_frame(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t 
 
 /* Puts a valid frame into a node's queue. cw_refusal() must have returned CW_DROP_COUNT. */
 void cw_enqueue(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick, unsigned source);
+
+/* Queues the reply of a mailbox. Its node takes frames now, but for want of room in its queue. */
+void cw_enqueue_reply(cw_bus *bus, unsigned node, const cw_frame *frame, unsigned box);
 
 /* Makes the FD frame that has just been put into the queue one that the controller would send now
  * (D8). */
@@ -293,7 +297,8 @@ void cw_find_node_due(cw_bus *bus);
 
 /* ---- buffers.c ------------------------------------------------------------------------------- */
 
-/* Returns true when the filters of a node let a received frame pass, and counts it otherwise. */
+/* Returns true when a received frame is for the host of a node: no mailbox answers it, and the
+ * filters let it pass. Counts it otherwise. */
 bool cw_buffers_accept(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Takes a frame for the host of a node. The caller does not need it any more. */
@@ -316,6 +321,53 @@ const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
 
 /* Puts a frame behind those that wait for the host of a node, as it waited in another bus. */
 void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored);
+
+/* ---- mailboxes.c ----------------------------------------------------------------------------- */
+
+/* Returns true when the node may send the frame: a mailbox takes it, or it has none. */
+bool cw_mailboxes_take(const cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Finds a mailbox for the frame that has just been queued. */
+void cw_mailboxes_find_one(cw_bus *bus, unsigned node);
+
+/* Moves a frame of the queue into a mailbox. */
+void cw_mailboxes_put_into(cw_bus *bus, unsigned node, uint16_t slot, unsigned box);
+
+/* Takes a slot out of the queue; a frame that waits may take its mailbox. */
+void cw_mailboxes_remove(cw_bus *bus, unsigned node, uint16_t slot);
+
+/* Keeps a data frame in the mailbox that will reply with it. Returns false when there is none. */
+bool cw_mailboxes_store(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Answers a remote frame. Returns false when no mailbox does. */
+bool cw_mailboxes_answer(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Returns the replies in the queue of a node. */
+unsigned cw_mailbox_replies(const cw_bus *bus, unsigned node);
+
+/* Gives the replies in the queue of a node the data last written. */
+void cw_mailboxes_load_now(cw_bus *bus, unsigned node);
+
+/* Does so before its next transmission begins. */
+static inline void cw_mailboxes_load(cw_bus *bus, unsigned node)
+{
+    if (bus->replying >> node & 1u)
+        cw_mailboxes_load_now(bus, node);
+}
+
+/* Returns the receive mailbox for a frame, or CW_NO_BOX when none takes it. It is the first one
+ * that is free, or the last one: that is true in *taken. */
+unsigned cw_mailboxes_for(const cw_buffers *b, const cw_frame *frame, uint64_t full, bool *taken);
+
+/* Takes over what has been written, from the node of another bus. */
+void cw_mailboxes_take_over(cw_bus *bus, unsigned node, const cw_buffers *old);
+
+/* Finds a mailbox for the newest frame of the queue as it was in another bus. reply: of a mailbox
+ * that replied there. */
+void cw_mailboxes_find_again(cw_bus *bus, unsigned node, bool reply);
+
+/* Returns true when the n-th frame of a queue is the reply of a mailbox. */
+bool cw_mailboxes_is_reply(const cw_bus *bus, unsigned node, unsigned n);
 
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 

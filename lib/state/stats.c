@@ -147,7 +147,7 @@ static uint64_t sum_of_drops(const uint64_t dropped[CW_DROP_COUNT])
 
 bool cw_node_stats_balance(const cw_node_stats *s)
 {
-    uint64_t in = s->tx_frames + s->queue + s->held + sum_of_drops(s->dropped);
+    uint64_t in = s->tx_frames + s->stored + s->queue + s->held + sum_of_drops(s->dropped);
     uint64_t out = s->rx_frames + s->rx_held + sum_of_drops(s->rx_dropped);
     return s->handed_in + s->made_by_rules == in && s->rx_accepted + s->rx_made_by_rules == out;
 }

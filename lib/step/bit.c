@@ -66,8 +66,10 @@ static uint64_t drive_all(cw_bus *bus)
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         bus_node *n = &bus->nodes[i];
-        if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
+        if (n->queue.count > 0 && cw_mac_can_start(&n->mac)) {
+            cw_mailboxes_load(bus, i);
             cw_offer_first(n);
+        }
         if (cw_mac_drive(&n->mac) == CW_DOMINANT)
             levels &= ~cw_node_bit(i);
         if (n->mac.started)

@@ -168,6 +168,8 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     unsigned winner;
     if (!can_begin(bus))
         return false;
+    for (uint64_t rest = bus->replying & bus->outlook.senders; rest; rest &= rest - 1)
+        cw_mailboxes_load(bus, cw_lowest_node(rest));
     cw_arbiter_update(bus);
     uint64_t contenders = bus->waiting & bus->outlook.senders;
     bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);

@@ -174,8 +174,10 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
         end_steadiness(bus);
     }
-    if (n->queue.count > 0 && cw_mac_can_start(&n->mac))
+    if (n->queue.count > 0 && cw_mac_can_start(&n->mac)) {
+        cw_mailboxes_load(bus, i);
         cw_offer_first(n);
+    }
     put_level(bus, i, cw_mac_drive(&n->mac), moment);
     if (n->mac.started) {
         end_steadiness(bus);

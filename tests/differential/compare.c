@@ -158,6 +158,8 @@ static void compare_host(comparison *c, const cw_host_stats *a, const cw_host_st
 {
     SAME(filtered);
     SAME(overruns);
+    SAME(overwritten);
+    SAME(replies);
 }
 
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)

@@ -146,6 +146,7 @@ typedef struct diff_maker {
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
     bool clocks;      /* nodes have clocks of their own */
     bool fd;          /* nodes know FD frames, or not */
+    bool mailboxes;   /* some nodes have mailboxes, and frames their identifiers */
     bool rates;       /* ... and have a data rate, mostly that of these timings */
     cw_node_timing common;
     bool owned;       /* an identifier is sent by one node only, as it should be */
@@ -161,6 +162,10 @@ void diff_random_timing(diff_maker *m, cw_node_timing *timing);
 /* Filters that some nodes have the first ones of. */
 #define DIFF_FILTERS 3u
 extern const cw_filter diff_filters[DIFF_FILTERS];
+
+/* Mailboxes that some nodes have some of. */
+#define DIFF_MAILBOXES 16u
+extern const cw_mailbox diff_mailboxes[DIFF_MAILBOXES];
 
 /* Draws two rates, which all nodes can have in common. */
 void diff_random_rates(diff_maker *m, cw_node_timing *timing);

@@ -154,7 +154,53 @@ const cw_filter diff_filters[DIFF_FILTERS] = {
     {.value = 0x001, .mask = CW_FILTER_BASE_MASK, .inverted = true},
     {.value = CW_FILTER_EXTENDED, .mask = CW_FILTER_EXTENDED | 1}};
 
-/* Filters, and a host that is slow or very slow. */
+#define BASE(number) {.value = 0x100 + (number), .mask = CW_FILTER_BASE_MASK}
+#define EXTENDED(number) \
+    {.value = CW_FILTER_EXTENDED | (0x100 + (number)), .mask = CW_FILTER_EXTENDED_MASK}
+
+const cw_mailbox diff_mailboxes[DIFF_MAILBOXES] = {
+    {.use = CW_MAILBOX_TRANSMIT},
+    {.use = CW_MAILBOX_REPLY, .filter = BASE(0), .filled = true, .frame = {.id = 0x100, .dlc = 2}},
+    {.use = CW_MAILBOX_RECEIVE, .filter = {.value = 0x100, .mask = 0x700}},
+    {.use = CW_MAILBOX_REPLY, .filter = BASE(1)},
+    {.use = CW_MAILBOX_TRANSMIT, .filter = {.value = 0, .mask = 1}},
+    {.use = CW_MAILBOX_RECEIVE},
+    {.use = CW_MAILBOX_REPLY, .filter = EXTENDED(0)},
+    {.use = CW_MAILBOX_TRANSMIT, .filter = {.value = 0x101, .mask = CW_FILTER_BASE_MASK,
+                                            .inverted = true}},
+    {.use = CW_MAILBOX_RECEIVE, .filter = BASE(1)},
+    {.use = CW_MAILBOX_RECEIVE, .filter = {.value = CW_FILTER_REMOTE, .mask = CW_FILTER_REMOTE}},
+    {.use = CW_MAILBOX_TRANSMIT},
+    {.use = CW_MAILBOX_REPLY, .filter = BASE(2)},
+    {.use = CW_MAILBOX_RECEIVE},
+    {.use = CW_MAILBOX_TRANSMIT, .filter = {.value = 0x100, .mask = 0x700}},
+    {.use = CW_MAILBOX_RECEIVE},
+    {.use = CW_MAILBOX_TRANSMIT}};
+
+/* Some of the mailboxes, in a row. */
+static void random_mailboxes(diff_random *r, cw_host_config *host)
+{
+    const unsigned first = (unsigned)diff_below(r, DIFF_MAILBOXES);
+    host->mailboxes = diff_mailboxes + first;
+    host->mailbox_count = (uint8_t)diff_between(r, 1, DIFF_MAILBOXES - first);
+    host->receive_fifo = diff_chance(r, 300);
+    host->transmit = (cw_transmit)diff_below(r, CW_TRANSMIT_COUNT);
+}
+
+/* Gives some frames of the traffic the identifiers of mailboxes with replies. */
+static void use_mailboxes(diff_maker *m)
+{
+    for (unsigned i = 0; i < m->frame_count; i++) {
+        cw_frame *frame = &m->frames[i];
+        if (!diff_chance(&m->random, 600))
+            continue;
+        frame->id = 0x100 + (uint32_t)diff_below(&m->random, 3);
+        if (!(frame->flags & CW_FRAME_FD) && diff_chance(&m->random, 400))
+            frame->flags |= CW_FRAME_REMOTE;
+    }
+}
+
+/* Filters, mailboxes, and a host that is slow or very slow. */
 static cw_host_config random_host(diff_maker *m)
 {
     diff_random *r = &m->random;
@@ -165,7 +211,10 @@ static cw_host_config random_host(diff_maker *m)
         host.receive_buffers = (uint16_t)diff_magnitude(r, 1, CW_RECEIVE_BUFFERS_MAX);
         host.service_ticks = diff_random_ticks(m, 1, 1000);
         host.overload_when_full = diff_chance(r, 300);
+        host.receive_bytes = diff_chance(r, 200) ? (uint16_t)diff_between(r, 16, 64) : 0;
     }
+    if (m->mailboxes && diff_chance(r, 600))
+        random_mailboxes(r, &host);
     return host;
 }
 
@@ -390,6 +439,8 @@ static void random_frames(diff_maker *m)
         m->frames[i] = i > 0 && diff_chance(r, related)
                            ? related_frame(r, &m->frames[diff_below(r, i)])
                            : new_frame(r);
+    if (m->mailboxes)
+        use_mailboxes(m);
     choose_formats(m);
 }
 
@@ -775,6 +826,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     if (m->rates)
         diff_random_rates(m, &m->common);
     m->owned = diff_chance(&m->random, g.style->orderly);
+    m->mailboxes = g.hosts && diff_chance(&m->random, 600);
     random_frames(m);
     random_plan(&g, &s->plans[0]);
     choose_events(&g);

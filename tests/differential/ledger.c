@@ -53,7 +53,8 @@ static bool rules_leave_frames_alone(const diff_scenario *s)
         for (unsigned i = 0; i < s->plans[p].config.rule_count; i++)
             alone = alone && leaves_frames_alone(&s->plans[p].rules[i].rule);
         for (unsigned i = 0; i < s->plans[p].config.node_count; i++)
-            alone = alone && s->plans[p].nodes[i].host.receive_buffers == 0;
+            alone = alone && s->plans[p].nodes[i].host.receive_buffers == 0 &&
+                    s->plans[p].nodes[i].host.mailbox_count == 0;
     }
     return alone;
 }

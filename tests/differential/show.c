@@ -296,9 +296,17 @@ static void write_timing(FILE *out, const cw_node_timing *t)
 
 static void write_host(FILE *out, const cw_host_config *h)
 {
-    if (h->filter_count || h->receive_buffers)
-        fprintf(out, ".host = {diff_filters, %u, %u, %" PRIu64 ", %d}, ", h->filter_count,
-                h->receive_buffers, h->service_ticks, h->overload_when_full);
+    if (h->filter_count || h->receive_buffers || h->mailbox_count)
+        fprintf(out, ".host = {.filters = diff_filters, .filter_count = %u, .receive_buffers = %u, "
+                ".service_ticks = %" PRIu64 ", .receive_bytes = %u, .overload_when_full = %d, ",
+                h->filter_count, h->receive_buffers, h->service_ticks, h->receive_bytes,
+                h->overload_when_full);
+    if (h->mailbox_count)
+        fprintf(out, ".mailboxes = diff_mailboxes + %td, .mailbox_count = %u, .receive_fifo = %d, "
+                ".transmit = %d, ", h->mailboxes - diff_mailboxes, h->mailbox_count,
+                h->receive_fifo, (int)h->transmit);
+    if (h->filter_count || h->receive_buffers || h->mailbox_count)
+        fputs("}, ", out);
 }
 
 static void write_nodes(FILE *out, const diff_plan *plan)
