@@ -945,7 +945,7 @@ typedef struct cw_mailbox {
     cw_frame frame;
 } cw_mailbox;
 
-/* Which of the mailboxes with a frame goes next. */
+/* The mailbox that goes next, of those with a frame. */
 typedef enum cw_transmit {
     CW_TRANSMIT_PRIORITY = 0, /* the one with the most urgent identifier */
     CW_TRANSMIT_NUMBER,       /* the first one */
@@ -1390,8 +1390,8 @@ typedef struct cw_bus_stats {
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 
 /* Returns true when every frame of the node is accounted for. handed_in and made_by_rules are the
- * sum of tx_frames, stored, queue, held and dropped. rx_accepted and rx_made_by_rules are the sum of
- * rx_frames, rx_held and rx_dropped. */
+ * sum of tx_frames, stored, queue, held and dropped. rx_accepted and rx_made_by_rules are the sum
+ * of rx_frames, rx_held and rx_dropped. */
 bool cw_node_stats_balance(const cw_node_stats *stats);
 
 /* CW_INVALID when there is no such node. */

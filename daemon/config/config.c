@@ -92,7 +92,12 @@ static cw_host_config host_of(const cfg_controller *controller)
         .filters = controller->filters,
         .filter_count = controller->filter_count,
         .receive_buffers = stores ? (uint16_t)(controller->receive_buffers - 1) : 0,
+        .receive_bytes = (uint16_t)controller->receive_bytes,
         .service_ticks = controller->service_ticks,
+        .mailboxes = controller->mailboxes,
+        .mailbox_count = controller->mailbox_count,
+        .receive_fifo = controller->receive_fifo,
+        .transmit = controller->transmit,
         .overload_when_full = controller->overload_when_full,
     };
 }

@@ -101,12 +101,18 @@ typedef struct cfg_node_time {
 /* The buffers between the controller and its host. */
 typedef enum cfg_model {
     CFG_MODEL_QUEUE = 0, /* the host takes each frame at once */
-    CFG_MODEL_BASIC      /* one transmit buffer, a few receive buffers */
+    CFG_MODEL_BASIC,     /* one transmit buffer, a few receive buffers */
+    CFG_MODEL_FULL,      /* mailboxes */
 } cfg_model;
 
 typedef struct cfg_controller {
     cfg_model model;
     uint32_t receive_buffers; /* the one for the frame on the wire included */
+    uint32_t receive_bytes;   /* ... or the bytes that they hold together; 0: any number */
+    cw_mailbox *mailboxes;
+    uint8_t mailbox_count;
+    bool receive_fifo;        /* received frames go into the buffers, not into mailboxes */
+    cw_transmit transmit;
     uint64_t service_ticks;   /* time that the host needs for each frame; 0: none */
     bool overload_when_full;
     uint16_t filter_count;

@@ -6,6 +6,7 @@
 
 #include "base/nearest.h"
 #include "config/values.h"
+#include "config/walk.h"
 #include "trace/frametext.h"
 
 #include <string.h>
@@ -16,68 +17,122 @@
 
 static const schema_range buffers_range = {2, CW_RECEIVE_BUFFERS_MAX + 1, sizeof(uint32_t)};
 
-static const schema_choice models[] = {
-    {.name = "queue", .value = CFG_MODEL_QUEUE},
-    {.name = "basic", .value = CFG_MODEL_BASIC},
+/* Keys of a model. */
+#define HAS_BUFFERS 1u   /* receive-buffers */
+#define HAS_SERVICE 2u   /* service-time */
+#define HAS_OVERLOAD 4u  /* overload-when-full */
+#define HAS_MAILBOXES 8u /* mailboxes, transmit */
+
+#define MAILBOXES_DEFAULT 16u
+#define MODEL_NAMES "queue, basic, full"
+
+static const struct {
+    const char *name;
+    cfg_model model;
+    unsigned keys;
+    const char *why; /* for what its controller has no keys */
+} models[] = {
+    {"queue", CFG_MODEL_QUEUE, 0, "its host takes each frame at once"},
+    {"basic", CFG_MODEL_BASIC, HAS_BUFFERS | HAS_SERVICE | HAS_OVERLOAD,
+     "it has buffers and no mailboxes"},
+    {"full", CFG_MODEL_FULL, HAS_SERVICE | HAS_MAILBOXES, "it has mailboxes, which are never full"},
+};
+
+static const schema_choice transmits[] = {
+    {.name = "priority", .value = CW_TRANSMIT_PRIORITY},
+    {.name = "number", .value = CW_TRANSMIT_NUMBER},
+    {.name = "request", .value = CW_TRANSMIT_REQUEST},
     {.name = NULL},
 };
 
+static schema_reader read_model_name;
+
 #define MEMBER(member) .offset = offsetof(cfg_node, controller.member)
+/* The model comes first: the other keys change what it says. */
 static const schema_key model_keys[] = {
-    {.name = "model", .read = schema_read_choice, MEMBER(model), .arg = models, .required = true},
+    {.name = "model", .read = read_model_name, .required = true},
     {.name = "receive-buffers", .read = schema_read_uint, MEMBER(receive_buffers),
      .arg = &buffers_range},
     {.name = "service-time", .read = cfg_read_ticks_min, MEMBER(service_ticks)},
     {.name = "overload-when-full", .read = schema_read_bool, MEMBER(overload_when_full)},
+    {.name = "mailboxes", .read = cfg_read_mailboxes},
+    {.name = "transmit", .read = schema_read_choice, MEMBER(transmit), .arg = transmits},
     {.name = NULL},
 };
 
+static const unsigned keys_of[] = {0, HAS_BUFFERS, HAS_SERVICE, HAS_OVERLOAD, HAS_MAILBOXES,
+                                   HAS_MAILBOXES};
+
 /* ---- Models ---------------------------------------------------------------------------------- */
 
-/* Complains about keys that a queue does not have. */
-static void check_queue(schema *self, const yaml_node_t *map)
+static void read_model_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_controller *controller = &((cfg_node *)object)->controller;
+    const char *text = schema_text(self, key, value, "one of " MODEL_NAMES);
+
+    if (!text)
+        return;
+    for (size_t i = 0; i < sizeof models / sizeof models[0]; i++) {
+        if (strcmp(models[i].name, text) != 0)
+            continue;
+        controller->model = models[i].model;
+        if (controller->model == CFG_MODEL_FULL)
+            cfg_add_mailboxes(self, controller, MAILBOXES_DEFAULT / 2, MAILBOXES_DEFAULT / 2);
+        return;
+    }
+    schema_expected(self, key, value, "one of " MODEL_NAMES);
+}
+
+/* Complains about keys that the model does not have. */
+static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 {
     if (!schema_find(self, map, model_keys[0].name))
         return; /* that is the complaint */
-    for (const schema_key *key = model_keys + 1; key->name; key++) {
-        const yaml_node_t *const value = schema_find(self, map, key->name);
-        if (value)
-            schema_complain(self, value, "%s: a controller with `model: queue` has none; its host "
-                            "takes each frame at once", key->name);
+    for (size_t i = 1; model_keys[i].name; i++) {
+        const yaml_node_t *const value = schema_find(self, map, model_keys[i].name);
+        if (value && !(models[model].keys & keys_of[i]))
+            schema_complain(self, value, "%s: a controller with `model: %s` has none; %s",
+                            model_keys[i].name, models[model].name, models[model].why);
     }
 }
 
 /* Leaves the filters, which have a key of their own. */
 static void forget_model(cfg_controller *controller)
 {
-    controller->model = CFG_MODEL_QUEUE;
-    controller->receive_buffers = BUFFERS_DEFAULT;
-    controller->service_ticks = 0;
-    controller->overload_when_full = false;
+    *controller = (cfg_controller){.receive_buffers = BUFFERS_DEFAULT,
+                                   .filter_count = controller->filter_count,
+                                   .filters = controller->filters};
 }
 
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)
 {
     forget_model(&node->controller);
     schema_map(self, key->name, value, model_keys, node);
-    if (node->controller.model == CFG_MODEL_QUEUE)
-        check_queue(self, value);
+    check_keys(self, value, node->controller.model);
+}
+
+/* The frames of a node wait for its transmit buffer, or its mailboxes, in the order in which its
+ * host writes them. The configuration may say another order for mailboxes. */
+static void complete_order(schema *self, yaml_node_t *map, cfg_node *node)
+{
+    const cfg_walk *walk = self->user;
+    const yaml_node_t *const own = schema_find(self, map, "order");
+    const bool basic = node->controller.model == CFG_MODEL_BASIC;
+
+    if (basic && own && node->order != CW_ORDER_FIFO)
+        schema_complain(self, own, "order: a basic controller has one transmit buffer, so "
+                        "its frames go in the order in which its host writes them: fifo");
+    if (basic || (!own && !(walk->default_map && schema_find(self, walk->default_map, "order"))))
+        node->order = CW_ORDER_FIFO;
 }
 
 void cfg_complete_controllers(schema *self, yaml_node_t *nodes)
 {
     cfg *config = cfg_of(self);
 
-    for (size_t i = 0; i < config->node_count; i++) {
-        cfg_node *node = &config->nodes[i];
-        const yaml_node_t *const order = schema_find(self, schema_item(self, nodes, i), "order");
-        if (node->controller.model != CFG_MODEL_BASIC)
-            continue;
-        if (order && node->order != CW_ORDER_FIFO)
-            schema_complain(self, order, "order: a basic controller has one transmit buffer, so "
-                            "its frames go in the order in which its host writes them: fifo");
-        node->order = CW_ORDER_FIFO;
-    }
+    for (size_t i = 0; i < config->node_count; i++)
+        if (config->nodes[i].controller.model != CFG_MODEL_QUEUE)
+            complete_order(self, schema_item(self, nodes, i), &config->nodes[i]);
 }
 
 /* ---- The name of a real one ------------------------------------------------------------------ */

@@ -43,6 +43,13 @@ schema_reader cfg_read_sample_point; /* member: uint16_t, permille */
 schema_reader cfg_read_controller; /* a name, or a map */
 schema_reader cfg_read_acceptance; /* filters */
 
+schema_reader cfg_read_mailboxes;  /* of a model: their number, or a list. mailbox.c */
+
+/* Gives a controller mailboxes: some for received frames of any identifier, then others for frames
+ * to send. */
+void cfg_add_mailboxes(schema *self, cfg_controller *controller, unsigned receive,
+                       unsigned transmit);
+
 /* Completes what the models of controllers say about other keys. All nodes have been read from the
  * list. */
 void cfg_complete_controllers(schema *self, yaml_node_t *nodes);

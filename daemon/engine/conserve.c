@@ -108,12 +108,12 @@ static void log_books(const char *name, const books *b)
     log_node_error(name,
                    "frames are unaccounted for: came %" PRIu64 ", handed in %" PRIu64
                    ", inbox %" PRIu32 ", by rules %" PRIu64 ", transmitted %" PRIu64
-                   ", queued %" PRIu32 ", held %" PRIu32 ", dropped %" PRIu64
+                   ", stored %" PRIu64 ", queued %" PRIu32 ", held %" PRIu32 ", dropped %" PRIu64
                    "; accepted %" PRIu64 ", by rules %" PRIu64 ", received %" PRIu64
                    ", held %" PRIu32 ", dropped %" PRIu64 ", went %" PRIu64,
-                   b->came, s->handed_in, s->inbox, s->made_by_rules, s->tx_frames, s->queue,
-                   s->held, sum(s->dropped), s->rx_accepted, s->rx_made_by_rules, s->rx_frames,
-                   s->rx_held, sum(s->rx_dropped), b->went);
+                   b->came, s->handed_in, s->inbox, s->made_by_rules, s->tx_frames,
+                   s->stored, s->queue, s->held, sum(s->dropped), s->rx_accepted,
+                   s->rx_made_by_rules, s->rx_frames, s->rx_held, sum(s->rx_dropped), b->went);
 }
 
 unsigned conserve_check(const conserve *c, const cfg *config, const cw_bus *bus, port *const *ports)

@@ -493,10 +493,15 @@ json_t *output_synchronisation(const cfg *config, const cw_bus *bus, unsigned no
 static void put_host(json_t *object, const cw_bus *bus, unsigned node)
 {
     cw_host_stats stats;
+    cw_node_stats all;
 
-    if (cw_node_get_host_stats(bus, node, &stats) == CW_OK) {
+    if (cw_node_get_host_stats(bus, node, &stats) == CW_OK &&
+        cw_node_get_stats(bus, node, &all) == CW_OK) {
         put_count(object, "filtered", stats.filtered);
         put_count(object, "overruns", stats.overruns);
+        put_count(object, "overwritten", stats.overwritten);
+        put_count(object, "replies", stats.replies);
+        put_count(object, "stored", all.stored);
     }
 }
 

@@ -105,8 +105,8 @@ static unsigned stored_limit(const cw_host_config *h)
     return h->service_ticks ? cw_count_bits(boxes_for(h, CW_MAILBOX_RECEIVE)) : 0;
 }
 
-/* Returns the room in a node's queue: enough for the settings of its configuration and of the rules
- * from the start, and for the replies of mailboxes. */
+/* Returns the room in a node's queue. It is enough for the settings of its configuration, of the
+ * rules from the start, and for the replies of mailboxes. */
 static uint16_t queue_room(const cw_bus_config *c, unsigned node)
 {
     const cw_node_config *n = &c->nodes[node];

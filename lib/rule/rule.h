@@ -501,6 +501,12 @@ static inline void cw_rules_count_queued(cw_rule_set *set, unsigned source)
         set->rules[source - 1].outstanding++;
 }
 
+/* Returns true when a frame of that source is followed by another one as soon as it is gone. */
+static inline bool cw_rules_is_steady(const cw_rule_set *set, unsigned source)
+{
+    return source && (set->rules[source - 1].traits & CW_STEADY_TRAFFIC);
+}
+
 static inline void cw_rules_count_gone(cw_rule_set *set, unsigned source)
 {
     if (source && set->rules[source - 1].outstanding)

@@ -111,13 +111,15 @@ static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_or
 
 /* ---- Receive mailboxes ----------------------------------------------------------------------- */
 
-/* Returns the frame that waits in a mailbox, or NULL. */
-static stored_frame *waiting_in(const cw_buffers *b, uint64_t now, unsigned box)
+/* Returns the frame in a mailbox for another one that the host will fetch last. There is one. */
+static stored_frame *last_for(const cw_buffers *b, const cw_frame *frame)
 {
-    for (unsigned n = b->count - unfetched(b, now); n < b->count; n++)
-        if (stored_at(b, n)->box == box)
-            return stored_at(b, n);
-    return NULL;
+    unsigned n = b->count - 1;
+    while (!cw_mailbox_takes(b, stored_at(b, n)->box, frame)) {
+        assert(n > 0);
+        n--;
+    }
+    return stored_at(b, n);
 }
 
 static uint64_t full_boxes(const cw_buffers *b, uint64_t now)
@@ -143,10 +145,9 @@ static void store_in_box(cw_bus *bus, unsigned i, const cw_frame *frame,
 {
     const cw_buffers *b = &bus->buffers[i];
     const uint64_t now = cw_now(bus);
-    bool taken;
-    const unsigned box = cw_mailboxes_for(b, frame, full_boxes(b, now), &taken);
-    if (taken)
-        overwrite(bus, i, waiting_in(b, now, box), frame, origin);
+    const unsigned box = cw_mailboxes_for(b, frame, full_boxes(b, now));
+    if (box == CW_NO_BOX)
+        overwrite(bus, i, last_for(b, frame), frame, origin);
     else
         add(bus, i, frame, origin, box);
 }
@@ -214,13 +215,12 @@ const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned i, unsigned n)
  * bus. */
 static bool has_place(const cw_buffers *b, const cw_frame *frame, uint64_t now, uint8_t *box)
 {
-    bool taken = false;
     *box = CW_NO_BOX;
     if (!b || b->count >= b->limit)
         return false;
     if (b->boxed)
-        *box = (uint8_t)cw_mailboxes_for(b, frame, full_boxes(b, now), &taken);
-    return !taken;
+        *box = (uint8_t)cw_mailboxes_for(b, frame, full_boxes(b, now));
+    return !b->boxed || *box != CW_NO_BOX;
 }
 
 /* A host without a place for the frame has it at once. */
@@ -247,11 +247,10 @@ bool cw_buffers_accept(cw_bus *bus, unsigned i, const cw_frame *frame)
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     const bool passive = bus->nodes[i].mac.protocol & CW_PROTOCOL_2_0B_PASSIVE;
     const bool known = !passive || !cw_frame_is_extended(frame);
-    bool taken;
     if (b && b->reply_boxes && cw_mailboxes_answer(bus, i, frame))
         return false;
     if (!b || (known && cw_frame_matches(frame, b->filters, b->filter_count) &&
-               (!b->boxed || cw_mailboxes_for(b, frame, 0, &taken) != CW_NO_BOX)))
+               (!b->boxed || cw_mailboxes_for(b, frame, 0) != CW_NO_BOX)))
         return true;
     b->stats.filtered++;
     return false;

@@ -39,6 +39,6 @@ typedef struct cw_buffers {
     cw_host_stats stats;
 } cw_buffers;
 
-#define CW_NO_BOX 0xFFu /* of a frame under way that no mailbox takes any more */
+#define CW_NO_BOX 0xFFu /* of a frame without mailbox that does not wait for one */
 
 #endif

@@ -102,11 +102,12 @@ void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, u
         n->stats.queue_peak = n->queue.count;
 }
 
+/* A babbling idiot needs no mailboxes. */
 void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
     cw_share_lost(bus, i);
     cw_drop why = cw_knows_frame(bus, i, frame) ? cw_refusal(bus, i) : CW_DROP_BAD_FRAME;
-    if (bus->buffers && why != CW_DROP_BAD_FRAME) {
+    if (bus->buffers && why != CW_DROP_BAD_FRAME && !cw_rules_is_steady(&bus->rules, source)) {
         if (cw_mailboxes_store(bus, i, frame))
             return;
         if (!cw_mailboxes_take(bus, i, frame))

@@ -32,8 +32,8 @@ static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
     return q->mode == CW_ORDER_PRIORITY ? cw_queue_priority(frame) : 0;
 }
 
-/* Finds the place of a new frame: after all that wait and are at least as urgent. In this binary search only
- * the number of frames decides on branches, since the processor cannot foresee keys. */
+/* Finds the place of a new frame: after all that wait and are at least as urgent. In this binary
+ * search only the number of frames decides on branches, since the processor cannot foresee keys. */
 static unsigned find_place(const cw_queue *q, uint32_t key)
 {
     unsigned place = 0;

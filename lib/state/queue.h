@@ -79,7 +79,7 @@ static inline uint16_t cw_queue_first(const cw_queue *q)
     return cw_queue_nth(q, 0);
 }
 
-/* Returns what a frame is sorted by where priority decides: its identifier as arbitration sees it. */
+/* Returns the key of a frame where priority decides. */
 uint32_t cw_queue_priority(const cw_frame *frame);
 
 /* Moves a frame that waits into a mailbox. Among those in mailboxes it goes behind all keys up to

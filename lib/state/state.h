@@ -8,7 +8,8 @@
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
- *   buffers.c    filters, and frames that wait for their hosts; mailboxes.c mailboxes
+ *   buffers.c    filters, and frames that wait for their hosts; mailboxes.c mailboxes,
+ *                replies.c their replies to remote frames
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -324,10 +325,22 @@ void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored);
 
 /* ---- mailboxes.c ----------------------------------------------------------------------------- */
 
+/* Returns the set with that mailbox alone. */
+static inline uint64_t cw_box_bit(unsigned box)
+{
+    return box < CW_MAILBOXES_MAX ? UINT64_C(1) << box : 0;
+}
+
+/* Returns the first of a set of mailboxes that takes a frame, or CW_NO_BOX. */
+unsigned cw_mailbox_for(const cw_buffers *b, uint64_t boxes, const cw_frame *frame);
+
+/* Returns the mailboxes that have frames of a queue. */
+uint64_t cw_mailboxes_full(const cw_queue *q);
+
 /* Returns true when the node may send the frame: a mailbox takes it, or it has none. */
 bool cw_mailboxes_take(const cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Finds a mailbox for the frame that has just been queued. */
+/* Finds a mailbox for the frame that has just been queued. One that none takes goes without. */
 void cw_mailboxes_find_one(cw_bus *bus, unsigned node);
 
 /* Moves a frame of the queue into a mailbox. */
@@ -339,25 +352,14 @@ void cw_mailboxes_remove(cw_bus *bus, unsigned node, uint16_t slot);
 /* Keeps a data frame in the mailbox that will reply with it. Returns false when there is none. */
 bool cw_mailboxes_store(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Answers a remote frame. Returns false when no mailbox does. */
-bool cw_mailboxes_answer(cw_bus *bus, unsigned node, const cw_frame *frame);
-
 /* Returns the replies in the queue of a node. */
 unsigned cw_mailbox_replies(const cw_bus *bus, unsigned node);
 
-/* Gives the replies in the queue of a node the data last written. */
-void cw_mailboxes_load_now(cw_bus *bus, unsigned node);
+/* Returns the first receive mailbox that takes a frame and is not full, or CW_NO_BOX. */
+unsigned cw_mailboxes_for(const cw_buffers *b, const cw_frame *frame, uint64_t full);
 
-/* Does so before its next transmission begins. */
-static inline void cw_mailboxes_load(cw_bus *bus, unsigned node)
-{
-    if (bus->replying >> node & 1u)
-        cw_mailboxes_load_now(bus, node);
-}
-
-/* Returns the receive mailbox for a frame, or CW_NO_BOX when none takes it. It is the first one
- * that is free, or the last one: that is true in *taken. */
-unsigned cw_mailboxes_for(const cw_buffers *b, const cw_frame *frame, uint64_t full, bool *taken);
+/* Returns true when the filter of a mailbox matches a frame. */
+bool cw_mailbox_takes(const cw_buffers *b, unsigned box, const cw_frame *frame);
 
 /* Takes over what has been written, from the node of another bus. */
 void cw_mailboxes_take_over(cw_bus *bus, unsigned node, const cw_buffers *old);
@@ -368,6 +370,21 @@ void cw_mailboxes_find_again(cw_bus *bus, unsigned node, bool reply);
 
 /* Returns true when the n-th frame of a queue is the reply of a mailbox. */
 bool cw_mailboxes_is_reply(const cw_bus *bus, unsigned node, unsigned n);
+
+/* ---- replies.c ------------------------------------------------------------------------------- */
+
+/* Answers a remote frame. Returns false when no mailbox does. */
+bool cw_mailboxes_answer(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Gives the replies in the queue of a node the data last written. */
+void cw_mailboxes_load_now(cw_bus *bus, unsigned node);
+
+/* Does so before its next transmission begins. */
+static inline void cw_mailboxes_load(cw_bus *bus, unsigned node)
+{
+    if (bus->replying >> node & 1u)
+        cw_mailboxes_load_now(bus, node);
+}
 
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 

@@ -79,6 +79,93 @@ def test_a_transmit_buffer_makes_urgent_frames_wait(tmp_path):
     assert order == [["300#", "001#", "301#", "700#"], ["300#", "301#", "700#", "001#"]]
 
 
+# ---- Mailboxes -----------------------------------------------------------------------------------
+
+def test_the_newest_frame_overwrites_a_mailbox_and_the_older_one_is_counted(tmp_path):
+    """Slots of 100 us, a host that needs 150 us: it gets each second frame, the newer, whole."""
+    events, nodes = run(
+        tmp_path, "  - { name: a, traffic: [ { send: '123#00', every: 200us, count: 10 }, "
+                  "{ send: '123#0101', every: 200us, offset: 120us, count: 10 }, "
+                  "{ send: '7FF#', every: 5ms, count: 1 } ] }\n"
+                  "  - { name: b, controller: { model: full, service-time: 150us, mailboxes: [\n"
+                  "      { direction: rx, id: 124 }, { direction: rx, id: 123 } ] } }\n")
+    assert {e["frame"] for e in of(events, "b", "rx")} == {"123#0101"}
+    assert {e["frame"] for e in of(events, "b", "overrun")} == {"123#00"}
+    b = nodes["b"]
+    assert b["overwritten"] == b["rx_dropped"]["queue-full"] == 10
+    assert len(of(events, "b", "overrun")) == 10
+    assert b["overruns"] == b["rx_held"] == 0 and b["filtered"] == 1
+    assert b["rx_frames"] == 10 and b["rx_accepted"] == 20
+
+
+@pytest.mark.parametrize("transmit, order", [
+    ("priority", ["001#", "100#", "300#", "500#"]), ("number", ["500#", "300#", "100#", "001#"]),
+    ("request", ["500#", "300#", "100#", "001#"])])
+def test_mailboxes_go_by_priority_or_by_number(tmp_path, transmit, order):
+    """Four frames come while another node sends."""
+    events, _ = run(
+        tmp_path, f"  - {{ name: a, controller: {{ model: full, transmit: {transmit} }}, "
+                  "traffic: [\n"
+                  "      { send: '500#', offset: 50us, count: 1 },\n"
+                  "      { send: '300#', offset: 52us, count: 1 },\n"
+                  "      { send: '100#', offset: 54us, count: 1 },\n"
+                  "      { send: '001#', offset: 56us, count: 1 } ] }\n"
+                  "  - { name: b, traffic: [ { send: '000#1122334455667788' } ] }\n")
+    assert [e["frame"] for e in of(events, "a", "tx")] == order
+
+
+def test_frames_wait_behind_mailboxes_in_the_order_of_the_host(tmp_path):
+    """Of one mailbox for each sort of frames, those for 5xx do not keep 100 waiting."""
+    text = ("  - { name: a, %s, traffic: [\n"
+            "      { send: '500#', offset: 50us }, { send: '501#', offset: 52us },\n"
+            "      { send: '502#', offset: 54us }, { send: '400#', offset: 56us } ] }\n"
+            "  - { name: b, traffic: [ { send: '000#1122334455667788' } ] }\n")
+    one = "controller: { model: full, mailboxes: [ { direction: tx } ] }"
+    own = ("controller: { model: full, mailboxes: [ { direction: tx, id: '500:7F0' }, "
+           "{ direction: tx, id: '400:7F0' } ] }")
+    for keys, order in ((one, ["500#", "501#", "502#", "400#"]),
+                        (one + ", order: priority", ["500#", "400#", "501#", "502#"]),
+                        (own, ["400#", "500#", "501#", "502#"])):
+        events, _ = run(tmp_path, text % keys)
+        assert [e["frame"] for e in of(events, "a", "tx")] == order
+
+
+@pytest.mark.parametrize("step", [[], ["--step"]])
+def test_a_mailbox_answers_remote_frames_without_its_host(tmp_path, step):
+    """Two requests, two replies; what the host writes in between is sent whole."""
+    events, nodes = run(
+        tmp_path, "  - { name: a, controller: { model: full, mailboxes: [\n"
+                  "      { direction: tx, id: 123, reply: auto, data: 01 }, { direction: tx }, "
+                  "{ direction: rx } ] },\n"
+                  "      traffic: [ { send: '123#0203040506070809', offset: 5ms, count: 1 },\n"
+                  "                 { send: '124#', offset: 5ms, count: 1 } ] }\n"
+                  "  - { name: b, traffic: [ { send: '123#R', every: 10ms, count: 2 } ] }\n", *step)
+    assert [e["frame"] for e in of(events, "a", "tx")] == ["123#01", "124#", "123#0203040506070809"]
+    assert not of(events, "a", "rx") and len(of(events, "b", "rx")) == 3
+    requests = [round(e["t"] * 1e6) for e in of(events, "b", "tx")]
+    replies = [round(e["t"] * 1e6) for e in of(events, "a", "tx") if e["frame"] != "124#"]
+    bits = [len(canwire("bits", "--raw", frame).stdout.strip())
+            for frame in ("123#01", "123#0203040506070809")]
+    assert replies == [end + (3 + n) * BIT_US for end, n in zip(requests, bits)]
+    a = nodes["a"]
+    assert a["replies"] == 2 and a["stored"] == 1 and a["filtered"] == a["rx_frames"] == 0
+    assert a["handed_in"] + a["made_by_rules"] == 4 == a["tx_frames"] + a["stored"]
+
+
+def test_a_number_of_mailboxes_is_half_for_reception_half_for_sending(tmp_path):
+    """Of 9, 5 receive, 4 send: the 6th frame overwrites, the 5th of the host waits."""
+    events, nodes = run(
+        tmp_path, "  - { name: a, controller: { model: full, mailboxes: 9 }, traffic: [ "
+                  + ", ".join(f"{{ send: '{0x500 - n:03X}#', offset: {50 + n}us, count: 1 }}"
+                              for n in range(6)) + " ] }\n"
+                  "  - { name: b, controller: { model: full, mailboxes: 9, service-time: 1s }, "
+                  "traffic: [ { send: '000#1122334455667788' } ] }\n")
+    assert [e["frame"] for e in of(events, "a", "tx")] == [
+        f"{i:03X}#" for i in (0x4FD, 0x4FC, 0x4FB, 0x4FE, 0x4FF, 0x500)]
+    assert nodes["b"]["overwritten"] == 1 and [e["frame"] for e in of(events, "b", "rx")] == [
+        f"{i:03X}#" for i in (0x4FD, 0x4FC, 0x4FB, 0x4FE, 0x500)]
+
+
 # ---- Controllers before CAN 2.0B -----------------------------------------------------------------
 
 OLD = ("  - { name: new, traffic: [ { send: '12345678#01' } ] }\n"
