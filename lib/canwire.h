@@ -384,7 +384,8 @@ typedef struct cw_confinement {
     uint16_t rec;
     uint16_t warning_limit;
     uint8_t state; /* cw_state; bus-off stays until the counters are reset */
-    bool frozen;   /* listen-only: the counters do not move (M11) */
+    bool frozen : 1;    /* listen-only: the counters do not move (M11) */
+    bool holds_rec : 1; /* CW_VARIANT_REC_HOLDS */
 } cw_confinement;
 
 /* The frames that a controller knows (D16, D17). */
@@ -453,6 +454,8 @@ typedef struct cw_mac {
     bool crc_error : 1;       /* receiver: CRC wrong, not yet signalled (E3) */
     bool no_ack : 1;          /* a fault: it does not acknowledge */
     bool ack_deferred : 1;    /* R3 i: TEC moves when a dominant bit is seen in the flag */
+    bool no_high_ids : 1;     /* CW_VARIANT_NO_HIGH_IDS */
+    bool no_long_dlc : 1;     /* CW_VARIANT_NO_LONG_DLC */
     bool waits_long : 1;      /* software reset: it integrates by 128 groups of 11 recessive bits */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
@@ -499,6 +502,20 @@ void cw_mac_init(cw_mac *mac, unsigned modes, unsigned warning_limit);
 #define CW_PROTOCOL_2_0A 0x40u
 #define CW_PROTOCOL_2_0B_PASSIVE 0x80u
 cw_status cw_mac_set_protocol(cw_mac *mac, unsigned protocol, cw_fd_part *fd);
+
+/* Chooses in which ways the controller differs from RULES.md: CW_VARIANT_*, none after
+ * cw_mac_init(). Real ones do. An offer is withdrawn. CW_INVALID: other bits. */
+#define CW_VARIANT_NO_HIGH_IDS 0x01u /* sends no identifier whose first seven bits are all
+                                        recessive (2032 to 2047), against F8; receives them */
+#define CW_VARIANT_NO_LONG_DLC 0x02u /* sends no classical frame with a DLC above 8, and takes such
+                                        a DLC for a form error in its last bit, against F4 */
+#define CW_VARIANT_REC_HOLDS 0x04u   /* REC does not go up from 128 on (R8) */
+#define CW_VARIANT_SILENT_PASSIVE 0x08u /* of nodes of a bus: the host is told error-warning in
+                                           place of error-passive. Nothing changes on the wire */
+cw_status cw_mac_set_variants(cw_mac *mac, unsigned variants);
+
+/* Returns true when a controller with these variants does not send the frame. */
+bool cw_frame_is_refused(const cw_frame *frame, unsigned variants);
 
 /* Offers a frame for transmission. The offer stays through lost arbitration, errors, disconnection
  * and changes of modes. It ends with exactly one report, CW_REPORT_TX or CW_REPORT_DROPPED, unless
@@ -986,6 +1003,7 @@ typedef struct cw_node_config {
     uint16_t warning_limit; /* 1..255 */
     uint64_t restart_ticks; /* from bus-off to the automatic restart request; 0: never (R12) */
     uint8_t protocol;       /* a cw_protocol and CW_PROTOCOL_*; NON_ISO all nodes or none */
+    uint8_t variants;       /* CW_VARIANT_* */
     cw_node_timing timing;
     cw_host_config host;
 } cw_node_config;

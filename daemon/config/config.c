@@ -113,6 +113,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .warning_limit = node->warning_limit,
             .restart_ticks = node->restart_ms * (uint64_t)(CW_CLOCK_HZ / 1000),
             .protocol = protocol_of(config, node),
+            .variants = node->controller.variants,
             .timing = node->time.timing,
             .host = host_of(&node->controller),
         };

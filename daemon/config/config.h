@@ -115,6 +115,7 @@ typedef struct cfg_controller {
     cw_transmit transmit;
     uint64_t service_ticks;   /* time that the host needs for each frame; 0: none */
     bool overload_when_full;
+    uint8_t variants; /* CW_VARIANT_* */
     uint16_t filter_count;
     cw_filter *filters;
 } cfg_controller;

@@ -47,16 +47,28 @@ static const schema_choice transmits[] = {
 
 static schema_reader read_model_name;
 
+/* Ways in which a controller is not as others, their CW_VARIANT_*. They are there with `off`. */
+static const uint8_t no_high_ids = CW_VARIANT_NO_HIGH_IDS;
+static const uint8_t no_long_dlc = CW_VARIANT_NO_LONG_DLC;
+static const uint8_t rec_holds = CW_VARIANT_REC_HOLDS;
+static const uint8_t silent_passive = CW_VARIANT_SILENT_PASSIVE;
+
+static schema_reader read_variant;
+
 #define MEMBER(member) .offset = offsetof(cfg_node, controller.member)
 /* The model comes first: the other keys change what it says. */
 static const schema_key model_keys[] = {
-    {.name = "model", .read = read_model_name, .required = true},
+    {.name = "model", .read = read_model_name},
     {.name = "receive-buffers", .read = schema_read_uint, MEMBER(receive_buffers),
      .arg = &buffers_range},
     {.name = "service-time", .read = cfg_read_ticks_min, MEMBER(service_ticks)},
     {.name = "overload-when-full", .read = schema_read_bool, MEMBER(overload_when_full)},
     {.name = "mailboxes", .read = cfg_read_mailboxes},
     {.name = "transmit", .read = schema_read_choice, MEMBER(transmit), .arg = transmits},
+    {.name = "high-identifiers", .read = read_variant, .arg = &no_high_ids},
+    {.name = "dlc-over-8", .read = read_variant, .arg = &no_long_dlc},
+    {.name = "rec-when-passive", .read = read_variant, .arg = &rec_holds},
+    {.name = "report-passive", .read = read_variant, .arg = &silent_passive},
     {.name = NULL},
 };
 
@@ -86,9 +98,7 @@ static void read_model_name(schema *self, const schema_key *key, yaml_node_t *va
 /* Complains about keys that the model does not have. */
 static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 {
-    if (!schema_find(self, map, model_keys[0].name))
-        return; /* that is the complaint */
-    for (size_t i = 1; model_keys[i].name; i++) {
+    for (size_t i = 1; i < sizeof keys_of / sizeof keys_of[0]; i++) {
         const yaml_node_t *const value = schema_find(self, map, model_keys[i].name);
         if (value && !(models[model].keys & keys_of[i]))
             schema_complain(self, value, "%s: a controller with `model: %s` has none; %s",
@@ -102,6 +112,16 @@ static void forget_model(cfg_controller *controller)
     *controller = (cfg_controller){.receive_buffers = BUFFERS_DEFAULT,
                                    .filter_count = controller->filter_count,
                                    .filters = controller->filters};
+}
+
+static void read_variant(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint8_t *const variants = &((cfg_node *)object)->controller.variants;
+    const uint8_t variant = *(const uint8_t *)key->arg;
+    bool usual = true;
+
+    (void)schema_choose_bool(self, &usual, key, value);
+    *variants = (uint8_t)(usual ? *variants & ~variant : *variants | variant);
 }
 
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)

@@ -182,7 +182,8 @@ static void check_node(schema *self, yaml_node_t *map, size_t index)
         const schema_key *key = &kinds[traffic->kind].keys[0];
 
         traffic->fd = cfg_knows_fd(cfg_of(self), node);
-        if (traffic->frame.flags & (CW_FRAME_FD | CW_FRAME_EXTENDED)) /* so the entry is a map */
+        if ((traffic->frame.flags & (CW_FRAME_FD | CW_FRAME_EXTENDED)) ||
+            cw_frame_is_refused(&traffic->frame, node->controller.variants)) /* so it is a map */
             cfg_check_sender(self, key, schema_find(self, schema_item(self, list, i), key->name),
                              &traffic->frame, index);
     }

@@ -179,6 +179,23 @@ bool cfg_takes_fd(const schema *self)
     return walk->any_node || cfg_has_fd(walk->config);
 }
 
+/* Complains about a frame that the controller of a node refuses. */
+static void check_variants(schema *self, const schema_key *key, const yaml_node_t *value,
+                           const cw_frame *frame, const cfg_node *sender)
+{
+    const unsigned variants = sender->controller.variants;
+
+    if (cw_frame_is_refused(frame, variants & CW_VARIANT_NO_HIGH_IDS))
+        schema_problem(self, key, value,
+                       schema_print(self, "an identifier whose first seven bits are all recessive, "
+                                    "which the controller of '%s' refuses (high-identifiers: off)",
+                                    sender->name));
+    if (cw_frame_is_refused(frame, variants & CW_VARIANT_NO_LONG_DLC))
+        schema_problem(self, key, value,
+                       schema_print(self, "a DLC above 8, which the controller of '%s' refuses "
+                                    "(dlc-over-8: off)", sender->name));
+}
+
 void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *value,
                       const cw_frame *frame, size_t node)
 {
@@ -190,6 +207,8 @@ void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *va
         schema_problem(self, key, value,
                        schema_print(self, "an extended frame, but the node '%s' sends base frames "
                                     "only (kind: classical makes it send both)", sender->name));
+    if (sender && !walk->any_node)
+        check_variants(self, key, value, frame, sender);
     if (!(frame->flags & CW_FRAME_FD) || walk->any_node || !sender ||
         cfg_knows_fd(walk->config, sender))
         return;

@@ -61,8 +61,10 @@ static void reset_controller(cw_bus *bus, unsigned i)
     cw_mac *m = cw_own_mac(bus, i);
     const unsigned protocol = m->protocol;
     cw_fd_part *fd = m->fd;
+    const unsigned variants = cw_mac_variants(m);
     cw_mac_init(m, m->modes, m->confinement.warning_limit);
     (void)cw_mac_set_protocol(m, protocol, fd);
+    (void)cw_mac_set_variants(m, variants);
     bus->restarts[i].at = CW_NEVER;
     cw_flush_queue(bus, i, CW_DROP_LINK_DOWN);
     cw_buffers_flush(bus, i, CW_DROP_LINK_DOWN);

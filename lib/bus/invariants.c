@@ -95,7 +95,7 @@ static void assert_followers(const cw_bus *bus)
     for (uint64_t rest = bus->followers; rest; rest &= rest - 1) {
         const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
         assert(m->phase == CW_MAC_IDLE && m->role == CW_ROLE_NONE);
-        assert(!m->no_ack && m->overloads_wanted == 0);
+        assert(!m->no_ack && m->overloads_wanted == 0 && !m->no_long_dlc);
         assert(!(m->modes & CW_MODES_APART));
         assert(m->protocol == bus->common.protocol);
         assert(!cw_confinement_passive(&m->confinement));

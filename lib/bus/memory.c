@@ -290,7 +290,10 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     n->queue_limit = c->queue;
     if (c->protocol & CW_PROTOCOL_2_0A)
         bus->old |= cw_node_bit(i);
-    bus->formats_differ = bus->fd || bus->old;
+    (void)cw_mac_set_variants(&n->mac, c->variants);
+    bus->strict |= n->mac.no_long_dlc ? cw_node_bit(i) : 0;
+    bus->silent |= c->variants & CW_VARIANT_SILENT_PASSIVE ? cw_node_bit(i) : 0;
+    bus->formats_differ = bus->fd || bus->old || bus->strict;
     bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
 }
 

@@ -92,14 +92,20 @@ static void apply_settings(cw_bus *bus, unsigned i, uint64_t restart_before)
         (void)cw_node_set(bus, i, &no_change);
 }
 
+static bool are_alike(const cw_mac *a, const cw_mac *b)
+{
+    return a->protocol == b->protocol && cw_mac_same_variant(a, b);
+}
+
 /* Takes the state of a controller. With another protocol it leaves the bus and integrates, as after
  * a change of modes. */
 static void take_over_mac(cw_mac *m, const cw_mac *old)
 {
-    const unsigned protocol = m->protocol;
+    const unsigned protocol = m->protocol, variants = cw_mac_variants(m);
     cw_fd_part *fd = m->fd;
-    const bool same = protocol == old->protocol, compares_late = fd && fd->compares_late;
+    const bool same = are_alike(m, old), compares_late = fd && fd->compares_late;
     *m = *old;
+    (void)cw_mac_set_variants(m, variants);
     m->fd = fd;
     if (same && fd)
         *fd = *old->fd;
@@ -122,7 +128,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     bus->restarts[i].off_at = old_restart->off_at;
     take_over_queue(bus, i, old_bus, old_node);
     take_over_mac(&n->mac, &old->mac);
-    n->mac.offered = n->mac.protocol == old->mac.protocol && has_begun(&old->mac);
+    n->mac.offered = are_alike(&n->mac, &old->mac) && has_begun(&old->mac);
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->reported_state = old->reported_state;

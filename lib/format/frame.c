@@ -54,6 +54,15 @@ bool cw_frame_equal(const cw_frame *a, const cw_frame *b)
            memcmp(a->data, b->data, cw_frame_length(a)) == 0;
 }
 
+bool cw_frame_is_refused(const cw_frame *frame, unsigned variants)
+{
+    const unsigned low_bits = cw_frame_is_extended(frame) ? 22 : 4; /* behind the first seven */
+    const bool high = frame->id >> low_bits == 0x7F;
+    const bool is_long = !cw_frame_is_fd(frame) && frame->dlc > CW_CLASSICAL_DATA_MAX;
+    return ((variants & CW_VARIANT_NO_HIGH_IDS) && high) ||
+           ((variants & CW_VARIANT_NO_LONG_DLC) && is_long);
+}
+
 uint32_t cw_frame_can_id(const cw_frame *frame)
 {
     return frame->id | (cw_frame_is_extended(frame) ? CW_FILTER_EXTENDED : 0) |

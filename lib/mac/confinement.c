@@ -49,7 +49,7 @@ void cw_confinement_tx_error(cw_confinement *c)
 
 void cw_confinement_rx_error(cw_confinement *c, unsigned increment)
 {
-    if (c->frozen)
+    if (c->frozen || (c->holds_rec && c->rec >= CW_PASSIVE_LIMIT))
         return;
     unsigned rec = c->rec + increment;
     c->rec = (uint16_t)(rec < CW_REC_MAX ? rec : CW_REC_MAX);

@@ -82,6 +82,17 @@ cw_status cw_mac_set_protocol(cw_mac *m, unsigned protocol, cw_fd_part *fd)
     return CW_OK;
 }
 
+cw_status cw_mac_set_variants(cw_mac *m, unsigned variants)
+{
+    if (variants & ~CW_VARIANTS_ALL)
+        return CW_INVALID;
+    m->no_high_ids = variants & CW_VARIANT_NO_HIGH_IDS;
+    m->no_long_dlc = variants & CW_VARIANT_NO_LONG_DLC;
+    m->confinement.holds_rec = variants & CW_VARIANT_REC_HOLDS;
+    m->offered = m->offered && cw_mac_is_sending(m);
+    return CW_OK;
+}
+
 void cw_mac_disconnect(cw_mac *m)
 {
     if (is_bus_off(m))
@@ -584,6 +595,16 @@ static bool take_res(cw_mac *m, cw_mac_report *r)
     return !cw_mac_last_level(m) || make_exception(m, r);
 }
 
+/* F4, but for controllers to which nine values are all that there are. */
+static bool take_dlc(cw_mac *m, cw_mac_report *r)
+{
+    cw_mac_rx(m)->dlc = (uint8_t)m->shift;
+    if (!m->no_long_dlc || m->shift <= CW_CLASSICAL_DATA_MAX || cw_mac_in_fd_frame(m))
+        return true;
+    detect(m, CW_ERROR_FORM, r);
+    return false;
+}
+
 /* Signals a pending CRC error (E3). */
 static bool signal_crc(cw_mac *m, cw_mac_report *r)
 {
@@ -645,8 +666,7 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
         cw_mac_fd_take_esi(m);
         break;
     case CW_EFFECT_TAKE_DLC:
-        cw_mac_rx(m)->dlc = (uint8_t)m->shift;
-        break;
+        return take_dlc(m, r);
     case CW_EFFECT_JUDGE_STUFF_COUNT:
         m->crc_error = !cw_mac_is_transmitter(m) && m->shift != cw_stuff_count(m->fd->stuff_bits);
         break;

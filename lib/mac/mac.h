@@ -64,9 +64,30 @@ static inline bool cw_mac_comes_to_data_phase(const cw_mac *mac)
            (mac->part == CW_PART_RES || mac->part == CW_PART_BRS);
 }
 
+#define CW_VARIANTS_ALL                                                                            \
+    (CW_VARIANT_NO_HIGH_IDS | CW_VARIANT_NO_LONG_DLC | CW_VARIANT_REC_HOLDS |                      \
+     CW_VARIANT_SILENT_PASSIVE)
+
+/* Returns those that the controller itself knows. */
+static inline unsigned cw_mac_variants(const cw_mac *mac)
+{
+    return (mac->no_high_ids ? CW_VARIANT_NO_HIGH_IDS : 0) |
+           (mac->no_long_dlc ? CW_VARIANT_NO_LONG_DLC : 0) |
+           (mac->confinement.holds_rec ? CW_VARIANT_REC_HOLDS : 0);
+}
+
+/* Returns true when the controller and another one are of the same variant on the wire. */
+static inline bool cw_mac_same_variant(const cw_mac *a, const cw_mac *b)
+{
+    return a->no_high_ids == b->no_high_ids && a->no_long_dlc == b->no_long_dlc;
+}
+
 /* Returns true when a frame is valid, and one that the controller can send (D17). */
 static inline bool cw_mac_knows(const cw_mac *mac, const cw_frame *frame)
 {
+    if ((mac->no_high_ids || mac->no_long_dlc) &&
+        cw_frame_is_refused(frame, cw_mac_variants(mac)))
+        return false;
     if (!(frame->flags & (CW_FRAME_FD | CW_FRAME_EXTENDED)))
         return cw_frame_valid(frame);
     const bool old = mac->protocol & (CW_PROTOCOL_2_0A | CW_PROTOCOL_2_0B_PASSIVE);

@@ -54,12 +54,10 @@ static bool is_in_range(const cw_rule *r, const cw_action_range *range)
            (range->may_keep && number == CW_KEEP);
 }
 
-/* Returns true when the node knows the frame that the rule has it send (D17). */
+/* Returns true when the node sends the frame that the rule gives it (D17). */
 static bool sends_frame(const cw_rule_set *set, const cw_rule *r)
 {
-    const bool known = !cw_frame_is_fd(&r->frame) ||
-                       (r->node < set->bus.node_count && set->bus.macs[r->node]->fd);
-    return cw_frame_valid(&r->frame) && known;
+    return r->node < set->bus.node_count && cw_mac_knows(set->bus.macs[r->node], &r->frame);
 }
 
 /* Checks the numbers of single actions, and the frame that they send. */

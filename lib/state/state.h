@@ -175,8 +175,10 @@ struct cw_bus {
     cw_shares shares;
     uint32_t wanted;    /* kinds of events, as bits */
     uint64_t old; /* nodes that read extended frames as base frames (2.0A) */
+    uint64_t strict; /* nodes that destroy frames with a DLC above 8 */
+    uint64_t silent; /* nodes whose hosts are not told of error-passive */
     bool overload_when_full; /* some node wants overload frames when its buffers are full */
-    bool formats_differ; /* some node knows FD frames, or is of CAN 2.0A */
+    bool formats_differ; /* some node knows FD frames, is of CAN 2.0A, or strict */
     bool fd;   /* some node knows FD frames, so there is room for them */
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */

@@ -142,9 +142,9 @@ static void refresh_esi(bus_node *n, cw_queue_slot *slot)
         n->mac.offered = false;
 }
 
-/* Prepares the first frame of the winner on a bus with FD, or with controllers of CAN 2.0A. On
- * other buses nothing of this changes. Returns false when the frame is no clean one: some node does
- * not know it (D17). It is not inlined, since most buses have neither. */
+/* Prepares the first frame of the winner on a bus with FD, or with controllers that are of CAN 2.0A
+ * or refuse a DLC. On other buses nothing of this changes. Returns false when the frame is no clean
+ * one: some node does not know it (D17). It is not inlined, since most buses have neither. */
 __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winner)
 {
     bus_node *n = &bus->nodes[winner];
@@ -153,6 +153,8 @@ __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winne
     bus->frame_step.fast.to = 0;
     if (cw_frame_is_extended(slot->frame) && (bus->old & bus->outlook.listeners))
         return false;
+    if (!cw_frame_is_fd(slot->frame) && slot->frame->dlc > CW_CLASSICAL_DATA_MAX)
+        return !(bus->strict & bus->outlook.listeners);
     if (!cw_frame_is_fd(slot->frame))
         return true;
     refresh_esi(n, slot);

@@ -79,7 +79,8 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
         return false;
     }
     if (f->due > cw_now(bus) + CW_LEAP_TICKS || cw_frame_is_fd(f->frame) ||
-        (bus->old && cw_frame_is_extended(f->frame)))
+        (bus->old && cw_frame_is_extended(f->frame)) ||
+        (bus->strict && f->frame->dlc > CW_CLASSICAL_DATA_MAX))
         return false;
     if (f->due && (!cw_knows_frame(bus, f->sender, f->frame) ||
                    cw_refusal(bus, f->sender) != CW_DROP_COUNT))

@@ -110,6 +110,7 @@ typedef struct generator {
     const style *style;
     bool old;         /* some nodes are of CAN 2.0A or 2.0B passive */
     bool hosts;       /* some nodes have filters, or slow hosts */
+    bool variants;    /* some nodes are not as RULES.md says */
     unsigned names;   /* of rules, used so far */
     diff_op *moments; /* of the frames handed in, by the tick at which they come up */
     size_t moment_count;
@@ -245,6 +246,8 @@ static cw_node_config random_node(generator *g)
         node.protocol = random_protocol(r);
     if (g->old && (node.protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL && diff_chance(r, 300))
         node.protocol |= diff_chance(r, 500) ? CW_PROTOCOL_2_0A : CW_PROTOCOL_2_0B_PASSIVE;
+    if (g->variants && diff_chance(r, 300))
+        node.variants = (uint8_t)diff_between(r, 1, 15);
     return node;
 }
 
@@ -822,6 +825,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->fd = g.style->fd != 0;
     g.hosts = diff_chance(&m->random, 150);
     g.old = diff_chance(&m->random, 100);
+    g.variants = diff_chance(&m->random, 100);
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);

@@ -264,7 +264,8 @@ static bool same_node(const cw_node_config *a, const cw_node_config *b)
 {
     return a->modes == b->modes && a->order == b->order && a->queue == b->queue &&
            a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks &&
-           a->protocol == b->protocol && memcmp(&a->host, &b->host, sizeof a->host) == 0 &&
+           a->protocol == b->protocol && a->variants == b->variants &&
+           memcmp(&a->host, &b->host, sizeof a->host) == 0 &&
            memcmp(&a->timing, &b->timing, sizeof a->timing) == 0;
 }
 
@@ -322,6 +323,7 @@ static void write_nodes(FILE *out, const diff_plan *plan)
         write_number(out, "queue", n->queue);
         write_number(out, "warning_limit", n->warning_limit);
         write_number(out, "protocol", n->protocol);
+        write_number(out, "variants", n->variants);
         write_number(out, "restart_ticks", n->restart_ticks);
         write_timing(out, &n->timing);
         write_host(out, &n->host);

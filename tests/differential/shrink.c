@@ -309,7 +309,7 @@ static bool remove_node(diff_scenario *s, unsigned at)
     return true;
 }
 
-#define SETTINGS 6u
+#define SETTINGS 7u
 
 static unsigned setting_places(const diff_scenario *s)
 {
@@ -332,8 +332,10 @@ static bool simplify_setting(diff_scenario *s, unsigned place)
         n->warning_limit = 96;
     else if (place % SETTINGS == 4)
         n->restart_ticks = 0;
-    else
+    else if (place % SETTINGS == 5)
         memset(&n->host, 0, sizeof n->host);
+    else
+        n->variants = 0;
     return node < plan->config.node_count && memcmp(&before, n, sizeof before) != 0;
 }
 

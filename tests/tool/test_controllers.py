@@ -221,3 +221,135 @@ def test_old_controllers_send_no_extended_frames(tmp_path, kind):
         f"  - {{ name: a, kind: {kind}, traffic: [ {{ send: '12345678#01' }} ] }}\n")
     refused = canwire("check", tmp_path / "bad.yaml", status=1).stderr
     assert "bad.yaml:3:" in refused and "sends base frames only" in refused
+
+
+# ---- Variants ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flags", [[], ["--step"]])
+def test_a_controller_that_forbids_a_dlc_destroys_its_frame(tmp_path, flags):
+    """c finds a form error in dlc[3] = bit 18; there is no stuff bit before it. Its flag takes the
+    next six bits, data[0.0] on. The sender has its first recessive bit in data[0.3]. b finds the
+    sixth dominant bit behind data[0.4], and its flag goes on for six bits behind that of c. So c
+    adds 1 + 8 an attempt. After 15 of them it is passive and says no more."""
+    events, nodes = run(
+        tmp_path, "  - { name: a, traffic: [ { send: '123#1122334455667788_F' } ] }\n  - name: b\n"
+                  "  - { name: c, controller: { dlc-over-8: off } }\n", *flags)
+    found = [e for e in of(events, "c", "error") if e["field"] == "dlc"]
+    assert [(e["type"], e["index"], e["flag"]) for e in found] == \
+        15 * [("form", 3, "active")] + [("form", 3, "passive")]
+    assert [e["rec"] for e in found][:15] == [9 * n + 1 for n in range(15)]
+    sent = of(events, "a", "error")
+    assert [(e["type"], e["field"], e["index"], e["tec"]) for e in sent] == \
+        [("bit", "data", 3, 8 * n) for n in range(1, 16)]
+    assert [(e["type"], e["field"], e["index"], e.get("stuff")) for e in of(events, "b", "error")] \
+        == 15 * [("stuff", "data", 4, True)]
+    passive = [e for e in of(events, "c", "state") if e["state"] == "error-passive"]
+    assert [e["rec"] for e in passive] == [135]
+    assert [e["frame"] for e in of(events, "a", "tx")] == ["123#1122334455667788_F"]
+    assert len(of(events, "b", "rx")) == 1 and not of(events, "c", "rx")
+    assert nodes["a"]["tec"] == 119 and nodes["b"]["rec"] == 14
+
+
+def test_a_dlc_of_8_and_a_base_identifier_below_2032_are_nothing_special(tmp_path):
+    events, nodes = run(
+        tmp_path, "  - { name: a, controller: { dlc-over-8: off, high-identifiers: off },\n"
+                  "      traffic: [ { send: '7EF#1122334455667788' }, { send: 1FBFFFFF# } ] }\n"
+                  "  - { name: b, controller: { dlc-over-8: off } }\n")
+    assert len(of(events, "a", "tx")) == len(of(events, "b", "rx")) == 2
+    assert not of(events, "b", "error")
+
+
+REPLAYED = [("7EF#", False), ("7F0#", True), ("7FF#11", True), ("7F0#R", True),
+            ("1FBFFFFF#", False), ("1FC00000#", True), ("1FFFFFFF#", True),
+            ("123#1122334455667788_9", False)]
+
+
+def test_high_identifiers_are_refused_and_received(tmp_path):
+    log = "".join(f"({n / 1000:.6f}) can0 {frame}\n" for n, (frame, _) in enumerate(REPLAYED))
+    (tmp_path / "drive.log").write_text(log)
+    replay = "traffic: [ { replay: drive.log } ]"
+    events, nodes = run(
+        tmp_path, f"  - {{ name: a, controller: {{ high-identifiers: off }}, {replay} }}\n"
+                  f"  - {{ name: b, {replay} }}\n  - name: c\n")
+    refused = [frame for frame, high in REPLAYED if high]
+    drops = of(events, "a", "drop")
+    assert [(e["frame"], e["why"]) for e in drops] == [(f, "bad-frame") for f in refused]
+    assert nodes["a"]["dropped"]["bad-frame"] == len(refused)
+    assert len(of(events, "b", "tx")) == len(of(events, "c", "rx")) == len(REPLAYED)
+    assert [e["frame"] for e in of(events, "a", "rx")] == refused
+
+
+def test_a_long_dlc_is_refused(tmp_path):
+    frames = ["123#1122334455667788_9", "123#1122334455667788", "123#R8_9", "123#R8"]
+    (tmp_path / "drive.log").write_text(
+        "".join(f"({n / 1000:.6f}) can0 {frame}\n" for n, frame in enumerate(frames)))
+    events, nodes = run(tmp_path, "  - { name: a, controller: { dlc-over-8: off }, "
+                                  "traffic: [ { replay: drive.log } ] }\n  - name: b\n")
+    assert [e["frame"] for e in of(events, "a", "drop")] == [frames[0], frames[2]]
+    assert len(of(events, "b", "rx")) == 2
+
+
+PASSIVE = """bus: { name: t, bitrate: 500000 }
+nodes: [ { name: a }, { name: b, controller: { VARIANT } } ]
+faults:
+  - { name: near, when: { time: 100us }, do: { counters: b, rec: 127 } }
+  - { name: over, when: { time: 200us }, do: { error-flag: b } }
+  - { name: more, when: { time: 300us }, do: { error-flag: b } }
+  - { name: good, when: { time: 400us }, do: { send: 123#, as: a } }
+  - { name: end, when: { time: 1ms }, do: { error-flag: b } }
+"""
+
+
+@pytest.mark.parametrize("variant, most", [("model: queue", [136, 137]),
+                                           ("rec-when-passive: off", [128, 128])])
+def test_a_receive_error_counter_holds_when_passive(tmp_path, variant, most):
+    """127 + 1, then + 8 by R2, since a answers; the passive flag of the second error adds 1. A good
+    frame sets either to 120, and the next error adds 1 + 8."""
+    (tmp_path / "t.yaml").write_text(PASSIVE.replace("VARIANT", variant))
+    rec = []
+    for until in "290us", "390us", "990us", "1100us":
+        report = json.loads(sim(tmp_path / "t.yaml", "--until", until, "--stats", "-").stdout)
+        rec.append(report["nodes"][1]["rec"])
+    assert rec == most + [120, 129]
+
+
+def test_a_host_is_not_told_of_error_passive(tmp_path):
+    steps = [(100, "error-warning"), (130, None), (100, None), (10, "error-active"),
+             (130, "error-warning"), (256, "bus-off"), (200, "error-warning"), (256, "bus-off")]
+    rules = "".join(f"  - {{ name: r{n}, when: {{ time: {n + 1}ms }}, "
+                    f"do: {{ counters: b, tec: {tec} }} }}\n" for n, (tec, _) in enumerate(steps))
+    text = "bus: { name: t, bitrate: 500000 }\n" \
+           "nodes: [ { name: a }, { name: b, controller: { report-passive: off } } ]\nfaults:\n"
+    (tmp_path / "t.yaml").write_text(text + rules)
+    out = sim(tmp_path / "t.yaml", "--until", "10ms", "--events", "-").stdout.splitlines()
+    told = [json.loads(line) for line in out if '"state"' in line]
+    assert [(round(e["t"] * 1000), e["state"], e["tec"]) for e in told] == \
+        [(n + 1, state, tec) for n, (tec, state) in enumerate(steps) if state]
+    report = sim(tmp_path / "t.yaml", "--until", "2.5ms", "--stats", "-").stdout
+    stats = json.loads(report)["nodes"][1]
+    assert stats["state"] == "error-passive" and stats["error_passive"] == 1
+
+
+def test_the_flag_of_a_silent_node_is_passive(tmp_path):
+    """On the wire nothing is silent: the flag of b is passive, so a sees nothing of it."""
+    (tmp_path / "t.yaml").write_text(
+        "bus: { name: t, bitrate: 500000 }\n"
+        "nodes: [ { name: a }, { name: b, controller: { report-passive: off } } ]\nfaults:\n"
+        "  - { name: passive, when: { time: 1ms }, do: { counters: b, rec: 130 } }\n"
+        "  - { name: flag, when: { time: 2ms }, do: { error-flag: b } }\n")
+    out = sim(tmp_path / "t.yaml", "--until", "3ms", "--events", "-").stdout
+    assert '"error"' not in out
+
+
+@pytest.mark.parametrize("frame, key, says", [
+    ("7F0#", "high-identifiers", "whose first seven bits are all recessive"),
+    ("123#1122334455667788_F", "dlc-over-8", "a DLC above 8")])
+def test_traffic_that_a_controller_refuses_is_an_error(tmp_path, frame, key, says):
+    for text in (f"nodes: [ {{ name: a, controller: {{ {key}: off }}, "
+                 f"traffic: [ {{ send: '{frame}' }} ] }} ]",
+                 f"nodes: [ {{ name: a, controller: {{ {key}: off }} }} ]\n"
+                 f"faults: [ {{ name: r, do: {{ babble: '{frame}', as: a }} }} ]"):
+        (tmp_path / "t.yaml").write_text("bus: { bitrate: 500000 }\n" + text + "\n")
+        done = canwire("check", tmp_path / "t.yaml", status=1)
+        assert says in done.stderr and f"{key}: off" in done.stderr

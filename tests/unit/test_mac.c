@@ -60,6 +60,33 @@ static void counters_have_their_ranges(void **state)
     assert_int_equal(cw_mac_state(&mac), CW_STATE_BUS_OFF);
 }
 
+static void variants_refuse_frames(void **state)
+{
+    (void)state;
+    static const struct {
+        cw_frame frame;
+        unsigned refused_by;
+    } cases[] = {
+        {{.id = 0x7EF, .dlc = 8}, 0},
+        {{.id = 0x7F0}, CW_VARIANT_NO_HIGH_IDS},
+        {{.id = 0x7FF, .dlc = 9}, CW_VARIANT_NO_HIGH_IDS | CW_VARIANT_NO_LONG_DLC},
+        {{.id = 0x7F0, .flags = CW_FRAME_EXTENDED}, 0},
+        {{.id = 0x1FBFFFFF, .flags = CW_FRAME_EXTENDED}, 0},
+        {{.id = 0x1FC00000, .flags = CW_FRAME_EXTENDED}, CW_VARIANT_NO_HIGH_IDS},
+        {{.id = 1, .flags = CW_FRAME_REMOTE, .dlc = 15}, CW_VARIANT_NO_LONG_DLC},
+    };
+    cw_mac mac = idle_mac(0);
+    assert_int_equal(cw_mac_set_variants(&mac, 0x10), CW_INVALID);
+    for (unsigned variants = 0; variants < 16; variants++)
+        for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+            const bool refused = variants & cases[i].refused_by;
+            mac = idle_mac(0);
+            assert_int_equal(cw_mac_set_variants(&mac, variants), CW_OK);
+            assert_int_equal(cw_mac_offer(&mac, &cases[i].frame), refused ? CW_INVALID : CW_OK);
+            assert_int_equal(cw_frame_is_refused(&cases[i].frame, variants), refused);
+        }
+}
+
 static void counters_below_the_limit_end_bus_off(void **state)
 {
     (void)state;
@@ -329,6 +356,7 @@ int main(void)
         cmocka_unit_test(a_good_frame_lowers_the_rec),
         cmocka_unit_test(a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error),
         cmocka_unit_test(the_warning_limit_counts_at_once),
+        cmocka_unit_test(variants_refuse_frames),
     };
     return cmocka_run_group_tests_name("mac", tests, NULL, NULL);
 }
