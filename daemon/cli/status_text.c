@@ -241,6 +241,10 @@ static void print_counters(FILE *out, const json_t *node)
         {"overloads", "overloads"},
         {"undetected", "undetected_errors"},
     };
+    static const column host[] = {
+        {"filtered", "filtered"}, {"overruns", "overruns"}, {"overwritten", "overwritten"},
+        {"replies", "replies"},   {"stored", "stored"},     {"waiting", "rx_held"},
+    };
     static const column drops[] = {
         {"queue-full", "queue-full"},   {"one-shot", "one-shot"},   {"bus-off", "bus-off"},
         {"listen-only", "listen-only"}, {"bad-frame", "bad-frame"}, {"fault", "fault"},
@@ -253,6 +257,10 @@ static void print_counters(FILE *out, const json_t *node)
         print_columns(out, json_object_get(node, "data_errors"), errors, COUNT_OF(errors));
     }
     print_columns(out, node, more, COUNT_OF(more));
+    if (json_object_get(node, "filtered")) {
+        fputs("\t  between controller and ECU:\n", out);
+        print_columns(out, node, host, COUNT_OF(host));
+    }
     fputs("\t  dropped:\n", out);
     print_columns(out, json_object_get(node, "dropped"), drops, COUNT_OF(drops));
 }

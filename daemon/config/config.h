@@ -105,6 +105,9 @@ typedef enum cfg_model {
     CFG_MODEL_FULL,      /* mailboxes */
 } cfg_model;
 
+/* Returns the word of a configuration for it. */
+const char *cfg_model_name(cfg_model model);
+
 typedef struct cfg_controller {
     cfg_model model;
     uint32_t receive_buffers; /* the one for the frame on the wire included */

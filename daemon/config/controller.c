@@ -77,6 +77,11 @@ static const unsigned keys_of[] = {0, HAS_BUFFERS, HAS_SERVICE, HAS_OVERLOAD, HA
 
 /* ---- Models ---------------------------------------------------------------------------------- */
 
+const char *cfg_model_name(cfg_model model)
+{
+    return models[model].name;
+}
+
 static void read_model_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_controller *controller = &((cfg_node *)object)->controller;

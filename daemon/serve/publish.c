@@ -16,6 +16,7 @@
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
 #include <canwire_file_t.h>
+#include <canwire_node_controller_t.h>
 #include <canwire_node_fd_t.h>
 #include <canwire_node_stats_t.h>
 #include <canwire_node_timing_t.h>
@@ -63,6 +64,7 @@ struct publisher {
     char channel_file[CHANNEL_MAX];
     char channel_bus_fd[CHANNEL_MAX];
     char channel_node_fd[CHANNEL_MAX];
+    char channel_controller[CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
     char *event_text; /* of open_memstream, reused */
@@ -225,6 +227,7 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
     (void)snprintf(p->channel_bus_fd, CHANNEL_MAX, "CANWIRE.%s.FDBUS", bus);
     (void)snprintf(p->channel_node_fd, CHANNEL_MAX, "CANWIRE.%s.FDNODE", bus);
+    (void)snprintf(p->channel_controller, CHANNEL_MAX, "CANWIRE.%s.CONTROLLER", bus);
 }
 
 static void free_publisher(publisher *p)
@@ -494,6 +497,29 @@ static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
     PUBLISH(p, p->channel_node_fd, canwire_node_fd_t, &m);
 }
 
+static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
+                               const cw_node_stats *node)
+{
+    const cfg_node *config = &p->config->nodes[i];
+    cw_host_stats s;
+    if (cw_node_get_host_stats(bus, i, &s) != CW_OK)
+        return;
+    const canwire_node_controller_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
+        .bus = p->config->bus_name,
+        .node = config->name,
+        .model = (char *)(uintptr_t)cfg_model_name(config->controller.model), /* only read */
+        .filtered = (int64_t)s.filtered,
+        .overruns = (int64_t)s.overruns,
+        .overwritten = (int64_t)s.overwritten,
+        .replies = (int64_t)s.replies,
+        .stored = (int64_t)node->stored,
+        .waiting = (int32_t)node->rx_held,
+    };
+    PUBLISH(p, p->channel_controller, canwire_node_controller_t, &m);
+}
+
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 {
     cw_bus_stats stats;
@@ -503,8 +529,10 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
         publish_bus_fd(p, &stats);
     for (unsigned i = 0; i < p->config->node_count; i++) {
         cw_node_stats node;
-        if (cw_node_get_stats(bus, i, &node) == CW_OK)
+        if (cw_node_get_stats(bus, i, &node) == CW_OK) {
             publish_node(p, &stats, &node, i, &beyond->nodes[i].interface);
+            publish_controller(p, bus, i, &node);
+        }
         publish_timing(p, bus, i);
         publish_node_fd(p, bus, i);
     }

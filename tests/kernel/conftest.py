@@ -255,9 +255,10 @@ def make_room_for_lcm():
 
 
 class Listener:
-    """Subscribes to all messages of one bus, and keeps them. fd: to those of CAN FD, too."""
+    """Subscribes to all messages of one bus, and keeps them. fd: to those of CAN FD, too.
+    controllers: to those of filters, buffers and mailboxes."""
 
-    def __init__(self, types, bus, fd=False):
+    def __init__(self, types, bus, fd=False, controllers=False):
         self.decoders = {
             f"CANWIRE.{bus}.BUS": (types.bus_stats_t, "bus"),
             f"CANWIRE.{bus}.NODE": (types.node_stats_t, "nodes"),
@@ -266,7 +267,10 @@ class Listener:
         if fd:
             self.decoders[f"CANWIRE.{bus}.FDBUS"] = (types.bus_fd_t, "fd_bus")
             self.decoders[f"CANWIRE.{bus}.FDNODE"] = (types.node_fd_t, "fd_nodes")
+        if controllers:
+            self.decoders[f"CANWIRE.{bus}.CONTROLLER"] = (types.node_controller_t, "controllers")
         self.bus, self.nodes, self.events, self.fd_bus, self.fd_nodes = [], [], [], [], []
+        self.controllers = []
         self.lcm = lcm.LCM(LCM_URL)
         for channel in self.decoders:
             name = channel.replace(".", "\\.")
