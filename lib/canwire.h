@@ -457,6 +457,7 @@ typedef struct cw_mac {
     bool no_high_ids : 1;     /* CW_VARIANT_NO_HIGH_IDS */
     bool no_long_dlc : 1;     /* CW_VARIANT_NO_LONG_DLC */
     bool waits_long : 1;      /* software reset: it integrates by 128 groups of 11 recessive bits */
+    bool tells_won : 1;       /* it reports an arbitration that it has won, for the bus */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
     cw_confinement confinement;
@@ -1028,6 +1029,9 @@ typedef enum cw_event_kind {
     CW_EVENT_DROP,
     CW_EVENT_RESTART,
     CW_EVENT_ARBITRATION_LOST,
+    CW_EVENT_IMPROPER, /* it has won the arbitration though a lower identifier was pending: one that
+                          was handed in before the begin of SOF, to a node that may send then. Such
+                          a node is not bus-off, integrating, suspended (M8) or silent */
     CW_EVENT_ERROR,
     CW_EVENT_TOLERATED, /* CW_REPORT_TOLERATED; for drivers' error frames, not in event streams */
     CW_EVENT_OVERLOAD,
@@ -1057,6 +1061,7 @@ typedef struct cw_event {
     cw_error error; /* ERROR; TOLERATED: role and place only */
     union {
         uint32_t hit;           /* FAULT: 1 for the first hit of the rule */
+        uint32_t pending;       /* IMPROPER: the lowest pending identifier, as cw_frame_can_id() */
         int32_t phase_error_tq; /* SYNC: of the edge, in quanta (T5); 0 of a hard one */
     };
     uint16_t rule;  /* FAULT: index of the rule */
@@ -1070,14 +1075,15 @@ typedef struct cw_event {
     };
     bool hard;      /* SYNC: a hard synchronisation (T4), else a resynchronisation (T5) */
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
-                       node that cw_bus_take_over() has left behind */
+                       node that cw_bus_take_over() has left behind. IMPROPER: where the lower
+                       identifier was pending */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
     union {
         uint64_t ticks;      /* SKIP: the time skipped */
         cw_span phase_error; /* SYNC: the same as a time */
     };
-    cw_frame frame; /* ARBITRATION_LOST, DROP, RX, TX; only these have one. Last, since the ring
-                       keeps a classical one in its short form */
+    cw_frame frame; /* ARBITRATION_LOST, IMPROPER, DROP, OVERRUN, RX, TX; only these have one. Last,
+                       since the ring keeps a classical one in its short form */
 } cw_event;
 
 /* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
@@ -1398,6 +1404,7 @@ typedef struct cw_bus_stats {
     uint64_t error_frames; /* error signalling on the wire, superposed flags counted once */
     uint64_t overload_frames;
     uint64_t arbitration_lost;
+    uint64_t improper_arbitrations; /* CW_EVENT_IMPROPER */
     uint64_t undetected_errors;
     uint64_t faults;       /* hits of all rules */
     uint64_t events_lost;  /* only when rules make more events in one bit than the ring holds */

@@ -19,7 +19,8 @@ static const char help[] =
     "named.\n"
     "\n"
     "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
-    "               error, overload, protocol-exception, rx, tx, state, skip, record, sync\n"
+    "               improper-arbitration, error, overload, protocol-exception, overrun, rx, tx,\n"
+    "               state, skip, record, sync\n"
     "      --json   lines of JSON, as the bus sends them, on a terminal, too\n"
     "      --text   the table, not only on a terminal\n";
 

@@ -236,6 +236,21 @@ static char *put_error(char *at, const cw_event *event)
     return put_counters(at, event);
 }
 
+/* Puts the lowest identifier that was pending, and the node with that frame. */
+static char *put_pending(char *at, const cfg *config, const cw_event *event)
+{
+    cw_frame pending = {.id = event->pending & CW_EXTENDED_ID_MAX};
+    if (event->pending & CW_FILTER_EXTENDED) {
+        pending.flags = CW_FRAME_EXTENDED;
+    }
+    at = put_frame(at, &event->frame);
+    at = text_print_frame(chars_text(at, ",\"pending\":\""), &pending) - strlen("#");
+    at = chars_text(at, "\",\"pending_node\":\"");
+    at = chars_text(at, config->nodes[__builtin_ctzll(event->from)].name);
+    *at++ = '"';
+    return at;
+}
+
 /* A hard synchronisation moves the whole bit, it has no phase error. */
 static char *put_sync(char *at, const cw_event *event)
 {
@@ -260,6 +275,8 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
     case CW_EVENT_ARBITRATION_LOST:
         at = put_frame(at, &event->frame);
         return put_number(at, ",\"bit\":", event->lost_bit);
+    case CW_EVENT_IMPROPER:
+        return put_pending(at, config, event);
     case CW_EVENT_ERROR:
         return put_error(at, event);
     case CW_EVENT_OVERRUN:
@@ -362,6 +379,7 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     put_count(object, "error_frames", stats.error_frames);
     put_count(object, "overload_frames", stats.overload_frames);
     put_count(object, "arbitration_lost", stats.arbitration_lost);
+    put_count(object, "improper_arbitrations", stats.improper_arbitrations);
     put_count(object, "undetected_errors", stats.undetected_errors);
     put_count(object, "faults", stats.faults);
     put_count(object, "pending", stats.pending);

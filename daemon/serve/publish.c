@@ -357,6 +357,7 @@ static void publish_bus(publisher *p, const cw_bus_stats *s)
         .faults = (int64_t)s->faults,
         .pending = (int32_t)s->pending,
         .events_dropped = (int64_t)p->dropped,
+        .improper_arbitrations = (int64_t)s->improper_arbitrations,
     };
     PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
 }

@@ -178,6 +178,7 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
         return true;
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
+    case CW_EVENT_IMPROPER:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_EXCEPTION:
     case CW_EVENT_RX:

@@ -63,6 +63,7 @@ static void reset_controller(cw_bus *bus, unsigned i)
     cw_fd_part *fd = m->fd;
     const unsigned variants = cw_mac_variants(m);
     cw_mac_init(m, m->modes, m->confinement.warning_limit);
+    m->tells_won = true;
     (void)cw_mac_set_protocol(m, protocol, fd);
     (void)cw_mac_set_variants(m, variants);
     bus->restarts[i].at = CW_NEVER;
@@ -190,8 +191,10 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     if (s->which & CW_SET_QUEUE)
         n->queue_limit = s->queue;
     cw_share_lost(bus, i);
-    if (s->which & CW_SET_ORDER)
+    if (s->which & CW_SET_ORDER) {
         cw_queue_set_order(&n->queue, s->order);
+        bus->outlook.valid = false;
+    }
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);

@@ -248,6 +248,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_bus *bus = carve(a, 1, sizeof *bus);
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
     restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
+    cw_start *starts = carve(a, c->node_count, sizeof *starts);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
     void *entries = carve(a, c->inbox, entry_size);
@@ -258,6 +259,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         memset(nodes, 0, c->node_count * sizeof *nodes);
         bus->nodes = nodes;
         bus->restarts = restarts;
+        bus->starts = starts;
         bus->fd = has_fd(c);
         bus->fd_parts = fd_parts;
         bus->inbox = (inbox){.entries = entries, .entry_size = (unsigned)entry_size,
@@ -286,6 +288,7 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     bus_node *n = &bus->nodes[i];
     const bool fd = (c->protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
+    n->mac.tells_won = true;
     (void)cw_mac_set_protocol(&n->mac, c->protocol, fd ? &bus->fd_parts[1 + i] : NULL);
     n->queue_limit = c->queue;
     if (c->protocol & CW_PROTOCOL_2_0A)

@@ -205,6 +205,16 @@ static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *fro
     }
 }
 
+/* Arbitrations that are under way go on. */
+static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from,
+                             const uint8_t *to)
+{
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            bus->starts[i] = (cw_start){.tick = old->starts[from[i]].tick,
+                                        .ready = renumber(old->starts[from[i]].ready, to)};
+}
+
 static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
     uint64_t taken = 0;
@@ -253,6 +263,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (old->removed & cw_node_bit(from[i]))
             bus->removed |= cw_node_bit(i);
     }
+    take_over_starts(bus, old, from, to);
     cw_timed_catch_up(old);
     cw_timed_take_over(bus, old, from);
     take_over_sync_stats(bus, old, from);

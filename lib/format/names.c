@@ -79,7 +79,8 @@ const char *cw_event_name(cw_event_kind kind)
     static const char *const names[CW_EVENT_COUNT] = {
         "fault",    "link",
         "drop",     "restart",
-        "arbitration-lost", "error",
+        "arbitration-lost", "improper-arbitration",
+        "error",
         "tolerated", "overload",
         "protocol-exception", "overrun",
         "rx",       "tx",

@@ -530,6 +530,15 @@ static void take_rtr(cw_mac *m)
         rx->flags |= CW_FRAME_REMOTE;
 }
 
+/* Reports that the own frame has won the arbitration, at its last bit. IDE is the last one of a base
+ * frame, since an extended frame may still lose by it. */
+static void report_won(const cw_mac *m, cw_mac_report *r)
+{
+    const bool extended = m->part == CW_PART_RTR;
+    if (m->tells_won && cw_mac_is_transmitter(m) && cw_bits_is_extended(cw_mac_tx(m)) == extended)
+        r->what |= CW_REPORT_ARBITRATION_WON;
+}
+
 /* Judges the own ACK slot (M5). Returns true when the frame goes on, as do the next functions. */
 static bool judge_own_ack(cw_mac *m, bool acknowledged, cw_mac_report *r)
 {
@@ -651,8 +660,11 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
         break;
     case CW_EFFECT_TAKE_RTR:
         take_rtr(m);
+        if (m->part == CW_PART_RTR)
+            report_won(m, r);
         break;
     case CW_EFFECT_TAKE_IDE:
+        report_won(m, r);
         cw_mac_rx(m)->flags |= choosing_level(m) ? CW_FRAME_EXTENDED : 0;
         break;
     case CW_EFFECT_TAKE_FDF:

@@ -19,6 +19,10 @@
 #define CW_MODES_APART                                                                             \
     (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED | CW_MODE_TIME_TRIGGERED)
 
+/* A report for the bus, of controllers with `tells_won`: the own frame has won the arbitration, all
+ * bits of which have passed. */
+#define CW_REPORT_ARBITRATION_WON 0x400u
+
 /* Returns true when the controller is neither taken off the bus nor bus-off. */
 bool cw_mac_is_on_bus(const cw_mac *mac);
 

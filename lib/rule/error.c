@@ -21,6 +21,7 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_FAULT:
     case CW_EVENT_LINK:
     case CW_EVENT_DROP:
+    case CW_EVENT_IMPROPER:
     case CW_EVENT_TOLERATED:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_EXCEPTION:

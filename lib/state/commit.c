@@ -223,6 +223,8 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
         commit_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_report_arbitration_lost(bus, i, r->lost_bit);
+    if (r->what & CW_REPORT_ARBITRATION_WON)
+        cw_order_check(bus, i);
     if (r->what & CW_REPORT_ERROR)
         report_error(bus, i, &r->error, r->fast);
     if (r->what & CW_REPORT_TOLERATED)

@@ -10,6 +10,7 @@
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
  *   buffers.c    filters, and frames that wait for their hosts; mailboxes.c mailboxes,
  *                replies.c their replies to remote frames
+ *   order.c      tells when an arbitration was not won by the lowest identifier
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -44,6 +45,12 @@ typedef struct restart_times {
     uint64_t at;     /* tick of the next restart request, or CW_NEVER */
     uint64_t off_at; /* tick of the last bus-off */
 } restart_times;
+
+/* The begin of a transmission, for the order of arbitration; see order.c. */
+typedef struct cw_start {
+    uint64_t tick;  /* of its SOF */
+    uint64_t ready; /* nodes with frames that could have taken part in the arbitration */
+} cw_start;
 
 typedef struct inbox_entry {
     uint64_t at_tick;
@@ -95,6 +102,7 @@ typedef struct cw_outlook {
     uint64_t listeners;     /* idle nodes, which will receive the next frame or send it */
     uint64_t away;          /* off or bus-off */
     uint64_t senders;       /* listeners that may transmit */
+    uint64_t orderly;       /* senders whose queues go by priority */
     uint64_t acknowledgers; /* listeners that acknowledge */
     uint64_t counting;      /* acknowledgers whose REC a good frame lowers (R8) */
     uint64_t one_shot;      /* senders that try once (M13) */
@@ -142,6 +150,8 @@ typedef struct cw_frame_step {
     uint64_t pinned;      /* of these, those whose offered slot has the frame that they began with;
                              that of the others is still the first of their queue */
     uint8_t next_loss;    /* the first lost_at of the undecided nodes */
+    uint8_t won_at;       /* the bits after which an improper arbitration is over; 0: it is not one,
+                             or it has been reported */
     uint8_t lost_bit[CW_NODES_MAX]; /* as the SJA1000 counts */
     uint8_t lost_at[CW_NODES_MAX];  /* the wire bit */
 } cw_frame_step;
@@ -188,6 +198,7 @@ struct cw_bus {
     cw_event lost_event; /* written to when the ring is full */
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
+    cw_start *starts;        /* likewise: of the last transmission */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */
     uint32_t stored;         /* frames in all receive buffers now ... */
@@ -438,6 +449,18 @@ void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *fram
 
 /* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+
+/* ---- order.c --------------------------------------------------------------------------------- */
+
+/* Notes that a node begins to transmit, with a SOF that began at a tick. */
+void cw_order_begin(cw_bus *bus, unsigned node, uint64_t tick);
+
+/* Returns true when a node would win the arbitration with the frame of a slot though a lower
+ * identifier is pending. cw_order_begin() must have been called. */
+bool cw_order_is_improper(const cw_bus *bus, unsigned node, uint16_t slot);
+
+/* Reports and counts it, for a node that has just won with the frame of its offered slot. */
+void cw_order_check(cw_bus *bus, unsigned node);
 
 /* ---- shares.c -------------------------------------------------------------------------------- */
 

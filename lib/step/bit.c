@@ -41,6 +41,14 @@ void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame)
     cw_mac_encode(&n->mac, frame, wrong_crc ? 1 : 0);
 }
 
+/* Returns the tick at which the SOF of a frame began that a node has begun to send. It may have
+ * joined a SOF that came from another node (M6). */
+static uint64_t begin_of_sof(const cw_bus *bus, const cw_mac *m)
+{
+    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
+    return m->tx_next ? cw_now(bus) - bit : cw_now(bus);
+}
+
 void cw_note_start(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
@@ -52,6 +60,7 @@ void cw_note_start(cw_bus *bus, unsigned i)
         return;
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
+    cw_order_begin(bus, i, begin_of_sof(bus, &n->mac));
     cw_bind_rules(bus, i, slot->frame);
 }
 

@@ -176,7 +176,8 @@ static bool can_go_to_end(cw_bus *bus, uint64_t tick)
     const unsigned bits = end - step->at;
     bool traffic = bus->rules.awake_count && bus->rules.traffic_rules; /* traffic rules send after a
                                                                           frame */
-    return cw_frame_step_tick(bus, end) <= tick && step->tail == 0 && !step->at_work && !traffic &&
+    return cw_frame_step_tick(bus, end) <= tick && step->tail == 0 && step->won_at == 0 &&
+           !step->at_work && !traffic &&
            !cw_host_side_acts(bus) &&
            cw_frame_step_is_undisturbed_until(bus, cw_frame_step_tick(bus, end)) &&
            cw_frame_step_is_noise_free(bus, bits) && rules_let_pass(bus);

@@ -100,6 +100,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->tail = (uint8_t)find_tail(bus, winner);
     step->hidden = 0;
     step->next_loss = UINT8_MAX;
+    step->won_at = 0;
     step->at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
     step->at = 0;
     step->look.bit = CW_NO_LOOK;
@@ -165,6 +166,23 @@ __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winne
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
 }
 
+/* Returns true when the winner wins though a lower identifier is pending: behind another frame in a
+ * queue, or at a node that is cut off. It is not inlined, since most nodes send by priority. */
+__attribute__((noinline)) static bool wins_improperly(cw_bus *bus, unsigned winner)
+{
+    cw_order_begin(bus, winner, cw_now(bus));
+    return cw_order_is_improper(bus, winner, cw_queue_first(&bus->nodes[winner].queue));
+}
+
+/* Finds when the arbitration is over that the winner has won improperly. */
+static void find_won(cw_frame_step *step)
+{
+    const bool extended = cw_frame_is_extended(&step->frame);
+    const cw_stuffing stuffing = cw_bits_stuffing(step->bits);
+    const unsigned end = extended ? CW_EXTENDED_ARBITRATION_END : CW_BASE_ARBITRATION_END;
+    step->won_at = (uint8_t)(cw_wire_index(&stuffing, end - 1) + 1u);
+}
+
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
@@ -174,7 +192,8 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
         cw_mailboxes_load(bus, cw_lowest_node(rest));
     cw_arbiter_update(bus);
     uint64_t contenders = bus->waiting & bus->outlook.senders;
-    bool others = bus->waiting & ~(bus->outlook.listeners | bus->outlook.away);
+    const uint64_t unusual = bus->waiting & ~bus->outlook.orderly;
+    bool others = unusual & ~(bus->outlook.listeners | bus->outlook.away);
     if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
         return false;
     if (!suits_step(bus, contenders, winner) ||
@@ -193,13 +212,16 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     bus->overload_flag = (flag_watch){.now = false};
     bus->frame_step.watched = watched;
     bus->frame_step.hit = false;
-    bool whole = !(watched & losers) && !losses_seen && find_tail(bus, winner) == 0;
+    const bool improper = unusual && wins_improperly(bus, winner);
+    bool whole = !(watched & losers) && !losses_seen && !improper && find_tail(bus, winner) == 0;
     if (whole && cw_frame_step_whole(bus, winner, contenders, tick))
         return true;
     cw_frame_step_prepare(bus, winner, contenders);
     bool rough = watched == cw_node_bit(winner) && !bus->frame_step.hit &&
                  cw_rules_stop_roughly(&bus->rules, winner);
-    choose_frame(bus, (watched && !rough) || losses_seen || bus->frame_step.at_work);
+    choose_frame(bus, (watched && !rough) || losses_seen || improper || bus->frame_step.at_work);
+    if (improper)
+        find_won(&bus->frame_step);
     start_transmissions(bus);
     return true;
 }

@@ -76,6 +76,18 @@ static uint64_t nodes_in_frame(const cw_frame_step *step)
     return step->at > 0 ? step->listeners : 0;
 }
 
+/* Notes the nodes that have begun to transmit and whose arbitration is not over. They are still as
+ * they were before SOF. */
+static void note_starts(cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    const uint64_t passed = cw_rate_ticks(cw_wire_rate(&bus->time), step->at);
+    if (step->at >= cw_frame_step_arbitration_bits(bus))
+        return;
+    for (uint64_t rest = step->undecided | cw_node_bit(step->node); rest; rest &= rest - 1)
+        cw_order_begin(bus, cw_lowest_node(rest), cw_now(bus) - passed);
+}
+
 void cw_wake_controllers(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -86,6 +98,7 @@ void cw_wake_controllers(cw_bus *bus)
     cw_losses_show(bus);
     if (step->at > 0)
         bus->recessive_bits = cw_frame_step_recessive_bits(bus);
+    note_starts(bus);
     p.count = 0;
     if (bus->followers && step->at > 0)
         go_to_point(&p, bus, &bus->common);

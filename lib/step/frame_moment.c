@@ -72,6 +72,10 @@ void cw_frame_step_run_moment(cw_bus *bus)
     cw_frame_step *step = &bus->frame_step;
     if (step->undecided && step->next_loss + 1u == step->at)
         cw_losses_report(bus);
+    if (step->won_at == step->at) {
+        step->won_at = 0;
+        cw_order_check(bus, step->node);
+    }
     if (step->at == cw_frame_step_acknowledged(step))
         lower_counters(bus);
     else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
@@ -91,6 +95,8 @@ unsigned cw_frame_step_next_moment(const cw_bus *bus)
         next = step->length - CW_AFTER_ACCEPT_BITS;
     if (step->at < cw_frame_step_acknowledged(step) && bus->outlook.counting)
         next = cw_frame_step_acknowledged(step);
+    if (step->won_at && step->won_at < next)
+        next = step->won_at;
     return loss < next ? loss : next;
 }
 

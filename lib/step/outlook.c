@@ -15,8 +15,9 @@ static bool is_calm(const cw_mac *m)
            m->overloads_wanted == 0;
 }
 
-static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
+static void count_node(cw_outlook *outlook, const bus_node *n, uint64_t self)
 {
+    const cw_mac *m = &n->mac;
     if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
         outlook->away |= self;
     if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
@@ -28,6 +29,8 @@ static void count_node(cw_outlook *outlook, const cw_mac *m, uint64_t self)
         return;
     if (!(m->modes & CW_MODE_RESTRICTED)) /* D19 */
         outlook->senders |= self;
+    if (n->queue.mode == CW_ORDER_PRIORITY)
+        outlook->orderly |= self & outlook->senders;
     if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
         outlook->one_shot |= self;
     if (m->no_ack)
@@ -44,7 +47,7 @@ static cw_outlook look_around(const cw_bus *bus)
     for (unsigned i = 0; i < bus->node_count; i++) {
         const cw_mac *m = &bus->nodes[i].mac;
         outlook.calm = outlook.calm && is_calm(m);
-        count_node(&outlook, m, cw_node_bit(i));
+        count_node(&outlook, &bus->nodes[i], cw_node_bit(i));
     }
     return outlook;
 }
@@ -64,4 +67,5 @@ void cw_assert_outlook(const cw_bus *bus)
     assert(known->listeners == outlook.listeners && known->senders == outlook.senders);
     assert(known->acknowledgers == outlook.acknowledgers && known->one_shot == outlook.one_shot);
     assert(known->counting == outlook.counting && known->fd == outlook.fd);
+    assert(known->orderly == outlook.orderly);
 }

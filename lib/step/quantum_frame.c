@@ -174,6 +174,16 @@ static bool is_watched(cw_bus *bus, const clean_frame *f)
     return cw_find_watched(bus, bus->waiting, f->sender);
 }
 
+/* Returns true when the frame wins though a lower identifier waits behind it in its queue. */
+static bool wins_improperly(cw_bus *bus, const clean_frame *f)
+{
+    const cw_queue *q = &bus->nodes[f->sender].queue;
+    if (f->due || q->count < 2 || q->mode == CW_ORDER_PRIORITY)
+        return false;
+    cw_order_begin(bus, f->sender, cw_now(bus));
+    return cw_order_is_improper(bus, f->sender, cw_queue_first(q));
+}
+
 static bool may_send(const cw_bus *bus, const clean_frame *f)
 {
     const cw_mac *m = &bus->nodes[f->sender].mac;
@@ -417,7 +427,7 @@ bool cw_timed_frame_go(cw_bus *bus, uint64_t tick)
     f.away = 0;
     f.now = f.busy = f.begin = cw_moment_of(bus, cw_now(bus));
     if (!may_send(bus, &f) || !find_begin(&f, bus) ||
-        is_watched(bus, &f) || !find_course(&f, bus) ||
+        is_watched(bus, &f) || wins_improperly(bus, &f) || !find_course(&f, bus) ||
         !find_end(&f, bus) || !is_undisturbed(bus, &f, tick))
         return false;
     go_to_end(bus, &f);

@@ -7,7 +7,7 @@
 
 _canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
 _canwire_commands+=" restart set reload help"
-_canwire_events="fault link drop restart arbitration-lost error overload protocol-exception overrun"
+_canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload protocol-exception overrun"
 _canwire_events+=" rx tx state skip sync"
 
 # Words of $1 that begin as the word being typed.

@@ -85,6 +85,7 @@ static void compare_bus_stats(comparison *c, const cw_bus *fast, const cw_bus *r
     SAME(error_frames);
     SAME(overload_frames);
     SAME(arbitration_lost);
+    SAME(improper_arbitrations);
     SAME(undetected_errors);
     SAME(faults);
     SAME(events_lost);

@@ -129,7 +129,7 @@ static void test_frames_restarts_and_time_that_is_skipped(void **state)
     (void)state;
     const cw_event_kind kinds[] = {CW_EVENT_RX, CW_EVENT_TX, CW_EVENT_ARBITRATION_LOST,
                                    CW_EVENT_RESTART, CW_EVENT_OVERLOAD, CW_EVENT_EXCEPTION,
-                                   CW_EVENT_OVERRUN};
+                                   CW_EVENT_OVERRUN, CW_EVENT_IMPROPER};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         check(&(cw_event){.tick = TICK,
                           .kind = kinds[i],

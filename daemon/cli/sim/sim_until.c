@@ -13,16 +13,17 @@
 
 static const char expected[] =
     "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
-    "protocol-exception, arbitration-lost, state, link, sync), a state (error-active, "
-    "error-warning, error-passive, bus-off), tx:FILTER or the like for frames, fault[:RULE], or "
-    "skip";
+    "protocol-exception, arbitration-lost, improper-arbitration, overrun, state, link, sync), a "
+    "state (error-active, error-warning, error-passive, bus-off), tx:FILTER or the like for frames, "
+    "fault[:RULE], or skip";
 
 /* Events of the bus, which have no node. */
 #define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)
 
 /* Events with a frame; a filter may follow them. */
 #define FRAME_KINDS                                                                                \
-    (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP | 1u << CW_EVENT_ARBITRATION_LOST)
+    (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP |                                 \
+     1u << CW_EVENT_ARBITRATION_LOST | 1u << CW_EVENT_IMPROPER | 1u << CW_EVENT_OVERRUN)
 
 static bool fail(const sim_until *u, const char *problem)
 {

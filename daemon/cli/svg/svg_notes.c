@@ -90,6 +90,9 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_ARBITRATION_LOST:
         append(self, NOTE_LOST, "arbitration lost");
         break;
+    case CW_EVENT_IMPROPER:
+        append(self, NOTE_LOST, "improper arbitration");
+        break;
     case CW_EVENT_ERROR:
         snprintf(text, sizeof text, "%s error", cw_error_type_name(event->error.type));
         append(self, NOTE_ERROR, text);
