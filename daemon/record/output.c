@@ -18,7 +18,7 @@
 
 #define BLOCK_BYTES 4096u /* of lines that are written with one call */
 #define HEAD_MAX (TIME_TEXT_MAX + 16u + 48u) /* with the name of a bus */
-#define TAIL_MAX 256u /* with the name of a rule */
+#define TAIL_MAX 384u /* with the name of a rule or a node, and the longest frame */
 
 /* Lines of one event for several nodes. Only the name of the node differs: the text before and
  * behind it is built once. */
@@ -245,10 +245,11 @@ static char *put_pending(char *at, const cfg *config, const cw_event *event)
     }
     at = put_frame(at, &event->frame);
     at = text_print_frame(chars_text(at, ",\"pending\":\""), &pending) - strlen("#");
-    at = chars_text(at, "\",\"pending_node\":\"");
-    at = chars_text(at, config->nodes[__builtin_ctzll(event->from)].name);
     *at++ = '"';
-    return at;
+    if (event->from == 0) {
+        return at;
+    }
+    return put_word(at, ",\"pending_node\":\"", config->nodes[__builtin_ctzll(event->from)].name);
 }
 
 /* A hard synchronisation moves the whole bit, it has no phase error. */

@@ -420,7 +420,8 @@ static void note_event(const cw_event *e)
         for (unsigned i = 0; i < QUANTA_NODES_MAX; i++)
             sent[i] = 0;
     if (e->kind == CW_EVENT_STATE || e->kind == CW_EVENT_DROP ||
-        e->kind == CW_EVENT_TOLERATED || e->kind == CW_EVENT_FAULT)
+        e->kind == CW_EVENT_TOLERATED || e->kind == CW_EVENT_FAULT ||
+        e->kind == CW_EVENT_IMPROPER)
         return;
     for (unsigned i = 0; i < QUANTA_NODES_MAX; i++)
         if (e->nodes >> i & 1u)
