@@ -530,8 +530,8 @@ static void take_rtr(cw_mac *m)
         rx->flags |= CW_FRAME_REMOTE;
 }
 
-/* Reports that the own frame has won the arbitration, at its last bit. IDE is the last one of a base
- * frame, since an extended frame may still lose by it. */
+/* Reports that the own frame has won the arbitration, at its last bit. IDE is the last one of a
+ * base frame, since an extended frame may still lose by it. */
 static void report_won(const cw_mac *m, cw_mac_report *r)
 {
     const bool extended = m->part == CW_PART_RTR;

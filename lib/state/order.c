@@ -4,8 +4,8 @@
  *
  * Pending are the frames that were handed in before SOF began, or at that tick, and that have not
  * been sent. Their nodes are on the wire of the winner and could have taken part by the rules of
- * the protocol. So nodes in bus-off, integrating nodes, suspended ones (M8) and silent ones are left
- * out. Nodes that a fault has cut off are not: their frames are late by that fault.
+ * the protocol. So nodes in bus-off, integrating nodes, suspended ones (M8) and silent ones are
+ * left out. Nodes that a fault has cut off are not: their frames are late by that fault.
  */
 #include "state/state.h"
 

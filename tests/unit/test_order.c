@@ -66,8 +66,8 @@ static unsigned find(const plan *p, const cw_frame *frame)
 /* Returns the identifier as a number: base identifiers, then IDE, then the rest. */
 static uint64_t rank(const cw_frame *f)
 {
-    return f->flags & CW_FRAME_EXTENDED ? (uint64_t)(f->id >> 18) << 19 | 1u << 18 | (f->id & 0x3FFFF)
-                                        : (uint64_t)f->id << 19;
+    const uint64_t base = f->flags & CW_FRAME_EXTENDED ? f->id >> 18 : f->id;
+    return f->flags & CW_FRAME_EXTENDED ? base << 19 | 1u << 18 | (f->id & 0x3FFFF) : base << 19;
 }
 
 /* Returns the lowest frame that should have been sent in place of another one, or that one. */

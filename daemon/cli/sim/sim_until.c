@@ -14,8 +14,8 @@
 static const char expected[] =
     "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
     "protocol-exception, arbitration-lost, improper-arbitration, overrun, state, link, sync), a "
-    "state (error-active, error-warning, error-passive, bus-off), tx:FILTER or the like for frames, "
-    "fault[:RULE], or skip";
+    "state (error-active, error-warning, error-passive, bus-off), tx:FILTER or the like for "
+    "frames, fault[:RULE], or skip";
 
 /* Events of the bus, which have no node. */
 #define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)
