@@ -58,13 +58,14 @@ void cw_order_begin(cw_bus *bus, unsigned i, uint64_t tick)
 }
 
 /* Takes the lowest frame of a node that is lower than the one found so far. A queue by priority has
- * the lower ones in front. */
+ * the lower ones in front, but frames in mailboxes come before those that wait for one. */
 static void find_lower(pending_frame *found, const cw_queue *q, unsigned node, uint64_t tick)
 {
+    const bool sorted = q->mode == CW_ORDER_PRIORITY && q->boxed == 0;
     for (unsigned k = 0; k < q->count; k++) {
         const cw_queue_slot *slot = cw_queue_at(q, cw_queue_nth(q, k));
         const uint32_t key = key_of(slot->frame);
-        if (key >= found->key && q->mode == CW_ORDER_PRIORITY)
+        if (key >= found->key && sorted)
             return;
         if (key < found->key && slot->handed_in <= tick)
             *found = (pending_frame){key, cw_frame_can_id(slot->frame), node};

@@ -15,7 +15,7 @@ static bool is_calm(const cw_mac *m)
            m->overloads_wanted == 0;
 }
 
-static void count_node(cw_outlook *outlook, const bus_node *n, uint64_t self)
+static void count_node(cw_outlook *outlook, const bus_node *n, bool has_boxes, uint64_t self)
 {
     const cw_mac *m = &n->mac;
     if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
@@ -29,7 +29,7 @@ static void count_node(cw_outlook *outlook, const bus_node *n, uint64_t self)
         return;
     if (!(m->modes & CW_MODE_RESTRICTED)) /* D19 */
         outlook->senders |= self;
-    if (n->queue.mode == CW_ORDER_PRIORITY)
+    if (n->queue.mode == CW_ORDER_PRIORITY && !has_boxes)
         outlook->orderly |= self & outlook->senders;
     if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
         outlook->one_shot |= self;
@@ -47,7 +47,8 @@ static cw_outlook look_around(const cw_bus *bus)
     for (unsigned i = 0; i < bus->node_count; i++) {
         const cw_mac *m = &bus->nodes[i].mac;
         outlook.calm = outlook.calm && is_calm(m);
-        count_node(&outlook, &bus->nodes[i], cw_node_bit(i));
+        count_node(&outlook, &bus->nodes[i], bus->buffers && bus->buffers[i].boxes,
+                   cw_node_bit(i));
     }
     return outlook;
 }

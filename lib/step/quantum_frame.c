@@ -178,7 +178,7 @@ static bool is_watched(cw_bus *bus, const clean_frame *f)
 static bool wins_improperly(cw_bus *bus, const clean_frame *f)
 {
     const cw_queue *q = &bus->nodes[f->sender].queue;
-    if (f->due || q->count < 2 || q->mode == CW_ORDER_PRIORITY)
+    if (f->due || q->count < 2 || (q->mode == CW_ORDER_PRIORITY && q->boxed == 0))
         return false;
     cw_order_begin(bus, f->sender, cw_now(bus));
     return cw_order_is_improper(bus, f->sender, cw_queue_first(q));
