@@ -166,8 +166,9 @@ __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winne
     return (bus->outlook.listeners & ~bus->outlook.fd) == 0;
 }
 
-/* Returns true when the winner wins though a lower identifier is pending. That one is behind another
- * frame in a queue, or at a node that is cut off. Not inlined, since most nodes send by priority. */
+/* Returns true when the winner wins though a lower identifier is pending. That one is behind
+ * another frame in a queue, or at a node that is cut off. Not inlined, since most nodes send by
+ * priority. */
 __attribute__((noinline)) static bool wins_improperly(cw_bus *bus, unsigned winner)
 {
     cw_order_begin(bus, winner, cw_now(bus));
