@@ -185,3 +185,14 @@ def test_the_example_of_the_reference_is_good(tmp_path):
     path = tmp_path / "bus.yaml"
     path.write_text(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1])
     assert canwire("check", path).stderr == ""
+
+
+def test_a_run_has_all_events_up_to_its_end(tmp_path):
+    """Nodes end their bits before the bit of the bus does, or behind it."""
+    (tmp_path / "bus.yaml").write_text(DRIFTED)
+    every = [json.loads(line) for line in sim(tmp_path / "bus.yaml", "--events", "-",
+                                              "--until", "20ms").stdout.splitlines()]
+    for end in sorted({e["t"] for e in every})[:9]:
+        run = sim(tmp_path / "bus.yaml", "--events", "-", "--until", f"{round(end * 1e9)}ns")
+        assert [json.loads(line) for line in run.stdout.splitlines()] == [
+            e for e in every if e["t"] <= end]

@@ -323,11 +323,13 @@ static void run_out(sim_run *s)
         advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
+/* Ends a bit that has begun when it may have events up to the end. Frames may come in, and nodes may
+ * end their own bits before. */
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
-    if (!is_over(s) && cw_bus_inbox_first(s->bus) <= s->until) /* it is in the middle of a bit,
-                                                                  which has to be run */
+    if (!is_over(s) &&
+        (cw_bus_inbox_first(s->bus) <= s->until || !cw_bus_is_on_grid(s->bus)))
         advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
@@ -388,10 +390,20 @@ bool sim_go(sim_run *s)
 
 /* ---- Runs of several buses ------------------------------------------------------------------- */
 
+/* Returns the first tick at which the bus expects an event. Off the grid, and where there is a data
+ * rate, one may come up to a bit before it says. */
+static uint64_t next_event(const sim_run *s)
+{
+    const uint64_t next = cw_bus_next(s->bus);
+    const uint64_t bit = cw_rate_ticks(s->config->rate, 1);
+    const bool exact = cw_bus_is_on_grid(s->bus) && s->config->dbitrate_bps == 0;
+    return exact || next == CW_NEVER || next < bit ? next : next - bit;
+}
+
 uint64_t sim_next(const sim_run *s)
 {
     const uint64_t bit = cw_bus_tick_after(s->bus, 1);
-    uint64_t next = least(cw_bus_next(s->bus), release_next_tick(s->plan));
+    uint64_t next = least(next_event(s), release_next_tick(s->plan));
     /* rules, replies and fast replays send frames that the bus does not know yet */
     if (s->config->rule_count > 0 || s->config->reply_count > 0 || release_is_fast(s->plan))
         next = least(next, cw_bus_tick_after(s->bus, FRAME_BITS_MIN));
