@@ -279,35 +279,23 @@ static void read_rules(schema *self, const schema_key *key, yaml_node_t *value, 
     }
 }
 
-const rig_rule *rig_find_rule(const rig_gateway *gateway, unsigned end, const cw_frame *frame)
-{
-    for (size_t i = 0; i < gateway->rule_count; i++) {
-        const rig_rule *rule = &gateway->rules[i];
-        if (rule->direction >> end & 1u &&
-            cw_frame_matches(frame, rule->filters, rule->filter_count))
-            return rule;
-    }
-    return NULL;
-}
-
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 static void check_loop(rig *r, diag *errors)
 {
     rig_loop loop;
-    char frames[FILTER_TEXT_MAX] = "any frame";
+    char frame[FRAME_TEXT_MAX];
     char names[RIG_LOOP_MAX * (NODE_NAME_MAX + 2)] = "";
     if (!rig_find_loop(&loop, r))
         return;
-    if (loop.frame.mask != 0)
-        text_print_filter(frames, &loop.frame);
     for (unsigned i = 0; i < loop.count; i++) {
         strcat(names, loop.gateways[i]->name);
         strcat(names, ", ");
     }
+    (void)text_print_frame(frame, &loop.frame);
     diag_add(errors, (size_t)loop.rule->place.line, (size_t)loop.rule->place.column,
-             "rules: a loop: %s goes round for ever, through %sand %s again", frames, names,
-             loop.gateways[0]->name);
+             "rules: a loop: a frame such as %s goes round for ever, through %sand %s again",
+             frame, names, loop.gateways[0]->name);
 }
 
 static bool read_root(rig_owner *owner, yaml_document_t *document, diag *found, FILE *errors)

@@ -2,29 +2,177 @@
  *
  * rig_loop.c - finds gateways that send a frame round in a circle.
  *
- * A set of frames is a filter without inversion: the bits of the mask are known. Each rule keeps
- * all bits of an identifier or sets all of them. So frames that a way leads back to its begin, and
- * that may take it once more, stay as they are from then on.
+ * Each rule keeps the identifier of a frame or sets all of it. So there are two kinds of loops. In
+ * one of them a rule sets the identifier: it is followed from each such rule, frame by frame. In
+ * the other one the identifier stays. There all frames that can take a way are followed at once: a
+ * set of frames, which each filter on the way makes smaller.
  */
 #include "config/rig_loop.h"
 
 #include "canwire.h"
 
-#define STEPS_MAX 10000000u /* of a search; more rules than people write */
+#include <stdlib.h>
 
+#define STEPS_MAX 10000000u  /* of a search; more rules than people write */
+#define EXCLUDED_MAX 2048u   /* filters that the frames of a way must not match */
+#define VISITS_MAX 8192u     /* frames at gateways, on the ways from one rule */
+#define CAN_ID_BITS (CW_FILTER_EXTENDED | CW_EXTENDED_ID_MAX)
+#define ERROR_BIT 0x20000000u /* no frame on a bus has it */
+
+/* A gateway that takes frames from the bus of one of its ends to that of the other one. */
 typedef struct hop {
     const rig_gateway *gateway;
     const rig_rule *rule;
-    const cw_filter *filter; /* NULL: any frame */
     unsigned end; /* that receives */
 } hop;
 
-/* A place in the list of all filters of all rules. */
+static const cfg_node *node_at(const rig *r, const rig_end *end)
+{
+    return &r->buses[end->bus]->nodes[end->node];
+}
+
+/* Returns true when a node receives what another one sends. A node in loopback hears itself. */
+static bool hears(const rig *r, const rig_end *from, const rig_end *to)
+{
+    const bool apart = node_at(r, to)->modes & CW_MODE_LOOPBACK;
+    if (from->bus != to->bus || from->node == to->node)
+        return from->bus == to->bus && apart;
+    return !apart && !(node_at(r, from)->modes & CW_MODE_LOOPBACK);
+}
+
+/* Returns true when a hop comes after another one: its gateway hears what that one sends. */
+static bool follows(const rig *r, const hop *h, const hop *last)
+{
+    return hears(r, &last->gateway->ends[1 - last->end], &h->gateway->ends[h->end]);
+}
+
+/* ---- Frames whose identifier is set ---------------------------------------------------------- */
+
+typedef struct visit {
+    hop hop;
+    cw_frame frame; /* as the gateway sends it */
+    unsigned from;  /* the visit before */
+} visit;
+
+typedef struct visits {
+    const rig *rig;
+    unsigned count;
+    visit list[VISITS_MAX];
+} visits;
+
+static cw_frame frame_of(uint32_t can_id)
+{
+    const bool extended = can_id & CW_FILTER_EXTENDED, remote = can_id & CW_FILTER_REMOTE;
+    return (cw_frame){.id = can_id & CW_EXTENDED_ID_MAX,
+                      .flags = (uint8_t)((extended ? CW_FRAME_EXTENDED : 0) |
+                                         (remote ? CW_FRAME_REMOTE : 0))};
+}
+
+static bool same_frame(const cw_frame *a, const cw_frame *b)
+{
+    return a->id == b->id && a->flags == b->flags;
+}
+
+static bool is_known(const visits *v, const visit *next)
+{
+    for (unsigned i = 0; i < v->count; i++)
+        if (v->list[i].hop.gateway == next->hop.gateway && v->list[i].hop.end == next->hop.end &&
+            same_frame(&v->list[i].frame, &next->frame))
+            return true;
+    return false;
+}
+
+/* Finds out what a gateway makes of a frame. Returns false when it stays. */
+static bool hand_over(const rig *r, visit *next, const rig_gateway *gateway, unsigned end,
+                      const cw_frame *frame)
+{
+    const cfg_node *in = node_at(r, &gateway->ends[end]);
+    const cfg_node *out = node_at(r, &gateway->ends[1 - end]);
+    const rig_rule *rule = rig_find_rule(gateway, end, frame);
+    if (!rule || !cw_frame_matches(frame, in->controller.filters, in->controller.filter_count))
+        return false;
+    next->hop = (hop){.gateway = gateway, .rule = rule, .end = end};
+    next->frame = *frame;
+    if (rule->has_id)
+        next->frame = frame_of(rule->id | (frame->flags & CW_FRAME_REMOTE ? CW_FILTER_REMOTE : 0));
+    return !(cfg_is_old(in) && cw_frame_can_id(frame) & CW_FILTER_EXTENDED) &&
+           !(cfg_is_old(out) && cw_frame_can_id(&next->frame) & CW_FILTER_EXTENDED);
+}
+
+static void describe(rig_loop *loop, const visits *v, unsigned last, const cw_frame *frame)
+{
+    unsigned count = 1;
+    for (unsigned i = last; i != 0; i = v->list[i].from)
+        count++;
+    *loop = (rig_loop){.count = count < RIG_LOOP_MAX ? count : RIG_LOOP_MAX,
+                       .rule = v->list[0].hop.rule, .frame = *frame};
+    loop->gateways[0] = v->list[0].hop.gateway;
+    for (unsigned i = last, n = count; i != 0; i = v->list[i].from)
+        if (--n < RIG_LOOP_MAX)
+            loop->gateways[n] = v->list[i].hop.gateway;
+}
+
+/* Goes on from a visit. Returns true when the first rule gets the frame again. */
+static bool go_on(visits *v, rig_loop *loop, unsigned at)
+{
+    const rig *r = v->rig;
+    for (size_t g = 0; g < r->gateway_count; g++)
+        for (unsigned end = 0; end < 2; end++) {
+            const rig_gateway *gateway = &r->gateways[g];
+            const visit *here = &v->list[at];
+            visit next = {.from = at};
+            if (!hears(r, &here->hop.gateway->ends[1 - here->hop.end], &gateway->ends[end]) ||
+                !hand_over(r, &next, gateway, end, &here->frame))
+                continue;
+            if (next.hop.rule == v->list[0].hop.rule && end == v->list[0].hop.end &&
+                same_frame(&next.frame, &v->list[0].frame)) {
+                describe(loop, v, at, &here->frame);
+                return true;
+            }
+            if (!is_known(v, &next) && v->count < VISITS_MAX)
+                v->list[v->count++] = next;
+        }
+    return false;
+}
+
+/* Follows the frames of a rule that sets their identifier. */
+static bool comes_back(visits *v, rig_loop *loop, const hop *first, uint32_t remote)
+{
+    v->list[0] = (visit){.hop = *first, .frame = frame_of(first->rule->id | remote)};
+    v->count = 1;
+    for (unsigned at = 0; at < v->count; at++)
+        if (go_on(v, loop, at))
+            return true;
+    return false;
+}
+
+static bool find_set_loop(visits *v, rig_loop *loop, const rig_gateway *gateway)
+{
+    for (const rig_rule *rule = gateway->rules; rule < gateway->rules + gateway->rule_count; rule++)
+        for (unsigned end = 0; end < 2; end++) {
+            const hop first = {.gateway = gateway, .rule = rule, .end = end};
+            if (rule->has_id && rule->direction >> end & 1u &&
+                (comes_back(v, loop, &first, 0) || comes_back(v, loop, &first, CW_FILTER_REMOTE)))
+                return true;
+        }
+    return false;
+}
+
+/* ---- Sets of frames whose identifier stays --------------------------------------------------- */
+
+/* The frames that match one filter and none of the others. */
+typedef struct frames {
+    cw_filter known;
+    unsigned excluded; /* the first ones of search.excluded */
+} frames;
+
+/* A place in the list of all rules with all their filters, and those of the nodes. */
 typedef struct cursor {
     size_t gateway;
     unsigned end;
     size_t rule;
     unsigned filter;
+    unsigned accepted;
 } cursor;
 
 typedef struct search {
@@ -32,98 +180,120 @@ typedef struct search {
     unsigned steps;
     unsigned count;
     hop way[RIG_LOOP_MAX];
-    cw_filter sets[RIG_LOOP_MAX + 1]; /* the frames before each hop */
-    cursor next[RIG_LOOP_MAX + 1];    /* hops that have not been tried */
+    frames sets[RIG_LOOP_MAX + 1]; /* before each hop */
+    cursor next[RIG_LOOP_MAX + 1]; /* hops that have not been tried */
+    cw_filter excluded[EXCLUDED_MAX];
 } search;
 
-/* Reduces a set to the frames that a filter matches; returns false when there are none. */
-static bool narrow(cw_filter *set, const cw_filter *filter)
+/* Keeps the frames that match a filter; returns false when there are none. */
+static bool match(search *s, frames *set, const cw_filter *filter)
 {
-    if (!filter)
-        return true;
-    const uint32_t common = set->mask & filter->mask;
-    const bool differs = (set->value ^ filter->value) & common;
+    const uint32_t differs = (set->known.value ^ filter->value) & filter->mask & set->known.mask;
+    if (filter->inverted && set->excluded < EXCLUDED_MAX)
+        s->excluded[set->excluded++] = *filter;
     if (filter->inverted)
-        return differs || (filter->mask & ~set->mask) != 0;
-    set->value |= filter->value & filter->mask & ~set->mask;
-    set->mask |= filter->mask;
-    return !differs;
+        return differs || (filter->mask & ~set->known.mask);
+    set->known.value |= filter->value & filter->mask & ~set->known.mask;
+    set->known.mask |= filter->mask;
+    return differs == 0;
 }
 
-/* Returns true when a filter matches all frames of a set. */
-static bool takes_all(const cw_filter *set, const cw_filter *filter)
+static bool match_not(search *s, frames *set, const cw_filter *filter)
 {
-    const bool known = (filter->mask & ~set->mask) == 0;
-    const bool equal = ((set->value ^ filter->value) & filter->mask) == 0;
-    const bool differs = (set->value ^ filter->value) & filter->mask & set->mask;
-    return filter->inverted ? differs : known && equal;
+    const cw_filter other = {
+        .value = filter->value, .mask = filter->mask, .inverted = !filter->inverted};
+    return match(s, set, &other);
 }
 
-static bool pass(cw_filter *set, const hop *h)
+/* A bit is chosen that makes a frame differ from an excluded filter. */
+typedef struct choice {
+    cw_filter known;
+    unsigned from; /* the first filter that the frame may match yet */
+    uint32_t rest; /* bits that have not been tried */
+} choice;
+
+static choice find_choice(const search *s, const cw_filter *known, unsigned from, unsigned count)
 {
-    if (!narrow(set, h->filter))
-        return false;
-    if (h->rule->has_id) {
-        const uint32_t all = CW_FILTER_EXTENDED | CW_EXTENDED_ID_MAX;
-        set->value = (set->value & ~all) | h->rule->id;
-        set->mask |= all;
-    }
-    return true;
+    const cw_filter *e = s->excluded;
+    while (from < count && ((known->value ^ e[from].value) & e[from].mask & known->mask))
+        from++;
+    return (choice){.known = *known, .from = from,
+                    .rest = from < count ? e[from].mask & ~known->mask : 0};
 }
 
-/* Returns true when frames that have come round take the same way again. */
-static bool closes(const search *s, cw_filter set)
+/* Finds bits that are not known yet, so that the frame matches none of the excluded filters. Each
+ * choice makes one more bit known. */
+static bool complete(search *s, cw_filter *known, unsigned count)
 {
-    for (unsigned i = 0; i < s->count; i++)
-        if (!pass(&set, &s->way[i]))
+    choice choices[33] = {find_choice(s, known, 0, count)};
+    unsigned depth = 0;
+    while (s->steps++ < STEPS_MAX) {
+        choice *c = &choices[depth];
+        if (c->from == count) {
+            *known = c->known;
+            return true;
+        }
+        if (c->rest == 0 && depth-- == 0)
             return false;
-    return true;
+        if (c->rest == 0)
+            continue;
+        const uint32_t bit = c->rest & -c->rest;
+        const cw_filter tried = {.value = c->known.value | (~s->excluded[c->from].value & bit),
+                                 .mask = c->known.mask | bit};
+        c->rest ^= bit;
+        choices[++depth] = find_choice(s, &tried, c->from + 1, count);
+    }
+    return false;
 }
 
-/* Returns true when earlier rules take all frames of a set. */
-static bool is_shadowed(const cw_filter *set, const hop *h)
+/* Keeps the frames that no earlier rule takes. */
+static bool pass_earlier_rules(search *s, frames *set, const hop *h)
 {
     for (const rig_rule *r = h->gateway->rules; r < h->rule; r++) {
         if (!(r->direction >> h->end & 1u))
             continue;
         if (r->filter_count == 0)
-            return true;
+            return false;
         for (unsigned f = 0; f < r->filter_count; f++)
-            if (takes_all(set, &r->filters[f]))
-                return true;
+            if (!match_not(s, set, &r->filters[f]))
+                return false;
     }
-    return false;
+    return true;
 }
 
-/* Returns true when a node receives what the last gateway of the way has sent. */
-static bool is_reached(const search *s, const hop *h)
+/* Keeps the frames that both nodes know. */
+static bool pass_nodes(search *s, frames *set, const hop *h)
 {
-    if (s->count == 0)
-        return true;
-    const hop *last = &s->way[s->count - 1];
-    const rig_end from = last->gateway->ends[1 - last->end];
-    const rig_end to = h->gateway->ends[h->end];
-    return to.bus == from.bus && to.node != from.node;
+    static const cw_filter base = {.mask = CW_FILTER_EXTENDED};
+    const bool old = cfg_is_old(node_at(s->rig, &h->gateway->ends[0])) ||
+                     cfg_is_old(node_at(s->rig, &h->gateway->ends[1]));
+    return !old || match(s, set, &base);
 }
 
-/* Takes the hop at a cursor, which then goes on. Returns false behind the last one. */
-static bool take_hop(const search *s, hop *out, cursor *at)
+/* Takes the hop at a cursor, and its filters; NULL for none. The cursor goes on. Returns false
+ * behind the last one. */
+static bool take_hop(const search *s, hop *out, const cw_filter *filters[2], cursor *at)
 {
     while (at->gateway < s->rig->gateway_count) {
         const rig_gateway *gateway = &s->rig->gateways[at->gateway];
         const rig_rule *rule = &gateway->rules[at->rule];
         if (at->end == 2) {
             *at = (cursor){.gateway = at->gateway + 1};
-        } else if (at->rule == gateway->rule_count) {
+            continue;
+        }
+        const cfg_controller *host = &node_at(s->rig, &gateway->ends[at->end])->controller;
+        if (at->rule == gateway->rule_count) {
             *at = (cursor){.gateway = at->gateway, .end = at->end + 1};
         } else if (at->filter > 0 && at->filter >= rule->filter_count) {
-            at->rule++;
-            at->filter = 0;
+            *at = (cursor){.gateway = at->gateway, .end = at->end, .rule = at->rule + 1};
+        } else if (at->accepted > 0 && at->accepted >= host->filter_count) {
+            at->accepted = 0;
+            at->filter++;
         } else {
             *out = (hop){.gateway = gateway, .rule = rule, .end = at->end};
-            if (rule->filter_count > 0)
-                out->filter = &rule->filters[at->filter];
-            at->filter++;
+            filters[0] = rule->filter_count > 0 ? &rule->filters[at->filter] : NULL;
+            filters[1] = host->filter_count > 0 ? &host->filters[at->accepted] : NULL;
+            at->accepted++;
             return true;
         }
     }
@@ -132,23 +302,28 @@ static bool take_hop(const search *s, hop *out, cursor *at)
 
 static bool is_on_way(const search *s, const hop *h)
 {
-    for (unsigned i = 0; i < s->count; i++)
-        if (s->way[i].rule == h->rule && s->way[i].end == h->end)
+    for (unsigned i = 1; i < s->count; i++)
+        if (s->way[i].gateway == h->gateway && s->way[i].end == h->end)
             return true;
     return false;
 }
 
 /* Goes over a hop, if any of the frames can. Returns true when that closes a loop. A loop that does
  * not begin with the first hop is found from its own begin. */
-static bool go_over(search *s, const hop *h)
+static bool go_over(search *s, const hop *h, const cw_filter *const filters[2])
 {
-    cw_filter set = s->sets[s->count];
-    if (!(h->rule->direction >> h->end & 1u) || !is_reached(s, h) || is_shadowed(&set, h))
-        return false;
+    frames set = s->sets[s->count];
     const hop *first = &s->way[0];
-    if (s->count > 0 && h->rule == first->rule && h->end == first->end)
-        return h->filter == first->filter && closes(s, set);
-    if (is_on_way(s, h) || s->count == RIG_LOOP_MAX || !pass(&set, h))
+    if (h->rule->has_id || !(h->rule->direction >> h->end & 1u) ||
+        (s->count > 0 && !follows(s->rig, h, &s->way[s->count - 1])))
+        return false;
+    if (s->count > 0 && h->gateway == first->gateway && h->end == first->end) {
+        cw_filter known = set.known;
+        return h->rule == first->rule && complete(s, &known, set.excluded);
+    }
+    if (is_on_way(s, h) || s->count == RIG_LOOP_MAX || !pass_nodes(s, &set, h) ||
+        !pass_earlier_rules(s, &set, h) || (filters[0] && !match(s, &set, filters[0])) ||
+        (filters[1] && !match(s, &set, filters[1])))
         return false;
     s->way[s->count++] = *h;
     s->sets[s->count] = set;
@@ -156,12 +331,17 @@ static bool go_over(search *s, const hop *h)
     return false;
 }
 
-static bool find(search *s)
+/* Searches from a set of frames on. */
+static bool find_way(search *s, const cw_filter *begin)
 {
+    s->count = 0;
+    s->sets[0] = (frames){.known = *begin};
+    s->next[0] = (cursor){.gateway = 0};
     while (s->steps++ < STEPS_MAX) {
         hop h;
-        if (take_hop(s, &h, &s->next[s->count])) {
-            if (go_over(s, &h))
+        const cw_filter *filters[2];
+        if (take_hop(s, &h, filters, &s->next[s->count])) {
+            if (go_over(s, &h, filters))
                 return true;
         } else if (s->count == 0) {
             return false;
@@ -172,21 +352,40 @@ static bool find(search *s)
     return false;
 }
 
-/* Returns the frames that go round on the way that has been found. */
-static cw_filter frames_of(const search *s)
+static bool find_kept_loop(search *s, rig_loop *loop)
 {
-    cw_filter set = {.mask = 0};
-    (void)narrow(&set, s->way[0].filter);
-    return set;
+    static const cw_filter base = {.mask = CAN_ID_BITS & ~CW_BASE_ID_MAX},
+                           extended = {.value = CW_FILTER_EXTENDED, .mask = CW_FILTER_EXTENDED};
+    cw_filter begin[2] = {base, extended};
+    for (unsigned i = 0; i < 2; i++) {
+        begin[i].mask |= ERROR_BIT;
+        if (!find_way(s, &begin[i]))
+            continue;
+        cw_filter known = s->sets[s->count].known;
+        (void)complete(s, &known, s->sets[s->count].excluded);
+        *loop = (rig_loop){
+            .count = s->count, .rule = s->way[0].rule, .frame = frame_of(known.value)};
+        for (unsigned n = 0; n < s->count; n++)
+            loop->gateways[n] = s->way[n].gateway;
+        return true;
+    }
+    return false;
 }
+
+/* ---- Both ------------------------------------------------------------------------------------ */
 
 bool rig_find_loop(rig_loop *loop, const rig *self)
 {
-    search s = {.rig = self};
-    if (!find(&s))
-        return false;
-    *loop = (rig_loop){.count = s.count, .rule = s.way[0].rule, .frame = frames_of(&s)};
-    for (unsigned i = 0; i < s.count; i++)
-        loop->gateways[i] = s.way[i].gateway;
-    return true;
+    search *s = calloc(1, sizeof *s);
+    visits *v = malloc(sizeof *v);
+    bool found = false;
+    if (s && v) {
+        s->rig = v->rig = self;
+        found = find_kept_loop(s, loop);
+        for (size_t g = 0; g < self->gateway_count && !found; g++)
+            found = find_set_loop(v, loop, &self->gateways[g]);
+    }
+    free(s);
+    free(v);
+    return found;
 }

@@ -10,17 +10,16 @@
 #define RIG_LOOP_MAX 16u /* gateways of a loop */
 
 /* A frame for ever under way: each gateway of the list hands it to the next one, the last one to
- * the first one. */
+ * the first one. A gateway may be there twice, for two identifiers of the frame. */
 typedef struct rig_loop {
     unsigned count;
     const rig_gateway *gateways[RIG_LOOP_MAX];
     const rig_rule *rule; /* of the first gateway */
-    cw_filter frame;      /* the frames that go round */
+    cw_frame frame;       /* one that goes round, as the first gateway receives it */
 } rig_loop;
 
 /* Returns true when frames go round, and describes one such loop, of at most RIG_LOOP_MAX gateways.
- * It takes filters for what they are, but an inverted one lets all pass but what it excludes
- * completely. It does not look at the filters of nodes. */
+ * It looks at the rules, and at the filters, the kind and the loopback of the nodes. */
 bool rig_find_loop(rig_loop *loop, const rig *self);
 
 #endif

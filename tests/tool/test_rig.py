@@ -149,6 +149,45 @@ def test_a_loop_of_two_gateways_is_told(tmp_path, first, second, loop):
         events_of(file)
 
 
+@pytest.mark.parametrize("first, second, nodes, loop", [
+    # a rule that the frame takes twice, with another identifier each time
+    ("{ filter: [ '100', '200' ], direction: forward }",
+     "{ filter: '100', id: '200', direction: backward }, "
+     "{ filter: '200', id: '100', direction: backward }", "", True),
+    # two earlier rules leave nothing
+    ("{ filter: '100:700', direction: forward }",
+     "{ filter: '100:780', id: '300', direction: backward }, "
+     "{ filter: '180:780', id: '300', direction: backward }, { direction: backward }", "", False),
+    # ... or one frame, since filters overlap
+    ("{ filter: '100:7F0', direction: forward }",
+     "{ filter: [ '100:7F8', '~10F:7FF' ], id: '300', direction: backward }, "
+     "{ direction: backward }", "", True),
+    # the filter of a node counts
+    ("{ filter: '123', direction: forward }", "{ direction: backward }", "filter: '~123'", False),
+    # and so does what its controller sends
+    ("{ filter: '00000123', direction: forward }", "{ direction: backward }", "kind: 2.0B-passive",
+     False),
+    # in loopback it sends none
+    ("{ filter: '123', direction: forward }", "{ direction: backward }", "loopback: on", False),
+])
+def test_loops_are_found_frame_by_frame(tmp_path, first, second, nodes, loop):
+    file = write(tmp_path, HEAD + GATEWAY % ("one", "gw", "gw", first) +
+                 GATEWAY % ("two", "other", "other", second))
+    train = tmp_path / "train.yaml"
+    train.write_text(train.read_text().replace("name: other", f"name: other, {nodes}")
+                     if nodes else train.read_text())
+    told = canwire("check", file, status=1 if loop else 0).stderr
+    assert ("a loop: a frame such as " in told) == loop
+
+
+def test_a_node_in_loopback_hears_what_its_gateway_sends(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{ filter: '123' }")
+    for name in "body", "train":
+        bus = tmp_path / f"{name}.yaml"
+        bus.write_text(bus.read_text().replace("name: gw", "name: gw, loopback: on"))
+    assert "123# goes round for ever" in canwire("check", file, status=1).stderr
+
+
 def test_a_gateway_in_both_directions_is_no_loop(tmp_path):
     file = write(tmp_path, HEAD + RULE % "{}", "{ send: '123#01' }", "{ send: '200#02' }")
     sent = [(e["bus"], e["node"], e["frame"]) for e in events_of(file) if e["event"] == "tx"]
@@ -213,6 +252,37 @@ def test_loss_at_the_far_queue_is_counted(tmp_path):
     assert body["gw"]["tx_frames"] + side["dropped"] == 400
     assert len([e for e in events_of(file) if e["event"] == "drop"]) == side["dropped"]
     assert stats["gateways"][0]["forward"]["dropped"] == 0
+
+
+def test_an_overrun_shows_its_frame(tmp_path):
+    file = write(tmp_path, "buses: [ body.yaml ]\n", "{ send: '123#A5', every: 1ms, count: 3 }")
+    body = tmp_path / "body.yaml"
+    body.write_text(body.read_text().replace(
+        "name: other", "name: other, controller: { model: basic, service-time: 9ms }"))
+    lost = [e for e in events_of(file) if e["event"] == "overrun"]
+    assert [e["frame"] for e in lost] == 2 * ["123#A5"]
+    assert without_bus(events_of(file), "body") == events_of(body)
+
+
+@pytest.mark.parametrize("step", [[], ["--step"]])
+def test_events_at_one_time_are_in_the_order_of_the_buses(tmp_path, step):
+    """A frame that comes in at a tick and finds no room is dropped at that tick."""
+    file = write(tmp_path, HEAD + RULE % "{ direction: backward }", "",
+                 "{ send: '123#', every: 192us, count: 12 }", queue=1)
+    events = events_of(file, *step)
+    at = [(e["t"], ("body", "train").index(e["bus"])) for e in events]
+    assert at == sorted(at)
+    drops = {e["t"] for e in events if e["event"] == "drop"}
+    assert drops and drops < {e["t"] for e in events if e["event"] == "rx" and e["bus"] == "train"}
+
+
+def test_the_last_bit_has_the_drops_of_its_frames(tmp_path):
+    file = write(tmp_path, HEAD + RULE % "{ direction: backward }", "",
+                 "{ send: '123#', every: 192us, count: 12 }", queue=1)
+    events = events_of(file)
+    last = max(e["t"] for e in events if e["event"] == "drop")
+    assert events_of(file, "--until", f"{round(last * 1e9)}ns") == [
+        e for e in events if e["t"] <= last]
 
 
 def test_loss_in_the_queue_of_a_rule_is_counted(tmp_path):

@@ -59,7 +59,7 @@ struct sim_rig {
 static bool has_frame(cw_event_kind kind)
 {
     return kind == CW_EVENT_RX || kind == CW_EVENT_TX || kind == CW_EVENT_DROP ||
-           kind == CW_EVENT_ARBITRATION_LOST;
+           kind == CW_EVENT_ARBITRATION_LOST || kind == CW_EVENT_OVERRUN;
 }
 
 /* Copies what there is of an event in place. */
@@ -115,8 +115,9 @@ static void write_event(sim_rig *s, const kept *k)
         output_log(s->log.stream, config, &k->event);
 }
 
-/* Gives the gateways all new events, and writes those up to a tick that all buses have reached.
- * Until then a bus in the middle of a longer bit may have earlier ones. */
+/* Gives the gateways all new events, and writes those before a tick that all buses have reached.
+ * Until then a bus in the middle of a longer bit may have earlier ones. At that tick itself frames
+ * may still come in, and be dropped. */
 static void take_events(sim_rig *s, uint64_t tick)
 {
     size_t written = 0;
@@ -127,7 +128,7 @@ static void take_events(sim_rig *s, uint64_t tick)
             gateways_event(s->gateways, s->bus_of, s->list[i].bus, &s->list[i].event);
         s->list[i].passed = true;
     }
-    for (; written < s->count && s->list[written].event.tick <= tick; written++)
+    for (; written < s->count && s->list[written].event.tick < tick; written++)
         write_event(s, &s->list[written]);
     if (written > 0)
         memmove(s->list, s->list + written, (s->count - written) * sizeof *s->list);
@@ -213,6 +214,8 @@ static void run(sim_rig *s)
         if (tick == until)
             break;
     }
+    for (size_t i = 0; i < s->bus_count && until != CW_NEVER && !has_failed(s); i++)
+        (void)sim_advance(&s->buses[i].run, CW_NEVER); /* ends bits that have begun */
     take_events(s, CW_NEVER);
 }
 

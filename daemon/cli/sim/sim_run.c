@@ -323,8 +323,8 @@ static void run_out(sim_run *s)
         advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
-/* Ends a bit that has begun when it may have events up to the end. Frames may come in, and nodes may
- * end their own bits before. */
+/* Ends a bit that has begun when it may have events up to the end. Frames may come in, and nodes
+ * may end their own bits before. */
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
