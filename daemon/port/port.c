@@ -263,15 +263,13 @@ bool port_write(port *p, const cw_frame *frame)
     return sent == PORT_SENT;
 }
 
-bool port_write_error(port *p, const errframe *frame, uint64_t tick)
+static bool write_error(port *p, const errframe *frame)
 {
     uint64_t *counters[PORT_SENT_COUNT] = {
         [PORT_SENT] = &p->stats.errors_written,
         [PORT_SEND_FAILED] = &p->stats.errors_failed,
         [PORT_UNHEARD] = &p->stats.errors_unheard,
     };
-    if (!errframe_limit_pass(&p->limit, frame, tick))
-        return false;
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
     port_sent sent = p->kind->send(p, &out, sizeof out);
@@ -279,6 +277,12 @@ bool port_write_error(port *p, const errframe *frame, uint64_t tick)
     return sent == PORT_SENT;
 }
 
+bool port_write_error(port *p, const errframe *frame, uint64_t tick)
+{
+    return errframe_limit_pass(&p->limit, frame, tick) && write_error(p, frame);
+}
+
+/* It has a limit of its own. */
 void port_report_overflow(port *p, uint64_t tick)
 {
     bool early = p->reported_dropped > 0 && tick - p->reported_tick < OVERFLOW_TICKS;
@@ -287,7 +291,7 @@ void port_report_overflow(port *p, uint64_t tick)
     p->reported_dropped = p->stats.kernel_dropped;
     p->reported_tick = tick;
     const errframe overflow = errframe_rx_overflow();
-    (void)port_write_error(p, &overflow, tick);
+    (void)write_error(p, &overflow);
 }
 
 void port_get_stats(port *p, port_stats *stats)

@@ -49,7 +49,7 @@ static const char *const order_names[] = {
 
 /* Keys of a node that the bus knows from its begin. */
 static const char *const fixed_keys[] = {
-    "when-full", "controller", "kind", "fd", "protocol-exception",
+    "when-full", "controller", "filter", "kind", "fd", "protocol-exception",
 };
 
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))

@@ -201,7 +201,8 @@ errframe errframe_rx_overflow(void)
 
 bool errframe_is_minor(const errframe *frame)
 {
-    bool state = (frame->can_id & CAN_ERR_CRTL) && frame->data[1] != CAN_ERR_CRTL_TX_OVERFLOW;
+    const bool overflow = frame->data[1] & (CAN_ERR_CRTL_TX_OVERFLOW | CAN_ERR_CRTL_RX_OVERFLOW);
+    const bool state = (frame->can_id & CAN_ERR_CRTL) && !overflow;
     return !state && !(frame->can_id & (CAN_ERR_BUSOFF | CAN_ERR_RESTARTED));
 }
 

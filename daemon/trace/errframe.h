@@ -20,11 +20,11 @@ typedef struct errframe {
  * among the modes. */
 bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes);
 
-/* Makes the error frame for frames that were lost on their way to the bus. */
+/* Makes the error frame for frames that were lost on their way to the bus, or by an overrun. */
 errframe errframe_rx_overflow(void);
 
-/* Returns true when the frame may be left out in a storm. State changes, restarts and overflows on
- * the way to the bus are never left out. */
+/* Returns true when the frame may be left out in a storm. State changes and restarts are never left
+ * out. */
 bool errframe_is_minor(const errframe *frame);
 
 /* Limits error frames, so that a storm of errors does not overload a reader. ERRFRAME_BURST minor

@@ -184,19 +184,22 @@ static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
     }
 }
 
-/* Frames that wait for their hosts go on waiting. */
+/* Frames that wait for their hosts go on waiting. A host with fewer buffers than before has the
+ * first ones at once, so that frames keep their order. */
 static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *from,
                               const uint8_t *to)
 {
     for (unsigned i = 0; old->buffers && i < bus->node_count; i++) {
         if (from[i] == CW_NO_NODE)
             continue;
-        for (unsigned n = 0; n < cw_buffers_count(old, from[i]); n++) {
+        const unsigned count = cw_buffers_count(old, from[i]);
+        const unsigned limit = bus->buffers ? bus->buffers[i].limit : 0;
+        for (unsigned n = 0; n < count; n++) {
             stored_frame s = *cw_buffers_at(old, from[i], n);
             s.origin.from = renumber(s.origin.from, to);
             if (cw_frame_is_fd(&s.frame) && !bus->fd)
                 cw_frame_cut(&s.frame);
-            cw_buffers_put(bus, i, &s);
+            cw_buffers_put(bus, i, &s, count - n <= limit);
         }
         if (bus->buffers)
             bus->buffers[i].stats = old->buffers[from[i]].stats;

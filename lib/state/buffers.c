@@ -223,14 +223,13 @@ static bool has_place(const cw_buffers *b, const cw_frame *frame, uint64_t now, 
     return !b->boxed || *box != CW_NO_BOX;
 }
 
-/* A host without a place for the frame has it at once. */
-void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s)
+void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s, bool waits)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     held_frame held = {.due = cw_now(bus), .rule = CW_NO_RULE, .node = (uint8_t)i,
                        .side = CW_SIDE_RX, .origin = s->origin};
     uint8_t box;
-    if (has_place(b, &s->frame, cw_now(bus), &box)) {
+    if (waits && has_place(b, &s->frame, cw_now(bus), &box)) {
         stored_frame *put = stored_at(b, b->count++);
         *put = *s;
         put->box = box;

@@ -333,8 +333,9 @@ void cw_buffers_flush(cw_bus *bus, unsigned node, cw_drop why);
 /* Returns the n-th frame that waits for the host of a node. */
 const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
 
-/* Puts a frame behind those that wait for the host of a node, as it waited in another bus. */
-void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored);
+/* Puts a frame that waited in another bus behind those that wait for the host of a node. The host
+ * has it at once without `waits`, and when there is no place for it. */
+void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored, bool waits);
 
 /* ---- mailboxes.c ----------------------------------------------------------------------------- */
 

@@ -167,13 +167,24 @@ static void a_node_off_the_bus_drops_what_its_host_has_not_fetched(void **state)
     rig_free(r);
 }
 
-/* Frames that wait go on waiting in the bus that takes over; one without buffers has them at
- * once. */
+/* Returns true when frames came to a node in the order in which they were sent. */
+static bool in_order(const rig *r, unsigned node)
+{
+    unsigned n = 0;
+    for (size_t i = 0; i < r->count; i++)
+        if (r->events[i].kind == CW_EVENT_RX && r->events[i].nodes == NODE(node) &&
+            r->events[i].frame.id != short_frame(n++).id)
+            return false;
+    return true;
+}
+
+/* Frames that wait go on waiting in the bus that takes over. A host with too few buffers for them
+ * has the first ones at once. */
 static void a_bus_that_takes_over_has_the_frames(void **state)
 {
     (void)state;
     static const uint8_t from[] = {0, 1, 2};
-    for (unsigned buffers = 0; buffers <= 8; buffers += 4) {
+    for (unsigned buffers = 0; buffers <= 8; buffers++) {
         rig *old = rig_new(3), *r = rig_new(3);
         old->nodes[1].host =
             (cw_host_config){.receive_buffers = 8, .service_ticks = 1000 * US};
@@ -185,9 +196,10 @@ static void a_bus_that_takes_over_has_the_frames(void **state)
         rig_run_bits(old, 300);
         assert_int_equal(cw_bus_take_over(r->bus, old->bus, from), CW_OK);
         rig_run_bits(r, 310);
-        assert_int_equal(rig_count(r, CW_EVENT_RX, 1), buffers ? 0 : 4);
+        assert_int_equal(rig_count(r, CW_EVENT_RX, 1), buffers < 4 ? 4 - buffers : 0);
         rig_run_bits(r, 4000);
         assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 4);
+        assert_true(in_order(r, 1));
         balance(r);
         rig_free(old);
         rig_free(r);

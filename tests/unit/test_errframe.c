@@ -199,7 +199,7 @@ static void an_overflow_on_the_way_to_the_bus(void **state)
     const errframe e = errframe_rx_overflow();
     assert_int_equal(e.can_id, 0x20000004);
     assert_memory_equal(e.data, ((uint8_t[8]){0, 0x01}), 8);
-    assert_false(errframe_is_minor(&e));
+    assert_true(errframe_is_minor(&e)); /* of a slow host, thousands a second */
     const cw_event overrun = {.kind = CW_EVENT_OVERRUN, .frame = {.id = 0x123}};
     errframe out;
     assert_true(errframe_from_event(&out, &overrun, 0));
