@@ -62,6 +62,13 @@ static void overrun(cw_bus *bus, unsigned i, const cw_frame *frame)
     bus->nodes[i].stats.rx_dropped[CW_DROP_QUEUE_FULL]++;
 }
 
+/* Returns true when the bus does not see the flags of a node, or it sends none (M11, M15, D19). */
+static bool asks_in_vain(const cw_bus *bus, unsigned i)
+{
+    const unsigned silent = CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED;
+    return bus->nodes[i].mac.modes & silent;
+}
+
 /* Wants overload frames as long as the buffers will be full. The first one comes in place of the
  * intermission, which would begin a bit later. */
 static void ask_for_time(cw_bus *bus, unsigned i)
@@ -70,7 +77,7 @@ static void ask_for_time(cw_bus *bus, unsigned i)
     const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
     const uint64_t free_at = stored_at(b, b->count - b->limit)->due;
     const bool second = free_at > cw_now(bus) + (1 + OVERLOAD_BITS) * bit;
-    if (free_at <= cw_now(bus) + bit)
+    if (free_at <= cw_now(bus) + bit || asks_in_vain(bus, i))
         return;
     cw_leave(bus, cw_node_bit(i));
     (void)cw_mac_request_overload(&bus->nodes[i].mac, second ? 2 : 1);

@@ -67,6 +67,17 @@ def test_a_full_controller_asks_for_time_by_overload_frames(tmp_path, service, f
         assert all(n["rec"] == n["tec"] == 0 for n in nodes.values())
 
 
+@pytest.mark.parametrize("mode", ["listen-only", "restricted"])
+def test_a_controller_that_may_not_ask_for_time_misses_nothing_by_it(tmp_path, mode):
+    """Its own flags would be all that it sees of the next frame."""
+    events, nodes = run(
+        tmp_path, "  - { name: a, traffic: [ { send: '123#', count: 6, every: 10us } ] }\n"
+                  f"  - {{ name: b, {mode}: on, controller: {{ model: basic, "
+                  "overload-when-full: on, service-time: 90us } }\n  - name: c\n")
+    assert not [e for e in events if e["event"] in ("overload", "error")]
+    assert len(of(events, "b", "rx")) == 6 and nodes["b"]["overruns"] == 0
+
+
 def test_a_transmit_buffer_makes_urgent_frames_wait(tmp_path):
     """Inner priority inversion: 700 has lost arbitration and keeps 001 of the same node waiting."""
     order = []
