@@ -264,6 +264,16 @@ def test_an_overrun_shows_its_frame(tmp_path):
     assert without_bus(events_of(file), "body") == events_of(body)
 
 
+def test_an_improper_arbitration_shows_its_frame(tmp_path):
+    file = write(tmp_path, "buses: [ body.yaml ]\n", "{ send: '7FF#A5' }, { send: '100#5A' }")
+    body = tmp_path / "body.yaml"
+    body.write_text(body.read_text().replace("name: sender", "name: sender, order: fifo").replace(
+        "name: other", "name: other, traffic: [ { send: '300#' } ]"))
+    together = events_of(file)
+    assert [e["frame"] for e in together if e["event"] == "improper-arbitration"]
+    assert without_bus(together, "body") == events_of(body)
+
+
 @pytest.mark.parametrize("step", [[], ["--step"]])
 def test_events_at_one_time_are_in_the_order_of_the_buses(tmp_path, step):
     """A frame that comes in at a tick and finds no room is dropped at that tick."""

@@ -59,7 +59,8 @@ struct sim_rig {
 static bool has_frame(cw_event_kind kind)
 {
     return kind == CW_EVENT_RX || kind == CW_EVENT_TX || kind == CW_EVENT_DROP ||
-           kind == CW_EVENT_ARBITRATION_LOST || kind == CW_EVENT_OVERRUN;
+           kind == CW_EVENT_ARBITRATION_LOST || kind == CW_EVENT_OVERRUN ||
+           kind == CW_EVENT_IMPROPER;
 }
 
 /* Copies what there is of an event in place. */
