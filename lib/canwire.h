@@ -180,6 +180,10 @@ unsigned cw_fd_dlc(unsigned bytes);
  * together. An FD frame needs a bus with FD nodes. */
 bool cw_frame_valid(const cw_frame *frame);
 
+/* Returns the stuff bits that SOF and the identifier have, with SRR and IDE of an extended one. Two
+ * bit errors at a stuff bit may escape the CRC, so identifiers without one are recommended. */
+unsigned cw_frame_id_stuff_bits(const cw_frame *frame);
+
 /* Returns true when both frames are the same on the wire: id, format, remote, DLC and data
  * bytes. */
 bool cw_frame_equal(const cw_frame *a, const cw_frame *b);
@@ -739,7 +743,8 @@ typedef enum cw_action {
     CW_ACTION_FORCE,      /* sets them to `level`; for_ticks, when set, instead of bits */
     CW_ACTION_GLITCH,     /* pattern of `bits` bits from there on */
     CW_ACTION_STUCK,      /* `level` on `line` of the wire or of `node` */
-    CW_ACTION_NOISE,      /* flips each bit with error_rate, independently for each node of `at` */
+    CW_ACTION_NOISE,      /* flips each bit with error_rate, or begins a burst of such bits,
+                             independently for each node of `at` */
     CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
     CW_ACTION_PULSE,      /* `level` for pulse_length, pulse_offset after the begin of the bit at
                              (field, index), on `line` of the wire or of `node`; with `at`, only
@@ -797,6 +802,7 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 
 #define CW_KEEP UINT16_MAX
 #define CW_PATTERN_MAX 64 /* bits of a glitch */
+#define CW_BURST_MAX 16 /* bits of a burst of noise */
 
 /* Changes of a node's settings; fields whose CW_SET_* is not in `which` are ignored. */
 #define CW_SET_MODES 0x01u /* the modes of modes_mask become those in modes */
@@ -904,6 +910,9 @@ typedef struct cw_rule {
     uint64_t pattern_level;    /* GLITCH: bit i is the level of the i-th bit ... */
     uint64_t pattern_mask;     /* ... where this is set */
     uint64_t error_rate;       /* NOISE: of 2^64 */
+    uint16_t burst_least;      /* NOISE: a hit is the first bit of a burst. Its last bit is inverted */
+    uint16_t burst_most;       /* ... too, those between at random. The bits of it are drawn from
+                                  this range, 1..CW_BURST_MAX; 0, 0: one bit */
     cw_span pulse_offset;      /* PULSE: at most 16 bits of the bus, and pulse_permille of the bit
                                   are added to it */
     uint16_t pulse_permille;

@@ -123,7 +123,12 @@ static const schema_key stuck_keys[] = {
     END,
 };
 static const schema_key noise_keys[] = {
-    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate)}, AT, FOR, END};
+    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate)},
+    {.name = "burst", .read = cfg_read_burst},
+    AT,
+    FOR,
+    END,
+};
 static const schema_key no_ack_keys[] = {NODES("no-ack"), FOR, END};
 static const schema_key wrong_crc_keys[] = {NODES("wrong-crc"), END};
 static const schema_key bus_off_keys[] = {NODES("bus-off"), END};

@@ -168,6 +168,30 @@ void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, 
         schema_problem(self, key, value, text_parse_probability(schema_member(key, object), text));
 }
 
+/* Reads a number of bits up to CW_BURST_MAX. Returns what follows it, or NULL. */
+static const char *read_bits_of_burst(uint16_t *out, const char *text)
+{
+    const size_t digits = strspn(text, "0123456789");
+    const bool some = digits >= 1 && digits <= 2 && text[0] != '0';
+    *out = (uint16_t)(some ? strtoul(text, NULL, 10) : 0);
+    return some && *out <= CW_BURST_MAX ? text + digits : NULL;
+}
+
+void cfg_read_burst(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    const char *text = schema_text(self, key, value, "a number of bits, or LEAST..MOST");
+    if (!text)
+        return;
+    const char *end = read_bits_of_burst(&rule->burst_least, text);
+    rule->burst_most = rule->burst_least;
+    if (end && strncmp(end, "..", 2) == 0)
+        end = read_bits_of_burst(&rule->burst_most, end + 2);
+    if (!end || *end || rule->burst_most < rule->burst_least)
+        schema_problem(self, key, value, "expected a number of bits from 1 to 16, or LEAST..MOST "
+                                         "of these, such as 1..15");
+}
+
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 #define MAKES_FD "(kind: fd of a node, or a dbitrate of the bus, makes it a CAN FD bus)"

@@ -20,6 +20,7 @@ schema_reader cfg_read_bits_min;  /* the same, not 0 */
 schema_reader cfg_read_fine;      /* member: cw_span, of a time */
 schema_reader cfg_read_fine_min;  /* the same, not 0 */
 schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
+schema_reader cfg_read_burst;     /* object: a cw_rule; N, or LEAST..MOST */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */

@@ -9,6 +9,7 @@
 #include "base/number.h"
 #include "config/portname.h"
 #include "record/rate_load.h"
+#include "record/residual.h"
 #include "trace/frametext.h"
 
 #include <assert.h>
@@ -378,10 +379,12 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     put_count(object, "frames", stats.frames);
     put_count(object, "frame_bits", stats.frame_bits);
     put_count(object, "error_frames", stats.error_frames);
+    put_count(object, "error_rate_ppm", residual_error_ppm(&stats));
     put_count(object, "overload_frames", stats.overload_frames);
     put_count(object, "arbitration_lost", stats.arbitration_lost);
     put_count(object, "improper_arbitrations", stats.improper_arbitrations);
     put_count(object, "undetected_errors", stats.undetected_errors);
+    put_count(object, "undetected_expected_ppt", residual_expected_ppt(&stats));
     put_count(object, "faults", stats.faults);
     put_count(object, "pending", stats.pending);
     if (output_has_fd(config, bus)) {

@@ -11,6 +11,7 @@
 #include "record/data_timing.h"
 #include "record/output.h"
 #include "record/rate_load.h"
+#include "record/residual.h"
 
 #include <canwire_bus_fd_t.h>
 #include <canwire_bus_stats_t.h>
@@ -358,6 +359,8 @@ static void publish_bus(publisher *p, const cw_bus_stats *s)
         .pending = (int32_t)s->pending,
         .events_dropped = (int64_t)p->dropped,
         .improper_arbitrations = (int64_t)s->improper_arbitrations,
+        .error_rate_ppm = (int64_t)residual_error_ppm(s),
+        .undetected_expected_ppt = (int64_t)residual_expected_ppt(s),
     };
     PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
 }

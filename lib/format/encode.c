@@ -184,3 +184,23 @@ unsigned cw_frame_wire_bits(const cw_frame *frame)
     return cw_frame_is_fd(frame) ? cw_bits_measure_fd(frame).bits
                                  : cw_bits_measure_classical(frame);
 }
+
+unsigned cw_frame_id_stuff_bits(const cw_frame *frame)
+{
+    const unsigned bits = (cw_frame_is_extended(frame) ? CW_EXTENDED_ARBITRATION_END - 1
+                                                       : 1 + CW_BASE_ID_BITS);
+    const uint32_t key = cw_arbitration_key(frame);
+    unsigned stuff = 0, run = 1;
+    bool last = CW_DOMINANT; /* SOF */
+    for (unsigned n = 1; n < bits; n++) {
+        const bool level = key >> (32u - n) & 1u;
+        run = level == last ? run + 1 : 1;
+        last = level;
+        if (run == CW_STUFF_RUN) { /* the stuff bit is the first of another run */
+            stuff++;
+            last = !last;
+            run = 1;
+        }
+    }
+    return stuff;
+}

@@ -38,6 +38,8 @@ const cw_action_row cw_actions[CW_ACTION_COUNT] = {
     [CW_ACTION_NOISE] = {.name = "noise",
                          .kind = CW_KIND_LEVEL,
                          .traits = CW_LASTS | CW_EACH_BIT | CW_FOR_ATTEMPT | CW_RANDOM_BITS,
+                         .ranges = {NUMBER(burst_least, 0, CW_BURST_MAX),
+                                    NUMBER(burst_most, 0, CW_BURST_MAX)},
                          .levels = cw_flip_at_random},
     [CW_ACTION_NO_ACK] = {.name = "no-ack",
                           .kind = CW_KIND_LEVEL,

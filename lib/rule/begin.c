@@ -18,6 +18,7 @@ void cw_rule_end_action(cw_rule_set *set, unsigned rule)
     s->scope = 0;
     s->bound = 0;
     s->bits_left = 0;
+    s->in_burst = 0;
     s->disturbs = false;
     s->pulses = false;
     s->to_act = false;

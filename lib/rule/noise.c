@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * noise.c - single bits flipped at random.
+ * noise.c - bits flipped at random, single ones or bursts.
  *
  * Each bit of bus time costs a draw, and nearly all draws flip nothing. So the draws of bits to
  * come are looked at beforehand. Up to the first one that flips, the bus may go as if there were no
@@ -26,7 +26,7 @@ static bool draw(const cw_rule *r, cw_prng *prng)
     return cw_prng_next(prng) < r->error_rate;
 }
 
-/* Makes the draws of one bit. Returns the nodes whose level is flipped. */
+/* Makes the draws of one bit. Returns the nodes whose level is flipped, or where a burst begins. */
 static inline uint64_t draw_bit(const cw_rule_set *set, const cw_rule *r, cw_prng *prng)
 {
     uint64_t flipped = 0;
@@ -36,6 +36,55 @@ static inline uint64_t draw_bit(const cw_rule_set *set, const cw_rule *r, cw_prn
         if (draw(r, prng))
             flipped |= rest & (~rest + 1);
     return flipped;
+}
+
+/* ---- Bursts ---------------------------------------------------------------------------------- */
+
+/* Returns a burst, the first bit lowest. Its first and last bit are 1. It follows from the state of
+ * the stream, so that each bit costs as many draws as without bursts. */
+static uint16_t shape_burst(const cw_rule *r, uint64_t state, unsigned node)
+{
+    cw_prng prng = {.state = ~state ^ (uint64_t)node << 56};
+    const uint64_t bits = cw_prng_next(&prng);
+    const unsigned length = r->burst_least + (unsigned)(cw_prng_next(&prng) %
+                                                        (r->burst_most - r->burst_least + 1u));
+    const uint32_t last = UINT32_C(1) << (length - 1);
+    return (uint16_t)((bits & (last - 1)) | last | 1u);
+}
+
+/* Takes the next bit of the bursts under way. Returns the nodes whose level is flipped. */
+static uint64_t go_on_with_bursts(cw_rule_state *s)
+{
+    uint64_t flipped = 0;
+    for (uint64_t rest = s->in_burst; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        if (s->bursts[i] & 1u)
+            flipped |= cw_node_bit(i);
+        s->bursts[i] >>= 1;
+        if (s->bursts[i] == 0)
+            s->in_burst &= ~cw_node_bit(i);
+    }
+    return flipped;
+}
+
+static void begin_bursts(cw_rule_state *s, uint64_t nodes)
+{
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        s->bursts[i] = shape_burst(&s->rule, s->prng.state, i);
+        s->in_burst |= cw_node_bit(i);
+    }
+}
+
+/* Where a burst is under way none begins. */
+static uint64_t shape(cw_rule_state *s, uint64_t drawn)
+{
+    const bool wire = s->rule.at == 0;
+    if (s->rule.burst_most == 0)
+        return drawn;
+    begin_bursts(s, (wire ? drawn & 1u : drawn) & ~s->in_burst);
+    const uint64_t flipped = go_on_with_bursts(s);
+    return wire && flipped ? UINT64_MAX : flipped;
 }
 
 static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
@@ -50,7 +99,7 @@ static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t 
 void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)nodes; /* the rule draws its nodes */
-    const uint64_t flipped = draw_bit(set, &s->rule, &s->prng);
+    const uint64_t flipped = shape(s, draw_bit(set, &s->rule, &s->prng));
     if (flipped)
         flip(set, s, levels, flipped);
 }
@@ -63,11 +112,13 @@ static bool is_steady_noise(const cw_rule_state *s)
 }
 
 /* Returns the first bit that a rule flips, of so many after those looked at before. Returns their
- * number when it flips none. */
+ * number when it flips none. It may flip any bit of a burst. */
 static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint64_t from,
                            uint64_t bits)
 {
     cw_prng prng = s->prng;
+    if (s->in_burst)
+        return 0;
     cw_prng_skip(&prng, from * draws_of_bit(set, s));
     for (uint64_t i = 0; i < bits; i++)
         if (draw_bit(set, &s->rule, &prng))

@@ -69,7 +69,7 @@ static bool numbers_in_range(const cw_rule_set *set, const cw_rule *r, const cw_
     return !(does->traits & CW_SENDS_FRAME) || sends_frame(set, r);
 }
 
-/* Checks the times of actions for parts of bits. */
+/* Checks the times of actions for parts of bits, and the bursts of noise. */
 static bool spans_in_range(const cw_rule_set *set, const cw_rule *r)
 {
     const cw_span bit = (cw_span)cw_least(cw_rate_ticks(cw_wire_rate(set->bus.time), 1),
@@ -77,6 +77,8 @@ static bool spans_in_range(const cw_rule_set *set, const cw_rule *r)
     if (r->action == CW_ACTION_PULSE)
         return r->pulse_offset >= 0 && r->pulse_offset / 16 <= bit && r->pulse_length > 0 &&
                r->pulse_length <= INT64_MAX / 4;
+    if (r->action == CW_ACTION_NOISE)
+        return r->burst_least <= r->burst_most && (r->burst_least || !r->burst_most);
     if (r->action == CW_ACTION_JITTER)
         return r->jitter > 0 && r->jitter <= bit;
     return r->action != CW_ACTION_RAMP || r->for_ticks > 0;

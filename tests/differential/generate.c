@@ -281,6 +281,8 @@ static void add_plan_helper(generator *g, diff_plan *plan, unsigned first)
     rule->every = (uint32_t)diff_between(r, 1, g->maker.rarity);
     rule->index = (uint16_t)diff_below(r, 6);
     rule->error_rate = UINT64_MAX / diff_magnitude(r, 50, 100000);
+    if (rule->action == CW_ACTION_NOISE && diff_chance(r, 300))
+        rule->burst_most = rule->burst_least = (uint16_t)diff_between(r, 2, CW_BURST_MAX);
     if (rule->action == CW_ACTION_NOISE && diff_chance(r, 500))
         rule->at = diff_random_nodes(&g->maker);
     if (rule->has_after) {

@@ -384,6 +384,10 @@ static void random_levels(diff_maker *m, cw_rule *rule)
     if (diff_chance(r, 400))
         rule->dominant_timeout = diff_random_ticks(m, 1, 300);
     rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 10000000);
+    if (diff_chance(r, 400)) {
+        rule->burst_least = (uint16_t)diff_between(r, 1, CW_BURST_MAX);
+        rule->burst_most = (uint16_t)diff_between(r, rule->burst_least, CW_BURST_MAX);
+    }
     for (unsigned i = 0; i < m->nodes; i++)
         rule->group[i] = (uint8_t)diff_below(r, diff_between(r, 1, 4));
 }

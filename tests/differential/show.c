@@ -207,6 +207,10 @@ static void write_levels(FILE *out, const cw_rule *r)
                 r->quantum_to);
     if (r->action == CW_ACTION_NOISE)
         write_number(out, "error_rate", r->error_rate);
+    if (r->action == CW_ACTION_NOISE && r->burst_most) {
+        write_number(out, "burst_least", r->burst_least);
+        write_number(out, "burst_most", r->burst_most);
+    }
     if (r->action == CW_ACTION_PARTITION)
         write_bytes(out, "group", r->group, CW_NODES_MAX);
 }

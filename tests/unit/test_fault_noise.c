@@ -122,6 +122,96 @@ static void questions_change_nothing(void **state)
     rig_free(left_alone);
 }
 
+/* ---- Bursts ---------------------------------------------------------------------------------- */
+
+typedef struct seen_bursts {
+    unsigned of[CW_BURST_MAX + 1]; /* by length */
+    unsigned count;
+    unsigned inner;         /* bits between the first and the last one ... */
+    unsigned inner_flipped;
+} seen_bursts;
+
+static void end_burst(seen_bursts *b, uint64_t first, uint64_t last, unsigned flipped)
+{
+    const unsigned length = (unsigned)((last - first) / BIT + 1);
+    assert_in_range(length, 1, CW_BURST_MAX);
+    b->of[length]++;
+    b->count++;
+    b->inner += length > 2 ? length - 2 : 0;
+    b->inner_flipped += flipped > 2 ? flipped - 2 : 0;
+}
+
+/* Groups flipped bits of a rule that has a hit once in some 5000 bits. */
+static seen_bursts run_bursts(unsigned least, unsigned most, uint64_t at, bool stepping)
+{
+    seen_bursts b = {.count = 0};
+    uint64_t first = 0, last = 0;
+    unsigned flipped = 0;
+    rig *r = rig_new(2);
+    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+    noise->error_rate = UINT64_MAX / 5000;
+    noise->burst_least = (uint16_t)least;
+    noise->burst_most = (uint16_t)most;
+    noise->at = at;
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    rig_run_bits(r, 1000000);
+    for (size_t i = 0; i < r->count; i++) {
+        const uint64_t tick = r->events[i].tick;
+        if (r->events[i].kind != CW_EVENT_FAULT)
+            continue;
+        if (flipped && tick > first + (CW_BURST_MAX - 1) * BIT) {
+            end_burst(&b, first, last, flipped);
+            flipped = 0;
+        }
+        first = flipped++ ? first : tick;
+        last = tick;
+    }
+    rig_free(r);
+    return b;
+}
+
+/* Some of the some 200 begin so early that they look like one with the burst before. */
+static void a_burst_has_its_length(void **state)
+{
+    (void)state;
+    const seen_bursts b = run_bursts(15, 15, 0, false);
+    assert_in_range(b.count, 150, 250);
+    assert_in_range(b.of[15], b.count - 6, b.count);
+    assert_in_range(b.inner_flipped, b.inner * 4 / 10, b.inner * 6 / 10);
+    const seen_bursts stepped = run_bursts(15, 15, 0, true);
+    assert_memory_equal(&b, &stepped, sizeof b);
+}
+
+static void lengths_are_drawn_evenly(void **state)
+{
+    (void)state;
+    const seen_bursts b = run_bursts(1, 15, NODE(1), false);
+    for (unsigned length = 1; length <= 15; length++)
+        assert_in_range(b.of[length], b.count / 15 / 3, b.count / 15 * 2 + 4);
+    const seen_bursts single = run_bursts(1, 1, NODE(1), false);
+    const seen_bursts none = run_bursts(0, 0, NODE(1), false);
+    assert_memory_equal(&single, &none, sizeof none);
+}
+
+static void bursts_out_of_range_are_refused(void **state)
+{
+    (void)state;
+    static const uint16_t wrong[][2] = {{0, 5}, {5, 4}, {1, CW_BURST_MAX + 1}, {1, 0}};
+    rig *r = rig_new(2);
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        r->config.rule_count = 0;
+        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+        noise->burst_least = wrong[i][0];
+        noise->burst_most = wrong[i][1];
+        void *memory = malloc(cw_bus_size(&r->config));
+        assert_non_null(memory);
+        assert_null(cw_bus_init(memory, &r->config));
+        free(memory);
+    }
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -129,6 +219,9 @@ int main(void)
         cmocka_unit_test(noise_is_followed_from_the_end_of_its_bit),
         cmocka_unit_test(noise_with_count_and_skip),
         cmocka_unit_test(questions_change_nothing),
+        cmocka_unit_test(a_burst_has_its_length),
+        cmocka_unit_test(lengths_are_drawn_evenly),
+        cmocka_unit_test(bursts_out_of_range_are_refused),
     };
     return cmocka_run_group_tests_name("fault_noise", tests, NULL, NULL);
 }

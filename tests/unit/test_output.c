@@ -359,10 +359,12 @@ static void stats_keys_are_in_order(void **state)
                                            "frames",
                                            "frame_bits",
                                            "error_frames",
+                                           "error_rate_ppm",
                                            "overload_frames",
                                            "arbitration_lost",
                                            "improper_arbitrations",
                                            "undetected_errors",
+                                           "undetected_expected_ppt",
                                            "faults",
                                            "pending",
                                            NULL};

@@ -6,6 +6,7 @@
 
 #include "record/output.h"
 #include "record/rate_load.h"
+#include "record/residual.h"
 
 #include <inttypes.h>
 
@@ -44,6 +45,14 @@ static void print_fd(FILE *out, const cw_bus_stats *stats)
     fputc('\n', out);
 }
 
+static void print_errors(FILE *out, const cw_bus_stats *stats)
+{
+    const uint64_t ppm = residual_error_ppm(stats), ppt = residual_expected_ppt(stats);
+    fprintf(out, "errors: %" PRIu64 ".%04" PRIu64 " %% of all frames; undetected ones: %" PRIu64
+            " counted, %.2g expected\n", ppm / 10000, ppm % 10000, stats->undetected_errors,
+            (double)ppt * 1e-12);
+}
+
 void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
 {
     cw_bus_stats stats;
@@ -57,6 +66,8 @@ void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
             "%" PRIu64 " fault hits\n",
             config->bus_name, time, config->bitrate_bps, stats.frames, load / 10, load % 10,
             stats.error_frames, stats.faults);
+    if (stats.error_frames)
+        print_errors(out, &stats);
     if (output_has_fd(config, bus))
         print_fd(out, &stats);
     fprintf(out, "%-16s %-13s %4s %4s %9s %9s %8s %8s %8s %7s\n", "node", "state", "tec", "rec",
