@@ -48,7 +48,7 @@ endif
 PACKAGES := libev lcm yaml-0.1 libsystemd jansson
 # libev has no pkg-config file in Debian
 DAEMON_LIBS := -lev -llcm -lsystemd -lm
-TOOL_LIBS := -lyaml -ljansson
+TOOL_LIBS := -lyaml -ljansson -lm
 
 CFLAGS ?=
 ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS) -Ilib \

@@ -58,7 +58,7 @@ _canwire_options() {
             --controller --kernel --dbitrate --dsample-point --json --help
         ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
-    analyse) echo --simulate --error-every --json --help ;;
+    analyse) echo --simulate --error-every --error-rate --json --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
     record) echo --format --size --files --help ;;
@@ -78,7 +78,7 @@ _canwire_place() {
     for ((i = 2; i < COMP_CWORD; i++)); do
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
-        --format | --size | --files | --with | --until | --simulate | --error-every | \
+        --format | --size | --files | --with | --until | --simulate | --error-every | --error-rate | \
             --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | \
             --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
         esac

@@ -136,6 +136,104 @@ def test_no_simulated_message_is_later_than_its_bound(tmp_path):
     assert bounded > 300
 
 
+def worst_case(messages, me, bit):
+    """The longest response of a message when the longest frame below it has just begun and all
+    others come at once, as late as they may, and then at the ends of their periods."""
+    above = [m for m in messages if m["rank"] <= me["rank"]]
+    released = [(k * m["period_ns"] - (m["jitter_ns"] if k else 0), m["rank"], k)
+                for m in above for k in range(400)]
+    released.sort()
+    lengths = {m["rank"]: m["length_ns"] for m in above}
+    now, worst, waiting, q = me["blocking_ns"], 0, [], 0
+    while True:
+        while released and released[0][0] < now + bit:
+            waiting.append(released.pop(0))
+        if not waiting:
+            return worst
+        first = min(waiting, key=lambda r: r[1:])
+        waiting.remove(first)
+        if first[1] == me["rank"]:
+            response = me["jitter_ns"] + now + me["length_ns"] - q * me["period_ns"]
+            worst, q = max(worst, response), q + 1
+        now += lengths[first[1]]
+
+
+def test_responses_are_those_of_the_worst_case_step_by_step(tmp_path):
+    """An independent simulation of frames, as they come in the worst case."""
+    checked = more = 0
+    for seed in range(40):
+        rng = random.Random(1000 + seed)
+        text = random_bus(rng).replace(", controller: { model: basic }", "")
+        path = tmp_path / f"{seed}.yaml"
+        path.write_text(text)
+        result = subprocess.run([CANWIRE, "analyse", path, "--json"], stdout=subprocess.PIPE,
+                                check=False)
+        messages = json.loads(result.stdout)["messages"]
+        bit = 4000 if "bitrate: 250000" in text else 2000
+        for rank, m in enumerate(messages):
+            m["rank"] = rank
+        for m in messages:
+            assert m["exact"]
+            if m["response_ns"] is None:
+                continue
+            assert worst_case(messages, m, bit) == m["response_ns"], (seed, m)
+            checked += 1
+            more += m["response_ns"] > m["blocking_ns"] + m["jitter_ns"] + m["length_ns"]
+    assert checked > 200 and more > 100
+
+
+@pytest.mark.parametrize("model, exact", [
+    ("", True), (", order: fifo", False), (", controller: { model: basic }", False)])
+def test_bounds_are_told_from_exact_results(write, model, exact):
+    path = write(PAPER.replace("name: c", "name: c" + model).replace("3500us", "10ms"))
+    assert by_id(analyse(path))["003"]["exact"] == exact
+    assert ("~" in canwire("analyse", path).stdout) != exact
+
+
+def test_slow_clocks_make_frames_longer(write):
+    """A bit 1 % longer, and one more for the differences of clocks."""
+    path = write(PAPER.replace("name: b", "name: b, ppm: -10000").replace("00us", "0ms"))
+    length = by_id(analyse(path))["001"]["length_ns"]
+    assert length == pytest.approx(1_000_000 / 0.99 + 8000, abs=20)
+
+
+def test_loads_by_stuffing(write):
+    result = analyse(write(PAPER.replace("3500us", "10ms").replace("2500us", "10ms")))
+    assert result["load_longest_ppm"] == 300_000
+    assert result["load_mean_ppm"] < result["load_ppm"] < result["load_longest_ppm"]
+    assert sum(n["load_mean_ppm"] for n in result["nodes"]) == result["load_mean_ppm"]
+    assert 225_000 < result["load_mean_ppm"] < 260_000
+
+
+def test_identifiers_with_stuff_bits_are_named(write):
+    path = write(PAPER.replace("001#", "555#"))
+    assert {i: m["id_stuff_bits"] for i, m in by_id(analyse(path, status=3)).items()} == {
+        "002": 2, "003": 2, "555": 0}
+    assert "stuff bits: 002 003" in canwire("analyse", path, status=3).stdout
+
+
+def test_errors_at_random(write):
+    path = write(PAPER.replace("3500us", "20ms").replace("2500us", "20ms"))
+    result = analyse(path, "--error-rate", "1e-5")
+    assert result["error_every_ns"] == 800_000_000
+    assert result["frame_error_rate"] == pytest.approx(1 - (1 - 1e-5) ** 125)
+    assert result["undetected_per_hour"] == pytest.approx(
+        150 * 3600 * result["frame_error_rate"] * 4.7e-11)
+    message = by_id(result)["003"]
+    assert message["errors_survived"] == int((20 - 3) / 1.248)
+    assert 0 < message["late_probability"] < 1e-20
+    often = by_id(analyse(path, "--error-rate", "1000/s", "--error-every", "10ms", status=0))
+    assert often["003"]["late_probability"] > 0.5
+    table = canwire("analyse", path, "--error-rate", "1e-5").stdout.splitlines()
+    assert table[0].split()[-2:] == ["ERRORS", "P(LATE)"]
+
+
+@pytest.mark.parametrize("rate", ["0", "1", "2", "-1", "x", "10/", "/s", "0/s", "1e-5/s"])
+def test_bad_error_rates(write, rate):
+    result = canwire("analyse", write(PAPER), f"--error-rate={rate}", status=1)
+    assert f"--error-rate {rate}: expected" in result.stderr
+
+
 def test_ports_and_replays_make_it_incomplete(write, tmp_path):
     (tmp_path / "log").write_text("(1.0) can0 123#\n")
     assert analyse(write(PAPER))["complete"]

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "cli/analyse/response.h"
+#include "cli/analyse/failure.h"
 
 #define MS ((uint64_t)CW_CLOCK_HZ / 1000)
 #define US (MS / 1000)
@@ -124,6 +124,46 @@ static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
     assert_int_equal(m[1].response, CW_NEVER);
 }
 
+/* Errors that come at any time: each takes 31 bits and the longest frame so far. */
+static void messages_survive_errors_up_to_their_period(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 100 * MS, .length = 2 * MS, .node = 0},
+        {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
+        {.key = 3, .period = 4 * MS, .length = 1 * MS, .node = 2},
+    };
+    const response_bus bus = {BIT_125K, 50 * MS, m, 3};
+    int survived[3];
+    failure_find(&bus, survived);
+    assert_int_equal(survived[0], 43); /* (100 - 1 - 2) / 2.248 */
+    assert_int_equal(survived[1], 42); /* (100 - 1 - 3) / 2.248 */
+    assert_int_equal(survived[2], 0);
+    m[2].period = 3 * MS;
+    failure_find(&bus, survived);
+    assert_int_equal(survived[2], -1);
+}
+
+static void assert_near(double value, double expected)
+{
+    assert_true(value > expected * (1 - 1e-9) && value < expected * (1 + 1e-9));
+}
+
+/* The distribution of Poisson, by hand. */
+static void probabilities_of_errors(void **state)
+{
+    (void)state;
+    assert_near(failure_probability(-1, 0.5), 1);
+    assert_near(failure_probability(0, 1), 0.63212055882855768);
+    assert_near(failure_probability(1, 2), 0.59399415029016192);
+    assert_near(failure_probability(2, 1e-3), 1.6654171660556e-10);
+    assert_near(failure_probability(64, 1000), 1);
+    assert_true(failure_probability(3, 0) <= 0);
+    assert_near(failure_of_frame(1, 0.25), 0.25);
+    assert_near(failure_of_frame(2, 0.25), 0.4375);
+    assert_near(failure_of_frame(100, 1e-12), 1e-10 * (1 - 49.5e-12));
+}
+
 static void priorities_are_those_of_arbitration(void **state)
 {
     (void)state;
@@ -148,6 +188,8 @@ int main(void)
         cmocka_unit_test(errors_take_time),
         cmocka_unit_test(more_than_the_bus_can_carry_has_no_bound),
         cmocka_unit_test(a_fifo_node_makes_its_frames_wait_for_each_other),
+        cmocka_unit_test(messages_survive_errors_up_to_their_period),
+        cmocka_unit_test(probabilities_of_errors),
         cmocka_unit_test(priorities_are_those_of_arbitration),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -5,29 +5,42 @@
 #include "cli/cli.h"
 
 #include "base/plain.h"
+#include "cli/analyse/failure.h"
 #include "cli/analyse/report.h"
 #include "cli/sim/sim_run.h"
 #include "config/files.h"
 
 #include <getopt.h>
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const char usage[] =
-    "usage: canwire analyse FILE [--simulate TIME] [--error-every TIME] [--json]\n"
+    "usage: canwire analyse FILE [--simulate TIME] [--error-every TIME] [--error-rate RATE] [--json]\n"
     "\n"
     "Shows the worst-case response time of each message that nodes of FILE send (traffic with\n"
     "`send`): from the begin of its period to the end of its frame and intermission. It counts\n"
-    "its jitter, the longest frame of lower priority that has just begun, and all that come\n"
-    "before it, with the most stuff bits. The analysis is exact for nodes that send by priority.\n"
-    "For `order: fifo` and `model: basic` it is an upper bound: each frame waits for all others\n"
-    "of its node. Also shown is the load of the bus and of each node, for frames as they are and\n"
-    "with the most stuff bits. Fault rules of FILE do not count.\n"
+    "its `jitter`, the longest frame of lower priority that has just begun, and all that come\n"
+    "before it, with the most stuff bits. Offsets do not count: any may come together. The\n"
+    "analysis is exact for nodes that send by priority, also with mailboxes where each message\n"
+    "finds one (`model: full`). For `order: fifo`, `model: basic` and other mailboxes it is an\n"
+    "upper bound (~): each frame waits for all others of its node. The slowest clock and\n"
+    "overload frames of full buffers make frames longer. Fault rules of FILE do not count.\n"
+    "\n"
+    "Also shown is the load of the bus and of each node: for frames as they are, for random data,\n"
+    "and with the most stuff bits. Identifiers that need stuff bits are named, since there two\n"
+    "wrong bits may escape the CRC; 1490 of the 2048 base identifiers need none.\n"
     "\n"
     "  --simulate TIME\n"
     "                 simulate the bus for so long (60s), without faults, and show the longest\n"
     "                 time that each message needed. It must stay below the response time\n"
     "  --error-every TIME\n"
     "                 in each such time an error destroys a frame (10ms)\n"
+    "  --error-rate RATE\n"
+    "                 errors come at random, so many in a bit (1e-5) or in a second (10/s). Show how\n"
+    "                 many a message survives in its period, the probability of more, frames\n"
+    "                 that are destroyed, and errors that nobody finds. Without --error-every\n"
+    "                 response times are those of errors at the mean distance\n"
     "  --json         as JSON, times in ns\n"
     "  -h, --help     this text\n"
     "\n"
@@ -37,6 +50,7 @@ static const char usage[] =
 static const struct option options[] = {
     {"help", no_argument, NULL, 'h'},       {"simulate", required_argument, NULL, 's'},
     {"error-every", required_argument, NULL, 'e'}, {"json", no_argument, NULL, 'j'},
+    {"error-rate", required_argument, NULL, 'r'},
     {NULL, 0, NULL, 0},
 };
 
@@ -44,6 +58,8 @@ typedef struct wishes {
     const char *file;
     cfg_time simulate;    /* 0: no simulation */
     cfg_time error_every; /* 0: no errors */
+    double per_bit;       /* errors at random; 0: none */
+    double per_second;
     bool json;
 } wishes;
 
@@ -55,6 +71,26 @@ static bool take_time(cfg_time *out, const char *option, const char *text)
     if (wrong)
         plain_print(stderr, "canwire analyse: %s %s: %s\n", option, text, wrong);
     return !wrong;
+}
+
+/* Reads a part of the bits, or a number a second. */
+static bool take_rate(wishes *w, const char *text)
+{
+    uint64_t fraction = 0;
+    const size_t length = strlen(text);
+    const bool per_second = length > 2 && strcmp(text + length - 2, "/s") == 0;
+    const size_t digits = strspn(text, "0123456789.");
+    w->per_bit = w->per_second = 0;
+    if (per_second && digits == length - 2)
+        w->per_second = strtod(text, NULL);
+    else if (!per_second && !text_parse_probability(&fraction, text))
+        w->per_bit = ldexp((double)fraction, -64);
+    const bool good = w->per_bit > 0 ? w->per_bit < 1 : w->per_second > 0;
+    if (!good)
+        plain_print(stderr, "canwire analyse: --error-rate %s: expected a part of all bits, more "
+                            "than 0 and less than 1, such as 1e-5, or a number a second, such as "
+                            "10/s\n", text);
+    return good;
 }
 
 /* ---- Simulation ------------------------------------------------------------------------------ */
@@ -112,23 +148,50 @@ static uint64_t ticks_or(cfg_time time, cw_rate rate, uint64_t none)
     return time.ns || time.bits ? text_time_ticks(time, rate) : none;
 }
 
+/* Returns the errors in a bit, at random. */
+static double error_rate(const wishes *w, const cfg *config)
+{
+    const double second = (double)CW_CLOCK_HZ / (double)cw_rate_ticks(config->rate, 1);
+    const double rate = w->per_bit > 0 ? w->per_bit : w->per_second / second;
+    return rate < 1 ? rate : 1 - 1e-9;
+}
+
+/* Returns the time in which there is one error. */
+static uint64_t error_every(const wishes *w, const analysis *a, cw_rate rate)
+{
+    const uint64_t given = ticks_or(w->error_every, rate, CW_NEVER);
+    const double mean = a->error_rate > 0 ? (double)cw_rate_ticks(rate, 1) / a->error_rate : 0;
+    return given != CW_NEVER || !(mean >= 1 && mean < 1e18) ? given : (uint64_t)(mean + 0.5);
+}
+
+/* Finds all that is to be found of a bus. Returns false without memory. */
+static bool find_all(const analysis *a, sources *s, int *survived, cfg *config)
+{
+    response_bus bus = {.bit = cw_rate_ticks(config->rate, 1), .error_every = a->error_every,
+                        .messages = s->messages, .count = s->count};
+    if (a->error_rate > 0)
+        failure_find(&bus, survived);
+    response_find(&bus);
+    return !a->simulated || simulate(s, config, a->simulated);
+}
+
 static int analyse(const wishes *w, cfg *config)
 {
     sources s;
     int status = CLI_BAD_INPUT;
-    analysis a = {.sources = &s, .error_every = ticks_or(w->error_every, config->rate, CW_NEVER),
+    analysis a = {.sources = &s, .error_rate = error_rate(w, config),
                   .simulated = ticks_or(w->simulate, config->rate, 0)};
-    if (sources_find(&s, config)) {
-        response_bus bus = {.bit = cw_rate_ticks(config->rate, 1), .error_every = a.error_every,
-                            .messages = s.messages, .count = s.count};
-        response_find(&bus);
-        if (!a.simulated || simulate(&s, config, a.simulated)) {
-            show(w, &a);
-            status = report_is_bad(&a) ? CLI_EXPECTATION : CLI_OK;
-        }
-    } else {
+    a.error_every = error_every(w, &a, config->rate);
+    const bool found = sources_find(&s, config);
+    int *survived = calloc(s.count + 1, sizeof *survived);
+    a.survived = survived;
+    if (!found || !survived) {
         plain_print(stderr, "canwire analyse: out of memory\n");
+    } else if (find_all(&a, &s, survived, config)) {
+        show(w, &a);
+        status = report_is_bad(&a) ? CLI_EXPECTATION : CLI_OK;
     }
+    free(survived);
     sources_free(&s);
     return status;
 }
@@ -161,6 +224,8 @@ int cli_analyse(int argc, char **argv)
         if (option == 's' && !take_time(&w.simulate, "--simulate", optarg))
             return CLI_BAD_INPUT;
         if (option == 'e' && !take_time(&w.error_every, "--error-every", optarg))
+            return CLI_BAD_INPUT;
+        if (option == 'r' && !take_rate(&w, optarg))
             return CLI_BAD_INPUT;
         w.json = w.json || option == 'j';
     }

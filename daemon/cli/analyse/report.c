@@ -4,6 +4,7 @@
  */
 #include "cli/analyse/report.h"
 
+#include "cli/analyse/failure.h"
 #include "trace/frametext.h"
 
 #include <inttypes.h>
@@ -11,13 +12,9 @@
 
 #define CELL_MAX 40
 #define PPM 1000000u
+#define UNDETECTED 4.7e-11 /* of destroyed base frames */
 
 /* ---- Values ---------------------------------------------------------------------------------- */
-
-static bool is_late(const response_message *m)
-{
-    return m->response == CW_NEVER || (m->period != CW_NEVER && m->response > m->period);
-}
 
 static bool exceeds(const source *s, const response_message *m)
 {
@@ -28,22 +25,55 @@ bool report_is_bad(const analysis *a)
 {
     bool bad = false;
     for (size_t i = 0; i < a->sources->count; i++)
-        bad = bad || is_late(&a->sources->messages[i]) ||
+        bad = bad || response_is_late(&a->sources->messages[i]) ||
               exceeds(&a->sources->list[i], &a->sources->messages[i]);
     return bad;
 }
 
+/* The lengths of frames. */
+typedef enum stuffing { AS_IT_IS = 0, MEAN, LONGEST } stuffing;
+
 /* Returns the part of the bus that frames of a node take, in ppm; CW_NODES_MAX: all nodes. */
-static uint64_t load_ppm(const sources *s, unsigned node, bool longest)
+static uint64_t load_ppm(const sources *s, unsigned node, stuffing which)
 {
     uint64_t sum = 0;
     for (size_t i = 0; i < s->count; i++) {
         const response_message *m = &s->messages[i];
-        const uint64_t length = longest ? m->length : s->list[i].length;
+        const uint64_t lengths[] = {s->list[i].length, s->list[i].mean, m->length};
+        const uint64_t length = lengths[which];
         if (m->period != CW_NEVER && (node == CW_NODES_MAX || m->node == node))
             sum += length * PPM / m->period;
     }
     return sum;
+}
+
+/* Returns the probability that more errors come in the period of a message than it survives. */
+static double probability_of_late(const analysis *a, size_t i)
+{
+    const uint64_t period = a->sources->messages[i].period;
+    const double bits = (double)period / (double)cw_rate_ticks(a->sources->config->rate, 1);
+    if (a->survived[i] < 0)
+        return 1;
+    return period == CW_NEVER ? 0 : failure_probability(a->survived[i], bits * a->error_rate);
+}
+
+typedef struct destroyed {
+    double share;      /* of all frames */
+    double undetected; /* in an hour */
+} destroyed;
+
+/* Returns what errors at random do to the frames. The bound for errors that nobody finds is that of
+ * classical base frames. */
+static destroyed find_destroyed(const analysis *a)
+{
+    double all = 0, bad = 0;
+    for (size_t i = 0; i < a->sources->count; i++) {
+        const response_message *m = &a->sources->messages[i];
+        const double rate = m->period == CW_NEVER ? 0 : (double)CW_CLOCK_HZ / (double)m->period;
+        all += rate;
+        bad += rate * failure_of_frame(a->sources->list[i].bits, a->error_rate);
+    }
+    return (destroyed){.share = all > 0 ? bad / all : 0, .undetected = bad * 3600 * UNDETECTED};
 }
 
 /* ---- Table ----------------------------------------------------------------------------------- */
@@ -68,41 +98,84 @@ static void print_message(FILE *out, const analysis *a, size_t i)
 {
     const source *s = &a->sources->list[i];
     const response_message *m = &a->sources->messages[i];
-    char frame[FRAME_TEXT_MAX], every[CELL_MAX], blocking[CELL_MAX], response[CELL_MAX],
+    char frame[FRAME_TEXT_MAX], every[CELL_MAX], blocking[CELL_MAX], response[CELL_MAX + 1],
         seen[CELL_MAX];
     text_print_frame(frame, &s->traffic->frame);
     frame[strcspn(frame, "#")] = '\0';
+    response[0] = '~';
+    (void)print_time(response + m->fifo, m->response);
     fprintf(out, "%-12s %-8s %9s %5u %8s %9s", s->node->name, frame, print_time(every, m->period),
-            s->bits, print_time(blocking, m->blocking), print_time(response, m->response));
+            s->bits, print_time(blocking, m->blocking), response);
     if (a->simulated)
         fprintf(out, " %9s", s->seen_count ? print_time(seen, s->seen) : "-");
-    fputs(m->response == CW_NEVER ? "  no bound" : is_late(m) ? "  late" : "", out);
+    if (a->error_rate > 0)
+        fprintf(out, " %6d %8.1e", a->survived[i], probability_of_late(a, i));
+    fputs(m->response == CW_NEVER ? "  no bound" : response_is_late(m) ? "  late" : "", out);
     fputs(exceeds(s, m) ? "  above its bound\n" : "\n", out);
 }
 
 static void print_loads(FILE *out, const analysis *a)
 {
     const sources *s = a->sources;
-    char mean[CELL_MAX], worst[CELL_MAX];
-    fputs("\nLOAD             as it is   longest\n", out);
+    char as_it_is[CELL_MAX], mean[CELL_MAX], worst[CELL_MAX];
+    fputs("\nLOAD             as it is      mean   longest\n", out);
     for (unsigned i = 0; i <= s->config->node_count; i++) {
         const bool all = i == s->config->node_count;
         const unsigned node = all ? CW_NODES_MAX : i;
-        if (all || load_ppm(s, node, true))
-            fprintf(out, "%-15s %9s %9s\n", all ? "bus" : s->config->nodes[i].name,
-                    print_percent(mean, load_ppm(s, node, false)),
-                    print_percent(worst, load_ppm(s, node, true)));
+        if (all || load_ppm(s, node, LONGEST))
+            fprintf(out, "%-15s %9s %9s %9s\n", all ? "bus" : s->config->nodes[i].name,
+                    print_percent(as_it_is, load_ppm(s, node, AS_IT_IS)),
+                    print_percent(mean, load_ppm(s, node, MEAN)),
+                    print_percent(worst, load_ppm(s, node, LONGEST)));
     }
+}
+
+static void print_errors(FILE *out, const analysis *a)
+{
+    const destroyed d = find_destroyed(a);
+    fprintf(out, "\nErrors at random: %.2g of a bit. They destroy %.2g of the frames; nobody finds "
+            "%.2g errors an hour\n(at most, of base frames). ERRORS are those that a message "
+            "survives in its period, P(LATE) the\nprobability of more.\n",
+            a->error_rate, d.share, d.undetected);
+}
+
+/* Names the identifiers where two wrong bits may escape the CRC. */
+static void print_stuffed(FILE *out, const sources *s)
+{
+    unsigned count = 0;
+    for (size_t i = 0; i < s->count; i++) {
+        char frame[FRAME_TEXT_MAX];
+        if (s->list[i].id_stuff == 0)
+            continue;
+        text_print_frame(frame, &s->list[i].traffic->frame);
+        frame[strcspn(frame, "#")] = '\0';
+        fprintf(out, "%s%s", count++ ? " " : "\nIdentifiers with stuff bits: ", frame);
+    }
+    fputs(count ? "\n" : "", out);
+}
+
+static bool has_upper_bounds(const sources *s)
+{
+    bool any = false;
+    for (size_t i = 0; i < s->count; i++)
+        any = any || s->messages[i].fifo;
+    return any;
 }
 
 void report_print(FILE *out, const analysis *a)
 {
     fprintf(out, "%-12s %-8s %9s %5s %8s %9s", "NODE", "FRAME", "EVERY", "BITS", "BLOCKED",
             "RESPONSE");
-    fputs(a->simulated ? "      SEEN\n" : "\n", out);
+    fputs(a->simulated ? "      SEEN" : "", out);
+    fputs(a->error_rate > 0 ? " ERRORS  P(LATE)\n" : "\n", out);
     for (size_t i = 0; i < a->sources->count; i++)
         print_message(out, a, i);
     print_loads(out, a);
+    print_stuffed(out, a->sources);
+    if (a->error_rate > 0)
+        print_errors(out, a);
+    if (has_upper_bounds(a->sources))
+        fputs("\nResponses with '~' are upper bounds: frames of the node wait for each other.\n", out);
     fputs("\nTimes are in ms, bits and times with the most stuff bits.\n", out);
     if (a->sources->incomplete)
         fputs("Frames of ports, replays and replies are not among them: what they add is not "
@@ -130,17 +203,32 @@ static json_t *json_of_message(const analysis *a, size_t i)
     json_object_set_new(object, "length_ns", json_of_ticks(m->length));
     json_object_set_new(object, "blocking_ns", json_of_ticks(m->blocking));
     json_object_set_new(object, "response_ns", json_of_ticks(m->response));
-    json_object_set_new(object, "late", json_boolean(is_late(m)));
+    json_object_set_new(object, "exact", json_boolean(!m->fifo));
+    json_object_set_new(object, "id_stuff_bits", json_integer(s->id_stuff));
+    json_object_set_new(object, "late", json_boolean(response_is_late(m)));
     if (a->simulated)
         json_object_set_new(object, "seen_ns",
                             s->seen_count ? json_of_ticks(s->seen) : json_null());
+    if (a->error_rate > 0) {
+        json_object_set_new(object, "errors_survived", json_integer(a->survived[i]));
+        json_object_set_new(object, "late_probability", json_real(probability_of_late(a, i)));
+    }
     return object;
 }
 
 static json_t *json_of_load(const sources *s, unsigned node)
 {
-    return json_pack("{s:I, s:I}", "load_ppm", (json_int_t)load_ppm(s, node, false),
-                     "load_longest_ppm", (json_int_t)load_ppm(s, node, true));
+    return json_pack("{s:I, s:I, s:I}", "load_ppm", (json_int_t)load_ppm(s, node, AS_IT_IS),
+                     "load_mean_ppm", (json_int_t)load_ppm(s, node, MEAN), "load_longest_ppm",
+                     (json_int_t)load_ppm(s, node, LONGEST));
+}
+
+static void put_errors(json_t *object, const analysis *a)
+{
+    const destroyed d = find_destroyed(a);
+    json_object_set_new(object, "bit_error_rate", json_real(a->error_rate));
+    json_object_set_new(object, "frame_error_rate", json_real(d.share));
+    json_object_set_new(object, "undetected_per_hour", json_real(d.undetected));
 }
 
 json_t *report_json(const analysis *a)
@@ -160,6 +248,8 @@ json_t *report_json(const analysis *a)
     json_object_set_new(object, "error_every_ns", json_of_ticks(a->error_every));
     if (a->simulated)
         json_object_set_new(object, "simulated_ns", json_of_ticks(a->simulated));
+    if (a->error_rate > 0)
+        put_errors(object, a);
     json_object_set_new(object, "messages", messages);
     json_object_set_new(object, "nodes", nodes);
     return object;

@@ -15,6 +15,8 @@ typedef struct analysis {
     const sources *sources;
     uint64_t error_every; /* ticks; CW_NEVER: no errors */
     uint64_t simulated;   /* ticks of bus time; 0: nothing */
+    double error_rate;    /* errors in a bit, at random; 0: none */
+    const int *survived;  /* with an error rate: see failure_find() */
 } analysis;
 
 /* Returns true when a message may come later than its period ends, or has been seen later than its

@@ -58,14 +58,15 @@ static bool goes_before(const view *v, const response_message *m)
 static uint64_t time_of_errors(const view *v, uint64_t time)
 {
     uint64_t longest = v->self->length;
-    if (v->bus->error_every == CW_NEVER)
+    if (v->bus->error_every == CW_NEVER && v->bus->errors == 0)
         return 0;
     for (size_t i = 0; i < v->bus->count; i++) {
         const response_message *m = &v->bus->messages[i];
         if (goes_before(v, m) && m->length > longest)
             longest = m->length;
     }
-    const uint64_t errors = (time + v->bus->error_every - 1) / v->bus->error_every;
+    const uint64_t every = v->bus->error_every;
+    const uint64_t errors = every == CW_NEVER ? v->bus->errors : (time + every - 1) / every;
     return errors * (ERROR_BITS * v->bus->bit + longest);
 }
 
@@ -128,6 +129,11 @@ static uint64_t find_instance(const view *v, uint64_t q)
     const uint64_t start = find_start(v, q);
     const uint64_t since = self->period == CW_NEVER ? 0 : q * self->period;
     return start >= LIMIT_TICKS ? CW_NEVER : self->jitter + start - since + self->length;
+}
+
+bool response_is_late(const response_message *m)
+{
+    return m->response == CW_NEVER || (m->period != CW_NEVER && m->response > m->period);
 }
 
 static void find_response(const response_bus *bus, response_message *self)

@@ -4,8 +4,8 @@
  *
  * The analysis is exact. It is that of Davis, Burns, Bril and Lukkien, "Controller Area Network
  * (CAN) schedulability analysis: refuted, revisited and revised", Real-Time Systems 35 (2007).
- * Nodes whose frames go first in, first out have an upper bound. Each frame waits there for all
- * others of the node, after Davis, Kollmann, Pollex and Slomka (2011).
+ * Nodes whose frames do not go by their identifiers have an upper bound. Each frame waits there for
+ * all others of the node, after Davis, Kollmann, Pollex and Slomka (2011).
  */
 #ifndef CANWIRE_CLI_ANALYSE_RESPONSE_H
 #define CANWIRE_CLI_ANALYSE_RESPONSE_H
@@ -16,7 +16,7 @@
 typedef struct response_message {
     uint32_t key;      /* the lower one wins arbitration, see response_key() */
     unsigned node;
-    bool fifo;         /* its node sends first in, first out */
+    bool fifo;         /* its node sends first in, first out, or in another order of its own */
     uint64_t period;   /* shortest time between two; CW_NEVER: it comes once */
     uint64_t jitter;   /* at most so late after the begin of its period */
     uint64_t length;   /* of its longest frame, with the intermission */
@@ -32,10 +32,14 @@ typedef struct response_bus {
     uint64_t error_every; /* one error in each such time; CW_NEVER: none */
     response_message *messages;
     size_t count;
+    unsigned errors;     /* without error_every: so many in all, whenever they come */
 } response_bus;
 
 /* Returns the priority of a frame: the lower one wins. */
 uint32_t response_key(const cw_frame *frame);
+
+/* Returns true when a message may come later than its period ends. */
+bool response_is_late(const response_message *m);
 
 /* Finds blocking and response of all messages. */
 void response_find(response_bus *bus);

@@ -11,6 +11,8 @@
 #include <string.h>
 
 #define INTERMISSION_BITS 3u
+#define OVERLOADS 34u /* bits of two overload frames: flag, delayed flag of others, delimiter */
+#define MEAN_OF 128u /* frames with random data */
 #define STUFF_EVERY 4u
 /* Bits from SOF to the last one of the CRC: without data, of base and extended frames. */
 #define BASE_STUFFED 34u
@@ -89,6 +91,67 @@ static uint64_t time_as_configured(const cfg *config, const cw_frame *frame)
     return sources_time(config, bits.length + INTERMISSION_BITS, fast);
 }
 
+/* Returns the same for random data. */
+static uint64_t mean_time(const cfg *config, const cw_frame *frame)
+{
+    cw_frame random = *frame;
+    uint64_t sum = 0, draw = 0;
+    for (unsigned n = 0; n < MEAN_OF; n++) {
+        for (unsigned k = 0; k < cw_frame_length(frame); k++)
+            random.data[k] = (uint8_t)(cw_random(1, "data", draw++) >> 32);
+        sum += time_as_configured(config, &random);
+    }
+    return sum / MEAN_OF;
+}
+
+/* ---- Controllers ----------------------------------------------------------------------------- */
+
+/* Returns true when each message of a node has a transmit mailbox of its own, so that none waits
+ * behind others. */
+static bool has_boxes_for_all(const cfg_node *node)
+{
+    const cfg_controller *c = &node->controller;
+    for (size_t t = 0; t < node->traffic_count; t++) {
+        size_t boxes = 0;
+        for (unsigned b = 0; b < c->mailbox_count; b++)
+            boxes += c->mailboxes[b].use == CW_MAILBOX_TRANSMIT &&
+                     cw_frame_matches(&node->traffic[t].frame, &c->mailboxes[b].filter, 1);
+        if (node->traffic[t].kind == CFG_TRAFFIC_SEND && boxes < node->traffic_count)
+            return false;
+    }
+    return true;
+}
+
+/* Returns true when frames of a node may wait for others of the node with higher identifiers. */
+static bool has_inner_inversion(const cfg_node *node)
+{
+    const cfg_controller *c = &node->controller;
+    const bool full = c->model == CFG_MODEL_FULL && c->mailbox_count > 0;
+    return node->order == CW_ORDER_FIFO ||
+           (full && (c->transmit != CW_TRANSMIT_PRIORITY || !has_boxes_for_all(node)));
+}
+
+/* Returns how much longer than nominal the bits of the slowest node are, in 2^-32. */
+static uint64_t slowness(const cfg *config)
+{
+    const uint64_t nominal = cw_rate_ticks(config->rate, 1) << 32;
+    uint64_t longest = nominal;
+    for (size_t i = 0; i < config->node_count; i++) {
+        const cw_bit_timing *bit = &config->nodes[i].time.timing.bit;
+        const uint64_t length = (uint64_t)bit->quantum * cw_bit_timing_quanta(bit);
+        longest = bit->quantum && length > longest ? length : longest;
+    }
+    return (longest - nominal) / (nominal >> 32) + (longest > nominal);
+}
+
+/* Returns the longest time that a frame occupies the bus: by the slowest clock, with a bit for the
+ * differences of clocks, and with the overload frames that full buffers ask for. */
+static uint64_t longest_time(const sources *s, uint64_t ticks)
+{
+    const unsigned bits = (s->overloads ? OVERLOADS : 0) + (s->slowness > 0);
+    return ticks + (s->slowness * ticks >> 32) + cw_rate_ticks(s->config->rate, bits);
+}
+
 /* ---- Messages -------------------------------------------------------------------------------- */
 
 static void add(sources *s, const cfg_node *node, unsigned index, const cfg_traffic *traffic)
@@ -101,14 +164,16 @@ static void add(sources *s, const cfg_node *node, unsigned index, const cfg_traf
     source *new = &s->list[s->count];
     *new = (source){.node = node, .traffic = traffic,
                     .bits = sources_longest_bits(&frame, &fast),
-                    .length = time_as_configured(config, &frame)};
+                    .length = time_as_configured(config, &frame),
+                    .mean = mean_time(config, &frame),
+                    .id_stuff = cw_frame_id_stuff_bits(&frame)};
     s->messages[s->count++] = (response_message){
         .key = response_key(&frame),
         .node = index,
-        .fifo = node->order == CW_ORDER_FIFO,
+        .fifo = has_inner_inversion(node),
         .period = traffic->has_every ? text_time_ticks(traffic->every, config->rate) : CW_NEVER,
         .jitter = text_time_ticks(traffic->jitter, config->rate),
-        .length = sources_time(config, new->bits, fast),
+        .length = longest_time(s, sources_time(config, new->bits, fast)),
     };
 }
 
@@ -137,6 +202,9 @@ bool sources_find(sources *s, const cfg *config)
                    .messages = calloc(most, sizeof *s->messages)};
     if (!s->list || !s->messages)
         return false;
+    s->slowness = slowness(config);
+    for (unsigned i = 0; i < config->node_count; i++)
+        s->overloads = s->overloads || config->nodes[i].controller.overload_when_full;
     for (unsigned i = 0; i < config->node_count; i++) {
         const cfg_node *node = &config->nodes[i];
         s->incomplete = s->incomplete || node->port;

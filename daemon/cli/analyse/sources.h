@@ -13,6 +13,8 @@ typedef struct source {
     const cfg_traffic *traffic;
     unsigned bits;        /* of the longest frame of this length of data, with the intermission */
     uint64_t length;      /* ticks of the frame as it is configured, with the intermission */
+    uint64_t mean;        /* ... and with random data: what it has on average */
+    unsigned id_stuff;    /* stuff bits that its identifier needs */
     uint64_t seen;        /* longest time from hand-in to the end of the frame, in a simulation */
     uint64_t seen_count;
 } source;
@@ -23,6 +25,8 @@ typedef struct sources {
     size_t count;
     source *list;               /* sorted by priority, like ... */
     response_message *messages; /* ... these */
+    uint64_t slowness; /* of the slowest clock: the part of a bit that it needs more, in 2^-32 */
+    bool overloads;    /* some node asks for time by overload frames */
     bool incomplete;            /* nodes have ports, replays or replies: their frames are unknown */
 } sources;
 
