@@ -910,9 +910,10 @@ typedef struct cw_rule {
     uint64_t pattern_level;    /* GLITCH: bit i is the level of the i-th bit ... */
     uint64_t pattern_mask;     /* ... where this is set */
     uint64_t error_rate;       /* NOISE: of 2^64 */
-    uint16_t burst_least;      /* NOISE: a hit is the first bit of a burst. Its last bit is inverted */
-    uint16_t burst_most;       /* ... too, those between at random. The bits of it are drawn from
-                                  this range, 1..CW_BURST_MAX; 0, 0: one bit */
+    uint16_t burst_least;      /* NOISE: a burst of bits begins with error_rate. Its first and last
+                                  bits are inverted, those between at random ... */
+    uint16_t burst_most;       /* ... and its length is drawn from this range, 1..CW_BURST_MAX. 0, 0
+                                  is one bit */
     cw_span pulse_offset;      /* PULSE: at most 16 bits of the bus, and pulse_permille of the bit
                                   are added to it */
     uint16_t pulse_permille;

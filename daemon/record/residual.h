@@ -11,8 +11,8 @@
  * destroyed. */
 uint64_t residual_error_ppm(const cw_bus_stats *stats);
 
-/* Returns the expected number of errors that no node finds, in 10^-12. It is the limit that is known
- * for classical base frames: 4.7 * 10^-11 of the destroyed ones. */
+/* Returns the expected number of errors that no node finds, in 10^-12. It is the limit that is
+ * known for classical base frames: 4.7 * 10^-11 of the destroyed ones. */
 uint64_t residual_expected_ppt(const cw_bus_stats *stats);
 
 #endif

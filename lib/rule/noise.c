@@ -76,7 +76,7 @@ static void begin_bursts(cw_rule_state *s, uint64_t nodes)
     }
 }
 
-/* Where a burst is under way none begins. */
+/* No burst begins while one is under way. */
 static uint64_t shape(cw_rule_state *s, uint64_t drawn)
 {
     const bool wire = s->rule.at == 0;

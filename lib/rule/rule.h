@@ -80,7 +80,7 @@ typedef struct cw_rule_state {
     uint64_t active_until; /* tick; CW_NEVER: until cleared */
     uint64_t next_at;     /* SEND: tick of the next frame */
     uint64_t in_burst;    /* NOISE: nodes that are in a burst; bit 0 for the wire ... */
-    uint16_t bursts[CW_NODES_MAX]; /* ... and the bits to come of each; the next one is the lowest */
+    uint16_t bursts[CW_NODES_MAX]; /* ... and the bits to come of each, the next one lowest */
     uint64_t dominant_ticks; /* STUCK on a TX: its dominant time up to now */
     uint64_t busy_base;   /* LOAD: busy time and time when it began */
     uint64_t time_base;

@@ -137,8 +137,8 @@ def test_no_simulated_message_is_later_than_its_bound(tmp_path):
 
 
 def worst_case(messages, me, bit):
-    """The longest response of a message when the longest frame below it has just begun and all
-    others come at once, as late as they may, and then at the ends of their periods."""
+    """The longest response of a message. The longest frame below it has just begun. All others come
+    at once, as late as they may, and then at the ends of their periods."""
     above = [m for m in messages if m["rank"] <= me["rank"]]
     released = [(k * m["period_ns"] - (m["jitter_ns"] if k else 0), m["rank"], k)
                 for m in above for k in range(400)]

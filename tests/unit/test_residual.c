@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_residual.c - errors that nobody finds: what the CRC of a classical frame promises for bursts,
- * and identifiers without stuff bits.
+ * test_residual.c - errors that nobody finds: what the CRC of a classical frame promises for
+ * bursts, and identifiers without stuff bits.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -55,7 +55,7 @@ static bool leaves_stuffing_alone(const wire *sent, const wire *seen, unsigned f
     return true;
 }
 
-/* Returns true when a receiver takes these levels for a frame. It drives its own acknowledgement. */
+/* Returns true when a receiver takes these levels for a frame. It acknowledges it itself. */
 static bool is_accepted(const wire *w)
 {
     cw_mac mac;
@@ -136,7 +136,8 @@ static void each_burst_that_the_crc_covers_is_found(void **state)
     while (t.clean < 20000) {
         const uint64_t r = cw_random(1, "bursts", draws++), data = cw_random(1, "bursts", draws++);
         const bool extended = r & 1u;
-        cw_frame frame = {.id = (uint32_t)(r >> 8) & (extended ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX),
+        const uint32_t most = extended ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX;
+        cw_frame frame = {.id = (uint32_t)(r >> 8) & most,
                           .flags = extended ? CW_FRAME_EXTENDED : 0, .dlc = r >> 4 & 7};
         for (unsigned k = 0; k < 8; k++)
             frame.data[k] = (uint8_t)(data >> 8 * k);
@@ -144,7 +145,8 @@ static void each_burst_that_the_crc_covers_is_found(void **state)
         const uint64_t draw = cw_random(1, "bursts", draws++);
         const unsigned bits = 1 + (unsigned)(draw % CRC_BURST);
         const uint32_t pattern = (uint32_t)(draw >> 8 & ((1u << bits) - 1)) | 1u << (bits - 1) | 1u;
-        try_burst(&t, &w, 1 + (unsigned)((draw >> 32) % (w.length - AFTER_CRC - CRC_BURST)), pattern);
+        const unsigned places = w.length - AFTER_CRC - CRC_BURST;
+        try_burst(&t, &w, 1 + (unsigned)((draw >> 32) % places), pattern);
     }
 }
 
@@ -205,7 +207,7 @@ static void stuff_bits_of_identifiers_are_those_on_the_wire(void **state)
 
 /* ---- Expected numbers ------------------------------------------------------------------------ */
 
-/* Known answer of CiA: an error each 0.7 s for 8 hours a day leaves one undetected in 1000 years. */
+/* Known answer of CiA: an error each 0.7 s, 8 hours a day, leaves one undetected in 1000 years. */
 static void one_undetected_error_in_a_thousand_years(void **state)
 {
     (void)state;

@@ -25,7 +25,7 @@ static void the_second_instance_may_be_the_worst(void **state)
         {.key = 2, .period = 7 * MS / 2, .length = 125 * BIT_125K, .node = 1},
         {.key = 3, .period = 7 * MS / 2, .length = 125 * BIT_125K, .node = 2},
     };
-    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 3};
     response_find(&bus);
     assert_int_equal(m[0].response, 2 * MS);
     assert_int_equal(m[1].response, 3 * MS);
@@ -44,7 +44,7 @@ static void a_frame_that_just_comes_in_time_wins(void **state)
         {.key = 2, .period = 50 * MS, .length = 1 * MS, .node = 1},
         {.key = 9, .period = 50 * MS, .length = 9 * MS - 4 * US, .node = 2},
     };
-    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 3};
     response_find(&bus);
     /* 9 ms - 4 us of blocking, the first, and the second of message 1 at 10 ms: 4 us too late, but
      * within a bit */
@@ -58,7 +58,7 @@ static void jitter_counts_for_the_frame_and_for_those_below(void **state)
         {.key = 1, .period = 10 * MS, .length = 1 * MS, .jitter = 9 * MS, .node = 0},
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
     };
-    response_bus bus = {BIT_125K, CW_NEVER, m, 2};
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 2};
     response_find(&bus);
     assert_int_equal(m[0].response, 9 * MS + 2 * MS);
     assert_int_equal(m[1].response, 3 * MS); /* two of message 1 come one after the other */
@@ -72,7 +72,7 @@ static void errors_take_time(void **state)
         {.key = 1, .period = 100 * MS, .length = 2 * MS, .node = 0},
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
     };
-    response_bus bus = {BIT_125K, 50 * MS, m, 2};
+    response_bus bus = {.bit = BIT_125K, .error_every = 50 * MS, .messages = m, .count = 2};
     response_find(&bus);
     const uint64_t error = 31 * BIT_125K + 2 * MS;
     assert_int_equal(m[0].response, 1 * MS + error + 2 * MS);
@@ -90,7 +90,7 @@ static void more_than_the_bus_can_carry_has_no_bound(void **state)
         {.key = 2, .period = 2 * MS, .length = 1 * MS + 1, .node = 1},
         {.key = 3, .period = CW_NEVER, .length = 1 * MS, .node = 1},
     };
-    response_bus bus = {BIT_125K, CW_NEVER, m, 3};
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 3};
     response_find(&bus);
     assert_int_equal(m[0].response, 2 * MS + 1);
     assert_int_equal(m[1].response, CW_NEVER);
@@ -107,7 +107,7 @@ static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
         {.key = 3, .period = 20 * MS, .length = 1 * MS, .node = 2},
         {.key = 4, .period = 20 * MS, .length = 1 * MS, .node = 0, .fifo = true},
     };
-    response_bus bus = {BIT_125K, CW_NEVER, m, 4};
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 4};
     response_find(&bus);
     assert_int_equal(m[0].response, 4 * MS); /* as the last one of its node */
     assert_int_equal(m[3].response, 4 * MS);
@@ -133,7 +133,7 @@ static void messages_survive_errors_up_to_their_period(void **state)
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
         {.key = 3, .period = 4 * MS, .length = 1 * MS, .node = 2},
     };
-    const response_bus bus = {BIT_125K, 50 * MS, m, 3};
+    const response_bus bus = {.bit = BIT_125K, .error_every = 50 * MS, .messages = m, .count = 3};
     int survived[3];
     failure_find(&bus, survived);
     assert_int_equal(survived[0], 43); /* (100 - 1 - 2) / 2.248 */

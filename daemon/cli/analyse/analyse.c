@@ -16,7 +16,8 @@
 #include <string.h>
 
 static const char usage[] =
-    "usage: canwire analyse FILE [--simulate TIME] [--error-every TIME] [--error-rate RATE] [--json]\n"
+    "usage: canwire analyse FILE [--simulate TIME] [--error-every TIME] [--error-rate RATE]\n"
+    "                       [--json]\n"
     "\n"
     "Shows the worst-case response time of each message that nodes of FILE send (traffic with\n"
     "`send`): from the begin of its period to the end of its frame and intermission. It counts\n"
@@ -37,10 +38,10 @@ static const char usage[] =
     "  --error-every TIME\n"
     "                 in each such time an error destroys a frame (10ms)\n"
     "  --error-rate RATE\n"
-    "                 errors come at random, so many in a bit (1e-5) or in a second (10/s). Show how\n"
-    "                 many a message survives in its period, the probability of more, frames\n"
-    "                 that are destroyed, and errors that nobody finds. Without --error-every\n"
-    "                 response times are those of errors at the mean distance\n"
+    "                 errors come at random, so many in a bit (1e-5) or in a second (10/s).\n"
+    "                 Show how many a message survives in its period, the probability of more,\n"
+    "                 frames that are destroyed, and errors that nobody finds. Without\n"
+    "                 --error-every response times are those of errors at the mean distance\n"
     "  --json         as JSON, times in ns\n"
     "  -h, --help     this text\n"
     "\n"

@@ -13,8 +13,8 @@
 
 #define FAILURE_ERRORS_MAX 64u
 
-/* Finds the errors that each message survives in the worst case, up to FAILURE_ERRORS_MAX: it comes
- * before its period ends. -1: it is late without any. */
+/* Finds the errors that each message survives in the worst case, up to FAILURE_ERRORS_MAX. So it
+ * comes before its period ends. -1: it is late without any. */
 void failure_find(const response_bus *bus, int *survived);
 
 /* Returns the probability of more errors than that in a time in which `mean` of them are

@@ -175,7 +175,8 @@ void report_print(FILE *out, const analysis *a)
     if (a->error_rate > 0)
         print_errors(out, a);
     if (has_upper_bounds(a->sources))
-        fputs("\nResponses with '~' are upper bounds: frames of the node wait for each other.\n", out);
+        fputs("\nResponses with '~' are upper bounds: frames of the node wait for each other.\n",
+              out);
     fputs("\nTimes are in ms, bits and times with the most stuff bits.\n", out);
     if (a->sources->incomplete)
         fputs("Frames of ports, replays and replies are not among them: what they add is not "

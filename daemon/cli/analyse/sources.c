@@ -144,8 +144,8 @@ static uint64_t slowness(const cfg *config)
     return (longest - nominal) / (nominal >> 32) + (longest > nominal);
 }
 
-/* Returns the longest time that a frame occupies the bus: by the slowest clock, with a bit for the
- * differences of clocks, and with the overload frames that full buffers ask for. */
+/* Returns the longest time that a frame occupies the bus. The slowest clock counts, with a bit for
+ * the differences of clocks, and so do overload frames that full buffers ask for. */
 static uint64_t longest_time(const sources *s, uint64_t ticks)
 {
     const unsigned bits = (s->overloads ? OVERLOADS : 0) + (s->slowness > 0);
