@@ -79,8 +79,8 @@ _canwire_place() {
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
         --format | --size | --files | --with | --until | --simulate | --error-every | \
-            --error-rate | --until-event | --seed | --from | --to | --events | --log | --pcapng | --stats | \
-            --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
+            --error-rate | --until-event | --seed | --from | --to | --events | --log | --pcapng | \
+            --stats | --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word

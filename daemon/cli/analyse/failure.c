@@ -6,7 +6,8 @@
 
 #include <math.h>
 
-#define TERMS_MAX 1000
+#define SURELY 10000.0 /* so many expected errors are more than FAILURE_ERRORS_MAX for sure */
+#define TERMS_MAX 20000
 
 void failure_find(const response_bus *bus, int *survived)
 {
@@ -34,7 +35,7 @@ void failure_find(const response_bus *bus, int *survived)
 double failure_probability(int survived, double mean)
 {
     double sum = 0;
-    if (survived < 0)
+    if (survived < 0 || mean > SURELY)
         return 1;
     if (mean <= 0)
         return 0;
