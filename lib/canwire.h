@@ -31,6 +31,7 @@
 #define CW_QUEUE_MAX 4096          /* frames in the transmit queue of one node */
 #define CW_RULES_MAX 1024          /* fault rules of one bus */
 #define CW_RULE_FILTERS_MAX 8      /* frame filters of one rule */
+#define CW_WAKE_FILTERS_MAX 8      /* frames that wake a node */
 #define CW_RULE_NAME_MAX 64        /* bytes of a rule name that count, the rest is ignored */
 #define CW_CLOCK_HZ 80000000u      /* one tick is 1 / 80 MHz = 12.5 ns */
 #define CW_NEVER UINT64_MAX        /* a tick that never comes */
@@ -306,12 +307,14 @@ typedef enum cw_flag { CW_FLAG_NONE = 0, CW_FLAG_ACTIVE, CW_FLAG_PASSIVE } cw_fl
  * intermission and suspend (R3), until idle or the next SOF. */
 typedef enum cw_role { CW_ROLE_NONE = 0, CW_ROLE_RECEIVER, CW_ROLE_TRANSMITTER } cw_role;
 
-/* The states as Linux shows them, from the larger of TEC and REC (R9..R13). */
+/* The states as Linux shows them, from the larger of TEC and REC (R9..R13), or since the node
+ * sleeps. A controller alone is never SLEEPING, see cw_mac_sleep(). */
 typedef enum cw_state {
     CW_STATE_ERROR_ACTIVE = 0,
     CW_STATE_ERROR_WARNING, /* at or above the warning limit; still error active on the wire */
     CW_STATE_ERROR_PASSIVE,
     CW_STATE_BUS_OFF,
+    CW_STATE_SLEEPING, /* also while it wakes up */
     CW_STATE_COUNT
 } cw_state;
 
@@ -346,7 +349,7 @@ typedef enum cw_drop {
 
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
-const char *cw_state_name(cw_state state);          /* "error-active" .. "bus-off" */
+const char *cw_state_name(cw_state state);          /* "error-active" .. "sleeping" */
 const char *cw_drop_name(cw_drop why);              /* "queue-full" .. "link-down" */
 
 /* ---- The controller: test-bench interface (stable) ------------------------------------------- */
@@ -379,6 +382,7 @@ typedef enum cw_mac_phase {
     CW_MAC_SUSPEND,        /* M8 */
     CW_MAC_BUS_OFF,        /* R10; waits for the restart request */
     CW_MAC_RECOVERING,     /* R12; counts 128 groups of 11 recessive bits */
+    CW_MAC_ASLEEP,         /* neither drives nor samples, see cw_mac_sleep() */
     CW_MAC_PHASE_COUNT
 } cw_mac_phase;
 
@@ -462,6 +466,7 @@ typedef struct cw_mac {
     bool no_long_dlc : 1;     /* CW_VARIANT_NO_LONG_DLC */
     bool waits_long : 1;      /* software reset: it integrates by 128 groups of 11 recessive bits */
     bool tells_won : 1;       /* it reports an arbitration that it has won, for the bus */
+    bool sleeps : 1;          /* it is asleep, or shall be as soon as it can */
     uint16_t crc;             /* F6, over the bits sampled so far */
     uint32_t shift;           /* bits of the present field, first one highest */
     cw_confinement confinement;
@@ -482,6 +487,8 @@ typedef struct cw_mac {
 #define CW_REPORT_EXCEPTION 0x200u       /* protocol exception: the controller integrates (D16) */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
+#define CW_REPORT_SLEEP 0x400u           /* the controller has fallen asleep */
+#define CW_REPORT_WAKE 0x800u            /* by the bus alone: the node has seen what wakes it */
 
 typedef struct cw_mac_report {
     uint16_t what;
@@ -572,6 +579,26 @@ void cw_mac_disconnect(cw_mac *mac);
 /* Puts the controller back on the bus after cw_mac_disconnect(): it integrates (M10). Otherwise
  * nothing happens. */
 void cw_mac_reconnect(cw_mac *mac);
+
+/* Lets the controller sleep: it neither drives nor samples until cw_mac_wake(), and keeps offer and
+ * counters. It falls asleep at once when it is idle, integrates, or is disconnected. Else it first
+ * finishes what is on the bus, and the report of the bit before it would be idle has
+ * CW_REPORT_SLEEP. In bus-off it sleeps after the recovery. */
+void cw_mac_sleep(cw_mac *mac);
+
+/* Wakes the controller: it integrates (M10). One that was still to fall asleep stays awake. */
+void cw_mac_wake(cw_mac *mac);
+
+/* A sleeping node is woken by its transceiver, which filters short dominant phases (ISO 11898-2).
+ * Set `length` to the filter time, in any unit, and `dominant` to 0. */
+typedef struct cw_wake_filter {
+    uint64_t length;
+    uint64_t dominant; /* of the present dominant phase, so far */
+} cw_wake_filter;
+
+/* Takes a level that lasts for a time, 1 or more. Returns true when the wire has been dominant for
+ * `length` without a break. */
+bool cw_wake_filter_take(cw_wake_filter *filter, bool level, uint64_t time);
 
 /* Returns true when the next cw_mac_drive() would use an offer made now. */
 bool cw_mac_can_start(const cw_mac *mac);
@@ -822,11 +849,29 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_RINGING 0x1000u /* after edges that come from then on; what swings now ends */
 #define CW_SET_DATA 0x2000u    /* the data phase of FD frames, from the node's next bit on. Without
                                   it CW_SET_QUANTUM is another clock, and changes both rates */
+#define CW_SET_SLEEP 0x4000u   /* it falls asleep as cw_mac_sleep() does, or is woken by its host */
+#define CW_SET_WAKE_FILTER 0x8000u
+#define CW_SET_WAKE_TIME 0x10000u
+#define CW_SET_WAKE_ON 0x20000u
+#define CW_SET_WAKE (CW_SET_WAKE_FILTER | CW_SET_WAKE_TIME | CW_SET_WAKE_ON)
 
 typedef enum cw_order { CW_ORDER_PRIORITY = 0, CW_ORDER_FIFO } cw_order;
 
+/* The sleep of a node. It keeps its counters and its queue, and neither sends nor acknowledges. A
+ * dominant phase of filter_ticks wakes it. With `frames` only a valid frame that one of them
+ * matches does: the node listens like a listen-only one, which nobody sees. It integrates (M10)
+ * wake_ticks after it has been woken. Frames wait in its queue meanwhile. */
+typedef struct cw_sleep_settings {
+    uint64_t filter_ticks; /* 0..CW_WAKE_TICKS_MAX; 0: any dominant bit or quantum */
+    uint64_t wake_ticks;   /* 0..CW_WAKE_TICKS_MAX */
+    uint8_t frame_count;
+    cw_filter frames[CW_WAKE_FILTERS_MAX];
+} cw_sleep_settings;
+
+#define CW_WAKE_TICKS_MAX CW_CLOCK_HZ /* a second */
+
 typedef struct cw_settings {
-    uint16_t which;
+    uint32_t which;
     uint8_t modes_mask;
     uint8_t modes;
     cw_order order;
@@ -840,6 +885,8 @@ typedef struct cw_settings {
     cw_span stub;
     cw_span ringing; /* at most 16 of the shortest bits */
     cw_data_timing data;
+    bool sleeps; /* SLEEP */
+    cw_sleep_settings sleep; /* WAKE */
 } cw_settings;
 
 /* A change of a frame's content. The CRC is right for the changed frame. `set` applies first, then
@@ -1017,6 +1064,8 @@ typedef struct cw_node_config {
     uint8_t variants;       /* CW_VARIANT_* */
     cw_node_timing timing;
     cw_host_config host;
+    bool sleeps;            /* from tick 0 on */
+    cw_sleep_settings sleep;
 } cw_node_config;
 
 typedef struct cw_bus_config {
@@ -1049,6 +1098,7 @@ typedef enum cw_event_kind {
     CW_EVENT_OVERRUN,   /* a received frame is lost: the host has not fetched the ones before */
     CW_EVENT_RX,
     CW_EVENT_TX,
+    CW_EVENT_WAKE, /* a sleeping node is woken; its new state comes when it is awake */
     CW_EVENT_STATE,
     CW_EVENT_SKIP, /* the host has let time pass without the bus; the bus itself makes none */
     CW_EVENT_SYNC, /* its clock has been moved by an edge (T4, T5); only where the bit timings of
@@ -1061,6 +1111,16 @@ typedef enum cw_event_kind {
 #define CW_EVENTS_USUAL (((1u << CW_EVENT_COUNT) - 1) & ~(1u << CW_EVENT_SYNC))
 
 const char *cw_event_name(cw_event_kind kind);
+
+/* Why a node has been woken. The names are the "by" of wake events. */
+typedef enum cw_wake {
+    CW_WAKE_PATTERN = 0, /* a dominant phase */
+    CW_WAKE_FRAME,
+    CW_WAKE_HOST,
+    CW_WAKE_COUNT
+} cw_wake;
+
+const char *cw_wake_name(cw_wake wake); /* "pattern" "frame" "host" */
 
 typedef struct cw_event {
     uint64_t tick;  /* end of the bit (rounded up), or when a dropped frame was handed in */
@@ -1077,7 +1137,7 @@ typedef struct cw_event {
     uint16_t rule;  /* FAULT: index of the rule */
     uint8_t state;  /* STATE: the new one, a cw_state */
     uint8_t state_before; /* STATE */
-    uint8_t why;    /* DROP: a cw_drop */
+    uint8_t why;    /* DROP: a cw_drop; WAKE: a cw_wake */
     uint8_t lost_bit; /* ARBITRATION_LOST */
     union {
         bool up;   /* LINK */
@@ -1167,9 +1227,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
 /* Returns the earliest tick at which an event can be expected if nothing is put in. That is the
  * next end of a frame, restart, or release from the inbox; CW_NEVER when the bus rests. An edge
  * that is still under way may synchronise a node even then. Errors, lost arbitrations, overload
- * frames, synchronisations, hits of rules and new states may come before, and drops that follow
- * from them. Their events carry the tick. Off the grid, and where a node has a data rate, an event
- * may come up to a bit time of the bus earlier. */
+ * frames, synchronisations, wake-ups, hits of rules and new states may come before, and drops that
+ * follow from them. Their events carry the tick. Off the grid, and where a node has a data rate, an
+ * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
@@ -1443,6 +1503,15 @@ typedef struct cw_host_stats {
 /* CW_INVALID: no such node. CW_REFUSED: no node of the bus has filters, buffers or
  * mailboxes. */
 cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned node, cw_host_stats *stats);
+
+/* The sleep of one node. */
+typedef struct cw_sleep_stats {
+    uint64_t wake_ups;
+    uint64_t ticks; /* asleep up to now, until it integrates */
+} cw_sleep_stats;
+
+/* CW_INVALID: no such node. */
+cw_status cw_node_get_sleep_stats(const cw_bus *bus, unsigned node, cw_sleep_stats *stats);
 
 /* Counts of one node at the data rate (D10). */
 typedef struct cw_data_stats {

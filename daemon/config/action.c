@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 #include "config/values.h"
+#include "config/wake.h"
 
 #include <string.h>
 
@@ -33,7 +34,7 @@ typedef struct setting {
 
 static schema_reader read_level, read_levels, read_at, read_node, read_groups,
     read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
-    read_restart, read_order, read_period;
+    read_restart, read_order, read_period, read_sleep, read_wake;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
     complete_reply;
@@ -162,6 +163,10 @@ static const schema_key set_keys[] = {
      .read = read_setting,
      MEMBER(settings.warning_limit),
      .arg = &warning_setting},
+    {.name = "sleep", .read = read_sleep},
+    {.name = "wake-filter", .read = read_wake},
+    {.name = "wake-time", .read = read_wake},
+    {.name = "wake-on", .read = read_wake},
     {.name = "clock", .read = cfg_read_retime},
     {.name = "ppm", .read = cfg_read_retime},
     {.name = "sample-point", .read = cfg_read_retime},
@@ -488,6 +493,22 @@ static void read_restart(schema *self, const schema_key *key, yaml_node_t *value
 
     read_setting(self, key, value, object);
     settings->restart_ticks *= TICKS_PER_MS;
+}
+
+static void read_sleep(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_settings *settings = &((cw_rule *)object)->settings;
+
+    settings->which |= CW_SET_SLEEP;
+    schema_choose_bool(self, &settings->sleeps, key, value);
+}
+
+static void read_wake(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_settings *settings = &((cw_rule *)object)->settings;
+
+    settings->which |= cfg_wake_set(cfg_wake_find(key->name));
+    cfg_wake_read(self, key, value, &settings->sleep);
 }
 
 /* Reads a period. It warns only below one bit: frames come at their times as far as there are bits

@@ -116,6 +116,8 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .variants = node->controller.variants,
             .timing = node->time.timing,
             .host = host_of(&node->controller),
+            .sleeps = node->sleeps,
+            .sleep = node->sleep,
         };
     }
     *out = (cw_bus_config){

@@ -140,6 +140,8 @@ typedef struct cfg_node {
     uint32_t restart_ms;
     cfg_node_time time;
     cfg_controller controller;
+    bool sleeps;         /* at the start */
+    cw_sleep_settings sleep;
     size_t traffic_count;
     cfg_traffic *traffic;
     int line; /* of the node in its file */

@@ -8,6 +8,7 @@
 #include "config/source.h"
 #include "config/retime.h"
 #include "config/values.h"
+#include "config/wake.h"
 
 #include <string.h>
 
@@ -19,7 +20,7 @@
 #define WARNING_LIMIT_DEFAULT 96u
 
 static schema_reader read_node_name, read_port, read_peer, read_peer_name, read_netns, read_mode,
-    read_when_full, read_fd, read_exception;
+    read_when_full, read_fd, read_exception, read_wake;
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
@@ -115,6 +116,12 @@ static const schema_choice when_full_choices[] = {
         .name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing)                      \
     }
 
+#define SLEEP                                                                                      \
+    {.name = "sleep", .read = schema_read_bool, MEMBER(sleeps)},                                   \
+        {.name = "wake-filter", .read = read_wake}, {.name = "wake-time", .read = read_wake}, {    \
+        .name = "wake-on", .read = read_wake                                                       \
+    }
+
 #define FILTER                                                                                     \
     {                                                                                              \
         .name = "filter", .read = cfg_read_acceptance                                              \
@@ -158,6 +165,7 @@ static const schema_key default_keys[] = {
     WARNING_LIMIT,
     TIME,
     FILTER,
+    SLEEP,
     FD,
     {.name = NULL},
 };
@@ -178,6 +186,7 @@ static const schema_key node_keys[] = {
     WARNING_LIMIT,
     TIME,
     FILTER,
+    SLEEP,
     FD,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
@@ -197,6 +206,7 @@ void cfg_node_defaults(cfg_node *node)
         .name = no_name,
         .queue = QUEUE_DEFAULT,
         .warning_limit = WARNING_LIMIT_DEFAULT,
+        .sleep = {.filter_ticks = WAKE_FILTER_DEFAULT_TICKS},
     };
 }
 
@@ -442,4 +452,9 @@ static void read_exception(schema *self, const schema_key *key, yaml_node_t *val
 
     if (schema_choose_bool(self, &on, key, value))
         node->no_exception = !on;
+}
+
+static void read_wake(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_wake_read(self, key, value, &((cfg_node *)object)->sleep);
 }

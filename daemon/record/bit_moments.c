@@ -7,7 +7,7 @@
 static bool phase_rests(cw_mac_phase phase)
 {
     return phase == CW_MAC_IDLE || phase == CW_MAC_OFF || phase == CW_MAC_BUS_OFF ||
-           phase == CW_MAC_RECOVERING;
+           phase == CW_MAC_RECOVERING || phase == CW_MAC_ASLEEP;
 }
 
 bool bit_rests(const cw_bit_view *bit)

@@ -43,6 +43,7 @@ static const char *phase_name(cw_mac_phase phase)
         [CW_MAC_OVERLOAD_WAIT] = "overload-wait",
         [CW_MAC_BUS_OFF] = "bus-off",
         [CW_MAC_RECOVERING] = "recovering",
+        [CW_MAC_ASLEEP] = "asleep",
     };
     assert(names[phase]);
     return names[phase];

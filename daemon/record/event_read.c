@@ -52,6 +52,16 @@ static bool find_drop(uint8_t *why, const char *word)
     return false;
 }
 
+static bool find_wake(uint8_t *by, const char *word)
+{
+    for (unsigned i = 0; i < CW_WAKE_COUNT; i++)
+        if (strcmp(cw_wake_name((cw_wake)i), word) == 0) {
+            *by = (uint8_t)i;
+            return true;
+        }
+    return false;
+}
+
 static bool find_type(cw_error_type *type, const char *word)
 {
     for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
@@ -98,8 +108,12 @@ static bool read_details(cw_event *out, const json_t *line)
         out->fast = strcmp(text_of(line, "rate"), "data") == 0;
         return read_error(&out->error, line);
     }
+    if (strcmp(text_of(line, "was"), cw_state_name(CW_STATE_SLEEPING)) == 0)
+        out->state_before = CW_STATE_SLEEPING;
     if (out->kind == CW_EVENT_STATE)
         return find_state(&out->state, text_of(line, "state"));
+    if (out->kind == CW_EVENT_WAKE)
+        return find_wake(&out->why, text_of(line, "by"));
     if (out->kind == CW_EVENT_DROP)
         return find_drop(&out->why, text_of(line, "why"));
     if (out->kind == CW_EVENT_SKIP) {

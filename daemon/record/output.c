@@ -287,7 +287,11 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_frame(at, &event->frame);
     case CW_EVENT_STATE:
         at = put_word(at, ",\"state\":\"", cw_state_name(event->state));
-        return put_counters(at, event);
+        at = put_counters(at, event);
+        return event->state_before == CW_STATE_SLEEPING ? put_word(at, ",\"was\":\"", "sleeping")
+                                                        : at;
+    case CW_EVENT_WAKE:
+        return put_word(at, ",\"by\":\"", cw_wake_name(event->why));
     case CW_EVENT_SKIP:
         return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
     case CW_EVENT_SYNC:
@@ -527,6 +531,18 @@ static void put_host(json_t *object, const cw_bus *bus, unsigned node)
     }
 }
 
+/* Puts the sleep of a node that has slept. */
+static void put_sleep(json_t *object, const cw_bus *bus, unsigned node)
+{
+    cw_sleep_stats stats = {.wake_ups = 0};
+
+    (void)cw_node_get_sleep_stats(bus, node, &stats);
+    if (stats.wake_ups || stats.ticks) {
+        put_count(object, "wake_ups", stats.wake_ups);
+        put_ticks(object, "asleep_ns", stats.ticks);
+    }
+}
+
 void output_put_more(json_t *object, const cw_bus *bus, unsigned node)
 {
     cw_data_stats stats;
@@ -535,6 +551,7 @@ void output_put_more(json_t *object, const cw_bus *bus, unsigned node)
         put(object, "data_errors", stats_of_errors(stats.errors));
     }
     put_host(object, bus, node);
+    put_sleep(object, bus, node);
 }
 
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)

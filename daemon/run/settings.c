@@ -7,6 +7,7 @@
 #include "base/jsonput.h"
 #include "base/nearest.h"
 #include "base/number.h"
+#include "config/wake.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -42,6 +43,7 @@ static const number_key number_keys[] = {
 };
 
 static const char order_key[] = "order";
+static const char sleep_key[] = "sleep";
 static const char *const order_names[] = {
     [CW_ORDER_PRIORITY] = "priority",
     [CW_ORDER_FIFO] = "fifo",
@@ -166,7 +168,10 @@ static bool refuse_key(char *error, const char *key)
         nearest_consider(&guess, number_keys[i].name);
     for (retime_key i = 0; i < RETIME_KEYS; i++)
         nearest_consider(&guess, cfg_retime_name(i));
+    for (cfg_wake_key i = 0; i < CFG_WAKE_KEYS; i++)
+        nearest_consider(&guess, cfg_wake_name(i));
     nearest_consider(&guess, order_key);
+    nearest_consider(&guess, sleep_key);
     if (guess.best)
         snprintf(error, SETTINGS_ERROR_MAX, "there is no setting '%.40s' (did you mean '%s'?)", key,
                  guess.best);
@@ -175,7 +180,8 @@ static bool refuse_key(char *error, const char *key)
                  "there is no setting '%.40s'; there are loopback, listen-only, one-shot, "
                  "berr-reporting, presume-ack, restricted, time-triggered, "
                  "lost-arbitration-reporting, "
-                 "restart-ms, queue, order, warning-limit, clock, ppm, sample-point, brp, "
+                 "restart-ms, queue, order, warning-limit, sleep, wake-filter, "
+                 "wake-time, wake-on, clock, ppm, sample-point, brp, "
                  "prop-seg, phase-seg1, phase-seg2, sjw, triple-sampling, dbrp, dprop-seg, "
                  "dphase-seg1, dphase-seg2, dsjw, dsample-point, tdc-mode, tdco, tdcv, tx-delay, "
                  "rx-delay, position, stub, ringing",
@@ -205,18 +211,43 @@ static bool set_time(cfg_retime *time, char *error, retime_key key, const json_t
     return false;
 }
 
+static bool set_sleep(cw_settings *s, char *error, const json_t *value)
+{
+    if (!read_bool(&s->sleeps, value)) {
+        snprintf(error, SETTINGS_ERROR_MAX, "sleep: expected on or off");
+        return false;
+    }
+    s->which |= CW_SET_SLEEP;
+    return true;
+}
+
+static bool set_wake(cw_settings *s, char *error, cfg_wake_key key, const json_t *value)
+{
+    char room[TIME_TEXT_MAX];
+    const char *problem = cfg_wake_parse(&s->sleep, key, as_text(room, value));
+    if (problem)
+        snprintf(error, SETTINGS_ERROR_MAX, "%s: %s", cfg_wake_name(key), problem);
+    s->which |= cfg_wake_set(key);
+    return !problem;
+}
+
 static bool set_key(cw_settings *s, cfg_retime *time, char *error, const char *key,
                     const json_t *value)
 {
     const mode_key *mode = find_mode(key);
     const number_key *number = find_number(key);
     const retime_key of_time = cfg_retime_find(key);
+    const cfg_wake_key wake = cfg_wake_find(key);
     if (mode)
         return set_mode(s, error, mode, value);
     if (number)
         return set_number(s, error, number, value);
     if (of_time != RETIME_KEYS)
         return set_time(time, error, of_time, value);
+    if (wake != CFG_WAKE_KEYS)
+        return set_wake(s, error, wake, value);
+    if (strcmp(key, sleep_key) == 0)
+        return set_sleep(s, error, value);
     if (strcmp(key, order_key) == 0)
         return set_order(s, error, value);
     return refuse_key(error, key);
@@ -253,6 +284,19 @@ static void put_time(json_t *object, const cfg_retime *time)
     }
 }
 
+static void put_sleep(json_t *object, const cw_settings *s)
+{
+    if (s->which & CW_SET_SLEEP)
+        put_bool(object, sleep_key, s->sleeps);
+    for (cfg_wake_key key = 0; key < CFG_WAKE_KEYS; key++) {
+        char text[WAKE_TEXT_MAX];
+        if (!(s->which & cfg_wake_set(key)))
+            continue;
+        cfg_wake_print(text, &s->sleep, key);
+        put_text(object, cfg_wake_name(key), text);
+    }
+}
+
 json_t *settings_given_to_json(const cw_settings *settings, const cfg_retime *time)
 {
     json_t *object = json_object();
@@ -268,6 +312,7 @@ json_t *settings_given_to_json(const cw_settings *settings, const cfg_retime *ti
         put_text(object, order_key, order_names[settings->order]);
     if (settings->which & CW_SET_WARNING)
         put_count(object, "warning-limit", settings->warning_limit);
+    put_sleep(object, settings);
     put_time(object, time);
     return object;
 }
@@ -275,7 +320,7 @@ json_t *settings_given_to_json(const cw_settings *settings, const cfg_retime *ti
 json_t *settings_to_json(const cw_settings *settings)
 {
     cw_settings all = *settings;
-    all.which = UINT8_MAX;
+    all.which = UINT8_MAX | CW_SET_SLEEP | CW_SET_WAKE;
     all.modes_mask = UINT8_MAX;
     return settings_given_to_json(&all, NULL);
 }

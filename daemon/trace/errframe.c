@@ -130,6 +130,7 @@ static const struct {
     [CW_STATE_ERROR_WARNING] = {CAN_ERR_CRTL_TX_WARNING, CAN_ERR_CRTL_RX_WARNING},
     [CW_STATE_ERROR_PASSIVE] = {CAN_ERR_CRTL_TX_PASSIVE, CAN_ERR_CRTL_RX_PASSIVE},
     [CW_STATE_BUS_OFF] = {0, 0}, /* a class of its own */
+    [CW_STATE_SLEEPING] = {0, 0}, /* drivers say nothing of it */
 };
 
 static void set_state(errframe *out, const cw_event *event)
@@ -155,7 +156,7 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
     switch (event->kind) {
     case CW_EVENT_STATE:
         set_state(out, event);
-        return true;
+        return event->state != CW_STATE_SLEEPING && event->state_before != CW_STATE_SLEEPING;
     case CW_EVENT_RESTART:
         out->can_id |= CAN_ERR_RESTARTED;
         return true;
@@ -183,6 +184,7 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes)
     case CW_EVENT_EXCEPTION:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
+    case CW_EVENT_WAKE:
     case CW_EVENT_SKIP:
     case CW_EVENT_SYNC:
     case CW_EVENT_COUNT:

@@ -414,7 +414,7 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
         if (*text++ != ',')
             return filter_problem;
     }
-    return "more frame filters than fit (8 in a fault rule, 512 in a node)";
+    return "more frame filters than fit (8 in a fault rule or in wake-on, 512 in a node)";
 }
 
 /* Reads one digit of a byte with wildcards; returns false for other characters. */

@@ -7,12 +7,15 @@
 
 /* ---- Due work -------------------------------------------------------------------------------- */
 
-/* Reports states that rules or settings have changed. */
+/* Reports states that rules or settings have changed, and wakes nodes for them. */
 static void report_pending(cw_bus *bus)
 {
     bus->pending = false;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_sleep_settle(bus, i);
+        cw_sleep_run(bus, i);
         cw_report_state(bus, i);
+    }
 }
 
 static void run_due_nodes(cw_bus *bus)

@@ -10,7 +10,7 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     bus_node *n = &bus->nodes[i];
-    if (!cw_mac_force_error(cw_own_mac(bus, i)))
+    if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
         return;
     cw_frame frame;
     cw_frame_copy(&frame, cw_queue_at(&n->queue, n->offered_slot)->frame);
@@ -26,19 +26,26 @@ static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
         (void)cw_mac_withdraw(mac);
 }
 
+/* Bus-off ends a sleep. */
+static void set_counters_of(cw_bus *bus, unsigned i, unsigned tec, unsigned rec)
+{
+    set_counters(cw_own_mac(bus, i), tec, rec);
+    if ((bus->asleep >> i & 1u) && cw_mac_state(&bus->nodes[i].mac) == CW_STATE_BUS_OFF)
+        cw_sleep_forget(bus, i);
+}
+
 static void put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
-    cw_mac *mac = cw_own_mac(bus, i);
+    const cw_mac *mac = cw_own_mac(bus, i);
     unsigned tec = rule->tec == CW_KEEP ? cw_mac_tec(mac) : rule->tec;
     unsigned rec = rule->rec == CW_KEEP ? cw_mac_rec(mac) : rule->rec;
-    set_counters(mac, tec, rec);
+    set_counters_of(bus, i, tec, rec);
 }
 
 static void go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
-    cw_mac *mac = cw_own_mac(bus, i);
-    set_counters(mac, CW_BUS_OFF_LIMIT, cw_mac_rec(mac));
+    set_counters_of(bus, i, CW_BUS_OFF_LIMIT, cw_mac_rec(cw_own_mac(bus, i)));
 }
 
 static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
@@ -50,7 +57,8 @@ static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
 
 static void overload(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
-    (void)cw_mac_request_overload(cw_own_mac(bus, i), rule->number);
+    if (!(bus->asleep >> i & 1u))
+        (void)cw_mac_request_overload(cw_own_mac(bus, i), rule->number);
 }
 
 static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
@@ -58,8 +66,9 @@ static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
     (void)cw_node_set(bus, i, &rule->settings);
 }
 
-/* The host initialises its controller anew. Frames that wait for the bus are lost, and so are those
- * that wait for the host. A node that its host has taken off the bus has no controller to reset. */
+/* The host initialises its controller anew, which does not sleep any more. Frames that wait for the
+ * bus are lost, and so are those that wait for the host. A node that its host has taken off the bus
+ * has no controller to reset. */
 static void reset(cw_bus *bus, unsigned i, bool hardware)
 {
     if (bus->detached & cw_node_bit(i))
@@ -68,6 +77,7 @@ static void reset(cw_bus *bus, unsigned i, bool hardware)
     cw_mac *mac = cw_own_mac(bus, i);
     const bool off = cw_mac_state(mac) == CW_STATE_BUS_OFF;
     const cw_drop why = off ? CW_DROP_BUS_OFF : CW_DROP_FAULT; /* R12 */
+    cw_sleep_forget(bus, i);
     cw_mac_reset(mac, hardware);
     bus->restarts[i].at = CW_NEVER;
     cw_flush_queue(bus, i, why);

@@ -6,6 +6,8 @@
 
 #include "mac/confinement.h"
 
+#include <string.h>
+
 /* ---- Room, and off the bus for good ---------------------------------------------------------- */
 
 unsigned cw_node_room(const cw_bus *bus, unsigned i)
@@ -38,6 +40,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     cw_wake_controllers(bus);
     cw_commit_early(bus, i);
     cw_mac *m = cw_own_mac(bus, i);
+    cw_sleep_forget(bus, i);
     m->offered = false;
     m->role = CW_ROLE_NONE;
     m->phase = CW_MAC_OFF;
@@ -62,6 +65,7 @@ static void reset_controller(cw_bus *bus, unsigned i)
     const unsigned protocol = m->protocol;
     cw_fd_part *fd = m->fd;
     const unsigned variants = cw_mac_variants(m);
+    cw_sleep_forget(bus, i);
     cw_mac_init(m, m->modes, m->confinement.warning_limit);
     m->tells_won = true;
     (void)cw_mac_set_protocol(m, protocol, fd);
@@ -86,8 +90,11 @@ cw_status cw_node_attach(cw_bus *bus, unsigned i, bool on)
     cw_commit_early(bus, i);
     cw_push_event(bus, CW_EVENT_LINK, cw_now(bus), cw_node_bit(i))->up = on;
     bus->detached ^= cw_node_bit(i);
+    const bool sleeps = cw_sleep_wanted(bus, i);
     reset_controller(bus, i);
     cw_apply_topology(bus);
+    if (sleeps)
+        cw_sleep_request(bus, i);
     bus->pending = true;
     return CW_OK;
 }
@@ -128,6 +135,7 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
     cw_take_inbox_of(bus, i);
     if (bus->restarts[i].at <= cw_now(bus))
         restart(bus, i);
+    cw_sleep_run(bus, i);
     cw_buffers_run(bus, i);
 }
 
@@ -153,7 +161,8 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
     bool timing = !(s->which & (CW_SET_TIMING | CW_SET_DATA)) ||
                   cw_new_timing_valid(bus, i, &next, new_data(s));
     const bool changes_way = s->which & (CW_SET_WAY | CW_SET_RINGING);
-    return queue && limit && timing && (!changes_way || cw_new_way_valid(bus, i, s));
+    const bool wake = !(s->which & CW_SET_WAKE) || cw_sleep_valid(&s->sleep);
+    return queue && limit && timing && wake && (!changes_way || cw_new_way_valid(bus, i, s));
 }
 
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
@@ -169,12 +178,36 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     bus_node *n = &bus->nodes[i];
-    cw_mac_set_modes(cw_own_mac(bus, i), (n->mac.modes & ~(unsigned)s->modes_mask) |
-                                  (s->modes & (unsigned)s->modes_mask));
-    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED)) {
+    (void)cw_own_mac(bus, i);
+    cw_set_modes_of(bus, i, (cw_modes_of(bus, i) & ~(unsigned)s->modes_mask) |
+                                (s->modes & (unsigned)s->modes_mask));
+    if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED)) {
         n->mac.offered = false;
         cw_flush_queue(bus, i, CW_DROP_LISTEN_ONLY);
     }
+}
+
+static void set_wake(cw_bus *bus, unsigned i, const cw_settings *s)
+{
+    cw_sleep_settings *now = &bus->sleeps[i].settings;
+    if (s->which & CW_SET_WAKE_FILTER)
+        now->filter_ticks = s->sleep.filter_ticks;
+    if (s->which & CW_SET_WAKE_TIME)
+        now->wake_ticks = s->sleep.wake_ticks;
+    if (s->which & CW_SET_WAKE_ON) {
+        now->frame_count = s->sleep.frame_count;
+        memcpy(now->frames, s->sleep.frames, sizeof now->frames);
+    }
+    (void)cw_own_mac(bus, i);
+    cw_sleep_wait(bus, i);
+}
+
+static void set_sleep(cw_bus *bus, unsigned i, bool sleeps)
+{
+    if (sleeps)
+        cw_sleep_request(bus, i);
+    else
+        cw_sleep_call(bus, i);
 }
 
 cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
@@ -202,6 +235,10 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
         cw_retime(bus, i, &timing, new_data(s));
     if (s->which & (CW_SET_WAY | CW_SET_RINGING))
         cw_set_way(bus, i, s);
+    if (s->which & CW_SET_WAKE)
+        set_wake(bus, i, s);
+    if (s->which & CW_SET_SLEEP)
+        set_sleep(bus, i, s->sleeps);
     bus->pending = true;
     return CW_OK;
 }
@@ -213,15 +250,17 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
     const bus_node *n = &bus->nodes[i];
     *s = (cw_settings){
         .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING |
-                 CW_SET_TIMING | (bus->timed.rates ? CW_SET_DATA : 0),
+                 CW_SET_TIMING | (bus->timed.rates ? CW_SET_DATA : 0) | CW_SET_SLEEP | CW_SET_WAKE,
         .modes_mask = UINT8_MAX,
-        .modes = n->mac.modes,
+        .modes = (uint8_t)cw_modes_of(bus, i),
         .order = n->queue.mode,
         .queue = n->queue_limit,
         .warning_limit = n->mac.confinement.warning_limit,
         .restart_ticks = bus->restarts[i].ticks,
         .timing = cw_timing_now(bus, i),
         .data = cw_data_timing_now(bus, i),
+        .sleeps = cw_sleep_wanted(bus, i),
+        .sleep = bus->sleeps[i].settings,
     };
     cw_get_way(bus, i, s);
     return CW_OK;

@@ -46,7 +46,8 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert_queue(&n->queue, n->queue_limit);
     assert_confinement(&n->mac.confinement);
     assert(n->mac.phase < CW_MAC_PHASE_COUNT);
-    assert((n->queue.count > 0) == (bus->waiting >> i & 1u));
+    assert((n->queue.count > 0 && !(bus->asleep >> i & 1u)) == (bus->waiting >> i & 1u));
+    assert(bus->node_due <= bus->sleeps[i].awake_at);
     assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
     assert(bus->node_due <= bus->restarts[i].at && bus->node_due <= cw_buffers_due(bus, i));
     (void)cw_node_get_stats(bus, i, &stats);

@@ -34,7 +34,7 @@ static bool mailboxes_valid(const cw_host_config *h)
 static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
-           c->warning_limit >= 1 && c->warning_limit <= 255 &&
+           c->warning_limit >= 1 && c->warning_limit <= 255 && cw_sleep_valid(&c->sleep) &&
            cw_protocol_valid(c->protocol) &&
            c->host.filter_count <= CW_NODE_FILTERS_MAX &&
            c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX && mailboxes_valid(&c->host);
@@ -249,6 +249,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
     restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
+    cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
     void *entries = carve(a, c->inbox, entry_size);
@@ -260,6 +261,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->nodes = nodes;
         bus->restarts = restarts;
         bus->starts = starts;
+        bus->sleeps = sleeps;
         bus->fd = has_fd(c);
         bus->fd_parts = fd_parts;
         bus->inbox = (inbox){.entries = entries, .entry_size = (unsigned)entry_size,
@@ -298,6 +300,7 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     bus->silent |= c->variants & CW_VARIANT_SILENT_PASSIVE ? cw_node_bit(i) : 0;
     bus->formats_differ = bus->fd || bus->old || bus->strict;
     bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
+    bus->sleeps[i] = (cw_sleep){.settings = c->sleep, .awake_at = CW_NEVER};
 }
 
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
@@ -327,5 +330,10 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
         if (cw_bus_add_rule(bus, &index, &config->rules[i]) != CW_OK)
             return NULL;
     }
+    for (unsigned i = 0; i < config->node_count; i++)
+        if (config->nodes[i].sleeps) {
+            cw_sleep_request(bus, i);
+            bus->pending = true;
+        }
     return bus;
 }

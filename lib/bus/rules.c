@@ -51,6 +51,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
     bus->rules.bus = (cw_rule_bus){.time = &bus->time,
                                    .node_count = bus->node_count,
                                    .all = bus->all,
+                                   .asleep = &bus->asleep,
                                    .seed = seed, .fd = bus->fd,
                                    .divided = bus->timed.rates != NULL,
                                    .error_flag = &bus->error_flag,

@@ -158,7 +158,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
     stats->rx_held += cw_buffers_count(bus, i);
     stats->tec = n->mac.confinement.tec;
     stats->rec = n->mac.confinement.rec;
-    stats->state = cw_mac_state(&n->mac);
+    stats->state = cw_node_state(bus, i);
     return CW_OK;
 }
 
@@ -169,6 +169,16 @@ cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned i, cw_host_stats *s
     if (!bus->buffers)
         return CW_REFUSED;
     *stats = bus->buffers[i].stats;
+    return CW_OK;
+}
+
+cw_status cw_node_get_sleep_stats(const cw_bus *bus, unsigned i, cw_sleep_stats *stats)
+{
+    if (i >= bus->node_count)
+        return CW_INVALID;
+    *stats = bus->sleeps[i].stats;
+    if (bus->asleep >> i & 1u)
+        stats->ticks += cw_now(bus) - bus->sleeps[i].since;
     return CW_OK;
 }
 

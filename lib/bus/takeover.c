@@ -88,7 +88,7 @@ static void apply_settings(cw_bus *bus, unsigned i, uint64_t restart_before)
     bus_node *n = &bus->nodes[i];
     if (n->mac.phase == CW_MAC_BUS_OFF && bus->restarts[i].ticks != restart_before)
         bus->restarts[i].at = cw_automatic_restart(bus, i);
-    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
+    if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         (void)cw_node_set(bus, i, &no_change);
 }
 
@@ -115,25 +115,45 @@ static void take_over_mac(cw_mac *m, const cw_mac *old)
         fd->compares_late = compares_late; /* a setting */
 }
 
-/* Takes state and counters of the old node, and settings of the new one. */
-static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node)
+static void take_over_set(uint64_t *set, unsigned i, uint64_t old, unsigned from)
 {
-    const bus_node *old = &old_bus->nodes[old_node];
-    const restart_times *old_restart = &old_bus->restarts[old_node];
+    *set &= ~cw_node_bit(i);
+    if (old >> from & 1u)
+        *set |= cw_node_bit(i);
+}
+
+/* A node that sleeps goes on sleeping, and one that is awake stays so. */
+static void take_over_sleep(cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
+{
+    const cw_sleep_settings settings = bus->sleeps[i].settings;
+    bus->sleeps[i] = old->sleeps[from];
+    bus->sleeps[i].settings = settings;
+    take_over_set(&bus->asleep, i, old->asleep, from);
+    take_over_set(&bus->dozing, i, old->dozing, from);
+    take_over_set(&bus->listening, i, old->listening, from);
+}
+
+/* Takes state and counters of the old node, and settings of the new one. */
+static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned from)
+{
+    const bus_node *old = &old_bus->nodes[from];
+    const restart_times *old_restart = &old_bus->restarts[from];
     bus_node *n = &bus->nodes[i];
     unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
     bus->restarts[i].at = old_restart->at;
     bus->restarts[i].off_at = old_restart->off_at;
-    take_over_queue(bus, i, old_bus, old_node);
+    take_over_sleep(bus, i, old_bus, from);
+    take_over_queue(bus, i, old_bus, from);
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = are_alike(&n->mac, &old->mac) && has_begun(&old->mac);
     n->mac.no_ack = false;
     n->wrong_crc = old->wrong_crc;
     n->reported_state = old->reported_state;
     cw_mac_reconnect(&n->mac);
-    cw_mac_set_modes(&n->mac, modes);
+    cw_set_modes_of(bus, i, modes);
+    cw_sleep_wait(bus, i);
     cw_confinement_set_warning_limit(&n->mac.confinement, warning_limit);
     apply_settings(bus, i, old_restart->ticks);
 }
@@ -257,8 +277,10 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->error_flag = old->error_flag;
     bus->overload_flag = old->overload_flag;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        if (from[i] == CW_NO_NODE)
+        if (from[i] == CW_NO_NODE) {
+            bus->sleeps[i].since = cw_now(bus);
             continue;
+        }
         to[from[i]] = (uint8_t)i;
         take_over_node(bus, i, old, from[i]);
         if (!cw_node_attached(old, from[i]))

@@ -9,7 +9,7 @@ static void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
     const cw_mac *m = &bus->nodes[i].mac;
     *n = *cw_noted(&bus->note, i);
     n->wire = bus->note.wire_count > 1 ? bus->note.wires[i] : 0;
-    n->state = cw_mac_state(m);
+    n->state = cw_node_state(bus, i);
     n->tec = m->confinement.tec;
     n->rec = m->confinement.rec;
 }

@@ -60,7 +60,8 @@ const char *cw_flag_name(cw_flag flag)
 const char *cw_state_name(cw_state state)
 {
     static const char *const names[CW_STATE_COUNT] = {"error-active", "error-warning",
-                                                      "error-passive", "bus-off"};
+                                                      "error-passive", "bus-off",
+                                                      "sleeping"};
     assert(state < CW_STATE_COUNT);
     return names[state];
 }
@@ -84,9 +85,16 @@ const char *cw_event_name(cw_event_kind kind)
         "tolerated", "overload",
         "protocol-exception", "overrun",
         "rx",       "tx",
-        "state",    "skip",
-        "sync",
+        "wake",     "state",
+        "skip",     "sync",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];
+}
+
+const char *cw_wake_name(cw_wake wake)
+{
+    static const char *const names[CW_WAKE_COUNT] = {"pattern", "frame", "host"};
+    assert(wake < CW_WAKE_COUNT);
+    return names[wake];
 }

@@ -26,7 +26,7 @@ void cw_mac_integrate(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
     m->groups = 0;
-    cw_mac_enter(m, CW_MAC_INTEGRATING);
+    cw_mac_enter(m, m->sleeps ? CW_MAC_ASLEEP : CW_MAC_INTEGRATING);
 }
 
 void cw_mac_init(cw_mac *m, unsigned modes, unsigned warning_limit)
@@ -53,9 +53,29 @@ void cw_mac_set_modes(cw_mac *m, unsigned modes)
         cw_mac_integrate(m);
 }
 
+void cw_mac_sleep(cw_mac *m)
+{
+    m->sleeps = true;
+    if (m->phase == CW_MAC_IDLE || m->phase == CW_MAC_INTEGRATING)
+        cw_mac_integrate(m);
+}
+
+void cw_mac_wake(cw_mac *m)
+{
+    m->sleeps = false;
+    if (m->phase == CW_MAC_ASLEEP)
+        cw_mac_integrate(m);
+}
+
+bool cw_wake_filter_take(cw_wake_filter *f, bool level, uint64_t time)
+{
+    f->dominant = level ? 0 : cw_after(f->dominant, time);
+    return level == CW_DOMINANT && f->dominant >= f->length;
+}
+
 bool cw_mac_is_on_bus(const cw_mac *m)
 {
-    return m->phase != CW_MAC_OFF && !is_bus_off(m);
+    return m->phase != CW_MAC_OFF && m->phase != CW_MAC_ASLEEP && !is_bus_off(m);
 }
 
 bool cw_protocol_valid(unsigned protocol)
@@ -317,6 +337,7 @@ bool cw_mac_synchronises_hard(const cw_mac *m)
     static const bool between[CW_MAC_PHASE_COUNT] = {
         [CW_MAC_OFF] = true,     [CW_MAC_INTEGRATING] = true, [CW_MAC_IDLE] = true,
         [CW_MAC_SUSPEND] = true, [CW_MAC_BUS_OFF] = true,     [CW_MAC_RECOVERING] = true,
+        [CW_MAC_ASLEEP] = true,
     };
     if (m->phase == CW_MAC_FRAME)
         return m->part == CW_PART_RES && !cw_mac_stuff_bit_due(m) && !cw_mac_is_transmitter(m);
@@ -492,7 +513,7 @@ static void detect_missing_ack(cw_mac *m, cw_mac_report *r)
 bool cw_mac_force_error(cw_mac *m)
 {
     cw_mac_report report = {.what = 0};
-    if (m->phase != CW_MAC_OFF && m->phase != CW_MAC_INTEGRATING && !is_bus_off(m))
+    if (cw_mac_is_on_bus(m) && m->phase != CW_MAC_INTEGRATING)
         detect(m, CW_ERROR_FORM, &report);
     return (report.what & CW_REPORT_DROPPED) && report.why == CW_DROP_ONE_SHOT;
 }
@@ -888,7 +909,7 @@ void cw_mac_become_idle(cw_mac *m)
 {
     m->role = CW_ROLE_NONE;
     m->overloads_in_row = 0; /* so that all idle controllers are equal */
-    cw_mac_enter(m, CW_MAC_IDLE);
+    cw_mac_enter(m, m->sleeps ? CW_MAC_ASLEEP : CW_MAC_IDLE);
 }
 
 /* After a software reset the controller waits for as many groups as in R12. */
@@ -1088,6 +1109,7 @@ static phase_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
     [CW_MAC_SUSPEND] = sample_suspend,
     [CW_MAC_BUS_OFF] = sample_bus_off,
     [CW_MAC_RECOVERING] = sample_recovering,
+    [CW_MAC_ASLEEP] = sample_nothing,
 };
 
 bool cw_mac_visible(const cw_mac *m, bool level)
@@ -1099,9 +1121,12 @@ bool cw_mac_visible(const cw_mac *m, bool level)
 
 void cw_mac_sample(cw_mac *m, bool level, cw_mac_report *report)
 {
+    const uint8_t phase = m->phase;
     report->what = m->started ? CW_REPORT_STARTED : 0;
     m->started = false;
-    sample_phase[m->phase](m, cw_mac_visible(m, level), report);
+    sample_phase[phase](m, cw_mac_visible(m, level), report);
+    if (m->phase == CW_MAC_ASLEEP && phase != CW_MAC_ASLEEP)
+        report->what |= CW_REPORT_SLEEP;
     if (m->confinement.state != m->reported_state) {
         m->reported_state = m->confinement.state;
         report->what |= CW_REPORT_STATE;

@@ -64,6 +64,7 @@ static uint64_t steady_dominant_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_OFF:
+    case CW_MAC_ASLEEP:
     case CW_MAC_INTEGRATING:
         return CW_QUIET_FOREVER;
     case CW_MAC_BUS_OFF:
@@ -114,6 +115,7 @@ static uint64_t steady_recessive_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_OFF:
+    case CW_MAC_ASLEEP:
         return CW_QUIET_FOREVER;
     case CW_MAC_BUS_OFF:
     case CW_MAC_IDLE:
@@ -143,9 +145,15 @@ static uint64_t steady_recessive_bits(const cw_mac *m)
     return 0;
 }
 
+/* Returns true when the controller may be asleep after one of its next bits, which is reported. */
+static inline bool falls_asleep(const cw_mac *m)
+{
+    return m->sleeps && cw_mac_is_on_bus(m);
+}
+
 uint64_t cw_mac_steady_bits(const cw_mac *m, bool level)
 {
-    if (m->reported_state != m->confinement.state)
+    if (m->reported_state != m->confinement.state || falls_asleep(m))
         return 0;
     return sees(m, level) ? steady_recessive_bits(m) : steady_dominant_bits(m);
 }
@@ -254,6 +262,7 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
         skip_delimiter(m, (unsigned)bits);
         break;
     case CW_MAC_OFF:
+    case CW_MAC_ASLEEP:
     case CW_MAC_BUS_OFF:
     case CW_MAC_IDLE:
     case CW_MAC_PHASE_COUNT:
@@ -284,7 +293,9 @@ static uint64_t bits_to_reception(const cw_mac *m)
 
 uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
 {
-    const uint64_t next_frame = waiting ? CW_FRAME_BITS_MIN - 1 : CW_QUIET_FOREVER;
+    const uint64_t next_frame = falls_asleep(m) ? steady_recessive_bits(m)
+                                : waiting       ? CW_FRAME_BITS_MIN - 1
+                                                : CW_QUIET_FOREVER;
     switch ((cw_mac_phase)m->phase) {
     case CW_MAC_FRAME:
         if (cw_mac_is_transmitter(m))
@@ -312,6 +323,7 @@ uint64_t cw_mac_horizon(const cw_mac *m, bool waiting)
     case CW_MAC_IDLE:
         return next_frame;
     case CW_MAC_OFF:
+    case CW_MAC_ASLEEP:
     case CW_MAC_BUS_OFF:
     case CW_MAC_PHASE_COUNT:
         return CW_QUIET_FOREVER;

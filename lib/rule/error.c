@@ -13,6 +13,8 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_ERROR:
         return e->error.type == CW_ERROR_ACK ? 0x0A8 : 0x088;
     case CW_EVENT_STATE:
+        if (e->state == CW_STATE_SLEEPING || e->state_before == CW_STATE_SLEEPING)
+            return 0; /* drivers say nothing of it */
         return e->state == CW_STATE_BUS_OFF ? 0x040 : 0x004;
     case CW_EVENT_RESTART:
         return 0x100;
@@ -27,6 +29,7 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_EXCEPTION:
     case CW_EVENT_RX:
     case CW_EVENT_TX:
+    case CW_EVENT_WAKE:
     case CW_EVENT_SKIP:
     case CW_EVENT_SYNC:
     case CW_EVENT_COUNT:

@@ -12,8 +12,10 @@ bool cw_rule_is_over(const cw_rule_state *s)
 static bool states_match(const cw_rule_set *set, const cw_rule *rule)
 {
     for (uint64_t rest = rule->state_nodes; rest; rest &= rest - 1) {
-        unsigned state = 1u << cw_mac_state(set->bus.macs[cw_lowest_node(rest)]);
-        if (!(rule->state_mask & state))
+        const unsigned i = cw_lowest_node(rest);
+        const cw_state state = *set->bus.asleep >> i & 1u ? CW_STATE_SLEEPING
+                                                          : cw_mac_state(set->bus.macs[i]);
+        if (!(rule->state_mask >> state & 1u))
             return false;
     }
     return true;

@@ -147,6 +147,7 @@ typedef struct cw_rule_bus {
     const cw_mac *macs[CW_NODES_MAX]; /* of each node; a follower's looks idle */
     unsigned node_count;
     uint64_t all; /* nodes */
+    const uint64_t *asleep; /* nodes that sleep */
     uint64_t seed;
     bool fd;      /* some node knows FD frames */
     bool divided; /* some node has a data rate: bits may be shorter than the rate says (D10) */

@@ -193,7 +193,7 @@ void cw_report_new_state(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_state before = (cw_state)n->reported_state;
-    cw_state after = cw_mac_state(&n->mac);
+    cw_state after = cw_node_state(bus, i);
     n->reported_state = (uint8_t)after;
     if (before < CW_STATE_ERROR_WARNING && after == CW_STATE_ERROR_WARNING)
         n->stats.error_warning++;
@@ -216,8 +216,22 @@ static void keep_sent_flags(const bus_node *n)
         cw_queue_at(&n->queue, n->offered_slot)->frame->flags = sent->flags;
 }
 
+/* A node that sleeps reports nothing but what wakes it. */
+static void commit_asleep(cw_bus *bus, unsigned i, const cw_mac_report *r)
+{
+    if (r->what & CW_REPORT_WAKE)
+        cw_sleep_wake(bus, i, CW_WAKE_PATTERN);
+    else if ((r->what & CW_REPORT_RX) && (bus->listening >> i & 1u))
+        cw_sleep_hear(bus, i, cw_mac_received(&bus->nodes[i].mac));
+    cw_report_state(bus, i);
+}
+
 void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
+    if (bus->asleep >> i & 1u) {
+        commit_asleep(bus, i, r);
+        return;
+    }
     /* the frame that bus-off takes back stays in the queue; the restart drops it with all others */
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         commit_given_up(bus, i);
@@ -241,6 +255,8 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
         keep_sent_flags(&bus->nodes[i]);
         cw_commit_sent(bus, i, cw_mac_tx(&bus->nodes[i].mac)->length);
     }
+    if (r->what & CW_REPORT_SLEEP)
+        cw_sleep_settle(bus, i);
     cw_report_state(bus, i);
 }
 

@@ -10,7 +10,7 @@
 
 void cw_queue_changed(cw_bus *bus, unsigned i)
 {
-    if (bus->nodes[i].queue.count > 0)
+    if (bus->nodes[i].queue.count > 0 && !(bus->asleep >> i & 1u))
         bus->waiting |= cw_node_bit(i);
     else
         bus->waiting &= ~cw_node_bit(i);
@@ -23,7 +23,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
     const bus_node *n = &bus->nodes[i];
     if (bus->detached & cw_node_bit(i))
         return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
-    if (n->mac.modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
+    if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         return CW_DROP_LISTEN_ONLY;
     if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
         return CW_DROP_BUS_OFF;

@@ -50,6 +50,8 @@ static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
     if (!m->driven && !hidden)
         clear_bit(&note->wanted, i);
     note_place(&note->nodes[i], m, level);
+    if (bus->listening >> i & 1u) /* nobody sees that it does */
+        note->nodes[i] = (cw_bit_node){.phase = CW_MAC_ASLEEP};
 }
 
 /* Nodes that follow one controller are at one place, unless their levels differ. */
@@ -95,7 +97,7 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels)
 static bool is_quiet_phase(unsigned phase)
 {
     return phase == CW_MAC_IDLE || phase == CW_MAC_OFF || phase == CW_MAC_BUS_OFF ||
-           phase == CW_MAC_RECOVERING;
+           phase == CW_MAC_RECOVERING || phase == CW_MAC_ASLEEP;
 }
 
 bool cw_view_is_quiet(const cw_bus *bus)
@@ -107,7 +109,7 @@ bool cw_view_is_quiet(const cw_bus *bus)
         return false;
     for (unsigned i = 0; i < bus->node_count; i++) {
         unsigned phase = cw_noted(note, i)->phase;
-        if (!is_quiet_phase(phase) || phase != cw_mac_of(bus, i)->phase)
+        if (!is_quiet_phase(phase) || phase != (unsigned)cw_phase_of(bus, i))
             return false;
     }
     return true;

@@ -21,7 +21,9 @@ uint64_t cw_automatic_restart(const cw_bus *bus, unsigned i)
 void cw_find_node_due(cw_bus *bus)
 {
     bus->node_due = CW_NEVER;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    for (unsigned i = 0; i < bus->node_count; i++) {
         bus->node_due = cw_least(bus->node_due,
                                  cw_least(bus->restarts[i].at, cw_buffers_due(bus, i)));
+        bus->node_due = cw_least(bus->node_due, bus->sleeps[i].awake_at);
+    }
 }

@@ -11,6 +11,7 @@
  *   buffers.c    filters, and frames that wait for their hosts; mailboxes.c mailboxes,
  *                replies.c their replies to remote frames
  *   order.c      tells when an arbitration was not won by the lowest identifier
+ *   sleep.c      nodes that sleep, and what wakes them
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -23,6 +24,7 @@
 #include "mac/mac.h"
 #include "state/buffers.h"
 #include "state/queue.h"
+#include "state/sleep.h"
 #include "state/stats.h"
 #include "state/timed.h"
 #include "time/wire.h"
@@ -159,7 +161,8 @@ typedef struct cw_frame_step {
 struct cw_bus {
     cw_wire_time time;
     unsigned node_count;
-    uint64_t node_due; /* the earliest of `restarts`, and of frames that hosts fetch */
+    uint64_t node_due; /* the earliest of `restarts`, of frames that hosts fetch, and of nodes that
+                          are awake again */
     uint64_t recessive_bits;
     uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
     uint64_t work;         /* see cw_bus_work() */
@@ -174,7 +177,10 @@ struct cw_bus {
     event_ring ring;
     uint64_t all;       /* nodes */
     uint64_t followers; /* nodes that share the controller `common`, see followers.c */
-    uint64_t waiting;   /* nodes with frames in their queues */
+    uint64_t waiting;   /* nodes with frames in their queues; not those asleep */
+    uint64_t asleep;    /* nodes that sleep, until they integrate */
+    uint64_t dozing;    /* of these, the ones that wait for a dominant phase ... */
+    uint64_t listening; /* ... or for a frame */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     uint64_t removed;   /* of these, the ones that never come back; they are flushed */
     cw_mac common;
@@ -199,6 +205,7 @@ struct cw_bus {
     bus_node *nodes;
     restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */
+    cw_sleep *sleeps;        /* likewise */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */
     uint32_t stored;         /* frames in all receive buffers now ... */
@@ -400,10 +407,64 @@ static inline void cw_mailboxes_load(cw_bus *bus, unsigned node)
         cw_mailboxes_load_now(bus, node);
 }
 
+/* Returns the controller of a node, shared or its own (followers.c). */
+const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
+
+/* ---- sleep.c --------------------------------------------------------------------------------- */
+
+/* Lets a node sleep, as soon as its controller can. */
+void cw_sleep_request(cw_bus *bus, unsigned node);
+
+/* Has the host of a node wake it when the bus goes on. One that is still to fall asleep stays
+ * awake. */
+void cw_sleep_call(cw_bus *bus, unsigned node);
+
+/* Notes that the controller of a node has fallen asleep, if that is new. */
+void cw_sleep_settle(cw_bus *bus, unsigned node);
+
+/* Returns true when a node is asleep and shall stay so, or is to fall asleep. */
+bool cw_sleep_wanted(const cw_bus *bus, unsigned node);
+
+bool cw_sleep_valid(const cw_sleep_settings *settings);
+
+/* Lets a node that is asleep wait for what wakes it. Call it after that has changed. */
+void cw_sleep_wait(cw_bus *bus, unsigned node);
+
+/* Wakes a node, or lets one that has been woken integrate. */
+void cw_sleep_wake(cw_bus *bus, unsigned node, cw_wake why);
+
+/* Ends the sleep of a node that is bus-off or reset, without an event. */
+void cw_sleep_forget(cw_bus *bus, unsigned node);
+
+/* Wakes nodes whose hosts want it, and lets those integrate that are due. */
+void cw_sleep_run(cw_bus *bus, unsigned node);
+
+/* Takes a frame that a sleeping node has received: it may wake it. */
+void cw_sleep_hear(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Returns the modes of a node as its host knows them. */
+unsigned cw_modes_of(const cw_bus *bus, unsigned node);
+
+/* Changes them. */
+void cw_set_modes_of(cw_bus *bus, unsigned node, unsigned modes);
+
+/* Returns the state of a node as its host knows it. */
+static inline cw_state cw_node_state(const cw_bus *bus, unsigned node)
+{
+    return bus->asleep >> node & 1u ? CW_STATE_SLEEPING
+                                    : (cw_state)bus->nodes[node].mac.confinement.state;
+}
+
+/* Returns the phase of a node as its host knows it. */
+static inline cw_mac_phase cw_phase_of(const cw_bus *bus, unsigned node)
+{
+    return bus->listening >> node & 1u ? CW_MAC_ASLEEP : (cw_mac_phase)cw_mac_of(bus, node)->phase;
+}
+
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 
 /* Events that one node can have in one bit besides drops of frames. */
-#define CW_EVENTS_PER_NODE 10u
+#define CW_EVENTS_PER_NODE 12u
 
 /* Finds the most room that a bit can need. Call it when rules come or go. */
 void cw_ring_find_enough(cw_bus *bus);
@@ -489,9 +550,6 @@ void cw_count_received(cw_bus *bus, unsigned sender, unsigned bytes);
 void cw_assert_shares(const cw_bus *bus);
 
 /* ---- followers.c ----------------------------------------------------------------------------- */
-
-/* Returns the controller of a node, shared or its own. */
-const cw_mac *cw_mac_of(const cw_bus *bus, unsigned node);
 
 /* Returns the node's own controller, to change it; controllers must be awake. */
 cw_mac *cw_own_mac(cw_bus *bus, unsigned node);
@@ -582,11 +640,12 @@ void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
  * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
-/* Returns true when rules on the host side, filters or buffers may act on a received frame. */
+/* Returns true when rules on the host side, filters or buffers may act on a received frame, or it
+ * may wake a node. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
     return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count ||
-           bus->buffers;
+           bus->buffers || bus->listening;
 }
 
 /* Commits that followers have received a frame in this bit, when no other node has a report.
@@ -598,8 +657,7 @@ void cw_report_new_state(cw_bus *bus, unsigned node);
 
 static inline void cw_report_state(cw_bus *bus, unsigned node)
 {
-    const bus_node *n = &bus->nodes[node];
-    if (n->reported_state != n->mac.confinement.state)
+    if (bus->nodes[node].reported_state != cw_node_state(bus, node))
         cw_report_new_state(bus, node);
 }
 

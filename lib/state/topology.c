@@ -16,8 +16,11 @@ static void put_node(cw_bus *bus, unsigned i, const cw_topology *topology)
         return; /* so that a change at one node does not disturb the others */
     cw_mac *m = cw_own_mac(bus, i);
     m->no_ack = silent;
-    if (goes)
+    if (goes) {
         cw_mac_disconnect(m);
+        cw_sleep_settle(bus, i);
+        bus->pending = true;
+    }
     if (comes)
         cw_mac_reconnect(m);
 }

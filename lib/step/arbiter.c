@@ -24,7 +24,7 @@
 static uint64_t entry_of(const cw_bus *bus, unsigned i)
 {
     const cw_queue *q = &bus->nodes[i].queue;
-    if (q->count == 0)
+    if (!(bus->waiting >> i & 1u))
         return NO_ENTRY;
     return (uint64_t)cw_arbitration_key(cw_queue_at(q, cw_queue_first(q))->frame) << KEY_SHIFT |
            i << NODE_SHIFT;

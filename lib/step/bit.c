@@ -158,6 +158,15 @@ typedef struct bit_reports {
     cw_mac_report own[CW_NODES_MAX];
 } bit_reports;
 
+/* Adds the reports of nodes that are woken in this bit. */
+static void look_for_wake_ups(cw_bus *bus, uint64_t levels, bit_reports *reports)
+{
+    const uint64_t woken = cw_doze(bus, levels, 1);
+    for (uint64_t rest = woken; rest; rest &= rest - 1)
+        reports->own[cw_lowest_node(rest)].what |= CW_REPORT_WAKE;
+    reports->from |= woken;
+}
+
 static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
 {
     cw_split_followers(bus, levels);
@@ -171,6 +180,8 @@ static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
     }
     if (bus->followers && cw_sample_common(bus, levels, &reports->common))
         reports->from |= reports->together;
+    if (bus->dozing)
+        look_for_wake_ups(bus, levels, reports);
 }
 
 static void commit(cw_bus *bus, const bit_reports *reports)

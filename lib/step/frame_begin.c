@@ -14,7 +14,7 @@
 /* Cheap checks come first, since this runs for every bit in the middle of a frame. */
 static bool can_begin(cw_bus *bus)
 {
-    if (bus->waiting == 0 || bus->group_count > 1 || bus->pending ||
+    if (bus->waiting == 0 || bus->group_count > 1 || bus->pending || bus->dozing ||
         (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return false;
     if (!bus->outlook.valid)
@@ -46,11 +46,13 @@ static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
 }
 
 /* Returns the number of last bits that the controllers must take themselves. They may miss an
- * acknowledgement, want overload frames, or suspend transmission after the intermission (M8). */
+ * acknowledgement, be woken, want overload frames, or suspend transmission after the intermission
+ * (M8). */
 static unsigned find_tail(const cw_bus *bus, unsigned winner)
 {
     const unsigned from_ack_slot = bus->frame_step.after_ack + 1u + CW_INTERMISSION_BITS;
-    if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0 || bus->overload_when_full)
+    if ((bus->outlook.acknowledgers & ~cw_node_bit(winner)) == 0 || bus->overload_when_full ||
+        bus->listening)
         return from_ack_slot;
     bool suspends = cw_confinement_passive(&bus->nodes[winner].mac.confinement);
     return suspends ? CW_INTERMISSION_BITS : 0;

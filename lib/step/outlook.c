@@ -6,19 +6,23 @@
 
 #include <assert.h>
 
+static bool is_away(const cw_mac *m)
+{
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP;
+}
+
 /* Returns true when a node is idle, or away for longer than a frame. Otherwise no frame step is
  * possible. */
 static bool is_calm(const cw_mac *m)
 {
-    bool away = m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
-    return (away || m->phase == CW_MAC_IDLE) && m->reported_state == m->confinement.state &&
+    return (is_away(m) || m->phase == CW_MAC_IDLE) && m->reported_state == m->confinement.state &&
            m->overloads_wanted == 0;
 }
 
 static void count_node(cw_outlook *outlook, const bus_node *n, bool has_boxes, uint64_t self)
 {
     const cw_mac *m = &n->mac;
-    if (m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF)
+    if (is_away(m))
         outlook->away |= self;
     if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
         return;

@@ -42,7 +42,8 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
     n->looked = look;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
-    if (effect != CW_EDGE_IGNORED && bus->nodes[i].mac.phase != CW_MAC_OFF)
+    const unsigned phase = bus->nodes[i].mac.phase;
+    if (effect != CW_EDGE_IGNORED && phase != CW_MAC_OFF && phase != CW_MAC_ASLEEP)
         cw_sync_note(bus, i, hard, phase_error, look);
     if (effect != CW_EDGE_IGNORED)
         cw_mac_note_edge(&bus->nodes[i].mac);

@@ -55,7 +55,7 @@ static bool may_go(const cw_bus *bus)
     return t->active && (!t->records || t->uniform) && !cw_wants_event(bus, CW_EVENT_SYNC) &&
            bus->rules.awake_count == 0 && t->disturbances.count == 0 && t->cable.dominant == 0 &&
            !t->rings && t->touched == 0 && !bus->stepping && !bus->watching && !bus->pending &&
-           bus->group_count == 1 && t->one_wire && !cw_host_side_acts(bus) &&
+           bus->group_count == 1 && t->one_wire && !cw_host_side_acts(bus) && !bus->dozing &&
            !bus->error_flag.now && !bus->overload_flag.now && !cw_rules_delay_edges(&bus->rules) &&
            !cw_fast_nodes(bus) && cw_timed_is_straight(bus);
 }
@@ -82,7 +82,7 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
         (bus->old && cw_frame_is_extended(f->frame)) ||
         (bus->strict && f->frame->dlc > CW_CLASSICAL_DATA_MAX))
         return false;
-    if (f->due && (!cw_knows_frame(bus, f->sender, f->frame) ||
+    if (f->due && (!cw_knows_frame(bus, f->sender, f->frame) || (bus->asleep >> f->sender & 1u) ||
                    cw_refusal(bus, f->sender) != CW_DROP_COUNT))
         return false;
     return is_between_frames(&bus->nodes[f->sender].mac);
@@ -97,7 +97,7 @@ static bool is_calm(const cw_mac *m)
 
 static bool is_away(const cw_mac *m)
 {
-    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF;
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP;
 }
 
 /* Returns true when a node is in a recessive bit as long as all others, and saw no edge in it. */

@@ -150,7 +150,8 @@ static cw_span next_begin(const cw_bus *bus, unsigned i)
 static bool is_away(const cw_mac *m)
 {
     const bool rests = m->phase == CW_MAC_IDLE && (m->modes & CW_MODE_LOOPBACK); /* M15 */
-    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || rests;
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP ||
+           rests;
 }
 
 cw_span cw_timed_common_begin(const cw_bus *bus)

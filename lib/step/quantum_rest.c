@@ -14,15 +14,17 @@
 /* Returns true when the controller does nothing until something comes in. */
 static bool rests(const cw_mac *mac)
 {
-    return mac->phase == CW_MAC_IDLE || mac->phase == CW_MAC_OFF || mac->phase == CW_MAC_BUS_OFF;
+    return mac->phase == CW_MAC_IDLE || mac->phase == CW_MAC_OFF ||
+           mac->phase == CW_MAC_BUS_OFF || mac->phase == CW_MAC_ASLEEP;
 }
 
-/* Returns true when the node is in a bit like all that follow: no edge has come since it began. */
+/* Returns true when the node is in a bit like all that follow: no edge has come since it began. One
+ * that is ahead has ended such a bit. */
 static bool is_periodic(const cw_bus *bus, unsigned i)
 {
     const cw_cable *cable = &bus->timed.cable;
     const timed_node *n = &bus->timed.nodes[i];
-    return rests(&bus->nodes[i].mac) && !n->retimed && !n->ahead && !n->pcs.synchronised &&
+    return rests(&bus->nodes[i].mac) && !n->retimed && !n->pcs.synchronised &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
            n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&
@@ -106,13 +108,15 @@ bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
     const cw_span end = cw_moment_of(bus, cw_wire_tick(&bus->time, bits));
     cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = &bus->timed.nodes[i];
+        timed_node *n = &bus->timed.nodes[i];
+        n->ahead = false;
         (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, end);
     }
     cw_watch_wire(bus, bits);
     cw_wire_pass(&bus->time, bits);
     bus->timed.moment = end;
     bus->wire = CW_RECESSIVE;
+    cw_doze_forget(bus);
     bus->stats.bits += bits;
     bus->recessive_bits += bits;
     bus->outlook.valid = false;

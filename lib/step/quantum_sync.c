@@ -40,6 +40,8 @@ __attribute__((noinline)) void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsig
 {
     cw_timed *t = &bus->timed;
     const cw_mac *m = &bus->nodes[i].mac;
+    const cw_place nowhere = {.field = CW_FIELD_NONE};
+    const bool hidden = bus->listening >> i & 1u; /* nobody sees what it reads */
     const cw_span since = moment - cw_moment_of(bus, cw_now(bus));
     if (t->mark_count == t->mark_room)
         return;
@@ -47,8 +49,8 @@ __attribute__((noinline)) void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsig
                                           .quantum = t->nodes[i].timing.quantum,
                                           .phase_error = (int16_t)phase_error,
                                           .node = (uint8_t)i, .level = level,
-                                          .phase = (uint8_t)cw_mac_get_phase(m),
-                                          .place = cw_mac_place(m)};
+                                          .phase = (uint8_t)cw_phase_of(bus, i),
+                                          .place = hidden ? nowhere : cw_mac_place(m)};
 }
 
 static void count_sync(cw_bus *bus, unsigned i, const cw_sync *sync)

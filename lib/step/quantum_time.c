@@ -29,6 +29,8 @@ static bool level_of_wires(const cw_bus *bus, cw_span moment)
 
 static void end_bit_time(cw_bus *bus, cw_span end)
 {
+    if (bus->dozing)
+        cw_timed_doze(bus, end);
     bus->wire = level_of_wires(bus, end);
     if (bus->timed.rates && bus->timed.uniform)
         cw_timed_show_wire(bus);

@@ -37,6 +37,8 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
         bits = cw_mac_steady_bits(&bus->common, level);
     for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
         bits = cw_least(bits, cw_mac_steady_bits(&bus->nodes[cw_lowest_node(rest)].mac, level));
+    if (bus->dozing && level == CW_DOMINANT)
+        bits = cw_least(bits, cw_doze_bits(bus));
     return bits > 0 && can_start(bus) ? 0 : bits;
 }
 
@@ -88,6 +90,8 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
         skip(bus, &bus->nodes[i].mac, bits, level);
         cw_join(bus, i);
     }
+    if (bus->dozing)
+        (void)cw_doze(bus, level ? UINT64_MAX : 0, bits);
     cw_wire_pass(&bus->time, bits);
     bus->stats.bits += bits;
     bus->recessive_bits = level ? bus->recessive_bits + bits : 0;

@@ -18,7 +18,7 @@ static bool is_ordinary(const cw_mac *m)
 {
     bool on_bus = m->phase >= CW_MAC_IDLE && m->phase <= CW_MAC_INTERMISSION;
     return on_bus && m->role != CW_ROLE_TRANSMITTER && !m->no_ack && m->overloads_wanted == 0 &&
-           !(m->modes & CW_MODES_APART) && !m->no_long_dlc &&
+           !(m->modes & CW_MODES_APART) && !m->no_long_dlc && !m->sleeps &&
            !cw_confinement_passive(&m->confinement) && m->reported_state == m->confinement.state;
 }
 

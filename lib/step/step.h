@@ -142,6 +142,20 @@ uint64_t cw_losses_ahead(const cw_bus *bus);
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
+/* ---- doze.c ---------------------------------------------------------------------------------- */
+
+/* Lets sleeping nodes see their levels for so many bits. Returns those that are woken then. */
+uint64_t cw_doze(cw_bus *bus, uint64_t levels, uint64_t bits);
+
+/* Returns how many dominant bits wake no node. */
+uint64_t cw_doze_bits(const cw_bus *bus);
+
+/* Does the first for a bit time off the grid, and gives the nodes a report at its end. */
+void cw_timed_doze(cw_bus *bus, cw_span end);
+
+/* Notes that the wire has been recessive for some time. */
+void cw_doze_forget(cw_bus *bus);
+
 /* ---- shared.c -------------------------------------------------------------------------------- */
 
 /* Makes the node a follower if it is at the point of the others. */

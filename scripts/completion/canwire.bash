@@ -8,7 +8,7 @@
 _canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
 _canwire_commands+=" restart set reload help"
 _canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload"
-_canwire_events+=" protocol-exception overrun rx tx state skip sync"
+_canwire_events+=" protocol-exception overrun rx tx wake state skip sync"
 
 # Words of $1 that begin as the word being typed.
 _canwire_words() {
@@ -112,14 +112,14 @@ _canwire_settings() {
         [[ $current == = ]] && current= || key=${COMP_WORDS[COMP_CWORD - 2]}
         case $key in
         order) _canwire_words "priority fifo" ;;
-        restart-ms | queue | warning-limit) COMPREPLY=() ;;
+        restart-ms | queue | warning-limit | wake-*) COMPREPLY=() ;;
         *) _canwire_words "on off" ;;
         esac
     else
         compopt -o nospace 2>/dev/null
         _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= restricted= \
             time-triggered= lost-arbitration-reporting= restart-ms= queue= order= \
-            warning-limit= clock= ppm= \
+            warning-limit= sleep= wake-filter= wake-time= wake-on= clock= ppm= \
             sample-point= brp= prop-seg= phase-seg1= phase-seg2= sjw= triple-sampling= dbrp= \
             dprop-seg= dphase-seg1= dphase-seg2= dsjw= dsample-point= tdc-mode= tdco= tdcv= \
             tx-delay= rx-delay= position= stub= ringing="
@@ -140,7 +140,7 @@ _canwire() {
         return
         ;;
     --until-event)
-        _canwire_words "error-active error-warning error-passive bus-off $_canwire_events"
+        _canwire_words "error-active error-warning error-passive bus-off sleeping $_canwire_events"
         return
         ;;
     --format)

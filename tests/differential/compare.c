@@ -163,6 +163,12 @@ static void compare_host(comparison *c, const cw_host_stats *a, const cw_host_st
     SAME(replies);
 }
 
+static void compare_sleep(comparison *c, const cw_sleep_stats *a, const cw_sleep_stats *b)
+{
+    same(c, "wake-ups", a->wake_ups, b->wake_ups);
+    same(c, "ticks asleep", a->ticks, b->ticks);
+}
+
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
 {
     SAME(which);
@@ -172,6 +178,10 @@ static void compare_settings(comparison *c, const cw_settings *a, const cw_setti
     SAME(queue);
     SAME(warning_limit);
     SAME(restart_ticks);
+    SAME(sleeps);
+    SAME(sleep.filter_ticks);
+    SAME(sleep.wake_ticks);
+    SAME(sleep.frame_count);
 }
 
 /* Returns false when there is no such node. */
@@ -181,6 +191,7 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     cw_sync_stats syncs[2];
     cw_data_stats data[2];
     cw_host_stats hosts[2];
+    cw_sleep_stats sleeps[2];
     cw_settings settings[2];
     cw_status status = cw_node_get_stats(fast, c->number, &stats[0]);
     same(c, "status", status, cw_node_get_stats(reference, c->number, &stats[1]));
@@ -195,6 +206,9 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     same(c, "status", status, cw_node_get_host_stats(reference, c->number, &hosts[1]));
     if (status == CW_OK)
         compare_host(c, &hosts[0], &hosts[1]);
+    (void)cw_node_get_sleep_stats(fast, c->number, &sleeps[0]);
+    (void)cw_node_get_sleep_stats(reference, c->number, &sleeps[1]);
+    compare_sleep(c, &sleeps[0], &sleeps[1]);
     status = cw_node_get_sync_stats(fast, c->number, &syncs[0]);
     same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
     if (status == CW_OK)

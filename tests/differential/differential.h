@@ -149,6 +149,7 @@ typedef struct diff_maker {
     bool mailboxes;   /* some nodes have mailboxes, and frames their identifiers */
     bool rates;       /* ... and have a data rate, mostly that of these timings */
     cw_node_timing common;
+    bool sleeps;      /* nodes sleep */
     bool owned;       /* an identifier is sent by one node only, as it should be */
     unsigned frame_count;
     cw_frame frames[12]; /* of which the traffic consists */
@@ -166,6 +167,9 @@ extern const cw_filter diff_filters[DIFF_FILTERS];
 /* Mailboxes that some nodes have some of. */
 #define DIFF_MAILBOXES 16u
 extern const cw_mailbox diff_mailboxes[DIFF_MAILBOXES];
+
+/* Draws what wakes a node. */
+cw_sleep_settings diff_random_sleep(diff_maker *m);
 
 /* Draws two rates, which all nodes can have in common. */
 void diff_random_rates(diff_maker *m, cw_node_timing *timing);

@@ -242,6 +242,10 @@ static cw_node_config random_node(generator *g)
         diff_random_rates(m, &node.timing);
     if (g->hosts && diff_chance(r, 500))
         node.host = random_host(m);
+    if (m->sleeps) {
+        node.sleeps = diff_chance(r, 200);
+        node.sleep = diff_random_sleep(m);
+    }
     if (m->fd)
         node.protocol = random_protocol(r);
     if (g->old && (node.protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL && diff_chance(r, 300))
@@ -828,6 +832,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     g.hosts = diff_chance(&m->random, 150);
     g.old = diff_chance(&m->random, 100);
     g.variants = diff_chance(&m->random, 100);
+    m->sleeps = diff_chance(&m->random, 200);
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);

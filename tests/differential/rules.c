@@ -105,6 +105,34 @@ void diff_random_rates(diff_maker *m, cw_node_timing *timing)
     data->tdc.tdco = (uint32_t)diff_between(r, 1, (uint64_t)fast * data->brp);
 }
 
+/* A filter is mostly of a few bits, so that frames wake the node. Half of the nodes that frames
+ * wake are woken by each of a few. */
+cw_sleep_settings diff_random_sleep(diff_maker *m)
+{
+    diff_random *r = &m->random;
+    cw_sleep_settings s = {.filter_ticks = diff_random_ticks(m, 1, 6)};
+    if (diff_chance(r, 300))
+        s.filter_ticks = diff_random_ticks(m, 1, 20);
+    if (diff_chance(r, 500))
+        s.wake_ticks = diff_random_ticks(m, 1, 300);
+    if (diff_chance(r, 400))
+        s.frame_count = (uint8_t)diff_between(r, 1, DIFF_FILTERS);
+    memcpy(s.frames, diff_filters, sizeof diff_filters);
+    if (s.filter_ticks > CW_WAKE_TICKS_MAX || s.wake_ticks > CW_WAKE_TICKS_MAX)
+        s.filter_ticks = s.wake_ticks = 0;
+    return s;
+}
+
+static void random_sleep(diff_maker *m, cw_settings *s)
+{
+    diff_random *r = &m->random;
+    s->which |= CW_SET_SLEEP;
+    s->sleeps = diff_chance(r, 700);
+    s->sleep = diff_random_sleep(m);
+    if (diff_chance(r, 300))
+        s->which |= (uint32_t)diff_between(r, 1, 7) * CW_SET_WAKE_FILTER;
+}
+
 cw_settings diff_random_settings(diff_maker *m)
 {
     diff_random *r = &m->random;
@@ -128,6 +156,8 @@ cw_settings diff_random_settings(diff_maker *m)
         s.data = m->common.data;
         s.data.tdc.mode = (cw_tdc_mode)diff_below(r, 3);
     }
+    if (m->sleeps && diff_chance(r, 600))
+        random_sleep(m, &s);
     return s;
 }
 
@@ -286,7 +316,7 @@ static void random_when(diff_maker *m, cw_rule *rule)
         rule->from = diff_random_nodes(m);
     if (diff_chance(&m->random, 80)) {
         rule->state_nodes = diff_random_nodes(m);
-        rule->state_mask = (uint8_t)diff_between(&m->random, 1, 15);
+        rule->state_mask = (uint8_t)diff_between(&m->random, 1, m->sleeps ? 31 : 15);
     }
 }
 

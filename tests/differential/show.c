@@ -38,6 +38,8 @@ void diff_write_event(FILE *out, const cw_event *e)
         fprintf(out, " %s to %s", cw_state_name(e->state_before), cw_state_name(e->state));
     if (e->kind == CW_EVENT_DROP)
         fprintf(out, " %s", cw_drop_name(e->why));
+    if (e->kind == CW_EVENT_WAKE)
+        fprintf(out, " %s", cw_wake_name(e->why));
     if (e->kind == CW_EVENT_ARBITRATION_LOST)
         fprintf(out, " bit %u", e->lost_bit);
     if (e->kind == CW_EVENT_DROP || e->kind == CW_EVENT_ARBITRATION_LOST ||
@@ -89,6 +91,13 @@ static void write_frame(FILE *out, const cw_frame *f)
     write_bytes(out, "data", f->data, cw_frame_length(f));
 }
 
+/* The frames are the first ones of diff_filters. */
+static void write_sleep(FILE *out, const cw_sleep_settings *s)
+{
+    fprintf(out, ".sleep = {%" PRIu64 ", %" PRIu64 ", %u}, ", s->filter_ticks, s->wake_ticks,
+            s->frame_count);
+}
+
 static void write_settings(FILE *out, const cw_settings *s)
 {
     fprintf(out, ".which = 0x%X, ", s->which);
@@ -102,6 +111,10 @@ static void write_settings(FILE *out, const cw_settings *s)
         write_number(out, "order", s->order);
     if (s->which & CW_SET_WARNING)
         write_number(out, "warning_limit", s->warning_limit);
+    if (s->which & CW_SET_SLEEP)
+        write_number(out, "sleeps", s->sleeps);
+    if (s->which & CW_SET_WAKE)
+        write_sleep(out, &s->sleep);
 }
 
 static void write_change(FILE *out, const cw_change *c)
@@ -270,7 +283,8 @@ static bool same_node(const cw_node_config *a, const cw_node_config *b)
            a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks &&
            a->protocol == b->protocol && a->variants == b->variants &&
            memcmp(&a->host, &b->host, sizeof a->host) == 0 &&
-           memcmp(&a->timing, &b->timing, sizeof a->timing) == 0;
+           memcmp(&a->timing, &b->timing, sizeof a->timing) == 0 && a->sleeps == b->sleeps &&
+           memcmp(&a->sleep, &b->sleep, sizeof a->sleep) == 0;
 }
 
 static void write_bit_timing(FILE *out, const cw_bit_timing *t)
@@ -331,6 +345,9 @@ static void write_nodes(FILE *out, const diff_plan *plan)
         write_number(out, "restart_ticks", n->restart_ticks);
         write_timing(out, &n->timing);
         write_host(out, &n->host);
+        write_number(out, "sleeps", n->sleeps);
+        if (n->sleep.filter_ticks || n->sleep.wake_ticks || n->sleep.frame_count)
+            write_sleep(out, &n->sleep);
         fputs("},\n", out);
     }
 }

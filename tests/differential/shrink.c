@@ -309,7 +309,7 @@ static bool remove_node(diff_scenario *s, unsigned at)
     return true;
 }
 
-#define SETTINGS 7u
+#define SETTINGS 9u
 
 static unsigned setting_places(const diff_scenario *s)
 {
@@ -334,8 +334,12 @@ static bool simplify_setting(diff_scenario *s, unsigned place)
         n->restart_ticks = 0;
     else if (place % SETTINGS == 5)
         memset(&n->host, 0, sizeof n->host);
-    else
+    else if (place % SETTINGS == 6)
         n->variants = 0;
+    else if (place % SETTINGS == 7)
+        n->sleeps = false;
+    else
+        memset(&n->sleep, 0, sizeof n->sleep);
     return node < plan->config.node_count && memcmp(&before, n, sizeof before) != 0;
 }
 

@@ -158,6 +158,7 @@ static void check_drive(const cw_mac *before, const cw_mac *after, bool own)
     case CW_MAC_INTERMISSION:
     case CW_MAC_SUSPEND:
     case CW_MAC_BUS_OFF:
+    case CW_MAC_ASLEEP:
     case CW_MAC_RECOVERING:
     case CW_MAC_PHASE_COUNT:
         REQUIRE(own == CW_RECESSIVE);
@@ -280,6 +281,12 @@ static void command(bench *b, unsigned what)
         b->cut = false;
         cw_mac_reconnect(&b->mac);
         REQUIRE(cw_mac_get_phase(&b->mac) != CW_MAC_OFF);
+        break;
+    case 14:
+        if (fuzz_u8(&b->in) % 2)
+            cw_mac_sleep(&b->mac);
+        else
+            cw_mac_wake(&b->mac);
         break;
     default:
         bit(b, CW_RECESSIVE, false);

@@ -206,6 +206,21 @@ static void an_overflow_on_the_way_to_the_bus(void **state)
     assert_memory_equal(&out, &e, sizeof e);
 }
 
+/* Linux drivers leave CAN_STATE_SLEEPING out of error frames. */
+static void sleep_makes_no_error_frames(void **state)
+{
+    (void)state;
+    const cw_event events[] = {
+        {.kind = CW_EVENT_WAKE},
+        {.kind = CW_EVENT_STATE, .state = CW_STATE_SLEEPING},
+        {.kind = CW_EVENT_STATE, .state_before = CW_STATE_SLEEPING},
+        {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_PASSIVE, .tec = 130,
+         .state_before = CW_STATE_SLEEPING}};
+    errframe out;
+    for (size_t i = 0; i < sizeof events / sizeof events[0]; i++)
+        assert_false(errframe_from_event(&out, &events[i], UINT8_MAX));
+}
+
 static void storm_is_limited_and_counted(void **state)
 {
     (void)state;
@@ -233,6 +248,7 @@ int main(void)
         cmocka_unit_test(no_frame_for_other_events),
         cmocka_unit_test(bus_error_that_ends_in_bus_off),
         cmocka_unit_test(an_overflow_on_the_way_to_the_bus),
+        cmocka_unit_test(sleep_makes_no_error_frames),
         cmocka_unit_test(storm_is_limited_and_counted),
     };
     for (size_t i = 0; i < ROW_COUNT; i++)

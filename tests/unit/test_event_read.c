@@ -116,6 +116,11 @@ static void test_each_state_and_each_reason_of_a_drop(void **state)
                           .state = (uint8_t)to,
                           .tec = 256,
                           .rec = 128});
+    check(&(cw_event){.tick = TICK, .kind = CW_EVENT_STATE, .nodes = ENGINE,
+                      .state_before = CW_STATE_SLEEPING});
+    for (unsigned by = 0; by < CW_WAKE_COUNT; by++)
+        check(&(cw_event){.tick = TICK, .kind = CW_EVENT_WAKE, .nodes = ENGINE,
+                          .why = (uint8_t)by});
     for (unsigned why = 0; why < CW_DROP_COUNT; why++)
         check(&(cw_event){.tick = TICK,
                           .kind = CW_EVENT_DROP,

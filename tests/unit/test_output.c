@@ -170,6 +170,15 @@ static const line_case lines[] = {
      {.nodes = ENGINE, .kind = CW_EVENT_STATE, .state = CW_STATE_BUS_OFF, .tec = 256},
      "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"state\",\"state\":\"bus-off\","
      "\"tec\":256,\"rec\":0}\n"},
+    {"awake again",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_STATE, .state_before = CW_STATE_SLEEPING, .rec = 3},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"state\",\"state\":\"error-active\","
+     "\"tec\":0,\"rec\":3,\"was\":\"sleeping\"}\n"},
+    {"wake",
+     output_event,
+     {.nodes = ENGINE, .kind = CW_EVENT_WAKE, .why = CW_WAKE_FRAME},
+     "{\"t\":0.000000000,\"node\":\"engine\",\"event\":\"wake\",\"by\":\"frame\"}\n"},
     {"restart",
      output_event,
      {.nodes = ENGINE, .kind = CW_EVENT_RESTART},

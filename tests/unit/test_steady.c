@@ -115,6 +115,10 @@ static void disturb(cw_mac *m, uint64_t *seed)
         (void)cw_mac_request_restart(m);
     if (draw(seed) % 200 == 0)
         (void)cw_mac_force_error(m);
+    if (draw(seed) % 200 == 0)
+        cw_mac_sleep(m);
+    if (draw(seed) % 60 == 0)
+        cw_mac_wake(m);
 }
 
 static void steady_bits_can_be_taken_at_once(void **state)
@@ -137,7 +141,8 @@ static void steady_bits_can_be_taken_at_once(void **state)
         }
     }
     const unsigned in_both[] = {CW_MAC_FRAME,        CW_MAC_ERROR_PASSIVE, CW_MAC_ERROR_WAIT,
-                                CW_MAC_OVERLOAD_WAIT, CW_MAC_BUS_OFF,      CW_MAC_RECOVERING};
+                                CW_MAC_OVERLOAD_WAIT, CW_MAC_BUS_OFF,      CW_MAC_RECOVERING,
+                                CW_MAC_ASLEEP};
     for (unsigned i = 0; i < sizeof in_both / sizeof in_both[0]; i++) {
         assert_int_not_equal(steady[in_both[i]][0], 0);
         assert_int_not_equal(steady[in_both[i]][1], 0);

@@ -311,9 +311,29 @@ static bool run_releases(sim_run *s)
     return true;
 }
 
+/* Returns the frames that wait at nodes that sleep. */
+static size_t pending_asleep(const sim_run *s)
+{
+    size_t count = 0;
+    for (unsigned i = 0; i < s->config->node_count; i++) {
+        cw_node_stats stats;
+        if (cw_node_get_stats(s->bus, i, &stats) == CW_OK && stats.state == CW_STATE_SLEEPING)
+            count += stats.queue;
+    }
+    return count;
+}
+
+/* Returns true when no frame will come. Frames of nodes that sleep wait until something wakes
+ * them. */
+static bool nothing_comes(const sim_run *s)
+{
+    const size_t pending = cw_bus_pending(s->bus);
+    return pending == 0 || (cw_bus_next(s->bus) == CW_NEVER && pending == pending_asleep(s));
+}
+
 static bool traffic_is_over(const sim_run *s)
 {
-    return cw_bus_pending(s->bus) == 0 && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
+    return nothing_comes(s) && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
 }
 
 /* Advances bit by bit, so that the run ends in exactly the documented bit. */

@@ -13,9 +13,9 @@
 
 static const char expected[] =
     "expected [NODE:]EVENT, an event of 'canwire watch' (error, rx, tx, drop, restart, overload, "
-    "protocol-exception, arbitration-lost, improper-arbitration, overrun, state, link, sync), a "
-    "state (error-active, error-warning, error-passive, bus-off), tx:FILTER or the like for "
-    "frames, fault[:RULE], or skip";
+    "protocol-exception, arbitration-lost, improper-arbitration, overrun, wake, state, link, "
+    "sync), a state (error-active, error-warning, error-passive, bus-off, sleeping), tx:FILTER or "
+    "the like for frames, fault[:RULE], or skip";
 
 /* Events of the bus, which have no node. */
 #define BUS_KINDS (1u << CW_EVENT_FAULT | 1u << CW_EVENT_SKIP)

@@ -284,7 +284,7 @@ static level as_level(uint64_t levels, unsigned node)
 
 static bool is_away(const cw_bit_node *n)
 {
-    return n->phase == CW_MAC_OFF || n->phase == CW_MAC_BUS_OFF;
+    return n->phase == CW_MAC_OFF || n->phase == CW_MAC_BUS_OFF || n->phase == CW_MAC_ASLEEP;
 }
 
 static level driven_level(const cw_bit_view *bit, unsigned node)

@@ -112,6 +112,11 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_TX:
         append_frame(self, NOTE_FRAME, "sent", event);
         break;
+    case CW_EVENT_WAKE:
+        append(self, NOTE_STATE, event->why == CW_WAKE_FRAME  ? "woken by a frame"
+                                 : event->why == CW_WAKE_HOST ? "woken by its host"
+                                                              : "woken");
+        break;
     case CW_EVENT_LINK:
         append(self, NOTE_STATE, event->up ? "link up" : "link down");
         break;

@@ -62,6 +62,7 @@ static const svg_style *phase_style(cw_mac_phase phase)
         [CW_MAC_OVERLOAD_WAIT] = {"#f8dfc2", INK, {"waits for recessive", "waits"}},
         [CW_MAC_BUS_OFF] = {"#444444", "#ffffff", {"bus-off"}},
         [CW_MAC_RECOVERING] = {"#888888", "#ffffff", {"recovering", "recov."}},
+        [CW_MAC_ASLEEP] = {"#c9d3e6", INK, {"asleep"}},
     };
     return &styles[phase];
 }
