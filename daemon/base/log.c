@@ -43,8 +43,11 @@ static struct {
     pthread_once_t once;
     int journal; /* -1: messages go to standard error */
     char bus[NAME_BYTES];
+    bool rig; /* of several buses */
     atomic_uint lost;
 } state = {.once = PTHREAD_ONCE_INIT, .journal = -1};
+
+static _Thread_local const char *entered; /* the bus of a rig, or NULL */
 
 /* ---- Journal --------------------------------------------------------------------------------- */
 
@@ -82,7 +85,7 @@ static int send_record(const message *m)
     size_t size = add_field(record, 0, "MESSAGE", m->text);
     size = add_field(record, size, "PRIORITY", number);
     size = add_field(record, size, "SYSLOG_IDENTIFIER", "canwired");
-    size = add_field(record, size, "CANWIRE_BUS", state.bus);
+    size = add_field(record, size, "CANWIRE_BUS", entered ? entered : state.bus);
     size = add_field(record, size, "CANWIRE_NODE", m->node);
     return sendto(state.journal, record, size, MSG_DONTWAIT | MSG_NOSIGNAL,
                   (const struct sockaddr *)&journal_address, sizeof journal_address) < 0
@@ -142,7 +145,10 @@ static void __attribute__((format(printf, 3, 0)))
 print(priority p, const char *node, const char *format, va_list args)
 {
     message m = {.priority = p, .node = node};
-    int used = node ? snprintf(m.text, sizeof m.text, "node %.*s: ", (int)NAME_BYTES, node) : 0;
+    int used = entered ? snprintf(m.text, sizeof m.text, "%.*s: ", (int)NAME_BYTES, entered) : 0;
+    if (node)
+        used += snprintf(m.text + used, sizeof m.text - (size_t)used, "node %.*s: ",
+                         (int)NAME_BYTES, node);
     (void)vsnprintf(m.text + used, sizeof m.text - (size_t)used, format, args);
     put(&m);
 }
@@ -150,6 +156,18 @@ print(priority p, const char *node, const char *format, va_list args)
 void log_set_bus(const char *bus)
 {
     (void)snprintf(state.bus, sizeof state.bus, "%s", bus);
+}
+
+void log_set_rig(void)
+{
+    state.rig = true;
+}
+
+const char *log_enter(const char *bus)
+{
+    const char *before = entered;
+    entered = state.rig ? bus : NULL;
+    return before;
 }
 
 void log_info(const char *format, ...)

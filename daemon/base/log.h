@@ -12,6 +12,14 @@
 /* Sets the bus of all later messages. Call it before other threads are started. */
 void log_set_bus(const char *bus);
 
+/* Names the bus of the later messages of this thread, where there are several. A message then
+ * begins with the name, which must stay. NULL: none. It does nothing before log_set_rig(). Returns
+ * the name before. */
+const char *log_enter(const char *bus);
+
+/* Lets log_enter() name buses. Call it before other threads are started. */
+void log_set_rig(void);
+
 void log_info(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void log_warning(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void log_error(const char *format, ...) __attribute__((format(printf, 1, 2)));

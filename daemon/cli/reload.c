@@ -8,7 +8,7 @@
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
-#include "config/config.h"
+#include "config/rig.h"
 
 #include <errno.h>
 #include <limits.h>
@@ -28,7 +28,8 @@ static const char help[] =
     "are\n"
     "told as FILE:LINE:COLUMN: message. Nodes that do not change keep their state and queues.\n"
     "\n"
-    "      --config FILE   the bus that has the control socket of this configuration\n"
+    "      --config FILE   the bus that has the control socket of this configuration, or\n"
+    "                      all buses of this rig\n"
     "      --pid PID       and is this process; without a control socket it gets SIGHUP, and its\n"
     "                      log tells how that went\n";
 
@@ -112,7 +113,8 @@ static void report_service_manager(void)
 static int hang_up(const target *t)
 {
     if (t->pid == 0) {
-        plain_print(stderr, "canwire reload: %s has no control socket: --pid is needed\n", t->file);
+        plain_print(stderr, "canwire reload: %s: a bus has no control socket: --pid is needed\n",
+                    t->file);
         return CLI_BAD_INPUT;
     }
     report_service_manager();
@@ -122,15 +124,41 @@ static int hang_up(const target *t)
     return CLI_BAD_INPUT;
 }
 
-static int reload_by_file(const target *t)
+static int ask_bus(const target *t, const cfg *config)
 {
     char path[PATH_MAX];
+    (void)snprintf(path, sizeof path, "%s%s", strchr(config->control, '/') ? "" : "./",
+                   config->control);
+    return ask(path, t->pid);
+}
+
+/* Reloads all buses of a rig. SIGHUP is for all of them at once. */
+static int reload_rig(const target *t)
+{
+    int status = CLI_OK;
+    bool all = true; /* have a control socket */
+    rig *several = rig_load(t->file, stderr);
+    if (!several)
+        return CLI_BAD_INPUT;
+    for (size_t i = 0; i < several->bus_count; i++)
+        all = all && several->buses[i]->control;
+    if (!all)
+        status = hang_up(t);
+    for (size_t i = 0; all && i < several->bus_count; i++)
+        if (ask_bus(t, several->buses[i]) != CLI_OK)
+            status = CLI_BAD_INPUT;
+    rig_free(several);
+    return status;
+}
+
+static int reload_by_file(const target *t)
+{
+    if (rig_is_rig(t->file))
+        return reload_rig(t);
     cfg *config = cfg_load(t->file, stderr);
     if (!config)
         return CLI_BAD_INPUT;
-    const char *control = config->control ? config->control : "";
-    (void)snprintf(path, sizeof path, "%s%s", strchr(control, '/') ? "" : "./", control);
-    int status = config->control ? ask(path, t->pid) : hang_up(t);
+    int status = config->control ? ask_bus(t, config) : hang_up(t);
     cfg_free(config);
     return status;
 }

@@ -6,6 +6,7 @@
 
 #include "base/decimal.h"
 #include "base/plain.h"
+#include "cli/gateways_text.h"
 
 #include <ctype.h>
 #include <inttypes.h>
@@ -374,6 +375,7 @@ void status_print(FILE *out, const json_t *status)
         print_recording(out, json_array_get(recordings, i));
     if (journal)
         print_journal(out, journal);
+    gateways_print(out, json_object_get(status, "gateways"));
 }
 
 static const char *fault_state(const json_t *fault)

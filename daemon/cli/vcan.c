@@ -11,6 +11,7 @@
 #include "config/config.h"
 #include "config/fdnodes.h"
 #include "config/portname.h"
+#include "config/rig.h"
 #include "port/links.h"
 
 #include <errno.h>
@@ -308,18 +309,35 @@ static void take_back(plan *p)
     }
 }
 
-static bool bring_up(plan *p)
+static bool plan_ports(plan *p)
 {
     bool good = true;
 
     for (size_t i = 0; i < p->config->node_count; i++)
         if (portname_is_interface(p->config->nodes[i].port))
             good = plan_port(p, i) && good;
-    for (size_t i = 0; good && i < p->config->node_count; i++)
-        if (portname_is_interface(p->config->nodes[i].port) && !carry_out(p, i)) {
-            take_back(p);
+    return good;
+}
+
+static bool carry_out_all(plan *p)
+{
+    for (size_t i = 0; i < p->config->node_count; i++)
+        if (portname_is_interface(p->config->nodes[i].port) && !carry_out(p, i))
             return false;
-        }
+    return true;
+}
+
+/* Makes the interfaces of several buses, or none of them. */
+static bool bring_up(plan *plans, size_t count)
+{
+    bool good = true;
+
+    for (size_t i = 0; i < count; i++)
+        good = plan_ports(&plans[i]) && good;
+    for (size_t i = 0; good && i < count; i++)
+        good = carry_out_all(&plans[i]);
+    for (size_t i = 0; !good && i < count; i++)
+        take_back(&plans[i]);
     return good;
 }
 
@@ -367,21 +385,47 @@ static bool bring_down(const plan *p)
     return good;
 }
 
+/* Makes the interfaces of a configuration, or of the buses of a rig. */
+static bool up(links *l, const char *owner, const cfg *const *buses, size_t count)
+{
+    plan *plans = calloc(count, sizeof *plans);
+
+    if (!plans)
+        return complain("interfaces", "out of memory");
+    for (size_t i = 0; i < count; i++)
+        plans[i] = (plan){
+            .links = l, .owner = owner, .config = buses[i], .fd = cfg_fd_nodes(buses[i])};
+    bool good = bring_up(plans, count);
+    free(plans);
+    return good;
+}
+
+static bool up_file(links *l, const char *owner, const char *file)
+{
+    bool is_rig = rig_is_rig(file);
+    rig *several = is_rig ? rig_load(file, stderr) : NULL;
+    cfg *one = is_rig ? NULL : cfg_load(file, stderr);
+    bool good = several
+                    ? up(l, owner, (const cfg *const *)several->buses, several->bus_count)
+                    : one && up(l, owner, (const cfg *const *)&one, 1);
+
+    rig_free(several);
+    cfg_free(one);
+    return good;
+}
+
 static int run(const char *verb, const char *file)
 {
     char owner[PATH_MAX];
-    bool up = strcmp(verb, "up") == 0;
-    cfg *config = up ? cfg_load(file, stderr) : NULL;
 
-    if ((up && !config) || !resolve(owner, file)) {
-        cfg_free(config);
+    if (!resolve(owner, file))
         return CLI_BAD_INPUT;
-    }
-    plan p = {.links = links_open(), .owner = owner, .config = config};
-    p.fd = config ? cfg_fd_nodes(config) : 0;
-    bool good = p.links || complain("netlink", strerror(errno));
-    good = good && (up ? bring_up(&p) : bring_down(&p));
-    links_close(p.links);
-    cfg_free(config);
+    links *l = links_open();
+    bool good = l || complain("netlink", strerror(errno));
+    if (good)
+        good = strcmp(verb, "up") == 0 ? up_file(l, owner, file)
+                                       : bring_down(&(plan){.links = l, .owner = owner});
+    links_close(l);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }
+

@@ -72,11 +72,20 @@ static void add_all(fileuses *all, const fileuses *others)
 
 bool cfg_check_files(const cfg *config, const fileuses *others, const char *program, FILE *errors)
 {
+    return cfg_check_all_files(&config, 1, others, program, errors);
+}
+
+bool cfg_check_all_files(const cfg *const *configs, size_t count, const fileuses *others,
+                         const char *program, FILE *errors)
+{
     fileuses all = {.count = 0};
-    cfg_add_files_read(&all, config);
-    add_sockets(&all, config);
+    for (size_t i = 0; i < count; i++) {
+        cfg_add_files_read(&all, configs[i]);
+        add_sockets(&all, configs[i]);
+    }
     add_all(&all, others);
-    cfg_add_files_written(&all, config);
+    for (size_t i = 0; i < count; i++)
+        cfg_add_files_written(&all, configs[i]);
     bool good = fileuses_check(&all, program, errors);
     fileuses_free(&all);
     return good;

@@ -16,4 +16,8 @@ void cfg_add_files_written(fileuses *all, const cfg *config); /* recordings */
  * while it is written. Otherwise it writes one line for each clash to `errors`. */
 bool cfg_check_files(const cfg *config, const fileuses *others, const char *program, FILE *errors);
 
+/* Does the same for several configurations together. */
+bool cfg_check_all_files(const cfg *const *configs, size_t count, const fileuses *others,
+                         const char *program, FILE *errors);
+
 #endif

@@ -164,8 +164,7 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
     else if (*is_profile)
         cfg_read_profile(self, root);
     else if (root->type == YAML_MAPPING_NODE && schema_find(self, root, "buses"))
-        schema_complain(self, root, "this is a rig of several buses; `canwire check` and "
-                        "`canwire sim` take it");
+        schema_complain(self, root, "this is a rig of several buses; expected the file of one bus");
     else
         schema_map(self, "configuration", root, file_keys, walk->config);
 }

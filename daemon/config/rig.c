@@ -109,6 +109,7 @@ static void read_bus(schema *self, const schema_key *key, const yaml_node_t *ite
     }
     for (size_t i = 0; i < r->bus_count; i++)
         compare(self, key, item, config, r->buses[i]);
+    r->names[r->bus_count] = schema_copy(self, config->bus_name);
     r->buses[r->bus_count++] = config;
 }
 
@@ -184,7 +185,9 @@ static bool read_end(schema *self, rig_end *out, const schema_key *key, const ya
     out->node = cfg_find_node(r->buses[out->bus], colon + 1);
     if (out->node == CW_NO_NODE)
         complain_node(self, key, value, r->buses[out->bus], colon + 1);
-    return out->node != CW_NO_NODE;
+    out->bus_name = bus;
+    out->name = schema_copy(self, colon + 1);
+    return out->node != CW_NO_NODE && out->name;
 }
 
 static void read_between(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -314,15 +317,26 @@ static bool read_root(rig_owner *owner, yaml_document_t *document, diag *found, 
     return found->errors == 0;
 }
 
-/* Loads the document of a file. Returns false after a complaint. */
-static bool load_document(yaml_document_t *document, const char *file, diag *found)
+/* Loads the document of a file, whose text the caller frees. Returns false after a complaint. */
+static bool load_document(yaml_document_t *document, char **text, size_t *size, const char *file,
+                          diag *found)
 {
-    size_t size;
-    char *text = yaml_file_read(&size, file, true, found);
-    const bool good = text && yaml_text_load(document, text, size, &yaml_file_limits, found);
+    *text = yaml_file_read(size, file, true, found);
+    return *text && yaml_text_load(document, *text, *size, &yaml_file_limits, found);
+}
 
-    free(text);
-    return good;
+bool rig_is_same(const char *file, const char *text, size_t size, FILE *errors)
+{
+    diag found = {.file.name = file};
+    size_t now_size = 0;
+    char *now = yaml_file_read(&now_size, file, true, &found);
+    const bool same = now && now_size == size && memcmp(now, text, size) == 0;
+
+    if (now && !same)
+        diag_add(&found, 1, 1, "a rig cannot change while it runs: restart canwired");
+    diag_flush(&found, errors);
+    free(now);
+    return same;
 }
 
 rig *rig_load(const char *file, FILE *errors)
@@ -336,7 +350,7 @@ rig *rig_load(const char *file, FILE *errors)
         owner->rig.file = arena_print(&owner->arena, "%s", file);
     if (!owner || !owner->rig.file)
         diag_add(&found, 0, 0, "out of memory");
-    else if (load_document(&document, file, &found)) {
+    else if (load_document(&document, &owner->rig.text, &owner->rig.size, file, &found)) {
         good = read_root(owner, &document, &found, errors);
         yaml_document_delete(&document);
     }
@@ -355,6 +369,7 @@ void rig_free(rig *self)
         return;
     for (size_t i = 0; i < self->bus_count; i++)
         cfg_free(self->buses[i]);
+    free(self->text);
     arena_free(&owner->arena);
     free(owner);
 }
@@ -367,7 +382,9 @@ bool rig_is_rig(const char *file)
     schema self = {.errors = &found, .arena = &memory, .document = &document};
     bool is = false;
 
-    if (load_document(&document, file, &found)) {
+    char *text = NULL;
+    size_t text_size = 0;
+    if (load_document(&document, &text, &text_size, file, &found)) {
         yaml_node_t *root = yaml_document_get_root_node(&document);
         is = root && root->type == YAML_MAPPING_NODE && schema_find(&self, root, "buses");
         yaml_document_delete(&document);
@@ -380,6 +397,7 @@ bool rig_is_rig(const char *file)
         (void)fclose(nowhere);
     }
     free(unread);
+    free(text);
     arena_free(&memory);
     return is;
 }

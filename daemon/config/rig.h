@@ -16,6 +16,8 @@
 typedef struct rig_end {
     size_t bus;
     unsigned node;
+    const char *bus_name;
+    const char *name; /* of the node */
 } rig_end;
 
 /* The directions of a rule, as a set of the end that receives: 1 << 0 the first end. */
@@ -47,8 +49,11 @@ typedef struct rig_gateway {
 
 typedef struct rig {
     const char *file;
+    char *text; /* of the file, owned by the rig */
+    size_t size;
     size_t bus_count;
-    cfg **buses; /* owned by the rig */
+    cfg **buses; /* owned by the rig; NULL where somebody has taken one */
+    const char *names[RIG_BUSES_MAX]; /* of the buses */
     size_t gateway_count;
     rig_gateway *gateways;
 } rig;
@@ -60,6 +65,10 @@ bool rig_is_rig(const char *file);
 /* Reads a rig and the configurations of its buses. Returns NULL after writing one line per error to
  * `errors`. Warnings of the buses are in their configurations. */
 rig *rig_load(const char *file, FILE *errors);
+
+/* Returns true when the file still has the text of a rig. Otherwise it writes a line to
+ * `errors`. */
+bool rig_is_same(const char *file, const char *text, size_t size, FILE *errors);
 
 /* Frees the rig and its buses; NULL is allowed. */
 void rig_free(rig *self);

@@ -59,6 +59,8 @@ void engine_handle_events(void *user)
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
+        if (event.nodes & e->carried)
+            e->group_calls->carry(e, &event);
         engine_notify(e, &event);
     }
 }

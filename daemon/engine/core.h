@@ -11,6 +11,7 @@
  *   links.c    detaches and attaches nodes with their interfaces
  *   go_over.c  changes to another configuration
  *   engine.c   start and stop; wake-ups
+ *   group.c    wake-ups of several engines with one clock and one timer
  */
 #ifndef CANWIRE_ENGINE_CORE_H
 #define CANWIRE_ENGINE_CORE_H
@@ -36,6 +37,14 @@ typedef enum mtu_told {
     MTU_LARGE  /* of another one: programs can write CAN FD frames, which are dropped */
 } mtu_told;
 
+/* The calls of an engine to its group. */
+typedef struct group_calls {
+    void (*carry)(engine *e, const cw_event *event); /* an event of a node of a gateway */
+    /* Returns false, after writing a line per error, when gateways cannot do with that. */
+    bool (*may_take)(engine *e, const cfg *config, FILE *errors);
+    void (*moved)(engine *e, const uint8_t from[CW_NODES_MAX]); /* nodes have other places */
+} group_calls;
+
 /* The known interfaces of the nodes. */
 typedef struct engine_links {
     linkwatch *watch;
@@ -56,6 +65,13 @@ struct engine {
                                 engine_update() */
     /* ... as the callback of a readable port */
     void (*on_port)(struct ev_loop *loop, ev_io *io, int events);
+    void (*arm)(engine *e);  /* sets the timer to wake_ns */
+    void (*over)(engine *e); /* it has stopped, or failed */
+    struct engine_group *group; /* NULL: this bus is alone */
+    const group_calls *group_calls;
+    size_t place;            /* in the group */
+    const char *name;        /* in its messages; NULL: this bus is alone */
+    uint64_t carried;        /* nodes of gateways, as a set */
     live *live;
     const cfg *config; /* the configuration in effect */
     engine_observer *observer;
@@ -83,13 +99,16 @@ struct engine {
     int64_t deadline_ns; /* CLOCK_MONOTONIC: time at which this wake-up must end */
     uint64_t looked_at;  /* work of the bus at the last reading of the clock */
     int64_t due_ns; /* CLOCK_MONOTONIC: the time of the timer; INT64_MAX: none */
+    int64_t wake_ns; /* in the same way: the wake-up for it */
     pacing_duty duty;
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
-    engine_clock clock;
+    engine_clock *clock; /* its own, or that of the group */
+    engine_clock own_clock;
     bool failed; /* it cannot wake up in time any more */
     bool stopping;
     uint64_t stop_tick; /* no later than this ... */
     int64_t stop_ns;    /* ... and, by CLOCK_MONOTONIC, than this */
+    bool stopped;
     port_frame batch[PORT_BATCH];
     uint64_t frames_read; /* from all ports */
 };
@@ -165,5 +184,47 @@ void engine_carry_links_over(engine *e, const reload *r);
 /* Advances bit by bit to the present, until a frame ends or the time of this wake-up does. A
  * pending configuration takes over at that end of a frame. */
 void engine_run_to_boundary(engine *e, uint64_t now);
+
+/* ---- engine.c -------------------------------------------------------------------------------- */
+
+/* Makes an engine with its ports, which do not wake it yet. Returns NULL after logging the
+ * reason. */
+engine *engine_open(struct ev_loop *loop, live *config);
+
+/* Lets ports wake it, and arms the timer. Bus time has begun. */
+void engine_begin(engine *e);
+
+/* Ends the loop, as a bus that cannot wake up must not seem to run. */
+void engine_fail(engine *e, const char *what, const char *why);
+
+/* Returns false, after that, for a descriptor that the kernel cannot watch: libev stops the watcher
+ * and calls once more. */
+bool engine_is_watched(engine *e, int events, const char *what);
+
+/* Returns the tick of the next event without input from ports. CW_NEVER: the bus rests, nothing is
+ * planned. */
+uint64_t engine_next_tick(const engine *e);
+
+/* Sets the timer to the next event. */
+void engine_arm_timer(engine *e);
+
+/* Skips time, of which frames of ports have waited for `excess`. */
+void engine_skip(engine *e, uint64_t skipped_ns, uint64_t excess);
+
+/* Advances to a tick, which has passed, in slices. Returns false when the time of this wake-up ends
+ * before. */
+bool engine_go(engine *e, uint64_t now);
+
+/* Advances bit by bit to the present, so that the bus stops at the end of the frame. On a machine
+ * that is too slow the clock ends it. */
+void engine_run_out(engine *e, uint64_t now);
+
+/* Waits in a busy loop for the moment of the timer, which `spin` sets a little early. It returns at
+ * once when nothing is due so soon. */
+void engine_spin(const engine *e);
+
+/* Reads ports once a tick from now on, until a tick has no frame. */
+void engine_start_ticking(engine *e);
+void engine_stop_ticking(engine *e);
 
 #endif

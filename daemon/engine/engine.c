@@ -9,7 +9,7 @@
 #include "engine/core.h"
 
 #include "base/log.h"
-#include "engine/due.h"
+#include "run/due.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -23,9 +23,7 @@
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
 
-/* Returns the tick of the next event without input from ports. CW_NEVER: the bus rests, nothing is
- * planned. */
-static uint64_t next_tick(const engine *e)
+uint64_t engine_next_tick(const engine *e)
 {
     return due_tick(e->now.bus, e->now.plan, e->config);
 }
@@ -48,9 +46,8 @@ static int64_t next_wake_ns(engine *e)
     return tick_ns < wake_ns ? tick_ns : wake_ns;
 }
 
-/* Ends the loop. A bus without a timer would advance only when somebody asks for its state; it must
- * not seem to run. */
-static void fail(engine *e, const char *what, const char *why)
+/* A bus without a timer would advance only when somebody asks for its state. */
+void engine_fail(engine *e, const char *what, const char *why)
 {
     if (!e->failed)
         log_error("%s: %s; the bus cannot go on", what, why);
@@ -58,12 +55,10 @@ static void fail(engine *e, const char *what, const char *why)
     ev_break(e->loop, EVBREAK_ALL);
 }
 
-/* Handles a descriptor that the kernel cannot watch: libev stops the watcher and calls once
- * more. */
-static bool is_watched(engine *e, int events, const char *what)
+bool engine_is_watched(engine *e, int events, const char *what)
 {
     if (events & EV_ERROR)
-        fail(e, what, "it cannot be watched any more");
+        engine_fail(e, what, "it cannot be watched any more");
     return !(events & EV_ERROR);
 }
 
@@ -72,21 +67,25 @@ bool engine_has_failed(const engine *e)
     return e->failed;
 }
 
-static void arm_timer(engine *e)
+void engine_arm_timer(engine *e)
 {
-    uint64_t tick = next_tick(e);
+    uint64_t tick = engine_next_tick(e);
     if (e->stopping && e->stop_tick < tick)
         tick = e->stop_tick;
     if (e->next && e->next->deadline < tick)
         tick = e->next->deadline;
-    e->due_ns = tick == CW_NEVER ? INT64_MAX : clock_monotonic_ns(&e->clock, tick);
-    if (!alarm_set(&e->alarm, next_wake_ns(e)))
-        fail(e, "timer", strerror(errno));
+    e->due_ns = tick == CW_NEVER ? INT64_MAX : clock_monotonic_ns(e->clock, tick);
+    e->wake_ns = next_wake_ns(e);
+    e->arm(e);
 }
 
-/* Waits in a busy loop for the moment of the timer, which `spin` sets a little early. It returns at
- * once when nothing is due so soon. */
-static void spin(const engine *e)
+static void arm(engine *e)
+{
+    if (!alarm_set(&e->alarm, e->wake_ns))
+        engine_fail(e, "timer", strerror(errno));
+}
+
+void engine_spin(const engine *e)
 {
     if (e->config->pacing != CFG_PACING_SPIN ||
         e->due_ns > clock_ns(CLOCK_MONOTONIC) + PACING_SPIN_NS)
@@ -95,17 +94,16 @@ static void spin(const engine *e)
         continue;
 }
 
-/* Reads ports once a tick from now on, until a tick has no frame. The first frame after a pause
- * starts this. */
-static void start_ticking(engine *e)
+/* The first frame after a pause starts this. */
+void engine_start_ticking(engine *e)
 {
     e->ticking = true;
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_unwatch_port(e, i);
-    arm_timer(e);
+    engine_arm_timer(e);
 }
 
-static void stop_ticking(engine *e)
+void engine_stop_ticking(engine *e)
 {
     e->ticking = false;
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -115,6 +113,15 @@ static void stop_ticking(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
+void engine_skip(engine *e, uint64_t skipped_ns, uint64_t excess)
+{
+    for (unsigned i = 0; i < e->config->node_count; i++)
+        e->arrived[i] -= e->arrived[i] < excess ? e->arrived[i] : excess;
+    const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2, excess);
+    catchup_note(&e->catchup, skipped_ns);
+    engine_notify(e, &event);
+}
+
 /* Skips time when the bus is too far behind: bus time stands still, and frames that have arrived
  * meanwhile move forward with it. */
 static void skip_missed_time(engine *e)
@@ -122,31 +129,33 @@ static void skip_missed_time(engine *e)
     int64_t boot_ns = clock_ns(CLOCK_BOOTTIME); /* this clock goes on while the machine is
                                                    suspended */
     int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
-    uint64_t now = clock_tick(&e->clock, now_ns);
-    uint64_t excess = catchup_excess(next_tick(e), now, e->catch_up_ticks);
+    uint64_t now = clock_tick(e->clock, now_ns);
+    uint64_t excess = catchup_excess(engine_next_tick(e), now, e->catch_up_ticks);
     uint64_t skipped_ns = excess / 2 * 25;
-    e->clock.epoch_ns += (int64_t)skipped_ns;
-    for (unsigned i = 0; i < e->config->node_count; i++)
-        e->arrived[i] -= e->arrived[i] < excess ? e->arrived[i] : excess;
+    e->clock->epoch_ns += (int64_t)skipped_ns;
     skipped_ns += catchup_suspended(&e->catchup, boot_ns, now_ns);
-    if (skipped_ns > 0) {
-        const cw_event event = inputs_skip(&e->inputs, skipped_ns / 25 * 2, excess);
-        catchup_note(&e->catchup, skipped_ns);
-        engine_notify(e, &event);
-    }
+    if (skipped_ns > 0)
+        engine_skip(e, skipped_ns, excess);
     catchup_log(&e->catchup, now_ns);
 }
 
 /* Advances to the present in slices, for WAKE_MAX_NS at most. A bus that is too much for this
  * machine falls behind, but does not delay signals and statistics. */
-static void catch_up(engine *e, uint64_t now)
+static bool catch_up(engine *e, uint64_t now)
 {
     uint64_t tick;
     do {
-        uint64_t next = next_tick(e);
+        uint64_t next = engine_next_tick(e);
         tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
         tick = engine_run_to(e, tick);
     } while (tick < now && !engine_turn_is_over(e));
+    return tick >= now;
+}
+
+bool engine_go(engine *e, uint64_t now)
+{
+    engine_run_to_boundary(e, now);
+    return (!e->next || !engine_turn_is_over(e)) && catch_up(e, now);
 }
 
 static bool may_stop(const engine *e)
@@ -154,15 +163,20 @@ static bool may_stop(const engine *e)
     return cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick;
 }
 
-/* Advances bit by bit to the present, so that the bus stops at the end of the frame. On a machine
- * that is too slow the clock ends it. */
-static void run_out(engine *e, uint64_t now)
+void engine_run_out(engine *e, uint64_t now)
 {
     while (!may_stop(e) && cw_bus_tick_after(e->now.bus, 1) <= now)
         if (!engine_advance(e, cw_bus_tick_after(e->now.bus, 1)))
             break;
-    if (may_stop(e) || clock_ns(CLOCK_MONOTONIC) >= e->stop_ns)
-        ev_break(e->loop, EVBREAK_ALL);
+    if (!may_stop(e) && clock_ns(CLOCK_MONOTONIC) < e->stop_ns)
+        return;
+    e->stopped = true;
+    e->over(e);
+}
+
+static void break_loop(engine *e)
+{
+    ev_break(e->loop, EVBREAK_ALL);
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
@@ -172,29 +186,27 @@ static void wake(engine *e)
     if (!e->stopping)
         skip_missed_time(e);
     clock_pair clocks = clock_read();
-    clock_follow(&e->clock, &clocks);
+    clock_follow(e->clock, &clocks);
     engine_start_turn(e);
-    uint64_t now = clock_tick(&e->clock, clocks.monotonic_ns);
+    uint64_t now = clock_tick(e->clock, clocks.monotonic_ns);
     if (e->stopping) {
-        run_out(e, now);
+        engine_run_out(e, now);
     } else {
         engine_read_ports(e, &clocks);
         engine_start_turn(e); /* the bus has a time limit of its own, independent of the ports */
-        engine_run_to_boundary(e, now);
-        if (!e->next || !engine_turn_is_over(e))
-            catch_up(e, now);
+        (void)engine_go(e, now);
     }
-    arm_timer(e);
+    engine_arm_timer(e);
 }
 
 static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine *e = ((port_watch *)io)->engine;
-    if (!is_watched(e, events, "port"))
+    if (!engine_is_watched(e, events, "port"))
         return;
     if (e->config->pacing == CFG_PACING_TICK && !e->stopping)
-        start_ticking(e);
+        engine_start_ticking(e);
     else
         wake(e);
 }
@@ -203,14 +215,14 @@ static void on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine *e = io->data;
-    if (!is_watched(e, events, "timer") || !alarm_take(&e->alarm))
+    if (!engine_is_watched(e, events, "timer") || !alarm_take(&e->alarm))
         return;
-    spin(e);
+    engine_spin(e);
     uint64_t read_before = e->frames_read;
     wake(e);
     if (e->ticking && e->frames_read == read_before) {
-        stop_ticking(e);
-        arm_timer(e);
+        engine_stop_ticking(e);
+        engine_arm_timer(e);
     }
 }
 
@@ -227,7 +239,7 @@ static bool make_timer(engine *e)
     return true;
 }
 
-engine *engine_start(struct ev_loop *loop, live *config)
+engine *engine_open(struct ev_loop *loop, live *config)
 {
     engine *e = calloc(1, sizeof *e);
     if (!e) {
@@ -237,26 +249,45 @@ engine *engine_start(struct ev_loop *loop, live *config)
     e->loop = loop;
     e->live = config;
     e->config = live_config(config);
+    e->clock = &e->own_clock;
     e->wake = wake;
     e->on_port = on_port;
+    e->arm = arm;
+    e->over = break_loop;
     e->alarm = ALARM_CLOSED;
     bool memory = setup_make(&e->now, e->config);
     inputs_init(&e->inputs, config, e->now.bus, engine_handle_events, e);
     if (!memory)
         log_error("out of memory");
-    if (!memory || !engine_open_ports(e) || !make_timer(e) || !engine_watch_links(e)) {
-        engine_free(e);
-        return NULL;
-    }
-    clock_begin(&e->clock);
-    catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->clock.epoch_ns);
+    if (memory && engine_open_ports(e) && engine_watch_links(e))
+        return e;
+    engine_free(e);
+    return NULL;
+}
+
+void engine_begin(engine *e)
+{
     engine_read_limits(e);
     engine_choose_events(e);
     release_look(e->now.plan, e->now.bus);
-    ev_io_start(loop, &e->timer);
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
-    arm_timer(e);
+    engine_arm_timer(e);
+}
+
+engine *engine_start(struct ev_loop *loop, live *config)
+{
+    engine *e = engine_open(loop, config);
+    if (!e)
+        return NULL;
+    if (!make_timer(e)) {
+        engine_free(e);
+        return NULL;
+    }
+    clock_begin(e->clock);
+    catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->clock->epoch_ns);
+    ev_io_start(loop, &e->timer);
+    engine_begin(e);
     return e;
 }
 
@@ -271,17 +302,18 @@ void engine_stop(engine *e)
 {
     if (e->stopping)
         return;
-    wake(e); /* frames that have arrived up to now still count */
+    e->wake(e); /* frames that have arrived up to now still count */
     e->stopping = true;
     e->ticking = false;
-    catchup_log(&e->catchup, INT64_MAX);
+    if (!e->group)
+        catchup_log(&e->catchup, INT64_MAX);
     e->stop_tick = cw_bus_tick_after(e->now.bus, BOUNDARY_BITS);
     e->stop_ns = clock_ns(CLOCK_MONOTONIC) + NS_PER_S +
                  2 * (int64_t)text_ticks_ns(cw_rate_ticks(e->config->rate, BOUNDARY_BITS));
     reload_free(e->next);
     e->next = NULL;
     unwatch_all(e);
-    wake(e);
+    e->wake(e);
 }
 
 void engine_free(engine *e)
@@ -299,17 +331,17 @@ void engine_free(engine *e)
 
 void engine_update(engine *e)
 {
-    wake(e);
+    e->wake(e);
 }
 
 int64_t engine_time_ns(const engine *e, uint64_t tick)
 {
-    return clock_monotonic_ns(&e->clock, tick);
+    return clock_monotonic_ns(e->clock, tick);
 }
 
 inputs *engine_change(engine *e)
 {
-    wake(e);
+    e->wake(e);
     return &e->inputs;
 }
 
@@ -347,7 +379,7 @@ void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user)
 
 uint64_t engine_realtime_ns(const engine *e, uint64_t tick)
 {
-    return clock_realtime_ns(&e->clock, tick);
+    return clock_realtime_ns(e->clock, tick);
 }
 
 const cw_bus *engine_bus(const engine *e)
@@ -357,8 +389,8 @@ const cw_bus *engine_bus(const engine *e)
 
 static uint64_t lag_ns(const engine *e)
 {
-    uint64_t now = clock_tick(&e->clock, clock_ns(CLOCK_MONOTONIC));
-    uint64_t due = next_tick(e);
+    uint64_t now = clock_tick(e->clock, clock_ns(CLOCK_MONOTONIC));
+    uint64_t due = engine_next_tick(e);
     return due < now ? (now - due) / 2 * 25 : 0;
 }
 

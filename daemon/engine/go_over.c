@@ -73,6 +73,8 @@ static void go_over(engine *e)
     engine_carry_links_over(e, r);
     log_warnings(e->config->warnings);
     log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
+    if (e->group_calls)
+        e->group_calls->moved(e, r->from);
     if (e->changed)
         e->changed(e->changed_user, r->from);
     reload_free(r);
@@ -101,7 +103,8 @@ bool engine_reload(engine *e, reload *r, FILE *errors)
         return false;
     }
     e->wake(e);
-    if (!reload_match(r, e->config, e->next, errors)) {
+    if ((e->group_calls && !e->group_calls->may_take(e, r->config, errors)) ||
+        !reload_match(r, e->config, e->next, errors)) {
         reload_free(r);
         return false;
     }

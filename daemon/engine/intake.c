@@ -20,7 +20,7 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
     int64_t age_ns = now->realtime_ns - frame->realtime_ns;
     if (frame->realtime_ns == 0 || age_ns < 0)
         age_ns = 0;
-    uint64_t tick = clock_tick(&e->clock, now->monotonic_ns - age_ns);
+    uint64_t tick = clock_tick(e->clock, now->monotonic_ns - age_ns);
     if (tick > e->arrived[node])
         e->arrived[node] = tick;
     return e->arrived[node];

@@ -190,6 +190,7 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
     engine *e = user;
     report_link state = up ? REPORT_LINK_UP : REPORT_LINK_DOWN;
     bool changed = false;
+    (void)log_enter(e->name);
     note_kind(e, name, strcmp(kind, "vcan") == 0);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         changed = changed || has_changed(e, i, index, name, state);
@@ -208,6 +209,7 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
 static void on_gone(void *user, unsigned index)
 {
     engine *e = user;
+    (void)log_enter(e->name);
     if (e->stopping)
         return;
     e->wake(e);
@@ -231,6 +233,7 @@ static void on_listing(void *user)
 static void on_listed(void *user)
 {
     engine *e = user;
+    (void)log_enter(e->name);
     e->links.awaited = false;
     if (e->stopping)
         return;

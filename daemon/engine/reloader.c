@@ -20,6 +20,9 @@
 typedef struct reading {
     char *file;
     fileuses others;
+    char *rig; /* the file of a rig and its text, or NULL */
+    char *rig_text;
+    size_t rig_size;
     FILE *errors; /* writes into text */
     char *text;
     size_t size;
@@ -29,6 +32,7 @@ typedef struct reading {
 struct reloader {
     struct ev_loop *loop;
     const fileuses *others;
+    const rig *rig; /* or NULL */
     const reloader_calls *calls;
     void *user;
     aside *aside;   /* NULL: nothing is being read */
@@ -42,7 +46,8 @@ struct reloader {
 static void read_config(void *task)
 {
     reading *t = task;
-    t->result = reload_read(t->file, &t->others, t->errors);
+    if (!t->rig || rig_is_same(t->rig, t->rig_text, t->rig_size, t->errors))
+        t->result = reload_read(t->file, &t->others, t->errors);
 }
 
 static void free_reading(void *task)
@@ -54,11 +59,13 @@ static void free_reading(void *task)
     fileuses_free(&t->others);
     free(t->text);
     free(t->file);
+    free(t->rig);
+    free(t->rig_text);
     free(t);
 }
 
 /* Makes the task. All of it belongs to the thread, which may outlive everything else. */
-static reading *make_reading(const char *file, const fileuses *others)
+static reading *make_reading(const char *file, const fileuses *others, const rig *of)
 {
     reading *t = calloc(1, sizeof *t);
     if (!t)
@@ -68,7 +75,14 @@ static reading *make_reading(const char *file, const fileuses *others)
     t->others.incomplete = t->others.incomplete || others->incomplete;
     t->file = strdup(file);
     t->errors = open_memstream(&t->text, &t->size);
-    if (t->file && t->errors)
+    if (of) {
+        t->rig = strdup(of->file);
+        t->rig_text = malloc(of->size + 1);
+        t->rig_size = of->size;
+    }
+    if (t->rig_text)
+        memcpy(t->rig_text, of->text, of->size);
+    if (t->file && t->errors && (!of || (t->rig && t->rig_text)))
         return t;
     free_reading(t);
     return NULL;
@@ -132,7 +146,7 @@ static bool begin(reloader *r, char *file, FILE *errors)
                 file, aside_left());
         return false;
     }
-    reading *t = make_reading(file, r->others);
+    reading *t = make_reading(file, r->others, r->rig);
     errno = ENOMEM;
     if (t)
         r->aside = aside_start(r->loop, &reading_calls, t, r, RELOADER_LIMIT_S);
@@ -178,6 +192,11 @@ reloader *reloader_new(struct ev_loop *loop, const fileuses *others, const reloa
     if (r)
         *r = (reloader){.loop = loop, .others = others, .calls = calls, .user = user};
     return r;
+}
+
+void reloader_keep_rig(reloader *r, const rig *config)
+{
+    r->rig = config;
 }
 
 uint64_t reloader_ask(reloader *r, const char *file, FILE *errors)

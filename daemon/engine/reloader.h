@@ -8,6 +8,7 @@
 #ifndef CANWIRE_ENGINE_RELOADER_H
 #define CANWIRE_ENGINE_RELOADER_H
 
+#include "config/rig.h"
 #include "engine/reload.h"
 
 #include <ev.h>
@@ -31,6 +32,9 @@ typedef struct reloader_calls {
  * the calls must live longer. Returns NULL without memory. */
 reloader *reloader_new(struct ev_loop *loop, const fileuses *others, const reloader_calls *calls,
                        void *user);
+
+/* Refuses reloads when the file of a rig has another text than that, which must live longer. */
+void reloader_keep_rig(reloader *r, const rig *config);
 
 /* Requests a reload of a file. Returns its round, whose end over() reports later. Returns 0 after
  * writing the reason. */

@@ -14,6 +14,7 @@
 #define APPLICATION "canwire " CANWIRE_VERSION
 #define VERSION_MAJOR 1u
 #define VERSION_MINOR 0u
+#define NAME_BYTES 80u /* of BUS:NODE */
 #define RESOLUTION_NS 9u /* 10^-9 s */
 #define ALL_ERRORS (CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING)
 
@@ -104,15 +105,16 @@ static void write_section(FILE *out)
     end_block(out, &b);
 }
 
-static void write_interface(FILE *out, const cfg *config, const cfg_node *node)
+/* Writes an interface; `name` is the node's. */
+static void write_interface(FILE *out, const cfg *config, const cfg_node *node, const char *name)
 {
     block b;
     begin_block(&b, BLOCK_IDB);
     add_number(&b, LINKTYPE_CAN_SOCKETCAN, 2);
     add_number(&b, 0, 2); /* reserved */
     add_number(&b, 0, 4); /* packets are never cut off */
-    add_text(&b, OPTION_IF_NAME, node->port ? node->port : node->name);
-    add_text(&b, OPTION_IF_DESCRIPTION, node->name);
+    add_text(&b, OPTION_IF_NAME, node->port ? node->port : name);
+    add_text(&b, OPTION_IF_DESCRIPTION, name);
     add_option(&b, OPTION_IF_SPEED, config->bitrate_bps, 8);
     add_option(&b, OPTION_IF_TSRESOL, RESOLUTION_NS, 1);
     end_options(&b);
@@ -123,7 +125,19 @@ void pcapng_begin(FILE *out, const cfg *config)
 {
     write_section(out);
     for (size_t i = 0; i < config->node_count; i++)
-        write_interface(out, config, &config->nodes[i]);
+        write_interface(out, config, &config->nodes[i], config->nodes[i].name);
+}
+
+void pcapng_begin_all(FILE *out, const cfg *const *buses, size_t count)
+{
+    char name[NAME_BYTES];
+    write_section(out);
+    for (size_t bus = 0; bus < count; bus++)
+        for (size_t i = 0; i < buses[bus]->node_count; i++) {
+            const cfg_node *node = &buses[bus]->nodes[i];
+            (void)snprintf(name, sizeof name, "%s:%s", buses[bus]->bus_name, node->name);
+            write_interface(out, buses[bus], node, name);
+        }
 }
 
 /* ---- Packets --------------------------------------------------------------------------------- */
@@ -186,6 +200,12 @@ static void write_packet(FILE *out, const packet *p, unsigned interface, uint64_
 
 void pcapng_event(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns)
 {
+    pcapng_event_of_bus(out, config, 0, event, time_ns);
+}
+
+void pcapng_event_of_bus(FILE *out, const cfg *config, unsigned first, const cw_event *event,
+                         uint64_t time_ns)
+{
     packet p;
     errframe error;
     if (event->kind == CW_EVENT_TX)
@@ -196,5 +216,5 @@ void pcapng_event(FILE *out, const cfg *config, const cw_event *event, uint64_t 
         return;
     for (unsigned i = 0; i < config->node_count; i++)
         if (event->nodes >> i & 1u)
-            write_packet(out, &p, i, time_ns);
+            write_packet(out, &p, first + i, time_ns);
 }

@@ -22,6 +22,15 @@
 /* Begins a capture of the nodes of config. */
 void pcapng_begin(FILE *out, const cfg *config);
 
+/* Begins a capture of the nodes of several buses, in their order. Interfaces are named as
+ * BUS:NODE. */
+void pcapng_begin_all(FILE *out, const cfg *const *buses, size_t count);
+
+/* Does the same as pcapng_event() for one of these buses. `first` is the number of nodes of those
+ * before it. */
+void pcapng_event_of_bus(FILE *out, const cfg *config, unsigned first, const cw_event *event,
+                         uint64_t time_ns);
+
 /* Writes the packets of an event, if it has any. config has the nodes that the capture began with;
  * time_ns counts from 1970, or from the start of the bus. */
 void pcapng_event(FILE *out, const cfg *config, const cw_event *event, uint64_t time_ns);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal.c - records all inputs of a bus, so that the run can be repeated.
+ * journal.c - records all inputs of the buses of a process, so that the run can be repeated.
  */
 #include "run/journal.h"
 
@@ -22,9 +22,11 @@
 #include <time.h>
 
 #define LINE_BYTES 512 /* of a short line */
+#define BUS_KEY_BYTES 64 /* of ,"bus":"NAME" */
 #define RECORD_HEAD 16u /* bytes of the queue that a record takes in addition, at most */
 #define RETRY_MARKS 5u /* about this many seconds until a broken journal is tried again */
 #define JOURNAL_WHY_MAX 100
+#define NAMES_BYTES 640 /* of all buses of a rig */
 #define CLOSE_S 2      /* limit for a disk that takes no more; see PATIENCE_S of recordings.c */
 
 typedef enum journal_state {
@@ -33,11 +35,20 @@ typedef enum journal_state {
     JOURNAL_TRYING      /* lines are written again, but none is known to be in the file yet */
 } journal_state;
 
+struct journal_part {
+    journal *journal;
+    bool named;        /* its lines have its name: it is one of a rig */
+    const cfg *config; /* the live one */
+    const inputs *in;
+    uint64_t last_at; /* tick of its last line */
+};
+
 struct journal {
     spool *spool;
     char *file;
-    const cfg *config; /* the live one */
-    uint64_t last_at;  /* tick of the last line */
+    size_t count;
+    journal_part buses[RIG_BUSES_MAX];
+    uint64_t last_at; /* tick of the last line */
     uint64_t number;   /* of lines so far, written or not */
     journal_state state;
     bool reported;       /* the log reports that it is broken */
@@ -169,11 +180,13 @@ static void put_object(journal *j, json_t *object)
 
 /* Makes the beginning of a line. "again": the bus was advanced once more to the tick of the line
  * before. */
-static json_t *begin_line(const journal *j, uint64_t now, bool advanced)
+static json_t *begin_line(const journal_part *b, uint64_t now, bool advanced)
 {
     json_t *line = json_object();
     put_count(line, "at", now);
-    if (advanced && now == j->last_at)
+    if (b->named)
+        put_text(line, "bus", b->config->bus_name);
+    if (advanced && now == b->last_at)
         put_bool(line, "again", true);
     return line;
 }
@@ -227,8 +240,9 @@ static bool is_plain(const cw_frame *frame, const char *text)
 }
 
 /* Writes a frame without a JSON object, since most lines are frames. */
-static void put_send(journal *j, const input *what)
+static void put_send(const journal_part *b, const input *what)
 {
+    char bus[BUS_KEY_BYTES] = "";
     char frame[FRAME_TEXT_MAX];
     char raw[LINE_BYTES / 2];
     text_print_frame(frame, what->frame);
@@ -243,9 +257,12 @@ static void put_send(journal *j, const input *what)
                              (unsigned)what->frame->data[i]);
         (void)snprintf(raw + used, sizeof raw - (size_t)used, "\"");
     }
-    put_short(j, "{\"at\":%" PRIu64 "%s,\"send\":\"%s\",%s,\"tick\":%" PRIu64 "}\n", what->now,
-              what->advanced && what->now == j->last_at ? ",\"again\":true" : "",
-              j->config->nodes[what->node].name, raw, what->at_tick);
+    if (b->named)
+        (void)snprintf(bus, sizeof bus, ",\"bus\":\"%s\"", b->config->bus_name);
+    put_short(b->journal,
+              "{\"at\":%" PRIu64 "%s%s,\"send\":\"%s\",%s,\"tick\":%" PRIu64 "}\n", what->now, bus,
+              what->advanced && what->now == b->last_at ? ",\"again\":true" : "",
+              b->config->nodes[what->node].name, raw, what->at_tick);
 }
 
 static void put_inject(json_t *line, const input *what)
@@ -256,10 +273,10 @@ static void put_inject(json_t *line, const input *what)
         put_bool(line, "refused", true);
 }
 
-static void put_other(journal *j, const input *what)
+static void put_other(const journal_part *b, const input *what)
 {
-    json_t *line = begin_line(j, what->now, what->advanced);
-    const char *node = what->node < j->config->node_count ? j->config->nodes[what->node].name : "";
+    json_t *line = begin_line(b, what->now, what->advanced);
+    const char *node = what->node < b->config->node_count ? b->config->nodes[what->node].name : "";
     switch (what->kind) {
     case INPUT_INJECT:
         put_inject(line, what);
@@ -291,38 +308,62 @@ static void put_other(journal *j, const input *what)
     case INPUT_COUNT:
         break;
     }
-    put_object(j, line);
+    put_object(b->journal, line);
 }
 
-void journal_input(void *user, const input *what)
+static void end_line(journal_part *b, uint64_t at)
 {
-    journal *j = user;
+    b->last_at = at;
+    b->journal->last_at = at;
+}
+
+void journal_part_input(void *user, const input *what)
+{
+    journal_part *b = user;
+    journal *j = b->journal;
     spool_stamp(j->spool, what->now);
     if (what->kind == INPUT_RELOAD && j->state != JOURNAL_WRITING)
         j->reloaded = true;
     if (j->state == JOURNAL_BROKEN_OFF)
         lose_line(j, "");
     else if (what->kind == INPUT_SEND)
-        put_send(j, what);
+        put_send(b, what);
     else
-        put_other(j, what);
-    j->last_at = what->now;
+        put_other(b, what);
+    end_line(b, what->now);
+}
+
+void journal_input(void *user, const input *what)
+{
+    journal *j = user;
+    journal_part_input(&j->buses[0], what);
+}
+
+journal_part *journal_part_at(journal *j, size_t bus)
+{
+    return &j->buses[bus];
 }
 
 /* ---- Marks ----------------------------------------------------------------------------------- */
 
-static void put_mark(journal *j, const char *key, const inputs *in)
+static void put_mark(journal_part *b, const char *key)
 {
     cw_bus_stats stats;
     json_t *counters = json_object();
-    cw_bus_get_stats(in->bus, &stats);
-    spool_stamp(j->spool, stats.ticks);
-    json_t *line = begin_line(j, stats.ticks, in->advanced);
+    cw_bus_get_stats(b->in->bus, &stats);
+    spool_stamp(b->journal->spool, stats.ticks);
+    json_t *line = begin_line(b, stats.ticks, b->in->advanced);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++)
         put_count(counters, journal_counters[i].name, journal_counters[i].read(&stats));
     put(line, key, counters);
-    put_object(j, line);
-    j->last_at = stats.ticks;
+    put_object(b->journal, line);
+    end_line(b, stats.ticks);
+}
+
+static void put_marks(journal *j, const char *key)
+{
+    for (size_t i = 0; i < j->count; i++)
+        put_mark(&j->buses[i], key);
 }
 
 /* ---- The beginning --------------------------------------------------------------------------- */
@@ -336,35 +377,52 @@ static void print_time(char out[32])
     (void)snprintf(out + used, 32 - used, ".%06ldZ", now.tv_nsec / 1000);
 }
 
+/* Writes the names of all buses, for messages: "body, powertrain". */
+static void print_names(char out[NAMES_BYTES], const journal *j)
+{
+    size_t used = 0;
+    for (size_t i = 0; i < j->count && used < NAMES_BYTES; i++)
+        used += (size_t)snprintf(out + used, NAMES_BYTES - used, "%s%s", i > 0 ? ", " : "",
+                                 j->buses[i].config->bus_name);
+}
+
 static void put_header(journal *j)
 {
+    char names[NAMES_BYTES] = "";
+    const bool several = j->buses[0].named;
     json_t *header = json_object();
-    put_count(header, "canwire-journal", JOURNAL_VERSION);
+    print_names(names, j);
+    put_count(header, "canwire-journal", several ? JOURNAL_VERSION_RIG : JOURNAL_VERSION);
     put_text(header, "canwire", CANWIRE_VERSION);
-    put_text(header, "bus", j->config->bus_name);
+    put_text(header, "bus", names);
+    if (several)
+        put_count(header, "buses", j->count);
     put_text(header, "started", j->started);
     put_object(j, header);
 }
 
-static void put_config(journal *j)
+/* Writes the configurations of the buses from one of them on. */
+static void put_configs(journal *j, size_t first)
 {
-    json_t *line = json_object();
-    put_count(line, "at", 0);
-    put(line, "config", files_to_json(j->config));
-    put_object(j, line);
+    for (size_t i = first; i < j->count; i++) {
+        const journal_part *b = &j->buses[i];
+        json_t *line = begin_line(b, 0, false);
+        put(line, "config", files_to_json(b->config));
+        put_object(j, line);
+    }
 }
 
 /* ---- Gaps ------------------------------------------------------------------------------------ */
 
 /* Returns the known state of a node behind a gap, since the journal does not contain the way to
  * it. */
-static json_t *node_to_json(const journal *j, const inputs *in, unsigned node)
+static json_t *node_to_json(const journal_part *b, unsigned node)
 {
     cw_node_stats stats;
     json_t *object = json_object();
-    if (cw_node_get_stats(in->bus, node, &stats) != CW_OK)
+    if (cw_node_get_stats(b->in->bus, node, &stats) != CW_OK)
         return object;
-    put_text(object, "name", j->config->nodes[node].name);
+    put_text(object, "name", b->config->nodes[node].name);
     put_text(object, "state", cw_state_name(stats.state));
     put_count(object, "tec", stats.tec);
     put_count(object, "rec", stats.rec);
@@ -372,48 +430,50 @@ static json_t *node_to_json(const journal *j, const inputs *in, unsigned node)
     return object;
 }
 
-static json_t *gap_to_json(const journal *j, const inputs *in)
+static json_t *gap_to_json(const journal_part *b)
 {
+    const journal *j = b->journal;
     json_t *gap = json_object();
     json_t *nodes = json_array();
     json_t *rules = json_array();
     put_text(gap, "why", j->why);
-    for (unsigned i = 0; i < j->config->node_count; i++)
-        put_last(nodes, node_to_json(j, in, i));
-    for (size_t i = 0; i < j->config->rule_count; i++)
-        if (j->config->rules[i].name)
-            put_text_last(rules, j->config->rules[i].name);
+    for (unsigned i = 0; i < b->config->node_count; i++)
+        put_last(nodes, node_to_json(b, i));
+    for (size_t i = 0; i < b->config->rule_count; i++)
+        if (b->config->rules[i].name)
+            put_text_last(rules, b->config->rules[i].name);
     put(gap, "nodes", nodes);
     put(gap, "rules", rules);
     if (j->reloaded)
-        put(gap, "config", files_to_json(j->config));
+        put(gap, "config", files_to_json(b->config));
     return gap;
 }
 
-static void put_gap(journal *j, const inputs *in)
+static void put_gap(journal_part *b)
 {
-    const uint64_t now = cw_bus_now(in->bus);
-    spool_stamp(j->spool, now);
-    json_t *line = begin_line(j, now, false);
-    put(line, "gap", gap_to_json(j, in));
-    put_object(j, line);
-    j->last_at = now;
-    j->taken_up_at = now;
+    const uint64_t now = cw_bus_now(b->in->bus);
+    spool_stamp(b->journal->spool, now);
+    json_t *line = begin_line(b, now, false);
+    put(line, "gap", gap_to_json(b));
+    put_object(b->journal, line);
+    end_line(b, now);
+    b->journal->taken_up_at = now;
 }
 
 /* Tries to write again, with the line of the gap. look() sees the success once that line is in the
  * file. */
-static void take_up(journal *j, const inputs *in)
+static void take_up(journal *j)
 {
     const uint64_t there = spool_kept(j->spool);
     spool_resume(j->spool);
     j->state = JOURNAL_TRYING;
     if (there == 0)
         put_header(j);
-    if (there <= 1)
-        put_config(j);
-    put_gap(j, in);
-    put_mark(j, "mark", in);
+    if (there <= j->count)
+        put_configs(j, there > 0 ? (size_t)there - 1 : 0);
+    for (size_t i = 0; i < j->count; i++)
+        put_gap(&j->buses[i]);
+    put_marks(j, "mark");
 }
 
 static void report_broken(journal *j)
@@ -462,21 +522,30 @@ static bool may_be_tried(const journal *j)
     return j->marks >= RETRY_MARKS;
 }
 
+/* Takes the inputs of the only bus; those of a rig are known. */
+static void take_inputs(journal *j, const inputs *in)
+{
+    if (!j->buses[0].named)
+        j->buses[0].in = in;
+}
+
 void journal_mark(journal *j, const inputs *in)
 {
+    take_inputs(j, in);
     look(j);
     if (j->state != JOURNAL_BROKEN_OFF)
-        put_mark(j, "mark", in);
+        put_marks(j, "mark");
     else if (may_be_tried(j))
-        take_up(j, in);
+        take_up(j);
     j->marks++;
 }
 
 void journal_retry(journal *j, const inputs *in)
 {
+    take_inputs(j, in);
     look(j);
     if (j->state == JOURNAL_BROKEN_OFF)
-        take_up(j, in);
+        take_up(j);
 }
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
@@ -487,8 +556,8 @@ static void free_journal(journal *j)
     free(j);
 }
 
-journal *journal_start(const char *file, unsigned files, const cfg *config,
-                       char error[JOURNAL_ERROR_MAX])
+/* Opens the file. Returns NULL after writing the reason. */
+static journal *open_file(const char *file, unsigned files, char error[JOURNAL_ERROR_MAX])
 {
     journal *j = calloc(1, sizeof *j);
     int problem = ENOMEM;
@@ -498,19 +567,48 @@ journal *journal_start(const char *file, unsigned files, const cfg *config,
         problem = journal_make_room(file, files);
     if (j && j->file && problem == 0)
         j->spool = spool_open(file, 1, NULL, NULL, &problem);
-    if (!j || !j->spool) {
-        (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file,
-                       spool_explain(problem));
-        if (j)
-            free_journal(j);
-        return NULL;
-    }
-    j->config = config;
+    if (j && j->spool)
+        return j;
+    (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file, spool_explain(problem));
+    if (j)
+        free_journal(j);
+    return NULL;
+}
+
+static journal *begin(journal *j)
+{
     spool_last(j->spool);
     print_time(j->started);
     put_header(j);
-    put_config(j);
+    put_configs(j, 0);
     return j;
+}
+
+journal *journal_start(const char *file, unsigned files, const cfg *config,
+                       char error[JOURNAL_ERROR_MAX])
+{
+    journal *j = open_file(file, files, error);
+    if (!j)
+        return NULL;
+    j->count = 1;
+    j->buses[0] = (journal_part){.journal = j, .config = config};
+    return begin(j);
+}
+
+journal *journal_start_rig(const char *file, unsigned files, const inputs *const *buses,
+                           size_t count, char error[JOURNAL_ERROR_MAX])
+{
+    journal *j = open_file(file, files, error);
+    if (!j)
+        return NULL;
+    for (j->count = 0; j->count < count; j->count++) {
+        const cfg *config = live_config(buses[j->count]->config);
+        j->buses[j->count] = (journal_part){.journal = j,
+                                           .named = true,
+                                           .config = config,
+                                           .in = buses[j->count]};
+    }
+    return begin(j);
 }
 
 /* Reports lines that are missing at the end of the file. */
@@ -528,10 +626,11 @@ void journal_stop(journal *j, const inputs *in)
 {
     if (!j)
         return;
+    take_inputs(j, in);
     look(j);
     if (j->state == JOURNAL_BROKEN_OFF)
-        take_up(j, in);
-    put_mark(j, "end", in);
+        take_up(j);
+    put_marks(j, "end");
     const struct timespec until = thread_in_seconds(CLOSE_S);
     int error = spool_wait(j->spool, &until) ? spool_error(j->spool) : ETIMEDOUT;
     if (error == 0 && j->state == JOURNAL_BROKEN_OFF)

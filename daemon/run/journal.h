@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal.h - records all inputs of a bus, so that the run can be repeated.
+ * journal.h - records all inputs of the buses of a process, so that the run can be repeated.
  *
  * A file of lines, each a JSON object; config/journal.md describes them. A thread writes them
  * (spool.h): the bus never waits for the disk. A line that cannot be written breaks the journal: no
@@ -10,11 +10,13 @@
 #ifndef CANWIRE_RUN_JOURNAL_H
 #define CANWIRE_RUN_JOURNAL_H
 
+#include "config/rig.h"
 #include "run/inputs.h"
 
 #include <jansson.h>
 
 #define JOURNAL_VERSION 2 /* 1 had no seals (journal_seal.h) and no gaps */
+#define JOURNAL_VERSION_RIG 3 /* each line names its bus */
 #define JOURNAL_ERROR_MAX 300
 
 /* Counters of a bus that are noted from time to time, to check a run against them. */
@@ -27,6 +29,7 @@ typedef struct journal_counter {
 extern const journal_counter journal_counters[JOURNAL_COUNTERS];
 
 typedef struct journal journal;
+typedef struct journal_part journal_part;
 
 /* Begins a journal of a fresh bus. An existing file is kept as FILE.1, and so on, up to so many
  * files: journal_keep.h. The configuration is the live one. Returns NULL after writing the reason
@@ -34,11 +37,20 @@ typedef struct journal journal;
 journal *journal_start(const char *file, unsigned files, const cfg *config,
                        char error[JOURNAL_ERROR_MAX]);
 
-/* Records an input, as an input_observer; user is the journal. */
+/* Begins a journal of the fresh buses of a rig in the same way. */
+journal *journal_start_rig(const char *file, unsigned files, const inputs *const *buses,
+                           size_t count, char error[JOURNAL_ERROR_MAX]);
+
+/* Records an input, as an input_observer; user is the journal of one bus. */
 void journal_input(void *user, const input *what);
 
-/* Records the progress of the bus and its counters; call it about once a second. It logs a broken
- * journal, and resumes it with a line about the gap when it can be written. */
+/* Records an input of a bus of a rig; user is the result of journal_part_at(). */
+void journal_part_input(void *user, const input *what);
+journal_part *journal_part_at(journal *j, size_t bus);
+
+/* Records the progress of all buses and their counters; call it about once a second. It logs a
+ * broken journal, and resumes it with a line about the gap when it can be written. `in`, also
+ * below, is for a journal of one bus. */
 void journal_mark(journal *j, const inputs *in);
 
 /* Resumes a broken journal now, if possible. */

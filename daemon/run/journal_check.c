@@ -20,6 +20,7 @@ typedef struct checker {
     uint64_t gaps;
     uint64_t damages;
     uint64_t tick; /* of the last line */
+    uint64_t ticks[RIG_BUSES_MAX]; /* in the same way, of each bus */
     bool ended;
 } checker;
 
@@ -35,6 +36,8 @@ static void note_gap(checker *c, const journal_entry *entry)
 {
     char begin[TIME_TEXT_MAX];
     char end[TIME_TEXT_MAX];
+    if (entry->bus > 0) /* a rig has a line for each bus */
+        return;
     text_print_seconds(begin, c->tick);
     text_print_seconds(end, entry->at);
     fprintf(c->errors,
@@ -76,7 +79,8 @@ static bool check_entry(checker *c, const journal_entry *entry)
         note_gap(c, entry);
         break;
     case JOURNAL_END:
-        note_end(c);
+        if (entry->last)
+            note_end(c);
         break;
     case JOURNAL_BROKEN:
         complain(c, "broken: nothing was written from here on");
@@ -89,13 +93,14 @@ static bool check_entry(checker *c, const journal_entry *entry)
     case JOURNAL_MARK:
         break;
     }
-    if (entry->at < c->tick) {
+    if (entry->at < c->ticks[entry->bus]) {
         complain(c, "damaged: it is before the line above");
         c->damages++;
     }
-    c->tick = entry->at;
+    c->ticks[entry->bus] = entry->at;
+    c->tick = entry->at > c->tick ? entry->at : c->tick;
     c->lines++;
-    return entry->kind != JOURNAL_END && entry->kind != JOURNAL_BROKEN;
+    return !entry->last;
 }
 
 static void print_summary(const checker *c, bool good, FILE *out)

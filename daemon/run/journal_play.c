@@ -14,12 +14,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct journal_player {
-    const char *file; /* of the caller */
-    journal_reader *reader;
+typedef struct played {
     live *live;
     void *memory; /* of the bus */
     inputs inputs;
+    void *user;
+    bool stopped; /* by `advance` */
+} played;
+
+struct journal_player {
+    const char *file; /* of the caller */
+    journal_reader *reader;
+    size_t count;
+    played buses[RIG_BUSES_MAX];
+    played *now; /* the bus of the entry */
     journal_calls calls;
     void *user;
     FILE *errors;
@@ -35,23 +43,41 @@ static bool fail(journal_player *p, const char *key, const char *problem)
     return false;
 }
 
-static bool read_config(journal_player *p)
+/* Makes a bus of the entry. */
+static bool make_bus(journal_player *p, played *b)
 {
-    journal_next(p->reader, &p->entry);
-    if (p->entry.kind == JOURNAL_BAD)
-        return false;
-    if (p->entry.kind != JOURNAL_CONFIG)
-        return fail(p, NULL, "a journal begins with a configuration: {\"at\":0,\"config\":[...]}");
     cfg *config = cfg_load_given(p->entry.files, p->entry.file_count, p->errors);
     if (!config)
         return fail(p, "config", "the configuration has errors");
-    p->live = live_new(config);
-    if (!p->live)
+    b->live = live_new(config);
+    if (!b->live)
         cfg_free(config);
-    cw_bus *bus = p->live ? bus_make(&p->memory, config) : NULL;
+    cw_bus *bus = b->live ? bus_make(&b->memory, config) : NULL;
     if (!bus)
         return fail(p, NULL, "out of memory");
-    inputs_init(&p->inputs, p->live, bus, p->calls.drain, p->user);
+    b->user = journal_buses(p->reader) > 0 ? p->calls.of_bus(p->user, p->count) : p->user;
+    inputs_init(&b->inputs, b->live, bus, p->calls.drain, b->user);
+    return true;
+}
+
+static bool read_configs(journal_player *p)
+{
+    const size_t buses = journal_buses(p->reader);
+    if (buses > 0 && !p->calls.of_bus)
+        return fail(p, "buses", "the journal of a rig can be run only from a regular file");
+    do {
+        journal_next(p->reader, &p->entry);
+        if (p->entry.kind == JOURNAL_BAD)
+            return false;
+        if (p->entry.kind != JOURNAL_CONFIG)
+            return fail(p, NULL,
+                        "a journal begins with a configuration: {\"at\":0,\"config\":[...]}");
+        if (p->entry.bus < p->count)
+            return fail(p, "config", "there is a second configuration");
+        if (!make_bus(p, &p->buses[p->count]))
+            return false;
+        p->count++;
+    } while (p->count < buses);
     return true;
 }
 
@@ -65,7 +91,7 @@ journal_player *journal_player_open(const char *file, const journal_calls *calls
     }
     *p = (journal_player){.file = file, .calls = *calls, .user = user, .errors = errors};
     p->reader = journal_open(file, errors);
-    if (p->reader && read_config(p))
+    if (p->reader && read_configs(p))
         return p;
     journal_player_close(p);
     return NULL;
@@ -76,19 +102,36 @@ void journal_player_close(journal_player *p)
     if (!p)
         return;
     journal_close(p->reader);
-    live_free(p->live);
-    free(p->memory);
+    for (size_t i = 0; i < RIG_BUSES_MAX; i++) {
+        live_free(p->buses[i].live);
+        free(p->buses[i].memory);
+    }
     free(p);
 }
 
 const cfg *journal_player_config(const journal_player *p)
 {
-    return live_config(p->live);
+    return journal_player_config_of(p, 0);
 }
 
 cw_bus *journal_player_bus(const journal_player *p)
 {
-    return p->inputs.bus;
+    return journal_player_bus_of(p, 0);
+}
+
+size_t journal_player_count(const journal_player *p)
+{
+    return p->count;
+}
+
+const cfg *journal_player_config_of(const journal_player *p, size_t bus)
+{
+    return live_config(p->buses[bus].live);
+}
+
+cw_bus *journal_player_bus_of(const journal_player *p, size_t bus)
+{
+    return p->buses[bus].inputs.bus;
 }
 
 const char *journal_player_writer(const journal_player *p)
@@ -119,7 +162,7 @@ static bool find_node(journal_player *p, unsigned *node)
 {
     static const char *const keys[INPUT_COUNT] = {
         [INPUT_SEND] = "send", [INPUT_RESTART] = "restart", [INPUT_SET] = "set"};
-    *node = cfg_find_node(live_config(p->live), p->entry.node);
+    *node = cfg_find_node(live_config(p->now->live), p->entry.node);
     if (*node != CW_NO_NODE)
         return true;
     const char *key = keys[p->entry.what.kind];
@@ -132,7 +175,7 @@ static bool find_node(journal_player *p, unsigned *node)
 static bool find_rule(journal_player *p, unsigned *rule)
 {
     const input *what = &p->entry.what;
-    if (live_find(p->live, rule, what->rule))
+    if (live_find(p->now->live, rule, what->rule))
         return true;
     journal_complain(p->reader, what->kind == INPUT_CLEAR ? "clear" : "fire",
                      "there is no rule '%.80s'", what->rule);
@@ -149,7 +192,7 @@ static bool inject(journal_player *p)
     FILE *stream = open_memstream(&errors, &size);
     if (!stream)
         return fail(p, NULL, "out of memory");
-    cfg_rules *rules = inputs_inject(&p->inputs, what->text, what->size, what->name, stream);
+    cfg_rules *rules = inputs_inject(&p->now->inputs, what->text, what->size, what->name, stream);
     (void)fclose(stream);
     if (!rules != what->refused)
         differ(p, "inject",
@@ -167,9 +210,9 @@ static bool act_on_rule(journal_player *p)
     if (!find_rule(p, &rule))
         return false;
     if (p->entry.what.kind == INPUT_CLEAR)
-        inputs_clear(&p->inputs, rule);
+        inputs_clear(&p->now->inputs, rule);
     else
-        expect_ok(p, "fire", inputs_fire(&p->inputs, rule));
+        expect_ok(p, "fire", inputs_fire(&p->now->inputs, rule));
     return true;
 }
 
@@ -177,7 +220,7 @@ static void set(journal_player *p, unsigned node)
 {
     const input *what = &p->entry.what;
     char problem[RETIME_PROBLEM_MAX];
-    expect_ok(p, "set", inputs_set_all(&p->inputs, problem, node, what->settings, what->time));
+    expect_ok(p, "set", inputs_set_all(&p->now->inputs, problem, node, what->settings, what->time));
 }
 
 static bool act_on_node(journal_player *p)
@@ -187,21 +230,21 @@ static bool act_on_node(journal_player *p)
     if (!find_node(p, &node))
         return false;
     if (what->kind == INPUT_SEND)
-        expect_ok(p, "send", inputs_send(&p->inputs, node, what->frame, what->at_tick));
+        expect_ok(p, "send", inputs_send(&p->now->inputs, node, what->frame, what->at_tick));
     else if (what->kind == INPUT_RESTART)
-        expect_ok(p, "restart", inputs_restart(&p->inputs, node));
+        expect_ok(p, "restart", inputs_restart(&p->now->inputs, node));
     else if (what->kind == INPUT_SET)
         set(p, node);
     else
-        inputs_attach(&p->inputs, node, what->on);
+        inputs_attach(&p->now->inputs, node, what->on);
     return true;
 }
 
 static bool skip(journal_player *p)
 {
     const input *what = &p->entry.what;
-    const cw_event event = inputs_skip(&p->inputs, what->skipped, what->earlier);
-    p->calls.event(p->user, &event);
+    const cw_event event = inputs_skip(&p->now->inputs, what->skipped, what->earlier);
+    p->calls.event(p->now->user, &event);
     return true;
 }
 
@@ -210,17 +253,17 @@ static bool go_over(journal_player *p, cfg *config)
     uint8_t from[CW_NODES_MAX];
     void *memory;
     cw_bus *bus = bus_make(&memory, config);
-    cfg_match_nodes(from, config, live_config(p->live));
-    if (!bus || inputs_take_over(&p->inputs, bus, config, from) != CW_OK) {
+    cfg_match_nodes(from, config, live_config(p->now->live));
+    if (!bus || inputs_take_over(&p->now->inputs, bus, config, from) != CW_OK) {
         free(memory);
         cfg_free(config);
         return fail(p, "reload", bus ? "the bus cannot go over to it" : "out of memory");
     }
-    p->calls.leaving(p->user, config, from);
-    free(p->memory);
-    p->memory = memory;
-    live_replace(p->live, config);
-    p->calls.changed(p->user);
+    p->calls.leaving(p->now->user, config, from);
+    free(p->now->memory);
+    p->now->memory = memory;
+    live_replace(p->now->live, config);
+    p->calls.changed(p->now->user);
     return true;
 }
 
@@ -257,11 +300,11 @@ static bool act(journal_player *p)
 
 static bool check_time(journal_player *p)
 {
-    const uint64_t now = cw_bus_now(p->inputs.bus);
-    const cw_rate rate = live_config(p->live)->rate;
+    const uint64_t now = cw_bus_now(p->now->inputs.bus);
+    const cw_rate rate = live_config(p->now->live)->rate;
     if (p->entry.at < now)
         return fail(p, "at", "at: before the line above");
-    if (live_config(p->live)->dbitrate_bps > 0) /* bits have several lengths */
+    if (live_config(p->now->live)->dbitrate_bps > 0) /* bits have several lengths */
         return true;
     const uint64_t passed = p->entry.at - now; /* since the end of a bit; bits of a bus before a
                                                   reload may have had other lengths */
@@ -276,7 +319,7 @@ static void check_counters(journal_player *p)
 {
     cw_bus_stats stats;
     char how[80];
-    cw_bus_get_stats(p->inputs.bus, &stats);
+    cw_bus_get_stats(p->now->inputs.bus, &stats);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
         uint64_t now = journal_counters[i].read(&stats);
         if (now == p->entry.counters[i])
@@ -291,7 +334,7 @@ static void check_counters(journal_player *p)
 static void report_incomplete(journal_player *p, const char *why)
 {
     char time[TIME_TEXT_MAX];
-    text_print_seconds(time, cw_bus_now(p->inputs.bus));
+    text_print_seconds(time, cw_bus_now(p->now->inputs.bus));
     fprintf(p->errors, "%s: %s at %s s (line %zu, byte %" PRIu64 "); what followed is not known\n",
             p->file, why, time, journal_line(p->reader), journal_byte(p->reader));
 }
@@ -302,7 +345,7 @@ static void report_gap(journal_player *p)
 {
     char begin[TIME_TEXT_MAX];
     char end[TIME_TEXT_MAX];
-    text_print_seconds(begin, cw_bus_now(p->inputs.bus));
+    text_print_seconds(begin, cw_bus_now(p->now->inputs.bus));
     text_print_seconds(end, p->entry.at);
     fprintf(p->errors,
             "%s:%zu:1: nothing was written from %s s to %s s (%s), %" PRIu64
@@ -346,22 +389,40 @@ static bool play_entry(journal_player *p)
     return true;
 }
 
+/* Returns true when `advance` has ended the run of all buses. */
+static bool all_stopped(const journal_player *p)
+{
+    bool all = true;
+    for (size_t i = 0; i < p->count; i++)
+        all = all && p->buses[i].stopped;
+    return all;
+}
+
+/* Takes the bus to the entry, and plays that. Returns false when that is impossible. */
+static bool play_at(journal_player *p)
+{
+    const journal_entry *e = &p->entry;
+    if (!check_time(p))
+        return false;
+    bool advance = e->at > cw_bus_now(p->now->inputs.bus) || e->what.advanced;
+    p->now->stopped = advance && !p->calls.advance(p->now->user, e->at);
+    return p->now->stopped || play_entry(p);
+}
+
 journal_outcome journal_play(journal_player *p)
 {
     const journal_entry *e = &p->entry;
     do {
         journal_next(p->reader, &p->entry);
+        p->now = &p->buses[e->bus];
         if (e->kind == JOURNAL_BAD)
             return JOURNAL_FAILED;
         if (e->kind == JOURNAL_CUT || e->kind == JOURNAL_GAP)
             return conclude(p);
-        if (!check_time(p))
+        if (!p->now->stopped && !play_at(p))
             return JOURNAL_FAILED;
-        bool advance = e->at > cw_bus_now(p->inputs.bus) || e->what.advanced;
-        if (advance && !p->calls.advance(p->user, e->at))
+        if (all_stopped(p))
             return p->differs ? JOURNAL_FAILED : JOURNAL_STOPPED;
-        if (!play_entry(p))
-            return JOURNAL_FAILED;
-    } while (e->kind != JOURNAL_END && e->kind != JOURNAL_BROKEN);
+    } while (!e->last);
     return conclude(p);
 }

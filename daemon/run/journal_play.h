@@ -12,7 +12,7 @@ typedef struct journal_player journal_player;
 /* The calls of the player to its user. */
 typedef struct journal_calls {
     /* Advances the bus to a tick and takes all events, as inputs_advance() does. The tick is the
-     * end of a bit and not before the present one. Returns false to end the run. */
+     * end of a bit and not before the present one. Returns false to end the run of this bus. */
     bool (*advance)(void *user, uint64_t tick);
     inputs_drain *drain;                                 /* takes all events of the bus */
     void (*event)(void *user, const cw_event *event);    /* an event that does not come from the
@@ -21,10 +21,12 @@ typedef struct journal_calls {
      * events of the old one have been taken; it is still the player's configuration. */
     void (*leaving)(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX]);
     void (*changed)(void *user); /* the configuration has changed */
+    /* Returns the user of the calls of a bus of a rig. NULL: a rig is refused. */
+    void *(*of_bus)(void *user, size_t bus);
 } journal_calls;
 
-/* Opens a journal and makes its first bus, at tick 0. Messages go to `errors`, one per line.
- * Returns NULL after a message. */
+/* Opens a journal and makes its first bus, or all buses of a rig, at tick 0. Messages go to
+ * `errors`, one per line. Returns NULL after a message. */
 journal_player *journal_player_open(const char *file, const journal_calls *calls, void *user,
                                     FILE *errors);
 
@@ -33,6 +35,12 @@ void journal_player_close(journal_player *p);
 
 /* Returns the configuration in effect. The pointer stays the same, its contents change. */
 const cfg *journal_player_config(const journal_player *p);
+
+/* The first returns the number of buses: 1, or those of a rig. The others return the same as the
+ * functions without `_of`, for one of them. */
+size_t journal_player_count(const journal_player *p);
+const cfg *journal_player_config_of(const journal_player *p, size_t bus);
+cw_bus *journal_player_bus_of(const journal_player *p, size_t bus);
 
 /* Returns the bus, which changes with each `changed`. */
 cw_bus *journal_player_bus(const journal_player *p);

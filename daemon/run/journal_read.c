@@ -21,6 +21,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define LINE_BYTES_MAX (512u << 20)
@@ -40,6 +41,10 @@ struct journal_reader {
     size_t number; /* of the present line, from 1 */
     uint64_t byte; /* the first of it */
     unsigned version;
+    size_t buses;        /* of a rig, or 0 */
+    size_t known;        /* of these, by their configurations */
+    char *names[RIG_BUSES_MAX];
+    size_t ended;        /* buses that have ended */
     uint64_t last; /* the number of the line before */
     uint64_t missing; /* missing lines before that one, which the line of a gap must still
                          explain */
@@ -394,6 +399,7 @@ static const line_spec specs[] = {
 static bool is_common(const journal_reader *r, const char *key)
 {
     return strcmp(key, "at") == 0 ||
+           (r->buses > 0 && strcmp(key, "bus") == 0) ||
            (r->version > 1 && (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0));
 }
 
@@ -483,9 +489,38 @@ static bool check_number(journal_reader *r, journal_entry *entry)
            wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
 }
 
+/* Notes the bus of a configuration. Returns false after a complaint. */
+static bool add_bus(journal_reader *r, journal_entry *entry, const char *name)
+{
+    if (r->known == r->buses)
+        return wrong(r, "bus", "bus: there are more configurations than buses, %zu", r->buses);
+    r->names[r->known] = strdup(name);
+    if (!r->names[r->known])
+        return no_memory(r);
+    entry->bus = r->known++;
+    return true;
+}
+
+/* Finds the bus of a line of a rig. Returns false after a complaint. */
+static bool read_bus(journal_reader *r, journal_entry *entry)
+{
+    const char *name = text_of(r, "bus");
+    if (!name)
+        return wrong(r, "bus", "the key 'bus' is missing, or no text");
+    for (size_t i = 0; i < r->known; i++) {
+        if (strcmp(r->names[i], name) != 0)
+            continue;
+        entry->bus = i;
+        return true;
+    }
+    if (value_of(r, "config"))
+        return add_bus(r, entry, name);
+    return wrong(r, "bus", "bus: there is no configuration of '%.40s'", name);
+}
+
 static bool understand(journal_reader *r, journal_entry *entry)
 {
-    if (!check_number(r, entry))
+    if (!check_number(r, entry) || (r->buses > 0 && !read_bus(r, entry)))
         return false;
     if (!value_of(r, "at"))
         return wrong(r, NULL, "the key 'at' is missing");
@@ -602,11 +637,17 @@ static bool read_header(journal_reader *r)
         return wrong(r, NULL, "%s", none);
     if (!read_number(r, &version, "canwire-journal", INT64_MAX))
         return false;
-    if (version < 1 || version > JOURNAL_VERSION)
+    if (version < 1 || version > JOURNAL_VERSION_RIG)
         return wrong(r, "canwire-journal",
                      "version %" PRIu64 " of journals is not known, only 1 to %d", version,
-                     JOURNAL_VERSION);
+                     JOURNAL_VERSION_RIG);
     r->version = (unsigned)version;
+    uint64_t buses = 0;
+    if (version == JOURNAL_VERSION_RIG && !read_number(r, &buses, "buses", RIG_BUSES_MAX))
+        return false;
+    if (version == JOURNAL_VERSION_RIG && buses == 0)
+        return wrong(r, "buses", "buses: expected a whole number from 1 to %u", RIG_BUSES_MAX);
+    r->buses = (size_t)buses;
     const char *bus = text_of(r, "bus");
     const char *started = text_of(r, "started");
     r->writer = strdup(writer);
@@ -650,6 +691,8 @@ void journal_close(journal_reader *r)
     json_decref(r->object);
     arena_free(&r->arena);
     buffer_free(&r->bytes);
+    for (size_t i = 0; i < r->known; i++)
+        free(r->names[i]);
     free(r->writer);
     free(r->bus);
     free(r->started);
@@ -673,8 +716,11 @@ void journal_next(journal_reader *r, journal_entry *entry)
     } else if (!r->over) {
         entry->kind = JOURNAL_CUT;
     }
-    r->over = entry->kind != JOURNAL_CONFIG && entry->kind != JOURNAL_INPUT &&
-              entry->kind != JOURNAL_MARK && entry->kind != JOURNAL_GAP;
+    r->ended += entry->kind == JOURNAL_END;
+    const bool all_ended = entry->kind == JOURNAL_END && r->ended >= r->buses;
+    r->over = all_ended || entry->kind == JOURNAL_BROKEN || entry->kind == JOURNAL_CUT ||
+              entry->kind == JOURNAL_BAD;
+    entry->last = r->over;
 }
 
 bool journal_go_on(journal_reader *r)
@@ -706,6 +752,28 @@ uint64_t journal_tick(const journal_reader *r)
 unsigned journal_version(const journal_reader *r)
 {
     return r->version;
+}
+
+size_t journal_buses(const journal_reader *r)
+{
+    return r->buses;
+}
+
+bool journal_is_of_rig(const char *file)
+{
+    struct stat found;
+    if (stat(file, &found) != 0 || !S_ISREG(found.st_mode)) /* a pipe can be read only once */
+        return false;
+    char *unread = NULL; /* somebody else reads the same file, and complains */
+    size_t size = 0;
+    FILE *nowhere = open_memstream(&unread, &size);
+    journal_reader *r = nowhere ? journal_open(file, nowhere) : NULL;
+    const bool is = r && r->buses > 0;
+    journal_close(r);
+    if (nowhere)
+        (void)fclose(nowhere);
+    free(unread);
+    return is;
 }
 
 const char *journal_bus(const journal_reader *r)

@@ -25,6 +25,8 @@ typedef enum journal_kind {
 typedef struct journal_entry {
     journal_kind kind;
     uint64_t at;        /* tick */
+    size_t bus;         /* of a rig, in the order of the configurations */
+    bool last;          /* nothing may follow */
     const char *node;   /* of an input about one node */
     input what;         /* without node and config; now and advanced are set */
     cw_frame frame;     /* target of what.frame */
@@ -64,6 +66,12 @@ uint64_t journal_tick(const journal_reader *r);
 unsigned journal_version(const journal_reader *r);
 const char *journal_bus(const journal_reader *r);
 const char *journal_started(const journal_reader *r);
+
+/* Returns the number of buses of a rig; 0: the journal is that of one bus. */
+size_t journal_buses(const journal_reader *r);
+
+/* Returns true for a readable journal of a rig in a regular file. Writes no messages. */
+bool journal_is_of_rig(const char *file);
 
 /* Returns the version of canwire that wrote the journal. */
 const char *journal_writer(const journal_reader *r);

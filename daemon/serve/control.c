@@ -17,6 +17,7 @@
 #include <string.h>
 
 #define LOST_LINE_MAX 64
+#define NAME_BYTES 64
 
 /* A client that gets events. */
 typedef struct watcher {
@@ -40,6 +41,7 @@ struct control {
     FILE *stream;   /* writes into text */
     char *text;
     size_t text_length;
+    char name[NAME_BYTES]; /* of the bus, for messages */
 };
 
 /* ---- Requests -------------------------------------------------------------------------------- */
@@ -77,7 +79,9 @@ static void on_line(void *user, server_client *client, char *line, size_t length
     request_result result = {.watch_changed = false};
     if (is_blank(line, length))
         return;
+    const char *before = log_enter(c->name);
     json_t *reply = request_answer(&c->world, &result, line, length);
+    (void)log_enter(before);
     if (result.round > 0) {
         c->waiters[server_client_number(client)] = (waiter){.reply = reply, .round = result.round};
         server_hold(client);
@@ -237,6 +241,12 @@ void control_show_files(control *c, control_files *recordings, control_files *jo
     c->world.files_user = user;
 }
 
+void control_show_gateways(control *c, control_files *gateways, void *user)
+{
+    c->world.gateways = gateways;
+    c->world.gateways_user = user;
+}
+
 control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)
 {
     control *c = calloc(1, sizeof *c);
@@ -245,6 +255,7 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus, int inhe
         return NULL;
     }
     c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
+    (void)snprintf(c->name, sizeof c->name, "%s", live_config(config)->bus_name);
     c->stream = open_memstream(&c->text, &c->text_length);
     if (!c->stream)
         log_error("out of memory");

@@ -38,6 +38,9 @@ void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
 typedef json_t *control_files(void *user);
 void control_show_files(control *c, control_files *recordings, control_files *journal, void *user);
 
+/* Sets the source of `gateways` in the status, of a bus of a rig. */
+void control_show_gateways(control *c, control_files *gateways, void *user);
+
 /* Reports to watchers that a recording has begun or, with the reason, that it has stopped. */
 void control_report_recording(control *c, const char *file, const char *why);
 

@@ -142,6 +142,8 @@ static bool run_status(request *r)
     json_t *journal = r->world->journal ? r->world->journal(r->world->files_user) : NULL;
     if (journal)
         put(status, "journal", journal);
+    if (r->world->gateways)
+        put(status, "gateways", r->world->gateways(r->world->gateways_user));
     put(r->reply, "status", status);
     return true;
 }

@@ -30,6 +30,8 @@ typedef struct request_world {
     json_t *(*recordings)(void *user); /* for the status; or NULL */
     json_t *(*journal)(void *user);    /* in the same way; it may return NULL */
     void *files_user;
+    json_t *(*gateways)(void *user); /* for the status of a bus of a rig; or NULL */
+    void *gateways_user;
 } request_world;
 
 /* The effects of a request beyond its reply. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * watchdog.c - feeds the service manager's watchdog as long as the bus advances.
+ * watchdog.c - feeds the service manager's watchdog as long as all buses advance.
  */
 #include "serve/watchdog.h"
 
@@ -21,17 +21,23 @@ static void on_timer(struct ev_loop *loop, ev_timer *timer, int events)
     (void)loop;
     (void)events;
     watchdog *w = timer->data;
-    engine_update(w->engine);
-    if (watchdog_advanced(w, cw_bus_now(engine_bus(w->engine))))
+    uint64_t least = UINT64_MAX;
+    for (size_t i = 0; i < w->count; i++) {
+        engine_update(w->buses[i]);
+        const uint64_t now = cw_bus_now(engine_bus(w->buses[i]));
+        least = now < least ? now : least;
+    }
+    if (watchdog_advanced(w, least))
         notify_alive(w->notifier);
 }
 
-void watchdog_start(watchdog *w, struct ev_loop *loop, engine *bus, notifier *manager)
+void watchdog_start(watchdog *w, struct ev_loop *loop, engine *const *buses, size_t count,
+                    notifier *manager)
 {
     uint64_t usec = 0;
     if (sd_watchdog_enabled(0, &usec) <= 0)
         return;
-    *w = (watchdog){.engine = bus, .notifier = manager};
+    *w = (watchdog){.buses = buses, .count = count, .notifier = manager};
     double period = (double)usec / 1e6 / FEEDS;
     ev_timer_init(&w->timer, on_timer, period, period);
     w->timer.data = w;

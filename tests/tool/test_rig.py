@@ -2,6 +2,8 @@
 """Rigs: several buses in one virtual time, and the gateways between them."""
 
 import json
+import struct
+from xml.etree import ElementTree
 
 import jsonschema
 import pytest
@@ -342,3 +344,52 @@ def test_no_output_is_an_input(tmp_path):
     sim(file, "--events", tmp_path / "body.yaml", status=1)
     sim(file, "--log", file, status=1)
     assert (tmp_path / "body.yaml").read_text() == before
+
+
+# ---- Outputs of all buses ------------------------------------------------------------------------
+
+def test_a_capture_has_the_nodes_of_all_buses(tmp_path):
+    file = write(tmp_path, HEAD + GATEWAY % ("g", "gw", "gw", '{ filter: "123" }'),
+                 body="{ send: 123#44, count: 2, every: 10ms }")
+    sim(file, "--pcapng", tmp_path / "c.pcapng")
+    data = (tmp_path / "c.pcapng").read_bytes()
+    for name in ("body:sender", "body:gw", "train:gw", "train:other"):
+        assert name.encode() in data
+    packets, at = [], 0
+    while at < len(data):
+        kind, length = struct.unpack_from("<II", data, at)
+        if kind == 6:  # an enhanced packet block: interface, time, and the CAN identifier
+            interface, high, low = struct.unpack_from("<III", data, at + 8)
+            packets.append((interface, high << 32 | low,
+                            struct.unpack_from(">I", data, at + 28)[0]))
+        at += length
+    whole = [e for e in events_of(file) if e["event"] == "tx"]
+    nodes = {("body", "sender"): 0, ("train", "gw"): 4}
+    assert packets == [(nodes[e["bus"], e["node"]], round(e["t"] * 1e9), 0x123) for e in whole]
+    assert len(packets) == 4
+
+
+def test_junit_has_a_suite_for_each_bus(tmp_path):
+    file = write(tmp_path, HEAD + GATEWAY % ("g", "gw", "gw", '{ filter: "123" }'),
+                 body="{ send: 123#44, count: 2, every: 10ms }")
+    for bus, wanted in (("body", "yes"), ("train", "never")):
+        path = tmp_path / f"{bus}.yaml"
+        path.write_text(path.read_text() + f'expect: [ {{ seen: {wanted}, frame: "123" }} ]\n')
+    sim(file, "--junit", tmp_path / "j.xml", status=3)
+    root = ElementTree.parse(tmp_path / "j.xml").getroot()
+    assert (root.get("tests"), root.get("failures")) == ("2", "1")
+    assert [(s.get("name"), s.get("failures")) for s in root] == [("body", "0"), ("train", "1")]
+    assert len(root[1][0]) == 1
+
+
+def test_a_summary_tells_what_gateways_have_lost(tmp_path):
+    file = write(tmp_path, HEAD + GATEWAY % ("g", "gw", "gw",
+                                             '{ filter: "123", delay: 1s, queue: 2 }'),
+                 body="{ send: 123#44, count: 5, every: 10ms }")
+    assert "gateway g: body:gw to train:gw: forwarded 2 lost 3 dropped 0\n" in sim(file).stdout
+
+
+@pytest.mark.parametrize("option", ["--vcd", "--svg", "--until-event"])
+def test_what_a_rig_has_not_is_refused(tmp_path, option):
+    error = sim(EXAMPLE, option, tmp_path / "x", status=2).stderr
+    assert "a rig has --until, --seed, --events, --log, --pcapng, --stats, --junit" in error

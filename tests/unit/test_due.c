@@ -3,7 +3,7 @@
  * test_due.c - an engine that sleeps until what is due sees each frame in time, and wakes up for
  * nothing else.
  */
-#include "engine/due.h"
+#include "run/due.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

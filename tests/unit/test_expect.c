@@ -330,7 +330,8 @@ static char *written(writer *write, const expect_report *report)
 
 static void write_junit(FILE *out, const expect_report *report)
 {
-    expect_report_junit(out, report, "bus \"<&>'", 5 * CW_CLOCK_HZ + 12345679u);
+    const expect_suite suite = {.report = report, .bus = "bus \"<&>'"};
+    expect_report_junit(out, &suite, 1, 5 * CW_CLOCK_HZ + 12345679u);
 }
 
 static expect_report make_report(void)
@@ -400,13 +401,14 @@ static void junit_times_are_rounded(void **state)
         {61 * (uint64_t)CW_CLOCK_HZ + 40000, "61.001"},
     };
     (void)state;
+    const expect_report none = {.count = 0};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char wanted[32];
         char *text = NULL;
         size_t size = 0;
         FILE *out = open_memstream(&text, &size);
         assert_non_null(out);
-        expect_report_junit(out, &(expect_report){.count = 0}, "b", cases[i].ticks);
+        expect_report_junit(out, &(expect_suite){.report = &none, .bus = "b"}, 1, cases[i].ticks);
         fclose(out);
         (void)snprintf(wanted, sizeof wanted, " time=\"%s\"", cases[i].time);
         if (!strstr(text, wanted))

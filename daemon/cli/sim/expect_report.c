@@ -152,23 +152,38 @@ static void write_case(FILE *out, const expect_report *report, const expect_outc
     fputs("\"/>\n    </testcase>\n", out);
 }
 
-static void write_counts(FILE *out, const expect_report *report)
+static void write_counts(FILE *out, size_t count, size_t failed)
 {
-    fprintf(out, " tests=\"%zu\" failures=\"%zu\" errors=\"0\"", report->count, report->failed);
+    fprintf(out, " tests=\"%zu\" failures=\"%zu\" errors=\"0\"", count, failed);
 }
 
-void expect_report_junit(FILE *out, const expect_report *report, const char *bus, uint64_t ticks)
+static void write_suite(FILE *out, const expect_suite *suite, uint64_t ticks)
 {
-    fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"canwire\"", out);
-    write_counts(out, report);
-    write_time(out, ticks);
-    fputs(">\n  <testsuite", out);
-    write_attribute(out, "name", bus);
-    write_counts(out, report);
+    const expect_report *report = suite->report;
+    fputs("  <testsuite", out);
+    write_attribute(out, "name", suite->bus);
+    write_counts(out, report->count, report->failed);
     fputs(" skipped=\"0\"", out);
     write_time(out, ticks);
     fputs(">\n", out);
     for (size_t i = 0; i < report->count; i++)
-        write_case(out, report, &report->outcomes[i], bus);
-    fputs("  </testsuite>\n</testsuites>\n", out);
+        write_case(out, report, &report->outcomes[i], suite->bus);
+    fputs("  </testsuite>\n", out);
+}
+
+void expect_report_junit(FILE *out, const expect_suite *suites, size_t count, uint64_t ticks)
+{
+    size_t all = 0;
+    size_t failed = 0;
+    for (size_t i = 0; i < count; i++) {
+        all += suites[i].report->count;
+        failed += suites[i].report->failed;
+    }
+    fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"canwire\"", out);
+    write_counts(out, all, failed);
+    write_time(out, ticks);
+    fputs(">\n", out);
+    for (size_t i = 0; i < count; i++)
+        write_suite(out, &suites[i], ticks);
+    fputs("</testsuites>\n", out);
 }

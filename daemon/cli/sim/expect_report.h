@@ -36,9 +36,14 @@ void expect_report_free(expect_report *report);
 /* Writes a line per expectation and one with the sum. */
 void expect_report_text(FILE *out, const expect_report *report);
 
-/* Writes one suite with a test case per expectation, for Jenkins and others. All names are
+typedef struct expect_suite {
+    const expect_report *report;
+    const char *bus; /* names the suite and the class of its cases */
+} expect_suite;
+
+/* Writes suites with a test case per expectation, for Jenkins and others. All names in a suite are
  * different: expectations of several configurations have a number. Times are bus time; ticks is the
- * time of the whole run. `bus` names the suite and the class of its cases. */
-void expect_report_junit(FILE *out, const expect_report *report, const char *bus, uint64_t ticks);
+ * time of the whole run. */
+void expect_report_junit(FILE *out, const expect_suite *suites, size_t count, uint64_t ticks);
 
 #endif

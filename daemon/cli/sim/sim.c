@@ -69,7 +69,7 @@ static const char help[] =
     "\n"
     "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
     "with a port are there but send nothing. FILE may be a rig of several buses: --until, --seed,\n"
-    "--events, --log, --stats and --step then are for all of them.\n"
+    "--events, --log, --pcapng, --stats, --junit and --step then are for all of them.\n"
     "\n"
     "  --journal FILE\n"
     "                 what canwired --journal has written down, once more\n"
@@ -457,14 +457,19 @@ static int parse_options(sim_options *o, int argc, char **argv)
 static int run_rig(const sim_options *o)
 {
     const sim_rig_options options = {
-        .file = o->file, .has_until = o->until.text, .until = o->until.time,
+        .file = o->journal ? NULL : o->file, .journal = o->journal,
+        .has_until = o->until.text, .until = o->until.time,
         .has_seed = o->has_seed, .seed = o->seed, .events = o->outputs[OUT_EVENTS],
-        .log = o->outputs[OUT_LOG], .stats = o->outputs[OUT_STATS], .step = o->step};
+        .log = o->outputs[OUT_LOG], .pcapng = o->outputs[OUT_PCAPNG],
+        .junit = o->outputs[OUT_JUNIT], .stats = o->outputs[OUT_STATS], .step = o->step};
     if (o->until.time.bits > 0)
         return refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
-    if (o->until_event || o->outputs[OUT_PCAPNG] || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] ||
-        o->outputs[OUT_JUNIT] || o->sync)
-        return refuse(o->file, "a rig has --until, --seed, --events, --log, --stats and --step");
+    if (o->until_event || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] || o->sync)
+        return refuse(o->journal ? o->journal : o->file,
+                      "a rig has --until, --seed, --events, --log, --pcapng, --stats, --junit and "
+                      "--step");
+    if (o->journal && o->outputs[OUT_PCAPNG])
+        return refuse(o->journal, "the journal of a rig has no --pcapng");
     return sim_rig_main(&options);
 }
 
@@ -474,7 +479,7 @@ int cli_sim(int argc, char **argv)
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
-    if (!options.journal && rig_is_rig(options.file))
+    if (options.journal ? journal_is_of_rig(options.journal) : rig_is_rig(options.file))
         return run_rig(&options);
     sim s = {.judge.to_stderr = writes_to_stdout(&options)};
     bool good = set_up(&s, &options);

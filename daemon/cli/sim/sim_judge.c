@@ -55,9 +55,9 @@ bool sim_judge_finish(sim_judge *j, const sim_run *run)
         return fail();
     if (any)
         expect_report_text(j->to_stderr ? stderr : stdout, &j->report);
+    const expect_suite suite = {.report = &j->report, .bus = run->config->bus_name};
     if (j->junit->stream)
-        expect_report_junit(outfile_begin(j->junit), &j->report, run->config->bus_name,
-                            cw_bus_now(run->bus));
+        expect_report_junit(outfile_begin(j->junit), &suite, 1, cw_bus_now(run->bus));
     return true;
 }
 

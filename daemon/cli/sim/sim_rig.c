@@ -2,29 +2,33 @@
  *
  * sim_rig.c - runs the buses of a rig in one virtual time, with the gateways between them.
  *
- * All buses go to the first tick at which any node may receive a frame. There the gateways get the
- * events of all of them, in order, so that no frame comes to a bus that is already beyond it.
+ * The buses go from meeting to meeting (meeting.h). Their events are written in order as soon as
+ * all buses are there.
  */
 #include "cli/sim/sim_rig.h"
 
 #include "base/jsonput.h"
 #include "base/plain.h"
 #include "cli/cli.h"
+#include "cli/gateways_text.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
 #include "record/output.h"
-#include "run/gateways.h"
+#include "record/pcapng.h"
+#include "run/journal_play.h"
+#include "run/meeting.h"
 
 #include <stdlib.h>
 #include <string.h>
 
+#define KEPT_MAX 1024u /* events; then buses that have nothing to do follow the others */
+#define SLICE_TICKS (CW_CLOCK_HZ / 100u)
 #define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
 
 /* An event that waits for those of other buses. */
 typedef struct kept {
-    size_t bus;
-    size_t number; /* keeps the order of events of one bus */
-    bool passed;   /* the gateways have had it */
+    char *line;   /* the event as text, of a configuration that has gone; else NULL */
+    char *logged; /* in the same way: for --log */
     cw_event event;
 } kept;
 
@@ -33,24 +37,31 @@ typedef struct sim_rig sim_rig;
 typedef struct rig_bus {
     sim_rig *all;
     size_t index;
+    unsigned first_node; /* number of the nodes of the buses before it */
     sim_run run;
     sim_judge judge;
+    kept *list; /* events that some bus has not reached yet, in their order */
+    size_t first;
+    size_t end;
+    size_t room;
 } rig_bus;
 
 struct sim_rig {
     const sim_rig_options *options;
-    rig *config;
-    gateways *gateways;
+    rig *config;            /* NULL with a journal */
+    journal_player *player; /* NULL without */
+    meeting meeting;
     rig_bus buses[RIG_BUSES_MAX];
-    cw_bus *bus_of[RIG_BUSES_MAX];
     size_t bus_count; /* opened */
     outfile events;
     outfile log;
+    outfile pcapng;
     outfile stats;
-    outfile no_junit;
-    kept *list; /* events since the last look */
-    size_t count;
-    size_t room;
+    outfile junit;
+    outfile no_junit; /* of a bus alone */
+    bool keeps;      /* events, since an output wants them */
+    size_t count;    /* of kept events of all buses */
+    size_t write_at; /* with a journal: this many events */
     bool no_memory;
 };
 
@@ -67,110 +78,190 @@ static bool has_frame(cw_event_kind kind)
 static void copy_event(cw_event *to, const cw_event *from)
 {
     const cw_frame *frame = &from->frame;
-    *to = (cw_event){.tick = 0};
     memcpy(to, from, offsetof(cw_event, frame));
-    if (!has_frame(from->kind))
+    if (!has_frame(from->kind)) {
+        to->frame = (cw_frame){.id = 0};
         return;
+    }
     const unsigned length = frame->flags & CW_FRAME_CUT ? 8 : cw_frame_length(frame);
     memcpy(&to->frame, frame, offsetof(cw_frame, data) + length);
 }
 
-static void keep_event(void *user, const cw_event *event)
+static void write_event(sim_rig *s, const rig_bus *b, kept *k)
 {
-    const rig_bus *b = user;
-    sim_rig *s = b->all;
-    if (s->count == s->room) {
-        const size_t room = s->room > 0 ? 2 * s->room : 256;
-        kept *list = realloc(s->list, room * sizeof *list);
-        s->no_memory = s->no_memory || !list;
-        if (!list)
-            return;
-        s->list = list;
-        s->room = room;
-    }
-    s->list[s->count] = (kept){.bus = b->index, .number = s->count};
-    copy_event(&s->list[s->count++].event, event);
-}
-
-static int compare_numbers(uint64_t a, uint64_t b)
-{
-    return (a > b) - (a < b);
-}
-
-static int compare_kept(const void *left, const void *right)
-{
-    const kept *a = left;
-    const kept *b = right;
-    int order = compare_numbers(a->event.tick, b->event.tick);
-    if (order == 0)
-        order = compare_numbers(a->bus, b->bus);
-    return order != 0 ? order : compare_numbers(a->number, b->number);
-}
-
-static void write_event(sim_rig *s, const kept *k)
-{
-    const cfg *config = s->config->buses[k->bus];
-    if (s->events.stream)
+    const cfg *config = b->run.config;
+    if (s->events.stream && k->line)
+        fputs(k->line, s->events.stream);
+    else if (s->events.stream)
         output_event_of_bus(s->events.stream, config, &k->event);
-    if (s->log.stream)
+    if (s->log.stream && k->logged)
+        fputs(k->logged, s->log.stream);
+    else if (s->log.stream)
         output_log(s->log.stream, config, &k->event);
+    if (s->pcapng.stream)
+        pcapng_event_of_bus(s->pcapng.stream, config, b->first_node, &k->event,
+                            text_ticks_ns(k->event.tick));
+    free(k->line);
+    free(k->logged);
 }
-
-/* Gives the gateways all new events, and writes those before a tick that all buses have reached.
- * Until then a bus in the middle of a longer bit may have earlier ones. At that tick itself frames
- * may still come in, and be dropped. */
-static void take_events(sim_rig *s, uint64_t tick)
-{
-    size_t written = 0;
-    if (s->count > 1)
-        qsort(s->list, s->count, sizeof *s->list, compare_kept);
-    for (size_t i = 0; i < s->count; i++) {
-        if (!s->list[i].passed)
-            gateways_event(s->gateways, s->bus_of, s->list[i].bus, &s->list[i].event);
-        s->list[i].passed = true;
-    }
-    for (; written < s->count && s->list[written].event.tick < tick; written++)
-        write_event(s, &s->list[written]);
-    if (written > 0)
-        memmove(s->list, s->list + written, (s->count - written) * sizeof *s->list);
-    s->count -= written;
-    for (size_t i = 0; i < s->count; i++)
-        s->list[i].number = i;
-}
-
-/* ---- The run --------------------------------------------------------------------------------- */
 
 static uint64_t least(uint64_t a, uint64_t b)
 {
     return a < b ? a : b;
 }
 
+/* Returns the bus with the next event, or NULL when there is none before a tick. */
+static rig_bus *find_next(sim_rig *s, uint64_t tick)
+{
+    rig_bus *next = NULL;
+    for (size_t i = 0; i < s->bus_count; i++) {
+        rig_bus *b = &s->buses[i];
+        if (b->first == b->end || b->list[b->first].event.tick >= tick)
+            continue;
+        if (!next || b->list[b->first].event.tick < next->list[next->first].event.tick)
+            next = b;
+    }
+    return next;
+}
+
+/* Writes the events before a tick that all buses have reached. Until then a bus in the middle of a
+ * longer bit may have earlier ones. At that tick itself frames may still come in, and be
+ * dropped. */
+static void write_events(sim_rig *s, uint64_t tick)
+{
+    for (rig_bus *b; (b = find_next(s, tick)); s->count--)
+        write_event(s, b, &b->list[b->first++]);
+    for (size_t i = 0; i < s->bus_count; i++) {
+        rig_bus *b = &s->buses[i];
+        if (b->first == 0)
+            continue;
+        memmove(b->list, b->list + b->first, (b->end - b->first) * sizeof *b->list);
+        b->end -= b->first;
+        b->first = 0;
+    }
+}
+
+/* Writes what all buses have reached. */
+static void write_reached(sim_rig *s)
+{
+    uint64_t reached = CW_NEVER;
+    for (size_t i = 0; i < s->bus_count; i++)
+        reached = least(reached, cw_bus_now(s->buses[i].run.bus));
+    write_events(s, reached);
+    s->write_at = 2 * s->count > KEPT_MAX ? 2 * s->count : KEPT_MAX;
+}
+
+/* Adds an event to those of a bus. Returns false without memory. */
+static bool keep(rig_bus *b, const cw_event *event)
+{
+    if (b->end == b->room) {
+        const size_t room = b->room > 0 ? 2 * b->room : 256;
+        kept *list = realloc(b->list, room * sizeof *list);
+        if (!list)
+            return false;
+        b->list = list;
+        b->room = room;
+    }
+    kept *k = &b->list[b->end++];
+    k->line = NULL;
+    k->logged = NULL;
+    copy_event(&k->event, event);
+    return true;
+}
+
+static void keep_event(void *user, const cw_event *event)
+{
+    rig_bus *b = user;
+    sim_rig *s = b->all;
+    if (s->meeting.gateways && !gateways_note(s->meeting.gateways, b->index, event))
+        s->no_memory = true;
+    if (!s->keeps)
+        return;
+    if (!keep(b, event)) {
+        s->no_memory = true;
+        return;
+    }
+    s->count++;
+    if (s->player && s->count >= s->write_at)
+        write_reached(s);
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
 static uint64_t until_of(const sim_rig *s)
 {
     return s->bus_count > 0 ? s->buses[0].run.until : 0;
 }
 
-/* Returns the tick at which all buses meet next. */
-static uint64_t next_meeting(const sim_rig *s)
+static bool go(void *user, size_t bus, uint64_t tick)
 {
-    uint64_t next = CW_NEVER;
-    uint64_t bits = 0; /* each bus goes on by one bit while all of them rest */
+    sim_rig *s = user;
+    sim_release_to(&s->buses[bus].run, tick);
+    return true;
+}
+
+static uint64_t next_of(const void *user, size_t bus)
+{
+    const sim_rig *s = user;
+    const sim_run *run = &s->buses[bus].run;
+    return meeting_next(run->bus, run->plan, run->config);
+}
+
+static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
+                            uint64_t at_tick)
+{
+    const sim_rig *s = user;
+    return cw_node_send(s->buses[bus].run.bus, node, frame, at_tick);
+}
+
+static uint32_t all_buses(const sim_rig *s)
+{
+    return (UINT32_C(1) << s->bus_count) - 1;
+}
+
+/* Returns a tick up to which all buses may go at once: some traffic is still to come then, and
+ * nobody hands over frames. */
+static uint64_t sure_tick(const sim_rig *s)
+{
+    uint64_t now = 0;
+    uint64_t release = 0;
     for (size_t i = 0; i < s->bus_count; i++) {
-        const uint64_t bit = cw_bus_tick_after(s->bus_of[i], 1);
-        next = least(next, sim_next(&s->buses[i].run));
+        const sim_run *run = &s->buses[i].run;
+        const uint64_t next = release_next_tick(run->plan);
+        now = cw_bus_now(run->bus) > now ? cw_bus_now(run->bus) : now;
+        release = next != CW_NEVER && next > release ? next : release;
+    }
+    const uint64_t slice = now + SLICE_TICKS;
+    return least(until_of(s) != CW_NEVER ? slice : least(slice, release), until_of(s));
+}
+
+/* Returns the tick of the next meeting, and the buses that get there in any case. These are none
+ * while the gateways are busy and there is room for events. */
+static uint64_t next_meeting(const sim_rig *s, uint32_t *buses)
+{
+    uint64_t next = meeting_tick(&s->meeting);
+    uint64_t bits = 0; /* each bus goes on by one bit while all of them rest */
+    *buses = 0;
+    if (next < until_of(s) && s->count < KEPT_MAX)
+        return next;
+    *buses = all_buses(s);
+    const uint64_t sure = sure_tick(s);
+    for (size_t i = 0; i < s->bus_count; i++) {
+        const uint64_t bit = cw_bus_tick_after(s->buses[i].run.bus, 1);
         bits = bit > bits ? bit : bits;
     }
+    if (least(sure, next) > bits)
+        return least(sure, next);
+    for (size_t i = 0; i < s->bus_count; i++)
+        next = least(next, next_of(s, i));
     return least(next == CW_NEVER && until_of(s) == CW_NEVER ? bits : next, until_of(s));
 }
 
-static void go_to(sim_rig *s, uint64_t tick)
+static void go_to(sim_rig *s, uint64_t tick, uint32_t buses)
 {
-    uint64_t reached = tick;
-    for (size_t i = 0; i < s->bus_count; i++)
-        sim_release_to(&s->buses[i].run, tick);
-    for (size_t i = 0; i < s->bus_count; i++)
-        reached = least(reached, cw_bus_now(s->bus_of[i]));
-    take_events(s, reached == CW_NEVER ? tick : reached);
+    (void)meeting_hold(&s->meeting, tick, buses);
+    if (buses != 0)
+        write_reached(s);
 }
 
 static bool traffic_is_over(const sim_rig *s)
@@ -193,31 +284,127 @@ static bool is_quiet(const sim_rig *s, uint64_t tick)
 static bool has_failed(const sim_rig *s)
 {
     bool failed = s->no_memory;
+    if (s->player)
+        return failed;
     for (size_t i = 0; i < s->bus_count; i++)
         failed = failed || release_failed(s->buses[i].run.plan);
     return failed;
 }
 
-static void run(sim_rig *s)
+static void simulate(sim_rig *s)
 {
     const uint64_t until = until_of(s);
-    for (size_t i = 0; i < s->bus_count; i++)
+    uint32_t buses;
+    for (size_t i = 0; i < s->bus_count; i++) {
         sim_begin(&s->buses[i].run);
+        meeting_look(&s->meeting, i);
+    }
     while (!has_failed(s) && (until != CW_NEVER || !traffic_is_over(s))) {
-        const uint64_t tick = next_meeting(s);
+        const uint64_t tick = next_meeting(s, &buses);
         if (until == CW_NEVER && is_quiet(s, tick)) {
             plain_print(stderr,
                         "canwire sim: ended after %u s of bus time without a frame (--until TIME "
                         "waits longer)\n", QUIET_LIMIT_S);
             break;
         }
-        go_to(s, tick);
+        go_to(s, tick, buses);
         if (tick == until)
             break;
     }
     for (size_t i = 0; i < s->bus_count && until != CW_NEVER && !has_failed(s); i++)
         (void)sim_advance(&s->buses[i].run, CW_NEVER); /* ends bits that have begun */
-    take_events(s, CW_NEVER);
+}
+
+/* ---- Journal --------------------------------------------------------------------------------- */
+
+static bool advance(void *user, uint64_t tick)
+{
+    rig_bus *b = user;
+    return sim_advance(&b->run, tick);
+}
+
+static void drain(void *user)
+{
+    rig_bus *b = user;
+    sim_pass_on(&b->run, NULL);
+}
+
+static void pass_on(void *user, const cw_event *event)
+{
+    rig_bus *b = user;
+    sim_pass_on(&b->run, event);
+}
+
+static char *text_of(const cfg *config, const cw_event *event,
+                     void (*print)(FILE *out, const cfg *config, const cw_event *event))
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    if (!out)
+        return NULL;
+    print(out, config, event);
+    (void)fclose(out);
+    return text;
+}
+
+/* Makes texts of the events of a bus that are not written yet: they name nodes of the old
+ * configuration. */
+static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+{
+    rig_bus *b = user;
+    (void)next;
+    (void)from;
+    sim_judge_leave(&b->judge, &b->run);
+    for (size_t i = b->first; i < b->end; i++) {
+        kept *k = &b->list[i];
+        if (k->line)
+            continue;
+        k->line = text_of(b->run.config, &k->event, output_event_of_bus);
+        k->logged = text_of(b->run.config, &k->event, output_log);
+    }
+}
+
+static void go_over(void *user)
+{
+    rig_bus *b = user;
+    const journal_player *player = b->all->player;
+    sim_change(&b->run, journal_player_config_of(player, b->index),
+               journal_player_bus_of(player, b->index));
+    sim_judge_enter(&b->judge, &b->run);
+}
+
+static void *of_bus(void *user, size_t bus)
+{
+    sim_rig *s = user;
+    return &s->buses[bus];
+}
+
+static bool open_journal(sim_rig *s)
+{
+    static const journal_calls calls = {.advance = advance, .drain = drain, .event = pass_on,
+                                        .leaving = leave, .changed = go_over, .of_bus = of_bus};
+    const char *file = s->options->journal;
+    s->player = journal_player_open(file, &calls, s, stderr);
+    if (s->player && strcmp(journal_player_writer(s->player), CANWIRE_VERSION) != 0)
+        plain_print(stderr, "canwire sim: %s: written by canwire %s; this is " CANWIRE_VERSION "\n",
+                    file, journal_player_writer(s->player));
+    return s->player;
+}
+
+/* Runs to the end. Returns false after a message. */
+static bool run(sim_rig *s)
+{
+    bool good = true;
+    if (s->player) {
+        for (size_t i = 0; i < s->bus_count; i++)
+            sim_begin(&s->buses[i].run);
+        good = journal_play(s->player) != JOURNAL_FAILED;
+    } else {
+        simulate(s);
+    }
+    write_events(s, CW_NEVER);
+    return good;
 }
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
@@ -245,27 +432,48 @@ static bool check_end(const sim_rig *s, const cfg *config)
     return true;
 }
 
-static bool open_bus(sim_rig *s, size_t i)
+static bool open_run(sim_rig *s, rig_bus *b)
 {
-    rig_bus *b = &s->buses[i];
-    cfg *config = s->config->buses[i];
-    const sim_sink keeper = {.user = b, .event = keep_event};
-    *b = (rig_bus){.all = s, .index = i};
+    if (s->player)
+        return sim_open_bus(&b->run, journal_player_config_of(s->player, b->index),
+                            journal_player_bus_of(s->player, b->index));
+    cfg *config = s->config->buses[b->index];
     fputs(config->warnings, stderr);
     if (s->options->has_seed)
         config->seed = s->options->seed;
+    return sim_open(&b->run, config, false);
+}
+
+static bool has_output(const sim_rig_options *o)
+{
+    return o->events || o->log || o->pcapng || o->stats || o->junit;
+}
+
+static bool open_bus(sim_rig *s, size_t i)
+{
+    rig_bus *b = &s->buses[i];
+    sim_sink keeper = {.user = b, .event = keep_event, .kinds = 1u << CW_EVENT_TX};
     s->bus_count++;
-    if (!sim_open(&b->run, config, false))
+    b->all = s;
+    b->index = i;
+    const rig_bus *before = i > 0 ? b - 1 : NULL;
+    if (before)
+        b->first_node = before->first_node + (unsigned)before->run.config->node_count;
+    if (!open_run(s, b))
         return fail("out of memory");
-    s->bus_of[i] = b->run.bus;
     b->run.step = s->options->step;
     if (s->options->has_until) /* the last tick whose time in events is not after TIME */
         b->run.until = text_time_ticks_sum(s->options->until, 1, (cfg_time){.ns = 1},
-                                           config->rate) - 1;
+                                           b->run.config->rate) - 1;
     b->judge.junit = &s->no_junit;
-    b->judge.to_stderr = s->options->events || s->options->log || s->options->stats;
+    b->judge.to_stderr = has_output(s->options);
+    if (s->options->events || s->options->pcapng)
+        keeper.kinds = CW_EVENTS_USUAL;
+    if (s->meeting.gateways && gateways_nodes(s->meeting.gateways, i))
+        keeper.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
     sim_add_sink(&b->run, &keeper);
-    return check_end(s, config) && sim_judge_start(&b->judge, &b->run, false);
+    return (s->player || check_end(s, b->run.config)) &&
+           sim_judge_start(&b->judge, &b->run, s->player);
 }
 
 /* No output may be an input or another output. */
@@ -274,11 +482,16 @@ static bool check_files(const sim_rig *s)
     const struct { const char *what, *path; } outputs[] = {
         {"--events", s->options->events},
         {"--log", s->options->log},
+        {"--pcapng", s->options->pcapng},
         {"--stats", s->options->stats},
+        {"--junit", s->options->junit},
     };
     fileuses all = {.count = 0};
-    fileuses_add(&all, &(fileuse){.what = "rig", .path = s->config->file});
-    for (size_t i = 0; i < s->config->bus_count; i++)
+    if (s->player)
+        fileuses_add(&all, &(fileuse){.what = "--journal", .path = s->options->journal});
+    else
+        fileuses_add(&all, &(fileuse){.what = "rig", .path = s->config->file});
+    for (size_t i = 0; !s->player && i < s->config->bus_count; i++)
         cfg_add_files_read(&all, s->config->buses[i]);
     for (size_t i = 0; i < sizeof outputs / sizeof *outputs; i++)
         if (outputs[i].path && strcmp(outputs[i].path, "-") != 0)
@@ -289,19 +502,31 @@ static bool check_files(const sim_rig *s)
     return good;
 }
 
-static bool set_up(sim_rig *s)
+static bool load_rig(sim_rig *s)
 {
+    static const meeting_calls calls = {.go = go, .next = next_of};
     s->config = rig_load(s->options->file, stderr);
     if (!s->config)
         return false;
-    s->gateways = gateways_new(s->config);
-    if (!s->gateways)
-        return fail("out of memory");
-    for (size_t i = 0; i < s->config->bus_count; i++)
+    s->meeting = (meeting){.gateways = gateways_new(s->config, send_frame, s),
+                           .calls = &calls,
+                           .user = s,
+                           .bus_count = s->config->bus_count};
+    return s->meeting.gateways || fail("out of memory");
+}
+
+static bool set_up(sim_rig *s)
+{
+    if (!(s->options->journal ? open_journal(s) : load_rig(s)))
+        return false;
+    const size_t count = s->player ? journal_player_count(s->player) : s->config->bus_count;
+    for (size_t i = 0; i < count; i++)
         if (!open_bus(s, i))
             return false;
     return check_files(s) && outfile_open(&s->events, s->options->events, "canwire sim") &&
            outfile_open(&s->log, s->options->log, "canwire sim") &&
+           outfile_open(&s->pcapng, s->options->pcapng, "canwire sim") &&
+           outfile_open(&s->junit, s->options->junit, "canwire sim") &&
            outfile_open(&s->stats, s->options->stats, "canwire sim");
 }
 
@@ -310,11 +535,31 @@ static void write_stats(sim_rig *s)
     json_t *root = json_object();
     json_t *buses = json_array();
     for (size_t i = 0; i < s->bus_count; i++)
-        put_last(buses, output_all_stats(s->config->buses[i], s->bus_of[i]));
+        put_last(buses, output_all_stats(s->buses[i].run.config, s->buses[i].run.bus));
     put(root, "buses", buses);
-    put(root, "gateways", gateways_stats(s->gateways));
+    if (s->meeting.gateways)
+        put(root, "gateways", gateways_stats(s->meeting.gateways, GATEWAYS_ALL));
     put_out(s->stats.stream, root);
     json_decref(root);
+}
+
+/* Writes the outcomes of all buses. */
+static void write_junit(sim_rig *s)
+{
+    expect_suite suites[RIG_BUSES_MAX];
+    for (size_t i = 0; i < s->bus_count; i++)
+        suites[i] = (expect_suite){.report = &s->buses[i].judge.report,
+                                   .bus = s->buses[i].run.config->bus_name};
+    expect_report_junit(outfile_begin(&s->junit), suites, s->bus_count,
+                        cw_bus_now(s->buses[0].run.bus));
+}
+
+/* Prints the summary of the gateways. */
+static void print_gateways(const sim_rig *s)
+{
+    json_t *all = gateways_stats(s->meeting.gateways, GATEWAYS_ALL);
+    gateways_print(stdout, all);
+    json_decref(all);
 }
 
 /* Reports; *met tells about the expectations. */
@@ -328,12 +573,18 @@ static bool finish(sim_rig *s, bool *met)
     for (size_t i = 0; i < s->bus_count; i++) {
         rig_bus *b = &s->buses[i];
         if (!b->judge.to_stderr)
-            summary_print(stdout, s->config->buses[i], s->bus_of[i]);
+            summary_print(stdout, b->run.config, b->run.bus);
         good = sim_judge_finish(&b->judge, &b->run) && good;
         *met = *met && b->judge.report.failed == 0;
     }
+    if (s->junit.stream)
+        write_junit(s);
+    if (!has_output(s->options) && s->meeting.gateways)
+        print_gateways(s);
     good = outfile_close(&s->events, "canwire sim") && good;
     good = outfile_close(&s->log, "canwire sim") && good;
+    good = outfile_close(&s->pcapng, "canwire sim") && good;
+    good = outfile_close(&s->junit, "canwire sim") && good;
     return outfile_close(&s->stats, "canwire sim") && good;
 }
 
@@ -342,14 +593,24 @@ static void tear_down(sim_rig *s)
     for (size_t i = 0; i < s->bus_count; i++) {
         sim_judge_close(&s->buses[i].judge);
         sim_close(&s->buses[i].run);
+        free(s->buses[i].list);
     }
     (void)outfile_close(&s->events, "canwire sim");
     (void)outfile_close(&s->log, "canwire sim");
+    (void)outfile_close(&s->pcapng, "canwire sim");
+    (void)outfile_close(&s->junit, "canwire sim");
     (void)outfile_close(&s->stats, "canwire sim");
-    gateways_free(s->gateways);
+    gateways_free(s->meeting.gateways);
+    journal_player_close(s->player);
     rig_free(s->config);
-    free(s->list);
     free(s);
+}
+
+static void begin_pcapng(sim_rig *s)
+{
+    if (outfile_begin(&s->pcapng))
+        pcapng_begin_all(s->pcapng.stream, (const cfg *const *)s->config->buses,
+                         s->config->bus_count);
 }
 
 int sim_rig_main(const sim_rig_options *options)
@@ -361,12 +622,14 @@ int sim_rig_main(const sim_rig_options *options)
         return CLI_BAD_INPUT;
     }
     s->options = options;
+    s->keeps = options->events || options->log || options->pcapng;
     bool good = set_up(s);
     if (good) {
         (void)outfile_begin(&s->events);
         (void)outfile_begin(&s->log);
-        run(s);
-        good = finish(s, &met);
+        begin_pcapng(s);
+        good = run(s);
+        good = finish(s, &met) && good;
     }
     tear_down(s);
     if (!good)

@@ -11,14 +11,17 @@
 
 /* The options of the command line for a rig. */
 typedef struct sim_rig_options {
-    const char *file;
+    const char *file;    /* of the rig, or */
+    const char *journal; /* of canwired --journal for one; the other is NULL */
     bool has_until;
     cfg_time until; /* without bits */
     bool has_seed;
     uint64_t seed;
     const char *events; /* names of outputs, or NULL */
     const char *log;
+    const char *pcapng; /* not with a journal */
     const char *stats;
+    const char *junit;
     bool step;
 } sim_rig_options;
 

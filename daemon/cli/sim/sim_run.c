@@ -15,7 +15,6 @@
 #define SLICE_WORK 20000u /* of the bus between two looks at its events: some ms */
 #define CALM_BITS 3 /* shown after an event: its last effect is visible by then */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
-#define FRAME_BITS_MIN 25 /* nominal bits of any frame, SOF to its reception, at any data rate */
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
@@ -409,26 +408,6 @@ bool sim_go(sim_run *s)
 }
 
 /* ---- Runs of several buses ------------------------------------------------------------------- */
-
-/* Returns the first tick at which the bus expects an event. Off the grid, and where there is a data
- * rate, one may come up to a bit before it says. */
-static uint64_t next_event(const sim_run *s)
-{
-    const uint64_t next = cw_bus_next(s->bus);
-    const uint64_t bit = cw_rate_ticks(s->config->rate, 1);
-    const bool exact = cw_bus_is_on_grid(s->bus) && s->config->dbitrate_bps == 0;
-    return exact || next == CW_NEVER || next < bit ? next : next - bit;
-}
-
-uint64_t sim_next(const sim_run *s)
-{
-    const uint64_t bit = cw_bus_tick_after(s->bus, 1);
-    uint64_t next = least(next_event(s), release_next_tick(s->plan));
-    /* rules, replies and fast replays send frames that the bus does not know yet */
-    if (s->config->rule_count > 0 || s->config->reply_count > 0 || release_is_fast(s->plan))
-        next = least(next, cw_bus_tick_after(s->bus, FRAME_BITS_MIN));
-    return next > bit ? next : bit;
-}
 
 void sim_release_to(sim_run *s, uint64_t end)
 {

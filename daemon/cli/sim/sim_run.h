@@ -84,9 +84,6 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 
 /* ---- Runs of several buses ------------------------------------------------------------------- */
 
-/* Returns a tick before which nobody receives a frame, when no frame is put in. It is after now. */
-uint64_t sim_next(const sim_run *s);
-
 /* Advances to a tick with all releases up to there. */
 void sim_release_to(sim_run *s, uint64_t tick);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * realtime.h - the daemon's engine in real time, on sockets. Each bus is a process, all on one
- * processor, and the ECUs of all buses are another process.
+ * realtime.h - the daemon's engine in real time, on sockets. Each bus is a process, or all of them
+ * are one, on one processor. The ECUs of all buses are another process.
  */
 #ifndef CANWIRE_BENCH_REALTIME_H
 #define CANWIRE_BENCH_REALTIME_H
@@ -70,6 +70,11 @@ void rt_port_path(char path[RT_PATH_MAX], const char *folder, unsigned node);
 /* Starts a process with an engine. ports: its ends of the sockets of the nodes, which are closed
  * here; not looked at where it has a folder. It ends with SIGTERM. */
 pid_t rt_start_bus(rt_result *result, const rt_bus_options *options, const int ports[RT_NODES]);
+
+/* Starts one process for so many buses: those of a rig whose gateways look at each frame. ports:
+ * the ends of all nodes of the first bus, and so on, which are closed here. */
+pid_t rt_start_rig(rt_result *results, unsigned buses, const rt_bus_options *options,
+                   const int *ports);
 
 /* ---- timer.c --------------------------------------------------------------------------------- */
 

@@ -2,8 +2,8 @@
  *
  * due.h - finds the tick of the next event that is visible outside of the bus.
  */
-#ifndef CANWIRE_ENGINE_DUE_H
-#define CANWIRE_ENGINE_DUE_H
+#ifndef CANWIRE_RUN_DUE_H
+#define CANWIRE_RUN_DUE_H
 
 #include "config/config.h"
 #include "run/release.h"

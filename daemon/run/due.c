@@ -2,7 +2,7 @@
  *
  * due.c - finds the tick of the next event that is visible outside of the bus.
  */
-#include "engine/due.h"
+#include "run/due.h"
 
 #define FRAME_BITS_MIN 44u /* SOF to EOF, of an empty frame without stuff bits */
 

@@ -1,0 +1,440 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * service.c - a running bus with all that serves it: control socket, LCM, recordings, reload.
+ */
+#include "serve/service.h"
+
+#include "base/jsonput.h"
+#include "base/log.h"
+#include "config/files.h"
+#include "engine/reloader.h"
+#include "serve/control.h"
+#include "serve/losses.h"
+#include "serve/publish.h"
+#include "serve/recordings.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct service {
+    host *host;
+    size_t place; /* in the rig */
+    live *live;
+    const cfg *config; /* the configuration in effect */
+    publisher *publisher;
+    engine *engine;
+    control *control;
+    recordings *recordings;
+    losses losses;
+    reloader *reloader;
+    uint64_t hangups[2];                 /* rounds of reloads that SIGHUP has requested */
+    char refused[SERVICE_TROUBLE_BYTES]; /* reason of the last refused reload, or empty */
+    ev_timer statistics;
+};
+
+/* Names the bus of the messages that follow. */
+static void enter(const service *s)
+{
+    (void)log_enter(s->host->rig ? s->host->rig->names[s->place] : NULL);
+}
+
+/* ---- Events and bits ------------------------------------------------------------------------- */
+
+static void on_event(void *user, const cw_event *event)
+{
+    service *s = user;
+    if (s->publisher)
+        publisher_event(s->publisher, event);
+    if (s->recordings)
+        recordings_event(s->recordings, event, engine_realtime_ns(s->engine, event->tick));
+    if (s->control)
+        control_event(s->control, event);
+}
+
+static void on_bit(void *user, const cw_bus *bus)
+{
+    const service *s = user;
+    recordings_bit(s->recordings, bus);
+}
+
+/* Observes bits only while a recording wants them. */
+static void observe_bits(service *s)
+{
+    engine_observe_bits(s->engine, recordings_want_bits(s->recordings) ? on_bit : NULL, s);
+}
+
+/* Reports a recording that has begun or ended, see recordings_reported. */
+static void on_recording(void *user, const char *file, const char *why)
+{
+    service *s = user;
+    if (!s->recordings)
+        return;
+    observe_bits(s);
+    if (s->control)
+        control_report_recording(s->control, file, why);
+}
+
+static json_t *show_recordings(void *user)
+{
+    const service *s = user;
+    return recordings_json(s->recordings);
+}
+
+static json_t *show_journal(void *user)
+{
+    const service *s = user;
+    return s->host->journal ? journal_to_json(s->host->journal) : NULL;
+}
+
+/* ---- Reload ---------------------------------------------------------------------------------- */
+
+/* Logs each line of the errors. */
+static void log_lines(char *text)
+{
+    char *rest = text;
+    for (char *line = strtok_r(rest, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest))
+        log_error("%s", line);
+}
+
+static bool is_reloading(const host *h)
+{
+    for (size_t i = 0; i < h->count; i++)
+        if (h->buses[i] && reloader_is_busy(h->buses[i]->reloader))
+            return true;
+    return false;
+}
+
+/* Notifies the service manager. on_change(), or the refusal of the reload, ends this state. */
+static void on_reading(void *user)
+{
+    service *s = user;
+    notify_reloading(s->host->notifier);
+    s->refused[0] = '\0';
+}
+
+/* Checks the files of a bus of a rig together with those of the others. */
+static bool check_files(const service *s, const cfg *next, FILE *errors)
+{
+    const cfg *all[RIG_BUSES_MAX];
+    const host *h = s->host;
+    for (size_t i = 0; i < h->count; i++)
+        all[i] = i == s->place ? next : h->buses[i]->config;
+    return h->count == 1 || cfg_check_all_files(all, h->count, &h->files, "canwired", errors);
+}
+
+static bool take_reload(void *user, reload *r, FILE *errors)
+{
+    const service *s = user;
+    enter(s);
+    if (!check_files(s, r->config, errors)) {
+        reload_free(r);
+        return false;
+    }
+    return engine_reload(s->engine, r, errors);
+}
+
+static void note_refusal(service *s, const char *why)
+{
+    (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
+                   why);
+}
+
+/* Ends a refusal after all its messages: a program that waits for the end finds them in the
+ * journal. */
+static void end_refusal(service *s)
+{
+    if (!is_reloading(s->host) && !s->host->stopping)
+        notify_ready(s->host->notifier);
+}
+
+/* Logs a refusal. One because canwired is stopping is no error, and is logged once. */
+static void log_refusal(service *s, char *errors)
+{
+    if (s->host->stopping) {
+        if (!s->host->stopping_reported)
+            log_info("reload: canwired is stopping, nothing was changed");
+        s->host->stopping_reported = true;
+        return;
+    }
+    log_lines(errors);
+    log_error("reload: nothing was changed");
+}
+
+/* Reports the end of a round of reloads to all that have requested it. */
+static void on_round(void *user, uint64_t round, char *errors)
+{
+    service *s = user;
+    enter(s);
+    if (errors)
+        note_refusal(s, errors);
+    if (s->control)
+        control_reloaded(s->control, round, errors);
+    if (errors && s->hangups[round % 2] == round)
+        log_refusal(s, errors);
+    if (errors)
+        end_refusal(s);
+}
+
+static const reloader_calls reload_calls = {
+    .begins = on_reading, .take = take_reload, .over = on_round};
+
+/* Returns the round, or 0 after writing the reason. */
+static uint64_t ask_for_reload(void *user, FILE *errors)
+{
+    service *s = user;
+    return reloader_ask(s->reloader, s->config->file, errors);
+}
+
+void service_hang_up(service *s)
+{
+    char *text = NULL;
+    size_t size = 0;
+    enter(s);
+    FILE *errors = open_memstream(&text, &size);
+    uint64_t round = errors ? ask_for_reload(s, errors) : 0;
+    if (errors)
+        (void)fclose(errors);
+    char none[] = "out of memory";
+    if (round == 0) {
+        note_refusal(s, errors && text ? text : none);
+        log_refusal(s, errors && text ? text : none);
+        end_refusal(s);
+    }
+    s->hangups[round % 2] = round;
+    free(text);
+    (void)log_enter(NULL);
+}
+
+/* Handles a request at the control socket, whose client gets the errors. */
+static uint64_t on_reload_request(void *user, FILE *errors)
+{
+    service *s = user;
+    uint64_t round = ask_for_reload(s, errors);
+    if (round == 0) {
+        note_refusal(s, "it cannot be begun");
+        end_refusal(s);
+    }
+    return round;
+}
+
+static double seconds(cfg_time time, cw_rate rate)
+{
+    return (double)text_time_ticks(time, rate) / CW_CLOCK_HZ;
+}
+
+/* Adapts to another configuration of the bus. */
+static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
+{
+    service *s = user;
+    losses_remap(&s->losses, from);
+    recordings_reload(s->recordings, engine_bus(s->engine));
+    if (s->host->journal)
+        journal_retry(s->host->journal, engine_inputs(s->engine));
+    observe_bits(s);
+    if (s->control)
+        control_remap(s->control, from);
+    if (s->publisher) {
+        publisher_remap(s->publisher, from);
+        s->statistics.repeat = seconds(s->config->lcm.period, s->config->rate);
+        ev_timer_again(s->host->loop, &s->statistics);
+    }
+    if (!is_reloading(s->host))
+        notify_ready(s->host->notifier);
+}
+
+/* ---- Statistics and status ------------------------------------------------------------------- */
+
+static void publish_files(service *s)
+{
+    json_t *recorded = recordings_json(s->recordings);
+    json_t *written = show_journal(s);
+    publisher_files(s->publisher, "record", recorded);
+    if (written)
+        publisher_files(s->publisher, "journal", written);
+    json_decref(recorded);
+    json_decref(written);
+}
+
+static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    service *s = timer->data;
+    engine_update(s->engine);
+    enter(s);
+    report beyond;
+    engine_report(s->engine, &beyond);
+    publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
+    publish_files(s);
+}
+
+/* Returns the problem of a node, or NULL. */
+static const char *trouble_of(const service *s, unsigned node, report_link link)
+{
+    cw_node_stats stats;
+    if (link == REPORT_LINK_DOWN)
+        return "link down";
+    if (link == REPORT_LINK_MISSING)
+        return "link missing";
+    if (cw_node_get_stats(engine_bus(s->engine), node, &stats) != CW_OK ||
+        stats.state == CW_STATE_ERROR_ACTIVE)
+        return NULL;
+    return cw_state_name(stats.state);
+}
+
+/* Prints ", engine bus-off" and so on, as far as there is room. */
+static void print_trouble(char out[SERVICE_TROUBLE_BYTES], const service *s, const report *beyond)
+{
+    size_t used = 0;
+    out[0] = '\0';
+    for (unsigned i = 0; i < s->config->node_count && used < SERVICE_TROUBLE_BYTES; i++) {
+        const char *trouble = trouble_of(s, i, beyond->nodes[i].link);
+        if (!trouble)
+            continue;
+        int length = snprintf(out + used, SERVICE_TROUBLE_BYTES - used, ", %s %s",
+                              s->config->nodes[i].name, trouble);
+        used += length > 0 ? (size_t)length : 0;
+    }
+}
+
+void service_update(service *s, service_status *out)
+{
+    report beyond;
+    engine_update(s->engine);
+    enter(s);
+    engine_count_loopless(s->engine);
+    engine_report(s->engine, &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    recordings_update(s->recordings, engine_bus(s->engine));
+    observe_bits(s);
+    cw_bus_get_stats(engine_bus(s->engine), &out->bus);
+    print_trouble(out->trouble, s, &beyond);
+    out->refused = s->refused;
+    (void)log_enter(NULL);
+}
+
+/* ---- Start and end --------------------------------------------------------------------------- */
+
+service *service_new(host *h, live *config)
+{
+    service *s = calloc(1, sizeof *s);
+    if (!s) {
+        log_error("out of memory");
+        return NULL;
+    }
+    *s = (service){
+        .host = h, .place = h->count, .live = config, .config = live_config(config)};
+    if (s->config->lcm.enabled && !(s->publisher = publisher_start(s->config))) {
+        log_error("out of memory");
+        free(s);
+        return NULL;
+    }
+    return s;
+}
+
+static json_t *show_gateways(void *user)
+{
+    const service *s = user;
+    return gateways_stats(engine_group_gateways(s->host->group), s->place);
+}
+
+/* Starts the control socket at the configured path, or at the socket of the service manager. */
+static bool start_control(service *s, int inherited)
+{
+    if (!s->config->control && inherited < 0)
+        return true;
+    s->control = control_start(s->host->loop, s->live, s->engine, inherited);
+    if (!s->control)
+        return false;
+    control_on_reload(s->control, on_reload_request, s);
+    control_show_files(s->control, show_recordings, show_journal, s);
+    if (s->host->group)
+        control_show_gateways(s->control, show_gateways, s);
+    return true;
+}
+
+bool service_start(service *s, engine *bus, int inherited)
+{
+    enter(s);
+    s->engine = bus;
+    s->reloader = reloader_new(s->host->loop, &s->host->files, &reload_calls, s);
+    if (!s->reloader) {
+        log_error("out of memory");
+        return false;
+    }
+    reloader_keep_rig(s->reloader, s->host->rig);
+    engine_on_change(bus, on_change, s);
+    if (!start_control(s, inherited))
+        return false;
+    s->recordings =
+        recordings_start(s->host->loop, s->config, engine_bus(bus), on_recording, s);
+    if (!s->recordings)
+        return false;
+    engine_observe(bus, on_event, s);
+    observe_bits(s);
+    return true;
+}
+
+void service_run(service *s)
+{
+    if (!s->publisher)
+        return;
+    double period = seconds(s->config->lcm.period, s->config->rate);
+    ev_timer_init(&s->statistics, on_statistics, period, period);
+    s->statistics.data = s;
+    ev_timer_start(s->host->loop, &s->statistics);
+}
+
+const cfg *service_config(const service *s)
+{
+    return s->config;
+}
+
+live *service_live(const service *s)
+{
+    return s->live;
+}
+
+engine *service_engine(const service *s)
+{
+    return s->engine;
+}
+
+void service_report_end(service *s)
+{
+    report beyond;
+    cw_bus_stats stats;
+    enter(s);
+    engine_count_loopless(s->engine);
+    engine_report(s->engine, &beyond);
+    if (s->publisher)
+        publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    (void)engine_check_books(s->engine);
+    cw_bus_get_stats(engine_bus(s->engine), &stats);
+    log_info("stopped: %" PRIu64 " frames, %" PRIu64 " error frames, %" PRIu32 " frames not sent",
+             stats.frames, stats.error_frames, stats.pending);
+    (void)log_enter(NULL);
+}
+
+void service_stop(service *s)
+{
+    enter(s);
+    reloader_free(s->reloader);
+    s->reloader = NULL;
+    control_stop(s->control);
+    s->control = NULL;
+    recordings_stop(s->recordings);
+    s->recordings = NULL;
+    (void)log_enter(NULL);
+}
+
+void service_free(service *s)
+{
+    if (!s)
+        return;
+    publisher_stop(s->publisher);
+    live_free(s->live);
+    free(s);
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * service.h - a running bus with all that serves it: control socket, LCM, recordings, reload.
+ */
+#ifndef CANWIRE_SERVE_SERVICE_H
+#define CANWIRE_SERVE_SERVICE_H
+
+#include "config/rig.h"
+#include "engine/engine.h"
+#include "engine/group.h"
+#include "run/journal.h"
+#include "serve/notify.h"
+
+#define SERVICE_TROUBLE_BYTES 300 /* of texts about nodes and about a refused reload, each */
+
+typedef struct service service;
+
+/* The parts of a process that its buses share. */
+typedef struct host {
+    struct ev_loop *loop;
+    notifier *notifier;
+    journal *journal;    /* or NULL */
+    fileuses files;      /* besides those that the configurations name */
+    rig *rig;            /* NULL: there is one bus, of its own */
+    engine_group *group; /* of the rig */
+    size_t count;
+    service *buses[RIG_BUSES_MAX];
+    bool stopping;
+    bool stopping_reported; /* to senders of SIGHUP */
+} host;
+
+/* Makes the service of a bus, which it takes over. Returns NULL after logging the reason; the
+ * caller then keeps the configuration. */
+service *service_new(host *h, live *config);
+
+/* Starts all but the bus, which runs already. inherited: a control socket that listens, or -1.
+ * Returns false after logging the reason. */
+bool service_start(service *s, engine *bus, int inherited);
+
+/* Starts the timer of the statistics. */
+void service_run(service *s);
+
+const cfg *service_config(const service *s);
+live *service_live(const service *s);
+engine *service_engine(const service *s);
+
+/* Requests a reload for SIGHUP; there are two rounds at most, see reloader.h. */
+void service_hang_up(service *s);
+
+/* Does the work of each second, and fills in the bus's part of the status. */
+typedef struct service_status {
+    cw_bus_stats bus;
+    char trouble[SERVICE_TROUBLE_BYTES]; /* ", engine bus-off" and so on, or empty */
+    const char *refused;                 /* "; reload refused: ...", or empty */
+} service_status;
+void service_update(service *s, service_status *out);
+
+/* Reports the end of the bus. */
+void service_report_end(service *s);
+
+/* Ends control socket and recordings. The engine still exists. */
+void service_stop(service *s);
+
+/* Ends LCM and frees the service with its configuration. NULL is allowed. */
+void service_free(service *s);
+
+#endif
