@@ -271,6 +271,16 @@ typedef struct cw_bits {
  * !cw_frame_valid(). */
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame);
 
+/* Bits in which a classical frame can deviate (F5). Stuff bits and CRC are right for what is
+ * sent. */
+#define CW_DEVIATES_SRR 0x1u /* SRR of an extended frame is dominant */
+#define CW_DEVIATES_R1 0x2u  /* r1 of an extended frame is recessive; CAN FD has FDF there */
+#define CW_DEVIATES_R0 0x4u  /* r0 is recessive; CAN FD has FDF there in a base frame */
+
+/* Does the same with deviating bits, a set of CW_DEVIATES_*. CW_INVALID: the frame lacks one of
+ * them, or is an FD frame. */
+cw_status cw_bits_encode_deviant(cw_bits *bits, const cw_frame *frame, unsigned deviations);
+
 /* Returns true for the bits between the sample points at which the rate changes (D10). These are
  * the bits after BRS and before the CRC delimiter, when BRS is recessive. BRS and CRC delimiter are
  * of mixed length. */
@@ -780,6 +790,10 @@ typedef enum cw_action {
     CW_ACTION_JITTER,     /* edges of `nodes` come up to jitter late, each one another time */
     CW_ACTION_RAMP,       /* the time quantum of `nodes` goes from quantum_from to quantum_to in
                              for_ticks, and stays there */
+    CW_ACTION_RAW,        /* `node` drives the first `bits` of `raw` from the next bit on, or, with
+                             raw_when_idle, when its controller or the wire is idle. Its
+                             controller is off the bus meanwhile, so it samples nothing; then it
+                             integrates (M10) */
     CW_ACTION_DISCONNECT, /* nodes of `nodes` neither drive nor sample */
     CW_ACTION_PARTITION,  /* group[] gives each node's wire */
     /* Once, to the controllers of `nodes`: */
@@ -805,6 +819,7 @@ typedef enum cw_action {
     CW_ACTION_BABBLE, /* `frame`, again as soon as the last one is done, while it lasts */
     CW_ACTION_LOAD,   /* random frames up to load_permille of the bus, while it lasts */
     CW_ACTION_REPLY,  /* `frame` answers the matching one, after for_ticks */
+    CW_ACTION_RAW_FRAME, /* `frame` once, each attempt with `deviations` */
     CW_ACTION_COUNT
 } cw_action;
 
@@ -830,6 +845,7 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_KEEP UINT16_MAX
 #define CW_PATTERN_MAX 64 /* bits of a glitch */
 #define CW_BURST_MAX 16 /* bits of a burst of noise */
+#define CW_RAW_MAX 192    /* bits of RAW, more than a classical frame has */
 
 /* Changes of a node's settings; fields whose CW_SET_* is not in `which` are ignored. */
 #define CW_SET_MODES 0x01u /* the modes of modes_mask become those in modes */
@@ -972,6 +988,9 @@ typedef struct cw_rule {
     uint16_t rec;
     uint32_t number;
     uint16_t load_permille;
+    uint8_t deviations;        /* RAW_FRAME: CW_DEVIATES_* */
+    bool raw_when_idle;        /* RAW */
+    uint64_t raw[CW_RAW_MAX / 64]; /* RAW: bit n is the level of bit n % 64 of word n / 64 */
     uint64_t period_ticks;
     uint8_t group[CW_NODES_MAX]; /* PARTITION */
     cw_settings settings;

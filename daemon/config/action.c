@@ -32,7 +32,7 @@ typedef struct setting {
     uint8_t which;
 } setting;
 
-static schema_reader read_level, read_levels, read_at, read_node, read_groups,
+static schema_reader read_level, read_levels, read_at, read_groups,
     read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
     read_restart, read_order, read_period, read_sleep, read_wake;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
@@ -79,7 +79,7 @@ static const schema_choice sides[] = {
     }
 #define AS                                                                                         \
     {                                                                                              \
-        .name = "as", .read = read_node, MEMBER(node), .required = true                            \
+        .name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true                  \
     }
 #define SIDE                                                                                       \
     {                                                                                              \
@@ -248,6 +248,7 @@ static const action actions[] = {
     {CW_ACTION_SET, set_keys, complete_set},
     {CW_ACTION_SOFTWARE_RESET, software_reset_keys, NULL},
     {CW_ACTION_HARDWARE_RESET, hardware_reset_keys, NULL},
+    {CW_ACTION_RAW, cfg_raw_keys, cfg_complete_raw},
     {CW_ACTION_DISCONNECT, disconnect_keys, NULL},
     {CW_ACTION_PARTITION, partition_keys, NULL},
     {CW_ACTION_DROP, drop_keys, complete_side},
@@ -365,16 +366,6 @@ static void read_at(schema *self, const schema_key *key, yaml_node_t *value, voi
 
     if (!wire || cfg_find_node(walk->config, "wire") != CW_NO_NODE)
         cfg_read_node_set(self, key, value, object);
-}
-
-static void read_node(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    uint8_t *member = schema_member(key, object);
-    const char *name = schema_text(self, key, value, "the name of a node");
-    int node = name ? cfg_read_node(self, key, value, name) : -1;
-
-    if (node >= 0)
-        *member = (uint8_t)node;
 }
 
 static void join_group(schema *self, const schema_key *key, const yaml_node_t *value,

@@ -22,6 +22,10 @@ schema_reader cfg_read_lcm;      /* lcm.c */
 schema_reader cfg_read_action;  /* `do`; object: a cw_rule whose `when` has been read */
 /* Actions that act for parts of bits, action_time.c. */
 extern const schema_key cfg_pulse_keys[], cfg_jitter_keys[];
+/* The action `raw`, action_raw.c. */
+extern const schema_key cfg_raw_keys[];
+void cfg_complete_raw(schema *self, yaml_node_t *map, cw_rule *rule);
+
 schema_reader cfg_read_ramp; /* `ramp` of a rule that sets; object: a cw_rule */
 void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule);
 schema_reader cfg_read_retime; /* a key of time of a rule that sets */

@@ -406,6 +406,16 @@ int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value,
     return -1;
 }
 
+void cfg_read_node_index(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    uint8_t *member = schema_member(key, object);
+    const char *name = schema_text(self, key, value, "the name of a node");
+    int node = name ? cfg_read_node(self, key, value, name) : -1;
+
+    if (node >= 0)
+        *member = (uint8_t)node;
+}
+
 uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value)
 {
     if (schema_is_open(self, value))

@@ -41,6 +41,9 @@ bool cfg_name_valid(const char *name, size_t length_max);
  * reported. */
 int cfg_read_node(schema *self, const schema_key *key, const yaml_node_t *value, const char *name);
 
+/* Reads the name of a node into a uint8_t. */
+schema_reader cfg_read_node_index;
+
 /* Returns the node that a value names as a mask. Returns 0 after a complaint or when the name is
  * not known yet. */
 uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node_t *value);

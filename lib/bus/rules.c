@@ -32,6 +32,13 @@ static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
     return cw_bits_so_far(bus) * unit - saved;
 }
 
+static bool is_idle(const cw_bus *bus, unsigned i)
+{
+    const cw_mac *m = cw_mac_of(bus, i);
+    return m->phase == CW_MAC_IDLE ||
+           (!cw_mac_is_on_bus(m) && bus->recessive_bits >= CW_INTEGRATION_BITS);
+}
+
 void cw_link_rules(cw_bus *bus, uint64_t seed)
 {
     static const cw_rule_effects effects = {
@@ -45,6 +52,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
         .count_made = count_made,
         .can_take = can_take,
         .time = time_so_far,
+        .is_idle = is_idle,
         .bit_length = cw_timed_bit_length,
         .end_of_bit = cw_timed_end_of_bit,
     };

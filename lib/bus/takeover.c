@@ -149,7 +149,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = are_alike(&n->mac, &old->mac) && has_begun(&old->mac);
     n->mac.no_ack = false;
-    n->wrong_crc = old->wrong_crc;
+    n->deviates = old->deviates;
     n->reported_state = old->reported_state;
     cw_mac_reconnect(&n->mac);
     cw_set_modes_of(bus, i, modes);

@@ -33,7 +33,14 @@ bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned 
 /* Does the same as cw_frame_wire_bits(), for a classical frame that is valid. */
 unsigned cw_bits_measure_classical(const cw_frame *frame);
 
-/* Does the same as cw_bits_encode(), with some bits of the CRC sequence inverted. */
+/* Returns true when a frame has these bits, and they can deviate: CW_DEVIATES_*. */
+bool cw_frame_can_deviate(const cw_frame *frame, unsigned deviations);
+
+#define CW_DEVIATES_SHIFT 24u /* above the bits of all check sequences */
+#define CW_CRC_MASK ((1u << CW_CRC_BITS) - 1)
+
+/* Does the same as cw_bits_encode(), with some bits of the CRC sequence inverted, and the
+ * deviations of a classical frame, moved by CW_DEVIATES_SHIFT. */
 cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inverted);
 
 /* Wire bits of an FD frame. */

@@ -74,6 +74,17 @@ static inline content content_of(const cw_frame *frame)
     return c;
 }
 
+/* Changes the level of bits of the head (F5). Not inlined, since few frames deviate. */
+__attribute__((noinline)) static void deviate(content *c, bool extended, unsigned deviations)
+{
+    if (deviations & CW_DEVIATES_SRR)
+        c->head.number &= ~(UINT64_C(1) << CW_EXTENDED_SHIFT_SRR_RTR);
+    if (deviations & CW_DEVIATES_R1)
+        c->head.number |= UINT64_C(1) << CW_EXTENDED_SHIFT_R1;
+    if (deviations & CW_DEVIATES_R0)
+        c->head.number |= UINT64_C(1) << (extended ? CW_EXTENDED_SHIFT_R1 - 1 : CW_BASE_SHIFT_R0);
+}
+
 /* Returns the CRC of the bytes before it. Unused bytes are 0 and add nothing to it. */
 static inline unsigned crc_of(const uint8_t bytes[PLAIN_BYTES])
 {
@@ -137,8 +148,10 @@ static void encode(cw_bits *bits, const cw_frame *frame, unsigned inverted)
 {
     plain_bytes plain;
     uint64_t level[4] = {0}; /* one more than needed, so that cw_append() need not look */
-    const content c = content_of(frame);
-    bits->crc = lay_out(&plain, &c, inverted);
+    content c = content_of(frame);
+    if (inverted >> CW_DEVIATES_SHIFT)
+        deviate(&c, cw_frame_is_extended(frame), inverted >> CW_DEVIATES_SHIFT);
+    bits->crc = lay_out(&plain, &c, inverted & CW_CRC_MASK);
     bits->length = (uint16_t)(put_levels(level, &plain) + CW_TAIL_BITS);
     bits->bytes = (uint8_t)c.length;
     bits->format = cw_frame_is_extended(frame) ? CW_BITS_EXTENDED : 0;
@@ -156,6 +169,20 @@ cw_status cw_bits_encode_crc(cw_bits *bits, const cw_frame *frame, unsigned inve
     else
         encode(bits, frame, inverted);
     return CW_OK;
+}
+
+bool cw_frame_can_deviate(const cw_frame *frame, unsigned deviations)
+{
+    const unsigned possible = CW_DEVIATES_R0 | (cw_frame_is_extended(frame)
+                                                    ? CW_DEVIATES_SRR | CW_DEVIATES_R1 : 0);
+    return !cw_frame_is_fd(frame) && (deviations & ~possible) == 0;
+}
+
+cw_status cw_bits_encode_deviant(cw_bits *bits, const cw_frame *frame, unsigned deviations)
+{
+    if (!cw_frame_can_deviate(frame, deviations))
+        return CW_INVALID;
+    return cw_bits_encode_crc(bits, frame, deviations << CW_DEVIATES_SHIFT);
 }
 
 cw_status cw_bits_encode(cw_bits *bits, const cw_frame *frame)

@@ -141,7 +141,7 @@ static inline const cw_frame *cw_mac_offered(const cw_mac *mac)
     return mac->fd ? &mac->fd->offer : NULL;
 }
 
-/* Encodes the offered frame, with some bits of its CRC inverted. */
+/* Encodes the offered frame, see cw_bits_encode_crc(). */
 void cw_mac_encode(cw_mac *mac, const cw_frame *frame, unsigned inverted);
 
 /* Returns true when the controller drives this level in the next bit, whatever its host hands in

@@ -54,6 +54,10 @@ const cw_action_row cw_actions[CW_ACTION_COUNT] = {
     [CW_ACTION_RAMP] = {.name = "ramp",
                         .kind = CW_KIND_LEVEL,
                         .traits = CW_LASTS | CW_EACH_BIT | CW_IN_TIME},
+    [CW_ACTION_RAW] = {.name = "raw",
+                       .kind = CW_KIND_LEVEL,
+                       .traits = CW_EACH_BIT | CW_REWIRES,
+                       .ranges = {NUMBER(bits, 1, CW_RAW_MAX)}},
     [CW_ACTION_DISCONNECT] = {.name = "disconnect",
                               .kind = CW_KIND_LEVEL,
                               .traits = CW_LASTS | CW_REWIRES},
@@ -118,6 +122,10 @@ const cw_action_row cw_actions[CW_ACTION_COUNT] = {
     [CW_ACTION_REPLY] = {.name = "reply",
                          .kind = CW_KIND_TRAFFIC,
                          .traits = CW_NEEDS_FRAME | CW_AT_HOST | CW_SENDS_FRAME},
+    [CW_ACTION_RAW_FRAME] = {.name = "raw-frame",
+                             .kind = CW_KIND_TRAFFIC,
+                             .traits = CW_LASTS | CW_SENDS_FRAME | CW_DEVIATES,
+                             .traffic = cw_send_periodically},
 };
 
 const char *cw_action_name(cw_action action)

@@ -28,6 +28,7 @@ struct cw_passing;
 #define CW_REWIRES 0x200u        /* changes the nodes' wires, or the nodes that acknowledge */
 #define CW_SENDS_FRAME 0x400u    /* sends the rule's frame, which must be valid */
 #define CW_IN_TIME 0x1000u       /* acts for parts of bits, see in_time.c */
+#define CW_DEVIATES 0x2000u      /* its frames are not as their nodes would send them */
 #define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is a reason, not at ticks known before */
 
 /* The values that a number of a rule may have. */
@@ -72,5 +73,6 @@ cw_level_action cw_flip, cw_force, cw_glitch, cw_hold_level, cw_flip_at_random;
 cw_host_action cw_drop_frame, cw_delay_frame, cw_copy_frame, cw_let_overtake, cw_change_frame;
 /* traffic.c */
 cw_traffic_action cw_send_periodically, cw_babble, cw_fill_up;
+/* raw.c has what RAW and RAW_FRAME do beside that. */
 
 #endif

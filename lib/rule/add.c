@@ -36,6 +36,7 @@ static void count_kinds(cw_rule_set *set)
     set->after_rules = 0;
     set->copies = 0;
     set->timed_rules = 0;
+    set->raw_rules = 0;
     set->jitter = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = &set->rules[i];
@@ -47,6 +48,7 @@ static void count_kinds(cw_rule_set *set)
         set->error_rules += s->used && s->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += s->used && s->rule.has_after;
         set->timed_rules += s->used && divides_bits(set, s);
+        set->raw_rules += s->used && s->rule.action == CW_ACTION_RAW;
         if (s->used && s->rule.action == CW_ACTION_JITTER)
             set->jitter += s->rule.jitter;
         if (s->used && s->rule.action == CW_ACTION_DUPLICATE)

@@ -9,7 +9,9 @@
 bool cw_rule_needs_bits(const cw_rule_state *s)
 {
     bool window = cw_rule_is(s, CW_EACH_BIT) || s->for_attempt;
-    return s->bound != 0 || s->bits_left != 0 || s->pulses || s->hit_now || (s->active && window);
+    bool deviates = s->outstanding != 0 && cw_rule_is(s, CW_DEVIATES);
+    return s->bound != 0 || s->bits_left != 0 || s->pulses || s->hit_now ||
+           (s->active && window) || deviates;
 }
 
 /* Returns true for bits that do not come any more after an error. */

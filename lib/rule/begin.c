@@ -21,6 +21,7 @@ void cw_rule_end_action(cw_rule_set *set, unsigned rule)
     s->in_burst = 0;
     s->disturbs = false;
     s->pulses = false;
+    s->waits = false;
     s->to_act = false;
     s->active_until = CW_NEVER;
     cw_rule_let_go(set, rule);
@@ -39,7 +40,8 @@ void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
     s->active = true;
     s->active_until = window_end(set, &s->rule);
     s->dominant_ticks = 0;
-    s->next_at = s->rule.action == CW_ACTION_SEND ? cw_rules_now(set) : CW_NEVER;
+    const bool sends = s->rule.action == CW_ACTION_SEND || cw_rule_is(s, CW_DEVIATES);
+    s->next_at = sends ? cw_rules_now(set) : CW_NEVER;
     s->time_base = set->bus.effects->time(set->bus.self, &s->busy_base);
     cw_rules_set_due(set, s->active_until);
     cw_rules_set_due(set, s->next_at);
@@ -64,6 +66,8 @@ void cw_rule_act(cw_rule_set *set, unsigned rule)
     } else if (s->rule.action == CW_ACTION_PULSE) {
         s->pulses = true;
         cw_rule_wake(set, rule);
+    } else if (s->rule.action == CW_ACTION_RAW) {
+        cw_raw_act(set, rule);
     } else {
         command(set, &s->rule);
     }

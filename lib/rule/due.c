@@ -20,8 +20,12 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
     bool acts = s->to_act;
     bool fires = s->fire_at <= cw_rules_now(set);
     bool arms = cw_rule_next_arming(s) <= cw_rules_now(set);
+    bool goes_on = s->rule.action == CW_ACTION_RAW && (s->active || s->waits) &&
+                   s->next_at <= cw_rules_now(set);
     if (ends)
         cw_rule_end_action(set, rule);
+    if (goes_on)
+        cw_raw_go_on(set, rule);
     s->to_act = false;
     if (acts)
         cw_rule_act(set, rule);
@@ -31,7 +35,7 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
     }
     if (arms)
         arm(set, rule);
-    return ends || acts || fires || arms;
+    return ends || goes_on || acts || fires || arms;
 }
 
 static void find_next_due(cw_rule_set *set)
@@ -42,7 +46,7 @@ static void find_next_due(cw_rule_set *set)
         if (!s->used)
             continue;
         next = cw_least(next, cw_least(s->fire_at, cw_rule_next_arming(s)));
-        if (s->active)
+        if (s->active || s->waits)
             next = cw_least(next, cw_least(s->active_until, s->next_at));
     }
     set->next_due = cw_least(next, cw_rules_next_held(set));

@@ -165,6 +165,18 @@ static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
     cw_disturb(all, &d);
 }
 
+static void drive_raw(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
+                      cw_span end)
+{
+    const cw_rule_state *s = cw_rule_at(set, rule);
+    const cw_disturbance d = {.begin = begin, .end = end,
+                              .lines = cw_node_bit(s->rule.node) & ~set->cut, .source = CW_NO_NODE,
+                              .effect = cw_raw_level(s) ? CW_DISTURB_RECESSIVE
+                                                        : CW_DISTURB_DOMINANT,
+                              .rule = (uint16_t)rule};
+    cw_disturb(all, &d);
+}
+
 /* A pulse on the wire comes to all nodes at once: it belongs to no node. */
 static void pulse_without_frame(cw_rule_set *set, cw_disturbances *all, unsigned rule,
                                 cw_span begin, cw_span end)
@@ -226,6 +238,8 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
             hold_line(set, all, rule, begin, end);
         else if (cw_rule_is(s, CW_RANDOM_BITS))
             flip_at_random(set, all, rule, begin, end);
+        else if (s->rule.action == CW_ACTION_RAW)
+            drive_raw(set, all, rule, begin, end);
         else if (s->rule.action == CW_ACTION_RAMP)
             drift(set, rule);
     }

@@ -50,7 +50,7 @@ uint64_t cw_rules_change_lines(cw_rule_set *set, uint64_t driven)
             set_level(&driven, cw_node_bit(s->rule.node), stuck_tx_level(s));
     }
     set_level(&driven, set->off, CW_RECESSIVE);
-    return driven;
+    return set->raw_rules ? cw_raw_change_lines(set, driven) : driven;
 }
 
 void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)

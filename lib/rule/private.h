@@ -74,6 +74,23 @@ static inline void cw_rules_rewire(const cw_rule_set *set)
     set->bus.effects->rewire(set->bus.self);
 }
 
+/* ---- raw.c ----------------------------------------------------------------------------------- */
+
+/* A hit of RAW: the node drives bits when it may. One that waits or drives goes on as before. */
+void cw_raw_act(cw_rule_set *set, unsigned rule);
+
+/* Goes on after a bit in which RAW has waited or driven. */
+void cw_raw_go_on(cw_rule_set *set, unsigned rule);
+
+/* Returns the level that RAW drives in the present bit. */
+bool cw_raw_level(const cw_rule_state *state);
+
+/* Changes the levels that nodes drive. */
+uint64_t cw_raw_change_lines(const cw_rule_set *set, uint64_t driven);
+
+/* Returns false for deviations that the frame or the node of RAW_FRAME cannot have. */
+bool cw_raw_valid(const cw_rule_set *set, const cw_rule *rule);
+
 /* ---- valid.c --------------------------------------------------------------------------------- */
 
 bool cw_rule_valid(const cw_rule_set *set, const cw_rule *rule);

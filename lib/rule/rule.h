@@ -12,6 +12,7 @@
  * Files that act:
  *   begin.c        begins and ends actions; awake.c lists the rules that each bit needs
  *   level.c noise.c topology.c  change the levels of bits, and the wires of nodes
+ *   raw.c          drives given bits in place of a controller
  *   in_time.c disturb.c  do so where nodes have clocks of their own
  *   host.c         acts on frames on the host side
  *   traffic.c      sends the frames of rules
@@ -61,6 +62,7 @@ typedef struct cw_rule_state {
     uint64_t reached_at;  /* tick of the bit time in which the position was last reached ... */
     uint8_t source;       /* ... by this node, whose bits count */
     bool pulses;          /* a pulse is to come in the next bit time */
+    bool waits;           /* RAW: its bits come when the node is idle */
     bool disturbs;        /* it acts in the present bit of that node, see in_time.c */
     uint64_t on_wire;     /* nodes whose wire it acts on, if it acts on levels ... */
     uint64_t at_nodes;    /* ... and nodes whose samples it changes */
@@ -78,7 +80,7 @@ typedef struct cw_rule_state {
     uint64_t armed_at;    /* tick of the last arming; one at a tick */
     uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
     uint64_t active_until; /* tick; CW_NEVER: until cleared */
-    uint64_t next_at;     /* SEND: tick of the next frame */
+    uint64_t next_at;     /* SEND, RAW_FRAME: tick of the next frame. RAW: end of the bit */
     uint64_t in_burst;    /* NOISE: nodes that are in a burst; bit 0 for the wire ... */
     uint16_t bursts[CW_NODES_MAX]; /* ... and the bits to come of each, the next one lowest */
     uint64_t dominant_ticks; /* STUCK on a TX: its dominant time up to now */
@@ -134,6 +136,9 @@ typedef struct cw_rule_effects {
      * its busy part. The time is in bits; where bits are divided in ticks. */
     bool (*can_take)(const cw_bus *bus, unsigned node);
     uint64_t (*time)(const cw_bus *bus, uint64_t *busy);
+    /* Returns true when a node may begin to drive bits: its controller is idle. One that is not on
+     * the bus cannot tell; then the wire has been recessive for 11 bits. */
+    bool (*is_idle)(const cw_bus *bus, unsigned node);
     /* Returns the length of a transmitter's bit that has begun, by an exact clock. */
     cw_span (*bit_length)(const cw_bus *bus, unsigned node);
     /* Returns the tick at which the bit of a node with its own clock will end, if no edge comes. */
@@ -216,9 +221,13 @@ typedef struct cw_rule_set {
     unsigned error_rules;
     unsigned after_rules;   /* rules that come after another one */
     unsigned timed_rules;   /* rules that act for parts of bits */
+    unsigned raw_rules;     /* rules that drive bits */
     cw_span jitter;         /* the most that JITTER rules can add to the delay of an edge */
     unsigned copies;        /* copies that DUPLICATE rules can make of one frame, in all */
-    uint64_t off;           /* nodes that DISCONNECT rules or their hosts keep off the bus */
+    uint64_t off;           /* nodes that rules or their hosts keep off the bus: those that are cut
+                               off by DISCONNECT or by their hosts, and those that drive raw bits */
+    uint64_t cut;           /* nodes that are cut off */
+    uint64_t raw;           /* nodes that drive raw bits */
     uint64_t known;         /* nodes whose next frame has been compared with the rules ... */
     uint64_t watched;       /* ... of these, those with a rule that acts on the wire, ... */
     uint64_t early;         /* ... those with a rule that may act before arbitration is lost, ... */
@@ -430,6 +439,10 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     return true;
 }
 
+/* Returns the CW_DEVIATES_* with which a frame is sent. source: as in cw_rules_count_queued(), not
+ * 0. */
+unsigned cw_rules_deviations(const cw_rule_set *set, unsigned source);
+
 /* Returns the nodes whose lines to the bus are stuck. */
 uint64_t cw_rules_stuck_lines(const cw_rule_set *set);
 
@@ -468,6 +481,7 @@ void cw_rules_emit_rest(cw_rule_set *set);
 /* The wires of the bus, and the nodes that do not acknowledge, as the active rules say. */
 typedef struct cw_topology {
     uint64_t off;    /* nodes that are cut off */
+    uint64_t raw;    /* nodes that drive raw bits in place of their controllers */
     uint64_t no_ack; /* nodes that do not acknowledge */
     uint64_t wires[CW_NODES_MAX]; /* sets of nodes */
     unsigned wire_count;

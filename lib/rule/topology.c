@@ -18,6 +18,18 @@ static uint64_t named_by_active(const cw_rule_set *set, cw_action action)
     return nodes;
 }
 
+/* Returns the nodes that drive raw bits. */
+static uint64_t driving(const cw_rule_set *set)
+{
+    uint64_t nodes = 0;
+    for (unsigned i = 0; i < set->count; i++) {
+        const cw_rule_state *s = &set->rules[i];
+        if (s->used && s->active && s->rule.action == CW_ACTION_RAW)
+            nodes |= cw_node_bit(s->rule.node);
+    }
+    return nodes;
+}
+
 /* Makes wires from the group numbers of a rule. */
 static unsigned partition(const cw_rule_set *set, uint64_t *wires, const cw_rule *rule)
 {
@@ -49,5 +61,6 @@ void cw_rules_find_topology(const cw_rule_set *set, cw_topology *topology)
 {
     topology->no_ack = named_by_active(set, CW_ACTION_NO_ACK);
     topology->off = named_by_active(set, CW_ACTION_DISCONNECT);
+    topology->raw = set->raw_rules ? driving(set) : 0;
     topology->wire_count = find_wires(set, topology->wires);
 }

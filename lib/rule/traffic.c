@@ -15,6 +15,8 @@ static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
     set->work++;
     effects->count_made(set->bus.self, node, CW_SIDE_TX);
     effects->queue(set->bus.self, node, frame, cw_rules_now(set), rule + 1);
+    if (cw_rule_is(&set->rules[rule], CW_DEVIATES))
+        cw_rule_wake(set, rule); /* no fast path has its bits */
 }
 
 /* Returns the time, and the busy part of it, since the load began. */

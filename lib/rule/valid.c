@@ -90,6 +90,6 @@ bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
     return kinds_exist(set, r) && moment_known(r, cw_actions[r->action].traits) &&
            numbers_in_range(set, r, &cw_actions[r->action]) && spans_in_range(set, r) &&
            nodes_exist(set, r->from | r->at | r->nodes | r->state_nodes) &&
-           r->node < set->bus.node_count &&
+           r->node < set->bus.node_count && cw_raw_valid(set, r) &&
            (!r->has_after || r->after < set->capacity);
 }

@@ -113,6 +113,7 @@ static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
         if (m->role == CW_ROLE_TRANSMITTER && !(m->modes & CW_MODE_LOOPBACK))
             nodes |= cw_node_bit(i);
     }
+    nodes |= bus->rules.raw & ~bus->rules.cut;
     for (unsigned g = 0; g < bus->group_count; g++)
         if (bus->groups[g] & self)
             nodes &= bus->groups[g];
@@ -122,7 +123,9 @@ static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
 static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 {
     frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
-    for (uint64_t rest = origin.from; rest; rest &= rest - 1) {
+    if (origin.from & bus->rules.raw)
+        origin.handed_in = cw_now(bus); /* no host has handed it in */
+    for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1) {
         const bus_node *n = &bus->nodes[cw_lowest_node(rest)];
         origin.handed_in = cw_least(origin.handed_in, offered_slot(n)->handed_in);
     }
@@ -159,7 +162,7 @@ cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, 
 bool cw_commit_reception(cw_bus *bus)
 {
     const cw_frame *frame = cw_mac_received(&bus->common);
-    if (cw_host_side_acts(bus) || bus->group_count > 1)
+    if (cw_host_side_acts(bus) || bus->group_count > 1 || bus->rules.raw)
         return false;
     uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
     if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, frame))

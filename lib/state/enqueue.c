@@ -36,7 +36,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
 void cw_pin_first(bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
-    if (n->offered_slot != slot || n->wrong_crc)
+    if (n->offered_slot != slot || n->deviates)
         n->mac.offered = false; /* not encoded */
     n->offered_slot = slot;
 }

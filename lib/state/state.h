@@ -29,13 +29,15 @@
 #include "state/timed.h"
 #include "time/wire.h"
 
+#define CW_WRONG_CRC 0x8u /* beside CW_DEVIATES_*: the last bit of the CRC is inverted */
+
 typedef struct bus_node {
     cw_mac mac;
     cw_queue queue;
     uint16_t offered_slot; /* valid while mac.offered */
     uint16_t queue_limit;  /* at most the queue's capacity */
     uint16_t inbox;        /* its frames in the inbox */
-    bool wrong_crc;        /* mac.tx carries an inverted CRC bit */
+    uint8_t deviates;      /* CW_DEVIATES_* and CW_WRONG_CRC: mac.tx is not the frame */
     uint8_t reported_state; /* cw_state of the last event */
     uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
     cw_node_stats stats;   /* without the shares that shares.c still owes */

@@ -30,6 +30,9 @@ void cw_apply_topology(cw_bus *bus)
     cw_topology topology;
     cw_rules_find_topology(&bus->rules, &topology);
     topology.off |= bus->detached;
+    bus->rules.cut = topology.off;
+    bus->rules.raw = topology.raw;
+    topology.off |= topology.raw;
     for (unsigned i = 0; i < bus->node_count; i++)
         put_node(bus, i, &topology);
     bus->rules.off = topology.off;

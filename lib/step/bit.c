@@ -25,20 +25,22 @@ void cw_offer_first(bus_node *n)
 void cw_offer_slot(bus_node *n, uint16_t slot)
 {
     n->offered_slot = slot;
-    n->wrong_crc = false;
+    n->deviates = 0;
     cw_status status = cw_mac_offer(&n->mac, cw_queue_at(&n->queue, slot)->frame);
     assert(status == CW_OK);
     (void)status;
 }
 
-void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame)
+void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned source)
 {
     bus_node *n = &bus->nodes[i];
     const bool wrong_crc = cw_rules_bind(&bus->rules, i, frame);
-    if (n->wrong_crc == wrong_crc)
+    const unsigned deviations = source ? cw_rules_deviations(&bus->rules, source) : 0;
+    const uint8_t deviates = (uint8_t)(deviations | (wrong_crc ? CW_WRONG_CRC : 0));
+    if (n->deviates == deviates)
         return;
-    n->wrong_crc = wrong_crc;
-    cw_mac_encode(&n->mac, frame, wrong_crc ? 1 : 0);
+    n->deviates = deviates;
+    cw_mac_encode(&n->mac, frame, (wrong_crc ? 1 : 0) | deviations << CW_DEVIATES_SHIFT);
 }
 
 /* Returns the tick at which the SOF of a frame began that a node has begun to send. It may have
@@ -61,7 +63,7 @@ void cw_note_start(cw_bus *bus, unsigned i)
     bus->error_flag = (flag_watch){.now = false};
     bus->overload_flag = (flag_watch){.now = false};
     cw_order_begin(bus, i, begin_of_sof(bus, &n->mac));
-    cw_bind_rules(bus, i, slot->frame);
+    cw_bind_rules(bus, i, slot->frame, slot->source);
 }
 
 /* Returns the levels that all nodes put onto their wires; recessive beyond the last node. */

@@ -61,7 +61,7 @@ static unsigned find_tail(const cw_bus *bus, unsigned winner)
 /* Encodes the first frame of a node as the wire would carry it. */
 static void encode(bus_node *n)
 {
-    if (n->wrong_crc)
+    if (n->deviates)
         n->mac.offered = false;
     cw_offer_first(n);
 }

@@ -64,10 +64,10 @@ static void bind_rules(cw_bus *bus)
     for (uint64_t rest = step->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         const bus_node *n = &bus->nodes[i];
-        cw_bind_rules(bus, i, cw_queue_at(&n->queue, n->offered_slot)->frame);
+        cw_bind_rules(bus, i, cw_queue_at(&n->queue, n->offered_slot)->frame, 0);
     }
     if (watched & cw_node_bit(step->node))
-        cw_bind_rules(bus, step->node, &step->frame);
+        cw_bind_rules(bus, step->node, &step->frame, 0);
 }
 
 /* Before the first bit no node has seen anything. */

@@ -23,8 +23,8 @@ void cw_offer_first(bus_node *node);
 void cw_offer_slot(bus_node *node, uint16_t slot);
 
 /* Binds rules when a node begins to transmit the frame of its offered slot; they may make its CRC
- * wrong. */
-void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame);
+ * wrong. source: of the frame, see cw_queue_frame(). */
+void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame, unsigned source);
 
 /* Notes that a node has begun to transmit. */
 void cw_note_start(cw_bus *bus, unsigned node);

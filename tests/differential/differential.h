@@ -142,7 +142,7 @@ typedef struct diff_maker {
     uint64_t bits;  /* length of the scenario */
     unsigned nodes;
     unsigned rules; /* of the present configuration */
-    uint32_t actions; /* allowed, 1u << cw_action */
+    uint64_t actions; /* allowed, 1 << cw_action */
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
     bool clocks;      /* nodes have clocks of their own */
     bool fd;          /* nodes know FD frames, or not */

@@ -12,16 +12,17 @@
 
 /* ---- Styles ---------------------------------------------------------------------------------- */
 
-#define ACTION(name) (1u << CW_ACTION_##name)
+#define ACTION(name) (UINT64_C(1) << CW_ACTION_##name)
 #define POSITIONS (ACTION(FLIP) | ACTION(FORCE) | ACTION(GLITCH))
-#define LEVELS (ACTION(STUCK) | ACTION(NOISE) | ACTION(NO_ACK))
+#define LEVELS (ACTION(STUCK) | ACTION(NOISE) | ACTION(NO_ACK) | ACTION(RAW))
 #define TOPOLOGY (ACTION(DISCONNECT) | ACTION(PARTITION))
 #define CONTROL                                                                                    \
     (ACTION(WRONG_CRC) | ACTION(BUS_OFF) | ACTION(ERROR_FLAG) | ACTION(RESTART) |                  \
      ACTION(COUNTERS) | ACTION(OVERLOAD) | ACTION(SET) | ACTION(SOFTWARE_RESET) |                  \
      ACTION(HARDWARE_RESET))
 #define HOST (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
-#define TRAFFIC (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY))
+#define TRAFFIC                                                                                    \
+    (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY) | ACTION(RAW_FRAME))
 #define TIMED (ACTION(PULSE) | ACTION(JITTER) | ACTION(RAMP)) /* they leave the grid */
 #define ALL_ACTIONS ((ACTION(COUNT) - 1) & ~TIMED)
 
@@ -34,7 +35,7 @@ typedef struct style {
     unsigned bits_least;
     unsigned bits_most;
     unsigned rules_most;
-    uint32_t actions;
+    uint64_t actions;
     unsigned rarity;  /* see diff_maker */
     unsigned orderly; /* permille of scenarios in which each node has its own identifiers */
     unsigned modes;   /* permille of nodes with modes */

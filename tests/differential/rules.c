@@ -402,6 +402,25 @@ static void random_position(diff_maker *m, cw_rule *rule)
     }
 }
 
+/* Bits of a frame, perhaps of one that deviates or is cut short, or any bits. */
+static void random_raw(diff_maker *m, cw_rule *rule)
+{
+    diff_random *r = &m->random;
+    const cw_frame frame = m->frames[diff_below(r, m->frame_count)];
+    cw_bits bits;
+    rule->raw_when_idle = diff_chance(r, 700);
+    for (unsigned i = 0; i < CW_RAW_MAX / 64; i++)
+        rule->raw[i] = diff_draw(r);
+    rule->bits = (uint16_t)diff_magnitude(r, 1, CW_RAW_MAX);
+    if (diff_chance(r, 300) ||
+        cw_bits_encode_deviant(&bits, &frame, (unsigned)diff_below(r, 8)) != CW_OK)
+        return;
+    memcpy(rule->raw, bits.level, sizeof rule->raw);
+    rule->bits = bits.length;
+    if (diff_chance(r, 200))
+        rule->bits = (uint16_t)diff_between(r, 1, bits.length);
+}
+
 static void random_levels(diff_maker *m, cw_rule *rule)
 {
     diff_random *r = &m->random;
@@ -413,6 +432,8 @@ static void random_levels(diff_maker *m, cw_rule *rule)
         rule->for_ticks = (rule->for_ticks + m->bit - 1) / m->bit * m->bit;
     if (diff_chance(r, 400))
         rule->dominant_timeout = diff_random_ticks(m, 1, 300);
+    if (rule->action == CW_ACTION_RAW)
+        random_raw(m, rule);
     rule->error_rate = UINT64_MAX / diff_magnitude(r, 8, 10000000);
     if (diff_chance(r, 400)) {
         rule->burst_least = (uint16_t)diff_between(r, 1, CW_BURST_MAX);
@@ -483,12 +504,19 @@ static void random_host(diff_maker *m, cw_rule *rule)
 static void random_traffic(diff_maker *m, cw_rule *rule)
 {
     diff_random *r = &m->random;
+    cw_bits bits;
     rule->frame = diff_random_frame(m);
     rule->for_ticks = diff_random_ticks(m, 1, 3000);
     if (rule->action == CW_ACTION_REPLY)
         rule->for_ticks = diff_chance(r, 400) ? 0 : diff_random_ticks(m, 1, 300);
     rule->period_ticks = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 20, 3000);
     rule->load_permille = (uint16_t)diff_below(r, 1001);
+    if (rule->action != CW_ACTION_RAW_FRAME)
+        return;
+    rule->deviations = (uint8_t)diff_below(r, 8);
+    rule->period_ticks = 0;
+    if (cw_bits_encode_deviant(&bits, &rule->frame, rule->deviations) != CW_OK)
+        rule->deviations &= CW_DEVIATES_R0;
 }
 
 static void random_do(diff_maker *m, cw_rule *rule)

@@ -224,6 +224,9 @@ static void write_levels(FILE *out, const cw_rule *r)
         write_number(out, "burst_least", r->burst_least);
         write_number(out, "burst_most", r->burst_most);
     }
+    if (r->action == CW_ACTION_RAW)
+        fprintf(out, ".raw_when_idle = %d, .raw = {%" PRIu64 "u, %" PRIu64 "u, %" PRIu64 "u}, ",
+                r->raw_when_idle, r->raw[0], r->raw[1], r->raw[2]);
     if (r->action == CW_ACTION_PARTITION)
         write_bytes(out, "group", r->group, CW_NODES_MAX);
 }
@@ -251,6 +254,7 @@ static void write_frames(FILE *out, const cw_rule *r)
         write_frame(out, &r->frame);
         fputs("}, ", out);
     }
+    write_number(out, "deviations", r->deviations);
     write_number(out, "period_ticks", r->period_ticks);
     write_number(out, "load_permille", r->load_permille);
 }

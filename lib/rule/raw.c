@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * raw.c - what no honest controller would send: bits that a node drives without its controller,
+ * and frames with deviating bits.
+ */
+#include "rule/private.h"
+
+#include "format/bits.h"
+
+/* ---- Bits without a controller --------------------------------------------------------------- */
+
+static void look_again(cw_rule_set *set, cw_rule_state *s)
+{
+    s->next_at = cw_rules_bit_end(set);
+    cw_rules_set_due(set, s->next_at);
+}
+
+/* The node drives its first bit from now on. Its controller leaves the bus before. */
+static void begin(cw_rule_set *set, unsigned rule)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    s->waits = false;
+    s->active = true;
+    s->bits_done = 0;
+    set->rewired = true;
+    cw_rule_wake(set, rule);
+    look_again(set, s);
+}
+
+static void wait_for_idle(cw_rule_set *set, unsigned rule)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    s->waits = true;
+    if (!s->rule.raw_when_idle || set->bus.effects->is_idle(set->bus.self, s->rule.node))
+        begin(set, rule);
+    else
+        look_again(set, s);
+}
+
+void cw_raw_act(cw_rule_set *set, unsigned rule)
+{
+    const cw_rule_state *s = cw_rule_at(set, rule);
+    if (!s->active && !s->waits)
+        wait_for_idle(set, rule);
+}
+
+void cw_raw_go_on(cw_rule_set *set, unsigned rule)
+{
+    cw_rule_state *s = cw_rule_at(set, rule);
+    if (s->waits)
+        wait_for_idle(set, rule);
+    else if (++s->bits_done == s->rule.bits)
+        cw_rule_end_action(set, rule);
+    else
+        look_again(set, s);
+}
+
+bool cw_raw_level(const cw_rule_state *s)
+{
+    return s->rule.raw[s->bits_done / 64] >> (s->bits_done % 64) & 1u;
+}
+
+uint64_t cw_raw_change_lines(const cw_rule_set *set, uint64_t driven)
+{
+    for (unsigned i = 0; i < set->awake_count; i++) {
+        const cw_rule_state *s = &set->rules[set->awake[i]];
+        const uint64_t self = cw_node_bit(s->rule.node) & ~set->cut;
+        if (s->active && s->rule.action == CW_ACTION_RAW)
+            driven = cw_raw_level(s) ? driven | self : driven & ~self;
+    }
+    return driven;
+}
+
+/* ---- Deviating frames ------------------------------------------------------------------------ */
+
+unsigned cw_rules_deviations(const cw_rule_set *set, unsigned source)
+{
+    const cw_rule_state *s = &set->rules[source - 1];
+    return cw_rule_is(s, CW_DEVIATES) ? s->rule.deviations : 0;
+}
+
+/* A controller that knows FDF would take its own frame for an FD frame. */
+bool cw_raw_valid(const cw_rule_set *set, const cw_rule *r)
+{
+    const unsigned fdf = r->frame.flags & CW_FRAME_EXTENDED ? CW_DEVIATES_R1 : CW_DEVIATES_R0;
+    const bool classical =
+        (set->bus.macs[r->node]->protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL;
+    if (r->action != CW_ACTION_RAW_FRAME)
+        return true;
+    return cw_frame_can_deviate(&r->frame, r->deviations) &&
+           (classical || !(r->deviations & fdf));
+}
