@@ -497,8 +497,8 @@ typedef struct cw_mac {
 #define CW_REPORT_EXCEPTION 0x200u       /* protocol exception: the controller integrates (D16) */
 #define CW_REPORT_TOLERATED 0x100u       /* a counter moved by R2, R6 or late by R3 i, without an
                                             error of its own; error.role and .place are valid */
-#define CW_REPORT_SLEEP 0x400u           /* the controller has fallen asleep */
-#define CW_REPORT_WAKE 0x800u            /* by the bus alone: the node has seen what wakes it */
+#define CW_REPORT_SLEEP 0x1000u          /* the controller has fallen asleep */
+#define CW_REPORT_WAKE 0x2000u           /* by the bus alone: the node has seen what wakes it */
 
 typedef struct cw_mac_report {
     uint16_t what;
