@@ -333,6 +333,7 @@ typedef struct cw_error {
     cw_role role;   /* transmitter or receiver when it was detected */
     cw_place place; /* the bit in which it was detected, as this node counts */
     cw_flag flag;   /* the flag that follows; none when the node went bus-off by it */
+    uint8_t sent;   /* BIT: 1 plus the level that the node sent; 0 of a bit compared late */
 } cw_error;
 
 /* Why a frame was dropped. The names are the "why" of drop events. */

@@ -86,7 +86,7 @@ static uint8_t protocol_of(const cfg *config, const cfg_node *node)
 /* The buffer for the frame on the wire is none that waits for the host. */
 static cw_host_config host_of(const cfg_controller *controller)
 {
-    const bool stores = controller->model != CFG_MODEL_QUEUE && controller->service_ticks > 0;
+    const bool stores = controller->receive_buffers > 0 && controller->service_ticks > 0;
 
     return (cw_host_config){
         .filters = controller->filters,

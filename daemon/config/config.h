@@ -11,6 +11,7 @@
 #include "base/number.h"
 #include "canwire.h"
 #include "timing/controllers.h"
+#include "trace/errframe.h"
 #include "timing/pairs.h"
 #include "trace/read.h"
 
@@ -103,6 +104,12 @@ typedef enum cfg_model {
     CFG_MODEL_QUEUE = 0, /* the host takes each frame at once */
     CFG_MODEL_BASIC,     /* one transmit buffer, a few receive buffers */
     CFG_MODEL_FULL,      /* mailboxes */
+    CFG_MODEL_SJA1000,   /* presets: the buffers of a chip, and the habits of its driver */
+    CFG_MODEL_MCP2515,
+    CFG_MODEL_M_CAN,
+    CFG_MODEL_FLEXCAN,
+    CFG_MODEL_BXCAN,
+    CFG_MODELS
 } cfg_model;
 
 /* Returns the word of a configuration for it. */
@@ -110,12 +117,13 @@ const char *cfg_model_name(cfg_model model);
 
 typedef struct cfg_controller {
     cfg_model model;
-    uint32_t receive_buffers; /* the one for the frame on the wire included */
+    uint32_t receive_buffers; /* the one for the frame on the wire included; 0: none */
     uint32_t receive_bytes;   /* ... or the bytes that they hold together; 0: any number */
     cw_mailbox *mailboxes;
     uint8_t mailbox_count;
     bool receive_fifo;        /* received frames go into the buffers, not into mailboxes */
     cw_transmit transmit;
+    errframe_driver driver;   /* the host gets its error frames */
     uint64_t service_ticks;   /* time that the host needs for each frame; 0: none */
     bool overload_when_full;
     uint8_t variants; /* CW_VARIANT_* */

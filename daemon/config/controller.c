@@ -23,19 +23,39 @@ static const schema_range buffers_range = {2, CW_RECEIVE_BUFFERS_MAX + 1, sizeof
 #define HAS_OVERLOAD 4u  /* overload-when-full */
 #define HAS_MAILBOXES 8u /* mailboxes, transmit */
 
-#define MAILBOXES_DEFAULT 16u
-#define MODEL_NAMES "queue, basic, full"
+#define HAS_ALL (HAS_BUFFERS | HAS_SERVICE | HAS_OVERLOAD | HAS_MAILBOXES)
 
+#define MODEL_NAMES "queue, basic, full, sja1000, mcp2515, m_can, flexcan, bxcan"
+
+/* Receive buffers are counted with the one for the frame on the wire. Sources of the presets are
+ * named in config/controller.md. */
 static const struct {
     const char *name;
-    cfg_model model;
     unsigned keys;
     const char *why; /* for what its controller has no keys */
-} models[] = {
-    {"queue", CFG_MODEL_QUEUE, 0, "its host takes each frame at once"},
-    {"basic", CFG_MODEL_BASIC, HAS_BUFFERS | HAS_SERVICE | HAS_OVERLOAD,
-     "it has buffers and no mailboxes"},
-    {"full", CFG_MODEL_FULL, HAS_SERVICE | HAS_MAILBOXES, "it has mailboxes, which are never full"},
+    uint8_t buffers; /* 0: received frames go into mailboxes */
+    uint8_t bytes;
+    uint8_t receive; /* mailboxes */
+    uint8_t send;
+    cw_transmit transmit;
+    errframe_driver driver;
+} models[CFG_MODELS] = {
+    [CFG_MODEL_QUEUE] = {.name = "queue", .why = "its host takes each frame at once"},
+    [CFG_MODEL_BASIC] = {.name = "basic", .keys = HAS_BUFFERS | HAS_SERVICE | HAS_OVERLOAD,
+                         .why = "it has buffers and no mailboxes", .buffers = BUFFERS_DEFAULT},
+    [CFG_MODEL_FULL] = {.name = "full", .keys = HAS_SERVICE | HAS_MAILBOXES,
+                        .why = "it has mailboxes, which are never full", .receive = 8, .send = 8},
+    [CFG_MODEL_SJA1000] = {.name = "sja1000", .keys = HAS_ALL, .buffers = 22, .bytes = 64,
+                           .send = 1, .driver = ERRFRAME_SJA1000},
+    [CFG_MODEL_MCP2515] = {.name = "mcp2515", .keys = HAS_ALL, .buffers = 3, .send = 1,
+                           .driver = ERRFRAME_MCP251X},
+    [CFG_MODEL_M_CAN] = {.name = "m_can", .keys = HAS_ALL, .buffers = 65, .send = 32,
+                         .transmit = CW_TRANSMIT_REQUEST, .driver = ERRFRAME_M_CAN},
+    [CFG_MODEL_FLEXCAN] = {.name = "flexcan", .keys = HAS_ALL, .buffers = 7, .send = 1,
+                           .driver = ERRFRAME_FLEXCAN},
+    [CFG_MODEL_BXCAN] = {.name = "bxcan", .keys = HAS_SERVICE | HAS_MAILBOXES,
+                         .why = "its receive FIFO is never full", .receive = 3, .send = 3,
+                         .transmit = CW_TRANSMIT_REQUEST, .driver = ERRFRAME_BXCAN},
 };
 
 static const schema_choice transmits[] = {
@@ -82,27 +102,72 @@ const char *cfg_model_name(cfg_model model)
     return models[model].name;
 }
 
+static bool find_model(cfg_model *out, const char *name)
+{
+    for (unsigned i = 0; i < CFG_MODELS; i++)
+        if (strcmp(models[i].name, name) == 0) {
+            *out = (cfg_model)i;
+            return true;
+        }
+    return false;
+}
+
+/* Returns false when a map names no model that there is. */
+static bool model_of(schema *self, const yaml_node_t *map, cfg_model *out)
+{
+    const yaml_node_t *const name = schema_find(self, map, model_keys[0].name);
+
+    return name && name->type == YAML_SCALAR_NODE &&
+           find_model(out, (const char *)name->data.scalar.value);
+}
+
+static bool is_preset(cfg_model model)
+{
+    return model > CFG_MODEL_FULL;
+}
+
+/* A preset also has the bit timing of its controller. */
+static void set_model(schema *self, cfg_node *node, cfg_model model)
+{
+    cfg_controller *controller = &node->controller;
+
+    controller->model = model;
+    controller->receive_buffers = models[model].buffers;
+    controller->receive_bytes = models[model].bytes;
+    controller->transmit = models[model].transmit;
+    controller->driver = models[model].driver;
+    if (models[model].receive || models[model].send)
+        cfg_add_mailboxes(self, controller, models[model].receive, models[model].send);
+    controller->receive_fifo = models[model].receive == 0;
+    if (is_preset(model))
+        node->time.limits = timing_controller(models[model].name);
+}
+
 static void read_model_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    cfg_controller *controller = &((cfg_node *)object)->controller;
     const char *text = schema_text(self, key, value, "one of " MODEL_NAMES);
+    nearest guess = {.word = text};
+    cfg_model model;
 
     if (!text)
         return;
-    for (size_t i = 0; i < sizeof models / sizeof models[0]; i++) {
-        if (strcmp(models[i].name, text) != 0)
-            continue;
-        controller->model = models[i].model;
-        if (controller->model == CFG_MODEL_FULL)
-            cfg_add_mailboxes(self, controller, MAILBOXES_DEFAULT / 2, MAILBOXES_DEFAULT / 2);
+    if (find_model(&model, text)) {
+        set_model(self, object, model);
         return;
     }
-    schema_expected(self, key, value, "one of " MODEL_NAMES);
+    for (unsigned i = 0; i < CFG_MODELS; i++)
+        nearest_consider(&guess, models[i].name);
+    schema_complain(self, value, "%s: expected one of %s, not '%.40s'%s", key->name, MODEL_NAMES,
+                    text, schema_suggestion(self, &guess));
 }
 
 /* Complains about keys that the model does not have. */
 static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 {
+    cfg_model known;
+
+    if (schema_find(self, map, model_keys[0].name) && !model_of(self, map, &known))
+        return; /* that is the complaint */
     for (size_t i = 1; i < sizeof keys_of / sizeof keys_of[0]; i++) {
         const yaml_node_t *const value = schema_find(self, map, model_keys[i].name);
         if (value && !(models[model].keys & keys_of[i]))
@@ -111,11 +176,22 @@ static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
     }
 }
 
+/* A number of buffers takes the place of a number of bytes, and mailboxes that of buffers. */
+static void check_reception(schema *self, const yaml_node_t *map, cfg_controller *controller)
+{
+    const yaml_node_t *const buffers = schema_find(self, map, "receive-buffers");
+
+    if (!is_preset(controller->model) || !buffers)
+        return;
+    controller->receive_bytes = 0;
+    if (schema_find(self, map, "mailboxes"))
+        schema_complain(self, buffers, "receive-buffers: received frames go into the mailboxes");
+}
+
 /* Leaves the filters, which have a key of their own. */
 static void forget_model(cfg_controller *controller)
 {
-    *controller = (cfg_controller){.receive_buffers = BUFFERS_DEFAULT,
-                                   .filter_count = controller->filter_count,
+    *controller = (cfg_controller){.filter_count = controller->filter_count,
                                    .filters = controller->filters};
 }
 
@@ -131,9 +207,12 @@ static void read_variant(schema *self, const schema_key *key, yaml_node_t *value
 
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)
 {
+    if (is_preset(node->controller.model))
+        node->time.limits = NULL; /* that of `defaults` */
     forget_model(&node->controller);
     schema_map(self, key->name, value, model_keys, node);
     check_keys(self, value, node->controller.model);
+    check_reception(self, value, &node->controller);
 }
 
 /* The frames of a node wait for its transmit buffer, or its mailboxes, in the order in which its
@@ -185,9 +264,12 @@ static void read_name(schema *self, const schema_key *key, const yaml_node_t *va
                     text, schema_suggestion(self, &guess), list);
 }
 
-bool cfg_is_model(const char *key, const yaml_node_t *value)
+bool cfg_is_model(schema *self, const char *key, const yaml_node_t *value)
 {
-    return strcmp(key, "controller") == 0 && value->type == YAML_MAPPING_NODE;
+    cfg_model model;
+
+    return strcmp(key, "controller") == 0 && value->type == YAML_MAPPING_NODE &&
+           !(model_of(self, value, &model) && is_preset(model));
 }
 
 void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value, void *object)

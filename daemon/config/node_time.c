@@ -272,7 +272,7 @@ static bool uses_time(schema *self, const yaml_node_t *map)
 {
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
         const yaml_node_t *const value = schema_find(self, map, keys[i]);
-        if (value && !cfg_is_model(keys[i], value))
+        if (value && !cfg_is_model(self, keys[i], value))
             return true;
     }
     return false;

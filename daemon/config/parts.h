@@ -58,8 +58,9 @@ void cfg_add_mailboxes(schema *self, cfg_controller *controller, unsigned receiv
  * list. */
 void cfg_complete_controllers(schema *self, yaml_node_t *nodes);
 
-/* Returns true when a key has no name of a controller, which has bit timings, but a model. */
-bool cfg_is_model(const char *key, const yaml_node_t *value);
+/* Returns true when a key has no name of a controller, which has bit timings, but a model that has
+ * none. */
+bool cfg_is_model(schema *self, const char *key, const yaml_node_t *value);
 
 /* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes);

@@ -29,7 +29,8 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         return;
     else if (received)
         (void)port_write(e->now.ports[node], &event->frame); /* the port counts a failure */
-    else if (errframe_from_event(&error, event, modes_of(e, node)))
+    else if (errframe_from_event(&error, event, modes_of(e, node),
+                                 e->config->nodes[node].controller.driver))
         (void)port_write_error(e->now.ports[node], &error, event->tick);
 }
 

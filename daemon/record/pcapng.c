@@ -210,7 +210,7 @@ void pcapng_event_of_bus(FILE *out, const cfg *config, unsigned first, const cw_
     errframe error;
     if (event->kind == CW_EVENT_TX)
         p = packet_of_frame(&event->frame);
-    else if (errframe_from_event(&error, event, ALL_ERRORS))
+    else if (errframe_from_event(&error, event, ALL_ERRORS, ERRFRAME_ANY))
         p = packet_of_error(&error);
     else
         return;

@@ -2,7 +2,8 @@
  *
  * errframe.h - the error frames that a CAN driver would give its users, from events of the bus.
  *
- * The frames follow linux/can/error.h and the SJA1000 driver.
+ * The frames follow linux/can/error.h and the SJA1000 driver. Other drivers tell less, or tell it
+ * in another way: see config/controller.md.
  */
 #ifndef CANWIRE_TRACE_ERRFRAME_H
 #define CANWIRE_TRACE_ERRFRAME_H
@@ -15,10 +16,22 @@ typedef struct errframe {
     uint8_t data[8];
 } errframe;
 
-/* Makes the error frame for a node's event, if there is one. State changes, restarts and queue
- * overflows always have one. Single bus errors and lost arbitration need their CW_MODE_*_REPORTING
- * among the modes. */
-bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes);
+/* The drivers of Linux whose habits are known. */
+typedef enum errframe_driver {
+    ERRFRAME_ANY = 0, /* none of them: everything, with all details */
+    ERRFRAME_SJA1000,
+    ERRFRAME_MCP251X,
+    ERRFRAME_M_CAN,
+    ERRFRAME_FLEXCAN,
+    ERRFRAME_BXCAN,
+    ERRFRAME_DRIVERS
+} errframe_driver;
+
+/* Makes the error frame for a node's event, if the driver has one. Without a driver, state changes,
+ * restarts and queue overflows always have one. Single bus errors and lost arbitration need their
+ * CW_MODE_*_REPORTING among the modes. */
+bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes,
+                         errframe_driver driver);
 
 /* Makes the error frame for frames that were lost on their way to the bus, or by an overrun. */
 errframe errframe_rx_overflow(void);

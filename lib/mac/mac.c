@@ -465,7 +465,8 @@ static void signal_error(cw_mac *m, cw_error_type type, bool tec_moves, unsigned
     bool passive = cw_confinement_passive(&m->confinement);
     r->what |= CW_REPORT_ERROR;
     r->fast = cw_mac_is_fast(m);
-    r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m)};
+    r->error = (cw_error){.type = type, .role = (cw_role)m->role, .place = cw_mac_place(m),
+                          .sent = type == CW_ERROR_BIT ? 1u + m->driven : 0};
     if (cw_mac_is_sending(m))
         give_up_one_shot(m, r);
     if (tec_moves)
@@ -885,6 +886,7 @@ static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
         const cw_error_type error = (cw_error_type)(m->fd->late_error - 1);
         m->fd->late_error = 0;
         detect(m, error, r);
+        r->error.sent = 0;
         return;
     }
     if (m->fd && (cw_mac_compares_late(m) || cw_mac_passes_delimiter(m)))

@@ -46,6 +46,7 @@ bool diff_same_event(const cw_event *a, const cw_event *b)
     SAME(error.place.stuff);
     SAME(error.place.extended);
     SAME(error.flag);
+    SAME(error.sent);
     SAME(state);
     SAME(state_before);
     SAME(why);

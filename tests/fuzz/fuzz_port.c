@@ -530,7 +530,7 @@ static void deliver(rig *r, unsigned node, const cw_event *event)
     if (event->kind == CW_EVENT_RX) {
         (void)port_write(s->port, &event->frame);
         s->counts.frames_out++;
-    } else if (errframe_from_event(&error, event, settings.modes)) {
+    } else if (errframe_from_event(&error, event, settings.modes, ERRFRAME_ANY)) {
         (void)port_write_error(s->port, &error, event->tick);
         s->counts.errors_out++;
     }

@@ -15,8 +15,22 @@ from test_faults import Shell
 CAN_RAW_ERR_FILTER = 2  # option of SOL_CAN_RAW that Python does not name
 ERR, LOSTARB, CRTL, PROT, ACK = 0x20000000, 0x2, 0x4, 0x8, 0x20
 BUSOFF, BUSERROR, RESTARTED, CNT = 0x40, 0x80, 0x100, 0x200
+PROT_BIT0 = 0x08  # a dominant bit could not be sent
 RX_OVERFLOW, TX_OVERFLOW, TX_WARNING = 0x01, 0x02, 0x08
 RX_PASSIVE, TX_PASSIVE, ACTIVE = 0x10, 0x20, 0x40
+
+# as FAULTY, with the error frames of a driver
+PRESETS = """
+bus: {{ name: errors, bitrate: 500000 }}
+nodes:
+  - {{ name: engine, port: vcan0, restart-ms: 20, berr-reporting: {berr},
+      controller: {{ model: {model} }} }}
+  - {{ name: gearbox, port: vcan1 }}
+faults:
+  - name: bad-driver
+    when: {{ frame: "123", from: engine }}
+    do: {{ flip: "dlc[0]", at: [engine] }}
+"""
 
 ALONE = """
 bus: {{ name: errors, bitrate: 500000 }}
@@ -152,6 +166,35 @@ def test_bus_off_and_restart(vcan, canwired, can_socket, errors):
     ]
     # the gearbox sees 16 active flags, each one error more, and stays far from any limit
     assert other.waiting() == []
+
+
+@pytest.mark.parametrize("model, counters", [
+    ("sja1000", True), ("mcp2515", False), ("m_can", True), ("flexcan", False), ("bxcan", True)])
+def test_a_preset_tells_what_its_driver_tells(vcan, canwired, can_socket, errors, model, counters):
+    """Nobody tells that the node is error-active after a restart; only some tell counters."""
+    vcan(2)
+    daemon = canwired(PRESETS.format(model=model, berr="off"))
+    reader = errors("vcan0")
+    can_socket("vcan0").send(Frame(0x123, 1, b"\x01"))
+    climb = ([state(TX_WARNING, 96, 0), state(TX_PASSIVE, 128, 0)] if counters else
+             [pack(CRTL, 0, TX_WARNING), pack(CRTL, 0, TX_PASSIVE)])
+    assert reader.take(4) == climb + [pack(BUSOFF), pack(RESTARTED)]
+    daemon.stop()
+    assert reader.waiting() == []
+
+
+@pytest.mark.parametrize("model, wanted", [
+    ("sja1000", (CNT, 0, 0, 0x81, 0x0B, 0, 0, 8, 0)), ("m_can", (0, 0, 0, PROT_BIT0)),
+    ("flexcan", (0, 0, 0, PROT_BIT0)), ("bxcan", (0, 0, 0, PROT_BIT0)), ("mcp2515", None)])
+def test_a_preset_tells_bus_errors_as_its_driver_does(vcan, canwired, can_socket, errors, model,
+                                                      wanted):
+    vcan(2)
+    canwired(PRESETS.format(model=model, berr="on"))
+    reader = errors("vcan0")
+    can_socket("vcan0").send(Frame(0x123, 1, b"\x01"))
+    first = (pack(PROT | BUSERROR | wanted[0], *wanted[1:]) if wanted else
+             pack(CRTL, 0, TX_WARNING))
+    assert reader.take(1)[0] == first
 
 
 def test_bit_error_has_type_and_place(vcan, canwired, can_socket, errors):

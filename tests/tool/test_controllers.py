@@ -177,6 +177,69 @@ def test_a_number_of_mailboxes_is_half_for_reception_half_for_sending(tmp_path):
         f"{i:03X}#" for i in (0x4FD, 0x4FC, 0x4FB, 0x4FE, 0x500)]
 
 
+# ---- Presets -------------------------------------------------------------------------------------
+
+def frames(n, data):
+    return "".join(f"{{ send: '300#{data}', offset: {300 * i}us, count: 1 }}, " for i in range(n))
+
+
+@pytest.mark.parametrize("model, data, kept, counter", [
+    ("sja1000", "", 21, "overruns"), ("sja1000", "1122334455667788", 5, "overruns"),
+    ("mcp2515", "", 2, "overruns"), ("m_can", "", 64, "overruns"), ("flexcan", "", 6, "overruns"),
+    ("bxcan", "", 3, "overwritten")])
+def test_a_preset_has_the_receive_buffers_of_its_chip(tmp_path, model, data, kept, counter):
+    """Of 70 frames a host that is too slow gets those that the buffers hold."""
+    _, nodes = run(
+        tmp_path, f"  - {{ name: a, traffic: [ {frames(70, data)} ] }}\n  - {{ name: b, "
+                  f"controller: {{ model: {model}, service-time: 10s }} }}\n", "--until", "1s")
+    assert (nodes["b"]["rx_held"], nodes["b"][counter]) == (kept, 70 - kept)
+    assert nodes["b"]["rx_dropped"]["queue-full"] == 70 - kept
+
+
+def test_the_fifo_of_bxcan_keeps_the_newest_frame_and_that_of_others_the_oldest(tmp_path):
+    got = {}
+    for model in "bxcan", "mcp2515":
+        events, _ = run(
+            tmp_path, "  - { name: a, traffic: [ " +
+                      "".join(f"{{ send: '30{i}#', offset: {300 * i}us, count: 1 }}, "
+                              for i in range(6)) +
+                      f"] }}\n  - {{ name: b, controller: {{ model: {model}, service-time: 10ms "
+                      "} }\n")
+        got[model] = [e["frame"] for e in of(events, "b", "rx")]
+    assert got == {"bxcan": ["300#", "301#", "305#"], "mcp2515": ["300#", "301#"]}
+
+
+@pytest.mark.parametrize("model", ["sja1000", "mcp2515", "m_can", "flexcan", "bxcan"])
+def test_frames_of_a_preset_go_in_the_order_in_which_they_were_written(tmp_path, model):
+    """So do all these drivers; m_can and bxcan have several mailboxes, in the order of requests."""
+    text = ("  - { name: a, controller: { model: %s }, traffic: [\n"
+            "      { send: '500#', offset: 50us, count: 1 }, "
+            "{ send: '300#', offset: 52us, count: 1 },\n"
+            "      { send: '100#', offset: 54us, count: 1 }, "
+            "{ send: '001#', offset: 56us, count: 1 } ]%s }\n"
+            "  - { name: b, traffic: [ { send: '000#1122334455667788' } ] }\n")
+    written = ["500#", "300#", "100#", "001#"]
+    order = [e["frame"] for e in of(run(tmp_path, text % (model, ""))[0], "a", "tx")]
+    assert order == written
+    # keys beside the preset: mailboxes go by priority, and behind one by the order of the queue
+    order = [e["frame"] for e in of(run(tmp_path, text % (
+        f"{model}, mailboxes: 8, transmit: priority", ""))[0], "a", "tx")]
+    assert order == written[::-1]
+    order = [e["frame"] for e in of(run(tmp_path, text % (model, ", order: priority"))[0],
+                                    "a", "tx")]
+    waiting = {"m_can": written, "bxcan": written}
+    assert order == waiting.get(model, ["500#", "001#", "100#", "300#"])
+
+
+def test_a_preset_has_the_limits_of_its_bit_timing(tmp_path):
+    (tmp_path / "bus.yaml").write_text(
+        "bus: { bitrate: 500000 }\nnodes:\n"
+        "  - { name: a, clock: 8MHz, controller: { model: mcp2515 }, brp: 1, prop-seg: 1, "
+        "phase-seg1: 1, phase-seg2: 13 }\n")
+    refused = canwire("check", tmp_path / "bus.yaml", status=1).stderr
+    assert "prop-seg + phase-seg1 would be 2, mcp2515 has 3 to 16" in refused
+
+
 # ---- Controllers before CAN 2.0B -----------------------------------------------------------------
 
 OLD = ("  - { name: new, traffic: [ { send: '12345678#01' } ] }\n"

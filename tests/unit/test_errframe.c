@@ -160,10 +160,140 @@ static void check_row(void **state)
     const row *r = *state;
     errframe with;
     errframe without;
-    assert_true(errframe_from_event(&with, &r->event, ALL_MODES));
+    assert_true(errframe_from_event(&with, &r->event, ALL_MODES, ERRFRAME_ANY));
     assert_int_equal(with.can_id, r->wanted.can_id);
     assert_memory_equal(with.data, r->wanted.data, sizeof with.data);
-    assert_int_equal(errframe_from_event(&without, &r->event, ALL_MODES & ~r->mode), r->mode == 0);
+    const unsigned modes = ALL_MODES & ~r->mode;
+    assert_int_equal(errframe_from_event(&without, &r->event, modes, ERRFRAME_ANY), r->mode == 0);
+}
+
+/* ---- Drivers --------------------------------------------------------------------------------- */
+
+#define STATE(before, after, tec_, rec_)                                                           \
+    {                                                                                              \
+        .kind = CW_EVENT_STATE, .state_before = CW_STATE_##before, .state = CW_STATE_##after,      \
+        .tec = tec_, .rec = rec_                                                                   \
+    }
+#define FOUND(type_, role_, field_, sent_)                                                         \
+    {                                                                                              \
+        .kind = CW_EVENT_ERROR, .tec = 8, .rec = 3,                                                \
+        .error = {.type = CW_ERROR_##type_, .role = role_, .place = {.field = field_},             \
+                  .sent = sent_}                                                                   \
+    }
+#define NONE {0}
+
+/* An event, and the frames that each driver makes of it with all modes. */
+typedef struct driver_row {
+    const char *name;
+    cw_event event;
+    errframe sja1000, mcp251x, m_can, flexcan, bxcan;
+} driver_row;
+
+static const driver_row driver_rows[] = {
+    {"warning by tec", STATE(ERROR_ACTIVE, ERROR_WARNING, 96, 5),
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 96, 5}}, {ERR | CRTL, {0, 0x08}},
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 96, 5}}, {ERR | CRTL, {0, 0x08}},
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 96, 5}}},
+    {"warning by both, rec larger", STATE(ERROR_ACTIVE, ERROR_WARNING, 96, 100),
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 96, 100}}, {ERR | CRTL, {0, 0x08}},
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 96, 100}}, {ERR | CRTL, {0, 0x0C}},
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 96, 100}}},
+    {"warning by both alike", STATE(ERROR_ACTIVE, ERROR_WARNING, 96, 96),
+     {ERR | CRTL | CNT, {0, 0x0C, 0, 0, 0, 0, 96, 96}}, {ERR | CRTL, {0, 0x08}},
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 96, 96}}, {ERR | CRTL, {0, 0x0C}},
+     {ERR | CRTL | CNT, {0, 0x0C, 0, 0, 0, 0, 96, 96}}},
+    {"warning by a lower limit", STATE(ERROR_ACTIVE, ERROR_WARNING, 20, 50),
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 20, 50}}, {ERR | CRTL, {0, 0x04}},
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 20, 50}}, {ERR | CRTL, {0, 0x04}},
+     {ERR | CRTL | CNT, {0, 0x04, 0, 0, 0, 0, 20, 50}}},
+    {"passive by both", STATE(ERROR_WARNING, ERROR_PASSIVE, 128, 136),
+     {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 128, 136}}, {ERR | CRTL, {0, 0x20}},
+     {ERR | CRTL | CNT, {0, 0x30, 0, 0, 0, 0, 128, 127}}, {ERR | CRTL, {0, 0x10}},
+     {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 128, 136}}},
+    {"passive by rec", STATE(ERROR_WARNING, ERROR_PASSIVE, 100, 128),
+     {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 100, 128}}, {ERR | CRTL, {0, 0x10}},
+     {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 100, 127}}, {ERR | CRTL, {0, 0x10}},
+     {ERR | CRTL | CNT, {0, 0x10, 0, 0, 0, 0, 100, 128}}},
+    {"back to warning", STATE(ERROR_PASSIVE, ERROR_WARNING, 127, 0),
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 127, 0}}, NONE,
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 127, 0}}, {ERR | CRTL, {0, 0x08}},
+     {ERR | CRTL | CNT, {0, 0x08, 0, 0, 0, 0, 127, 0}}},
+    {"back to active", STATE(ERROR_WARNING, ERROR_ACTIVE, 95, 1),
+     {ERR | CRTL | CNT, {0, 0x40, 0, 0, 0, 0, 95, 1}}, NONE, NONE, {ERR | CRTL, {0, 0x40}}, NONE},
+    {"bus-off", STATE(ERROR_PASSIVE, BUS_OFF, 256, 0), {ERR | BUSOFF, {0}}, {ERR | BUSOFF, {0}},
+     {ERR | BUSOFF, {0}}, {ERR | BUSOFF, {0}}, {ERR | BUSOFF, {0}}},
+    {"restarted", {.kind = CW_EVENT_RESTART}, {ERR | RESTARTED, {0}}, {ERR | RESTARTED, {0}},
+     {ERR | RESTARTED, {0}}, {ERR | RESTARTED, {0}}, {ERR | RESTARTED, {0}}},
+    {"active after a restart", STATE(BUS_OFF, ERROR_ACTIVE, 0, 0), NONE, NONE, NONE, NONE, NONE},
+    {"overrun", {.kind = CW_EVENT_OVERRUN, .tec = 7, .rec = 2},
+     {ERR | CRTL | CNT, {0, 0x01, 0, 0, 0, 0, 7, 2}}, {ERR | CRTL, {0, 0x01}},
+     {ERR | CRTL, {0, 0x01}}, NONE, NONE},
+    {"overrun while passive", {.kind = CW_EVENT_OVERRUN, .tec = 0, .rec = 130},
+     {ERR | CRTL | CNT, {0, 0x01, 0, 0, 0, 0, 0, 130}}, {ERR | CRTL, {0, 0x11}},
+     {ERR | CRTL, {0, 0x01}}, NONE, NONE},
+    {"lost arbitration", {.kind = CW_EVENT_ARBITRATION_LOST, .lost_bit = 12, .tec = 4},
+     {ERR | LOSTARB | CNT, {12, 0, 0, 0, 0, 0, 4, 0}}, NONE, NONE, NONE, NONE},
+    {"queue full", {.kind = CW_EVENT_DROP, .why = CW_DROP_QUEUE_FULL}, NONE, NONE, NONE, NONE,
+     NONE},
+    {"no acknowledgement", FOUND(ACK, TX, CW_FIELD_ACK_SLOT, 0),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x80, 0x19, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0, 0x19}}, {ERR | PROT | BUSERROR | ACK, {0, 0, 0, 0x19}},
+     {ERR | PROT | BUSERROR | ACK, {0, 0, 0, 0x19}}},
+    {"dominant bit not sent", FOUND(BIT, TX, CW_FIELD_DLC, 1 + CW_DOMINANT),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x81, 0x0B, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0x08}}, {ERR | PROT | BUSERROR, {0, 0, 0x08}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x08}}},
+    {"recessive bit not sent", FOUND(BIT, TX, CW_FIELD_DLC, 1 + CW_RECESSIVE),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x81, 0x0B, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0x10}}, {ERR | PROT | BUSERROR, {0, 0, 0x10}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x10}}},
+    {"bit compared late", FOUND(BIT, TX, CW_FIELD_DATA, 0),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x81, 0x0A, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0x01}}, {ERR | PROT | BUSERROR, {0, 0, 0x01}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x01}}},
+    {"stuff error", FOUND(STUFF, RX, CW_FIELD_DATA, 0),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x04, 0x0A, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0x04}}, {ERR | PROT | BUSERROR, {0, 0, 0x04}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x04}}},
+    {"form error", FOUND(FORM, RX, CW_FIELD_EOF, 0),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0x02, 0x1A, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0x02}}, {ERR | PROT | BUSERROR, {0, 0, 0x02}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x02}}},
+    {"wrong crc", FOUND(CRC, RX, CW_FIELD_ACK_DELIMITER, 0),
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0, 0x08, 0, 0, 8, 3}}, NONE,
+     {ERR | PROT | BUSERROR, {0, 0, 0, 0x08}}, {ERR | PROT | BUSERROR, {0, 0, 0x01, 0x08}},
+     {ERR | PROT | BUSERROR, {0, 0, 0x01, 0x08}}},
+    {"tolerated", {.kind = CW_EVENT_TOLERATED, .tec = 8, .error = {.role = RX}},
+     {ERR | PROT | BUSERROR | CNT, {0, 0, 0, 0x13, 0, 0, 8, 0}}, NONE, NONE, NONE, NONE},
+};
+
+static void check_driver(const driver_row *r, errframe_driver driver, const errframe *wanted)
+{
+    const bool error = r->event.kind == CW_EVENT_ERROR || r->event.kind == CW_EVENT_TOLERATED;
+    errframe out;
+    const bool made = errframe_from_event(&out, &r->event, ALL_MODES, driver);
+    if (made != (wanted->can_id != 0))
+        print_error("%s, driver %d\n", r->name, (int)driver);
+    assert_int_equal(made, wanted->can_id != 0);
+    if (!made)
+        return;
+    assert_int_equal(out.can_id, wanted->can_id);
+    assert_memory_equal(out.data, wanted->data, sizeof out.data);
+    assert_int_equal(errframe_from_event(&out, &r->event, 0, driver), !error);
+}
+
+/* The errors of a bus need berr-reporting; nothing else needs a mode. */
+static void each_driver_has_its_habits(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof driver_rows / sizeof driver_rows[0]; i++) {
+        const driver_row *r = &driver_rows[i];
+        check_driver(r, ERRFRAME_SJA1000, &r->sja1000);
+        check_driver(r, ERRFRAME_MCP251X, &r->mcp251x);
+        check_driver(r, ERRFRAME_M_CAN, &r->m_can);
+        check_driver(r, ERRFRAME_FLEXCAN, &r->flexcan);
+        check_driver(r, ERRFRAME_BXCAN, &r->bxcan);
+    }
 }
 
 static void no_frame_for_other_events(void **state)
@@ -174,10 +304,10 @@ static void no_frame_for_other_events(void **state)
     errframe out;
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
         const cw_event event = {.kind = kinds[i]};
-        assert_false(errframe_from_event(&out, &event, ALL_MODES));
+        assert_false(errframe_from_event(&out, &event, ALL_MODES, ERRFRAME_ANY));
     }
     const cw_event one_shot = {.kind = CW_EVENT_DROP, .why = CW_DROP_ONE_SHOT};
-    assert_false(errframe_from_event(&out, &one_shot, ALL_MODES));
+    assert_false(errframe_from_event(&out, &one_shot, ALL_MODES, ERRFRAME_ANY));
 }
 
 /* A TEC above 255 has no place in data[6]: no counters then. */
@@ -188,7 +318,7 @@ static void bus_error_that_ends_in_bus_off(void **state)
                             .tec = 256,
                             .error = {.role = TX, .place = {.field = CW_FIELD_SOF}}};
     errframe out;
-    assert_true(errframe_from_event(&out, &event, ALL_MODES));
+    assert_true(errframe_from_event(&out, &event, ALL_MODES, ERRFRAME_ANY));
     assert_int_equal(out.can_id, ERR | PROT | BUSERROR);
     assert_int_equal(out.data[6], 0);
 }
@@ -202,7 +332,7 @@ static void an_overflow_on_the_way_to_the_bus(void **state)
     assert_true(errframe_is_minor(&e)); /* of a slow host, thousands a second */
     const cw_event overrun = {.kind = CW_EVENT_OVERRUN, .frame = {.id = 0x123}};
     errframe out;
-    assert_true(errframe_from_event(&out, &overrun, 0));
+    assert_true(errframe_from_event(&out, &overrun, 0, ERRFRAME_ANY));
     assert_memory_equal(&out, &e, sizeof e);
 }
 
@@ -217,8 +347,9 @@ static void sleep_makes_no_error_frames(void **state)
         {.kind = CW_EVENT_STATE, .state = CW_STATE_ERROR_PASSIVE, .tec = 130,
          .state_before = CW_STATE_SLEEPING}};
     errframe out;
-    for (size_t i = 0; i < sizeof events / sizeof events[0]; i++)
-        assert_false(errframe_from_event(&out, &events[i], UINT8_MAX));
+    for (errframe_driver driver = ERRFRAME_ANY; driver < ERRFRAME_DRIVERS; driver++)
+        for (size_t i = 0; i < sizeof events / sizeof events[0]; i++)
+            assert_false(errframe_from_event(&out, &events[i], UINT8_MAX, driver));
 }
 
 static void storm_is_limited_and_counted(void **state)
@@ -244,15 +375,16 @@ static void storm_is_limited_and_counted(void **state)
 
 int main(void)
 {
-    static struct CMUnitTest tests[ROW_COUNT + 3] = {
+    static struct CMUnitTest tests[ROW_COUNT + 6] = {
         cmocka_unit_test(no_frame_for_other_events),
         cmocka_unit_test(bus_error_that_ends_in_bus_off),
         cmocka_unit_test(an_overflow_on_the_way_to_the_bus),
         cmocka_unit_test(sleep_makes_no_error_frames),
         cmocka_unit_test(storm_is_limited_and_counted),
+        cmocka_unit_test(each_driver_has_its_habits),
     };
     for (size_t i = 0; i < ROW_COUNT; i++)
-        tests[3 + i] = (struct CMUnitTest){.name = rows[i].name, .test_func = check_row,
+        tests[6 + i] = (struct CMUnitTest){.name = rows[i].name, .test_func = check_row,
                                            .initial_state = (void *)(uintptr_t)&rows[i]};
     return cmocka_run_group_tests_name("errframe", tests, NULL, NULL);
 }
