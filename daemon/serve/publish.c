@@ -17,6 +17,7 @@
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
 #include <canwire_file_t.h>
+#include <canwire_gateway_t.h>
 #include <canwire_node_controller_t.h>
 #include <canwire_node_fd_t.h>
 #include <canwire_node_stats_t.h>
@@ -63,6 +64,7 @@ struct publisher {
     char channel_timing[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
     char channel_file[CHANNEL_MAX];
+    char channel_gateway[CHANNEL_MAX];
     char channel_bus_fd[CHANNEL_MAX];
     char channel_node_fd[CHANNEL_MAX];
     char channel_controller[CHANNEL_MAX];
@@ -226,6 +228,7 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
     (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
     (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
+    (void)snprintf(p->channel_gateway, CHANNEL_MAX, "CANWIRE.%s.GATEWAY", bus);
     (void)snprintf(p->channel_bus_fd, CHANNEL_MAX, "CANWIRE.%s.FDBUS", bus);
     (void)snprintf(p->channel_node_fd, CHANNEL_MAX, "CANWIRE.%s.FDNODE", bus);
     (void)snprintf(p->channel_controller, CHANNEL_MAX, "CANWIRE.%s.CONTROLLER", bus);
@@ -577,6 +580,41 @@ void publisher_files(publisher *p, const char *kind, const json_t *files)
         publish_file(p, kind, files);
     for (size_t i = 0; i < json_array_size(files); i++)
         publish_file(p, kind, json_array_get(files, i));
+}
+
+static int64_t sum_of(const json_t *rules, const char *key)
+{
+    int64_t sum = 0;
+    for (size_t i = 0; i < json_array_size(rules); i++)
+        sum += count_of(json_array_get(rules, i), key);
+    return sum;
+}
+
+static void publish_gateway(publisher *p, const json_t *gateway)
+{
+    const json_t *ends = json_object_get(gateway, "between");
+    const char *first = json_string_value(json_array_get(ends, 0));
+    const size_t length = strlen(p->config->bus_name);
+    const bool forward = strncmp(first, p->config->bus_name, length) == 0 && first[length] == ':';
+    const json_t *direction = json_object_get(gateway, forward ? "forward" : "backward");
+    const json_t *rules = json_object_get(direction, "rules");
+    const canwire_gateway_t m = {
+        .utime_us = realtime_us(),
+        .bus = p->config->bus_name,
+        .name = text_of(gateway, "name"),
+        .node = (char *)(uintptr_t)(json_string_value(json_array_get(ends, !forward)) + length + 1),
+        .other = (char *)(uintptr_t)json_string_value(json_array_get(ends, forward)),
+        .forwarded = sum_of(rules, "forwarded"),
+        .lost = sum_of(rules, "lost"),
+        .dropped = count_of(direction, "dropped"),
+    };
+    PUBLISH(p, p->channel_gateway, canwire_gateway_t, &m);
+}
+
+void publisher_gateways(publisher *p, const json_t *gateways)
+{
+    for (size_t i = 0; i < json_array_size(gateways); i++)
+        publish_gateway(p, json_array_get(gateways, i));
 }
 
 /* Splits the lines of output_event(), one for each node, in the order of the nodes. */

@@ -32,6 +32,9 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 /* Queues a FILE message for each file in the result of journal_to_json() or recordings_json(). */
 void publisher_files(publisher *p, const char *kind, const json_t *files);
 
+/* Queues a GATEWAY message for each gateway in the result of gateways_stats(). */
+void publisher_gateways(publisher *p, const json_t *gateways);
+
 /* Queues an EVENT message for every node concerned, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);
 

@@ -245,6 +245,12 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 
 /* ---- Statistics and status ------------------------------------------------------------------- */
 
+static json_t *show_gateways(void *user)
+{
+    const service *s = user;
+    return gateways_stats(engine_group_gateways(s->host->group), s->place);
+}
+
 static void publish_files(service *s)
 {
     json_t *recorded = recordings_json(s->recordings);
@@ -267,6 +273,11 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     engine_report(s->engine, &beyond);
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
     publish_files(s);
+    if (!s->host->group)
+        return;
+    json_t *all = show_gateways(s);
+    publisher_gateways(s->publisher, all);
+    json_decref(all);
 }
 
 /* Returns the problem of a node, or NULL. */
@@ -331,12 +342,6 @@ service *service_new(host *h, live *config)
         return NULL;
     }
     return s;
-}
-
-static json_t *show_gateways(void *user)
-{
-    const service *s = user;
-    return gateways_stats(engine_group_gateways(s->host->group), s->place);
 }
 
 /* Starts the control socket at the configured path, or at the socket of the service manager. */

@@ -5,9 +5,10 @@ rig's own; the other is an ECU with a port on each bus, in which cangw of can-ut
 import contextlib
 import subprocess
 
+import lcm
 import pytest
 
-from conftest import PATIENCE_S, listeners, wait_until
+from conftest import LCM_URL, PATIENCE_S, listeners, wait_until
 
 BODY = """bus: {{ name: body, bitrate: 125000 }}
 control: {folder}/body.sock
@@ -17,6 +18,7 @@ nodes:
 """
 SAFETY = """bus: {{ name: safety, bitrate: 500000 }}
 control: {folder}/safety.sock
+lcm: {{ period: 100ms }}
 nodes:
   - {{ name: lamp, port: vcan1 }}
   - {{ name: gw{safety} }}
@@ -87,4 +89,23 @@ def test_cangw_is_an_ecu_with_ports_on_two_buses(vcan, rig):
             assert lines_of(lamp) == [["vcan1", "020", "[1]", "01"], ["vcan1", "020", "[1]", "03"]]
     finally:
         subprocess.run(["cangw", "-F"], check=True)
+    daemon.stop()
+
+
+def test_gateways_are_told_over_lcm(vcan, rig, lcm_types):
+    vcan(2)
+    subscriber, told = lcm.LCM(LCM_URL), []
+    subscriber.subscribe("CANWIRE\\.safety\\.GATEWAY",
+                         lambda _, data: told.append(lcm_types.gateway_t.decode(data)))
+    daemon = rig(GATEWAY)
+    cansend("vcan1", "123#44", "7FF#55", "7FF#66")
+
+    def all_forwarded():
+        subscriber.handle_timeout(100)
+        return [m for m in told if m.forwarded == 2]
+
+    message = wait_until(all_forwarded, "two frames")[0]
+    assert (message.bus, message.name) == ("safety", "central")
+    assert (message.node, message.other) == ("gw", "body:gw")
+    assert (message.lost, message.dropped) == (0, 0)
     daemon.stop()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The units under a real systemd: started, reloaded, killed by the watchdog, contained."""
 
+import json
 import os
 import pwd
 import re
@@ -14,6 +15,7 @@ import pytest
 from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_in, run, systemctl,
                       wait_until)
 
+CONFIGS = Path("/etc/canwire")
 EXPOSURE_MAX = 1.5  # of 10
 WATCHDOG = "[Service]\nWatchdogSec=4s\n"  # the tests need not wait for so long
 PROBE = Path("/run/probe.py")
@@ -272,3 +274,42 @@ def test_real_time_is_a_drop_in(bus):
     assert os.sched_getparam(pid).sched_priority == 50
     assert os.sched_getaffinity(pid) == {1}
     assert one.carries()
+
+
+RIG = """
+buses: [ rig-one.yaml, rig-two.yaml ]
+gateways:
+  - { name: g, between: [ "rig-one:gw", "rig-two:gw" ], rules: [ { filter: "123" } ] }
+"""
+RIG_BUS = """
+bus: {{ name: rig-{0}, bitrate: {1} }}
+control: /run/canwire/rig-{0}.sock
+nodes: [ {{ name: ecu, port: rig{2} }}, {{ name: gw }}{3} ]
+"""
+
+
+def test_a_rig_is_one_unit(bus):
+    """Its two buses, each with an ECU, have a gateway between them."""
+    files = [CONFIGS / "rig-one.yaml", CONFIGS / "rig-two.yaml"]
+    files[0].write_text(RIG_BUS.format("one", 500000, 0, ""))
+    files[1].write_text(RIG_BUS.format("two", 125000, 1, ""))
+    try:
+        rig = bus("rig", lambda _: RIG)
+        assert rig.carries()
+        assert "rig-one: load " in rig.show("StatusText")
+        pid = rig.pid()
+        files[1].write_text(RIG_BUS.format("two", 125000, 1, ", { name: third, port: rig2 }"))
+        systemctl("reload", rig.unit)
+        status = json.loads(run("canwire", "status", "rig-two", "--json"))
+        assert [n["name"] for n in status["nodes"]] == ["ecu", "gw", "third"]
+        assert "rig2" in links() and rig.pid() == pid
+        [forward] = [g["forward"]["rules"][0] for g in status["gateways"]]
+        assert forward["forwarded"] == 1
+        fields = [m.get("CANWIRE_BUS") for m in rig.messages() if "reloaded" in m["MESSAGE"]]
+        assert sorted(fields) == ["rig-one", "rig-two"]
+        files[1].write_text(RIG_BUS.format("two", 125000, 1, "").replace("name: gw", "name: gone"))
+        assert "failed" in systemctl("reload", rig.unit, status=1)
+        assert rig.carries()
+    finally:
+        for file in files:
+            file.unlink()

@@ -94,7 +94,7 @@ def test_the_largest_bus_is_within_its_limits():
     try:
         bus.start()
         shown = {name: bus.show(name) for name in ("MemoryMax", "TasksMax", "LimitNOFILE")}
-        assert shown == {"MemoryMax": str(2 << 30), "TasksMax": "128", "LimitNOFILE": "1024"}
+        assert shown == {"MemoryMax": str(2 << 30), "TasksMax": "512", "LimitNOFILE": "8192"}
         limits = Path(f"/proc/{bus.pid()}/limits").read_text()
         assert any(line.split()[:5] == ["Max", "open", "files", "1024", "1024"]
                    for line in limits.splitlines())
