@@ -346,6 +346,7 @@ typedef enum cw_drop {
     CW_DROP_FAULT,
     CW_DROP_REMOVED, /* the node is no longer part of the bus */
     CW_DROP_LINK_DOWN, /* the host has taken the node off the bus */
+    CW_DROP_SLOT_MISSED, /* L5: it has not begun in its slot */
     CW_DROP_COUNT
 } cw_drop;
 
@@ -361,7 +362,7 @@ typedef enum cw_drop {
 const char *cw_error_type_name(cw_error_type type); /* "bit" "stuff" "form" "crc" "ack" */
 const char *cw_flag_name(cw_flag flag);             /* "none" "active" "passive" */
 const char *cw_state_name(cw_state state);          /* "error-active" .. "sleeping" */
-const char *cw_drop_name(cw_drop why);              /* "queue-full" .. "link-down" */
+const char *cw_drop_name(cw_drop why);              /* "queue-full" .. "slot-missed" */
 
 /* ---- The controller: test-bench interface (stable) ------------------------------------------- */
 
@@ -864,6 +865,8 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 #define CW_SET_STUB 0x800u
 #define CW_SET_WAY (CW_SET_TX_DELAY | CW_SET_RX_DELAY | CW_SET_PLACE | CW_SET_STUB)
 #define CW_SET_RINGING 0x1000u /* after edges that come from then on; what swings now ends */
+#define CW_SET_UNIT 0x40000u   /* with CW_SET_QUANTUM: as many clocks as before make the quantum of
+                                  the node, and `unit` is that of its local time (L2) */
 #define CW_SET_DATA 0x2000u    /* the data phase of FD frames, from the node's next bit on. Without
                                   it CW_SET_QUANTUM is another clock, and changes both rates */
 #define CW_SET_SLEEP 0x4000u   /* it falls asleep as cw_mac_sleep() does, or is woken by its host */
@@ -901,6 +904,7 @@ typedef struct cw_settings {
     cw_span place;
     cw_span stub;
     cw_span ringing; /* at most 16 of the shortest bits */
+    cw_span unit;
     cw_data_timing data;
     bool sleeps; /* SLEEP */
     cw_sleep_settings sleep; /* WAKE */
@@ -1071,6 +1075,81 @@ typedef struct cw_host_config {
     cw_transmit transmit;
 } cw_host_config;
 
+/* ---- Time-triggered operation (section 9 of RULES.md) ---------------------------------------- */
+
+#define CW_LOCAL_BITS_MIN 16u
+#define CW_LOCAL_BITS_MAX 32u
+#define CW_LOCAL_UNIT_MAX (CW_TICK * CW_CLOCK_HZ) /* 1 s */
+#define CW_TRIGGERS_MAX 255u /* of one node */
+#define CW_CYCLES_MAX 64u    /* basic cycles of a matrix, as in ISO 11898-4 */
+
+/* The local time of a node: a counter that its clock drives (L2). */
+typedef struct cw_local_time {
+    cw_span unit;   /* of the counter, CW_TICK..CW_LOCAL_UNIT_MAX, by the clock of the node */
+    uint8_t bits;   /* CW_LOCAL_BITS_MIN..CW_LOCAL_BITS_MAX; 0: the node has no local time */
+    bool at_eof;    /* L3: captured in the last bit of EOF, else in SOF */
+    uint32_t start; /* of the counter, at tick 0 */
+} cw_local_time;
+
+/* A slot of a node's schedule. Times are units of its local time. */
+typedef struct cw_time_trigger {
+    uint32_t at;      /* after the capture of the reference message */
+    uint32_t slot;    /* the frame begins before so many units have passed, at least 1 */
+    uint16_t repeat;  /* acts in basic cycles with number % repeat == cycle; 0: in all of them */
+    uint16_t cycle;
+    cw_frame frame;
+} cw_time_trigger;
+
+/* The schedule of a node (L4, L5). A trigger whose frame is a reference message makes the node the
+ * time master. It acts in each basic cycle, and is the last one of it. */
+typedef struct cw_schedule {
+    cw_filter reference;   /* frames that begin a basic cycle */
+    uint8_t cycles;        /* basic cycles of the matrix, 1..CW_CYCLES_MAX; 0: no schedule */
+    uint8_t cycle_byte;    /* data byte of reference messages that has the number of the cycle;
+                              beyond their data: nodes count */
+    uint16_t trigger_count;          /* at most CW_TRIGGERS_MAX */
+    const cw_time_trigger *triggers; /* in the order of `at`; copied */
+} cw_schedule;
+
+/* Counts of one trigger. */
+typedef struct cw_trigger_stats {
+    uint64_t slots;      /* in which it has handed its frame in */
+    uint64_t started;    /* transmissions that have begun */
+    uint64_t sent;
+    uint64_t missed;     /* frames that have not begun in their slots, or that the node refused */
+    uint64_t failed;     /* attempts that ended in an error or in a lost arbitration ... */
+    uint64_t lost;       /* ... this one */
+    uint64_t late_least; /* ticks from the trigger to the begin of a transmission */
+    uint64_t late_most;
+} cw_trigger_stats;
+
+/* The times of a node. */
+typedef struct cw_node_time {
+    uint64_t local;       /* its local time */
+    uint64_t captured;    /* the last capture */
+    uint64_t captures;    /* so many so far */
+    uint64_t references;  /* ... of reference messages */
+    uint64_t cycle_time;  /* local time since the basic cycle began */
+    uint64_t global;      /* local time of the master (L7) */
+    uint16_t cycle;       /* number of the basic cycle */
+    uint16_t triggers;    /* of its schedule */
+    uint8_t master;       /* valid where has_global */
+    bool in_cycle;        /* a basic cycle is under way */
+    bool has_global;      /* `global` is valid */
+} cw_node_time;
+
+/* The captures of one message by the clocks of two nodes, a and b. */
+typedef struct cw_time_pair {
+    uint64_t a;
+    uint64_t b;
+} cw_time_pair;
+
+/* Finds the time of a at the time b, by two pairs of captures (L7), rounded down. Counters have so
+ * many bits, 1..64, and none has come around more than once since the first pair. Returns false
+ * when the captures of b are the same. */
+bool cw_global_time(const cw_time_pair pairs[2], unsigned bits_a, unsigned bits_b, uint64_t b,
+                    uint64_t *a);
+
 typedef struct cw_node_config {
     uint8_t modes;          /* CW_MODE_* */
     cw_order order;         /* the order in which pending frames go (M1) */
@@ -1086,6 +1165,8 @@ typedef struct cw_node_config {
     cw_host_config host;
     bool sleeps;            /* from tick 0 on */
     cw_sleep_settings sleep;
+    cw_local_time local;
+    cw_schedule schedule;   /* needs local time */
 } cw_node_config;
 
 typedef struct cw_bus_config {
@@ -1123,12 +1204,15 @@ typedef enum cw_event_kind {
     CW_EVENT_SKIP, /* the host has let time pass without the bus; the bus itself makes none */
     CW_EVENT_SYNC, /* its clock has been moved by an edge (T4, T5); only where the bit timings of
                       nodes differ, and only when asked for: cw_bus_set_events() */
+    CW_EVENT_CAPTURE, /* a frame is over whose SOF or last bit of EOF the node has captured (L3);
+                         only when asked for */
     CW_EVENT_COUNT
 } cw_event_kind;
 
-/* All kinds but synchronisations, as bits 1u << cw_event_kind. A bus has several synchronisations
- * in each frame, and goes bit by bit while somebody wants them. */
-#define CW_EVENTS_USUAL (((1u << CW_EVENT_COUNT) - 1) & ~(1u << CW_EVENT_SYNC))
+/* All kinds but synchronisations and captures, as bits 1u << cw_event_kind. A bus has several
+ * synchronisations in each frame, and goes bit by bit while somebody wants them. */
+#define CW_EVENTS_USUAL                                                                            \
+    (((1u << CW_EVENT_COUNT) - 1) & ~(1u << CW_EVENT_SYNC) & ~(1u << CW_EVENT_CAPTURE))
 
 const char *cw_event_name(cw_event_kind kind);
 
@@ -1154,7 +1238,11 @@ typedef struct cw_event {
         uint32_t pending;       /* IMPROPER: the lowest pending identifier, as cw_frame_can_id() */
         int32_t phase_error_tq; /* SYNC: of the edge, in quanta (T5); 0 of a hard one */
     };
-    uint16_t rule;  /* FAULT: index of the rule */
+    union {
+        uint16_t rule;    /* FAULT: index of the rule */
+        uint16_t trigger; /* TX, ARBITRATION_LOST; DROP: ONE_SHOT, SLOT_MISSED: 1 + number of the
+                             trigger whose frame it was; 0: none */
+    };
     uint8_t state;  /* STATE: the new one, a cw_state */
     uint8_t state_before; /* STATE */
     uint8_t why;    /* DROP: a cw_drop; WAKE: a cw_wake */
@@ -1170,10 +1258,12 @@ typedef struct cw_event {
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
     union {
         uint64_t ticks;      /* SKIP: the time skipped */
+        uint64_t late;       /* TX of a trigger: ticks from the trigger to the begin of the frame */
+        uint64_t local_time; /* CAPTURE */
         cw_span phase_error; /* SYNC: the same as a time */
     };
-    cw_frame frame; /* ARBITRATION_LOST, IMPROPER, DROP, OVERRUN, RX, TX; only these have one. Last,
-                       since the ring keeps a classical one in its short form */
+    cw_frame frame; /* ARBITRATION_LOST, IMPROPER, DROP, OVERRUN, RX, TX, CAPTURE; only these have
+                       one. Last, since the ring keeps a classical one in its short form */
 } cw_event;
 
 /* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
@@ -1448,8 +1538,8 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 
 typedef struct cw_node_stats {
     uint64_t handed_in;      /* frames by cw_node_send() that have become due */
-    uint64_t made_by_rules;  /* frames that rules made for it to send: SEND, BABBLE, LOAD, REPLY,
-                                DUPLICATE; and the replies of its mailboxes */
+    uint64_t made_by_rules;  /* frames that its schedule (L5) or rules made for it to send: SEND,
+                                BABBLE, LOAD, REPLY, DUPLICATE; and the replies of its mailboxes */
     uint64_t stored;         /* frames that went into mailboxes with replies */
     uint64_t tx_frames;
     uint64_t tx_bytes;
@@ -1465,10 +1555,10 @@ typedef struct cw_node_stats {
     uint64_t retransmissions; /* attempts after the first one of a frame */
     uint64_t errors[CW_ERROR_COUNT];
     uint64_t overloads;
-    uint64_t error_warning;  /* upward transitions, as in ip -details -statistics link show */
-    uint64_t error_passive;
-    uint64_t bus_off;
-    uint64_t restarts;
+    uint32_t error_warning;  /* upward transitions, as in ip -details -statistics link show */
+    uint32_t error_passive;
+    uint32_t bus_off;
+    uint32_t restarts;
     uint64_t undetected_errors; /* frames accepted with content that no node sent */
     uint32_t inbox;          /* frames by cw_node_send() that are not due yet */
     uint16_t queue;          /* frames waiting or being sent now */
@@ -1532,6 +1622,13 @@ typedef struct cw_sleep_stats {
 
 /* CW_INVALID: no such node. */
 cw_status cw_node_get_sleep_stats(const cw_bus *bus, unsigned node, cw_sleep_stats *stats);
+
+/* Reads the times of a node. CW_INVALID: no such node. CW_REFUSED: it has no local time. */
+cw_status cw_node_get_time(const cw_bus *bus, unsigned node, cw_node_time *time);
+
+/* CW_INVALID: no such node, or no such trigger of its schedule. */
+cw_status cw_node_get_trigger_stats(const cw_bus *bus, unsigned node, unsigned trigger,
+                                    cw_trigger_stats *stats);
 
 /* Counts of one node at the data rate (D10). */
 typedef struct cw_data_stats {

@@ -249,7 +249,7 @@ static void print_counters(FILE *out, const json_t *node)
     static const column drops[] = {
         {"queue-full", "queue-full"},   {"one-shot", "one-shot"},   {"bus-off", "bus-off"},
         {"listen-only", "listen-only"}, {"bad-frame", "bad-frame"}, {"fault", "fault"},
-        {"link-down", "link-down"},
+        {"link-down", "link-down"},     {"slot-missed", "slot-missed"},
     };
     print_columns(out, node, controller, COUNT_OF(controller));
     print_columns(out, json_object_get(node, "errors"), errors, COUNT_OF(errors));

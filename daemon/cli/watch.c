@@ -20,7 +20,7 @@ static const char help[] =
     "\n"
     "  KIND         only events of these kinds: fault, link, drop, restart, arbitration-lost,\n"
     "               improper-arbitration, error, overload, protocol-exception, overrun, rx, tx,\n"
-    "               wake, state, skip, record, sync\n"
+    "               wake, state, skip, record, sync, capture\n"
     "      --json   lines of JSON, as the bus sends them, on a terminal, too\n"
     "      --text   the table, not only on a terminal\n";
 

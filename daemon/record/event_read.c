@@ -116,6 +116,10 @@ static bool read_details(cw_event *out, const json_t *line)
         return find_wake(&out->why, text_of(line, "by"));
     if (out->kind == CW_EVENT_DROP)
         return find_drop(&out->why, text_of(line, "why"));
+    if (out->kind == CW_EVENT_CAPTURE) {
+        const json_int_t local = json_integer_value(json_object_get(line, "local-time"));
+        out->local_time = local > 0 ? (uint64_t)local : 0;
+    }
     if (out->kind == CW_EVENT_SKIP) {
         json_int_t ns = json_integer_value(json_object_get(line, "skipped_ns"));
         out->ticks = ns > 0 ? (uint64_t)ns / 25 * 2 : 0;

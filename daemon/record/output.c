@@ -283,8 +283,10 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_error(at, event);
     case CW_EVENT_OVERRUN:
     case CW_EVENT_RX:
-    case CW_EVENT_TX:
         return put_frame(at, &event->frame);
+    case CW_EVENT_TX:
+        at = put_frame(at, &event->frame);
+        return event->trigger ? put_number(at, ",\"late_ns\":", text_ticks_ns(event->late)) : at;
     case CW_EVENT_STATE:
         at = put_word(at, ",\"state\":\"", cw_state_name(event->state));
         at = put_counters(at, event);
@@ -296,6 +298,9 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
     case CW_EVENT_SYNC:
         return put_sync(at, event);
+    case CW_EVENT_CAPTURE:
+        at = put_frame(at, &event->frame);
+        return put_number(at, ",\"local-time\":", event->local_time);
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_EXCEPTION:

@@ -19,7 +19,7 @@
 #define ERROR_TEXT_MAX 400
 #define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
 #define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
-#define USUAL_KINDS (EVERY_KIND & ~(1u << CW_EVENT_SYNC))
+#define USUAL_KINDS (EVERY_KIND & ~(1u << CW_EVENT_SYNC) & ~(1u << CW_EVENT_CAPTURE))
 #define RECORD_NAME "record"
 
 typedef struct request {

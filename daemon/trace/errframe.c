@@ -359,6 +359,7 @@ bool errframe_from_event(errframe *out, const cw_event *event, unsigned modes,
     case CW_EVENT_WAKE:
     case CW_EVENT_SKIP:
     case CW_EVENT_SYNC:
+    case CW_EVENT_CAPTURE:
     case CW_EVENT_COUNT:
         break;
     }

@@ -56,27 +56,37 @@ static void run_all_due(cw_bus *bus)
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
+static void step_bit(cw_bus *bus)
+{
+    cw_step_bit(bus);
+    if (bus->tt)
+        cw_tt_look(bus);
+}
+
 /* Goes on by some bits, at least one. */
 static void go_on(cw_bus *bus, uint64_t tick)
 {
     if (cw_is_off_grid(bus)) {
         if (!cw_timed_may_leap(bus) ||
-            (!cw_timed_frame_go(bus, tick) && !cw_timed_rest_go(bus, tick)))
+            ((bus->tt || !cw_timed_frame_go(bus, tick)) && !cw_timed_rest_go(bus, tick)))
             cw_step_bit_times(bus, tick);
         return;
     }
     if (bus->stepping || bus->watching) {
-        cw_step_bit(bus);
+        step_bit(bus);
         return;
     }
-    if (cw_frame_step_go(bus, tick))
+    if (cw_frame_step_go(bus, tick)) {
+        if (bus->tt && !bus->frame_step.active) /* maybe by a single bit */
+            cw_tt_look(bus);
         return;
+    }
     bool level = cw_held_level(bus);
     uint64_t bits = cw_run_reach(bus, level, tick);
     if (bits > 0)
         cw_run_go(bus, bits, level);
     else
-        cw_step_bit(bus);
+        step_bit(bus);
 }
 
 /* Goes up to a tick, or stops when work and events reach `enough`; goes at least one bit. */

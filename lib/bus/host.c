@@ -47,6 +47,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     bus->detached |= cw_node_bit(i);
     bus->removed |= cw_node_bit(i);
     bus->restarts[i].at = CW_NEVER;
+    cw_tt_stop(bus, i);
     cw_find_node_due(bus);
     cw_flush_queue(bus, i, CW_DROP_REMOVED);
     cw_flush_inbox(bus, i);
@@ -137,6 +138,7 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
         restart(bus, i);
     cw_sleep_run(bus, i);
     cw_buffers_run(bus, i);
+    cw_tt_run(bus, i);
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
@@ -162,7 +164,11 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
                   cw_new_timing_valid(bus, i, &next, new_data(s));
     const bool changes_way = s->which & (CW_SET_WAY | CW_SET_RINGING);
     const bool wake = !(s->which & CW_SET_WAKE) || cw_sleep_valid(&s->sleep);
-    return queue && limit && timing && wake && (!changes_way || cw_new_way_valid(bus, i, s));
+    const bool unit = !(s->which & CW_SET_UNIT) ||
+                      ((s->which & CW_SET_QUANTUM) && s->unit >= CW_TICK / 2 &&
+                       s->unit <= 2 * CW_LOCAL_UNIT_MAX);
+    return queue && limit && timing && wake && unit &&
+           (!changes_way || cw_new_way_valid(bus, i, s));
 }
 
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
@@ -231,6 +237,8 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)
         cw_confinement_set_warning_limit(&cw_own_mac(bus, i)->confinement, s->warning_limit);
+    if (bus->tt && (s->which & CW_SET_UNIT))
+        cw_tt_give_unit(bus, i, s->unit, timing.quantum);
     if (s->which & (CW_SET_TIMING | CW_SET_DATA))
         cw_retime(bus, i, &timing, new_data(s));
     if (s->which & (CW_SET_WAY | CW_SET_RINGING))

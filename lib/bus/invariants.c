@@ -50,6 +50,7 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert(bus->node_due <= bus->sleeps[i].awake_at);
     assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
     assert(bus->node_due <= bus->restarts[i].at && bus->node_due <= cw_buffers_due(bus, i));
+    assert(bus->node_due <= cw_tt_due(bus, i));
     (void)cw_node_get_stats(bus, i, &stats);
     assert(cw_node_stats_balance(&stats));
     assert((cw_mailbox_replies(bus, i) > 0) == (bus->replying >> i & 1u));
@@ -66,7 +67,8 @@ static void assert_sums(const cw_bus *bus)
     }
     assert(bus->stored == stored && stored <= bus->stored_most);
     assert(bus->queued == queued);
-    assert(bus->inbox.count == handed_in && bus->inbox.count <= bus->inbox.capacity);
+    assert(bus->inbox.count == handed_in + cw_count_bits(bus->inbox.triggered) &&
+           bus->inbox.count <= bus->inbox.capacity);
     assert(bus->load.unit > 1 || bus->load.bits <= bus->stats.bits); /* less: see takeover.c */
     assert(bus->load.bits <= cw_now(bus));
     assert(bus->time.short_by == 0);

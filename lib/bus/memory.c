@@ -31,13 +31,39 @@ static bool mailboxes_valid(const cw_host_config *h)
     return h->mailbox_count <= CW_MAILBOXES_MAX && (unsigned)h->transmit < CW_TRANSMIT_COUNT;
 }
 
+static bool local_time_valid(const cw_local_time *l)
+{
+    return l->bits == 0 ||
+           (l->bits >= CW_LOCAL_BITS_MIN && l->bits <= CW_LOCAL_BITS_MAX &&
+            l->unit >= CW_TICK / 2 && l->unit <= 2 * CW_LOCAL_UNIT_MAX && /* by an inexact clock */
+            (uint64_t)l->start >> l->bits == 0);
+}
+
+static bool trigger_valid(const cw_time_trigger *t, const cw_local_time *l)
+{
+    return t->slot >= 1 && ((uint64_t)t->at >> l->bits) == 0 &&
+           ((uint64_t)t->slot >> l->bits) == 0 &&
+           (t->repeat == 0 || t->cycle < t->repeat) && cw_frame_valid(&t->frame);
+}
+
+static bool schedule_valid(const cw_schedule *s, const cw_local_time *l)
+{
+    bool valid = s->cycles <= CW_CYCLES_MAX && s->trigger_count <= CW_TRIGGERS_MAX &&
+                 (s->cycles == 0 || l->bits) && (s->cycles || s->trigger_count == 0);
+    for (unsigned k = 0; valid && k < s->trigger_count; k++)
+        valid = trigger_valid(&s->triggers[k], l) &&
+                (k == 0 || s->triggers[k - 1].at <= s->triggers[k].at);
+    return valid;
+}
+
 static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&
            c->warning_limit >= 1 && c->warning_limit <= 255 && cw_sleep_valid(&c->sleep) &&
            cw_protocol_valid(c->protocol) &&
            c->host.filter_count <= CW_NODE_FILTERS_MAX &&
-           c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX && mailboxes_valid(&c->host);
+           c->host.receive_buffers <= CW_RECEIVE_BUFFERS_MAX && mailboxes_valid(&c->host) &&
+           local_time_valid(&c->local) && schedule_valid(&c->schedule, &c->local);
 }
 
 static bool has_buffers(const cw_bus_config *c)
@@ -121,15 +147,24 @@ static uint16_t queue_room(const cw_bus_config *c, unsigned node)
     return (uint16_t)(room + cw_count_bits(boxes_for(&n->host, CW_MAILBOX_REPLY)));
 }
 
+static unsigned nodes_with_triggers(const cw_bus_config *c)
+{
+    unsigned nodes = 0;
+    for (unsigned i = 0; i < c->node_count; i++)
+        nodes += c->nodes[i].schedule.trigger_count > 0;
+    return nodes;
+}
+
 /* Returns the least size of the ring with which the bus never stands still. */
 static unsigned least_ring(const cw_bus_config *c)
 {
     const unsigned rules = (unsigned)c->rule_count + c->rule_room;
     const unsigned bits = cw_bits_of_bit_time(c);
     unsigned events = bits * c->node_count * CW_EVENTS_PER_NODE + (bits + 1) * rules +
-                      2u * c->inbox + CW_HELD_FRAMES + c->node_count;
+                      2u * (c->inbox + nodes_with_triggers(c)) + CW_HELD_FRAMES + c->node_count;
     for (unsigned i = 0; i < c->node_count; i++)
-        events += queue_room(c, i) + stored_limit(&c->nodes[i].host);
+        events += queue_room(c, i) + stored_limit(&c->nodes[i].host) +
+                  c->nodes[i].schedule.trigger_count;
     return events;
 }
 
@@ -175,6 +210,48 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
                                   .reply_boxes = boxes_for(h, CW_MAILBOX_REPLY),
                                   .transmit = (uint8_t)h->transmit};
         bus->overload_when_full = bus->overload_when_full || h->overload_when_full;
+    }
+}
+
+static bool has_local_time(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++)
+        if (c->nodes[i].local.bits)
+            return true;
+    return false;
+}
+
+static void init_tt(cw_tt *tt, const cw_bus_config *c, unsigned node)
+{
+    const cw_node_config *n = &c->nodes[node];
+    const cw_span quantum = cw_bit_timing_of(c, node).quantum;
+    *tt = (cw_tt){.config = n->local, .schedule = n->schedule,
+                  .clock = cw_local_begin(n->local.unit, quantum, n->local.start),
+                  .base = n->local.start, .pending = {.due = CW_NEVER}, .deadline = CW_NEVER,
+                  .hand_in = CW_NEVER};
+}
+
+static void carve_tt(arena *a, cw_bus *bus, const cw_bus_config *c)
+{
+    if (!has_local_time(c))
+        return;
+    cw_tt *tt = carve(a, c->node_count, sizeof *tt);
+    if (bus)
+        bus->tt = tt;
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_schedule *s = &c->nodes[i].schedule;
+        cw_time_trigger *triggers = carve(a, s->trigger_count, sizeof *triggers);
+        cw_trigger_stats *stats = carve(a, s->trigger_count, sizeof *stats);
+        if (!bus)
+            continue;
+        init_tt(&tt[i], c, i);
+        bus->triggers += s->trigger_count;
+        for (unsigned k = 0; k < s->trigger_count; k++) {
+            triggers[k] = s->triggers[k];
+            stats[k] = (cw_trigger_stats){.slots = 0};
+        }
+        tt[i].schedule.triggers = triggers;
+        tt[i].stats = stats;
     }
 }
 
@@ -252,7 +329,8 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
-    void *entries = carve(a, c->inbox, entry_size);
+    const unsigned inbox_room = c->inbox + nodes_with_triggers(c);
+    void *entries = carve(a, inbox_room, entry_size);
     void *ring = carve(a, events, event_size);
     cw_fd_part *fd_parts = has_fd(c) ? carve(a, c->node_count + 1u, sizeof *fd_parts) : NULL;
     if (bus) {
@@ -265,7 +343,8 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->fd = has_fd(c);
         bus->fd_parts = fd_parts;
         bus->inbox = (inbox){.entries = entries, .entry_size = (unsigned)entry_size,
-                             .capacity = c->inbox, .next = CW_NEVER};
+                             .capacity = inbox_room, .kept_free = inbox_room - c->inbox,
+                             .next = CW_NEVER};
         bus->ring = (event_ring){.events = ring, .event_size = (unsigned)event_size,
                                  .capacity = events};
     }
@@ -273,6 +352,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     carve_timed(a, bus ? &bus->timed : NULL, c);
     carve_queues(a, nodes, c);
     carve_buffers(a, bus, c);
+    carve_tt(a, bus, c);
     return bus;
 }
 
@@ -325,6 +405,8 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     cw_init_timing(bus, config);
     cw_link_rules(bus, config->seed);
     cw_ring_find_enough(bus);
+    for (unsigned i = 0; bus->tt && i < config->node_count; i++)
+        cw_tt_start(bus, i);
     for (unsigned i = 0; i < config->rule_count; i++) {
         unsigned index;
         if (cw_bus_add_rule(bus, &index, &config->rules[i]) != CW_OK)

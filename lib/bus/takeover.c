@@ -24,6 +24,12 @@ static void drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why)
     cw_push_drop(bus, i, CW_SIDE_TX, &short_one, why, cw_now(bus));
 }
 
+/* Returns true when a node has the schedule that it had. */
+static bool keeps_triggers(const cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
+{
+    return bus->tt && old->tt && cw_tt_goes_on(&bus->tt[i], &old->tt[from]);
+}
+
 /* Puts a frame into the queue of a node, as its controller would send it. */
 static bool put(bus_node *n, const cw_queue_slot *slot)
 {
@@ -58,6 +64,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
         return;
     }
     cw_queue_at(&n->queue, n->queue.newest)->tried = slot->tried;
+    cw_queue_at(&n->queue, n->queue.newest)->trigger = slot->trigger;
     if (bus->buffers)
         cw_mailboxes_find_again(bus, i, reply);
     if (old->offered_slot == from) /* of a frame under way, or of one whose end is to be reported */
@@ -172,8 +179,35 @@ static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->inbox.count; i++) {
         const inbox_entry *e = cw_inbox_at(&old->inbox, i);
-        if (to[e->node] != CW_NO_NODE)
-            (void)cw_node_send(bus, to[e->node], e->frame, e->at_tick);
+        const unsigned node = to[e->node];
+        if (node == CW_NO_NODE)
+            continue;
+        if (e->trigger && keeps_triggers(bus, node, old, e->node))
+            cw_inbox_put_triggered(bus, node, e->frame, e->at_tick, e->trigger);
+        if (!e->trigger) /* one of another schedule is not due any more */
+            (void)cw_node_send(bus, node, e->frame, e->at_tick);
+    }
+}
+
+/* Makes frames of triggers ordinary ones, which belong to no slot any more. */
+static void forget_triggers(bus_node *n)
+{
+    for (unsigned k = 0; k < n->queue.count; k++)
+        cw_queue_at(&n->queue, cw_queue_nth(&n->queue, k))->trigger = 0;
+}
+
+/* Local times go on. */
+static void take_over_tt(cw_bus *bus, const cw_bus *old, const uint8_t *from, const uint8_t *to)
+{
+    for (unsigned i = 0; old->tt && i < bus->node_count; i++) {
+        if (from[i] == CW_NO_NODE)
+            continue;
+        if (!keeps_triggers(bus, i, old, from[i]))
+            forget_triggers(&bus->nodes[i]);
+        if (bus->tt)
+            cw_tt_take_over(bus, i, &old->tt[from[i]], to);
+        if (bus->removed & cw_node_bit(i))
+            cw_tt_stop(bus, i);
     }
 }
 
@@ -249,7 +283,8 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
         taken |= cw_node_bit(from[i]);
     }
     const bool one_rate = cw_rate_equal(cw_wire_rate(&bus->time), cw_wire_rate(&old->time));
-    return one_rate && cw_now(bus) == 0 && bus->inbox.capacity >= old->inbox.count;
+    return one_rate && cw_now(bus) == 0 &&
+           bus->inbox.capacity - bus->inbox.kept_free >= old->inbox.count;
 }
 
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
@@ -294,6 +329,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);
     take_over_buffers(bus, old, from, to);
+    take_over_tt(bus, old, from, to);
     cw_find_node_due(bus);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);

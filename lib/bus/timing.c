@@ -380,6 +380,8 @@ void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing, const cw_da
         cw_timed_retime_rates(bus, i);
     else if (!bus->timed.active)
         cw_timed_set_timing(n, timing);
+    if (!bus->timed.active && bus->tt)
+        cw_tt_retime(bus, i, (cw_instant){.tick = cw_now(bus)});
     const uint32_t permille = (uint32_t)(bit_length(timing) / (bus->timed.bit_time / 1000));
     if (permille < bus->timed.fastest_permille)
         bus->timed.fastest_permille = permille;

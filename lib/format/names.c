@@ -70,7 +70,7 @@ const char *cw_drop_name(cw_drop why)
 {
     static const char *const names[CW_DROP_COUNT] = {"queue-full",  "one-shot",  "bus-off",
                                                      "listen-only", "bad-frame", "fault",
-                                                     "removed",     "link-down"};
+                                                     "removed",     "link-down", "slot-missed"};
     assert(why < CW_DROP_COUNT);
     return names[why];
 }
@@ -87,6 +87,7 @@ const char *cw_event_name(cw_event_kind kind)
         "rx",       "tx",
         "wake",     "state",
         "skip",     "sync",
+        "capture",
     };
     assert(kind < CW_EVENT_COUNT);
     return names[kind];

@@ -447,7 +447,7 @@ bool cw_mac_holds_wire(const cw_mac *m)
 /* Gives up the frame of an attempt that has failed (M13, L1). */
 static void give_up_one_shot(cw_mac *m, cw_mac_report *r)
 {
-    if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
+    if (m->modes & CW_MODES_SINGLE)
         drop_offer(m, CW_DROP_ONE_SHOT, r);
 }
 

@@ -15,6 +15,9 @@
 #define CW_DELIMITER_BITS 8u
 #define CW_QUIET_FOREVER CW_BITS_FOREVER
 
+/* Modes in which a frame is tried once (M13, L1). */
+#define CW_MODES_SINGLE (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED)
+
 /* Modes in which a controller does something else than others do at the same levels. */
 #define CW_MODES_APART                                                                             \
     (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED | CW_MODE_TIME_TRIGGERED)
@@ -176,6 +179,12 @@ void cw_mac_go_behind_frame(cw_mac *mac, cw_role role, unsigned bits);
 /* Makes a receiver at a point of its own offered frame the transmitter of that frame. So many bits
  * of it are on the wire. */
 void cw_mac_become_transmitter(cw_mac *mac, unsigned bits);
+
+/* Returns true when the bit before the next one was a SOF that the controller has sampled. */
+static inline bool cw_mac_has_seen_sof(const cw_mac *mac)
+{
+    return mac->phase == CW_MAC_FRAME && mac->part == CW_PART_BASE_ID && mac->index == 0;
+}
 
 /* Returns true when the next bit belongs to a frame, its intermission or to error signalling. */
 bool cw_mac_is_busy(const cw_mac *mac);

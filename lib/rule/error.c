@@ -32,6 +32,7 @@ static uint32_t error_class(const cw_event *e)
     case CW_EVENT_WAKE:
     case CW_EVENT_SKIP:
     case CW_EVENT_SYNC:
+    case CW_EVENT_CAPTURE:
     case CW_EVENT_COUNT:
         break;
     }

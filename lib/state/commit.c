@@ -31,6 +31,14 @@ static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsi
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
+/* Adds what time-triggered operation has to say of a frame that has been sent. */
+static void commit_time(cw_bus *bus, unsigned i, const cw_queue_slot *slot, cw_event *e)
+{
+    e->trigger = slot->trigger;
+    e->late = slot->trigger ? cw_tt_late(bus, i, slot) : 0;
+    cw_tt_sent(bus, i, slot);
+}
+
 void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
     bus_node *n = &bus->nodes[i];
@@ -41,6 +49,8 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     cw_frame_copy(&e->frame, slot->frame);
     e->from = cw_node_bit(i);
     e->handed_in = slot->handed_in;
+    if (bus->tt)
+        commit_time(bus, i, slot, e);
 }
 
 /* Commits that a one-shot node has given up its frame. */
@@ -48,17 +58,23 @@ static void commit_given_up(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     cw_remove_slot(bus, i, n->offered_slot);
-    cw_push_drop(bus, i, CW_SIDE_TX, offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus));
+    if (bus->tt)
+        cw_tt_failed(bus, i, n->offered_slot);
+    cw_push_drop(bus, i, CW_SIDE_TX, offered_slot(n)->frame, CW_DROP_ONE_SHOT, cw_now(bus))
+        ->trigger = offered_slot(n)->trigger;
 }
 
 void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
 {
     bus->nodes[i].stats.arbitration_lost++;
     bus->stats.arbitration_lost++;
+    if (bus->tt)
+        cw_tt_lost(bus, i, bus->nodes[i].offered_slot);
     if (!cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && bus->rules.error_rules == 0)
         return;
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ARBITRATION_LOST, i);
     e->lost_bit = bit;
+    e->trigger = offered_slot(&bus->nodes[i])->trigger;
     cw_frame_copy(&e->frame, offered_slot(&bus->nodes[i])->frame);
     e->frame.flags &= (uint8_t)~CW_FRAME_ESI; /* it has not been sent */
     cw_rules_error(&bus->rules, i, e);
@@ -141,9 +157,11 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;
     }
+    const frame_origin origin = find_origin(bus, i);
+    if (bus->tt)
+        cw_tt_received(bus, i, &frame, origin.from);
     if (!cw_buffers_accept(bus, i, &frame))
         return;
-    const frame_origin origin = find_origin(bus, i);
     cw_buffers_receive(bus, i, &frame, &origin);
 }
 

@@ -4,6 +4,7 @@
  */
 #include "state/state.h"
 
+#include <assert.h>
 #include <string.h>
 
 /* An entry outside of the inbox. */
@@ -80,9 +81,9 @@ __attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
 
 /* A bus without FD drops an FD frame later. The event then has the begin of its data. */
 static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_frame *frame,
-                uint64_t at_tick)
+                uint64_t at_tick, unsigned trigger)
 {
-    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node};
+    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node, .trigger = (uint8_t)trigger};
     memcpy(entry->frame, frame, sizeof(cw_short_frame));
     if (!cw_frame_is_fd(frame))
         return;
@@ -92,24 +93,47 @@ static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_f
         cw_frame_cut(entry->frame);
 }
 
-cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
+/* Adds a frame, for which there must be room. */
+static void add(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick,
+                unsigned trigger)
 {
     inbox *box = &bus->inbox;
+    assert(box->count < box->capacity);
+    unsigned place = box->count++;
+    for (; place > 0 && comes_after(cw_inbox_at(box, place - 1), at_tick, i); place--)
+        copy(box, place, place - 1);
+    put(bus, cw_inbox_at(box, place), i, frame, at_tick, trigger);
+    find_next(box);
+}
+
+/* Returns the frames of hosts for which there is room. */
+static unsigned room(const inbox *box)
+{
+    const unsigned of_hosts = box->count - cw_count_bits(box->triggered);
+    return box->capacity - box->kept_free - of_hosts;
+}
+
+cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
+{
+    const inbox *box = &bus->inbox;
     if (i >= bus->node_count)
         return CW_INVALID;
     if (at_tick < cw_now(bus))
         at_tick = cw_now(bus);
     if (at_tick == cw_now(bus) && hand_in_now(bus, i, frame))
         return CW_OK;
-    if (box->count == box->capacity)
+    if (room(box) == 0)
         return CW_FULL;
-    unsigned place = box->count++;
-    for (; place > 0 && comes_after(cw_inbox_at(box, place - 1), at_tick, i); place--)
-        copy(box, place, place - 1);
-    put(bus, cw_inbox_at(box, place), i, frame, at_tick);
-    find_next(box);
+    add(bus, i, frame, at_tick, 0);
     bus->nodes[i].inbox++;
     return CW_OK;
+}
+
+void cw_inbox_put_triggered(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick,
+                            unsigned trigger)
+{
+    bus->inbox.triggered |= cw_node_bit(i);
+    add(bus, i, frame, tick > cw_now(bus) ? tick : cw_now(bus), trigger);
 }
 
 /* Frames for the same tick stay in their order. */
@@ -149,13 +173,17 @@ uint64_t cw_bus_inbox_first(const cw_bus *bus)
 
 unsigned cw_bus_inbox_room(const cw_bus *bus)
 {
-    return bus->inbox.capacity - bus->inbox.count;
+    return room(&bus->inbox);
 }
 
 /* Rules on the host side see the frame first, then it is queued. */
 __attribute__((flatten)) static void hand_in(cw_bus *bus, inbox_entry *entry)
 {
     cw_frame *frame = entry->frame; /* with room for what rules make of it */
+    if (entry->trigger) { /* its host has nothing to do with it */
+        cw_tt_hand_in(bus, entry->node, frame, entry->at_tick, entry->trigger);
+        return;
+    }
     bus->nodes[entry->node].inbox--;
     bus->nodes[entry->node].stats.handed_in++;
     if (cw_rules_hand_in(&bus->rules, entry->node, frame, entry->at_tick))
@@ -221,10 +249,15 @@ void cw_flush_inbox(cw_bus *bus, unsigned i)
             copy(box, kept++, k);
             continue;
         }
-        bus->nodes[i].stats.handed_in++;
-        bus->nodes[i].inbox--;
+        if (entry->trigger) {
+            bus->nodes[i].stats.made_by_rules++;
+        } else {
+            bus->nodes[i].stats.handed_in++;
+            bus->nodes[i].inbox--;
+        }
         cw_push_drop(bus, i, CW_SIDE_TX, entry->frame, CW_DROP_REMOVED, cw_now(bus));
     }
+    box->triggered &= ~cw_node_bit(i);
     box->count = kept;
     find_next(box);
 }

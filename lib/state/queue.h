@@ -20,6 +20,7 @@ typedef struct cw_queue_slot {
     uint8_t bytes;      /* of its data field */
     bool tried;         /* a transmission has begun; false after a put */
     uint8_t behind_brs; /* wire bit after BRS; 0: no FD frame */
+    uint8_t trigger;    /* 1 + number of the trigger that it belongs to; 0: none */
     cw_frame frame[];   /* one, in its short form where the bus has no FD */
 } cw_queue_slot;
 

@@ -23,7 +23,8 @@ void cw_find_node_due(cw_bus *bus)
     bus->node_due = CW_NEVER;
     for (unsigned i = 0; i < bus->node_count; i++) {
         bus->node_due = cw_least(bus->node_due,
-                                 cw_least(bus->restarts[i].at, cw_buffers_due(bus, i)));
+                                 cw_least(cw_tt_due(bus, i),
+                                          cw_least(bus->restarts[i].at, cw_buffers_due(bus, i))));
         bus->node_due = cw_least(bus->node_due, bus->sleeps[i].awake_at);
     }
 }

@@ -17,7 +17,7 @@ static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in
     const cw_rule_set *set = &bus->rules;
     const uint64_t of_nodes = (uint64_t)bus->node_count * CW_EVENTS_PER_NODE;
     const uint64_t of_rules = (bus->timed.bits_of_bit_time + 1u) * (uint64_t)set->count;
-    return bus->timed.bits_of_bit_time * of_nodes + of_rules + queued +
+    return bus->timed.bits_of_bit_time * of_nodes + of_rules + queued + bus->triggers +
            (handed_in + held + bus->node_count) * (1 + set->host_rules + set->copies);
 }
 
@@ -197,8 +197,8 @@ void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
     bus->stats.faults++;
 }
 
-void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, cw_drop why,
-                  uint64_t tick)
+cw_event *cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, cw_drop why,
+                       uint64_t tick)
 {
     cw_event *e = cw_push_event(bus, CW_EVENT_DROP, tick, cw_node_bit(i));
     e->why = (uint8_t)why;
@@ -210,6 +210,7 @@ void cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, 
         stats->dropped[why]++;
     else
         stats->rx_dropped[why]++;
+    return e;
 }
 
 void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)

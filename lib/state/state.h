@@ -12,6 +12,7 @@
  *                replies.c their replies to remote frames
  *   order.c      tells when an arbitration was not won by the lowest identifier
  *   sleep.c      nodes that sleep, and what wakes them
+ *   tt.c         local time, basic cycles and slots of time-triggered nodes
  *   note.c       the bit in progress, for traces; rates.c the two rates of a node
  *   agenda.c     what nodes with clocks of their own do next, see timed.h
  */
@@ -27,6 +28,7 @@
 #include "state/sleep.h"
 #include "state/stats.h"
 #include "state/timed.h"
+#include "state/tt.h"
 #include "time/wire.h"
 
 #define CW_WRONG_CRC 0x8u /* beside CW_DEVIATES_*: the last bit of the CRC is inverted */
@@ -59,6 +61,7 @@ typedef struct cw_start {
 typedef struct inbox_entry {
     uint64_t at_tick;
     uint8_t node;
+    uint8_t trigger; /* as in cw_queue_slot */
     cw_frame frame[]; /* one, in its short form where the bus has no FD */
 } inbox_entry;
 
@@ -69,6 +72,8 @@ typedef struct inbox {
     unsigned capacity;
     unsigned first;
     unsigned count;
+    unsigned kept_free; /* entries for triggers, one for each node that has some */
+    uint64_t triggered; /* nodes with a frame of a trigger in it */
     uint64_t next; /* tick of the first one, or CW_NEVER */
 } inbox;
 
@@ -164,7 +169,7 @@ struct cw_bus {
     cw_wire_time time;
     unsigned node_count;
     uint64_t node_due; /* the earliest of `restarts`, of frames that hosts fetch, and of nodes that
-                          are awake again */
+                          are awake again, and of `tt` */
     uint64_t recessive_bits;
     uint64_t clean_bits;   /* of clean frames, not in the statistics yet; 0 between public calls */
     uint64_t work;         /* see cw_bus_work() */
@@ -212,6 +217,8 @@ struct cw_bus {
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */
     uint32_t stored;         /* frames in all receive buffers now ... */
     uint32_t stored_most;    /* ... and at most */
+    cw_tt *tt;               /* ... or NULL: no node has local time */
+    uint32_t triggers;       /* of all nodes */
     cw_rule_set rules;
     cw_timed timed;
     bit_note note;
@@ -303,6 +310,10 @@ void cw_take_inbox_of(cw_bus *bus, unsigned node);
 
 /* Does the same with the frames of a node that come before a tick, wherever they are. */
 void cw_take_inbox_of_before(cw_bus *bus, unsigned node, uint64_t tick);
+
+/* Puts the frame of a trigger, 1 + number, into the inbox. The node has no other one in it. */
+void cw_inbox_put_triggered(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
+                            unsigned trigger);
 
 /* Drops all frames of a node from the inbox. */
 void cw_flush_inbox(cw_bus *bus, unsigned node);
@@ -463,6 +474,67 @@ static inline cw_mac_phase cw_phase_of(const cw_bus *bus, unsigned node)
     return bus->listening >> node & 1u ? CW_MAC_ASLEEP : (cw_mac_phase)cw_mac_of(bus, node)->phase;
 }
 
+/* ---- tt.c, for a bus with local times but where it says so ----------------------------------- */
+
+/* Starts the schedule of a node, or ends it for good, if it has one. The bus need have none. */
+void cw_tt_start(cw_bus *bus, unsigned node);
+void cw_tt_stop(cw_bus *bus, unsigned node);
+
+/* Returns the next tick at which a node has something to do; CW_NEVER also where no node has local
+ * time. */
+uint64_t cw_tt_due(const cw_bus *bus, unsigned node);
+
+/* Does what is due for a node; nothing where no node has local time. */
+void cw_tt_run(cw_bus *bus, unsigned node);
+
+/* Note the SOF that began at a tick, for nodes that have seen it. Bits are common to all nodes. */
+void cw_tt_see_sof(cw_bus *bus, unsigned node, uint64_t begin);
+void cw_tt_see_sofs(cw_bus *bus, uint64_t nodes, uint64_t begin);
+
+/* Looks for nodes that have seen a SOF in the bit that has passed. */
+void cw_tt_look(cw_bus *bus);
+
+/* Note the sample point of a SOF, or of the last bit of EOF, of a node that goes by its own
+ * clock. */
+void cw_tt_see_sof_at(cw_bus *bus, unsigned node, cw_span moment);
+void cw_tt_see_eof_at(cw_bus *bus, unsigned node, cw_span moment);
+
+/* Ends the slot of such a node when that is over at a moment, at which a bit of it begins. */
+void cw_tt_close_at(cw_bus *bus, unsigned node, cw_span moment);
+
+/* Lets the clock of a node go on at the rate of its new bit timing, from an instant on. */
+void cw_tt_retime(cw_bus *bus, unsigned node, cw_instant from);
+
+/* Gives a node another unit of local time, with its next bit timing. */
+void cw_tt_give_unit(cw_bus *bus, unsigned node, cw_span unit, cw_span quantum);
+
+/* Takes a frame of a trigger, 1 + number, out of the inbox. */
+void cw_tt_hand_in(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
+                   unsigned trigger);
+
+/* Note what has become of the frame in a slot of a queue. The node has begun to send it at a tick,
+ * has lost arbitration with it, or has given it up after its only attempt. */
+void cw_tt_started(cw_bus *bus, unsigned node, unsigned slot, uint64_t tick);
+void cw_tt_lost(cw_bus *bus, unsigned node, unsigned slot);
+void cw_tt_failed(cw_bus *bus, unsigned node, unsigned slot);
+
+/* Note that a node has received a frame, from some nodes, or has sent one. */
+void cw_tt_received(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from);
+void cw_tt_sent(cw_bus *bus, unsigned node, const cw_queue_slot *slot);
+
+/* Returns the ticks from its trigger to the begin of the frame that a node has just sent. */
+uint64_t cw_tt_late(const cw_bus *bus, unsigned node, const cw_queue_slot *slot);
+
+/* Returns the bits of a local time that the host of the node sees. */
+uint64_t cw_tt_visible(const cw_tt *tt, uint64_t local);
+
+/* Returns true when counter and schedule of a node are those of another bus. */
+bool cw_tt_goes_on(const cw_tt *tt, const cw_tt *old);
+
+/* Goes on as a node of another bus, whose nodes have other numbers now. */
+void cw_tt_take_over(cw_bus *bus, unsigned node, const cw_tt *old,
+                     const uint8_t to[CW_NODES_MAX]);
+
 /* ---- ring.c ---------------------------------------------------------------------------------- */
 
 /* Events that one node can have in one bit besides drops of frames. */
@@ -508,8 +580,8 @@ void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick);
 
 /* Adds the drop of a frame and counts it. side: the way of the frame, onto the bus or to the
  * host. */
-void cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, cw_drop why,
-                  uint64_t tick);
+cw_event *cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame,
+                       cw_drop why, uint64_t tick);
 
 /* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
@@ -642,12 +714,12 @@ void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
  * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 
-/* Returns true when rules on the host side, filters or buffers may act on a received frame, or it
- * may wake a node. */
+/* Returns true when rules on the host side, filters, buffers or local times may act on a received
+ * frame, or it may wake a node. */
 static inline bool cw_host_side_acts(const cw_bus *bus)
 {
     return bus->rules.host_rules || bus->rules.reply_rules || bus->rules.held_count ||
-           bus->buffers || bus->listening;
+           bus->buffers || bus->listening || bus->tt;
 }
 
 /* Commits that followers have received a frame in this bit, when no other node has a report.

@@ -66,6 +66,13 @@ void cw_note_start(cw_bus *bus, unsigned i)
     cw_bind_rules(bus, i, slot->frame, slot->source);
 }
 
+static void note_start(cw_bus *bus, unsigned i)
+{
+    cw_note_start(bus, i);
+    if (bus->tt)
+        cw_tt_started(bus, i, bus->nodes[i].offered_slot, cw_now(bus));
+}
+
 /* Returns the levels that all nodes put onto their wires; recessive beyond the last node. */
 static uint64_t drive_all(cw_bus *bus)
 {
@@ -84,7 +91,7 @@ static uint64_t drive_all(cw_bus *bus)
         if (cw_mac_drive(&n->mac) == CW_DOMINANT)
             levels &= ~cw_node_bit(i);
         if (n->mac.started)
-            cw_note_start(bus, i);
+            note_start(bus, i);
     }
     return levels;
 }

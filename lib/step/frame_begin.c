@@ -75,7 +75,7 @@ static void encode(bus_node *n)
 static bool hides_losses(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    return !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) &&
+    return !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && !bus->tt &&
            !(step->at_work && (cw_rules_stuck_lines(&bus->rules) & step->contenders));
 }
 
@@ -186,6 +186,17 @@ static void find_won(cw_frame_step *step)
     step->won_at = (uint8_t)(cw_wire_index(&stuffing, end - 1) + 1u);
 }
 
+/* Notes the SOF for all that see it, and the begin of the slots' frames. */
+static void note_times(cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    cw_tt_see_sofs(bus, step->listeners, cw_now(bus));
+    for (uint64_t rest = step->contenders; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        cw_tt_started(bus, i, cw_queue_first(&bus->nodes[i].queue), cw_now(bus));
+    }
+}
+
 bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
 {
     unsigned winner;
@@ -226,5 +237,7 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
     if (improper)
         find_won(&bus->frame_step);
     start_transmissions(bus);
+    if (bus->tt)
+        note_times(bus);
     return true;
 }

@@ -35,7 +35,7 @@ static void count_node(cw_outlook *outlook, const bus_node *n, bool has_boxes, u
         outlook->senders |= self;
     if (n->queue.mode == CW_ORDER_PRIORITY && !has_boxes)
         outlook->orderly |= self & outlook->senders;
-    if (m->modes & (CW_MODE_ONE_SHOT | CW_MODE_TIME_TRIGGERED))
+    if (m->modes & CW_MODES_SINGLE)
         outlook->one_shot |= self;
     if (m->no_ack)
         return;

@@ -175,6 +175,8 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
         end_steadiness(bus);
     }
+    if (bus->tt)
+        cw_tt_close_at(bus, i, moment);
     if (n->queue.count > 0 && cw_mac_can_start(&n->mac)) {
         cw_mailboxes_load(bus, i);
         cw_offer_first(n);
@@ -183,13 +185,26 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
     if (n->mac.started) {
         end_steadiness(bus);
         cw_note_start(bus, i);
+        if (bus->tt)
+            cw_tt_started(bus, i, n->offered_slot, cw_tick_of(bus, moment));
     }
+}
+
+/* Takes the new bit timing of a node, which its local time follows. Not inlined, since it is
+ * rare. */
+__attribute__((noinline)) static void retime(cw_bus *bus, unsigned i, cw_span moment)
+{
+    cw_timed_retime(bus, i);
+    end_steadiness(bus);
+    if (bus->tt)
+        cw_tt_retime(bus, i, cw_instant_after(bus->timed.epoch, moment));
 }
 
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = node_at(bus, i);
-    cw_timed_retime(bus, i);
+    if (n->retimed)
+        retime(bus, i, moment);
     if (bus->timed.rates)
         cw_timed_begin_at_rate(bus, i);
     cw_timed_begin(n);
@@ -284,7 +299,11 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
         cw_timed_compare_late(bus, i, moment);
     if (bus->timed.marking)
         cw_mark_put(bus, CW_MARK_SAMPLE, i, moment, cw_mac_visible(m, level), 0);
+    if (bus->tt && phase == CW_MAC_FRAME && m->part == CW_PART_LAST_EOF)
+        cw_tt_see_eof_at(bus, i, moment);
     cw_mac_sample(m, level, &n->report);
+    if (bus->tt && cw_mac_has_seen_sof(m))
+        cw_tt_see_sof_at(bus, i, moment);
     if (bus->timed.counts)
         cw_sync_count_sample(bus, i, level, moment);
     cw_pcs_sampled(&n->pcs, level);

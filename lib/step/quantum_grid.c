@@ -26,7 +26,10 @@ static void forget_arrivals(const cw_cable *cable, timed_node *n)
 static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
+    const bool retimed = n->retimed;
     cw_timed_retime(bus, i);
+    if (retimed && bus->tt)
+        cw_tt_retime(bus, i, cw_instant_after(bus->timed.epoch, moment));
     if (bus->timed.rates)
         cw_timed_enter_rate(bus, i);
     n->begin = n->next_begin = n->looked = moment;

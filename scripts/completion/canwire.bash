@@ -8,7 +8,7 @@
 _canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
 _canwire_commands+=" restart set reload help"
 _canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload"
-_canwire_events+=" protocol-exception overrun rx tx wake state skip sync"
+_canwire_events+=" protocol-exception overrun rx tx wake state skip sync capture"
 
 # Words of $1 that begin as the word being typed.
 _canwire_words() {

@@ -170,6 +170,48 @@ static void compare_sleep(comparison *c, const cw_sleep_stats *a, const cw_sleep
     same(c, "ticks asleep", a->ticks, b->ticks);
 }
 
+static void compare_times(comparison *c, const cw_node_time *a, const cw_node_time *b)
+{
+    SAME(local);
+    SAME(captured);
+    SAME(captures);
+    SAME(references);
+    SAME(cycle_time);
+    SAME(has_global);
+    SAME(global);
+    SAME(cycle);
+    SAME(in_cycle);
+    SAME(triggers);
+}
+
+static void compare_slots(comparison *c, const cw_trigger_stats *a, const cw_trigger_stats *b)
+{
+    SAME(slots);
+    SAME(started);
+    SAME(sent);
+    SAME(missed);
+    SAME(failed);
+    SAME(lost);
+    SAME(late_least);
+    SAME(late_most);
+}
+
+/* Compares local times and slots of a node. */
+static void compare_schedules(comparison *c, const cw_bus *fast, const cw_bus *reference)
+{
+    cw_node_time times[2];
+    cw_trigger_stats slots[2];
+    const cw_status status = cw_node_get_time(fast, c->number, &times[0]);
+    same(c, "status", status, cw_node_get_time(reference, c->number, &times[1]));
+    if (status != CW_OK)
+        return;
+    compare_times(c, &times[0], &times[1]);
+    for (unsigned k = 0; cw_node_get_trigger_stats(fast, c->number, k, &slots[0]) == CW_OK; k++) {
+        (void)cw_node_get_trigger_stats(reference, c->number, k, &slots[1]);
+        compare_slots(c, &slots[0], &slots[1]);
+    }
+}
+
 static void compare_settings(comparison *c, const cw_settings *a, const cw_settings *b)
 {
     SAME(which);
@@ -214,6 +256,7 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
     if (status == CW_OK)
         compare_syncs(c, &syncs[0], &syncs[1]);
+    compare_schedules(c, fast, reference);
     same(c, "balance", cw_node_stats_balance(&stats[0]), true);
     same(c, "attached", cw_node_attached(fast, c->number), cw_node_attached(reference, c->number));
     status = cw_node_get_settings(fast, c->number, &settings[0]);

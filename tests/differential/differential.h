@@ -171,6 +171,11 @@ extern const cw_mailbox diff_mailboxes[DIFF_MAILBOXES];
 /* Draws what wakes a node. */
 cw_sleep_settings diff_random_sleep(diff_maker *m);
 
+/* Triggers of which nodes have the first ones, of a time master and of others. The master's last
+ * one is its reference message. */
+#define DIFF_TRIGGERS 6u
+extern const cw_time_trigger diff_master[DIFF_TRIGGERS], diff_slave[DIFF_TRIGGERS];
+
 /* Draws two rates, which all nodes can have in common. */
 void diff_random_rates(diff_maker *m, cw_node_timing *timing);
 

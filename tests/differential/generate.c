@@ -112,6 +112,7 @@ typedef struct generator {
     bool old;         /* some nodes are of CAN 2.0A or 2.0B passive */
     bool hosts;       /* some nodes have filters, or slow hosts */
     bool variants;    /* some nodes are not as RULES.md says */
+    bool times;       /* some nodes have local time, or schedules */
     unsigned names;   /* of rules, used so far */
     diff_op *moments; /* of the frames handed in, by the tick at which they come up */
     size_t moment_count;
@@ -220,6 +221,46 @@ static cw_host_config random_host(diff_maker *m)
     return host;
 }
 
+#define TRIGGER(at_, slot_, cycle_, repeat_, id_)                                                  \
+    {                                                                                              \
+        .at = at_, .slot = slot_, .cycle = cycle_, .repeat = repeat_,                              \
+        .frame = {.id = id_, .dlc = 2}                                                             \
+    }
+
+const cw_time_trigger diff_master[DIFF_TRIGGERS] = {
+    TRIGGER(0, 30, 0, 0, 0x111),   TRIGGER(150, 1, 1, 2, 0x112), TRIGGER(151, 60, 0, 0, 0x300),
+    TRIGGER(300, 200, 0, 3, 0x007), TRIGGER(301, 9, 2, 4, 0x055), TRIGGER(650, 40, 0, 0, 0x010)};
+
+const cw_time_trigger diff_slave[DIFF_TRIGGERS] = {
+    TRIGGER(2, 70, 0, 0, 0x113),    TRIGGER(90, 60, 0, 2, 0x555), TRIGGER(150, 3, 1, 2, 0x10F),
+    TRIGGER(300, 200, 0, 0, 0x006), TRIGGER(500, 1, 0, 0, 0x200), TRIGGER(640, 90, 0, 0, 0x400)};
+
+/* A clock with a few units in each bit, or a few bits in each unit. The reference message is that
+ * of the master, or any other one, too. */
+static void random_time(generator *g, cw_node_config *node)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    const uint64_t bit = m->bit * (uint64_t)CW_TICK, parts = diff_magnitude(r, 1, 40);
+    cw_schedule *s = &node->schedule;
+    const uint64_t unit = diff_chance(r, 700) ? bit / parts : bit * parts / 8;
+    if (unit < (uint64_t)CW_TICK || unit > (uint64_t)CW_LOCAL_UNIT_MAX)
+        return;
+    node->local = (cw_local_time){.unit = (cw_span)unit, .at_eof = diff_chance(r, 500)};
+    node->local.bits = (uint8_t)diff_between(r, CW_LOCAL_BITS_MIN, CW_LOCAL_BITS_MAX);
+    node->local.start = (uint32_t)diff_below(r, UINT64_C(1) << node->local.bits);
+    if (diff_chance(r, 200))
+        return;
+    if (diff_chance(r, 800))
+        node->modes |= CW_MODE_TIME_TRIGGERED;
+    s->reference = (cw_filter){.value = 0x010, .mask = diff_chance(r, 800) ? 0x7FF : 0x01F};
+    s->cycles = (uint8_t)diff_magnitude(r, 1, 8);
+    s->cycle_byte = (uint8_t)diff_below(r, 9);
+    const bool master = diff_chance(r, 400);
+    s->trigger_count = (uint16_t)(master ? DIFF_TRIGGERS : diff_below(r, DIFF_TRIGGERS + 1));
+    s->triggers = master ? diff_master : diff_slave;
+}
+
 static cw_node_config random_node(generator *g)
 {
     diff_maker *m = &g->maker;
@@ -247,6 +288,8 @@ static cw_node_config random_node(generator *g)
         node.sleeps = diff_chance(r, 200);
         node.sleep = diff_random_sleep(m);
     }
+    if (g->times && diff_chance(r, 600))
+        random_time(g, &node);
     if (m->fd)
         node.protocol = random_protocol(r);
     if (g->old && (node.protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL && diff_chance(r, 300))
@@ -834,6 +877,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     g.old = diff_chance(&m->random, 100);
     g.variants = diff_chance(&m->random, 100);
     m->sleeps = diff_chance(&m->random, 200);
+    g.times = diff_chance(&m->random, 150);
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);

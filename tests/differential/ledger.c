@@ -54,7 +54,8 @@ static bool rules_leave_frames_alone(const diff_scenario *s)
             alone = alone && leaves_frames_alone(&s->plans[p].rules[i].rule);
         for (unsigned i = 0; i < s->plans[p].config.node_count; i++)
             alone = alone && s->plans[p].nodes[i].host.receive_buffers == 0 &&
-                    s->plans[p].nodes[i].host.mailbox_count == 0;
+                    s->plans[p].nodes[i].host.mailbox_count == 0 &&
+                    s->plans[p].nodes[i].schedule.trigger_count == 0;
     }
     return alone;
 }

@@ -150,6 +150,10 @@ cw_settings diff_random_settings(diff_maker *m)
     if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX && diff_chance(r, 200)) {
         s.which |= CW_SET_TIMING;
         s.timing = random_bit_timing(m);
+        if (diff_chance(r, 200)) {
+            s.which |= CW_SET_UNIT;
+            s.unit = CW_TICK * (cw_span)diff_magnitude(r, 1, 1000);
+        }
     }
     if (m->rates && diff_chance(r, 50)) {
         s.which |= CW_SET_DATA;

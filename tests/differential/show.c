@@ -287,6 +287,8 @@ static bool same_node(const cw_node_config *a, const cw_node_config *b)
            a->warning_limit == b->warning_limit && a->restart_ticks == b->restart_ticks &&
            a->protocol == b->protocol && a->variants == b->variants &&
            memcmp(&a->host, &b->host, sizeof a->host) == 0 &&
+           memcmp(&a->local, &b->local, sizeof a->local) == 0 &&
+           memcmp(&a->schedule, &b->schedule, sizeof a->schedule) == 0 &&
            memcmp(&a->timing, &b->timing, sizeof a->timing) == 0 && a->sleeps == b->sleeps &&
            memcmp(&a->sleep, &b->sleep, sizeof a->sleep) == 0;
 }
@@ -332,6 +334,17 @@ static void write_host(FILE *out, const cw_host_config *h)
         fputs("}, ", out);
 }
 
+static void write_times(FILE *out, const cw_local_time *l, const cw_schedule *s)
+{
+    if (l->bits)
+        fprintf(out, ".local = {%" PRId64 ", %u, %d, %" PRIu32 "}, ", l->unit, l->bits, l->at_eof,
+                l->start);
+    if (s->cycles)
+        fprintf(out, ".schedule = {{0x%" PRIX32 ", 0x%" PRIX32 "}, %u, %u, %u, %s}, ",
+                s->reference.value, s->reference.mask, s->cycles, s->cycle_byte, s->trigger_count,
+                s->triggers == diff_master ? "diff_master" : "diff_slave");
+}
+
 static void write_nodes(FILE *out, const diff_plan *plan)
 {
     for (unsigned i = 0, next; i < plan->config.node_count; i = next) {
@@ -352,6 +365,7 @@ static void write_nodes(FILE *out, const diff_plan *plan)
         write_number(out, "sleeps", n->sleeps);
         if (n->sleep.filter_ticks || n->sleep.wake_ticks || n->sleep.frame_count)
             write_sleep(out, &n->sleep);
+        write_times(out, &n->local, &n->schedule);
         fputs("},\n", out);
     }
 }

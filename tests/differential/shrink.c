@@ -312,7 +312,7 @@ static bool remove_node(diff_scenario *s, unsigned at)
     return true;
 }
 
-#define SETTINGS 9u
+#define SETTINGS 12u
 
 static unsigned setting_places(const diff_scenario *s)
 {
@@ -341,8 +341,14 @@ static bool simplify_setting(diff_scenario *s, unsigned place)
         n->variants = 0;
     else if (place % SETTINGS == 7)
         n->sleeps = false;
-    else
+    else if (place % SETTINGS == 8)
         memset(&n->sleep, 0, sizeof n->sleep);
+    else if (place % SETTINGS == 9)
+        memset(&n->schedule, 0, sizeof n->schedule);
+    else if (place % SETTINGS == 10 && n->schedule.triggers == diff_slave)
+        n->schedule.trigger_count /= 2;
+    else if (place % SETTINGS == 11 && n->schedule.cycles == 0)
+        memset(&n->local, 0, sizeof n->local);
     return node < plan->config.node_count && memcmp(&before, n, sizeof before) != 0;
 }
 

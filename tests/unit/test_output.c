@@ -412,7 +412,8 @@ static void stats_keys_are_in_order(void **state)
                                             "synchronisation",
                                             NULL};
     static const char *const drop_keys[] = {"queue-full", "one-shot", "bus-off", "listen-only",
-                                            "bad-frame",  "fault",    "removed", "link-down", NULL};
+                                            "bad-frame", "fault", "removed", "link-down",
+                                            "slot-missed", NULL};
     static const char *const error_keys[] = {"bit", "stuff", "form", "crc", "ack", NULL};
     static const char *const delay_keys[] = {"count",  "min_ns", "mean_ns", "max_ns",
                                              "p50_ns", "p99_ns", NULL};

@@ -46,6 +46,7 @@ typedef struct sim_options {
     const char *outputs[OUT_COUNT]; /* NULL: not wanted */
     bool step;
     bool sync;
+    bool captures;
 } sim_options;
 
 typedef struct sim {
@@ -53,7 +54,8 @@ typedef struct sim {
     sim_journal journal;
     sim_run run;
     outfile out[OUT_COUNT];
-    bool sync; /* --events has synchronisations, too */
+    bool sync; /* --events has synchronisations, too ... */
+    bool captures; /* ... and captures of local times */
     sim_trace trace;
     sim_until awaited;
     sim_judge judge;
@@ -62,7 +64,7 @@ typedef struct sim {
 static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
     "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
-    "       [--sync] [--step] [--junit F]\n"
+    "       [--sync] [--captures] [--step] [--junit F]\n"
     "       canwire sim --journal FILE ...\n";
 
 static const char help[] =
@@ -85,6 +87,7 @@ static const char help[] =
     "  --events F     every event as a line of JSON\n"
     "  --sync         ... and synchronisations, where clocks or bit timings of nodes differ;\n"
     "                 slower\n"
+    "  --captures     ... and captures of local times\n"
     "  --log F        every transmitted frame as candump -L writes it\n"
     "  --pcapng F     the same and error frames as a capture for Wireshark; bus time is from\n"
     "                 1970 on\n"
@@ -137,7 +140,9 @@ static bool set_until(sim *s, const time_option *o)
 static void write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
-    if (s->out[OUT_EVENTS].stream && (event->kind != CW_EVENT_SYNC || s->sync))
+    const bool asked = (event->kind != CW_EVENT_SYNC || s->sync) &&
+                       (event->kind != CW_EVENT_CAPTURE || s->captures);
+    if (s->out[OUT_EVENTS].stream && asked)
         output_event(s->out[OUT_EVENTS].stream, s->run.config, event);
     if (s->out[OUT_LOG].stream)
         output_log(s->out[OUT_LOG].stream, s->run.config, event);
@@ -178,7 +183,10 @@ static void add_writer(sim *s, const sim_options *o)
         writer.kinds = CW_EVENTS_USUAL;
     if (o->sync)
         writer.kinds |= 1u << CW_EVENT_SYNC;
+    if (o->captures)
+        writer.kinds |= 1u << CW_EVENT_CAPTURE;
     s->sync = o->sync;
+    s->captures = o->captures;
     s->run.step = o->step;
     sim_add_sink(&s->run, &writer);
 }
@@ -389,6 +397,8 @@ static bool take_option(sim_options *o, int option)
         o->journal = optarg;
     else if (option == 'y')
         o->sync = true;
+    else if (option == 'c')
+        o->captures = true;
     else
         o->step = true;
     return true;
@@ -404,6 +414,8 @@ static int check_options(const sim_options *o)
         return refuse("--from and --to", "they are for --vcd and --svg");
     if (o->sync && !o->outputs[OUT_EVENTS])
         return refuse("--sync", "it is for --events");
+    if (o->captures && !o->outputs[OUT_EVENTS])
+        return refuse("--captures", "it is for --events");
     if (shared)
         return refuse(shared, "two outputs into one file");
     return -1;
@@ -420,6 +432,7 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"from", required_argument, NULL, 'f'},
         {"to", required_argument, NULL, 'o'},
         {"sync", no_argument, NULL, 'y'},
+        {"captures", no_argument, NULL, 'c'},
         {"step", no_argument, NULL, 'S'},
         {"help", no_argument, NULL, 'h'},
         {"events", required_argument, NULL, OPTION_OUTPUT + OUT_EVENTS},
@@ -464,7 +477,8 @@ static int run_rig(const sim_options *o)
         .junit = o->outputs[OUT_JUNIT], .stats = o->outputs[OUT_STATS], .step = o->step};
     if (o->until.time.bits > 0)
         return refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
-    if (o->until_event || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] || o->sync)
+    if (o->until_event || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] || o->sync ||
+        o->captures)
         return refuse(o->journal ? o->journal : o->file,
                       "a rig has --until, --seed, --events, --log, --pcapng, --stats, --junit and "
                       "--step");

@@ -125,6 +125,7 @@ static void append_event(note *self, const cw_event *event)
     case CW_EVENT_STATE:
     case CW_EVENT_SKIP:
     case CW_EVENT_SYNC:
+    case CW_EVENT_CAPTURE:
     case CW_EVENT_COUNT:
         break;
     }
