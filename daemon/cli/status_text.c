@@ -174,6 +174,44 @@ static void print_data_timing(FILE *out, const json_t *timing)
         fprintf(out, "\t  tdcv %jd tdco %jd\n", number(timing, "tdcv"), number(timing, "tdco"));
 }
 
+/* Prints local time, and what the node knows of the master's. */
+static void print_local_time(FILE *out, const json_t *time)
+{
+    if (!json_is_object(time))
+        return;
+    fprintf(out, "\t  local-time %jd captures %jd", number(time, "now"), number(time, "captures"));
+    if (json_is_integer(json_object_get(time, "captured")))
+        fprintf(out, " captured %jd at %s", number(time, "captured"), text(time, "capture"));
+    if (json_is_integer(json_object_get(time, "global")))
+        fprintf(out, " global %jd of %s", number(time, "global"), text(time, "master"));
+    fputc('\n', out);
+}
+
+static void print_slots(FILE *out, const json_t *trigger)
+{
+    fprintf(out, "\t    at %jd %s %s: slots %jd sent %jd missed %jd failed %jd arbit-lost %jd",
+            number(trigger, "at"), text(trigger, "frame"), text(trigger, "window"),
+            number(trigger, "slots"), number(trigger, "sent"), number(trigger, "missed"),
+            number(trigger, "failed"), number(trigger, "arbitration_lost"));
+    if (json_is_integer(json_object_get(trigger, "late_max_ns")))
+        fprintf(out, " late %jd to %jd ns", number(trigger, "late_min_ns"),
+                number(trigger, "late_max_ns"));
+    fputc('\n', out);
+}
+
+static void print_schedule(FILE *out, const json_t *schedule)
+{
+    const json_t *triggers = json_object_get(schedule, "triggers");
+    if (!json_is_object(schedule))
+        return;
+    fprintf(out, "\t  schedule cycle %jd of %jd cycle-time %jd references %jd%s\n",
+            number(schedule, "cycle"), number(schedule, "cycles"), number(schedule, "cycle_time"),
+            number(schedule, "references"),
+            json_is_true(json_object_get(schedule, "in_cycle")) ? "" : ", waits for the next one");
+    for (size_t i = 0; i < json_array_size(triggers); i++)
+        print_slots(out, json_array_get(triggers, i));
+}
+
 /* Prints how the clock of a node keeps up with the bus, where nodes have clocks of their own. */
 static void print_synchronisation(FILE *out, const json_t *sync)
 {
@@ -201,6 +239,8 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     print_timing(out, json_object_get(node, "timing"), bitrate, number(settings, "warning-limit"));
     print_data_timing(out, json_object_get(node, "data_timing"));
     print_synchronisation(out, json_object_get(node, "synchronisation"));
+    print_local_time(out, json_object_get(node, "local_time"));
+    print_schedule(out, json_object_get(node, "schedule"));
 }
 
 /* Returns the width of column i, of its name and its number; the last column ends the line. */

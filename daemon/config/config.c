@@ -102,6 +102,13 @@ static cw_host_config host_of(const cfg_controller *controller)
     };
 }
 
+static cw_schedule schedule_of(const cfg_schedule *s)
+{
+    return (cw_schedule){.reference = s->reference, .cycles = s->cycles,
+                         .cycle_byte = s->cycle_byte, .trigger_count = s->trigger_count,
+                         .triggers = s->triggers};
+}
+
 void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++) {
@@ -118,7 +125,10 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
             .host = host_of(&node->controller),
             .sleeps = node->sleeps,
             .sleep = node->sleep,
+            .local = node->local,
+            .schedule = schedule_of(&node->schedule),
         };
+        nodes[i].local.unit = cfg_local_unit(node, node->time.ppm);
     }
     *out = (cw_bus_config){
         .bit_ticks = (uint32_t)cw_rate_ticks(config->rate, 1),

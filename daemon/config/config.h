@@ -131,6 +131,20 @@ typedef struct cfg_controller {
     cw_filter *filters;
 } cfg_controller;
 
+#define CFG_NO_CYCLE_BYTE UINT8_MAX
+
+/* The schedule of a time-triggered node. */
+typedef struct cfg_schedule {
+    cw_filter reference;
+    uint8_t cycles;            /* basic cycles of the matrix; 0: there is no schedule */
+    uint8_t cycle_byte;        /* CFG_NO_CYCLE_BYTE: none */
+    bool master;               /* one of the triggers sends the reference message */
+    uint16_t trigger_count;
+    cw_time_trigger *triggers; /* sorted by `at` */
+    bool *arbitrating;         /* of each: its window is not exclusive */
+    cfg_place place;
+} cfg_schedule;
+
 typedef struct cfg_node {
     char *name;          /* "", which is no node's name, while it is unknown */
     char *port;          /* interface name, or NULL */
@@ -150,6 +164,8 @@ typedef struct cfg_node {
     cfg_controller controller;
     bool sleeps;         /* at the start */
     cw_sleep_settings sleep;
+    cw_local_time local;   /* its unit is that of a right clock; bits 0: none */
+    cfg_schedule schedule;
     size_t traffic_count;
     cfg_traffic *traffic;
     int line; /* of the node in its file */
@@ -193,8 +209,12 @@ typedef enum cfg_expect_kind {
     CFG_EXPECT_FAULTS, /* ... this one: hits of fault rules */
     CFG_EXPECT_LOAD,   /* of the whole run */
     CFG_EXPECT_EXCEPTIONS, /* number of protocol exceptions */
+    CFG_EXPECT_JITTER, /* of the frames that triggers send, each trigger on its own */
     CFG_EXPECT_COUNT
 } cfg_expect_kind;
+
+#define CFG_WINDOW_EXCLUSIVE 0x1u /* in cfg_expect.windows */
+#define CFG_WINDOW_ARBITRATING 0x2u
 
 /* The part of the delays, in percent, that has a limit of its own. */
 typedef enum cfg_percentile {
@@ -214,9 +234,10 @@ typedef struct cfg_expect {
     uint64_t min;  /* of the count, inclusive; of the load in permille */
     uint64_t max;
     bool never;    /* SEEN and STATE: must not occur */
-    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit */
+    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit; of JITTER, too */
     uint64_t percentile[CFG_PERCENTILES]; /* in the same way */
     uint8_t states;      /* STATE: 1u << cw_state */
+    uint32_t windows;    /* frames of triggers in these windows; 0: any frames */
     uint32_t types;      /* ERRORS: 1u << cw_error_type; 0: any */
     uint32_t why;        /* DROPS: 1u << cw_drop; 0: for any reason */
     const char *rule;    /* FAULTS: its name; NULL: any */
@@ -346,6 +367,12 @@ bool cfg_traffic_is_endless(const cfg_traffic *traffic);
 
 /* Returns the index of the node of that name, or CW_NO_NODE. */
 uint8_t cfg_find_node(const cfg *config, const char *name);
+
+/* Returns the unit of a node's local time by a clock with an error in millionths; 0: none. */
+cw_span cfg_local_unit(const cfg_node *node, int32_t ppm);
+
+/* Returns the place of the schedule of a time master, which never ends by itself, or NULL. */
+const cfg_place *cfg_find_master(const cfg *config);
 
 /* Returns true when a node knows CAN FD frames. */
 bool cfg_knows_fd(const cfg *config, const cfg_node *node);

@@ -25,6 +25,7 @@
 #define HAS_WHY 0x80u
 #define HAS_RULE 0x100u
 #define HAS_RATE 0x200u
+#define HAS_WINDOW 0x400u
 #define IS_FRAMES (HAS_FRAME | HAS_FROM | HAS_TO | HAS_TIME | HAS_RATE)
 
 typedef struct subject {
@@ -39,13 +40,15 @@ static const subject subjects[] = {
     {"seen", CFG_EXPECT_SEEN, IS_FRAMES},
     {"state", CFG_EXPECT_STATE, HAS_NODE | HAS_REACHED | HAS_TIME},
     {"errors", CFG_EXPECT_ERRORS, HAS_NODE | HAS_TYPE | HAS_TIME | HAS_RATE},
-    {"drops", CFG_EXPECT_DROPS, HAS_NODE | HAS_WHY | HAS_FRAME | HAS_TIME},
+    {"drops", CFG_EXPECT_DROPS, HAS_NODE | HAS_WHY | HAS_FRAME | HAS_WINDOW | HAS_TIME},
     {"restarts", CFG_EXPECT_RESTARTS, HAS_NODE | HAS_TIME},
     {"overloads", CFG_EXPECT_OVERLOADS, HAS_NODE | HAS_TIME},
     {"protocol-exceptions", CFG_EXPECT_EXCEPTIONS, HAS_NODE | HAS_TIME},
-    {"arbitration-lost", CFG_EXPECT_ARBITRATION_LOST, HAS_NODE | HAS_FRAME | HAS_TIME},
+    {"arbitration-lost", CFG_EXPECT_ARBITRATION_LOST,
+     HAS_NODE | HAS_FRAME | HAS_WINDOW | HAS_TIME},
     {"faults", CFG_EXPECT_FAULTS, HAS_RULE | HAS_TIME},
     {"load", CFG_EXPECT_LOAD, 0},
+    {"jitter", CFG_EXPECT_JITTER, HAS_FRAME | HAS_FROM | HAS_WINDOW | HAS_TIME},
 };
 
 #define SUBJECTS (sizeof subjects / sizeof subjects[0])
@@ -59,12 +62,13 @@ static const condition conditions[] = {
     {"frame", HAS_FRAME}, {"data", HAS_FRAME},  {"from", HAS_FROM}, {"to", HAS_TO},
     {"time", HAS_TIME},   {"before", HAS_TIME}, {"node", HAS_NODE}, {"reached", HAS_REACHED},
     {"type", HAS_TYPE},   {"why", HAS_WHY},     {"rule", HAS_RULE}, {"rate", HAS_RATE},
+    {"window", HAS_WINDOW},
 };
 
 #define CONDITIONS (sizeof conditions / sizeof conditions[0])
 
 static schema_reader read_name, read_count, read_delay, read_whether, read_states, read_load,
-    read_percent, read_types, read_whys, read_rule, read_rate;
+    read_percent, read_types, read_whys, read_rule, read_rate, read_windows;
 
 static const schema_range count_range = {0, UINT64_MAX, sizeof(uint64_t)};
 
@@ -93,6 +97,7 @@ static const schema_key expect_keys[] = {
     COUNTED("arbitration-lost"),
     COUNTED("faults"),
     {.name = "load", .read = read_load},
+    {.name = "jitter", .read = cfg_read_ticks, .offset = offsetof(cfg_expect, delay_max)},
     {.name = "frame", .read = cfg_read_filters},
     {.name = "data", .read = cfg_read_data},
     {.name = "from",
@@ -109,6 +114,7 @@ static const schema_key expect_keys[] = {
     {.name = "why", .read = read_whys},
     {.name = "rule", .read = read_rule},
     {.name = "rate", .read = read_rate},
+    {.name = "window", .read = read_windows},
     {.name = NULL},
 };
 
@@ -277,6 +283,21 @@ static void read_whys(schema *self, const schema_key *key, yaml_node_t *value, v
     for (unsigned i = 0; i < CW_DROP_COUNT; i++)
         choices[i] = (schema_choice){.name = cw_drop_name((cw_drop)i), .value = i};
     e->why = read_words(self, key, value, choices, CW_DROP_COUNT);
+}
+
+static void read_windows(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const schema_choice windows[] = {
+        {.name = "exclusive", .value = CFG_WINDOW_EXCLUSIVE},
+        {.name = "arbitrating", .value = CFG_WINDOW_ARBITRATING},
+        {.name = "any", .value = CFG_WINDOW_EXCLUSIVE | CFG_WINDOW_ARBITRATING},
+        {.name = NULL},
+    };
+    cfg_expect *e = object;
+    unsigned chosen;
+
+    if (schema_choose(self, &chosen, key, value, windows))
+        e->windows = chosen;
 }
 
 static void read_rate(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -127,6 +127,11 @@ static const schema_choice when_full_choices[] = {
         .name = "filter", .read = cfg_read_acceptance                                              \
     }
 
+#define LOCAL_TIME                                                                                 \
+    {                                                                                              \
+        .name = "local-time", .read = cfg_read_local_time                                          \
+    }
+
 /* Keys of CAN FD; node_data.c does the rest. */
 #define FD                                                                                         \
     {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds},                      \
@@ -166,6 +171,7 @@ static const schema_key default_keys[] = {
     TIME,
     FILTER,
     SLEEP,
+    LOCAL_TIME,
     FD,
     {.name = NULL},
 };
@@ -187,6 +193,8 @@ static const schema_key node_keys[] = {
     TIME,
     FILTER,
     SLEEP,
+    LOCAL_TIME,
+    {.name = "schedule", .read = cfg_read_schedule},
     FD,
     {.name = "traffic", .read = cfg_read_traffic},
     {.name = NULL},
@@ -270,6 +278,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     cfg_complete_controllers(self, value);
     cfg_complete_time(self, value);
     cfg_check_traffic(self, value);
+    cfg_check_schedules(self, value);
 }
 
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

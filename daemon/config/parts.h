@@ -54,6 +54,11 @@ schema_reader cfg_read_mailboxes;  /* of a model: their number, or a list. mailb
 void cfg_add_mailboxes(schema *self, cfg_controller *controller, unsigned receive,
                        unsigned transmit);
 
+/* Keys of nodes about time-triggered operation, schedule.c; object: a cfg_node. The first one and
+ * the modes are read before the second one. */
+schema_reader cfg_read_local_time, cfg_read_schedule;
+void cfg_check_schedules(schema *self, yaml_node_t *nodes);
+
 /* Completes what the models of controllers say about other keys. All nodes have been read from the
  * list. */
 void cfg_complete_controllers(schema *self, yaml_node_t *nodes);

@@ -491,9 +491,13 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
         !change_bit(&time, problem, config, change, &which) ||
         !change_data(&time, problem, config, node, change, &which))
         return false;
-    set->which = (uint16_t)((set->which & ~CW_SET_TIMING) | which);
+    set->which = (uint16_t)((set->which & ~(CW_SET_TIMING | CW_SET_UNIT)) | which);
     set->timing = cfg_bit_timing(&time, cfg_nominal_quantum(config, node));
     set->data = cfg_data_timing(&time);
+    if ((which & CW_SET_QUANTUM) && config->nodes[node].local.bits) {
+        set->which |= CW_SET_UNIT;
+        set->unit = cfg_local_unit(&config->nodes[node], time.ppm);
+    }
     if (!bus_takes(config, node, set))
         return refuse(problem, "a bit of the node would be too long or too short for this bus");
     set->which |= (uint16_t)cfg_change_way(&time, set, config, &change->way, ways_given(change));

@@ -4,6 +4,8 @@
  */
 #include "record/output.h"
 
+#include "record/local_time.h"
+
 #include "base/chars.h"
 #include "base/jsonput.h"
 #include "base/number.h"
@@ -570,6 +572,7 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
             json_t *object = output_node_stats(&config->nodes[i], &stats);
             put(object, "synchronisation", output_synchronisation(config, bus, i));
             output_put_more(object, bus, i);
+            local_time_put(object, config, bus, i);
             put_last(array, object);
         }
     }

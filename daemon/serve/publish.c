@@ -9,6 +9,7 @@
 #include "base/thread.h"
 #include "engine/reload.h"
 #include "record/data_timing.h"
+#include "record/local_time.h"
 #include "record/output.h"
 #include "record/rate_load.h"
 #include "record/residual.h"
@@ -21,6 +22,7 @@
 #include <canwire_node_controller_t.h>
 #include <canwire_node_fd_t.h>
 #include <canwire_node_stats_t.h>
+#include <canwire_node_time_t.h>
 #include <canwire_node_timing_t.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -62,6 +64,7 @@ struct publisher {
     char channel_bus[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
     char channel_timing[CHANNEL_MAX];
+    char channel_time[CHANNEL_MAX];
     char channel_event[CHANNEL_MAX];
     char channel_file[CHANNEL_MAX];
     char channel_gateway[CHANNEL_MAX];
@@ -226,6 +229,7 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
     (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
     (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
+    (void)snprintf(p->channel_time, CHANNEL_MAX, "CANWIRE.%s.LOCALTIME", bus);
     (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
     (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
     (void)snprintf(p->channel_gateway, CHANNEL_MAX, "CANWIRE.%s.GATEWAY", bus);
@@ -389,7 +393,8 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     m->rx_frames = (int64_t)s->rx_frames;
     m->rx_bytes = (int64_t)s->rx_bytes;
     m->dropped_queue_full = (int64_t)s->dropped[CW_DROP_QUEUE_FULL];
-    m->dropped_one_shot = (int64_t)s->dropped[CW_DROP_ONE_SHOT];
+    m->dropped_one_shot =
+        (int64_t)(s->dropped[CW_DROP_ONE_SHOT] + s->dropped[CW_DROP_SLOT_MISSED]);
     m->dropped_bus_off = (int64_t)(s->dropped[CW_DROP_BUS_OFF] + s->dropped[CW_DROP_LINK_DOWN]);
     m->dropped_listen_only = (int64_t)s->dropped[CW_DROP_LISTEN_ONLY];
     m->dropped_bad_frame = (int64_t)s->dropped[CW_DROP_BAD_FRAME];
@@ -458,6 +463,38 @@ static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
         .margin_ps = s.margin == CW_NO_MARGIN ? -1 : text_span_ps(s.margin),
     };
     PUBLISH(p, p->channel_timing, canwire_node_timing_t, &m);
+}
+
+static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
+{
+    cw_node_time t;
+    if (cw_node_get_time(bus, i, &t) != CW_OK)
+        return;
+    const cw_trigger_stats slots = local_time_slots(bus, i);
+    char none[] = "";
+    const bool known = t.has_global && t.master < p->config->node_count;
+    const canwire_node_time_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
+        .bus = p->config->bus_name,
+        .node = p->config->nodes[i].name,
+        .local = (int64_t)t.local,
+        .captured = (int64_t)t.captured,
+        .captures = (int64_t)t.captures,
+        .global = t.has_global ? (int64_t)t.global : -1,
+        .master = known ? p->config->nodes[t.master].name : none,
+        .in_cycle = t.in_cycle ? 1 : 0,
+        .cycle = t.cycle,
+        .cycle_time = (int64_t)t.cycle_time,
+        .references = (int64_t)t.references,
+        .slots = (int64_t)slots.slots,
+        .sent = (int64_t)slots.sent,
+        .missed = (int64_t)slots.missed,
+        .failed = (int64_t)slots.failed,
+        .arbitration_lost = (int64_t)slots.lost,
+        .late_max_ns = ticks_to_ns(slots.late_most),
+    };
+    PUBLISH(p, p->channel_time, canwire_node_time_t, &m);
 }
 
 static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
@@ -541,6 +578,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
             publish_controller(p, bus, i, &node);
         }
         publish_timing(p, bus, i);
+        publish_time(p, bus, i);
         publish_node_fd(p, bus, i);
     }
     p->last_bus = stats;

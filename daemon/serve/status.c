@@ -7,6 +7,7 @@
 #include "base/jsonput.h"
 #include "base/number.h"
 #include "record/data_timing.h"
+#include "record/local_time.h"
 #include "record/output.h"
 #include "run/settings.h"
 
@@ -144,6 +145,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_data_timing(object, config, bus, node);
     put(object, "synchronisation", output_synchronisation(config, bus, node));
     output_put_more(object, bus, node);
+    local_time_put(object, config, bus, node);
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);

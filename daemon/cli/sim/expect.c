@@ -14,6 +14,13 @@
 /* The percentiles in the order of cfg_percentile. */
 static const unsigned percents[CFG_PERCENTILES] = {50, 90, 95, 99};
 
+/* The times from a trigger to the begin of its frame, in ticks. */
+typedef struct spread {
+    bool used;
+    uint64_t least;
+    uint64_t most;
+} spread;
+
 /* The findings about one expectation: by node where each node counts on its own, else all at index
  * 0. */
 typedef struct tally {
@@ -23,6 +30,7 @@ typedef struct tally {
     uint64_t worst;                   /* ... the longest delay in ticks */
     uint64_t worst_at;                /* ... tick */
     uint64_t beyond[CFG_PERCENTILES]; /* ... frames that took longer than the limit */
+    spread *spreads;                  /* JITTER: of each trigger, see spread_of() */
 } tally;
 
 struct expect {
@@ -40,11 +48,22 @@ expect *expect_start(const cfg *config, const cw_bus_stats *start)
     x->config = config;
     x->start = *start;
     x->count = config->expect_count;
+    for (size_t i = 0; i < x->count; i++) {
+        if (config->expects[i].kind != CFG_EXPECT_JITTER)
+            continue;
+        x->tallies[i].spreads = calloc(CW_NODES_MAX * (CW_TRIGGERS_MAX + 1), sizeof(spread));
+        if (!x->tallies[i].spreads) {
+            expect_free(x);
+            return NULL;
+        }
+    }
     return x;
 }
 
 void expect_free(expect *x)
 {
+    for (size_t i = 0; x && i < x->count; i++)
+        free(x->tallies[i].spreads);
     free(x);
 }
 
@@ -85,6 +104,20 @@ static bool is_delivery(const cfg_expect *e, const cw_event *event)
            matches_frame(&e->when, &event->frame);
 }
 
+/* Returns true when a frame was sent, or was to be sent, in one of the windows. */
+static bool matches_window(const cfg *config, const cfg_expect *e, const cw_event *event)
+{
+    if (e->windows == 0)
+        return true;
+    if (event->trigger == 0 || event->nodes == 0)
+        return false;
+    const cfg_schedule *s = &config->nodes[__builtin_ctzll(event->nodes)].schedule;
+    if (event->trigger > s->trigger_count)
+        return false;
+    return e->windows & (s->arbitrating[event->trigger - 1] ? CFG_WINDOW_ARBITRATING
+                                                            : CFG_WINDOW_EXCLUSIVE);
+}
+
 /* Returns true when an expectation is about this event, whichever node it concerns. */
 static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *event)
 {
@@ -100,7 +133,7 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
                (e->types == 0 || (e->types >> event->error.type & 1u));
     case CFG_EXPECT_DROPS:
         return event->kind == CW_EVENT_DROP && (e->why == 0 || (e->why >> event->why & 1u)) &&
-               matches_frame(&e->when, &event->frame);
+               matches_frame(&e->when, &event->frame) && matches_window(config, e, event);
     case CFG_EXPECT_RESTARTS:
         return event->kind == CW_EVENT_RESTART;
     case CFG_EXPECT_OVERLOADS:
@@ -108,7 +141,11 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
     case CFG_EXPECT_EXCEPTIONS:
         return event->kind == CW_EVENT_EXCEPTION;
     case CFG_EXPECT_ARBITRATION_LOST:
-        return event->kind == CW_EVENT_ARBITRATION_LOST && matches_frame(&e->when, &event->frame);
+        return event->kind == CW_EVENT_ARBITRATION_LOST &&
+               matches_frame(&e->when, &event->frame) && matches_window(config, e, event);
+    case CFG_EXPECT_JITTER:
+        return event->kind == CW_EVENT_TX && event->trigger && is_delivery(e, event) &&
+               matches_window(config, e, event);
     case CFG_EXPECT_FAULTS:
         return event->kind == CW_EVENT_FAULT &&
                (!e->rule || strcmp(e->rule, config->rules[event->rule].name) == 0);
@@ -137,8 +174,35 @@ static void note_delay(tally *t, const cfg_expect *e, const cw_event *event)
         t->beyond[i] += delay > e->percentile[i];
 }
 
+/* Returns the spread of the trigger that has sent a frame. */
+static spread *spread_of(const tally *t, const cw_event *event)
+{
+    const unsigned node = (unsigned)__builtin_ctzll(event->nodes);
+    return &t->spreads[node * (CW_TRIGGERS_MAX + 1) + event->trigger];
+}
+
+static void note_begin(tally *t, const cw_event *event)
+{
+    spread *s = spread_of(t, event);
+    if (!s->used || event->late < s->least)
+        s->least = event->late;
+    if (!s->used || event->late > s->most)
+        s->most = event->late;
+    s->used = true;
+    t->total++;
+    if (s->most - s->least > t->worst) {
+        t->worst = s->most - s->least;
+        t->worst_at = event->tick;
+    }
+}
+
 static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
 {
+    if (e->kind == CFG_EXPECT_JITTER) {
+        note_begin(t, event);
+        return;
+    }
+
     uint64_t nodes = event->nodes & (e->to | e->node);
     if (!is_counted_by_node(e))
         count(t, 0, event->tick);
@@ -313,6 +377,10 @@ static void write_subject(FILE *out, const cfg_expect *e)
         write_delay_limits(out, e);
         fputs(" for frames", out);
         break;
+    case CFG_EXPECT_JITTER:
+        write_span(out, "a jitter of at most ", e->delay_max);
+        fputs(" for frames of triggers", out);
+        break;
     case CFG_EXPECT_SEEN:
         fputs(e->never ? "no frame" : "a frame", out);
         break;
@@ -338,10 +406,15 @@ static void write_subject(FILE *out, const cfg_expect *e)
 
 static void write_wanted(FILE *out, const cfg *config, const cfg_expect *e)
 {
+    static const char *const windows[] = {
+        "", " in exclusive windows", " in arbitrating windows", " in windows",
+    };
     write_subject(out, e);
     write_filters(out, &e->when);
     write_words(out, e->types, CW_ERROR_COUNT, type_name);
     write_words(out, e->why, CW_DROP_COUNT, why_name);
+    if (e->windows)
+        fputs(windows[e->windows], out);
     if (e->rule)
         fprintf(out, " of %s", e->rule);
     if (e->when.rate != CW_RATE_ANY)
@@ -417,6 +490,18 @@ static bool judge_delays(FILE *out, const cfg_expect *e, const tally *t)
     return met;
 }
 
+static bool judge_jitter(FILE *out, const cfg_expect *e, const tally *t)
+{
+    if (t->total == 0) {
+        fputs("no frame", out);
+        return false;
+    }
+    write_span(out, "at most ", t->worst);
+    write_span(out, " (at ", t->worst_at);
+    fprintf(out, "), of %" PRIu64, t->total);
+    return t->worst <= e->delay_max;
+}
+
 static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start,
                        const cw_bus_stats *bus)
 {
@@ -434,6 +519,8 @@ static bool judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
     }
     if (e->kind == CFG_EXPECT_DELAY)
         return judge_delays(out, e, &x->tallies[i]);
+    if (e->kind == CFG_EXPECT_JITTER)
+        return judge_jitter(out, e, &x->tallies[i]);
     if (e->kind == CFG_EXPECT_LOAD)
         return judge_load(out, e, &x->start, bus);
     return judge_counts(out, x->config, e, &x->tallies[i]);

@@ -417,8 +417,14 @@ static bool fail(const char *why)
 
 static bool check_end(const sim_rig *s, const cfg *config)
 {
+    const cfg_place *master = cfg_find_master(config);
     if (s->options->has_until)
         return true;
+    if (master) {
+        plain_print(stderr, "%s:%d:%d: the schedule of a time master never ends: give --until "
+                    "TIME\n", config->file, master->line, master->column);
+        return false;
+    }
     for (size_t i = 0; i < config->node_count; i++)
         for (size_t t = 0; t < config->nodes[i].traffic_count; t++) {
             const cfg_traffic *traffic = &config->nodes[i].traffic[t];
