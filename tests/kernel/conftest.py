@@ -361,7 +361,8 @@ def assert_balance(node):
     """Checks that all frames of a node are accounted for, by its status."""
     dropped = {key: sum(node[key].values()) for key in ("dropped", "rx_dropped")}
     assert node["handed_in"] + node["made_by_rules"] == (
-        node["tx_frames"] + node["queue"] + node["held"] + dropped["dropped"]), node
+        node["tx_frames"] + node.get("stored", 0) + node["queue"] + node["held"] +
+        dropped["dropped"]), node
     assert node["rx_accepted"] + node["rx_made_by_rules"] == (
         node["rx_frames"] + node["rx_held"] + dropped["rx_dropped"]), node
     interface = node["interface"]

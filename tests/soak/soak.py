@@ -52,7 +52,7 @@ def check_node(node):
     """Checks the node's own result, and the sums that others can compute."""
     dropped, rx_dropped = (sum(node[key].values()) for key in ("dropped", "rx_dropped"))
     came = node["handed_in"] + node["made_by_rules"]
-    went = node["tx_frames"] + node["queue"] + node["held"] + dropped
+    went = node["tx_frames"] + node.get("stored", 0) + node["queue"] + node["held"] + dropped
     accepted = node["rx_accepted"] + node["rx_made_by_rules"]
     given = node["rx_frames"] + node["rx_held"] + rx_dropped
     if not node["conserved"] or came != went or accepted != given:

@@ -323,7 +323,8 @@ def test_a_summary_when_nothing_else_is_wanted(write):
 def assert_balance(node):
     """Checks that every frame of a node was sent, waits, or was dropped for a named reason."""
     assert node["handed_in"] + node["made_by_rules"] == (
-        node["tx_frames"] + node["queue"] + node["held"] + sum(node["dropped"].values())), node
+        node["tx_frames"] + node.get("stored", 0) + node["queue"] + node["held"] +
+        sum(node["dropped"].values())), node
     assert node["rx_accepted"] + node["rx_made_by_rules"] == (
         node["rx_frames"] + node["rx_held"] + sum(node["rx_dropped"].values())), node
 
