@@ -49,6 +49,12 @@ static void a_frame_that_just_comes_in_time_wins(void **state)
     /* 9 ms - 4 us of blocking, the first, and the second of message 1 at 10 ms: 4 us too late, but
      * within a bit */
     assert_int_equal(m[1].response, 9 * MS - 4 * US + 3 * MS);
+    m[2].length = 9 * MS - 8 * US; /* at the end of that bit */
+    response_find(&bus);
+    assert_int_equal(m[1].response, 9 * MS - 8 * US + 3 * MS);
+    m[2].length = 9 * MS - 8 * US - 1;
+    response_find(&bus);
+    assert_int_equal(m[1].response, 9 * MS - 8 * US - 1 + 2 * MS);
 }
 
 static void jitter_counts_for_the_frame_and_for_those_below(void **state)

@@ -109,7 +109,7 @@ static uint64_t find_busy_period(const view *v)
 }
 
 /* Returns the time from the begin of the busy period to the begin of instance q. A frame that comes
- * within the first bit of it still takes part in arbitration. */
+ * within the first bit of it still takes part in arbitration, also one at its very end (M6). */
 static uint64_t find_start(const view *v, uint64_t q)
 {
     const response_message *self = v->self;
@@ -117,7 +117,7 @@ static uint64_t find_start(const view *v, uint64_t q)
     while (start != before && start < LIMIT_TICKS) {
         before = start;
         start = self->blocking + time_of_errors(v, before + self->length) + q * self->length +
-                time_before(v, before + v->bus->bit);
+                time_before(v, before + v->bus->bit + 1);
     }
     return start;
 }
