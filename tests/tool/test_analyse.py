@@ -218,8 +218,8 @@ def find_lengths(write, messages):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_bus_does_what_the_worst_case_says(write, seed):
-    """The SOF of the frame that blocks is just over when all others come. The longest response on the bus is
-    that of the analysis with the lengths that the frames have, but for the intermission."""
+    """All others come when the SOF of the frame that blocks is just over. The longest response
+    on the bus is that of the analysis with the real lengths, but for the intermission."""
     rng = random.Random(seed)
     messages = random_messages(rng)
     find_lengths(write, messages)
