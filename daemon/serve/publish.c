@@ -15,6 +15,7 @@
 #include "record/residual.h"
 
 #include <canwire_bus_fd_t.h>
+#include <canwire_bus_quality_t.h>
 #include <canwire_bus_stats_t.h>
 #include <canwire_event_t.h>
 #include <canwire_file_t.h>
@@ -62,6 +63,7 @@ struct publisher {
     const cfg *config;
     char *url; /* of the thread: the configuration may change */
     char channel_bus[CHANNEL_MAX];
+    char channel_quality[CHANNEL_MAX];
     char channel_node[CHANNEL_MAX];
     char channel_timing[CHANNEL_MAX];
     char channel_time[CHANNEL_MAX];
@@ -227,6 +229,7 @@ static void name_channels(publisher *p)
 {
     const char *bus = p->config->bus_name;
     (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
+    (void)snprintf(p->channel_quality, CHANNEL_MAX, "CANWIRE.%s.QUALITY", bus);
     (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
     (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
     (void)snprintf(p->channel_time, CHANNEL_MAX, "CANWIRE.%s.LOCALTIME", bus);
@@ -365,11 +368,21 @@ static void publish_bus(publisher *p, const cw_bus_stats *s)
         .faults = (int64_t)s->faults,
         .pending = (int32_t)s->pending,
         .events_dropped = (int64_t)p->dropped,
+    };
+    PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
+}
+
+static void publish_quality(publisher *p, const cw_bus_stats *s)
+{
+    const canwire_bus_quality_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(s->ticks),
+        .bus = p->config->bus_name,
         .improper_arbitrations = (int64_t)s->improper_arbitrations,
         .error_rate_ppm = (int64_t)residual_error_ppm(s),
         .undetected_expected_ppt = (int64_t)residual_expected_ppt(s),
     };
-    PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
+    PUBLISH(p, p->channel_quality, canwire_bus_quality_t, &m);
 }
 
 static void set_delay(canwire_node_stats_t *m, const cw_delay *d)
@@ -569,6 +582,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     publish_bus(p, &stats);
+    publish_quality(p, &stats);
     if (output_has_fd(p->config, bus))
         publish_bus_fd(p, &stats);
     for (unsigned i = 0; i < p->config->node_count; i++) {

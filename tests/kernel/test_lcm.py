@@ -59,6 +59,36 @@ lcm: { period: 100ms, events: [rx, tx] }
     assert tx.bus_time_ns - rx.bus_time_ns == 4000
 
 
+# fifo keeps 100 behind 400, so 200 and then 400 win though it is pending. Then a bit of 500 is
+# flipped, once.
+IMPROPER = """
+bus: { name: order, bitrate: 500000 }
+nodes:
+  - name: fifo
+    order: fifo
+    traffic: [ { send: 400#00 }, { send: 100#00 } ]
+  - name: rival
+    traffic: [ { send: 200#00 }, { send: 500#00, offset: 50ms } ]
+faults:
+  - { name: flip, when: { frame: "500", count: 1 }, do: { flip: "data[0.3]" } }
+lcm: { period: 50ms, events: [improper-arbitration] }
+"""
+
+
+def test_improper_arbitrations_and_the_error_rate_of_a_bus(canwired, listen):
+    messages = listen("order")
+    daemon = canwired(IMPROPER)
+    wait_until(lambda: next((m for m in messages.quality if m.error_rate_ppm), None), "an error")
+    messages.wait_bus(lambda m: m.frames == 4, "all frames")
+    daemon.stop()
+    last = messages.quality[-1]
+    assert last.bus == "order"
+    assert last.improper_arbitrations == 2
+    assert last.error_rate_ppm == 1_000_000 // (4 + 1)
+    assert last.undetected_expected_ppt == 47
+    assert [json.loads(e.json)["frame"] for e in messages.events] == ["200#00", "400#00"]
+
+
 def check_sum(node):
     dropped = sum(getattr(node, name) for name in DROPS)
     assert node.handed_in == node.tx_frames + node.queue + dropped, node.node
