@@ -125,6 +125,11 @@ static void read_details(cw_rule *r, fuzz_input *in, uint32_t bit_ticks)
         r->pattern_level = fuzz_u32(in);
         r->pattern_mask = fuzz_u32(in);
     }
+    if (r->action == CW_ACTION_RAW_FRAME)
+        r->deviations = fuzz_u8(in) & 7u;
+    for (unsigned i = 0; r->action == CW_ACTION_RAW && i < 2; i++)
+        r->raw[i] = (uint64_t)fuzz_u32(in) << 32 | fuzz_u32(in);
+    r->raw_when_idle = r->level;
     if (r->action == CW_ACTION_NOISE)
         r->error_rate = (uint64_t)fuzz_u8(in) << 52;
 }

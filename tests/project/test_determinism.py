@@ -88,6 +88,8 @@ ACTIONS = [
     "delay: 1ms, side: tx", "duplicate: 2, side: tx", "reorder: 3, side: tx",
     "change: {{ xor: 0F, dlc: {0} }}, at: [n{0}]", "drop: rx, at: [n{0}]", "bus-off: n{0}",
     "stuck: recessive, on: n{0}.tx, for: 1ms", "send: 00{0}#, as: n{0}", "set: n{0}, one-shot: on",
+    "hardware-reset: n{0}", "software-reset: n{0}", "raw: 7F{0}#01, as: n{0}, mac: off",
+    "raw: {{ frame: 12345{0}78#01, srr: dominant }}, as: n{0}",
 ]
 NODES = 20
 RULES = 40
