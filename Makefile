@@ -239,6 +239,7 @@ fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 # Limits of an input in bytes; without one the longest initial input decides. The initial inputs of
 # fuzz_config include other files, whose length would make it slow.
 FUZZ_BYTES_fuzz_bus := 1000
+FUZZ_BYTES_fuzz_clients := 2000
 FUZZ_BYTES_fuzz_config := 8000
 FUZZ_BYTES_fuzz_control := 4000
 FUZZ_BYTES_fuzz_frame := 64

@@ -1285,8 +1285,9 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
  * must be at tick 0, and the events of the old one must have been taken. The old bus may be thrown
  * away afterwards. Frames of nodes that the new bus does not have are lost: see cw_node_flush().
  * Frames for which a smaller queue has no room are dropped with an event. Flushed nodes stay off
- * the bus. CW_INVALID, with nothing changed: another bit rate, no such node, a node that is named
- * twice, an inbox too small for the frames that wait. */
+ * the bus. Node i is off the bus when the old one is; a new node stays as cw_node_attach() has set
+ * it. CW_INVALID, with nothing changed: another bit rate, no such node, a node that is named twice,
+ * an inbox too small for the frames that wait. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED), later ones too. The node leaves the bus

@@ -359,6 +359,22 @@ static void print_push_back(FILE *out, const json_t *node)
                 times == 1 ? "" : "s", now ? ", and does now" : "");
 }
 
+/* Prints the programs at a port that share it. */
+static void print_clients(FILE *out, const json_t *node)
+{
+    const json_t *clients = json_object_get(node, "clients");
+    for (size_t i = 0; i < json_array_size(clients); i++) {
+        const json_t *client = json_array_get(clients, i);
+        const bool plain = json_is_null(json_object_get(client, "name"));
+        const char *name = text(client, "name");
+        if (plain && json_array_size(clients) == 1)
+            continue;
+        fprintf(out, "    %s%s%s: read %jd written %jd lost %jd\n", plain ? "ECU" : "client",
+                *name ? " " : "", name, number(client, "read"), number(client, "written"),
+                number(client, "lost"));
+    }
+}
+
 static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -374,6 +390,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_read_failed(out, node);
     print_loopless(out, node);
     print_rounded(out, node);
+    print_clients(out, node);
     print_counters(out, node);
     print_traffic(out, node);
 }

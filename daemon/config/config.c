@@ -4,6 +4,7 @@
  */
 #include "config/config.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define BUS_INBOX 4096u  /* frames that are handed in for a later time */
@@ -17,10 +18,34 @@ uint8_t cfg_find_node(const cfg *config, const char *name)
     return CW_NO_NODE;
 }
 
+void cfg_guest_name(char out[CFG_GUEST_NAME_MAX], unsigned number)
+{
+    (void)snprintf(out, CFG_GUEST_NAME_MAX, "guest-%u", number & 0xFFu);
+}
+
+const char *cfg_guest_port(const cfg *config)
+{
+    return config->guest_count > 0 ? config->nodes[config->node_count - 1].port : NULL;
+}
+
+static uint8_t find_guest(const cfg *config, unsigned number)
+{
+    const size_t first = config->node_count - config->guest_count;
+    return number <= config->guest_count ? (uint8_t)(first + number - 1) : CW_NO_NODE;
+}
+
+static uint8_t match_node(const cfg_node *node, const cfg *old)
+{
+    if (node->guest > 0)
+        return find_guest(old, node->guest);
+    const uint8_t found = cfg_find_node(old, node->name);
+    return found != CW_NO_NODE && old->nodes[found].guest > 0 ? CW_NO_NODE : found;
+}
+
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old)
 {
     for (size_t i = 0; i < CW_NODES_MAX; i++)
-        from[i] = i < config->node_count ? cfg_find_node(old, config->nodes[i].name) : CW_NO_NODE;
+        from[i] = i < config->node_count ? match_node(&config->nodes[i], old) : CW_NO_NODE;
 }
 
 bool cfg_has_clocks(const cfg *config)

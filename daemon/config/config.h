@@ -61,6 +61,21 @@ typedef enum cfg_when_full {
     CFG_WHEN_FULL_WAIT      /* frames stay in the port, which is not read: default of sockets */
 } cfg_when_full;
 
+/* The moment at which the other clients of a port see a client's frame. */
+typedef enum cfg_echo {
+    CFG_ECHO_AT_ONCE = 0, /* when it is handed in, as on vcan */
+    CFG_ECHO_SENT         /* when the bus has sent it, as at a real interface */
+} cfg_echo;
+
+/* Programs that share a port. */
+typedef struct cfg_clients {
+    uint8_t max; /* that speak the protocol of ports.md, beside a plain ECU */
+    cfg_echo echo;
+} cfg_clients;
+
+#define CFG_CLIENTS_MAX 63u
+#define CFG_NODE_NAME_MAX 32u
+
 /* Controllers of nodes, by the frames that they know (D17). */
 typedef enum cfg_kind {
     CFG_KIND_BY_BUS = 0, /* fd where the bus has a data rate, else classical */
@@ -147,7 +162,8 @@ typedef struct cfg_schedule {
 
 typedef struct cfg_node {
     char *name;          /* "", which is no node's name, while it is unknown */
-    char *port;          /* interface name, or NULL */
+    char *port;          /* interface name, or NULL; of all guests the same */
+    uint8_t guest;       /* number of a guest, from 1 on; 0: it is none */
     cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
     char *netns;         /* network namespace that the peer is in; NULL: that of the port */
@@ -158,6 +174,7 @@ typedef struct cfg_node {
     cw_order order;
     uint16_t queue; /* default 16; 1024 where the port is an interface */
     cfg_when_full when_full;
+    cfg_clients clients;
     uint16_t warning_limit;
     uint32_t restart_ms;
     cfg_node_time time;
@@ -288,6 +305,7 @@ typedef struct cfg {
     uint64_t seed;
     size_t node_count;
     cfg_node *nodes;
+    size_t guest_count; /* nodes at the end, which are on the bus while their clients are there */
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
@@ -365,6 +383,14 @@ const char *cfg_record_parse_size(uint64_t *size, const char *text);
 /* Returns true when the traffic never ends by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);
 
+#define CFG_GUEST_NAME_MAX 12 /* bytes of guest-255 and a final 0 */
+
+/* Prints the name that a guest has while no client gives it another one. */
+void cfg_guest_name(char out[CFG_GUEST_NAME_MAX], unsigned number);
+
+/* Returns the port of the guests, or NULL without guests. */
+const char *cfg_guest_port(const cfg *config);
+
 /* Returns the index of the node of that name, or CW_NO_NODE. */
 uint8_t cfg_find_node(const cfg *config, const char *name);
 
@@ -386,7 +412,8 @@ bool cfg_is_old(const cfg_node *node);
 /* Returns true when any node does. */
 bool cfg_has_fd(const cfg *config);
 
-/* Finds for each node of a configuration the node of that name in an old one, or CW_NO_NODE. */
+/* Finds for each node of a configuration the node of that name in an old one, or CW_NO_NODE. Guests
+ * are found by their numbers, since their clients give them other names. */
 void cfg_match_nodes(uint8_t from[CW_NODES_MAX], const cfg *config, const cfg *old);
 
 /* Describes what T10 looks at: the clock, the bit timing and the place of a node. A node without

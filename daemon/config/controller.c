@@ -236,7 +236,7 @@ void cfg_complete_controllers(schema *self, yaml_node_t *nodes)
 
     for (size_t i = 0; i < config->node_count; i++)
         if (config->nodes[i].controller.model != CFG_MODEL_QUEUE)
-            complete_order(self, schema_item(self, nodes, i), &config->nodes[i]);
+            complete_order(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
 }
 
 /* ---- The name of a real one ------------------------------------------------------------------ */

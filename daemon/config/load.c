@@ -45,6 +45,7 @@ static const schema_key file_keys[] = {
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
     {.name = "vxcan", .read = read_vxcan},
     {.name = "defaults", .read = cfg_read_defaults},
+    {.name = "guests", .read = cfg_read_guests},
     {.name = "nodes", .read = cfg_read_nodes, .required = true},
     {.name = "profiles", .read = cfg_read_profiles},
     {.name = "faults", .read = cfg_read_faults},

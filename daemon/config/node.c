@@ -18,9 +18,12 @@
  * all 586 frames of 4095 bytes at once, and J1939's transport protocol 255. */
 #define QUEUE_DEFAULT_INTERFACE 1024u
 #define WARNING_LIMIT_DEFAULT 96u
+#define CLIENTS_DEFAULT 16u
 
-static schema_reader read_node_name, read_port, read_peer, read_peer_name, read_netns, read_mode,
-    read_when_full, read_fd, read_exception, read_wake;
+static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
+                            const char *name, const char *netns);
+static schema_reader read_guest_port, read_node_name, read_port, read_peer, read_peer_name,
+    read_netns, read_mode, read_when_full, read_fd, read_exception, read_wake;
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
@@ -166,6 +169,7 @@ static const schema_key default_keys[] = {
      .read = schema_read_choice,
      .offset = offsetof(cfg_node, when_full),
      .arg = when_full_choices},
+    {.name = "clients", .read = cfg_read_clients},
     ORDER,
     WARNING_LIMIT,
     TIME,
@@ -176,8 +180,8 @@ static const schema_key default_keys[] = {
     {.name = NULL},
 };
 
-/* The keys of nodes; all that depend on `port` follow it. `port` excludes `traffic`, and `peer` and
- * `when-full` need it. The defaults of `queue` and `when-full` depend on it. */
+/* The keys of nodes; all that depend on `port` follow it. `port` excludes `traffic`, and `peer`,
+ * `clients` and `when-full` need it. The defaults of `queue` and `when-full` depend on it. */
 static const schema_key node_keys[] = {
     {.name = "name", .read = read_node_name, .required = true},
     {.name = "port", .read = read_port},
@@ -188,6 +192,7 @@ static const schema_key node_keys[] = {
      .read = read_when_full,
      .offset = offsetof(cfg_node, when_full),
      .arg = when_full_choices},
+    {.name = "clients", .read = cfg_read_port_clients},
     ORDER,
     WARNING_LIMIT,
     TIME,
@@ -197,6 +202,26 @@ static const schema_key node_keys[] = {
     {.name = "schedule", .read = cfg_read_schedule},
     FD,
     {.name = "traffic", .read = cfg_read_traffic},
+    {.name = NULL},
+};
+
+/* The keys of all guests. Each is at the port alone, so `clients` has no meaning. */
+static const schema_key guest_keys[] = {
+    {.name = "count", .read = cfg_read_guest_count, .required = true},
+    {.name = "port", .read = read_guest_port, .required = true},
+    RESTART_AND_MODES,
+    QUEUE,
+    {.name = "when-full",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg_node, when_full),
+     .arg = when_full_choices},
+    ORDER,
+    WARNING_LIMIT,
+    TIME,
+    FILTER,
+    SLEEP,
+    LOCAL_TIME,
+    FD,
     {.name = NULL},
 };
 
@@ -213,6 +238,7 @@ void cfg_node_defaults(cfg_node *node)
     *node = (cfg_node){
         .name = no_name,
         .queue = QUEUE_DEFAULT,
+        .clients.max = CLIENTS_DEFAULT,
         .warning_limit = WARNING_LIMIT_DEFAULT,
         .sleep = {.filter_ticks = WAKE_FILTER_DEFAULT_TICKS},
     };
@@ -269,16 +295,20 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     cfg *config = object;
     size_t count = schema_count(self, key, value, 1, CW_NODES_MAX);
 
-    config->nodes = schema_alloc(self, count + 1, sizeof *config->nodes);
+    const cfg_walk *walk = self->user;
+    const size_t room = walk->guests ? CW_NODES_MAX : count;
+    config->nodes = schema_alloc(self, room + 1, sizeof *config->nodes);
     if (!config->nodes)
         return;
     for (; config->node_count < count; config->node_count++)
         read_node(self, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
+    cfg_add_guest(self, guest_keys);
     cfg_complete_controllers(self, value);
     cfg_complete_time(self, value);
     cfg_check_traffic(self, value);
     cfg_check_schedules(self, value);
+    cfg_copy_guests(self);
 }
 
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -322,6 +352,23 @@ static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t
         schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
                         key->name, PORTNAME_PATH_MAX, strlen(path), path);
     return port;
+}
+
+static char *read_socket(schema *self, const schema_key *key, const yaml_node_t *value)
+{
+    static const char expected[] = "unix:PATH";
+    const char *text = schema_text(self, key, value, expected);
+
+    if (!text)
+        return NULL;
+    const portname name = portname_parse(text);
+    if (name.kind == PORTNAME_UNIX) {
+        char *port = resolve_port(self, key, value, &name);
+        check_interface(self, key, value, port, NULL);
+        return port;
+    }
+    schema_expected(self, key, value, expected);
+    return NULL;
 }
 
 static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value)
@@ -379,6 +426,17 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
     else if (!interface)
         node->when_full = CFG_WHEN_FULL_WAIT;
     check_interface(self, key, value, node->port, NULL);
+}
+
+static void read_guest_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_walk *walk = self->user;
+    cfg_node *node = object;
+
+    node->port_place = cfg_place_of(value);
+    node->port = read_socket(self, key, value);
+    if (!walk->default_when_full)
+        node->when_full = CFG_WHEN_FULL_WAIT;
 }
 
 static void read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)

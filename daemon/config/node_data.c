@@ -6,6 +6,7 @@
 
 #include "config/phases.h"
 #include "config/reway.h"
+#include "config/values.h"
 
 #include <inttypes.h>
 
@@ -117,7 +118,7 @@ void cfg_check_fd(schema *self, yaml_node_t *nodes)
     if (walk->default_map)
         check_defaults(self, walk->default_map);
     for (size_t i = 0; i < config->node_count; i++)
-        check_node(self, schema_item(self, nodes, i), &config->nodes[i]);
+        check_node(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
     if ((config->dbitrate_bps > 0 || config->fd_non_iso) && !cfg_has_fd(config))
         schema_complain(self, nodes, "nodes: none is of kind fd, so the bus has no use for %s",
                         config->dbitrate_bps > 0 ? "dbitrate" : "fd-non-iso");

@@ -258,7 +258,7 @@ static void check_ways(schema *self, yaml_node_t *nodes)
             const cw_node_timing *a = &config->nodes[i].time.timing;
             const cw_node_timing *b = &config->nodes[k].time.timing;
             if (way_between(a, b) > shortest * DELAY_BITS_MAX) {
-                schema_complain(self, place_of(self, schema_item(self, nodes, k), names),
+                schema_complain(self, place_of(self, cfg_node_map(self, nodes, k), names),
                                 "no edge is under way for longer than %d of the shortest bits, "
                                 "but those from '%s' are", DELAY_BITS_MAX, config->nodes[i].name);
                 return;
@@ -288,7 +288,7 @@ static bool any_uses_time(schema *self, yaml_node_t *nodes)
                 (walk->default_map && uses_time(self, walk->default_map));
 
     for (size_t i = 0; i < config->node_count; i++)
-        used = used || uses_time(self, schema_item(self, nodes, i));
+        used = used || uses_time(self, cfg_node_map(self, nodes, i));
     return used;
 }
 
@@ -319,10 +319,10 @@ static void complete_nodes(schema *self, yaml_node_t *nodes)
     if (self->errors->errors > errors)
         return;
     for (size_t i = 0; i < config->node_count; i++)
-        complete_node(self, schema_item(self, nodes, i), &config->nodes[i]);
+        complete_node(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
     cfg_add_ringing(self, nodes);
     for (size_t i = 0; i < config->node_count; i++)
-        check_lengths(self, schema_item(self, nodes, i), &config->nodes[i].time);
+        check_lengths(self, cfg_node_map(self, nodes, i), &config->nodes[i].time);
     if (self->errors->errors == errors)
         check_ways(self, nodes);
 }

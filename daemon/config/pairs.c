@@ -6,6 +6,7 @@
 
 #include "base/decimal.h"
 #include "base/wide.h"
+#include "config/values.h"
 
 #include <inttypes.h>
 
@@ -134,7 +135,7 @@ static void warn_of_clocks(schema *self, yaml_node_t *nodes, const worst *w)
     const uint64_t is = 2 * (uint64_t)w->pair.need_ppb + PPB_PER_MILLIPERCENT - 1;
     const uint64_t allowed = 2 * (uint64_t)timing_limit_ppb(&w->pair);
 
-    schema_warn(self, schema_item(self, nodes, w->b),
+    schema_warn(self, cfg_node_map(self, nodes, w->b),
                 "'%.*s' and '%.*s' have no margin: their clocks differ by %s %%, %s %% are "
                 "allowed%s",
                 NODE_TEXT, config->nodes[w->a].name, NODE_TEXT, config->nodes[w->b].name,
@@ -161,7 +162,7 @@ static void warn_of_line(schema *self, yaml_node_t *nodes, const worst *w)
 {
     const cfg *config = cfg_of(self);
 
-    schema_warn(self, schema_item(self, nodes, w->b),
+    schema_warn(self, cfg_node_map(self, nodes, w->b),
                 "the line between '%.*s' and '%.*s' is too long for %" PRIu32 " bit/s: the round "
                 "trip takes %s ns, prop-seg %s ns; %s%s",
                 NODE_TEXT, config->nodes[w->a].name, NODE_TEXT, config->nodes[w->b].name,

@@ -39,6 +39,16 @@ schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read *
  * list. */
 void cfg_check_traffic(schema *self, yaml_node_t *nodes);
 
+schema_reader cfg_read_clients; /* of `defaults`: a number, or a map; clients.c */
+schema_reader cfg_read_port_clients; /* of a node whose port has been read */
+
+/* Keys of all guests, guests.c. The first guest is read with the nodes, and completed as they are.
+ * The others are copies of it. */
+schema_reader cfg_read_guests; /* object: the cfg */
+schema_reader cfg_read_guest_count; /* object: a cfg_node */
+void cfg_add_guest(schema *self, const schema_key *keys);
+void cfg_copy_guests(schema *self);
+
 /* Keys of nodes about time, node_time.c; object: a cfg_node. */
 schema_reader cfg_read_clock, cfg_read_ppm, cfg_read_length, cfg_read_edge_delays;
 schema_reader cfg_read_sample_point; /* member: uint16_t, permille */

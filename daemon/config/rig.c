@@ -87,7 +87,9 @@ static void compare(schema *self, const schema_key *key, const yaml_node_t *item
                         one->control, other->file, one->file);
     for (size_t i = 0; i < one->node_count; i++)
         for (size_t k = 0; k < other->node_count; k++) {
-            const char *port = one->nodes[i].port;
+            const char *port = one->nodes[i].guest <= 1 ? one->nodes[i].port : NULL;
+            if (other->nodes[k].guest > 1)
+                continue; /* they share one */
             if (port && other->nodes[k].port && strcmp(port, other->nodes[k].port) == 0)
                 schema_complain(self, item, "%s: duplicate port '%s', in %s and in %s", key->name,
                                 port, other->file, one->file);

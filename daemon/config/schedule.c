@@ -314,7 +314,7 @@ void cfg_check_schedules(schema *self, yaml_node_t *nodes)
     const cfg *config = cfg_of(self);
     for (size_t i = 0; i < config->node_count; i++) {
         const yaml_node_t *const schedule =
-            schema_find(self, schema_item(self, nodes, i), "schedule");
+            schema_find(self, cfg_node_map(self, nodes, i), "schedule");
         yaml_node_t *const triggers = schedule ? schema_find(self, schedule, "triggers") : NULL;
         for (unsigned k = 0; triggers && k < config->nodes[i].schedule.trigger_count; k++)
             check_sender(self, schema_item(self, triggers, k), i);

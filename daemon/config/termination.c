@@ -9,6 +9,8 @@
  */
 #include "config/parts.h"
 
+#include "config/values.h"
+
 #define TRIPS_ONE 1
 #define TRIPS_NONE 3
 
@@ -45,6 +47,6 @@ void cfg_add_ringing(schema *self, yaml_node_t *nodes)
         schema_warn(self, nodes, "termination: nothing rings, since no position and no stub of a "
                     "node says how long the line is");
     for (size_t i = 0; i < config->node_count; i++)
-        if (!schema_find(self, schema_item(self, nodes, i), "ringing"))
+        if (!schema_find(self, cfg_node_map(self, nodes, i), "ringing"))
             config->nodes[i].time.timing.ringing += 2 * trips * way;
 }

@@ -192,7 +192,7 @@ static void check_node(schema *self, yaml_node_t *map, size_t index)
 void cfg_check_traffic(schema *self, yaml_node_t *nodes)
 {
     for (size_t i = 0; i < cfg_of(self)->node_count; i++)
-        check_node(self, schema_item(self, nodes, i), i);
+        check_node(self, cfg_node_map(self, nodes, i), i);
 }
 
 /* ---- send ------------------------------------------------------------------------------------ */

@@ -510,3 +510,13 @@ void cfg_read_line(schema *self, const schema_key *key, yaml_node_t *value, void
     rule->line = tx ? CW_LINE_TX : CW_LINE_RX;
     rule->node = (uint8_t)(node < 0 ? 0 : node);
 }
+
+yaml_node_t *cfg_node_map(schema *self, yaml_node_t *nodes, size_t i)
+{
+    const cfg_walk *walk = self->user;
+    const bool is_list = nodes->type == YAML_SEQUENCE_NODE;
+    const size_t count =
+        is_list ? (size_t)(nodes->data.sequence.items.top - nodes->data.sequence.items.start) : 1;
+
+    return i < count || !walk->guests ? schema_item(self, nodes, i) : walk->guests;
+}

@@ -8,7 +8,7 @@
 #include "config/walk.h"
 #include "trace/frametext.h"
 
-#define NODE_NAME_MAX 32u                    /* of a bus too */
+#define NODE_NAME_MAX CFG_NODE_NAME_MAX                  /* of a bus too */
 #define RULE_NAME_MAX (CW_RULE_NAME_MAX - 1) /* length that the library distinguishes */
 
 schema_reader cfg_read_time;      /* member: cfg_time */
@@ -71,5 +71,8 @@ extern const schema_choice cfg_orders[];
 
 /* Returns the CW_MODE_* of a key such as one-shot. */
 uint8_t cfg_mode(const char *name);
+
+/* Returns the map of a node: an item of the list `nodes`, or `guests` for the first guest. */
+yaml_node_t *cfg_node_map(schema *self, yaml_node_t *nodes, size_t i);
 
 #endif

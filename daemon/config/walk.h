@@ -23,6 +23,7 @@ typedef struct cfg_walk {
     bool default_queue;         /* ... `defaults` sets its queue, which then does not depend on the
                                    port */
     bool default_when_full;
+    yaml_node_t *guests;        /* `guests`, or NULL */
     yaml_node_t *default_map;   /* `defaults`, or NULL */
     bool any_node;              /* unknown nodes are made: a profile is checked alone */
     bool untimed;               /* the bits of nodes are not known, after errors */

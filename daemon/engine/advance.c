@@ -19,10 +19,20 @@ static unsigned modes_of(const engine *e, unsigned node)
     return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK ? settings.modes : 0;
 }
 
+/* Tells the clients of a port what has become of a frame of theirs. */
+static void tell_clients(const engine *e, port *p, const cw_event *event)
+{
+    port_set_time(p, event->tick, (int64_t)clock_realtime_ns(e->clock, event->tick));
+    if (event->kind == CW_EVENT_TX || event->kind == CW_EVENT_DROP)
+        port_ended(p, event);
+}
+
 static void deliver(engine *e, unsigned node, const cw_event *event)
 {
     errframe error;
     bool received = event->kind == CW_EVENT_RX;
+    if (e->now.ports[node] && port_is_shared(e->now.ports[node]))
+        tell_clients(e, e->now.ports[node], event);
     if (!e->now.ports[node] && received)
         conserve_missed(&e->books, node, e->config->nodes[node].port != NULL);
     else if (!e->now.ports[node])

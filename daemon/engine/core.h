@@ -9,6 +9,7 @@
  *   intake.c   moves frames of ECUs from their ports into the inbox of the bus
  *   core.c     advances the bus, with its inputs, to a tick
  *   links.c    detaches and attaches nodes with their interfaces
+ *   guests.c   ... and with their clients
  *   go_over.c  changes to another configuration
  *   engine.c   start and stop; wake-ups
  *   group.c    wake-ups of several engines with one clock and one timer
@@ -59,6 +60,12 @@ typedef struct engine_links {
     bool reported_small; /* the log says that the kernel grants a port too little room */
 } engine_links;
 
+/* Guests, whose nodes are on the bus while their clients are connected. */
+typedef struct engine_guests {
+    ev_io io;      /* of the door */
+    uint64_t gone; /* nodes whose client has gone */
+} engine_guests;
+
 struct engine {
     struct ev_loop *loop;
     void (*wake)(engine *e); /* advances the bus to the present and arms the timer:
@@ -87,6 +94,7 @@ struct engine {
     catchup catchup;
     uint64_t catch_up_ticks; /* largest lag of the bus */
     engine_links links;
+    engine_guests guests;
     inputs inputs; /* of now.bus */
     uint64_t released; /* tick up to which releases have been handed in */
     reload *next; /* the next configuration, or NULL */
@@ -178,6 +186,18 @@ void engine_unwatch_links(engine *e);
 
 /* Adapts to a changed configuration: links by old node become links by new node. */
 void engine_carry_links_over(engine *e, const reload *r);
+
+/* ---- guests.c -------------------------------------------------------------------------------- */
+
+/* Opens the door of the guests, if there is one. Returns false after logging the reason. */
+bool engine_open_door(engine *e);
+
+/* Start and stop watching the door; a missing one, and one in that state already, are allowed. */
+void engine_watch_door(engine *e);
+void engine_unwatch_door(engine *e);
+
+/* Takes the nodes of guests off the bus whose clients have gone. */
+void engine_see_guests_off(engine *e);
 
 /* ---- go_over.c ------------------------------------------------------------------------------- */
 

@@ -155,7 +155,9 @@ static bool catch_up(engine *e, uint64_t now)
 bool engine_go(engine *e, uint64_t now)
 {
     engine_run_to_boundary(e, now);
-    return (!e->next || !engine_turn_is_over(e)) && catch_up(e, now);
+    const bool present = (!e->next || !engine_turn_is_over(e)) && catch_up(e, now);
+    engine_see_guests_off(e);
+    return present;
 }
 
 static bool may_stop(const engine *e)
@@ -259,7 +261,7 @@ engine *engine_open(struct ev_loop *loop, live *config)
     inputs_init(&e->inputs, config, e->now.bus, engine_handle_events, e);
     if (!memory)
         log_error("out of memory");
-    if (memory && engine_open_ports(e) && engine_watch_links(e))
+    if (memory && engine_open_ports(e) && engine_open_door(e) && engine_watch_links(e))
         return e;
     engine_free(e);
     return NULL;
@@ -272,6 +274,7 @@ void engine_begin(engine *e)
     release_look(e->now.plan, e->now.bus);
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
+    engine_watch_door(e);
     engine_arm_timer(e);
 }
 
@@ -296,6 +299,7 @@ static void unwatch_all(engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_unwatch_port(e, i);
     engine_unwatch_links(e);
+    engine_unwatch_door(e);
 }
 
 void engine_stop(engine *e)
@@ -404,6 +408,7 @@ void engine_report(const engine *e, report *out)
     for (unsigned i = 0; i < e->config->node_count; i++) {
         port *own = e->now.ports[i];
         out->nodes[i].link = e->links.state[i];
+        out->nodes[i].port = own;
         conserve_get_stats(&out->nodes[i].interface, &e->books, i, own);
         out->nodes[i].pushed_back = e->pushed_back >> i & 1u;
         out->nodes[i].overflowed = e->overflowed[i];

@@ -5,6 +5,7 @@
 #include "engine/core.h"
 
 #include "base/log.h"
+#include "engine/share.h"
 
 #include <inttypes.h>
 
@@ -21,12 +22,17 @@ static void log_removed(const engine *e)
 
 static void keep_ports(setup *old, reload *r)
 {
+    if (cfg_guest_port(r->config) && !r->setup.door) {
+        r->setup.door = old->door;
+        old->door = NULL;
+    }
     for (unsigned i = 0; i < r->config->node_count; i++) {
         uint8_t from = r->port_from[i];
         if (from == CW_NO_NODE)
             continue;
         r->setup.ports[i] = old->ports[from];
         old->ports[from] = NULL;
+        share_port(r->setup.ports[i], r->config, i);
     }
 }
 
@@ -55,6 +61,7 @@ static void go_over(engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_unwatch_port(e, i);
     carry_books_over(e, r);
+    engine_unwatch_door(e);
     keep_ports(&e->now, r);
     release_take_over(r->setup.plan, e->now.plan, r->from, e->released + 1);
     setup_free(&e->now);
@@ -70,6 +77,8 @@ static void go_over(engine *e)
     e->pushed_back = 0;
     for (unsigned i = 0; i < e->config->node_count; i++)
         engine_watch_port(e, i);
+    e->guests.gone = 0; /* the next look finds them again */
+    engine_watch_door(e);
     engine_carry_links_over(e, r);
     log_warnings(e->config->warnings);
     log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);

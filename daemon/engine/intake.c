@@ -41,11 +41,21 @@ static bool make_room(engine *e)
     return engine_advance(e, reached) && reached == tick;
 }
 
+/* Lets the other programs of a port see a frame that one of them has sent. */
+static void share_frame(engine *e, port *p, const port_frame *frame, uint64_t tick)
+{
+    const uint64_t now = cw_bus_now(e->now.bus);
+    port_set_time(p, tick > now ? tick : now, frame->realtime_ns);
+    port_handed_in(p, frame);
+}
+
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
 {
     e->frames_read += count;
     for (unsigned i = 0; i < count; i++) {
         uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
+        if (port_is_shared(e->now.ports[node]))
+            share_frame(e, e->now.ports[node], &e->batch[i], tick);
         (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for the
                                                                           frame */
     }
@@ -116,7 +126,10 @@ static void read_or_push_back(engine *e, unsigned node, const clock_pair *now)
 {
     const uint64_t bit = UINT64_C(1) << node;
     bool waits = e->config->nodes[node].when_full == CFG_WHEN_FULL_WAIT;
-    if (read_port(e, node, now, waits)) {
+    const bool room = read_port(e, node, now, waits);
+    if (e->config->nodes[node].guest > 0 && port_is_over(e->now.ports[node]))
+        e->guests.gone |= bit;
+    if (room) {
         e->pushed_back &= ~bit;
         if (!e->ticking)
             engine_watch_port(e, node);

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "config/fdnodes.h"
 #include "config/portname.h"
+#include "engine/share.h"
 #include "port/loopless.h"
 #include "port/open.h"
 
@@ -129,6 +130,7 @@ static void gain_port(engine *e, unsigned node)
     }
     e->links.refused &= ~bit_of(node);
     e->now.ports[node] = p;
+    share_port(p, e->config, node);
     conserve_opened(&e->books, node, p);
     engine_count_loopless(e);
     engine_watch_port(e, node);
@@ -273,6 +275,7 @@ static bool open_port(engine *e, unsigned node)
     e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])
         log_node_error(config->name, "port %s", error);
+    share_port(e->now.ports[node], e->config, node);
     report_small_buffer(e, node);
     report_mtu(e, node);
     return e->now.ports[node] != NULL;
@@ -294,7 +297,9 @@ bool engine_open_ports(engine *e)
 {
     bool good = true;
     for (unsigned i = 0; i < e->config->node_count; i++)
-        if (e->config->nodes[i].port)
+        if (e->config->nodes[i].guest > 0)
+            e->links.state[i] = REPORT_LINK_DOWN;
+        else if (e->config->nodes[i].port)
             good = open_or_name_port(e, i, good);
     engine_count_loopless(e);
     return good;
@@ -336,6 +341,8 @@ static report_link link_after(const engine *e, const reload *r, const report_lin
 {
     if (!e->config->nodes[node].port)
         return REPORT_NO_LINK;
+    if (e->config->nodes[node].guest > 0)
+        return e->now.ports[node] ? REPORT_LINK_UP : REPORT_LINK_DOWN;
     if (r->port_from[node] != CW_NO_NODE)
         return before[r->port_from[node]];
     return e->now.ports[node] ? REPORT_LINK_UP : REPORT_LINK_MISSING;

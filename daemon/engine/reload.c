@@ -5,6 +5,7 @@
 #include "engine/reload.h"
 
 #include "base/log.h"
+#include "engine/share.h"
 #include "port/open.h"
 #include "run/bus_make.h"
 
@@ -35,6 +36,7 @@ void setup_free(setup *s)
 {
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         port_close(s->ports[i]);
+    port_close(s->door);
     release_plan_free(s->plan);
     free(s->memory);
     *s = (setup){.memory = NULL};
@@ -88,7 +90,7 @@ static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 static uint8_t find_port(const cfg *config, const char *interface)
 {
     for (size_t i = 0; i < config->node_count; i++)
-        if (same_text(config->nodes[i].port, interface))
+        if (config->nodes[i].guest == 0 && same_text(config->nodes[i].port, interface))
             return (uint8_t)i;
     return CW_NO_NODE;
 }
@@ -109,6 +111,7 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
         print_place(errors, r->config, node->port_place);
         fprintf(errors, "node %s: port %s\n", node->name, error);
     }
+    share_port(r->setup.ports[i], r->config, i);
     return r->setup.ports[i] != NULL;
 }
 
@@ -141,7 +144,9 @@ static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *
     memset(r->port_from, CW_NO_NODE, sizeof r->port_from);
     for (unsigned i = 0; i < r->config->node_count; i++) {
         const cfg_node *node = &r->config->nodes[i];
-        if (!node->port)
+        if (node->guest > 0)
+            r->port_from[i] = r->from[i];
+        if (!node->port || node->guest > 0)
             continue;
         r->port_from[i] = find_port(old, node->port);
         if (r->port_from[i] != CW_NO_NODE)
@@ -149,6 +154,40 @@ static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *
         r->setup.ports[i] = borrow_port(pending, node->port);
         if (!r->setup.ports[i])
             good = open_port(r, i, errors) && good;
+    }
+    return good;
+}
+
+/* Opens the door of the guests. One that is open already, or that of a pending reload, is kept. */
+static bool open_door(reload *r, const cfg *old, const reload *pending, FILE *errors)
+{
+    char error[PORT_ERROR_TEXT_MAX];
+    const char *name = cfg_guest_port(r->config);
+    const cfg_node *guest = &r->config->nodes[r->config->node_count - 1];
+    if (!name || same_text(name, cfg_guest_port(old)))
+        return true;
+    if (pending && same_text(name, cfg_guest_port(pending->config)))
+        r->setup.door = pending->setup.door;
+    if (!r->setup.door)
+        r->setup.door = door_open(name, error);
+    if (r->setup.door)
+        return true;
+    print_place(errors, r->config, guest->port_place);
+    fprintf(errors, "guests: port %s\n", error);
+    return false;
+}
+
+/* Guests that are there keep the names that their clients have said. */
+static bool can_keep_names(const reload *r, const cfg *old, FILE *errors)
+{
+    bool good = true;
+    for (size_t i = old->node_count - old->guest_count; i < old->node_count; i++) {
+        const uint8_t other = cfg_find_node(r->config, old->nodes[i].name);
+        if (other == CW_NO_NODE || r->config->nodes[other].guest == old->nodes[i].guest)
+            continue;
+        fprintf(errors, "%s:%d:1: node '%s': a guest of that name is there\n", r->config->file,
+                r->config->nodes[other].line, old->nodes[i].name);
+        good = false;
     }
     return good;
 }
@@ -174,8 +213,11 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
 
 bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
 {
-    bool good = can_follow(r->config, old, errors) && match_nodes(r, old, pending, errors);
+    bool good = can_follow(r->config, old, errors) && can_keep_names(r, old, errors) &&
+                match_nodes(r, old, pending, errors) && open_door(r, old, pending, errors);
     complete_borrowed(r, pending, good);
+    if (pending && r->setup.door == pending->setup.door)
+        *(good ? &pending->setup.door : &r->setup.door) = NULL;
     return good;
 }
 

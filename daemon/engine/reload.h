@@ -9,6 +9,7 @@
 #define CANWIRE_ENGINE_RELOAD_H
 
 #include "config/files.h"
+#include "port/door.h"
 #include "port/port.h"
 #include "run/release.h"
 
@@ -18,6 +19,7 @@ typedef struct setup {
     cw_bus *bus;
     release_plan *plan;
     port *ports[CW_NODES_MAX]; /* by node; NULL without */
+    port *door;                /* of the guests; NULL: there are none */
 } setup;
 
 /* Makes bus and releases of a configuration, without ports. Files of replays are opened and read
@@ -30,7 +32,7 @@ void setup_free(setup *s);
 /* The next configuration of a bus. */
 typedef struct reload {
     cfg *config;
-    setup setup;                     /* its ports are only the new ones */
+    setup setup;                     /* its ports, and its door, are only the new ones */
     uint8_t from[CW_NODES_MAX];      /* by new node: the old one of that name, else CW_NO_NODE */
     uint8_t port_from[CW_NODES_MAX]; /* by new node: the old one on that port, else CW_NO_NODE */
     uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */

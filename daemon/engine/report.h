@@ -20,6 +20,7 @@ typedef struct report_node {
     report_link link;
     port_stats interface; /* since the node is on the bus, for all its interfaces */
     bool conserved;       /* every frame is accounted for */
+    const port *port;     /* as long as the engine does nothing else; NULL: none */
     bool pushed_back;     /* reading its port is paused: its queue is full */
     cw_frame overflowed;  /* the last frame that was dropped by a full queue */
 } report_node;

@@ -37,6 +37,14 @@ typedef struct port_kind {
     void (*count)(port *p);
     /* See port_mtu(); NULL: it has no interface. */
     unsigned (*mtu)(const port *p);
+    /* See port_share(), port_handed_in(), port_ended() and port_client(); NULL: its ECU is one
+     * program, or the kernel knows how many. */
+    void (*share)(port *p, const port_sharing *sharing);
+    void (*crowd)(port *p); /* frames have to wait from now on */
+    void (*handed_in)(port *p, const port_frame *frame);
+    void (*ended)(port *p, const cw_event *event);
+    bool (*client)(const port *p, unsigned n, port_client_info *out);
+    bool (*is_over)(const port *p);
     /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
      * accept file descriptors that a sender passes along. */
     size_t control_bytes;
@@ -60,6 +68,9 @@ struct port {
     uint32_t drops;        /* the kernel's counter, modulo 2^32 */
     uint64_t reported_dropped; /* part of stats.kernel_dropped that the ECU knows of ... */
     uint64_t reported_tick; /* ... and the time of that report */
+    bool shared;           /* see port_is_shared() */
+    uint64_t now_tick;     /* of what is sent now, see port_set_time() ... */
+    int64_t now_realtime_ns;
     int read_error;        /* errno of the last read, or 0 */
     int reported_read_error;   /* see port_reading_changed() */
     errframe_limit limit;
@@ -82,6 +93,13 @@ bool port_is_frame(const port *p, unsigned i);
 /* Copies the frames for the bus among the received messages to `frames`; counts the other messages.
  * Returns the number of frames. */
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
+
+/* Takes a frame of linux/can.h, by its size. Returns false, and counts the reason, when it is none
+ * for the bus. */
+bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size);
+
+/* Makes a frame of linux/can.h. Returns its size. */
+size_t port_make_frame(struct canfd_frame *out, const cw_frame *in);
 
 /* Sets the kernel's count of dropped frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);

@@ -13,6 +13,9 @@ port *port_socketcan_open(const char *interface, const char *bus, char error[POR
 /* Opens a socket at a path, where one ECU at a time connects. */
 port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX]);
 
+/* Opens a socket at a path, where clients ask for nodes of their own: a door, see door.h. */
+port *port_unix_open_door(const char *path, char error[PORT_ERROR_TEXT_MAX]);
+
 /* Opens a port on a connected socket that was inherited; the port takes it over. */
 port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
 

@@ -5,6 +5,7 @@
 #include "port/open.h"
 
 #include "config/portname.h"
+#include "port/door.h"
 #include "port/kinds.h"
 
 #include <errno.h>
@@ -14,6 +15,11 @@
 bool port_exists(const char *name)
 {
     return !portname_is_interface(name) || if_nametoindex(name) != 0 || errno != ENODEV;
+}
+
+port *door_open(const char *name, char error[PORT_ERROR_TEXT_MAX])
+{
+    return port_unix_open_door(portname_parse(name).path, error);
 }
 
 port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MAX])

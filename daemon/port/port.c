@@ -139,33 +139,49 @@ static int64_t take_control(port *p, struct msghdr *header)
     return arrival_ns;
 }
 
+static bool is_frame(const struct canfd_frame *in, size_t size)
+{
+    return (size == CAN_MTU && in->len <= CAN_MAX_DLEN) ||
+           (size == CANFD_MTU && in->len <= CANFD_MAX_DLEN);
+}
+
 bool port_is_frame(const port *p, unsigned i)
 {
     const struct mmsghdr *header = &p->messages.headers[i];
-    const unsigned length = p->messages.frames[i].len;
-    bool classic = header->msg_len == CAN_MTU && length <= CAN_MAX_DLEN;
-    bool fd = header->msg_len == CANFD_MTU && length <= CANFD_MAX_DLEN;
-    return (classic || fd) && !(header->msg_hdr.msg_flags & MSG_TRUNC);
+    return is_frame(&p->messages.frames[i], header->msg_len) &&
+           !(header->msg_hdr.msg_flags & MSG_TRUNC);
+}
+
+static bool take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size)
+{
+    if (in->can_id & CAN_ERR_FLAG) {
+        p->stats.errors_ignored++;
+        return false;
+    }
+    from_socketcan(p, out, in, size);
+    return true;
+}
+
+bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size)
+{
+    if (is_frame(in, size))
+        return take_frame(p, out, in, size);
+    p->stats.malformed++;
+    return false;
 }
 
 /* Returns true when a message is a frame for the bus, and copies it to *out. */
 static bool take_message(port *p, port_frame *out, unsigned i)
 {
     struct mmsghdr *m = &p->messages.headers[i];
-    int64_t arrival_ns = take_control(p, &m->msg_hdr);
+    out->realtime_ns = take_control(p, &m->msg_hdr);
+    out->client = 0;
     if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
-    if (!port_is_frame(p, i)) {
-        p->stats.malformed++;
-        return false;
-    }
-    if (p->messages.frames[i].can_id & CAN_ERR_FLAG) {
-        p->stats.errors_ignored++;
-        return false;
-    }
-    from_socketcan(p, &out->frame, &p->messages.frames[i], m->msg_len);
-    out->realtime_ns = arrival_ns;
-    return true;
+    if (port_is_frame(p, i))
+        return take_frame(p, &out->frame, &p->messages.frames[i], m->msg_len);
+    p->stats.malformed++;
+    return false;
 }
 
 /* Notes a failed read. A link that is down and an ECU that has gone are reported elsewhere. */
@@ -227,28 +243,74 @@ void port_count_loopless(port *p, int64_t least, int64_t most, bool counting)
 void port_pushed_back(port *p)
 {
     p->stats.pushed_back++;
+    if (p->kind->crowd)
+        p->kind->crowd(p);
+}
+
+/* ---- Several programs ------------------------------------------------------------------------ */
+
+void port_share(port *p, const port_sharing *sharing)
+{
+    if (p->kind->share)
+        p->kind->share(p, sharing);
+}
+
+bool port_is_shared(const port *p)
+{
+    return p->shared;
+}
+
+void port_set_time(port *p, uint64_t tick, int64_t realtime_ns)
+{
+    p->now_tick = tick;
+    p->now_realtime_ns = realtime_ns;
+}
+
+void port_handed_in(port *p, const port_frame *frame)
+{
+    if (p->kind->handed_in)
+        p->kind->handed_in(p, frame);
+}
+
+void port_ended(port *p, const cw_event *event)
+{
+    if (p->kind->ended)
+        p->kind->ended(p, event);
+}
+
+bool port_is_over(const port *p)
+{
+    return p->kind->is_over && p->kind->is_over(p);
+}
+
+bool port_client(const port *p, unsigned n, port_client_info *out)
+{
+    return p->kind->client && p->kind->client(p, n, out);
 }
 
 /* ---- Writing and counting -------------------------------------------------------------------- */
 
-static port_sent send_classical(port *p, const cw_frame *in)
+static size_t make_classical(struct canfd_frame *made, const cw_frame *in)
 {
     _Static_assert(CW_FILTER_EXTENDED == CAN_EFF_FLAG && CW_FILTER_REMOTE == CAN_RTR_FLAG, "");
     struct can_frame out = {.can_id = cw_frame_can_id(in)};
     out.len = in->dlc < CAN_MAX_DLEN ? in->dlc : CAN_MAX_DLEN;
     out.len8_dlc = in->dlc > CAN_MAX_DLEN ? in->dlc : 0;
     memcpy(out.data, in->data, cw_frame_length(in));
-    return p->kind->send(p, &out, sizeof out);
+    memcpy(made, &out, sizeof out);
+    return sizeof out;
 }
 
-static port_sent send_fd(port *p, const cw_frame *in)
+size_t port_make_frame(struct canfd_frame *out, const cw_frame *in)
 {
-    struct canfd_frame out = {.can_id = cw_frame_can_id(in), .flags = CANFD_FDF};
-    out.flags |= (uint8_t)((in->flags & CW_FRAME_BRS ? CANFD_BRS : 0) |
-                           (in->flags & CW_FRAME_ESI ? CANFD_ESI : 0));
-    out.len = (uint8_t)cw_frame_length(in);
-    memcpy(out.data, in->data, out.len);
-    return p->kind->send(p, &out, sizeof out);
+    if (!(in->flags & CW_FRAME_FD))
+        return make_classical(out, in);
+    *out = (struct canfd_frame){.can_id = cw_frame_can_id(in), .flags = CANFD_FDF};
+    out->flags |= (uint8_t)((in->flags & CW_FRAME_BRS ? CANFD_BRS : 0) |
+                            (in->flags & CW_FRAME_ESI ? CANFD_ESI : 0));
+    out->len = (uint8_t)cw_frame_length(in);
+    memcpy(out->data, in->data, out->len);
+    return sizeof *out;
 }
 
 bool port_write(port *p, const cw_frame *frame)
@@ -258,7 +320,9 @@ bool port_write(port *p, const cw_frame *frame)
         [PORT_SEND_FAILED] = &p->stats.write_failed,
         [PORT_UNHEARD] = &p->stats.unheard,
     };
-    port_sent sent = frame->flags & CW_FRAME_FD ? send_fd(p, frame) : send_classical(p, frame);
+    struct canfd_frame out;
+    const size_t size = port_make_frame(&out, frame);
+    port_sent sent = p->kind->send(p, &out, size);
     (*counters[sent])++;
     return sent == PORT_SENT;
 }

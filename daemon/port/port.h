@@ -19,7 +19,34 @@ typedef struct port port;
 typedef struct port_frame {
     cw_frame frame;
     int64_t realtime_ns; /* CLOCK_REALTIME of arrival; 0: unknown */
+    uint32_t client;     /* that has sent it, at a shared port; 0: the plain ECU */
+    uint32_t number;     /* that the client has given it */
+    uint32_t options;    /* of the client then, MESSAGE_* */
 } port_frame;
+
+/* The moment at which a client sees the frames of the others. */
+typedef enum port_echo {
+    PORT_ECHO_AT_ONCE = 0, /* as on vcan: when they are handed in */
+    PORT_ECHO_SENT         /* as at a real interface: when the bus has sent them */
+} port_echo;
+
+#define PORT_CLIENTS_MAX 63u
+
+/* The rules for programs that share a port. */
+typedef struct port_sharing {
+    const char *node; /* its name; copied */
+    bool fd;          /* the node knows CAN FD */
+    unsigned max;     /* of clients; 0: plain ECUs only */
+    port_echo echo;
+} port_sharing;
+
+/* One of the programs at a port. */
+typedef struct port_client_info {
+    const char *name; /* of a client, "" when it has not said one; NULL: the plain ECU */
+    uint64_t read;
+    uint64_t written;
+    uint64_t lost;
+} port_client_info;
 
 /* Counters, all of them uint64_t. */
 typedef struct port_stats {
@@ -40,6 +67,9 @@ typedef struct port_stats {
     uint64_t refused;        /* connections refused since an ECU was connected already */
     uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
     uint64_t pushed_back;    /* number of times that reading paused: the node's queue was full */
+    uint64_t echoed;         /* frames of clients given to other programs of the port, or back */
+    uint64_t clients_lost;   /* messages that single clients had no room for */
+    uint64_t unconfirmed;    /* frames of clients of which it was not known when they were sent */
     uint64_t rounded;        /* CAN FD frames read with a length that no DLC has: zeros fill them */
 } port_stats;
 
@@ -76,6 +106,28 @@ void port_count_loopless(port *p, int64_t least, int64_t most, bool counting);
 
 /* Counts a pause of reading, since the node's queue is full. */
 void port_pushed_back(port *p);
+
+/* Sets how programs share the port; a port that no programs can share ignores it. */
+void port_share(port *p, const port_sharing *sharing);
+
+/* Returns true while clients are there that want to know what becomes of frames: the caller then
+ * makes the three calls below. */
+bool port_is_shared(const port *p);
+
+/* Sets the time of what is sent next. */
+void port_set_time(port *p, uint64_t tick, int64_t realtime_ns);
+
+/* Says that a frame that was read has been handed in, at the time set. */
+void port_handed_in(port *p, const port_frame *frame);
+
+/* Says that the bus has sent (CW_EVENT_TX) or dropped a frame of the node. */
+void port_ended(port *p, const cw_event *event);
+
+/* Returns true when the only client of a port has gone, see door.h. */
+bool port_is_over(const port *p);
+
+/* Describes the n-th program at a port. Returns false when there are fewer. */
+bool port_client(const port *p, unsigned n, port_client_info *out);
 
 /* Writes a frame, a CAN FD frame with CANFD_FDF. Returns false, and counts the failure, when the
  * kernel does not take it. */

@@ -113,7 +113,7 @@ static void write_interface(FILE *out, const cfg *config, const cfg_node *node, 
     add_number(&b, LINKTYPE_CAN_SOCKETCAN, 2);
     add_number(&b, 0, 2); /* reserved */
     add_number(&b, 0, 4); /* packets are never cut off */
-    add_text(&b, OPTION_IF_NAME, node->port ? node->port : name);
+    add_text(&b, OPTION_IF_NAME, node->port && !node->guest ? node->port : name);
     add_text(&b, OPTION_IF_DESCRIPTION, name);
     add_option(&b, OPTION_IF_SPEED, config->bitrate_bps, 8);
     add_option(&b, OPTION_IF_TSRESOL, RESOLUTION_NS, 1);

@@ -19,6 +19,19 @@ static size_t bytes_of(const cw_bus_config *config)
     return (cw_bus_size(config) + align - 1) / align * align;
 }
 
+void bus_take_guests_off(cw_bus *bus, const cfg *config)
+{
+    cw_event event;
+    for (unsigned i = 0; i < config->node_count; i++) {
+        if (config->nodes[i].guest == 0)
+            continue;
+        while (cw_node_attach(bus, i, false) == CW_FULL)
+            (void)cw_bus_poll(bus, &event);
+    }
+    while (cw_bus_poll(bus, &event))
+        continue;
+}
+
 cw_bus *bus_make(void **memory, const cfg *config)
 {
     cw_node_config nodes[CW_NODES_MAX];
@@ -37,7 +50,9 @@ cw_bus *bus_make(void **memory, const cfg *config)
         void *behind = (unsigned char *)*memory + bytes;
         cw_bus_set_sync_records(bus, behind);
     }
-    if (bus)
+    if (bus) {
         release_add_replies(bus, config);
+        bus_take_guests_off(bus, config);
+    }
     return bus;
 }

@@ -11,4 +11,7 @@
  * without memory. */
 cw_bus *bus_make(void **memory, const cfg *config);
 
+/* Takes guests off a new bus, without events. */
+void bus_take_guests_off(cw_bus *bus, const cfg *config);
+
 #endif

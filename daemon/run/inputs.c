@@ -233,6 +233,19 @@ void inputs_attach(inputs *in, unsigned node, bool on)
         in->drain(in->drain_user);
     note(in, (input){.kind = INPUT_ATTACH, .node = node, .on = on});
     in->drain(in->drain_user);
+    if (!on)
+        live_name_guest(in->config, node, NULL);
+}
+
+void inputs_attach_as(inputs *in, unsigned node, const char *name)
+{
+    if (cw_node_attached(in->bus, node))
+        return;
+    while (cw_node_attach(in->bus, node, true) == CW_FULL)
+        in->drain(in->drain_user);
+    note(in, (input){.kind = INPUT_ATTACH, .node = node, .on = true, .as = name});
+    live_name_guest(in->config, node, name);
+    in->drain(in->drain_user);
 }
 
 /* Returns the nodes whose frames come in real time. Traffic of the configuration comes in bus

@@ -40,6 +40,7 @@ typedef struct input {
     const char *name; /* of the text */
     bool refused;     /* INPUT_INJECT: the bus did not take the rules */
     const char *rule;
+    const char *as;     /* INPUT_ATTACH of a guest: the name that it gets, or NULL */
     const cw_settings *settings;
     const cfg_retime *time; /* keys of its bit timing, or NULL */
     bool on;
@@ -104,8 +105,11 @@ cw_status inputs_set(inputs *in, unsigned node, const cw_settings *settings);
 cw_status inputs_set_all(inputs *in, char problem[RETIME_PROBLEM_MAX], unsigned node,
                          const cw_settings *settings, const cfg_retime *time);
 
-/* Calls cw_node_attach() and takes all events. */
+/* Calls cw_node_attach() and takes all events. A guest that leaves has its own name afterwards. */
 void inputs_attach(inputs *in, unsigned node, bool on);
+
+/* Puts a guest on the bus under another name, NULL: its own. */
+void inputs_attach_as(inputs *in, unsigned node, const char *name);
 
 /* Lets time pass without simulation, with cw_nodes_bring_forward(). `earlier` is the time that
  * frames of ports have waited in the inbox already. Traffic of the configuration comes in bus time,

@@ -296,6 +296,8 @@ static void put_other(const journal_part *b, const input *what)
         break;
     case INPUT_ATTACH:
         put_text(line, what->on ? "attach" : "detach", node);
+        if (what->as)
+            put_text(line, "as", what->as);
         break;
     case INPUT_SKIP:
         put_count(line, "skip", what->skipped);

@@ -223,6 +223,18 @@ static void set(journal_player *p, unsigned node)
     expect_ok(p, "set", inputs_set_all(&p->now->inputs, problem, node, what->settings, what->time));
 }
 
+/* Puts a guest on the bus under the name of then. */
+static bool attach_as(journal_player *p, unsigned node, const char *name)
+{
+    const cfg *config = live_config(p->now->live);
+    if (config->nodes[node].guest == 0 || cfg_find_node(config, name) != CW_NO_NODE) {
+        journal_complain(p->reader, "as", "'%.80s' cannot be the name of this node", name);
+        return false;
+    }
+    inputs_attach_as(&p->now->inputs, node, name);
+    return true;
+}
+
 static bool act_on_node(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -235,6 +247,8 @@ static bool act_on_node(journal_player *p)
         expect_ok(p, "restart", inputs_restart(&p->now->inputs, node));
     else if (what->kind == INPUT_SET)
         set(p, node);
+    else if (what->as)
+        return attach_as(p, node, what->as);
     else
         inputs_attach(&p->now->inputs, node, what->on);
     return true;

@@ -10,6 +10,7 @@
 #include "base/buffer.h"
 #include "base/nearest.h"
 #include "base/number.h"
+#include "config/values.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
 #include "trace/frametext.h"
@@ -286,7 +287,9 @@ static bool read_attach(journal_reader *r, journal_entry *entry)
 {
     entry->what.on = value_of(r, "attach") != NULL;
     entry->node = text_of(r, entry->what.on ? "attach" : "detach");
-    return true;
+    entry->what.as = value_of(r, "as") ? text_of(r, "as") : NULL;
+    return !entry->what.as || cfg_name_valid(entry->what.as, CFG_NODE_NAME_MAX) ||
+           wrong(r, "as", "as: it cannot be the name of a node");
 }
 
 static bool read_set(journal_reader *r, journal_entry *entry)
@@ -380,7 +383,8 @@ static const line_spec specs[] = {
     {"restart", JOURNAL_INPUT, INPUT_RESTART, read_restart, JSON_STRING,
      {{NULL, JSON_NULL, false}}},
     {"set", JOURNAL_INPUT, INPUT_SET, read_set, JSON_STRING, {{"settings", JSON_OBJECT, true}}},
-    {"attach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
+    {"attach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING,
+     {{"as", JSON_STRING, false}}},
     {"detach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
     {"skip", JOURNAL_INPUT, INPUT_SKIP, read_skip, JSON_INTEGER,
      {{"earlier", JSON_INTEGER, false}}},

@@ -5,6 +5,7 @@
 #include "run/live.h"
 
 #include <assert.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,6 +15,8 @@ struct live {
     cw_rule rules[CW_RULES_MAX];
     const char *names[CW_RULES_MAX]; /* of the rules */
     char *injected[CW_RULES_MAX]; /* names of our own; NULL for rules of the file */
+    char guests[CW_NODES_MAX + 1][CFG_NODE_NAME_MAX + 1]; /* names of guests by number; "": own */
+    char *own[CW_NODES_MAX]; /* names by node, as the file has them */
 };
 
 static void take(live *l, cfg *config)
@@ -25,6 +28,13 @@ static void take(live *l, cfg *config)
     }
     l->file = config;
     l->now = *config;
+    for (size_t i = config->guest_count + 1; i <= CW_NODES_MAX; i++)
+        *l->guests[i] = '\0';
+    for (size_t i = 0; i < config->node_count; i++) {
+        l->own[i] = config->nodes[i].name;
+        if (config->nodes[i].guest > 0 && *l->guests[config->nodes[i].guest])
+            config->nodes[i].name = l->guests[config->nodes[i].guest];
+    }
     l->now.rules = l->rules;
 }
 
@@ -57,6 +67,17 @@ void live_free(live *l)
 const cfg *live_config(const live *l)
 {
     return &l->now;
+}
+
+void live_name_guest(live *l, unsigned node, const char *name)
+{
+    assert(node < l->file->node_count);
+    cfg_node *const guest = &l->file->nodes[node];
+    char *const kept = l->guests[guest->guest];
+    if (guest->guest == 0)
+        return;
+    (void)snprintf(kept, sizeof l->guests[0], "%s", name ? name : "");
+    guest->name = *kept ? kept : l->own[node];
 }
 
 void live_set_time(live *l, unsigned node, const cfg_node_time *time)

@@ -26,6 +26,10 @@ void live_replace(live *l, cfg *config);
  * of the bus; the name of a missing rule is NULL. */
 const cfg *live_config(const live *l);
 
+/* Gives a guest the name that its client has said; NULL: its own one again. It keeps the name when
+ * another configuration replaces this one. */
+void live_name_guest(live *l, unsigned node, const char *name);
+
 /* Notes what the keys of a node's clock and bit timing are now. */
 void live_set_time(live *l, unsigned node, const cfg_node_time *time);
 

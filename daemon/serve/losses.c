@@ -26,10 +26,11 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 1] = "lost in the kernel before they could be read",
     [CW_DROP_COUNT + 2] = "error frames left out",
     [CW_DROP_COUNT + 3] = "messages that are no frames",
-    [CW_DROP_COUNT + 4] = "connections refused, an ECU is connected already",
+    [CW_DROP_COUNT + 4] = "connections refused, their places are taken",
     [CW_DROP_COUNT + 5] = "bus-off",
     [CW_DROP_COUNT + 6] = "restarts",
     [CW_DROP_COUNT + 7] = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan",
+    [CW_DROP_COUNT + 8] = "not taken by single clients of the port",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -48,6 +49,7 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 5] = stats.bus_off;
     now[CW_DROP_COUNT + 6] = stats.restarts;
     now[CW_DROP_COUNT + 7] = interface->loopless;
+    now[CW_DROP_COUNT + 8] = interface->clients_lost;
 }
 
 /* Returns "" where the node's program cannot change anything. */

@@ -6,6 +6,7 @@
 
 #include "base/jsonput.h"
 #include "base/number.h"
+#include "config/portname.h"
 #include "record/data_timing.h"
 #include "record/local_time.h"
 #include "record/output.h"
@@ -126,7 +127,26 @@ static json_t *interface_json(const port_stats *stats)
     put_count(object, "pushed_back", stats->pushed_back);
     put_count(object, "loopless", stats->loopless);
     put_count(object, "rounded", stats->rounded);
+    put_count(object, "echoed", stats->echoed);
+    put_count(object, "clients_lost", stats->clients_lost);
+    put_count(object, "unconfirmed", stats->unconfirmed);
     return object;
+}
+
+/* Returns the programs at a port. */
+static json_t *clients_json(const port *p)
+{
+    port_client_info info;
+    json_t *array = json_array();
+    for (unsigned n = 0; port_client(p, n, &info); n++) {
+        json_t *object = json_object();
+        put_text(object, "name", info.name);
+        put_count(object, "read", info.read);
+        put_count(object, "written", info.written);
+        put_count(object, "lost", info.lost);
+        put_last(array, object);
+    }
+    return array;
 }
 
 static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
@@ -152,6 +172,8 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_bool(object, "pushing_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
+    if (own->port && portname_parse(config->nodes[node].port).kind == PORTNAME_UNIX)
+        put(object, "clients", clients_json(own->port));
     put_bool(object, "conserved", own->conserved);
     return object;
 }

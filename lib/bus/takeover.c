@@ -318,6 +318,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         }
         to[from[i]] = (uint8_t)i;
         take_over_node(bus, i, old, from[i]);
+        bus->detached &= ~cw_node_bit(i);
         if (!cw_node_attached(old, from[i]))
             bus->detached |= cw_node_bit(i);
         if (old->removed & cw_node_bit(from[i]))

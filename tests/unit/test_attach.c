@@ -275,9 +275,37 @@ static void a_bus_that_takes_over_leaves_it_off(void **state)
     rig_free(r);
 }
 
+/* Nodes that the new bus has taken off before: only one that is new stays so. */
+static void a_bus_that_takes_over_puts_on_who_was_on(void **state)
+{
+    (void)state;
+    static const uint8_t from[] = {CW_NO_NODE, 0, 1};
+    const cw_frame frame = rig_frame(0x123, 0, 0);
+    rig *old = rig_new(2);
+    rig *r = rig_new(3);
+    rig_start(old);
+    rig_start(r);
+    rig_run_bits(old, 100);
+    for (unsigned i = 0; i < 2; i++)
+        assert_int_equal(cw_node_attach(r->bus, i, false), CW_OK);
+    rig_poll(r);
+    assert_int_equal(cw_bus_take_over(r->bus, old->bus, from), CW_OK);
+    assert_false(cw_node_attached(r->bus, 0));
+    assert_true(cw_node_attached(r->bus, 1) && cw_node_attached(r->bus, 2));
+    forget(r);
+    rig_send(r, 1, &frame, 200 * BIT);
+    rig_run_bits(r, 1000);
+    assert_told(r, 0, "");
+    assert_told(r, 1, "tx 123#0:;");
+    assert_told(r, 2, "rx 123#0:;");
+    rig_free(old);
+    rig_free(r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_bus_that_takes_over_puts_on_who_was_on),
         cmocka_unit_test(a_node_that_is_off_neither_sends_nor_hears),
         cmocka_unit_test(a_sender_that_goes_in_the_middle_of_its_frame),
         cmocka_unit_test(a_sender_without_receiver_waits_for_one_that_comes_back),

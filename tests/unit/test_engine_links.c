@@ -5,6 +5,7 @@
  */
 #include "config/portname.h"
 #include "engine/core.h"
+#include "engine/share.h"
 #include "port/open.h"
 
 #include <errno.h>
@@ -164,6 +165,13 @@ port *port_open(const char *name, const char *of, char error[PORT_ERROR_TEXT_MAX
     bus.open_ports++;
     bus.opened++;
     return p;
+}
+
+void share_port(port *p, const cfg *config, unsigned node)
+{
+    (void)p;
+    (void)config;
+    (void)node;
 }
 
 void port_close(port *p)

@@ -5,6 +5,7 @@
 #include "cli/sim/sim_run.h"
 
 #include "base/plain.h"
+#include "run/bus_make.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -42,8 +43,10 @@ bool sim_open(sim_run *s, const cfg *config, bool quiet)
     if (!s->memory || !s->plan)
         return false;
     s->bus = cw_bus_init(s->memory, &bus_config);
-    if (s->bus)
+    if (s->bus) {
         release_add_replies(s->bus, config);
+        bus_take_guests_off(s->bus, config);
+    }
     return s->bus != NULL;
 }
 

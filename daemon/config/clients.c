@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * clients.c - the programs that share a node's port.
+ */
+#include "config/parts.h"
+
+#include "config/portname.h"
+#include "config/values.h"
+
+static const schema_range max_range = {1, CFG_CLIENTS_MAX, sizeof(uint8_t)};
+
+static const schema_choice echoes[] = {
+    {.name = "at-once", .value = CFG_ECHO_AT_ONCE},
+    {.name = "sent", .value = CFG_ECHO_SENT},
+    {.name = NULL},
+};
+
+static const schema_key max_key = {.name = "clients",
+                                   .read = schema_read_uint,
+                                   .offset = offsetof(cfg_node, clients.max),
+                                   .arg = &max_range};
+
+static const schema_key clients_keys[] = {
+    {.name = "max",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg_node, clients.max),
+     .arg = &max_range},
+    {.name = "echo",
+     .read = schema_read_choice,
+     .offset = offsetof(cfg_node, clients.echo),
+     .arg = echoes},
+    {.name = NULL},
+};
+
+/* Reads `clients: 8`, short for `clients: { max: 8 }`. */
+void cfg_read_clients(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    if (value->type == YAML_SCALAR_NODE)
+        schema_read_uint(self, &max_key, value, object);
+    else
+        schema_map(self, key->name, value, clients_keys, object);
+}
+
+void cfg_read_port_clients(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_node *node = object;
+
+    if (!node->port || portname_parse(node->port).kind != PORTNAME_UNIX)
+        schema_complain(self, value, "%s: only a port unix:PATH has clients", key->name);
+    cfg_read_clients(self, key, value, object);
+}
