@@ -115,7 +115,7 @@ static void read_units(schema *self, const schema_key *key, yaml_node_t *value, 
     uint64_t number = 0;
     if (!text)
         return;
-    if (strspn(text, "0123456789") == strlen(text)) {
+    if (strspn(text, "0123456789") == strlen(text) && (text[0] != '0' || text[1] == '\0')) {
         number = strtoull(text, NULL, 10);
     } else {
         const char *problem = text_parse_time(&time, text);

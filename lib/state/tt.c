@@ -580,10 +580,11 @@ static void renumber(tt_capture kept[CW_TT_CAPTURES_KEPT], const uint8_t to[CW_N
             kept[k].master = to[kept[k].master];
 }
 
-/* The counter goes on, unless it is another one now. */
+/* The counter goes on, unless it is another one now. Its unit may be longer or shorter: so is that
+ * of a clock with another error. */
 static bool is_same_counter(const cw_local_time *a, const cw_local_time *b)
 {
-    return a->unit == b->unit && a->bits == b->bits && a->start == b->start;
+    return a->bits == b->bits && a->start == b->start;
 }
 
 bool cw_tt_goes_on(const cw_tt *tt, const cw_tt *old)
