@@ -35,14 +35,12 @@ void member_close(member *c)
 /* Sends a message. An end that has gone loses nothing. */
 static bool send_message(member *c, message_head *head, const void *body, size_t size)
 {
-    struct iovec parts[] = {
-        {.iov_base = head, .iov_len = sizeof *head},
-        {.iov_base = (void *)(uintptr_t)body, .iov_len = size},
-    };
-    const struct msghdr out = {.msg_iov = parts, .msg_iovlen = 2};
+    unsigned char bytes[sizeof *head + sizeof(message_error)]; /* the longest one */
     head->size = (uint16_t)(sizeof *head + size);
     head->lost = c->lost;
-    if (sendmsg(c->fd, &out, MSG_DONTWAIT | MSG_NOSIGNAL) >= 0)
+    memcpy(bytes, head, sizeof *head);
+    memcpy(bytes + sizeof *head, body, size);
+    if (send(c->fd, bytes, head->size, MSG_DONTWAIT | MSG_NOSIGNAL) >= 0)
         return true;
     c->lost += errno != EPIPE && errno != ECONNRESET && errno != ENOTCONN;
     return false;

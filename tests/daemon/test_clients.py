@@ -145,7 +145,7 @@ def test_the_others_see_a_frame_at_once_and_the_bus_later(rig):
     assert (seen.type, seen.flags, seen.number) == (FRAME, LOCAL, 0)
     assert (seen.can_id, seen.data) == (0x123, b"\x01\x02")
     assert quiet.receive().can_id == 0x123
-    assert FRAME_BODY.unpack(plain.recv(100))[0] == 0x123
+    assert FRAME_BODY.unpack(plain.recv(100))[0] == 0x123  # whole: a message
     quiet.send(0x124)  # without loopback
     plain.send(FRAME_BODY.pack(0x125, 0, 0, b""))
     assert a.receive().can_id == 0x125
@@ -285,7 +285,7 @@ def test_error_frames_come_to_those_who_ask(rig):
     r.run("inject", "./share.sock", "{ name: off, do: { bus-off: engine } }")
     assert off.receive().can_id == ERR | 0x40
     assert filtered.receive().can_id == ERR | 0x40
-    assert FRAME_BODY.unpack(plain.recv(100))[0] == ERR | 0x40
+    assert FRAME_BODY.unpack(plain.recv(100))[0] == ERR | 0x40  # whole: a message
     r.run("restart", "./share.sock", "engine")
     assert filtered.receive().can_id & 0x100
     r.client("dash").send(0x321)
@@ -360,7 +360,7 @@ def test_too_many_are_turned_away(rig):
     assert fourth.welcome.type == HELLO
     plain = r.plain()  # beside them
     fourth.send(0x123)
-    assert FRAME_BODY.unpack(plain.recv(100))[0] == 0x123
+    assert FRAME_BODY.unpack(plain.recv(100))[0] == 0x123  # whole: a message
     assert second.receive().can_id == 0x123
     assert [c["name"] for c in r.node()["clients"]] == [None, "", ""]
     shown = r.run("status", "./share.sock")
@@ -372,15 +372,15 @@ def test_one_plain_ecu_at_a_time_also_beside_clients(rig):
     r = rig()
     client, first = r.client(), r.plain()
     client.send(0x123)
-    assert first.recv(100)
+    assert first.recv(100)  # whole: a message
     second = r.plain()
-    assert second.recv(100) == b""
+    assert second.recv(100) == b""  # whole: a message
     first.close()
     third = r.plain()
     client.send(0x124)
     wait_until(lambda: r.node()["interface"]["connected"] == 3, "the third")
     client.send(0x125)
-    while FRAME_BODY.unpack(third.recv(100))[0] != 0x125:
+    while FRAME_BODY.unpack(third.recv(100))[0] != 0x125:  # whole: a message
         pass
     r.stop()
 

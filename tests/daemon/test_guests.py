@@ -186,7 +186,7 @@ def test_a_program_without_the_protocol_is_no_guest(rig):
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as plain:
         plain.connect(str(r.folder / "bus.sock"))
         plain.settimeout(PATIENCE_S)
-        assert plain.recv(100) == b""
+        assert plain.recv(100) == b""  # whole: a message
     assert set(r.links().values()) == {"up", "down"} and r.links()["guest-1"] == "down"
     r.stop()
 

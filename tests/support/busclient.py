@@ -76,14 +76,14 @@ class Client:
         self.write(FILTERS, b"".join(struct.pack("=II", *f) for f in filters))
 
     def receive(self):
-        packed = self.socket.recv(8192)
+        packed = self.socket.recv(8192)  # whole: a message
         assert packed, "the port has closed the connection"
         return unpack(packed)
 
     def ends(self):
         """Returns True when the port closes the connection."""
         try:
-            return self.socket.recv(8192) == b""
+            return self.socket.recv(8192) == b""  # whole: a message
         except ConnectionResetError:
             return True
 

@@ -159,10 +159,10 @@ SEAM(int, accept4, int fd, struct sockaddr *address, socklen_t *size, int flags)
         seam_fd_of(client)->connection = connection_of(&peer, peer_size);
         world_trace("accept4(%d) = %d, connection %d", fd, client, seam_fd_of(client)->connection);
     }
-    if (address && size) {
-        socklen_t room = *size < peer_size ? *size : peer_size;
-        memcpy(address, &peer, room);
-        *size = peer_size;
+    if (address && size) { /* the name is this world's own: the program has none */
+        memset(address, 0, *size);
+        address->sa_family = AF_UNIX;
+        *size = sizeof address->sa_family;
     }
     errno = number;
     return client;
