@@ -35,7 +35,7 @@ static uint64_t local_at_sample(const cw_bus *bus, unsigned i, uint64_t begin)
     return cw_local_at(&bus->tt[i].clock, sample_point(bus, i, begin));
 }
 
-static uint64_t bit_ticks(const cw_bus *bus)
+static uint64_t ticks_of_bit(const cw_bus *bus)
 {
     return cw_rate_ticks(cw_wire_rate(&bus->time), 1);
 }
@@ -65,7 +65,7 @@ void cw_tt_look(cw_bus *bus)
     for (unsigned i = 0; i < bus->node_count; i++) {
         const cw_mac *m = cw_mac_of(bus, i);
         if (cw_mac_has_seen_sof(m))
-            cw_tt_see_sof(bus, i, cw_now(bus) - bit_ticks(bus));
+            cw_tt_see_sof(bus, i, cw_now(bus) - ticks_of_bit(bus));
     }
 }
 
@@ -115,7 +115,7 @@ static uint64_t early(const cw_bus *bus, unsigned i)
 {
     const cw_bit_timing *t = &bus->timed.nodes[i].timing;
     const uint64_t own = (uint64_t)(t->quantum / CW_TICK + 1) * cw_bit_timing_quanta(t);
-    const uint64_t bit = bit_ticks(bus);
+    const uint64_t bit = ticks_of_bit(bus);
     return HAND_IN_EARLY_BITS * (own > bit && bus->timed.divides ? own : bit);
 }
 
@@ -139,7 +139,9 @@ static void plan(cw_bus *bus, unsigned i)
 /* Returns the number of the basic cycle that the next reference message begins. */
 static uint16_t next_cycle(const cw_tt *s)
 {
-    return s->references ? (uint16_t)((s->cycle + 1u) % s->schedule.cycles) : 0;
+    if (!s->references)
+        return 0;
+    return (uint16_t)((s->cycle + 1u) % s->schedule.cycles);
 }
 
 /* Returns the place of the slot's frame in the queue when it has not begun; NULL: it has, or has
@@ -317,8 +319,10 @@ static void begin_cycle(cw_bus *bus, unsigned i)
     const unsigned byte = s->schedule.cycle_byte;
     const tt_capture capture = {.local = s->captured, .tick = cw_now(bus),
                                 .master = s->pending.from};
-    s->cycle = byte < cw_frame_length(frame) ? frame->data[byte] % s->schedule.cycles
-                                             : next_cycle(s);
+    if (byte < cw_frame_length(frame))
+        s->cycle = (uint16_t)(frame->data[byte] % s->schedule.cycles);
+    else
+        s->cycle = next_cycle(s);
     s->references++;
     s->base = s->captured;
     s->in_cycle = true;
@@ -350,7 +354,7 @@ static void publish(cw_bus *bus, unsigned i)
         s->pending.due = cw_bit_end(bus);
         return;
     }
-    const uint64_t begin = s->pending.due - bit_ticks(bus);
+    const uint64_t begin = s->pending.due - ticks_of_bit(bus);
     s->pending.due = CW_NEVER;
     if (!known && away)
         return;
@@ -380,7 +384,7 @@ void cw_tt_received(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t fro
         return;
     bus->tt[i].eof_seen = false;
     note_pending(bus, i, frame, from);
-    bus->tt[i].pending.due = cw_now(bus) + bit_ticks(bus);
+    bus->tt[i].pending.due = cw_now(bus) + ticks_of_bit(bus);
     note_due(bus, i);
 }
 
@@ -394,7 +398,7 @@ void cw_tt_sent(cw_bus *bus, unsigned i, const cw_queue_slot *slot)
     note_pending(bus, i, slot->frame, cw_node_bit(i));
     if (s->config.at_eof) {
         s->pending.local = s->eof_seen ? s->eof
-                                       : local_at_sample(bus, i, cw_now(bus) - bit_ticks(bus));
+                                       : local_at_sample(bus, i, cw_now(bus) - ticks_of_bit(bus));
         s->pending.known = true;
     }
     s->pending.due = cw_now(bus);
@@ -468,7 +472,7 @@ uint64_t cw_tt_visible(const cw_tt *s, uint64_t local)
 /* Finds the capture of the master for the same reference message. */
 static const tt_capture *capture_of_master(const cw_bus *bus, const tt_capture *seen)
 {
-    const uint64_t most = SAME_MESSAGE_BITS * bit_ticks(bus);
+    const uint64_t most = SAME_MESSAGE_BITS * ticks_of_bit(bus);
     if (seen->master >= bus->node_count || seen->tick == 0)
         return NULL;
     for (unsigned k = 0; k < CW_TT_CAPTURES_KEPT; k++) {
@@ -565,7 +569,7 @@ static void go_into_cycle(cw_bus *bus, unsigned i)
     const uint64_t now = cw_local_at(&s->clock, (cw_instant){.tick = cw_now(bus)});
     if (s->schedule.cycles == 0)
         return;
-    s->cycle %= s->schedule.cycles;
+    s->cycle = (uint16_t)(s->cycle % s->schedule.cycles);
     s->next = 0;
     while (s->next < s->schedule.trigger_count &&
            s->base + s->schedule.triggers[s->next].at <= now)
