@@ -15,7 +15,6 @@
 #define CLOCK_MIN_HZ 100000u
 #define CLOCK_MAX_HZ 1000000000u
 #define PPM_MAX 100000u
-#define MILLION 1000000
 
 #define BIT(key) (1u << (key))
 #define SEGMENTS                                                                                   \
@@ -429,11 +428,6 @@ static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], c
         return false;
     *which |= CW_SET_QUANTUM | CW_SET_DATA | (bit_changes ? CW_SET_SEGMENTS : 0);
     return true;
-}
-
-cw_span cfg_drifted(cw_span quantum, cw_span ppm)
-{
-    return quantum - quantum / (MILLION + ppm) * ppm;
 }
 
 cw_bit_timing cfg_bit_timing(const cfg_node_time *time, cw_span nominal)

@@ -4,7 +4,6 @@
  */
 #include "config/parts.h"
 
-#include "config/retime.h"
 #include "config/values.h"
 #include "trace/frametext.h"
 
@@ -319,11 +318,6 @@ void cfg_check_schedules(schema *self, yaml_node_t *nodes)
         for (unsigned k = 0; triggers && k < config->nodes[i].schedule.trigger_count; k++)
             check_sender(self, schema_item(self, triggers, k), i);
     }
-}
-
-cw_span cfg_local_unit(const cfg_node *node, int32_t ppm)
-{
-    return cfg_drifted(node->local.unit, ppm);
 }
 
 const cfg_place *cfg_find_master(const cfg *config)

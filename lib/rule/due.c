@@ -24,8 +24,8 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
                    s->next_at <= cw_rules_now(set);
     if (ends)
         cw_rule_end_action(set, rule);
-    if (goes_on)
-        cw_raw_go_on(set, rule);
+    if (goes_on && !cw_raw_go_on(set, rule))
+        cw_rule_end_action(set, rule);
     s->to_act = false;
     if (acts)
         cw_rule_act(set, rule);

@@ -79,8 +79,8 @@ static inline void cw_rules_rewire(const cw_rule_set *set)
 /* A hit of RAW: the node drives bits when it may. One that waits or drives goes on as before. */
 void cw_raw_act(cw_rule_set *set, unsigned rule);
 
-/* Goes on after a bit in which RAW has waited or driven. */
-void cw_raw_go_on(cw_rule_set *set, unsigned rule);
+/* Goes on after a bit in which RAW has waited or driven. Returns false after the last one. */
+bool cw_raw_go_on(cw_rule_set *set, unsigned rule);
 
 /* Returns the level that RAW drives in the present bit. */
 bool cw_raw_level(const cw_rule_state *state);

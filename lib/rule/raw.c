@@ -44,15 +44,16 @@ void cw_raw_act(cw_rule_set *set, unsigned rule)
         wait_for_idle(set, rule);
 }
 
-void cw_raw_go_on(cw_rule_set *set, unsigned rule)
+bool cw_raw_go_on(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     if (s->waits)
         wait_for_idle(set, rule);
     else if (++s->bits_done == s->rule.bits)
-        cw_rule_end_action(set, rule);
+        return false;
     else
         look_again(set, s);
+    return true;
 }
 
 bool cw_raw_level(const cw_rule_state *s)

@@ -176,12 +176,27 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
     return room(&bus->inbox);
 }
 
+/* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. */
+static void hand_in_triggered(cw_bus *bus, const inbox_entry *entry)
+{
+    const unsigned i = entry->node;
+    bus_node *n = &bus->nodes[i];
+    const unsigned before = n->queue.count;
+    bus->inbox.triggered &= ~cw_node_bit(i);
+    n->stats.made_by_rules++;
+    cw_queue_frame(bus, i, entry->frame, entry->at_tick, 0);
+    if (n->queue.count > before)
+        cw_queue_at(&n->queue, n->queue.newest)->trigger = entry->trigger;
+    else
+        bus->tt[i].stats[entry->trigger - 1].missed++;
+}
+
 /* Rules on the host side see the frame first, then it is queued. */
 __attribute__((flatten)) static void hand_in(cw_bus *bus, inbox_entry *entry)
 {
     cw_frame *frame = entry->frame; /* with room for what rules make of it */
-    if (entry->trigger) { /* its host has nothing to do with it */
-        cw_tt_hand_in(bus, entry->node, frame, entry->at_tick, entry->trigger);
+    if (entry->trigger) {
+        hand_in_triggered(bus, entry);
         return;
     }
     bus->nodes[entry->node].inbox--;

@@ -32,11 +32,6 @@ bool cw_sleep_wanted(const cw_bus *bus, unsigned i)
 
 /* ---- Modes ----------------------------------------------------------------------------------- */
 
-unsigned cw_modes_of(const cw_bus *bus, unsigned i)
-{
-    return bus->listening >> i & 1u ? bus->sleeps[i].modes : bus->nodes[i].mac.modes;
-}
-
 void cw_set_modes_of(cw_bus *bus, unsigned i, unsigned modes)
 {
     if (bus->listening >> i & 1u)

@@ -5,6 +5,7 @@
  *   queue.c      the waiting frames of one node; enqueue.c puts frames into queues
  *   inbox.c      frames whose tick is still to come
  *   ring.c       the ring of events; commit.c turns reports into events and statistics
+ *   report.c     tells hosts of new states of their nodes
  *   stats.c      load and delays; shares.c statistics that many nodes have in common
  *   followers.c  nodes that share one controller
  *   topology.c   the wire of each node; restart.c the ticks of restarts after bus-off
@@ -456,7 +457,10 @@ void cw_sleep_run(cw_bus *bus, unsigned node);
 void cw_sleep_hear(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Returns the modes of a node as its host knows them. */
-unsigned cw_modes_of(const cw_bus *bus, unsigned node);
+static inline unsigned cw_modes_of(const cw_bus *bus, unsigned node)
+{
+    return bus->listening >> node & 1u ? bus->sleeps[node].modes : bus->nodes[node].mac.modes;
+}
 
 /* Changes them. */
 void cw_set_modes_of(cw_bus *bus, unsigned node, unsigned modes);
@@ -507,10 +511,6 @@ void cw_tt_retime(cw_bus *bus, unsigned node, cw_instant from);
 
 /* Gives a node another unit of local time, with its next bit timing. */
 void cw_tt_give_unit(cw_bus *bus, unsigned node, cw_span unit, cw_span quantum);
-
-/* Takes a frame of a trigger, 1 + number, out of the inbox. */
-void cw_tt_hand_in(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
-                   unsigned trigger);
 
 /* Note what has become of the frame in a slot of a queue. The node has begun to send it at a tick,
  * has lost arbitration with it, or has given it up after its only attempt. */
@@ -637,6 +637,9 @@ void cw_leave(cw_bus *bus, uint64_t nodes);
  * rules and the hosts demand. Undoes all that no rule and no host demands any more. */
 void cw_apply_topology(cw_bus *bus);
 
+/* Returns the wired-AND of each wire, as its nodes see it. */
+uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven);
+
 /* ---- rates.c --------------------------------------------------------------------------------- */
 
 /* Return the time quantum and the bit timing of the data phase of a node, and a clock, by what is
@@ -667,6 +670,17 @@ bool cw_view_is_quiet(const cw_bus *bus);
 static inline const cw_bit_node *cw_noted(const bit_note *note, unsigned i)
 {
     return &note->nodes[note->alike >> i & 1u ? cw_lowest_node(note->alike) : i];
+}
+
+/* ---- report.c -------------------------------------------------------------------------------- */
+
+/* Reports the state of a node, which has changed since the last report. */
+void cw_report_new_state(cw_bus *bus, unsigned node);
+
+static inline void cw_report_state(cw_bus *bus, unsigned node)
+{
+    if (bus->nodes[node].reported_state != cw_node_state(bus, node))
+        cw_report_new_state(bus, node);
 }
 
 /* ---- commit.c -------------------------------------------------------------------------------- */
@@ -725,14 +739,5 @@ static inline bool cw_host_side_acts(const cw_bus *bus)
 /* Commits that followers have received a frame in this bit, when no other node has a report.
  * Returns true when that was possible for all of them at once. */
 bool cw_commit_reception(cw_bus *bus);
-
-/* Reports the state of a node, which has changed since the last report. */
-void cw_report_new_state(cw_bus *bus, unsigned node);
-
-static inline void cw_report_state(cw_bus *bus, unsigned node)
-{
-    if (bus->nodes[node].reported_state != cw_node_state(bus, node))
-        cw_report_new_state(bus, node);
-}
 
 #endif

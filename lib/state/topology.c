@@ -40,3 +40,12 @@ void cw_apply_topology(cw_bus *bus)
     memcpy(bus->groups, topology.wires, topology.wire_count * sizeof bus->groups[0]);
     bus->group_count = topology.wire_count;
 }
+
+uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven)
+{
+    uint64_t levels = UINT64_MAX;
+    for (unsigned g = 0; g < bus->group_count; g++)
+        if ((driven & bus->groups[g]) != bus->groups[g])
+            levels &= ~bus->groups[g];
+    return levels;
+}

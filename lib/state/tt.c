@@ -248,20 +248,6 @@ static bool waits_for_slot(cw_bus *bus, unsigned i)
     return open;
 }
 
-void cw_tt_hand_in(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick,
-                   unsigned trigger)
-{
-    bus_node *n = &bus->nodes[i];
-    const unsigned before = n->queue.count;
-    bus->inbox.triggered &= ~cw_node_bit(i);
-    n->stats.made_by_rules++;
-    cw_queue_frame(bus, i, frame, tick, 0);
-    if (n->queue.count > before)
-        cw_queue_at(&n->queue, n->queue.newest)->trigger = (uint8_t)trigger;
-    else
-        bus->tt[i].stats[trigger - 1].missed++;
-}
-
 /* ---- What becomes of slots ------------------------------------------------------------------- */
 
 /* Returns the statistics of the trigger whose frame is in a slot of the queue; NULL: none. */

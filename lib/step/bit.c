@@ -96,15 +96,6 @@ static uint64_t drive_all(cw_bus *bus)
     return levels;
 }
 
-uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven)
-{
-    uint64_t levels = UINT64_MAX;
-    for (unsigned g = 0; g < bus->group_count; g++)
-        if ((driven & bus->groups[g]) != bus->groups[g])
-            levels &= ~bus->groups[g];
-    return levels;
-}
-
 /* ---- One bit: state of the wire -------------------------------------------------------------- */
 
 /* Notes for so many bits that a flag is on the wire, or not. Skipped bits begin and end no flag. */

@@ -29,9 +29,6 @@ void cw_bind_rules(cw_bus *bus, unsigned node, const cw_frame *frame, unsigned s
 /* Notes that a node has begun to transmit. */
 void cw_note_start(cw_bus *bus, unsigned node);
 
-/* Returns the wired-AND of each wire, as its nodes see it. */
-uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven);
-
 /* Finds the levels of the bit in progress from those that are driven. */
 void cw_find_levels(cw_bus *bus, cw_levels *levels);
 
