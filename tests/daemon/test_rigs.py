@@ -313,7 +313,7 @@ def test_the_service_manager_is_told_of_all_buses(rig, tmp_path, monkeypatch):
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
         monkeypatch.setenv("WATCHDOG_USEC", "300000")
         r = rig(airbag=every("050#01", "2ms"))
-        got = [manager.recv(2000).decode()]
+        got = [manager.recv(2000).decode()]  # whole: a datagram
         while got.count("WATCHDOG=1") < 3:
             got.append(manager.recv(2000).decode())
         assert got.count("READY=1") == 1
