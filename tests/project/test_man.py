@@ -122,7 +122,10 @@ def keys_of(schema):
     name = schema.get("$ref", "").removeprefix("#/$defs/")
     if name in ("rules", "traffic", "recording", "expectation", "nodeDefaults"):
         return
-    schema = SCHEMA[name] if name else schema
+    if name:
+        schema = SCHEMA
+        for step in name.split("/"):
+            schema = schema[int(step) if isinstance(schema, list) else step]
     for key, value in schema.get("properties", {}).items():
         yield key
         yield from keys_of(value)
