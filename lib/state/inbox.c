@@ -176,18 +176,20 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
     return room(&bus->inbox);
 }
 
-/* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. */
+/* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. One that
+ * a mailbox keeps for its replies misses no slot. */
 static void hand_in_triggered(cw_bus *bus, const inbox_entry *entry)
 {
     const unsigned i = entry->node;
     bus_node *n = &bus->nodes[i];
     const unsigned before = n->queue.count;
+    const uint64_t stored = n->stats.stored;
     bus->inbox.triggered &= ~cw_node_bit(i);
     n->stats.made_by_rules++;
     cw_queue_frame(bus, i, entry->frame, entry->at_tick, 0);
     if (n->queue.count > before)
         cw_queue_at(&n->queue, n->queue.newest)->trigger = entry->trigger;
-    else
+    else if (n->stats.stored == stored)
         bus->tt[i].stats[entry->trigger - 1].missed++;
 }
 

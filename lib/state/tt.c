@@ -164,12 +164,24 @@ static bool may_come_back(const bus_node *n)
            cw_queue_at(&n->queue, n->offered_slot)->trigger;
 }
 
+/* Returns true when a node off the grid has a report of its frame, which the end of its bit
+ * commits. */
+static bool has_ended(const cw_bus *bus, unsigned i)
+{
+    const unsigned ends = CW_REPORT_TX | CW_REPORT_DROPPED | CW_REPORT_ARBITRATION_LOST;
+    return bus->timed.active && (bus->timed.nodes[i].report.what & ends);
+}
+
 /* Gives the frame of the open slot up, if it has not begun (L5). */
 static void close_slot(cw_bus *bus, unsigned i)
 {
     cw_tt *s = &bus->tt[i];
     bus_node *n = &bus->nodes[i];
     const cw_queue_place *place = waiting_frame(n);
+    if (has_ended(bus, i)) {
+        s->deadline = cw_bit_end(bus);
+        return;
+    }
     s->deadline = CW_NEVER;
     if (!place) {
         if (may_come_back(n))

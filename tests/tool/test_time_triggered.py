@@ -142,3 +142,26 @@ def test_without_a_reference_message_slaves_are_silent(tmp_path):
     path.write_text(PAIR.format(expect="{ drops: 0 }", ppm=0, slot=5, loud="1ms").replace(
         '"010", triggers: [ { at: 5000', '"011", triggers: [ { at: 5000'))
     assert {e["node"] for e in events(path, "--until", "50ms") if e["event"] == "tx"} == {"loud"}
+
+
+REPLIES = """bus: { name: replies, bitrate: 500000 }
+nodes:
+  - name: m
+    time-triggered: on
+    local-time: {}
+    controller:
+      model: full
+      mailboxes: [ { direction: rx }, { direction: tx }, { direction: tx, id: 123, reply: auto } ]
+    schedule:
+      reference: "010"
+      triggers: [ { at: 300, slot: 50, send: 123#AA }, { at: 1000, slot: 100, send: 010#00 } ]
+  - name: other
+"""
+
+
+def test_a_trigger_that_writes_what_a_mailbox_replies_misses_no_slot(tmp_path):
+    file = tmp_path / "replies.yaml"
+    file.write_text(REPLIES)
+    m = node(stats(file, "--until", "4500us"), "m")  # four cycles, and half of one
+    assert m["stored"] == 4
+    assert [t["missed"] for t in m["schedule"]["triggers"]] == [0, 0]

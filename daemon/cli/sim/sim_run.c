@@ -345,13 +345,20 @@ static void run_out(sim_run *s)
         advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
+/* Returns true when nodes may end bits of their own before the bus does. In the data phase of CAN FD
+ * nodes with equal clocks end theirs with the bus, though it is off the grid while it is stepped. */
+static bool has_own_bits(const sim_run *s)
+{
+    const bool clocks = s->began_off_grid || s->config->dbitrate_bps == 0;
+    return clocks && !cw_bus_is_on_grid(s->bus);
+}
+
 /* Ends a bit that has begun when it may have events up to the end. Frames may come in, and nodes
  * may end their own bits before. */
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
-    if (!is_over(s) &&
-        (cw_bus_inbox_first(s->bus) <= s->until || !cw_bus_is_on_grid(s->bus)))
+    if (!is_over(s) && (cw_bus_inbox_first(s->bus) <= s->until || has_own_bits(s)))
         advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
@@ -368,6 +375,7 @@ static uint32_t wanted_events(const sim_run *s)
 
 void sim_begin(sim_run *s)
 {
+    s->began_off_grid = !cw_bus_is_on_grid(s->bus);
     cw_bus_set_stepping(s->bus, s->step);
     cw_bus_set_events(s->bus, wanted_events(s));
 }

@@ -33,6 +33,7 @@ typedef struct sim_run {
     uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
     uint64_t last_activity; /* tick of the last tx or release */
     bool step;              /* every bit is simulated, even without observers */
+    bool began_off_grid;    /* clocks of nodes differ, or they have delays */
     bool stopped;           /* see sim_stop() */
     bool quiet;             /* another run writes the messages to standard error */
     uint64_t careful_from;  /* see sim_be_careful() */

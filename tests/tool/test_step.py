@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: MIT
+"""Runs that once differed between the fast paths and single bits (--step).
+
+Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire.
+"""
+
+import json
+
+import pytest
+
+from simtool import sim
+
+# A node rests ahead of the bus, in the middle of its own bit.
+ASLEEP = """bus: { name: asleep, bitrate: 500000 }
+nodes:
+  - name: n0
+    ppm: 160
+    sleep: on
+    time-triggered: on
+    local-time: {}
+    schedule: { reference: "010", triggers: [ { at: 2910, slot: 50, send: 010#00 } ] }
+"""
+
+ASLEEP_FD = """bus: { name: asleep-fd, bitrate: 1000000, dbitrate: 2000000 }
+nodes:
+  - name: n0
+    kind: fd-tolerant
+    sleep: on
+    wake-on: [ "100:700" ]
+    time-triggered: on
+    local-time: {}
+    schedule: { reference: "010", triggers: [ { at: 1371, slot: 3, send: 010#00 } ] }
+  - name: n1
+  - { name: n2, traffic: [ { send: 1C5##100112233445566778899AABB } ] }
+"""
+
+# It ends in the middle of a data phase.
+DATA_PHASE = """bus: { name: phase, bitrate: 125000, dbitrate: 2000000 }
+nodes:
+  - name: n0
+    traffic: [ { send: 170##100112233445566778899AABB, every: 430us, offset: 297us } ]
+  - name: n1
+"""
+
+CASES = [
+    (ASLEEP, "40ms"),
+    (ASLEEP_FD, "3ms"),
+    (DATA_PHASE, "10325us"),
+    (DATA_PHASE, "10350us"),
+    (DATA_PHASE, "10375us"),
+]
+
+
+@pytest.mark.parametrize("text, until", CASES)
+def test_single_bits_give_the_same_events_and_counts(tmp_path, text, until):
+    file = tmp_path / "bus.yaml"
+    file.write_text(text)
+    runs = []
+    for step in ([], ["--step"]):
+        stats = tmp_path / "stats"
+        run = sim(file, "--until", until, "--events", "-", "--stats", stats, *step)
+        runs.append((run.stdout, json.loads(stats.read_text())))
+    assert runs[0] == runs[1]
+
+
+def test_a_data_phase_does_not_go_on_behind_the_end(tmp_path):
+    file = tmp_path / "bus.yaml"
+    file.write_text(DATA_PHASE)
+    for step in ([], ["--step"]):
+        report = json.loads(sim(file, "--until", "10325us", "--stats", "-", *step).stdout)
+        assert report["bus"]["time_ns"] == 10322500
