@@ -345,8 +345,8 @@ static void run_out(sim_run *s)
         advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
-/* Returns true when nodes may end bits of their own before the bus does. In the data phase of CAN FD
- * nodes with equal clocks end theirs with the bus, though it is off the grid while it is stepped. */
+/* Returns true when nodes may end bits of their own before the bus does. In a data phase the bus is
+ * off the grid while it is stepped. There nodes with equal clocks end their bits with it. */
 static bool has_own_bits(const sim_run *s)
 {
     const bool clocks = s->began_off_grid || s->config->dbitrate_bps == 0;
