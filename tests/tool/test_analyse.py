@@ -298,6 +298,108 @@ def test_ports_and_replays_make_it_incomplete(write, tmp_path):
     assert "not known" in canwire("analyse", path).stdout
 
 
+NOT_KNOWN = "Frames of ports, replays, replies and triggers"
+
+
+@pytest.mark.parametrize("nodes, note", [
+    ("  - { name: d, time-triggered: on, local-time: { unit: 1us }, schedule: { reference: '010', "
+     "triggers: [ { at: 900, slot: 50us, send: '010#00' } ] } }\n", NOT_KNOWN),
+    ("  - { name: d, controller: { model: full, mailboxes: [ { direction: tx, id: 123, "
+     "reply: auto, data: 00FF } ] } }\n", NOT_KNOWN),
+    ("  - { name: d, sleep: on, wake-time: 2ms }\n", "Nodes may sleep")])
+def test_what_is_not_known_is_told(write, nodes, note):
+    assert analyse(write(PAPER))["notes"] == []
+    path = write(PAPER + nodes)
+    result = analyse(path)
+    assert not result["complete"]
+    assert [n for n in result["notes"] if n.startswith(note)]
+    assert f"\n{note}" in canwire("analyse", path).stdout
+
+
+@pytest.mark.parametrize("every, ppm", [("5100us", 0), ("1ms", 0), ("1ms", -5000)])
+def test_the_first_integration_is_no_part_of_a_response_time(write, every, ppm):
+    """At time 0 all nodes wait for 11 recessive bits, and a frame without offset does so, too."""
+    path = write("bus: { bitrate: 500000 }\nnodes:\n"
+                 f"  - {{ name: a, traffic: [ {{ send: 400#00, every: {every} }} ] }}\n"
+                 f"  - {{ name: b, ppm: {ppm} }}\n")
+    message = analyse(path, "--simulate", "50ms")["messages"][0]
+    assert message["lost"] == 0
+    assert 0 < message["seen_ns"] <= message["response_ns"]
+    assert ppm or message["response_ns"] == 130_000
+
+
+ALONE = ("bus: { bitrate: 500000 }\nnodes:\n"
+         "  - { name: a, traffic: [ { send: 400#00, every: 10ms, offset: 1ms } ] }\n"
+         "  - { name: b, listen-only: on }\n")
+
+
+def test_frames_that_never_come_are_lost(write):
+    """Nobody acknowledges. The tenth frame begins at 91 ms, and its time is over at 91.13 ms."""
+    path = write(ALONE)
+    message = analyse(path, "--simulate", "100ms", status=3)["messages"][0]
+    assert message["seen_ns"] is None and message["lost"] == 10
+    assert "  10 lost" in canwire("analyse", path, "--simulate", "100ms", status=3).stdout
+    assert analyse(path, "--simulate", "1100us")["messages"][0]["lost"] == 0
+    assert "lost" not in analyse(path)["messages"][0]
+
+
+def test_frames_that_come_are_not_lost(write):
+    message = analyse(write(ALONE.replace(", listen-only: on", "")), "--simulate", "100ms")
+    assert message["messages"][0]["lost"] == 0
+
+
+def test_frames_of_one_attempt_may_be_lost(write):
+    """The other frame comes at the same time, and wins each arbitration."""
+    path = write("bus: { bitrate: 500000 }\nnodes:\n"
+                 "  - { name: a, traffic: [ { send: 400#00, every: 20ms } ] }\n"
+                 "  - { name: b, one-shot: on, traffic: [ { send: 500#00, every: 10ms } ] }\n")
+    lost = {i: m["lost"] for i, m in by_id(analyse(path, "--simulate", "99ms", status=3)).items()}
+    assert lost == {"400": 0, "500": 5}
+
+
+FULL = """
+bus: {{ bitrate: 500000 }}
+nodes:
+  - name: a
+    controller: {{ model: full, {} }}
+    traffic: [ {{ send: 100#00, every: 10ms }}, {{ send: 200#00, every: 10ms }} ]
+  - {{ name: b, traffic: [ {{ send: 150#00, every: 10ms }} ] }}
+"""
+
+
+@pytest.mark.parametrize("keys, exact", [
+    ("transmit: priority", True),
+    ("transmit: number", False),
+    ("transmit: request", False),
+    ("mailboxes: [ { direction: tx }, { direction: tx } ]", True),
+    ("mailboxes: [ { direction: tx } ]", False),
+    ("mailboxes: [ { direction: tx, id: 200 }, { direction: tx, id: 100 } ]", True),
+    ("mailboxes: [ { direction: tx, id: 100 }, { direction: tx } ]", True),
+    ("mailboxes: [ { direction: tx }, { direction: tx, id: 100 } ]", False),
+    ("mailboxes: [ { direction: rx }, { direction: tx, id: '100:400' } ]", False)])
+def test_mailboxes_for_all_messages_make_it_exact(write, keys, exact):
+    """A frame takes the first free mailbox, so 100 may be in the only one that is for 200."""
+    result = by_id(analyse(write(FULL.format(keys)), "--simulate", "100ms"))
+    assert [result[i]["exact"] for i in ("100", "200", "150")] == [exact, exact, True]
+    assert result["100"]["response_ns"] == (260_000 if exact else 390_000)
+
+
+def test_frames_that_wait_for_a_mailbox_stay_below_the_bound(write):
+    """200 is in the only mailbox and loses against 150, while 100 waits behind it."""
+    text = FULL.format("mailboxes: [ { direction: tx } ]").replace(
+        "200#00, every: 10ms", "200#00, every: 10ms, offset: 1ms").replace(
+        "150#00, every: 10ms", "150#00, every: 10ms, offset: 1ms").replace(
+        "100#00, every: 10ms", "100#00, every: 10ms, offset: 1010us")
+    message = by_id(analyse(write(text), "--simulate", "100ms"))["100"]
+    assert 260_000 < message["seen_ns"] <= message["response_ns"]
+
+
+def test_a_rig_is_no_bus(tmp_path):
+    (tmp_path / "rig.yaml").write_text("buses: [ a.yaml, b.yaml ]\n")
+    result = canwire("analyse", tmp_path / "rig.yaml", status=1)
+    assert "is a rig: analyse its buses one by one" in result.stderr
+
+
 def test_errors_make_responses_longer(write):
     path = write(PAPER.replace("3500us", "20ms").replace("2500us", "20ms"))
     clean, noisy = by_id(analyse(path)), by_id(analyse(path, "--error-every", "10ms"))

@@ -130,6 +130,29 @@ static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
     assert_int_equal(m[1].response, CW_NEVER);
 }
 
+/* A late message has two frames at once, and the second one is in the mailbox of another message. */
+static void a_late_message_takes_mailboxes_of_others(void **state)
+{
+    (void)state;
+    response_message m[] = {
+        {.key = 1, .period = 20 * MS, .length = 1 * MS, .node = 0, .boxed = true},
+        {.key = 2, .period = 20 * MS, .length = 1 * MS, .node = 1},
+        {.key = 3, .period = 20 * MS, .length = 1 * MS, .node = 0, .boxed = true},
+    };
+    response_bus bus = {.bit = BIT_125K, .error_every = CW_NEVER, .messages = m, .count = 3};
+    response_find(&bus);
+    assert_false(m[0].fifo || m[2].fifo);
+    assert_int_equal(m[0].response, 2 * MS);
+    m[2].period = 5 * MS / 2; /* its response is 3 ms */
+    response_find(&bus);
+    assert_true(m[0].fifo && m[2].fifo && !m[1].fifo);
+    assert_true(m[0].response > 2 * MS);
+    m[2].period = 20 * MS;
+    response_find(&bus);
+    assert_false(m[0].fifo || m[2].fifo);
+    assert_int_equal(m[0].response, 2 * MS);
+}
+
 /* Errors that come at any time: each takes 31 bits and the longest frame so far. */
 static void messages_survive_errors_up_to_their_period(void **state)
 {
@@ -194,6 +217,7 @@ int main(void)
         cmocka_unit_test(errors_take_time),
         cmocka_unit_test(more_than_the_bus_can_carry_has_no_bound),
         cmocka_unit_test(a_fifo_node_makes_its_frames_wait_for_each_other),
+        cmocka_unit_test(a_late_message_takes_mailboxes_of_others),
         cmocka_unit_test(messages_survive_errors_up_to_their_period),
         cmocka_unit_test(probabilities_of_errors),
         cmocka_unit_test(priorities_are_those_of_arbitration),

@@ -9,11 +9,14 @@
 #include "cli/analyse/report.h"
 #include "cli/sim/sim_run.h"
 #include "config/files.h"
+#include "config/rig.h"
 
 #include <getopt.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#define INTEGRATED_BITS 22u /* after these all nodes have seen 11 recessive bits (M10) */
 
 static const char usage[] =
     "usage: canwire analyse FILE [--simulate TIME] [--error-every TIME] [--error-rate RATE]\n"
@@ -24,9 +27,13 @@ static const char usage[] =
     "its `jitter`, the longest frame of lower priority that has just begun, and all that come\n"
     "before it, with the most stuff bits. Offsets do not count: any may come together. The\n"
     "analysis is exact for nodes that send by priority, also with mailboxes where each message\n"
-    "finds one (`model: full`). For `order: fifo`, `model: basic` and other mailboxes it is an\n"
-    "upper bound (~): each frame waits for all others of its node. The slowest clock and\n"
-    "overload frames of full buffers make frames longer. Fault rules of FILE do not count.\n"
+    "always finds a free one (`model: full`). For `order: fifo`, `model: basic` and other\n"
+    "mailboxes it is an upper bound (~): each frame waits for all others of its node. The slowest\n"
+    "clock and overload frames of full buffers make frames longer. Fault rules of FILE do not\n"
+    "count. FILE is one bus, no rig.\n"
+    "\n"
+    "Frames of ports, replays, replies and triggers of schedules are not known, and neither is\n"
+    "the time that sleeping nodes need to wake up. The result says so (JSON: `complete`).\n"
     "\n"
     "Also shown is the load of the bus and of each node: for frames as they are, for random data,\n"
     "and with the most stuff bits. Identifiers that need stuff bits are named, since there two\n"
@@ -34,7 +41,9 @@ static const char usage[] =
     "\n"
     "  --simulate TIME\n"
     "                 simulate the bus for so long (60s), without faults, and show the longest\n"
-    "                 time that each message needed. It must stay below the response time\n"
+    "                 time that each message needed. It must stay below the response time, and\n"
+    "                 no frame may be lost. Traffic begins 22 bits later than FILE says, when\n"
+    "                 nodes have integrated: that is no part of a response time\n"
     "  --error-every TIME\n"
     "                 in each such time an error destroys a frame (10ms)\n"
     "  --error-rate RATE\n"
@@ -46,7 +55,7 @@ static const char usage[] =
     "  -h, --help     this text\n"
     "\n"
     "Exit status: 0, 1 FILE or a value is bad, 2 wrong usage, 3 a message may come later than its\n"
-    "period ends, or came later than its response time.\n";
+    "period ends, or came later than its response time, or not at all.\n";
 
 static const struct option options[] = {
     {"help", no_argument, NULL, 'h'},       {"simulate", required_argument, NULL, 's'},
@@ -113,14 +122,24 @@ static void note_sent(void *user, const cw_event *event)
     }
 }
 
+/* Makes all traffic begin when nodes have integrated. What waits for that would come at once then,
+ * closer together than its periods say. */
+static void begin_later(cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
+            config->nodes[i].traffic[t].offset.bits += INTEGRATED_BITS;
+}
+
 static bool simulate(sources *s, cfg *config, uint64_t until)
 {
     sim_run run;
     const sim_sink sink = {.user = s, .event = note_sent, .kinds = 1u << CW_EVENT_TX};
     config->rule_count = 0;
+    begin_later(config);
     bool good = sim_open(&run, config, true);
     if (good) {
-        run.until = until;
+        run.until = until + cw_rate_ticks(config->rate, INTEGRATED_BITS);
         sim_add_sink(&run, &sink);
         good = sim_go(&run);
     } else {
@@ -199,6 +218,10 @@ static int analyse(const wishes *w, cfg *config)
 
 static int analyse_file(const wishes *w)
 {
+    if (rig_is_rig(w->file)) {
+        plain_print(stderr, "canwire analyse: %s is a rig: analyse its buses one by one\n", w->file);
+        return CLI_BAD_INPUT;
+    }
     cfg *config = cfg_load(w->file, stderr);
     if (!config)
         return CLI_BAD_INPUT;

@@ -21,11 +21,40 @@ static bool exceeds(const source *s, const response_message *m)
     return m->response != CW_NEVER && s->seen > m->response;
 }
 
+/* Returns the releases of a message whose responses have an end in the simulation. */
+static uint64_t due(const analysis *a, size_t i)
+{
+    const cfg_traffic *t = a->sources->list[i].traffic;
+    const response_message *m = &a->sources->messages[i];
+    const cw_rate rate = a->sources->config->rate;
+    if (m->response > a->simulated)
+        return 0;
+    const uint64_t last = a->simulated - m->response;
+    uint64_t n = m->period == CW_NEVER ? 1 : last / m->period + 2; /* one more, as ticks are round */
+    n = t->count < n ? t->count : n;
+    while (n > 0 && text_time_ticks_sum(t->offset, n - 1, t->every, rate) > last)
+        n--;
+    return n;
+}
+
+/* Returns how many frames of a message did not come. Those of its node with the same identifier are
+ * seen as one. */
+static uint64_t lost(const analysis *a, size_t i)
+{
+    const response_message *messages = a->sources->messages;
+    uint64_t sum = 0;
+    for (size_t k = 0; a->simulated && k < a->sources->count; k++)
+        if (messages[k].key == messages[i].key && messages[k].node == messages[i].node)
+            sum += due(a, k);
+    const uint64_t seen = a->sources->list[i].seen_count;
+    return sum > seen ? sum - seen : 0;
+}
+
 bool report_is_bad(const analysis *a)
 {
     bool bad = false;
     for (size_t i = 0; i < a->sources->count; i++)
-        bad = bad || response_is_late(&a->sources->messages[i]) ||
+        bad = bad || response_is_late(&a->sources->messages[i]) || lost(a, i) ||
               exceeds(&a->sources->list[i], &a->sources->messages[i]);
     return bad;
 }
@@ -111,7 +140,10 @@ static void print_message(FILE *out, const analysis *a, size_t i)
     if (a->error_rate > 0)
         fprintf(out, " %6d %8.1e", a->survived[i], probability_of_late(a, i));
     fputs(m->response == CW_NEVER ? "  no bound" : response_is_late(m) ? "  late" : "", out);
-    fputs(exceeds(s, m) ? "  above its bound\n" : "\n", out);
+    fputs(exceeds(s, m) ? "  above its bound" : "", out);
+    if (lost(a, i))
+        fprintf(out, "  %" PRIu64 " lost", lost(a, i));
+    fputc('\n', out);
 }
 
 static void print_loads(FILE *out, const analysis *a)
@@ -162,6 +194,20 @@ static bool has_upper_bounds(const sources *s)
     return any;
 }
 
+#define NOTES_MAX 2
+
+/* Finds what the analysis does not know of a bus. Returns the number of texts. */
+static unsigned find_notes(const char *notes[NOTES_MAX], const sources *s)
+{
+    unsigned count = 0;
+    if (s->incomplete)
+        notes[count++] = "Frames of ports, replays, replies and triggers of schedules are not among "
+                         "them: what they add is not known.";
+    if (s->sleepers)
+        notes[count++] = "Nodes may sleep: what their wake-up and their wake-time add is not known.";
+    return count;
+}
+
 void report_print(FILE *out, const analysis *a)
 {
     fprintf(out, "%-12s %-8s %9s %5s %8s %9s", "NODE", "FRAME", "EVERY", "BITS", "BLOCKED",
@@ -178,9 +224,10 @@ void report_print(FILE *out, const analysis *a)
         fputs("\nResponses with '~' are upper bounds: frames of the node wait for each other.\n",
               out);
     fputs("\nTimes are in ms, bits and times with the most stuff bits.\n", out);
-    if (a->sources->incomplete)
-        fputs("Frames of ports, replays and replies are not among them: what they add is not "
-              "known.\n", out);
+    const char *notes[NOTES_MAX];
+    const unsigned count = find_notes(notes, a->sources);
+    for (unsigned i = 0; i < count; i++)
+        fprintf(out, "%s\n", notes[i]);
 }
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
@@ -207,9 +254,11 @@ static json_t *json_of_message(const analysis *a, size_t i)
     json_object_set_new(object, "exact", json_boolean(!m->fifo));
     json_object_set_new(object, "id_stuff_bits", json_integer(s->id_stuff));
     json_object_set_new(object, "late", json_boolean(response_is_late(m)));
-    if (a->simulated)
+    if (a->simulated) {
         json_object_set_new(object, "seen_ns",
                             s->seen_count ? json_of_ticks(s->seen) : json_null());
+        json_object_set_new(object, "lost", json_integer((json_int_t)lost(a, i)));
+    }
     if (a->error_rate > 0) {
         json_object_set_new(object, "errors_survived", json_integer(a->survived[i]));
         json_object_set_new(object, "late_probability", json_real(probability_of_late(a, i)));
@@ -236,7 +285,11 @@ json_t *report_json(const analysis *a)
 {
     const sources *s = a->sources;
     json_t *object = json_of_load(s, CW_NODES_MAX);
-    json_t *messages = json_array(), *nodes = json_array();
+    json_t *messages = json_array(), *nodes = json_array(), *texts = json_array();
+    const char *notes[NOTES_MAX];
+    const unsigned count = find_notes(notes, s);
+    for (unsigned i = 0; i < count; i++)
+        json_array_append_new(texts, json_string(notes[i]));
     for (size_t i = 0; i < s->count; i++)
         json_array_append_new(messages, json_of_message(a, i));
     for (unsigned i = 0; i < s->config->node_count; i++) {
@@ -245,7 +298,8 @@ json_t *report_json(const analysis *a)
         json_array_append_new(nodes, node);
     }
     json_object_set_new(object, "bus", json_string(s->config->bus_name));
-    json_object_set_new(object, "complete", json_boolean(!s->incomplete));
+    json_object_set_new(object, "complete", json_boolean(count == 0));
+    json_object_set_new(object, "notes", texts);
     json_object_set_new(object, "error_every_ns", json_of_ticks(a->error_every));
     if (a->simulated)
         json_object_set_new(object, "simulated_ns", json_of_ticks(a->simulated));

@@ -20,7 +20,7 @@ typedef struct analysis {
 } analysis;
 
 /* Returns true when a message may come later than its period ends, or has been seen later than its
- * bound. */
+ * bound, or not at all. */
 bool report_is_bad(const analysis *a);
 
 void report_print(FILE *out, const analysis *a);

@@ -188,8 +188,23 @@ static void spread_unbounded(response_bus *bus)
     }
 }
 
+/* Makes nodes with mailboxes wait where a message is late. Returns true when there is a new one. */
+static bool crowd_mailboxes(response_bus *bus)
+{
+    bool changed = false;
+    for (size_t i = 0; i < bus->count; i++) {
+        const response_message *late = &bus->messages[i];
+        if (!late->boxed || late->fifo || !response_is_late(late))
+            continue;
+        for (size_t k = 0; k < bus->count; k++)
+            bus->messages[k].fifo |= bus->messages[k].boxed && bus->messages[k].node == late->node;
+        changed = true;
+    }
+    return changed;
+}
+
 /* The delays grow from round to round. */
-void response_find(response_bus *bus)
+static void find_responses(response_bus *bus)
 {
     unsigned rounds = 0;
     bool changed = true;
@@ -204,4 +219,13 @@ void response_find(response_bus *bus)
         if (bus->messages[i].fifo)
             bus->messages[i].response = CW_NEVER;
     spread_unbounded(bus);
+}
+
+void response_find(response_bus *bus)
+{
+    for (size_t i = 0; i < bus->count; i++)
+        bus->messages[i].fifo = bus->messages[i].fifo && !bus->messages[i].boxed;
+    do
+        find_responses(bus);
+    while (crowd_mailboxes(bus));
 }

@@ -16,7 +16,10 @@
 typedef struct response_message {
     uint32_t key;      /* the lower one wins arbitration, see response_key() */
     unsigned node;
-    bool fifo;         /* its node sends first in, first out, or in another order of its own */
+    bool fifo;         /* its node sends first in, first out, or in another order of its own. Of a
+                          boxed one this is found */
+    bool boxed;        /* a mailbox of its node is free for it, as long as none of the node is late:
+                          then two frames of one message may take those of others */
     uint64_t period;   /* shortest time between two; CW_NEVER: it comes once */
     uint64_t jitter;   /* at most so late after the begin of its period */
     uint64_t length;   /* of its longest frame, with the intermission */

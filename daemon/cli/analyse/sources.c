@@ -106,29 +106,98 @@ static uint64_t mean_time(const cfg *config, const cw_frame *frame)
 
 /* ---- Controllers ----------------------------------------------------------------------------- */
 
-/* Returns true when each message of a node has a transmit mailbox of its own, so that none waits
- * behind others. */
-static bool has_boxes_for_all(const cfg_node *node)
+/* Returns true when all these mailboxes may have frames of messages other than `me`, one each. */
+static bool may_be_full(const cfg_node *node, const uint64_t *used, size_t me, uint64_t boxes)
 {
-    const cfg_controller *c = &node->controller;
+    uint64_t taken = 0;
+    unsigned others = 0;
     for (size_t t = 0; t < node->traffic_count; t++) {
-        size_t boxes = 0;
-        for (unsigned b = 0; b < c->mailbox_count; b++)
-            boxes += c->mailboxes[b].use == CW_MAILBOX_TRANSMIT &&
-                     cw_frame_matches(&node->traffic[t].frame, &c->mailboxes[b].filter, 1);
-        if (node->traffic[t].kind == CFG_TRAFFIC_SEND && boxes < node->traffic_count)
-            return false;
+        if (t == me || !(used[t] & boxes))
+            continue;
+        taken |= used[t];
+        others++;
     }
-    return true;
+    return !(boxes & ~taken) && others >= (unsigned)__builtin_popcountll(boxes);
 }
 
-/* Returns true when frames of a node may wait for others of the node with higher identifiers. */
-static bool has_inner_inversion(const cfg_node *node)
+/* Adds the mailboxes that frames of a message may come into. They take the first free one. Returns
+ * true when they may find none. */
+static bool use_boxes(const cfg_node *node, uint64_t *used, size_t me)
 {
     const cfg_controller *c = &node->controller;
-    const bool full = c->model == CFG_MODEL_FULL && c->mailbox_count > 0;
-    return node->order == CW_ORDER_FIFO ||
-           (full && (c->transmit != CW_TRANSMIT_PRIORITY || !has_boxes_for_all(node)));
+    uint64_t before = 0;
+    for (unsigned b = 0; b < c->mailbox_count; b++) {
+        if (c->mailboxes[b].use != CW_MAILBOX_TRANSMIT ||
+            !cw_frame_matches(&node->traffic[me].frame, &c->mailboxes[b].filter, 1))
+            continue;
+        if (!may_be_full(node, used, me, before))
+            return false;
+        used[me] |= UINT64_C(1) << b;
+        before |= UINT64_C(1) << b;
+    }
+    return may_be_full(node, used, me, before);
+}
+
+/* Finds the mailboxes of all messages anew until there are no more. Returns true when each finds a
+ * free one at any time. */
+static bool find_boxes(const cfg_node *node, uint64_t *used)
+{
+    bool waits = false, changed = true;
+    while (changed && !waits) {
+        changed = false;
+        for (size_t t = 0; t < node->traffic_count; t++) {
+            const uint64_t before = used[t];
+            waits = use_boxes(node, used, t) || waits;
+            changed = changed || used[t] != before;
+        }
+    }
+    return !waits;
+}
+
+/* Returns true when each message of a node finds a free transmit mailbox, so that none waits behind
+ * others. Each has one frame at a time. Frames of triggers would take mailboxes, too. */
+static bool has_boxes_for_all(const cfg_node *node)
+{
+    bool sends = node->schedule.trigger_count == 0;
+    for (size_t t = 0; t < node->traffic_count; t++)
+        sends = sends && node->traffic[t].kind == CFG_TRAFFIC_SEND;
+    uint64_t *used = sends ? calloc(node->traffic_count + 1, sizeof *used) : NULL;
+    const bool found = used && find_boxes(node, used);
+    free(used);
+    return found;
+}
+
+/* Returns true when the most urgent frame of a node with mailboxes always goes next. */
+static bool is_boxed(const cfg_node *node)
+{
+    return node->controller.mailbox_count > 0 &&
+           node->controller.transmit == CW_TRANSMIT_PRIORITY && has_boxes_for_all(node);
+}
+
+/* Returns true when frames of a node may wait for others of the node with higher identifiers. With
+ * mailboxes the order of the queue is that of frames that find none. */
+static bool has_inner_inversion(const cfg_node *node)
+{
+    return node->controller.mailbox_count > 0 ? !is_boxed(node) : node->order == CW_ORDER_FIFO;
+}
+
+/* Returns true when a controller keeps a frame for its replies, and does not send it. */
+static bool is_stored(const cfg_node *node, const cw_frame *frame)
+{
+    const cfg_controller *c = &node->controller;
+    for (unsigned b = 0; b < c->mailbox_count && !(frame->flags & CW_FRAME_REMOTE); b++)
+        if (c->mailboxes[b].use == CW_MAILBOX_REPLY &&
+            cw_frame_matches(frame, &c->mailboxes[b].filter, 1))
+            return true;
+    return false;
+}
+
+static bool has_replies(const cfg_node *node)
+{
+    for (unsigned b = 0; b < node->controller.mailbox_count; b++)
+        if (node->controller.mailboxes[b].use == CW_MAILBOX_REPLY)
+            return true;
+    return false;
 }
 
 /* Returns how much longer than nominal the bits of the slowest node are, in 2^-32. */
@@ -171,6 +240,7 @@ static void add(sources *s, const cfg_node *node, unsigned index, const cfg_traf
         .key = response_key(&frame),
         .node = index,
         .fifo = has_inner_inversion(node),
+        .boxed = is_boxed(node),
         .period = traffic->has_every ? text_time_ticks(traffic->every, config->rate) : CW_NEVER,
         .jitter = text_time_ticks(traffic->jitter, config->rate),
         .length = longest_time(s, sources_time(config, new->bits, fast)),
@@ -207,12 +277,14 @@ bool sources_find(sources *s, const cfg *config)
         s->overloads = s->overloads || config->nodes[i].controller.overload_when_full;
     for (unsigned i = 0; i < config->node_count; i++) {
         const cfg_node *node = &config->nodes[i];
-        s->incomplete = s->incomplete || node->port;
+        s->incomplete = s->incomplete || node->port || node->schedule.trigger_count > 0 ||
+                        has_replies(node);
+        s->sleepers = s->sleepers || node->sleeps;
         for (size_t t = 0; t < node->traffic_count; t++) {
-            if (node->traffic[t].kind == CFG_TRAFFIC_SEND)
-                add(s, node, i, &node->traffic[t]);
-            else
+            if (node->traffic[t].kind != CFG_TRAFFIC_SEND)
                 s->incomplete = true;
+            else if (!is_stored(node, &node->traffic[t].frame))
+                add(s, node, i, &node->traffic[t]);
         }
     }
     sort(s);

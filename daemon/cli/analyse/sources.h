@@ -27,7 +27,8 @@ typedef struct sources {
     response_message *messages; /* ... these */
     uint64_t slowness; /* of the slowest clock: the part of a bit that it needs more, in 2^-32 */
     bool overloads;    /* some node asks for time by overload frames */
-    bool incomplete;            /* nodes have ports, replays or replies: their frames are unknown */
+    bool incomplete;   /* nodes have ports, replays, replies or triggers: their frames are unknown */
+    bool sleepers;     /* nodes sleep at the start: the time of their wake-up is unknown */
 } sources;
 
 /* Returns the most bits of a frame from SOF to the end of its intermission, whatever its data.
