@@ -130,7 +130,7 @@ static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
     assert_int_equal(m[1].response, CW_NEVER);
 }
 
-/* A late message has two frames at once, and the second one is in the mailbox of another message. */
+/* A late message has two frames at once. The second one is in the mailbox of another message. */
 static void a_late_message_takes_mailboxes_of_others(void **state)
 {
     (void)state;

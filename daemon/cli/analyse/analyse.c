@@ -122,8 +122,8 @@ static void note_sent(void *user, const cw_event *event)
     }
 }
 
-/* Makes all traffic begin when nodes have integrated. What waits for that would come at once then,
- * closer together than its periods say. */
+/* Makes all traffic begin when nodes have integrated. Frames that wait for that would come closer
+ * together than their periods say. */
 static void begin_later(cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++)
@@ -219,7 +219,8 @@ static int analyse(const wishes *w, cfg *config)
 static int analyse_file(const wishes *w)
 {
     if (rig_is_rig(w->file)) {
-        plain_print(stderr, "canwire analyse: %s is a rig: analyse its buses one by one\n", w->file);
+        plain_print(stderr, "canwire analyse: %s is a rig: analyse its buses one by one\n",
+                    w->file);
         return CLI_BAD_INPUT;
     }
     cfg *config = cfg_load(w->file, stderr);

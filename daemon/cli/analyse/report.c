@@ -30,7 +30,7 @@ static uint64_t due(const analysis *a, size_t i)
     if (m->response > a->simulated)
         return 0;
     const uint64_t last = a->simulated - m->response;
-    uint64_t n = m->period == CW_NEVER ? 1 : last / m->period + 2; /* one more, as ticks are round */
+    uint64_t n = m->period == CW_NEVER ? 1 : last / m->period + 2; /* one more: ticks are rounded */
     n = t->count < n ? t->count : n;
     while (n > 0 && text_time_ticks_sum(t->offset, n - 1, t->every, rate) > last)
         n--;
@@ -201,10 +201,10 @@ static unsigned find_notes(const char *notes[NOTES_MAX], const sources *s)
 {
     unsigned count = 0;
     if (s->incomplete)
-        notes[count++] = "Frames of ports, replays, replies and triggers of schedules are not among "
-                         "them: what they add is not known.";
+        notes[count++] = "Frames of ports, replays, replies and triggers of schedules are not "
+                         "among them: what they add is not known.";
     if (s->sleepers)
-        notes[count++] = "Nodes may sleep: what their wake-up and their wake-time add is not known.";
+        notes[count++] = "Nodes may sleep: what their wake-up and wake-time add is not known.";
     return count;
 }
 

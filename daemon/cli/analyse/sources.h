@@ -27,7 +27,7 @@ typedef struct sources {
     response_message *messages; /* ... these */
     uint64_t slowness; /* of the slowest clock: the part of a bit that it needs more, in 2^-32 */
     bool overloads;    /* some node asks for time by overload frames */
-    bool incomplete;   /* nodes have ports, replays, replies or triggers: their frames are unknown */
+    bool incomplete;   /* frames of ports, replays, replies or triggers are unknown */
     bool sleepers;     /* nodes sleep at the start: the time of their wake-up is unknown */
 } sources;
 
