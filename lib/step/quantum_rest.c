@@ -18,12 +18,20 @@ static bool rests(const cw_mac *mac)
            mac->phase == CW_MAC_BUS_OFF || mac->phase == CW_MAC_ASLEEP;
 }
 
+/* Returns true when a node that is ahead of the bus may rest. It has ended a bit like those that
+ * follow. Elsewhere something happens at the begins of its bits: slots end, and rates meet again. */
+static bool may_be_ahead(const cw_bus *bus)
+{
+    return !bus->tt && !bus->timed.rates;
+}
+
 /* Returns true when the node is in a bit like all that follow: no edge has come since it began. */
 static bool is_periodic(const cw_bus *bus, unsigned i)
 {
     const cw_cable *cable = &bus->timed.cable;
     const timed_node *n = &bus->timed.nodes[i];
-    return rests(&bus->nodes[i].mac) && !n->retimed && !n->ahead && !n->pcs.synchronised &&
+    return rests(&bus->nodes[i].mac) && !n->retimed && !n->pcs.synchronised &&
+           (!n->ahead || may_be_ahead(bus)) &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
            n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&
@@ -107,7 +115,8 @@ bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
     const cw_span end = cw_moment_of(bus, cw_wire_tick(&bus->time, bits));
     cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = &bus->timed.nodes[i];
+        timed_node *n = &bus->timed.nodes[i];
+        n->ahead = false;
         (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, end);
     }
     cw_watch_wire(bus, bits);
