@@ -263,6 +263,7 @@ class Listener:
             f"CANWIRE.{bus}.BUS": (types.bus_stats_t, "bus"),
             f"CANWIRE.{bus}.QUALITY": (types.bus_quality_t, "quality"),
             f"CANWIRE.{bus}.NODE": (types.node_stats_t, "nodes"),
+            f"CANWIRE.{bus}.LOCALTIME": (types.node_time_t, "times"),
             f"CANWIRE.{bus}.EVENT": (types.event_t, "events"),
         }
         if fd:
@@ -271,7 +272,7 @@ class Listener:
         if controllers:
             self.decoders[f"CANWIRE.{bus}.CONTROLLER"] = (types.node_controller_t, "controllers")
         self.bus, self.nodes, self.events, self.fd_bus, self.fd_nodes = [], [], [], [], []
-        self.quality, self.controllers = [], []
+        self.quality, self.controllers, self.times = [], [], []
         self.lcm = lcm.LCM(LCM_URL)
         for channel in self.decoders:
             name = channel.replace(".", "\\.")

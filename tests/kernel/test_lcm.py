@@ -89,6 +89,39 @@ def test_improper_arbitrations_and_the_error_rate_of_a_bus(canwired, listen):
     assert [json.loads(e.json)["frame"] for e in messages.events] == ["200#00", "400#00"]
 
 
+# The slave's clock starts 500 later than the master's, and is right.
+SLOTS = """
+bus: { name: slots, bitrate: 500000 }
+nodes:
+  - name: master
+    time-triggered: on
+    local-time: { bits: 32 }
+    schedule: { reference: "010", triggers: [ { at: 5000, slot: 100us, send: 010# } ] }
+  - name: slave
+    time-triggered: on
+    local-time: { bits: 32, start: 500 }
+    schedule: { reference: "010", triggers: [ { at: 1000, slot: 50us, send: 200# } ] }
+  - { name: plain }
+lcm: { period: 50ms, events: [] }
+"""
+
+
+def test_local_times_and_slots(canwired, listen):
+    messages = listen("slots")
+    daemon = canwired(SLOTS)
+    wait_until(lambda: any(m.sent > 3 and m.global_time >= 0 for m in messages.times
+                           if m.node == "slave"), "slots of the slave")
+    daemon.stop()
+    assert {m.node for m in messages.times} == {"master", "slave"}
+    last = [m for m in messages.times if m.node == "slave"][-1]
+    assert (last.bus, last.master, last.missed, last.failed) == ("slots", "master", 0, 0)
+    assert last.local_time == 500 + last.bus_time_ns // 1000
+    assert abs(last.global_time - last.bus_time_ns // 1000) <= 1
+    assert last.captures >= 2 * last.sent and last.references >= last.sent
+    assert last.slots - last.sent in (0, 1)  # one may be under way
+    assert last.late_max_ns < 2000  # a bit
+
+
 def check_sum(node):
     dropped = sum(getattr(node, name) for name in DROPS)
     assert node.handed_in == node.tx_frames + node.queue + dropped, node.node
