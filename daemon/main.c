@@ -306,8 +306,9 @@ static void log_start(const process *p)
                  config->bitrate_bps, cfg_has_fd(config) ? "CAN FD" : "classical CAN");
     }
     if (p->host.rig)
-        log_info("%s: %zu buses, %zu gateways", p->host.rig->file, p->host.rig->bus_count,
-                 p->host.rig->gateway_count);
+        log_info("%s: %zu %s, %zu %s", p->host.rig->file, p->host.rig->bus_count,
+                 p->host.rig->bus_count == 1 ? "bus" : "buses", p->host.rig->gateway_count,
+                 p->host.rig->gateway_count == 1 ? "gateway" : "gateways");
 }
 
 static bool run(process *p, const options *o)

@@ -1129,7 +1129,7 @@ typedef struct cw_node_time {
     uint64_t captured;    /* the last capture */
     uint64_t captures;    /* so many so far */
     uint64_t references;  /* ... of reference messages */
-    uint64_t cycle_time;  /* local time since the basic cycle began */
+    uint64_t cycle_time;  /* local time since the basic cycle began; 0 without in_cycle */
     uint64_t global;      /* local time of the master (L7) */
     uint16_t cycle;       /* number of the basic cycle */
     uint16_t triggers;    /* of its schedule */

@@ -204,9 +204,11 @@ static void print_schedule(FILE *out, const json_t *schedule)
     const json_t *triggers = json_object_get(schedule, "triggers");
     if (!json_is_object(schedule))
         return;
-    fprintf(out, "\t  schedule cycle %jd of %jd cycle-time %jd references %jd%s\n",
-            number(schedule, "cycle"), number(schedule, "cycles"), number(schedule, "cycle_time"),
-            number(schedule, "references"),
+    fprintf(out, "\t  schedule cycle %jd of %jd", number(schedule, "cycle"),
+            number(schedule, "cycles"));
+    if (json_is_integer(json_object_get(schedule, "cycle_time")))
+        fprintf(out, " cycle-time %jd", number(schedule, "cycle_time"));
+    fprintf(out, " references %jd%s\n", number(schedule, "references"),
             json_is_true(json_object_get(schedule, "in_cycle")) ? "" : ", waits for the next one");
     for (size_t i = 0; i < json_array_size(triggers); i++)
         print_slots(out, json_array_get(triggers, i));
@@ -226,6 +228,31 @@ static void print_synchronisation(FILE *out, const json_t *sync)
         fputs("none\n", out);
 }
 
+/* Prints the model of the controller, where it is not as in most nodes. */
+static void print_controller(FILE *out, const json_t *node)
+{
+    const char *model = text(node, "controller");
+    if (*model && strcmp(model, "queue") != 0)
+        fprintf(out, "\t  controller %s\n", model);
+}
+
+/* Prints settings of sleep that are not the defaults. */
+static void print_sleep(FILE *out, const json_t *settings)
+{
+    static const char *const usual[][2] = {
+        {"wake-filter", "5us"}, {"wake-time", "0ns"}, {"wake-on", "off"}};
+    const char *before = "\t  ";
+    for (size_t i = 0; i < COUNT_OF(usual); i++) {
+        const char *value = text(settings, usual[i][0]);
+        if (!*value || strcmp(value, usual[i][1]) == 0)
+            continue;
+        fprintf(out, "%s%s %s", before, usual[i][0], value);
+        before = " ";
+    }
+    if (strcmp(before, " ") == 0)
+        fputc('\n', out);
+}
+
 static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -239,6 +266,8 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     print_timing(out, json_object_get(node, "timing"), bitrate, number(settings, "warning-limit"));
     print_data_timing(out, json_object_get(node, "data_timing"));
     print_synchronisation(out, json_object_get(node, "synchronisation"));
+    print_controller(out, node);
+    print_sleep(out, settings);
     print_local_time(out, json_object_get(node, "local_time"));
     print_schedule(out, json_object_get(node, "schedule"));
 }

@@ -566,11 +566,24 @@ static void complete_counters(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "counters", "one of the keys 'tec' and 'rec' is needed");
 }
 
+/* A node with a schedule stays time-triggered, as in the list of nodes. */
+static void check_schedules(schema *self, const yaml_node_t *map, const cw_rule *rule)
+{
+    const cfg *config = cfg_of(self);
+
+    for (size_t i = 0; i < config->node_count; i++)
+        if (rule->nodes >> i & 1 && cfg_stops_schedule(&config->nodes[i], &rule->settings))
+            schema_complain(self, schema_find(self, map, "time-triggered"),
+                            "time-triggered: node '%s' has a schedule, which needs it",
+                            config->nodes[i].name);
+}
+
 static void complete_set(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     yaml_node_t *value;
     const bool alone = schema_pair(self, &value, map, 1) && !schema_pair(self, &value, map, 2);
 
+    check_schedules(self, map, rule);
     if (!schema_pair(self, &value, map, 1))
         complain_at(self, map, "set", "there is no key that says what to set");
     if (rule->action != CW_ACTION_RAMP)

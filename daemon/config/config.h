@@ -400,6 +400,9 @@ cw_span cfg_local_unit(const cfg_node *node, int32_t ppm);
 /* Returns the place of the schedule of a time master, which never ends by itself, or NULL. */
 const cfg_place *cfg_find_master(const cfg *config);
 
+/* Returns true when settings take `time-triggered` from a node that has a schedule. */
+bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings);
+
 /* Returns true when a node knows CAN FD frames. */
 bool cfg_knows_fd(const cfg *config, const cfg_node *node);
 

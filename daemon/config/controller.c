@@ -44,7 +44,7 @@ static const struct {
     [CFG_MODEL_BASIC] = {.name = "basic", .keys = HAS_BUFFERS | HAS_SERVICE | HAS_OVERLOAD,
                          .why = "it has buffers and no mailboxes", .buffers = BUFFERS_DEFAULT},
     [CFG_MODEL_FULL] = {.name = "full", .keys = HAS_SERVICE | HAS_MAILBOXES,
-                        .why = "it has mailboxes, which are never full", .receive = 8, .send = 8},
+                        .why = "its mailboxes take newer frames when they are full", .receive = 8, .send = 8},
     [CFG_MODEL_SJA1000] = {.name = "sja1000", .keys = HAS_ALL, .buffers = 22, .bytes = 64,
                            .send = 1, .driver = ERRFRAME_SJA1000},
     [CFG_MODEL_MCP2515] = {.name = "mcp2515", .keys = HAS_ALL, .buffers = 3, .send = 1,
@@ -248,6 +248,7 @@ static void read_name(schema *self, const schema_key *key, const yaml_node_t *va
     const timing_limits *found = text ? timing_controller(text) : NULL;
     nearest guess = {.word = text};
     const char *list = "";
+    cfg_model model;
     size_t count;
     const timing_limits *all = timing_controllers(&count);
 
@@ -256,6 +257,11 @@ static void read_name(schema *self, const schema_key *key, const yaml_node_t *va
         node->time.limits = found;
     if (!text || found)
         return;
+    if (find_model(&model, text)) {
+        schema_complain(self, value, "%s: '%s' is a model, so write it as { model: %s }", key->name,
+                        text, text);
+        return;
+    }
     for (size_t i = 0; i < count; i++) {
         nearest_consider(&guess, all[i].name);
         list = schema_join(self, list, all[i].name);

@@ -61,7 +61,7 @@ static void read_unit(schema *self, const schema_key *key, yaml_node_t *value, v
     const size_t errors = self->errors->errors;
     cfg_read_fine_min(self, key, value, object);
     if (self->errors->errors == errors && (*unit < CW_TICK || *unit > CW_LOCAL_UNIT_MAX))
-        schema_complain(self, value, "%s: a unit of local time lasts 12.5ns to 1s", key->name);
+        schema_complain(self, value, "%s: a unit of local time lasts 13ns to 1s", key->name);
 }
 
 void cfg_read_local_time(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -307,6 +307,31 @@ static void check_sender(schema *self, const yaml_node_t *map, size_t node)
         cfg_check_sender(self, &key, value, &frame, node);
 }
 
+/* Returns the reference message that a node sends, or NULL. */
+static const cw_frame *reference_of(const cfg_node *node)
+{
+    const cfg_schedule *s = &node->schedule;
+    for (unsigned k = 0; k < s->trigger_count; k++)
+        if (is_reference(s, &s->triggers[k].frame))
+            return &s->triggers[k].frame;
+    return NULL;
+}
+
+/* Warns when a former node sends the same reference message, since the two collide. */
+static void check_master(schema *self, const cfg *config, const yaml_node_t *schedule, size_t node)
+{
+    const cw_frame *own = reference_of(&config->nodes[node]);
+    for (size_t i = 0; own && i < node; i++) {
+        const cw_frame *other = reference_of(&config->nodes[i]);
+        if (other && other->id == own->id &&
+            !((other->flags ^ own->flags) & CW_FRAME_EXTENDED)) {
+            schema_warn(self, schedule, "schedule: node '%s' sends the same reference message: two "
+                        "time masters need identifiers of their own", config->nodes[i].name);
+            return;
+        }
+    }
+}
+
 /* Checks the frames of triggers. All nodes have been read from the list. */
 void cfg_check_schedules(schema *self, yaml_node_t *nodes)
 {
@@ -317,6 +342,8 @@ void cfg_check_schedules(schema *self, yaml_node_t *nodes)
         yaml_node_t *const triggers = schedule ? schema_find(self, schedule, "triggers") : NULL;
         for (unsigned k = 0; triggers && k < config->nodes[i].schedule.trigger_count; k++)
             check_sender(self, schema_item(self, triggers, k), i);
+        if (triggers)
+            check_master(self, config, schedule, i);
     }
 }
 
@@ -326,4 +353,11 @@ const cfg_place *cfg_find_master(const cfg *config)
         if (config->nodes[i].schedule.master)
             return &config->nodes[i].schedule.place;
     return NULL;
+}
+
+bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings)
+{
+    return node->schedule.cycles && settings->which & CW_SET_MODES &&
+           settings->modes_mask & CW_MODE_TIME_TRIGGERED &&
+           !(settings->modes & CW_MODE_TIME_TRIGGERED);
 }

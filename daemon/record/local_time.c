@@ -55,7 +55,8 @@ static json_t *schedule_json(const cfg *config, const cw_bus *bus, const cw_node
     put_bool(object, "in_cycle", t->in_cycle);
     put_count(object, "cycle", t->cycle);
     put_count(object, "cycles", s->cycles);
-    put_count(object, "cycle_time", t->cycle_time);
+    put(object, "cycle_time",
+        t->in_cycle ? json_integer((json_int_t)t->cycle_time) : json_null());
     put_count(object, "references", t->references);
     for (unsigned k = 0; k < s->trigger_count; k++)
         put_last(triggers, trigger_json(s, bus, node, k));

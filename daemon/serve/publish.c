@@ -498,7 +498,7 @@ static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
         .master = known ? p->config->nodes[t.master].name : none,
         .in_cycle = t.in_cycle ? 1 : 0,
         .cycle = t.cycle,
-        .cycle_time = (int64_t)t.cycle_time,
+        .cycle_time = t.in_cycle ? (int64_t)t.cycle_time : -1,
         .references = (int64_t)t.references,
         .slots = (int64_t)slots.slots,
         .sent = (int64_t)slots.sent,

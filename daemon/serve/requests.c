@@ -307,6 +307,9 @@ static bool run_set(request *r)
         return false;
     if (!settings_from_json(&settings, &time, error, json_object_get(r->asked, "settings")))
         return refuse(r, "%s", error);
+    if (cfg_stops_schedule(&live_config(r->world->config)->nodes[node], &settings))
+        return refuse(r, "node %s: it has a schedule, which needs time-triggered: on",
+                      text_of(r, "node"));
     if (inputs_set_all(r->inputs, problem, node, &settings, &time) != CW_OK)
         return refuse(r, "node %s: %s", text_of(r, "node"),
                       *problem ? problem : "the bus does not take these settings");

@@ -159,6 +159,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     json_t *object = output_node_stats(&config->nodes[node], &stats);
     put_count(object, "rx_errors", errors->rx[node]);
     put_count(object, "tx_errors", errors->tx[node]);
+    put_text(object, "controller", cfg_model_name(config->nodes[node].controller.model));
     put(object, "settings", settings_to_json(&settings));
     put(object, "timing", timing_json(config, node, &settings.timing));
     put_kind(object, config, node);

@@ -526,7 +526,7 @@ cw_status cw_node_get_time(const cw_bus *bus, unsigned i, cw_node_time *out)
     *out = (cw_node_time){.local = cw_tt_visible(s, now), .captures = s->captures,
                           .captured = cw_tt_visible(s, s->captured),
                           .references = s->references, .in_cycle = s->in_cycle,
-                          .cycle = s->cycle, .cycle_time = now - s->base,
+                          .cycle = s->cycle, .cycle_time = s->in_cycle ? now - s->base : 0,
                           .triggers = s->schedule.trigger_count};
     out->has_global = global_time(bus, i, out->local, out);
     return CW_OK;

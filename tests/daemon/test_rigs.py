@@ -224,6 +224,7 @@ def test_a_reload_keeps_gateways_by_the_names_of_their_nodes(rig, tmp_path):
     r.process.send_signal(signal.SIGHUP)
     wait_until(lambda: r.log.read_text().count("configuration reloaded") == 3, "both reloads")
     assert "body: body: configuration reloaded, 2 nodes" in r.log.read_text()
+    assert "rig.yaml: 2 buses, 1 gateway\n" in r.log.read_text()
     r.run("reload", "--config", "rig.yaml", "--pid", r.process.pid)
     r.stop()
 

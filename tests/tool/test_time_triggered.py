@@ -64,6 +64,18 @@ def test_slaves_know_the_time_of_the_master():
     assert front["master"] == rear["master"] == "master"
 
 
+def test_no_cycle_time_while_no_cycle_is_under_way(tmp_path):
+    """The third reference message is handed in some bits before 15 ms, and captured in its slot."""
+    path = tmp_path / "tt.yaml"
+    path.write_text(PAIR.format(expect="{ drops: 0 }", ppm=0, slot=50, loud="1s"))
+    for until, under_way in (("14990us", True), ("14998us", False), ("15050us", False),
+                             ("15200us", True)):
+        schedule = node(stats(path, "--until", until), "master")["schedule"]
+        assert schedule["in_cycle"] is under_way
+        assert (schedule["cycle_time"] is not None) is under_way
+        assert not under_way or 0 <= schedule["cycle_time"] <= 5000
+
+
 def test_captures_come_only_when_asked_for():
     assert not any(e["event"] == "capture" for e in events(MATRIX, *STOP))
     captures = [e for e in events(MATRIX, *STOP, "--captures") if e["event"] == "capture"]

@@ -34,6 +34,7 @@
 typedef struct rig {
     char folder[32];
     char path[64];
+    const char *config; /* its text, without `control` */
     struct ev_loop *loop;
     live *live;
     engine engine;
@@ -53,7 +54,7 @@ static inline cfg *load(const rig *r)
     snprintf(file, sizeof file, "%s/bus.yaml", r->folder);
     FILE *out = fopen(file, "we");
     assert_non_null(out);
-    fprintf(out, "%scontrol: %s\n", config_text, r->path);
+    fprintf(out, "%scontrol: %s\n", r->config, r->path);
     fclose(out);
     cfg *config = cfg_load(file, stderr);
     assert_non_null(config);
@@ -61,9 +62,10 @@ static inline cfg *load(const rig *r)
     return config;
 }
 
-static inline int set_up(void **state)
+static inline int set_up_with(void **state, const char *config)
 {
     rig *r = calloc(1, sizeof *r);
+    r->config = config;
     strcpy(r->folder, "/tmp/test_control.XXXXXX");
     assert_non_null(mkdtemp(r->folder));
     snprintf(r->path, sizeof r->path, "%s/bus.sock", r->folder);
@@ -77,6 +79,11 @@ static inline int set_up(void **state)
     engine_observe(&r->engine, control_event, r->control);
     *state = r;
     return 0;
+}
+
+static inline int set_up(void **state)
+{
+    return set_up_with(state, config_text);
 }
 
 static inline int tear_down(void **state)

@@ -49,6 +49,12 @@ static void nodes_without_margin_are_told(void **state)
     assert_warns(GOOD "margins.yaml");
 }
 
+static void masters_that_collide_are_told(void **state)
+{
+    (void)state;
+    assert_warns(GOOD "masters.yaml");
+}
+
 /* Exactly the rates within 0.1 % of 80 MHz / n are taken. */
 static void bit_rates_are_near_what_the_clock_makes(void **state)
 {
@@ -84,6 +90,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(times_that_are_rounded_are_told),
         cmocka_unit_test(nodes_without_margin_are_told),
+        cmocka_unit_test(masters_that_collide_are_told),
         cmocka_unit_test(bit_rates_are_near_what_the_clock_makes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -526,6 +526,70 @@ static void a_text_with_an_anchor_is_short(void **state)
     close(fd);
 }
 
+/* A node with a schedule, of a controller with mailboxes, and one that sleeps. */
+static int set_up_scheduled(void **state)
+{
+    return set_up_with(state,
+                       "bus: { name: test, bitrate: 500000 }\n"
+                       "nodes:\n"
+                       "  - name: a\n"
+                       "    time-triggered: on\n"
+                       "    local-time: {}\n"
+                       "    controller: { model: full }\n"
+                       "    schedule: { reference: \"010\", triggers: [ { at: 60000, slot: 100, "
+                       "send: 010# } ] }\n"
+                       "  - { name: b, wake-time: 2ms, wake-on: \"500:7F0\" }\n");
+}
+
+static void a_schedule_needs_its_mode(void **state)
+{
+    const rig *r = *state;
+    int fd = connect_client(r);
+    expect_refusal(r, fd,
+                   "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"time-triggered\":\"off\"}}",
+                   "node a: it has a schedule, which needs time-triggered: on");
+    expect_refusal(r, fd,
+                   "{\"request\":\"inject\",\"text\":\"{name: x, when: {time: 1s}, do: {set: [a, b], "
+                   "time-triggered: off}}\"}",
+                   "inject:1:61: time-triggered: node 'a' has a schedule, which needs it");
+    json_t *reply = grant(r, fd,
+                          "{\"request\":\"set\",\"node\":\"a\",\"settings\":{"
+                          "\"time-triggered\":true,\"one-shot\":true}}");
+    assert_true(is_on(json_object_get(reply, "settings"), "time-triggered"));
+    json_decref(reply);
+    tell(r, fd,
+         "{\"request\":\"set\",\"node\":\"b\",\"settings\":{\"time-triggered\":\"off\"}}");
+    close(fd);
+}
+
+/* Before the first reference message no basic cycle is under way. */
+static void status_tells_of_model_schedule_and_sleep(void **state)
+{
+    const rig *r = *state;
+    char printed[TEXT_MAX] = "";
+    int fd = connect_client(r);
+    json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
+    const json_t *nodes = json_object_get(json_object_get(reply, "status"), "nodes");
+    const json_t *a = json_array_get(nodes, 0), *b = json_array_get(nodes, 1);
+    const json_t *schedule = json_object_get(a, "schedule");
+    assert_string_equal(text(a, "controller"), "full");
+    assert_string_equal(text(b, "controller"), "queue");
+    assert_string_equal(text(json_object_get(b, "settings"), "wake-time"), "2ms");
+    assert_true(json_is_false(json_object_get(schedule, "in_cycle")));
+    assert_true(json_is_null(json_object_get(schedule, "cycle_time")));
+    FILE *out = fmemopen(printed, sizeof printed, "w");
+    status_print(out, json_object_get(reply, "status"));
+    fclose(out);
+    json_decref(reply);
+    close(fd);
+    assert_non_null(strstr(printed, "\n\t  controller full\n\t  local-time "));
+    assert_non_null(strstr(printed, "\n\t  schedule cycle 0 of 1 references 0, waits for the next "
+                                    "one\n"));
+    assert_non_null(strstr(printed, "\n\t  wake-time 2ms wake-on 500:7F0\n"));
+    assert_null(strstr(printed, "wake-filter"));
+    assert_null(strstr(printed, "controller queue"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -546,6 +610,9 @@ int main(void)
         CASE(a_text_of_rules_makes_little_work),
         CASE(aliases_of_what_is_wrong_make_little_work),
         CASE(a_text_with_an_anchor_is_short),
+        cmocka_unit_test_setup_teardown(a_schedule_needs_its_mode, set_up_scheduled, tear_down),
+        cmocka_unit_test_setup_teardown(status_tells_of_model_schedule_and_sleep, set_up_scheduled,
+                                        tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
