@@ -551,7 +551,7 @@ static void a_schedule_needs_its_mode(void **state)
     expect_refusal(r, fd,
                    "{\"request\":\"inject\",\"text\":\"{name: x, when: {time: 1s}, do: {set: [a, b], "
                    "time-triggered: off}}\"}",
-                   "inject:1:61: time-triggered: node 'a' has a schedule, which needs it");
+                   "inject:1:63: time-triggered: node 'a' has a schedule, which needs it");
     json_t *reply = grant(r, fd,
                           "{\"request\":\"set\",\"node\":\"a\",\"settings\":{"
                           "\"time-triggered\":true,\"one-shot\":true}}");
