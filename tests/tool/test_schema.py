@@ -57,7 +57,8 @@ SEMANTIC = [
     "but the bus is classical", "as the bus is classical", "knows classical frames only",
     "which begins the next basic cycle", "before the one of line", "does not divide",
     "there is no cycle", "in which cycle-byte puts", "bits of local-time can count",
-    "goes in each basic cycle", "has a schedule, which needs it", "needs local-time", "needs time-triggered", "a counter of",
+    "goes in each basic cycle",
+    "has a schedule, which needs it", "needs local-time", "needs time-triggered", "a counter of",
     "lasts 13ns to 1s", "a slot lasts a unit",
 ]
 

@@ -546,11 +546,12 @@ static void a_schedule_needs_its_mode(void **state)
     const rig *r = *state;
     int fd = connect_client(r);
     expect_refusal(r, fd,
-                   "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"time-triggered\":\"off\"}}",
+                   "{\"request\":\"set\",\"node\":\"a\","
+                   "\"settings\":{\"time-triggered\":\"off\"}}",
                    "node a: it has a schedule, which needs time-triggered: on");
     expect_refusal(r, fd,
-                   "{\"request\":\"inject\",\"text\":\"{name: x, when: {time: 1s}, do: {set: [a, b], "
-                   "time-triggered: off}}\"}",
+                   "{\"request\":\"inject\",\"text\":\"{name: x, when: {time: 1s}, "
+                   "do: {set: [a, b], time-triggered: off}}\"}",
                    "inject:1:63: time-triggered: node 'a' has a schedule, which needs it");
     json_t *reply = grant(r, fd,
                           "{\"request\":\"set\",\"node\":\"a\",\"settings\":{"
