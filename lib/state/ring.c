@@ -239,7 +239,8 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     const event_ring *ring = &bus->ring;
     if (ring->count == 0)
         return false;
-    memcpy(event, event_at(ring, 0), ring->event_size);
+    /* on 32 bits an entry may end behind an event, since it is aligned for 64 */
+    memcpy(event, event_at(ring, 0), cw_least(ring->event_size, sizeof *event));
     cw_bus_take(bus, 1);
     return true;
 }
