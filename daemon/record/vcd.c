@@ -639,8 +639,10 @@ typedef struct changes {
 /* Returns the nodes that are in the same place as one of them, if all were so before, too. */
 static uint64_t find_alike(vcd *self, changes *found, const cw_bit_view *bit)
 {
-    if (!bit->alike)
+    if (!bit->alike) {
+        self->alike = 0; /* they may come to be alike again, and have changed by then */
         return 0;
+    }
     const cw_bit_node *one = &bit->nodes[lowest(bit->alike)];
     const uint32_t mark = mark_of(&one->place, one->phase);
     bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;

@@ -204,15 +204,25 @@ static bool inject(journal_player *p)
     return true;
 }
 
+/* Tells that names of now will be gone. */
+static void renaming(journal_player *p)
+{
+    p->calls.drain(p->now->user);
+    if (p->calls.renaming)
+        p->calls.renaming(p->now->user);
+}
+
 static bool act_on_rule(journal_player *p)
 {
     unsigned rule;
     if (!find_rule(p, &rule))
         return false;
-    if (p->entry.what.kind == INPUT_CLEAR)
+    if (p->entry.what.kind == INPUT_CLEAR) {
+        renaming(p);
         inputs_clear(&p->now->inputs, rule);
-    else
-        expect_ok(p, "fire", inputs_fire(&p->now->inputs, rule));
+        return true;
+    }
+    expect_ok(p, "fire", inputs_fire(&p->now->inputs, rule));
     return true;
 }
 
@@ -235,6 +245,17 @@ static bool attach_as(journal_player *p, unsigned node, const char *name)
     return true;
 }
 
+/* Puts a node on the bus, or takes it off. */
+static bool attach(journal_player *p, unsigned node)
+{
+    const input *what = &p->entry.what;
+    renaming(p);
+    if (what->as)
+        return attach_as(p, node, what->as);
+    inputs_attach(&p->now->inputs, node, what->on);
+    return true;
+}
+
 static bool act_on_node(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -247,10 +268,8 @@ static bool act_on_node(journal_player *p)
         expect_ok(p, "restart", inputs_restart(&p->now->inputs, node));
     else if (what->kind == INPUT_SET)
         set(p, node);
-    else if (what->as)
-        return attach_as(p, node, what->as);
     else
-        inputs_attach(&p->now->inputs, node, what->on);
+        return attach(p, node);
     return true;
 }
 

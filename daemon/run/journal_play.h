@@ -17,6 +17,8 @@ typedef struct journal_calls {
     inputs_drain *drain;                                 /* takes all events of the bus */
     void (*event)(void *user, const cw_event *event);    /* an event that does not come from the
                                                             bus */
+    /* A rule or the name of a guest goes; all events have been taken. May be NULL. */
+    void (*renaming)(void *user);
     /* Announces another configuration; `from` has the old node of each node, or CW_NO_NODE. All
      * events of the old one have been taken; it is still the player's configuration. */
     void (*leaving)(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX]);

@@ -268,6 +268,11 @@ def test_a_journal_repeats_both_buses(rig, tmp_path):
         '{ name: x, when: { frame: "050", every: 3 }, do: { flip: "data[0.2]" } }\n')
     r.run("inject", "./body.sock", "faults.yaml")
     airbag.send([(0x050, number) for number in range(20)])
+    # another rule takes the place of one whose hits may still wait to be written
+    r.run("clear", "./body.sock", "x")
+    (tmp_path / "other.yaml").write_text(
+        "{ name: y, when: { manual: yes }, do: { bus-off: airbag } }")
+    r.run("inject", "./body.sock", "other.yaml")
     edit(tmp_path, "safety.yaml", "nodes:\n", "nodes:\n  - { name: first }\n")
     r.run("reload", "./safety.sock")
     airbag.send([(0x050, number) for number in range(20)])

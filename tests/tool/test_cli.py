@@ -72,6 +72,7 @@ VALUES = [
     ("record", "--files", "0", "from 1 to"),
     ("analyse", "--simulate", "soon", "10ms"),
     ("analyse", "--error-every", "0", "more than 0"),
+    ("analyse", "--error-rate", "lots", "such as 1e-5"),
     ("inject", "--with", "rate", "KEY=VALUE"),
     ("reload", "--pid", "0", "the number of a process"),
 ]

@@ -538,11 +538,11 @@ def test_every_event_that_is_expected_can_be_awaited(write):
     told = sim(write(UNTIL), "--until-event", "", status=1).stderr
     kinds = re.search(r"'canwire watch' \(([^)]*)\)", told)[1].split(", ")
     kinds += re.search(r"a state \(([^)]*)\)", told)[1].split(", ") + ["fault", "skip"]
-    assert len(kinds) == 17
+    assert len(kinds) == 21
     for kind in kinds:
         sim(write(UNTIL), "--until", "1ms", "--until-event", kind)
     watched = canwire("watch", "--help").stdout.partition("these kinds:")[2].partition("--json")[0]
-    assert {*re.findall("[a-z-]+", watched)} - {"record"} <= {*kinds}
+    assert {*re.findall("[a-z-]+", watched)} - {"record", "capture"} <= {*kinds}
 
 
 LATE = """

@@ -118,7 +118,7 @@ def test_a_port_belongs_to_one_bus(tmp_path):
 
 
 def test_other_commands_say_that_a_rig_is_no_configuration():
-    assert "this is a rig" in canwire("analyse", EXAMPLE, status=1).stderr
+    assert "is a rig: analyse its buses" in canwire("analyse", EXAMPLE, status=1).stderr
 
 
 @pytest.mark.parametrize("first, second, loop", [

@@ -348,14 +348,11 @@ static char *text_of(const cfg *config, const cw_event *event,
     return text;
 }
 
-/* Makes texts of the events of a bus that are not written yet: they name nodes of the old
- * configuration. */
-static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+/* Makes texts of the events of a bus that are not written yet: they have names of rules and nodes
+ * that go. */
+static void keep_names(void *user)
 {
     rig_bus *b = user;
-    (void)next;
-    (void)from;
-    sim_judge_leave(&b->judge, &b->run);
     for (size_t i = b->first; i < b->end; i++) {
         kept *k = &b->list[i];
         if (k->line)
@@ -363,6 +360,15 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
         k->line = text_of(b->run.config, &k->event, output_event_of_bus);
         k->logged = text_of(b->run.config, &k->event, output_log);
     }
+}
+
+static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+{
+    rig_bus *b = user;
+    (void)next;
+    (void)from;
+    sim_judge_leave(&b->judge, &b->run);
+    keep_names(b);
 }
 
 static void go_over(void *user)
@@ -383,7 +389,8 @@ static void *of_bus(void *user, size_t bus)
 static bool open_journal(sim_rig *s)
 {
     static const journal_calls calls = {.advance = advance, .drain = drain, .event = pass_on,
-                                        .leaving = leave, .changed = go_over, .of_bus = of_bus};
+                                        .renaming = keep_names, .leaving = leave,
+                                        .changed = go_over, .of_bus = of_bus};
     const char *file = s->options->journal;
     s->player = journal_player_open(file, &calls, s, stderr);
     if (s->player && strcmp(journal_player_writer(s->player), CANWIRE_VERSION) != 0)
