@@ -25,10 +25,12 @@ static bool mailbox_valid(const cw_mailbox *box)
 
 static bool mailboxes_valid(const cw_host_config *h)
 {
-    for (unsigned i = 0; i < h->mailbox_count && i < CW_MAILBOXES_MAX; i++)
+    if (h->mailbox_count > CW_MAILBOXES_MAX || (unsigned)h->transmit >= CW_TRANSMIT_COUNT)
+        return false;
+    for (unsigned i = 0; i < h->mailbox_count; i++)
         if (!mailbox_valid(&h->mailboxes[i]))
             return false;
-    return h->mailbox_count <= CW_MAILBOXES_MAX && (unsigned)h->transmit < CW_TRANSMIT_COUNT;
+    return true;
 }
 
 static bool local_time_valid(const cw_local_time *l)
