@@ -19,7 +19,7 @@ static bool rests(const cw_mac *mac)
 }
 
 /* Returns true when a node that is ahead of the bus may rest. It has ended a bit like those that
- * follow. Elsewhere something happens at the begins of its bits: slots end, and rates meet again. */
+ * follow. Elsewhere its bits begin with something to do: slots end, and rates meet again. */
 static bool may_be_ahead(const cw_bus *bus)
 {
     return !bus->tt && !bus->timed.rates;
