@@ -176,8 +176,8 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
     return room(&bus->inbox);
 }
 
-/* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. A frame
- * that a mailbox keeps for its replies misses no slot. */
+/* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. A
+ * frame that a mailbox keeps for its replies misses no slot. */
 static void hand_in_triggered(cw_bus *bus, const inbox_entry *entry)
 {
     const unsigned i = entry->node;
