@@ -48,12 +48,13 @@ def test_status_has_local_times_and_slots(watched):
 
 
 def test_settings_and_captures_are_in_the_journal(watched):
-    run = watched()
+    run = watched(MATRIX + "  - { name: logger }\n")
     run.set("rear", "ppm=90")
-    run.set("front", "time-triggered=off")
-    run.wait_events(40)
-    assert run.bus.status()["nodes"][1]["settings"]["time-triggered"] is False
-    run.set("front", "time-triggered=on")
+    assert "it has a schedule" in run.refused("front", "time-triggered=off")
+    for word, on in (("on", True), ("off", False)):  # a node without schedule
+        run.set("logger", f"time-triggered={word}")
+        run.wait_events(40)
+        assert run.bus.status()["nodes"][3]["settings"]["time-triggered"] is on
     named = subprocess.Popen([CANWIRE, "watch", "./day.sock", "capture", "--json"],
                              cwd=run.bus.folder, stdout=subprocess.PIPE, text=True)
     try:

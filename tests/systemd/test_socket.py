@@ -96,7 +96,7 @@ def test_the_largest_bus_is_within_its_limits():
         shown = {name: bus.show(name) for name in ("MemoryMax", "TasksMax", "LimitNOFILE")}
         assert shown == {"MemoryMax": str(2 << 30), "TasksMax": "512", "LimitNOFILE": "8192"}
         limits = Path(f"/proc/{bus.pid()}/limits").read_text()
-        assert any(line.split()[:5] == ["Max", "open", "files", "1024", "1024"]
+        assert any(line.split()[:5] == ["Max", "open", "files", "8192", "8192"]
                    for line in limits.splitlines())
         clients = [connect(bus.socket) for _ in range(CLIENTS)]
         ecus = []
