@@ -240,7 +240,7 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     if (ring->count == 0)
         return false;
     /* on 32 bits an entry may end behind an event, since it is aligned for 64 */
-    memcpy(event, event_at(ring, 0), cw_least(ring->event_size, sizeof *event));
+    memcpy(event, event_at(ring, 0), (size_t)cw_least(ring->event_size, sizeof *event));
     cw_bus_take(bus, 1);
     return true;
 }

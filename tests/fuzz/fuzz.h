@@ -60,6 +60,7 @@ typedef struct fuzz_bus {
     void *memory;
     cw_bus *bus;
     unsigned nodes;
+    unsigned triggering; /* of them: those with triggers */
     uint32_t bit_ticks;
     uint64_t last_tick; /* of an event */
     uint64_t count[FUZZ_KINDS]; /* events, once for each node they concern */
