@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * member.h - one of several programs at a port, which speaks the protocol of messages.h.
+ * member.h - one of several programs at a port, which speaks a protocol: that of messages.h, or that
+ * of socketcand.
  *
  * It has a socket of its own, and the kernel bounds what waits in it. So a client that does not
  * read loses messages alone, and is told how many.
@@ -12,6 +13,7 @@
 #include "port/messages.h"
 
 #define MEMBER_NAME_MAX 32u
+#define MEMBER_LABEL_BYTES 64u /* a name, or the address of a program, with the final 0 */
 
 /* The progress of a connection. */
 typedef enum member_state {
@@ -21,8 +23,11 @@ typedef enum member_state {
     MEMBER_THERE
 } member_state;
 
+typedef struct member_kind member_kind;
+
 typedef struct member {
     member_state state;
+    const member_kind *kind;
     int fd;
     uint32_t id; /* of the connection, which no other one of the port has; never 0 */
     uint32_t options;
@@ -32,13 +37,17 @@ typedef struct member {
     uint64_t written;
     unsigned filter_count;
     struct can_filter *filters; /* NULL: all frames pass */
-    char name[MEMBER_NAME_MAX + 1];
+    char name[MEMBER_LABEL_BYTES];
+    void *more;      /* what its kind keeps */
+    bool stuck;      /* a part of a message waits for room in its socket ... */
+    bool room_watched; /* ... and the port is woken by that */
+    int64_t wake_ns; /* CLOCK_MONOTONIC at which it has something to do by itself; 0: never */
     bool peeked;
     int64_t next_ns; /* CLOCK_REALTIME at which its next message was sent, when peeked */
 } member;
 
-/* Takes over a connected socket. */
-void member_open(member *c, int fd, uint32_t id);
+/* Takes over a connected socket. Returns false without memory. */
+bool member_open(member *c, const member_kind *kind, int fd, uint32_t id);
 
 /* Closes the socket; the place is free afterwards. */
 void member_close(member *c);
@@ -64,6 +73,11 @@ void member_refuse(member *c, unsigned type, int code, const char *text);
 /* Sends a message with a code and a text. */
 void member_tell(member *c, const message_head *head, int code, const char *text);
 
+/* Receives into `room` bytes, with the time stamp of what has come, or 0. cut: a message had no room.
+ * Returns the size, 0 at the end, and -1 with errno. */
+ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int64_t *stamp_ns,
+                       bool *cut);
+
 /* Returns when its next message was sent; INT64_MAX without one. */
 int64_t member_next_ns(member *c);
 
@@ -72,5 +86,19 @@ bool member_takes(const member *c, const void *frame, size_t size);
 
 /* Sends a message with a frame. Returns false, and counts the loss, when there is no room. */
 bool member_send(member *c, const message_head *head, const void *frame, size_t size);
+
+/* The functions of a protocol; see above. */
+struct member_kind {
+    bool (*open)(member *c);   /* NULL: nothing to do */
+    void (*close)(member *c);  /* NULL: nothing to do */
+    member_result (*read)(member *c, port *p, port_frame *out);
+    void (*welcome)(member *c, const char *node, bool fd);
+    void (*tell)(member *c, const message_head *head, int code, const char *text);
+    bool (*takes)(const member *c, const void *frame, size_t size);
+    bool (*send)(member *c, const message_head *head, const void *frame, size_t size);
+};
+
+/* The protocol of messages.h; for the other one see socketcand.h. */
+extern const member_kind member_messages;
 
 #endif

@@ -1,0 +1,496 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * shared.c - the programs at a port, which take turns and see each other's frames.
+ */
+#include "port/shared.h"
+
+#include "base/number.h"
+#include "engine/clock.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/timerfd.h>
+#include <unistd.h>
+
+#define PLAIN SHARED_PLAIN
+#define PLAIN_BIT (UINT64_C(1) << PLAIN)
+#define CONTROLS_MAX 256u /* messages of one read that are no frames */
+#define NS_PER_S INT64_C(1000000000)
+
+static port_shared *own(port *p)
+{
+    return (port_shared *)p;
+}
+
+static int ecu_of(const port *p)
+{
+    return ((const port_shared *)p)->programs[PLAIN].fd;
+}
+
+/* ---- Programs come and go -------------------------------------------------------------------- */
+
+bool shared_watch(const port *p, int fd, unsigned what)
+{
+    struct epoll_event event = {.events = EPOLLIN, .data.u32 = what};
+    return epoll_ctl(p->fd, EPOLL_CTL_ADD, fd, &event) == 0;
+}
+
+void shared_set_deaf(port *p, int listener, bool deaf)
+{
+    port_shared *s = own(p);
+    if (deaf && !s->deaf)
+        s->deaf = epoll_ctl(p->fd, EPOLL_CTL_DEL, listener, NULL) == 0;
+    else if (!deaf && s->deaf)
+        s->deaf = !shared_watch(p, listener, SHARED_LISTENER);
+}
+
+/* Asks for room for frames that the program has not read yet, as far as the kernel allows. */
+bool shared_prepare(int fd, int room)
+{
+    const int on = 1;
+    if (setsockopt(fd, SOL_SOCKET, SO_SNDBUFFORCE, &room, sizeof room) != 0)
+        (void)setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
+    return setsockopt(fd, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) == 0;
+}
+
+static const char too_many[] = "the port has as many clients as it takes (clients: max)";
+
+/* Turns a client away, and says why. */
+static void turn_away(port *p, int fd, int code, const char *why)
+{
+    member away;
+    member_open(&away, own(p)->ways->member, fd, 0);
+    member_refuse(&away, MESSAGE_HELLO, code, why);
+    member_close(&away);
+    p->stats.refused++;
+}
+
+static unsigned free_place(const port_shared *s)
+{
+    unsigned place = 0;
+    while (place < PORT_CLIENTS_MAX && s->programs[place].state != MEMBER_NONE)
+        place++;
+    return place;
+}
+
+/* Counts a client that has a place now. */
+static void count_in(port *p, member *c)
+{
+    port_shared *s = own(p);
+    s->last_id += s->last_id == UINT32_MAX ? 2 : 1;
+    c->id = s->last_id;
+    s->client_count++;
+    p->shared = true;
+    p->stats.connected++;
+}
+
+void shared_take_client(port *p, int fd)
+{
+    port_shared *s = own(p);
+    const unsigned place = free_place(s);
+    if (place == PORT_CLIENTS_MAX) {
+        turn_away(p, fd, EBUSY, too_many);
+        return;
+    }
+    if (!shared_watch(p, fd, place) || !member_open(&s->programs[place], s->ways->member, fd, 0)) {
+        turn_away(p, fd, errno, strerror(errno));
+        return;
+    }
+    count_in(p, &s->programs[place]);
+}
+
+/* Forgets a client that has no place here any more. */
+static void count_out(port *p)
+{
+    port_shared *s = own(p);
+    s->client_count--;
+    p->shared = s->client_count > 0;
+    if (!p->shared)
+        underway_free(&s->underway);
+}
+
+void shared_disconnect(port *p, member *c)
+{
+    member_close(c);
+    count_out(p);
+}
+
+bool shared_move(port *from, member *c, port *to)
+{
+    const unsigned place = free_place(own(to));
+    if (place == PORT_CLIENTS_MAX || !shared_watch(to, c->fd, place))
+        return false;
+    (void)epoll_ctl(from->fd, EPOLL_CTL_DEL, c->fd, NULL);
+    member *moved = &own(to)->programs[place];
+    *moved = *c;
+    *c = (member){.state = MEMBER_NONE, .fd = -1};
+    from->stats.connected--;
+    count_out(from);
+    count_in(to, moved);
+    return true;
+}
+
+/* ---- Time ------------------------------------------------------------------------------------ */
+
+static void set_timer(const port_shared *s, int64_t ns)
+{
+    const struct itimerspec at = {.it_value = {.tv_sec = ns / NS_PER_S, .tv_nsec = ns % NS_PER_S}};
+    (void)timerfd_settime(s->timer, TFD_TIMER_ABSTIME, &at, NULL);
+}
+
+void shared_wake_at(port *p, int64_t ns)
+{
+    port_shared *s = own(p);
+    if (ns == 0 || (s->wake_ns != 0 && s->wake_ns <= ns))
+        return;
+    s->wake_ns = ns;
+    set_timer(s, ns);
+}
+
+/* Sets the timer for all programs. */
+static void wake_for_all(port *p)
+{
+    port_shared *s = own(p);
+    if (s->timer < 0)
+        return;
+    for (unsigned i = 0; s->client_count > 0 && i < PORT_CLIENTS_MAX; i++)
+        if (s->programs[i].state != MEMBER_NONE)
+            shared_wake_at(p, s->programs[i].wake_ns);
+}
+
+/* Returns the programs that have wanted to be looked at by now. */
+static uint64_t on_time(port *p)
+{
+    port_shared *s = own(p);
+    uint64_t ready = 0, expired;
+    const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
+    if (read(s->timer, &expired, sizeof expired) < 0 && errno != EAGAIN)
+        return 0;
+    s->wake_ns = 0;
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        if (s->programs[i].state != MEMBER_NONE && s->programs[i].wake_ns != 0 &&
+            s->programs[i].wake_ns <= now_ns)
+            ready |= UINT64_C(1) << i;
+    return ready;
+}
+
+/* Watches for room in the socket of a client while it has half a message. */
+static void watch_room(const port *p, member *c, unsigned place)
+{
+    struct epoll_event event = {.events = EPOLLIN | (c->stuck ? EPOLLOUT : 0),
+                                .data.u32 = place};
+    if (c->stuck != c->room_watched && epoll_ctl(p->fd, EPOLL_CTL_MOD, c->fd, &event) == 0)
+        c->room_watched = c->stuck;
+}
+
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+/* Finds what waits, a set of programs. Asking first is cheapest: accept4() makes a socket before it
+ * finds no connection. */
+static uint64_t look(port *p)
+{
+    struct epoll_event events[SHARED_WATCHED_MAX];
+    port_shared *s = own(p);
+    const int count = epoll_wait(p->fd, events, s->client_count > 0 ? SHARED_WATCHED_MAX : 2, 0);
+    bool connections = count < 0 || s->deaf;
+    uint64_t ready = count < 0 ? PLAIN_BIT : 0;
+    for (int i = 0; i < count; i++)
+        if (events[i].data.u32 == SHARED_LISTENER)
+            connections = true;
+        else if (events[i].data.u32 == SHARED_TIMER)
+            ready |= on_time(p);
+        else
+            ready |= UINT64_C(1) << events[i].data.u32;
+    if (connections) {
+        s->ways->accept(p);
+        ready |= PLAIN_BIT; /* perhaps a new one; if it is an old one, the next may be refused */
+    }
+    return ecu_of(p) >= 0 ? ready : ready & ~PLAIN_BIT;
+}
+
+/* Chooses a program of a set. In general it is the one whose message was sent first. While frames
+ * have to wait it is the next one, so that one with many frames does not delay the others. */
+static unsigned choose(port *p, uint64_t ready)
+{
+    port_shared *s = own(p);
+    unsigned chosen = (unsigned)__builtin_ctzll(ready);
+    int64_t first_ns = INT64_MAX;
+    if ((ready & (ready - 1)) == 0)
+        return chosen;
+    const uint64_t behind = ready & (s->turn < PLAIN ? ~UINT64_C(0) << (s->turn + 1) : 0);
+    if (s->crowded)
+        return behind ? (unsigned)__builtin_ctzll(behind) : chosen;
+    for (; ready; ready &= ready - 1) {
+        const unsigned i = (unsigned)__builtin_ctzll(ready);
+        const int64_t next_ns = member_next_ns(&s->programs[i]);
+        if (next_ns >= first_ns)
+            continue;
+        first_ns = next_ns;
+        chosen = i;
+    }
+    return chosen;
+}
+
+static unsigned count_there(const port_shared *s)
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        count += s->programs[i].state == MEMBER_THERE;
+    return count;
+}
+
+void shared_greet(port *p, member *c)
+{
+    if (count_there(own(p)) < own(p)->sharing.max) {
+        member_welcome(c, own(p)->node, own(p)->sharing.fd);
+        return;
+    }
+    member_refuse(c, MESSAGE_HELLO, EBUSY, too_many);
+    p->stats.refused++;
+    shared_disconnect(p, c);
+}
+
+/* Reads a message of a client. Returns true when more may wait. */
+static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
+{
+    const member_result result = member_read(c, p, frames);
+    *count = result == MEMBER_FRAME;
+    p->stats.read += *count;
+    if (result == MEMBER_GREETS)
+        own(p)->ways->greet(p, c);
+    else if (result == MEMBER_GONE)
+        shared_disconnect(p, c);
+    else
+        watch_room(p, c, (unsigned)(c - own(p)->programs));
+    return (c->state == MEMBER_NEW || c->state == MEMBER_THERE) && result != MEMBER_NOTHING;
+}
+
+/* Reads messages of several programs. Returns the number of frames; *more: some may wait. */
+static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *more,
+                              uint64_t ready)
+{
+    port_shared *s = own(p);
+    unsigned count = 0;
+    for (unsigned messages = 0; ready && count < max && messages < max + CONTROLS_MAX; messages++) {
+        const unsigned i = choose(p, ready);
+        unsigned some;
+        bool waits;
+        s->turn = i;
+        if (i == PLAIN)
+            some = s->ways->read_plain(p, frames + count, 1, &waits);
+        else
+            waits = read_client(p, &s->programs[i], frames + count, &some);
+        count += some;
+        if (!waits || (i == PLAIN && ecu_of(p) < 0))
+            ready &= ~(UINT64_C(1) << i);
+    }
+    *more = ready != 0;
+    s->crowded = s->crowded && *more;
+    if (count > 0)
+        (void)look(p); /* a program that has connected before a frame was sent sees it */
+    return count;
+}
+
+unsigned shared_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
+{
+    const uint64_t ready = look(p);
+    unsigned count = 0;
+    *more = false;
+    if (own(p)->client_count > 0)
+        count = read_programs(p, frames, max, more, ready);
+    else if (ready)
+        count = own(p)->ways->read_plain(p, frames, max, more);
+    wake_for_all(p);
+    return count;
+}
+
+/* ---- Sending --------------------------------------------------------------------------------- */
+
+static message_head head_of(const port *p, message_type type)
+{
+    return (message_head){.type = (uint8_t)type,
+                          .realtime_ns = (uint64_t)p->now_realtime_ns,
+                          .bus_ns = text_ticks_ns(p->now_tick)};
+}
+
+/* Sends a frame to a client, if it takes it. */
+static port_sent send_client(port *p, member *c, const message_head *head, const void *frame,
+                             size_t size)
+{
+    const uint32_t lost = c->lost;
+    if (!member_takes(c, frame, size))
+        return PORT_UNHEARD;
+    const bool sent = member_send(c, head, frame, size);
+    watch_room(p, c, (unsigned)(c - own(p)->programs));
+    shared_wake_at(p, c->wake_ns);
+    p->stats.clients_lost += c->lost != lost;
+    return sent ? PORT_SENT : c->lost != lost ? PORT_SEND_FAILED : PORT_UNHEARD;
+}
+
+static port_sent send_plain(port *p, const void *frame, size_t size)
+{
+    return ecu_of(p) >= 0 ? own(p)->ways->send_plain(p, frame, size) : PORT_UNHEARD;
+}
+
+/* Sends a frame of the bus to all. It counts as written when one of them has got it, and as failed
+ * when one has no room and none has got it. */
+port_sent shared_send(port *p, const void *frame, size_t size)
+{
+    port_shared *s = own(p);
+    port_sent result = send_plain(p, frame, size);
+    const message_head head = head_of(p, MESSAGE_FRAME);
+    for (unsigned i = 0; s->client_count > 0 && i < PORT_CLIENTS_MAX; i++) {
+        const port_sent one = send_client(p, &s->programs[i], &head, frame, size);
+        if (one == PORT_SENT || (one == PORT_SEND_FAILED && result == PORT_UNHEARD))
+            result = one;
+    }
+    return result;
+}
+
+/* Sends a frame of one program to the others. */
+static void pass_on(port *p, const port_frame *frame)
+{
+    port_shared *s = own(p);
+    struct canfd_frame out;
+    const size_t size = port_make_frame(&out, &frame->frame);
+    message_head head = head_of(p, MESSAGE_FRAME);
+    head.flags = MESSAGE_LOCAL;
+    if (frame->client != 0)
+        p->stats.echoed += send_plain(p, &out, size) == PORT_SENT;
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        if (s->programs[i].id != frame->client)
+            p->stats.echoed += send_client(p, &s->programs[i], &head, &out, size) == PORT_SENT;
+}
+
+static member *find_client(port_shared *s, uint32_t id)
+{
+    for (unsigned i = 0; id != 0 && i < PORT_CLIENTS_MAX; i++)
+        if (s->programs[i].id == id)
+            return &s->programs[i];
+    return NULL;
+}
+
+/* Sends a frame back to its sender. */
+static void give_back(port *p, member *sender, const port_frame *frame)
+{
+    struct canfd_frame out;
+    const size_t size = port_make_frame(&out, &frame->frame);
+    message_head head = head_of(p, MESSAGE_FRAME);
+    head.flags = MESSAGE_LOCAL | MESSAGE_OWN;
+    head.number = frame->number;
+    p->stats.echoed += send_client(p, sender, &head, &out, size) == PORT_SENT;
+}
+
+/* Tells the sender of a frame that it will not be sent. */
+static void tell_dropped(member *sender, const port *p, const port_frame *frame, cw_drop why)
+{
+    message_head head = head_of(p, MESSAGE_DROPPED);
+    head.number = frame->number;
+    member_tell(sender, &head, why == CW_DROP_QUEUE_FULL ? ENOBUFS : ENETDOWN, cw_drop_name(why));
+}
+
+/* The plain ECU's frames loop back always, since it cannot choose. */
+static bool loops_back(const port_frame *frame)
+{
+    return frame->client == 0 || (frame->options & MESSAGE_LOOPBACK);
+}
+
+static bool comes_back(const port_frame *frame)
+{
+    const uint32_t both = MESSAGE_LOOPBACK | MESSAGE_RECV_OWN;
+    return frame->client != 0 && (frame->options & both) == both;
+}
+
+void shared_handed_in(port *p, const port_frame *frame)
+{
+    port_shared *s = own(p);
+    const bool late = s->sharing.echo == PORT_ECHO_SENT && loops_back(frame);
+    const bool told = frame->client != 0 && (frame->options & MESSAGE_TELL_DROPPED);
+    if (late || told || comes_back(frame))
+        p->stats.unconfirmed += !underway_add(&s->underway, frame, p->now_tick);
+    if (!late && loops_back(frame))
+        pass_on(p, frame);
+}
+
+void shared_ended(port *p, const cw_event *event)
+{
+    port_shared *s = own(p);
+    port_frame frame;
+    if (!underway_take(&s->underway, &frame, event))
+        return;
+    member *sender = find_client(s, frame.client);
+    if (event->kind == CW_EVENT_TX) {
+        if (s->sharing.echo == PORT_ECHO_SENT && loops_back(&frame))
+            pass_on(p, &frame);
+        if (sender && comes_back(&frame))
+            give_back(p, sender, &frame);
+    } else if (sender && (frame.options & MESSAGE_TELL_DROPPED)) {
+        tell_dropped(sender, p, &frame, (cw_drop)event->why);
+    }
+}
+
+/* ---- Sharing --------------------------------------------------------------------------------- */
+
+void shared_share(port *p, const port_sharing *sharing)
+{
+    port_shared *s = own(p);
+    s->sharing = *sharing;
+    (void)snprintf(s->node, sizeof s->node, "%s", sharing->node);
+    s->sharing.node = s->node;
+}
+
+void shared_crowd(port *p)
+{
+    own(p)->crowded = true;
+}
+
+bool shared_client(const port *p, unsigned n, port_client_info *out)
+{
+    const port_shared *s = (const port_shared *)p;
+    for (unsigned k = 0; k <= PORT_CLIENTS_MAX; k++) {
+        const unsigned i = (PLAIN + k) % (PORT_CLIENTS_MAX + 1); /* the plain ECU first */
+        const member *c = &s->programs[i];
+        if (i == PLAIN ? c->fd < 0 : c->state != MEMBER_THERE)
+            continue;
+        if (n-- > 0)
+            continue;
+        *out = (port_client_info){.name = i == PLAIN ? NULL : c->name,
+                                  .read = c->read,
+                                  .written = c->written,
+                                  .lost = c->lost};
+        return true;
+    }
+    return false;
+}
+
+/* ---- Opening and closing --------------------------------------------------------------------- */
+
+void shared_close(port *p)
+{
+    port_shared *s = own(p);
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        member_close(&s->programs[i]);
+    if (ecu_of(p) >= 0)
+        (void)close(ecu_of(p));
+    underway_free(&s->underway);
+    if (s->timer >= 0)
+        (void)close(s->timer);
+    if (p->fd >= 0)
+        (void)close(p->fd);
+    free(p);
+}
+
+port *shared_new(const port_kind *kind, const shared_ways *ways, size_t size)
+{
+    port *p = port_new(kind, size);
+    if (!p)
+        return NULL;
+    own(p)->ways = ways;
+    own(p)->timer = -1;
+    own(p)->programs[PLAIN].fd = -1;
+    p->fd = epoll_create1(EPOLL_CLOEXEC);
+    return p;
+}
