@@ -7,6 +7,8 @@
 #include "config/portname.h"
 #include "config/values.h"
 
+#include <string.h>
+
 static const schema_range max_range = {1, CFG_CLIENTS_MAX, sizeof(uint8_t)};
 
 static const schema_choice echoes[] = {
@@ -29,6 +31,7 @@ static const schema_key clients_keys[] = {
      .read = schema_read_choice,
      .offset = offsetof(cfg_node, clients.echo),
      .arg = echoes},
+    {.name = "beacon", .read = schema_read_bool, .offset = offsetof(cfg_node, clients.beacon)},
     {.name = NULL},
 };
 
@@ -41,11 +44,21 @@ void cfg_read_clients(schema *self, const schema_key *key, yaml_node_t *value, v
         schema_map(self, key->name, value, clients_keys, object);
 }
 
+/* A beacon is an IPv4 broadcast. */
+static bool can_tell(const char *port)
+{
+    const portname name = portname_parse(port ? port : "");
+    return name.kind == PORTNAME_TCP && !strchr(name.host, ':');
+}
+
 void cfg_read_port_clients(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_node *node = object;
 
-    if (!node->port || portname_parse(node->port).kind != PORTNAME_UNIX)
-        schema_complain(self, value, "%s: only a port unix:PATH has clients", key->name);
+    if (!portname_is_shared(node->port))
+        schema_complain(self, value, "%s: only a port unix:PATH or tcp:PORT has clients",
+                        key->name);
     cfg_read_clients(self, key, value, object);
+    if (node->clients.beacon && !can_tell(node->port))
+        schema_complain(self, value, "beacon: only a port tcp:PORT with an IPv4 address has one");
 }

@@ -71,6 +71,7 @@ typedef enum cfg_echo {
 typedef struct cfg_clients {
     uint8_t max; /* that speak the protocol of ports.md, beside a plain ECU */
     cfg_echo echo;
+    bool beacon; /* a port at a TCP address tells the local network of itself */
 } cfg_clients;
 
 #define CFG_CLIENTS_MAX 63u

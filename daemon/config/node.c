@@ -371,7 +371,16 @@ static char *read_socket(schema *self, const schema_key *key, const yaml_node_t 
     return NULL;
 }
 
-static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value)
+/* Completes tcp:[HOST:]PORT by what is left out, so that equal ports have equal names. */
+static char *complete_tcp(schema *self, const portname *name, const cfg_node *node)
+{
+    char text[PORTNAME_TCP_MAX];
+    portname_print_tcp(text, name, node->name);
+    return schema_copy(self, text);
+}
+
+static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value,
+                            const cfg_node *node)
 {
     const char *text = schema_text(self, key, value, PORTNAME_EXPECTED);
 
@@ -380,6 +389,8 @@ static char *read_port_name(schema *self, const schema_key *key, const yaml_node
     const portname name = portname_parse(text);
     if (name.kind == PORTNAME_INVALID)
         schema_expected(self, key, value, PORTNAME_EXPECTED);
+    if (name.kind == PORTNAME_TCP)
+        return complete_tcp(self, &name, node);
     return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
                                       : schema_copy(self, text);
 }
@@ -417,7 +428,7 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
     cfg_node *node = object;
 
     node->port_place = cfg_place_of(value);
-    node->port = read_port_name(self, key, value);
+    node->port = read_port_name(self, key, value, node);
     bool interface = portname_is_interface(node->port);
     if (interface && !walk->default_queue)
         node->queue = QUEUE_DEFAULT_INTERFACE;

@@ -5,31 +5,49 @@
 #ifndef CANWIRE_CONFIG_PORTNAME_H
 #define CANWIRE_CONFIG_PORTNAME_H
 
+#include <netinet/in.h>
 #include <stdbool.h>
+#include <stddef.h>
 
 #define PORTNAME_INTERFACE_EXPECTED                                                                \
     "the name of an interface, at most 15 bytes without '/', ':' and white space"
-#define PORTNAME_EXPECTED PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER"
+#define PORTNAME_EXPECTED                                                                          \
+    PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT"
 
 #define PORTNAME_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
+
+#define PORTNAME_TCP_DEFAULT 29536u /* the port of socketcand */
+#define PORTNAME_HOST_BYTES INET6_ADDRSTRLEN
+#define PORTNAME_BUS_MAX 32u
+#define PORTNAME_TCP_MAX (PORTNAME_HOST_BYTES + PORTNAME_BUS_MAX + 32u) /* bytes of a whole text */
 
 typedef enum portname_kind {
     PORTNAME_INVALID = 0,
     PORTNAME_INTERFACE, /* a vcan or vxcan interface */
     PORTNAME_UNIX,      /* unix:PATH, a socket that the ECU connects to */
     PORTNAME_FD,        /* fd:NUMBER, a connected socket that was inherited */
+    PORTNAME_TCP,       /* tcp:[HOST:]PORT[/NAME], for programs that speak as to socketcand */
 } portname_kind;
 
 typedef struct portname {
     portname_kind kind;
     const char *path; /* UNIX: part of the text */
     int fd;           /* FD */
+    char host[PORTNAME_HOST_BYTES]; /* TCP: an address in numbers, without brackets */
+    unsigned number;                /* TCP: its port */
+    const char *bus;                /* TCP: what programs open; NULL: the name of the node */
 } portname;
 
 /* Reads the name of a port. The text must live as long as the result. */
 portname portname_parse(const char *text);
 
+/* Prints the name of a TCP port in full, so that equal ports have equal names. */
+void portname_print_tcp(char out[PORTNAME_TCP_MAX], const portname *name, const char *node);
+
 /* Returns true for the name of an interface, and false for NULL. */
 bool portname_is_interface(const char *text);
+
+/* Returns true for the name of a port that several programs can share, and false for NULL. */
+bool portname_is_shared(const char *text);
 
 #endif

@@ -11,13 +11,6 @@
 #define NS_PER_S INT64_C(1000000000)
 #define CLOCK_STEP_NS 1000000 /* largest difference of wall clock and bus time in recordings */
 
-int64_t clock_ns(clockid_t id)
-{
-    struct timespec t;
-    (void)clock_gettime(id, &t);
-    return t.tv_sec * NS_PER_S + t.tv_nsec;
-}
-
 clock_pair clock_read(void)
 {
     return (clock_pair){.monotonic_ns = clock_ns(CLOCK_MONOTONIC),

@@ -5,8 +5,7 @@
 #ifndef CANWIRE_ENGINE_CLOCK_H
 #define CANWIRE_ENGINE_CLOCK_H
 
-#include <stdint.h>
-#include <time.h>
+#include "base/moment.h"
 
 /* The place of bus time on the machine's clocks, in ns. */
 typedef struct engine_clock {
@@ -19,9 +18,6 @@ typedef struct clock_pair {
     int64_t monotonic_ns;
     int64_t realtime_ns;
 } clock_pair;
-
-/* Returns the time of one of the machine's clocks, in ns. */
-int64_t clock_ns(clockid_t id);
 
 clock_pair clock_read(void);
 

@@ -15,6 +15,7 @@ void share_port(port *p, const cfg *config, unsigned node)
         .fd = cfg_knows_fd(config, n),
         .max = n->clients.max,
         .echo = n->clients.echo == CFG_ECHO_SENT ? PORT_ECHO_SENT : PORT_ECHO_AT_ONCE,
+        .beacon = n->clients.beacon,
     };
     port_share(p, &sharing);
 }

@@ -5,6 +5,7 @@
 #ifndef CANWIRE_PORT_KINDS_H
 #define CANWIRE_PORT_KINDS_H
 
+#include "config/portname.h"
 #include "port/port.h"
 
 /* Opens a raw CAN socket on a vcan or vxcan interface, for a bus of this name. */
@@ -18,5 +19,8 @@ port *port_unix_open_door(const char *path, char error[PORT_ERROR_TEXT_MAX]);
 
 /* Opens a port on a connected socket that was inherited; the port takes it over. */
 port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
+
+/* Opens a port at a TCP address, for programs that speak as to socketcand. text: its name. */
+port *port_tcp_open(const portname *name, const char *text, char error[PORT_ERROR_TEXT_MAX]);
 
 #endif

@@ -22,9 +22,9 @@ void member_close(member *c)
 {
     if (c->state == MEMBER_NONE)
         return;
-    (void)close(c->fd);
     if (c->kind->close)
         c->kind->close(c);
+    (void)close(c->fd);
     free(c->filters);
     *c = (member){.state = MEMBER_NONE, .fd = -1};
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * member.h - one of several programs at a port, which speaks a protocol: that of messages.h, or that
- * of socketcand.
+ * member.h - one of several programs at a port, which speaks a protocol: that of messages.h, or
+ * that of socketcand.
  *
  * It has a socket of its own, and the kernel bounds what waits in it. So a client that does not
  * read loses messages alone, and is told how many.
@@ -38,7 +38,7 @@ typedef struct member {
     unsigned filter_count;
     struct can_filter *filters; /* NULL: all frames pass */
     char name[MEMBER_LABEL_BYTES];
-    void *more;      /* what its kind keeps */
+    void *more;      /* data of its kind */
     bool stuck;      /* a part of a message waits for room in its socket ... */
     bool room_watched; /* ... and the port is woken by that */
     int64_t wake_ns; /* CLOCK_MONOTONIC at which it has something to do by itself; 0: never */
@@ -73,8 +73,8 @@ void member_refuse(member *c, unsigned type, int code, const char *text);
 /* Sends a message with a code and a text. */
 void member_tell(member *c, const message_head *head, int code, const char *text);
 
-/* Receives into `room` bytes, with the time stamp of what has come, or 0. cut: a message had no room.
- * Returns the size, 0 at the end, and -1 with errno. */
+/* Receives into `room` bytes, with the time stamp of what has come, or 0. cut: a message had no
+ * room. Returns the size, 0 at the end, and -1 with errno. */
 ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int64_t *stamp_ns,
                        bool *cut);
 

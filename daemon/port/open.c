@@ -32,6 +32,8 @@ port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MA
         return port_unix_open(name.path, error);
     case PORTNAME_FD:
         return port_unix_adopt(name.fd, error);
+    case PORTNAME_TCP:
+        return port_tcp_open(&name, text, error);
     case PORTNAME_INVALID:
         break;
     }

@@ -38,6 +38,7 @@ typedef struct port_sharing {
     bool fd;          /* the node knows CAN FD */
     unsigned max;     /* of clients; 0: plain ECUs only */
     port_echo echo;
+    bool beacon;      /* tcp: tells the local network of itself */
 } port_sharing;
 
 /* One of the programs at a port. */

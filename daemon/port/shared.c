@@ -4,8 +4,8 @@
  */
 #include "port/shared.h"
 
+#include "base/moment.h"
 #include "base/number.h"
-#include "engine/clock.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -62,10 +62,13 @@ static const char too_many[] = "the port has as many clients as it takes (client
 static void turn_away(port *p, int fd, int code, const char *why)
 {
     member away;
-    member_open(&away, own(p)->ways->member, fd, 0);
+    p->stats.refused++;
+    if (!member_open(&away, own(p)->ways->member, fd, 0)) {
+        (void)close(fd);
+        return;
+    }
     member_refuse(&away, MESSAGE_HELLO, code, why);
     member_close(&away);
-    p->stats.refused++;
 }
 
 static unsigned free_place(const port_shared *s)
@@ -118,11 +121,11 @@ void shared_disconnect(port *p, member *c)
     count_out(p);
 }
 
-bool shared_move(port *from, member *c, port *to)
+member *shared_move(port *from, member *c, port *to)
 {
     const unsigned place = free_place(own(to));
     if (place == PORT_CLIENTS_MAX || !shared_watch(to, c->fd, place))
-        return false;
+        return NULL;
     (void)epoll_ctl(from->fd, EPOLL_CTL_DEL, c->fd, NULL);
     member *moved = &own(to)->programs[place];
     *moved = *c;
@@ -130,10 +133,16 @@ bool shared_move(port *from, member *c, port *to)
     from->stats.connected--;
     count_out(from);
     count_in(to, moved);
-    return true;
+    return moved;
 }
 
 /* ---- Time ------------------------------------------------------------------------------------ */
+
+bool shared_add_timer(port *p)
+{
+    own(p)->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
+    return own(p)->timer >= 0 && shared_watch(p, own(p)->timer, SHARED_TIMER);
+}
 
 static void set_timer(const port_shared *s, int64_t ns)
 {
@@ -259,6 +268,8 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
     const member_result result = member_read(c, p, frames);
     *count = result == MEMBER_FRAME;
     p->stats.read += *count;
+    own(p)->traffic.frames_in += *count;
+    own(p)->traffic.bytes_in += *count ? cw_frame_length(&frames->frame) : 0;
     if (result == MEMBER_GREETS)
         own(p)->ways->greet(p, c);
     else if (result == MEMBER_GONE)
@@ -335,12 +346,25 @@ static port_sent send_plain(port *p, const void *frame, size_t size)
     return ecu_of(p) >= 0 ? own(p)->ways->send_plain(p, frame, size) : PORT_UNHEARD;
 }
 
+/* Counts a frame of the bus; struct can_frame and struct canfd_frame have their length in one
+ * place. */
+static void count_sent(port_shared *s, const void *frame)
+{
+    struct can_frame begin;
+    memcpy(&begin, frame, sizeof begin);
+    if (begin.can_id & CAN_ERR_FLAG)
+        return;
+    s->traffic.frames_out++;
+    s->traffic.bytes_out += begin.can_id & CAN_RTR_FLAG ? 0 : begin.len;
+}
+
 /* Sends a frame of the bus to all. It counts as written when one of them has got it, and as failed
  * when one has no room and none has got it. */
 port_sent shared_send(port *p, const void *frame, size_t size)
 {
     port_shared *s = own(p);
     port_sent result = send_plain(p, frame, size);
+    count_sent(s, frame);
     const message_head head = head_of(p, MESSAGE_FRAME);
     for (unsigned i = 0; s->client_count > 0 && i < PORT_CLIENTS_MAX; i++) {
         const port_sent one = send_client(p, &s->programs[i], &head, frame, size);

@@ -18,7 +18,7 @@
 #define SHARED_TIMER (PORT_CLIENTS_MAX + 2u)
 #define SHARED_WATCHED_MAX (PORT_CLIENTS_MAX + 3u)
 
-/* What the kinds of shared ports do in their own ways. */
+/* The functions of a kind of shared ports. */
 typedef struct shared_ways {
     const member_kind *member;
     /* Accepts connections that wait. */
@@ -30,6 +30,14 @@ typedef struct shared_ways {
     unsigned (*read_plain)(port *p, port_frame *frames, unsigned max, bool *waits);
     port_sent (*send_plain)(port *p, const void *frame, size_t size);
 } shared_ways;
+
+/* Counts of frames since the port was opened. */
+typedef struct shared_traffic {
+    uint64_t frames_in; /* of clients */
+    uint64_t bytes_in;
+    uint64_t frames_out; /* of the bus */
+    uint64_t bytes_out;
+} shared_traffic;
 
 /* The common part of shared ports, at their beginning. */
 typedef struct port_shared {
@@ -46,6 +54,7 @@ typedef struct port_shared {
     port_sharing sharing;
     char node[MESSAGE_NAME_BYTES];
     underway underway;
+    shared_traffic traffic;
 } port_shared;
 
 /* Makes a port, with functions that are those below or call them. size: of the kind's struct.
@@ -68,13 +77,16 @@ bool shared_prepare(int fd, int room);
 /* Takes a client, or turns it away: its socket is the port's from now on. */
 void shared_take_client(port *p, int fd);
 
-/* Moves a client that has said hello to another port of its kind. Returns false without room. */
-bool shared_move(port *from, member *c, port *to);
+/* Moves a client that has said hello to another port of its kind. Returns it, NULL without room. */
+member *shared_move(port *from, member *c, port *to);
 
 /* Lets a client in, or says that the port is full. */
 void shared_greet(port *p, member *c);
 
 void shared_disconnect(port *p, member *c);
+
+/* Gives a new port a timer, so that programs can do something by themselves. */
+bool shared_add_timer(port *p);
 
 /* Wakes the port's loop at a time, CLOCK_MONOTONIC, if that is earlier than when it wakes anyway;
  * only for ports with a timer. */

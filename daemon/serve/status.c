@@ -173,7 +173,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_bool(object, "pushing_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
-    if (own->port && portname_parse(config->nodes[node].port).kind == PORTNAME_UNIX)
+    if (own->port && portname_is_shared(config->nodes[node].port))
         put(object, "clients", clients_json(own->port));
     put_bool(object, "conserved", own->conserved);
     return object;

@@ -46,7 +46,6 @@ FORBIDDEN = {
     "write /usr": lambda: write("/usr/local/probe"),
     "read /root": lambda: os.listdir("/root"),
     "open a device": lambda: open("/dev/vport0p1", "wb"),  # pylint: disable=consider-using-with
-    "IPv6": lambda: open_socket(socket.AF_INET6, socket.SOCK_DGRAM),
     "packets": lambda: open_socket(socket.AF_PACKET, socket.SOCK_RAW),
     "network": send_to_network,
     "mount": lambda: call("mount", b"none", b"/tmp", b"tmpfs", 0, None),
@@ -62,6 +61,7 @@ FORBIDDEN = {
 }
 ALLOWED = {
     "CAN": lambda: open_socket(*AF_CAN_RAW),
+    "IPv6": lambda: open_socket(socket.AF_INET6, socket.SOCK_STREAM),
     "netlink": lambda: open_socket(socket.AF_NETLINK, socket.SOCK_RAW),
     "control sockets": lambda: write("/run/canwire/probe"),
     "records": lambda: write("/var/lib/canwire/probe"),

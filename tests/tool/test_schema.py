@@ -52,6 +52,7 @@ SEMANTIC = [
     "tdcv is missing",
     "tdc-mode is off", "knows no CAN FD", "the bus has no data rate", "none is of kind fd",
     "the data phase is not slower", "tdco and tdcv together",
+    "with an IPv4 address has one",
     "has clients", "a bus has at most 64 nodes", "is the name of the node in line",
     "the nodes of one rule have", "min is more than max", "does not get its own frames",
     "but the bus is classical", "as the bus is classical", "knows classical frames only",

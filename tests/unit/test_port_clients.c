@@ -184,7 +184,10 @@ static void filters_let_pass_what_the_kernels_do(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct can_filter filter = {.can_id = cases[i].id, .can_mask = cases[i].mask};
         const struct can_frame frame = {.can_id = cases[i].frame};
-        const member m = {.state = MEMBER_THERE, .kind = &member_messages, .filters = &filter, .filter_count = 1};
+        const member m = {.state = MEMBER_THERE,
+                          .kind = &member_messages,
+                          .filters = &filter,
+                          .filter_count = 1};
         assert_int_equal(member_takes(&m, &frame, sizeof frame), cases[i].passes);
     }
 }

@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tcp.c - a port at a TCP address, for programs that speak as to socketcand.
+ *
+ * Several nodes may have the same address. They share its listener, and a program chooses the node
+ * by `open`: it moves from the port that has accepted it to that one. A beacon tells the local
+ * network of the address, if it is wanted.
+ */
+#include "port/kinds.h"
+
+#include "base/moment.h"
+#include "port/beacon.h"
+#include "port/shared.h"
+#include "port/socketcand.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define BACKLOG 64
+#define ACCEPTS_MAX 16u             /* in one read */
+#define SEND_BUFFER_BYTES (1 << 20) /* as far as net.core.wmem_max allows */
+#define IDLE_S 60 /* until the kernel asks whether a silent program is still there */
+#define BEACON_NS INT64_C(2000000000) /* at least every three seconds */
+
+typedef struct port_tcp port_tcp;
+
+/* A TCP address at which programs connect. */
+typedef struct listener {
+    struct listener *next;
+    int fd;
+    char host[PORTNAME_HOST_BYTES];
+    unsigned number;
+    port_tcp *ports; /* in the order in which they were opened; never none */
+} listener;
+
+struct port_tcp {
+    port_shared shared;
+    listener *at;
+    port_tcp *next; /* at the same address */
+    char bus[PORTNAME_BUS_MAX + 1];
+    int64_t beacon_ns; /* time of its next beacon, CLOCK_MONOTONIC; 0: none */
+};
+
+/* All of this process; its ports are in one thread. */
+static listener *listeners;
+
+static port_tcp *own(port *p)
+{
+    return (port_tcp *)p;
+}
+
+/* ---- Listening ------------------------------------------------------------------------------- */
+
+/* Makes a socket address. Returns its size. */
+static socklen_t make_address(struct sockaddr_storage *out, const portname *name)
+{
+    struct sockaddr_in four = {.sin_family = AF_INET, .sin_port = htons((uint16_t)name->number)};
+    struct sockaddr_in6 six = {.sin6_family = AF_INET6,
+                               .sin6_port = htons((uint16_t)name->number)};
+    if (inet_pton(AF_INET, name->host, &four.sin_addr) == 1) {
+        memcpy(out, &four, sizeof four);
+        return sizeof four;
+    }
+    (void)inet_pton(AF_INET6, name->host, &six.sin6_addr);
+    memcpy(out, &six, sizeof six);
+    return sizeof six;
+}
+
+/* Returns a socket that listens; -1 with errno. An address that was in use a moment ago is free:
+ * connections that have ended do not count. */
+static int listen_at(const portname *name)
+{
+    struct sockaddr_storage address;
+    const socklen_t size = make_address(&address, name);
+    const int on = 1;
+    const int fd = socket(address.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (fd < 0)
+        return -1;
+    (void)setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    if (address.ss_family == AF_INET6)
+        (void)setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &on, sizeof on);
+    if (bind(fd, (const struct sockaddr *)&address, size) == 0 && listen(fd, BACKLOG) == 0)
+        return fd;
+    const int error = errno;
+    (void)close(fd);
+    errno = error;
+    return -1;
+}
+
+static listener *find_listener(const portname *name)
+{
+    listener *l = listeners;
+    while (l && (l->number != name->number || strcmp(l->host, name->host) != 0))
+        l = l->next;
+    return l;
+}
+
+/* Returns the listener of an address; NULL with errno. */
+static listener *use_listener(const portname *name)
+{
+    listener *l = find_listener(name);
+    if (l)
+        return l;
+    l = calloc(1, sizeof *l);
+    if (!l)
+        return NULL;
+    l->fd = listen_at(name);
+    if (l->fd < 0) {
+        free(l);
+        return NULL;
+    }
+    memcpy(l->host, name->host, sizeof l->host);
+    l->number = name->number;
+    l->next = listeners;
+    listeners = l;
+    return l;
+}
+
+static void close_listener(listener *l)
+{
+    listener **link = &listeners;
+    while (*link != l)
+        link = &(*link)->next;
+    *link = l->next;
+    (void)close(l->fd);
+    free(l);
+}
+
+static port_tcp *find_port(const listener *l, const char *bus)
+{
+    port_tcp *t = l->ports;
+    while (t && strcmp(t->bus, bus) != 0)
+        t = t->next;
+    return t;
+}
+
+static void join(port_tcp *t, listener *l)
+{
+    port_tcp **link = &l->ports;
+    while (*link)
+        link = &(*link)->next;
+    *link = t;
+    t->at = l;
+}
+
+static void leave(port_tcp *t)
+{
+    port_tcp **link = &t->at->ports;
+    while (*link != t)
+        link = &(*link)->next;
+    *link = t->next;
+    if (!t->at->ports)
+        close_listener(t->at);
+    t->at = NULL;
+}
+
+/* ---- Programs -------------------------------------------------------------------------------- */
+
+/* A program whose machine has gone without a word is noticed by the kernel. */
+static void prepare(int fd)
+{
+    const int on = 1, idle_s = IDLE_S;
+    (void)shared_prepare(fd, SEND_BUFFER_BYTES);
+    (void)setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    (void)setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    (void)setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &idle_s, sizeof idle_s);
+}
+
+static void accept_waiting(port *p)
+{
+    const int listening = own(p)->at->fd;
+    for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
+        const int fd = accept4(listening, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+        if (fd < 0 && (errno == ECONNABORTED || errno == EINTR))
+            continue;
+        if (fd < 0) {
+            shared_set_deaf(p, listening, errno == EMFILE || errno == ENFILE || errno == ENOMEM ||
+                                              errno == ENOBUFS);
+            return;
+        }
+        shared_set_deaf(p, listening, false);
+        prepare(fd);
+        shared_take_client(p, fd);
+    }
+}
+
+static void turn_away(port *p, member *c, const char *why)
+{
+    member_refuse(c, 0, 0, why);
+    p->stats.refused++;
+    shared_disconnect(p, c);
+}
+
+static void move(port *from, member *c, port *to)
+{
+    member *moved = shared_move(from, c, to);
+    if (moved)
+        shared_greet(to, moved);
+    else
+        turn_away(from, c, "too many programs");
+}
+
+/* Answers `open`: the program goes to the port that has this name at the same address. */
+static void greet(port *p, member *c)
+{
+    port_tcp *chosen = find_port(own(p)->at, socketcand_bus(c));
+    if (!chosen) {
+        turn_away(p, c, "could not open bus");
+    } else if (chosen == own(p)) {
+        shared_greet(p, c);
+    } else {
+        move(p, c, &chosen->shared.base);
+    }
+}
+
+/* ---- The beacon ------------------------------------------------------------------------------ */
+
+/* The first of the ports of an address that want a beacon sends it, for all of them. */
+static bool is_first(const port_tcp *t)
+{
+    const port_tcp *first = t->at->ports;
+    while (!first->shared.sharing.beacon)
+        first = first->next;
+    return first == t;
+}
+
+static void send_beacon(port_tcp *t)
+{
+    beacon b;
+    beacon_begin(&b);
+    for (const port_tcp *other = t->at->ports; other; other = other->next)
+        if (other->shared.sharing.beacon)
+            beacon_add(&b, other->bus);
+    beacon_send(&b, t->at->host, t->at->number);
+}
+
+static void see_to_beacon(port *p)
+{
+    port_tcp *t = own(p);
+    const int64_t now_ns = t->shared.sharing.beacon ? clock_ns(CLOCK_MONOTONIC) : 0;
+    if (!t->shared.sharing.beacon)
+        return;
+    if (now_ns >= t->beacon_ns) {
+        t->beacon_ns = now_ns + BEACON_NS;
+        if (is_first(t))
+            send_beacon(t);
+    }
+    shared_wake_at(p, t->beacon_ns);
+}
+
+static void share(port *p, const port_sharing *sharing)
+{
+    shared_share(p, sharing);
+    see_to_beacon(p);
+}
+
+static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
+{
+    const unsigned count = shared_read(p, frames, max, more);
+    see_to_beacon(p);
+    return count;
+}
+
+/* ---- Opening and closing --------------------------------------------------------------------- */
+
+static void close_port(port *p)
+{
+    if (own(p)->at)
+        leave(own(p));
+    shared_close(p);
+}
+
+static const port_kind tcp_kind = {.close = close_port,
+                                   .read = read_port,
+                                   .send = shared_send,
+                                   .share = share,
+                                   .crowd = shared_crowd,
+                                   .handed_in = shared_handed_in,
+                                   .ended = shared_ended,
+                                   .client = shared_client,
+                                   .control_bytes = PORT_STAMP_BYTES};
+
+static const shared_ways tcp_ways = {
+    .member = &member_socketcand, .accept = accept_waiting, .greet = greet};
+
+/* Joins the listener of an address. Returns the reason of a failure, else NULL. */
+static const char *open_at(port *p, const portname *name)
+{
+    listener *l = use_listener(name);
+    if (!l)
+        return strerror(errno);
+    if (find_port(l, name->bus))
+        return "another node has this name at this address";
+    join(own(p), l);
+    (void)snprintf(own(p)->bus, sizeof own(p)->bus, "%s", name->bus);
+    return shared_watch(p, l->fd, SHARED_LISTENER) ? NULL : strerror(errno);
+}
+
+port *port_tcp_open(const portname *name, const char *text, char error[PORT_ERROR_TEXT_MAX])
+{
+    port *p = shared_new(&tcp_kind, &tcp_ways, sizeof(port_tcp));
+    const char *why = p && p->fd >= 0 && shared_add_timer(p) ? open_at(p, name) : strerror(errno);
+    if (!why)
+        return p;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s", text, why);
+    if (p)
+        close_port(p);
+    return NULL;
+}
