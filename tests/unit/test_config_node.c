@@ -9,11 +9,20 @@ static void ports_are_read(void **state)
 {
     (void)state;
     static const char *const ports[] = {"vcan0", "unix:/run/rig/absolute.sock",
-                                        "unix:" GOOD "run/a relative.sock", "fd:3", "fd:10"};
+                                        "unix:" GOOD "run/a relative.sock", "fd:3", "fd:10",
+                                        "tcp:127.0.0.1:29536/tcp",
+                                        "tcp:127.0.0.1:29537/tcp-port",
+                                        "tcp:127.0.0.1:29537/tcp-same",
+                                        "tcp:127.0.0.1:29537/can0", "tcp:192.168.1.2:29536/can0",
+                                        "tcp:0.0.0.0:1/tcp-any", "tcp:[::1]:65535/tcp-six",
+                                        "tcp:[fe80::1]:29536/tcp-six-too"};
     cfg *config = load_good(GOOD "ports.yaml");
-    assert_int_equal(config->node_count, 5);
-    for (unsigned i = 0; i < 5; i++)
+    assert_int_equal(config->node_count, sizeof ports / sizeof ports[0]);
+    for (unsigned i = 0; i < config->node_count; i++)
         assert_string_equal(config->nodes[i].port, ports[i]);
+    assert_int_equal(config->nodes[6].clients.max, 4);
+    assert_true(config->nodes[6].clients.beacon);
+    assert_false(config->nodes[7].clients.beacon);
     assert_int_equal(config->pacing, CFG_PACING_SPIN);
     for (unsigned i = 0; i < 5; i++) { /* the first is an interface, the others are sockets */
         assert_int_equal(config->nodes[i].queue, i == 0 ? 1024 : 16);
