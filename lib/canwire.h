@@ -1453,7 +1453,7 @@ uint64_t cw_bus_recessive_bits(const cw_bus *bus);
  * suspended or away. */
 bool cw_bus_idle(const cw_bus *bus);
 
-/* Returns the number of frames in all queues, in the inbox (with those of the next triggers), held
+/* Returns the number of frames in queues, in the inbox (with those of the next triggers), held
  * back by rules, and in buffers of receivers. */
 size_t cw_bus_pending(const cw_bus *bus);
 
