@@ -3,6 +3,7 @@
 
 import json
 import random
+import re
 import subprocess
 
 import pytest
@@ -298,14 +299,13 @@ def test_ports_and_replays_make_it_incomplete(write, tmp_path):
     assert "not known" in canwire("analyse", path).stdout
 
 
-NOT_KNOWN = "Frames of ports, replays, replies and triggers"
-
-
 @pytest.mark.parametrize("nodes, note", [
+    ("  - { name: d, time-triggered: on, local-time: { unit: 1us }, schedule: { reference: '003', "
+     "triggers: [ { at: 900, slot: 50us, send: '020#00' } ] } }\n", "Triggers of nodes whose"),
     ("  - { name: d, time-triggered: on, local-time: { unit: 1us }, schedule: { reference: '010', "
-     "triggers: [ { at: 900, slot: 50us, send: '010#00' } ] } }\n", NOT_KNOWN),
+     "triggers: [ { at: 900, slot: 50us, send: '020#00' } ] } }\n", "Triggers of nodes whose"),
     ("  - { name: d, controller: { model: full, mailboxes: [ { direction: tx, id: 123, "
-     "reply: auto, data: 00FF } ] } }\n", NOT_KNOWN),
+     "reply: auto, data: 00FF } ] } }\n", "Frames of ports, replays and replies"),
     ("  - { name: d, sleep: on, wake-time: 2ms }\n", "Nodes may sleep")])
 def test_what_is_not_known_is_told(write, nodes, note):
     assert analyse(write(PAPER))["notes"] == []
@@ -314,6 +314,125 @@ def test_what_is_not_known_is_told(write, nodes, note):
     assert not result["complete"]
     assert [n for n in result["notes"] if n.startswith(note)]
     assert f"\n{note}" in canwire("analyse", path).stdout
+
+
+def schedule_of(name, triggers, keys=""):
+    slots = ", ".join(f"{{ {t} }}" for t in triggers)
+    return (f"  - {{ name: {name}, time-triggered: on, {keys}local-time: {{ unit: 1us }}, "
+            f"schedule: {{ reference: '010', cycles: 4, triggers: [ {slots} ] }} }}\n")
+
+
+SCHEDULED = ("bus: { bitrate: 500000 }\nnodes:\n"
+             + schedule_of("m", ["at: 500, slot: 200us, send: 100#00", "at: 5ms, slot: 30us, "
+                                 "send: 010#00"], "ppm: 1000, ")
+             + schedule_of("s", ["at: 1000, slot: 2ms, cycle: 1, repeat: 2, send: 200#00, "
+                                 "window: arbitrating"])
+             + "  - { name: t, traffic: [ { send: 400#00, every: 20ms } ] }\n")
+
+
+def test_triggers_are_messages_of_their_nodes(write):
+    """All frames have 65 bits at most: 130 us. So 400 waits for the three others, which come once
+    each. A frame in a slot waits for one frame and a bit, or for its slot and a bit. The clock of m
+    is fast, so 5 ms of it are 4.995005 ms, and its slot lasts 29.970 us: 2398 ticks, rounded up."""
+    path = write(SCHEDULED)
+    result = analyse(path, "--simulate", "1s")
+    messages = by_id(result)
+    assert result["complete"] and result["notes"] == []
+    assert [messages[i]["response_ns"] for i in ("010", "100", "200", "400")] == [
+        29_975 + 2000 + 130_000, 262_000, 262_000, 520_000]
+    assert [messages[i]["period_ns"] for i in ("010", "100", "200", "400")] == [
+        4_995_000, 4_995_000, 9_990_000, 20_000_000]
+    assert [messages[i].get("window") for i in ("010", "200", "400")] == [
+        "exclusive", "arbitrating", None]
+    assert [messages[i]["exact"] for i in ("010", "400")] == [False, True]
+    assert all(m["seen_ns"] <= m["response_ns"] and m["lost"] == 0 for m in messages.values())
+    assert result["load_longest_ppm"] == pytest.approx(
+        130_000 * (2.5 / 4_995_000 + 1 / 20_000_000) * 1e6, abs=50)
+    assert "begin in their slots, or are given up" in canwire("analyse", path).stdout
+
+
+def test_triggers_lose_their_frames_to_errors_at_once(write):
+    """One attempt: an error in the 65 bits at most of its frame is enough."""
+    message = by_id(analyse(write(SCHEDULED), "--error-rate", "1e-5"))["200"]
+    assert message["errors_survived"] == 0
+    assert message["late_probability"] == pytest.approx(1 - (1 - 1e-5) ** 65)
+
+
+@pytest.mark.parametrize("window, status", [("exclusive", 3), ("arbitrating", 0)])
+def test_slots_that_are_not_sent(write, window, status):
+    """Both triggers come at once, so that of the slave never wins. 20 cycles begin in 101 ms,
+    from 5 ms on."""
+    path = write("bus: { bitrate: 500000 }\nnodes:\n"
+                 + schedule_of("m", ["at: 500, slot: 100us, send: 100#", "at: 5ms, slot: 30us, "
+                                     "send: 010#00"])
+                 + schedule_of("s", [f"at: 500, slot: 9us, send: 101#, window: {window}"]))
+    message = by_id(analyse(path, "--simulate", "101ms", status=status))["101"]
+    assert message["seen_ns"] is None and message["given_up"] == 20
+    assert message["lost"] == (20 if window == "exclusive" else 0)
+    table = canwire("analyse", path, "--simulate", "101ms", status=status).stdout
+    assert ("20 lost" if window == "exclusive" else "20 given up") in table
+
+
+def random_slots(rng, reference, cycle, used):
+    """A time-triggered node with slots, of which some are those of others, too. Its traffic keeps
+    to no slot."""
+    triggers, at = [], rng.randrange(150, 600)
+    while at < cycle - 400 and len(triggers) < 4:
+        slot = rng.randrange(20, 900)
+        while (identifier := rng.randrange(0x20, 0x7F0)) in used:
+            pass
+        used.add(identifier)
+        each = rng.choice(("", "cycle: 1, repeat: 2, ", "cycle: 3, "))
+        data = rng.choice(("", "00", "FFFF0000", "0F0F0F0F0F0F0F0F"))
+        triggers.append(f"at: {at}, slot: {slot}, {each}send: '{identifier:03X}#{data}', "
+                        "window: arbitrating")
+        at += slot + rng.randrange(1, 700)
+    if reference:
+        triggers.append(f"at: {max(at, cycle)}, slot: 400us, send: '{reference:03X}#0000'")
+    capture = rng.choice(("sof", "eof"))
+    byte = rng.choice(("", "cycle-byte: 1, "))
+    keys = rng.choice(("", f"ppm: {rng.randrange(-900, 900)}, ", "order: fifo, ",
+                       "controller: { model: basic }, "))
+    while (identifier := rng.randrange(0x20, 0x7F0)) in used:
+        pass
+    used.add(identifier)
+    own = (f"traffic: [ {{ send: '{identifier:03X}#55', every: 10ms, "
+           f"offset: {rng.randrange(10000)}us }} ], " if rng.random() < 0.3 else "")
+    return (f"time-triggered: on, {keys}{own}local-time: {{ unit: 1us, capture: {capture} }}, "
+            f"schedule: {{ reference: '010:7FE', cycles: 4, {byte}"
+            f"triggers: [ {', '.join(f'{{ {t} }}' for t in triggers)} ] }}")
+
+
+def random_schedules(rng):
+    """A matrix with one time master or two, and traffic beside it."""
+    cycle = rng.choice((2000, 3000, 5000))
+    text = random_bus(rng)
+    used = {int(i, 16) for i in re.findall(r"send: '([0-9A-F]{3})#", text)} | {0x10, 0x11}
+    masters = [0x10, 0x11] if rng.random() < 0.3 else [0x10]
+    for n, reference in enumerate([*masters, *[None] * rng.randint(1, 3)]):
+        late = rng.choice((0, 400, 700)) if reference == 0x11 else 0
+        text += f"  - {{ name: tt{n}, {random_slots(rng, reference, cycle + late, used)} }}\n"
+    return text
+
+
+def test_no_bus_with_schedules_is_later_than_its_bounds(tmp_path):
+    bounded = {True: 0, False: 0}
+    close = 0
+    for seed in range(50):
+        path = tmp_path / f"{seed}.yaml"
+        path.write_text(random_schedules(random.Random(seed)))
+        result = subprocess.run([CANWIRE, "analyse", path, "--json", "--simulate", "1s"],
+                                stdout=subprocess.PIPE, check=False)
+        assert result.returncode in (0, 3)
+        found = json.loads(result.stdout)
+        assert found["complete"]
+        for m in found["messages"]:
+            bounded["slot_ns" in m] += m["response_ns"] is not None and m["seen_ns"] is not None
+            if m["response_ns"] is None or m["seen_ns"] is None:
+                continue
+            assert m["seen_ns"] <= m["response_ns"], (seed, m)
+            close += m["seen_ns"] > m["response_ns"] / 2
+    assert min(bounded.values()) > 100 and close > 100
 
 
 @pytest.mark.parametrize("every, ppm", [("5100us", 0), ("1ms", 0), ("1ms", -5000)])

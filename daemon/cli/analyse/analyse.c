@@ -32,8 +32,14 @@ static const char usage[] =
     "clock and overload frames of full buffers make frames longer. Fault rules of FILE do not\n"
     "count. FILE is one bus, no rig.\n"
     "\n"
-    "Frames of ports, replays, replies and triggers of schedules are not known, and neither is\n"
-    "the time that sleeping nodes need to wake up. The result says so (JSON: `complete`).\n"
+    "Each trigger of a schedule is a message of its node, too: its period is the basic cycle\n"
+    "times its `repeat`. Its frame is tried once, and what is shown is the longest time from the\n"
+    "trigger to the end of a frame that is sent. A slot that finds the bus busy is no part of\n"
+    "that. With several time masters the cycles of each of them count.\n"
+    "\n"
+    "Frames of ports, replays and replies are not known, nor are triggers whose reference message\n"
+    "is not that of a schedule, and neither is the time that sleeping nodes need to wake up. The\n"
+    "result says so (JSON: `complete`).\n"
     "\n"
     "Also shown is the load of the bus and of each node: for frames as they are, for random data,\n"
     "and with the most stuff bits. Identifiers that need stuff bits are named, since there two\n"
@@ -42,8 +48,9 @@ static const char usage[] =
     "  --simulate TIME\n"
     "                 simulate the bus for so long (60s), without faults, and show the longest\n"
     "                 time that each message needed. It must stay below the response time, and\n"
-    "                 no frame may be lost. Traffic begins 22 bits later than FILE says, when\n"
-    "                 nodes have integrated: that is no part of a response time\n"
+    "                 no frame may be lost. Frames of arbitrating windows may be given up.\n"
+    "                 Traffic begins 22 bits later than FILE says, when nodes have integrated:\n"
+    "                 that is no part of a response time\n"
     "  --error-every TIME\n"
     "                 in each such time an error destroys a frame (10ms)\n"
     "  --error-rate RATE\n"
@@ -105,18 +112,29 @@ static bool take_rate(wishes *w, const char *text)
 
 /* ---- Simulation ------------------------------------------------------------------------------ */
 
-/* Takes the time of a frame that has been sent. */
-static void note_sent(void *user, const cw_event *event)
+static void note_given_up(sources *s, source *one, const cw_event *event)
+{
+    const bool integrated = event->tick > cw_rate_ticks(s->config->rate, INTEGRATED_BITS);
+    one->given_up += one->trigger && integrated;
+}
+
+/* Takes the time of a frame that has been sent, and notes one that its slot has not sent. */
+static void note_end(void *user, const cw_event *event)
 {
     sources *s = user;
     const uint32_t key = response_key(&event->frame);
-    if (event->kind != CW_EVENT_TX)
+    if (event->kind != CW_EVENT_TX && event->kind != CW_EVENT_DROP)
         return;
     for (size_t i = 0; i < s->count; i++) {
         source *one = &s->list[i];
-        const uint64_t seen = event->tick - event->handed_in;
-        if (s->messages[i].key != key || !(event->nodes >> s->messages[i].node & 1u))
+        if (s->messages[i].key != key || !(event->nodes >> s->messages[i].node & 1u) ||
+            event->trigger != one->trigger)
             continue;
+        if (event->kind == CW_EVENT_DROP) {
+            note_given_up(s, one, event);
+            continue;
+        }
+        const uint64_t seen = event->tick - event->handed_in;
         one->seen = seen > one->seen ? seen : one->seen;
         one->seen_count++;
     }
@@ -134,7 +152,8 @@ static void begin_later(cfg *config)
 static bool simulate(sources *s, cfg *config, uint64_t until)
 {
     sim_run run;
-    const sim_sink sink = {.user = s, .event = note_sent, .kinds = 1u << CW_EVENT_TX};
+    const sim_sink sink = {.user = s, .event = note_end,
+                           .kinds = 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP};
     config->rule_count = 0;
     begin_later(config);
     bool good = sim_open(&run, config, true);

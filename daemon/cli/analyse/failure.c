@@ -22,7 +22,8 @@ void failure_find(const response_bus *bus, int *survived)
         any = false;
         for (size_t i = 0; i < with.count; i++) {
             const bool was_early = survived[i] == (int)errors - 1;
-            if (!was_early || response_is_late(&with.messages[i]))
+            const bool once = errors > 0 && with.messages[i].slot > 0; /* it is not repeated */
+            if (!was_early || once || response_is_late(&with.messages[i]))
                 continue;
             survived[i] = (int)errors;
             any = true;

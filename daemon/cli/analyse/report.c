@@ -27,7 +27,7 @@ static uint64_t due(const analysis *a, size_t i)
     const cfg_traffic *t = a->sources->list[i].traffic;
     const response_message *m = &a->sources->messages[i];
     const cw_rate rate = a->sources->config->rate;
-    if (m->response > a->simulated)
+    if (!t || m->response > a->simulated)
         return 0;
     const uint64_t last = a->simulated - m->response;
     uint64_t n = m->period == CW_NEVER ? 1 : last / m->period + 2; /* one more: ticks are rounded */
@@ -38,16 +38,18 @@ static uint64_t due(const analysis *a, size_t i)
 }
 
 /* Returns how many frames of a message did not come. Those of its node with the same identifier are
- * seen as one. */
+ * seen as one. A frame that gives way in an arbitrating window does what it is meant to do. */
 static uint64_t lost(const analysis *a, size_t i)
 {
     const response_message *messages = a->sources->messages;
+    const source *s = &a->sources->list[i];
     uint64_t sum = 0;
+    if (s->trigger)
+        return s->arbitrating ? 0 : s->given_up;
     for (size_t k = 0; a->simulated && k < a->sources->count; k++)
         if (messages[k].key == messages[i].key && messages[k].node == messages[i].node)
             sum += due(a, k);
-    const uint64_t seen = a->sources->list[i].seen_count;
-    return sum > seen ? sum - seen : 0;
+    return sum > s->seen_count ? sum - s->seen_count : 0;
 }
 
 bool report_is_bad(const analysis *a)
@@ -69,9 +71,9 @@ static uint64_t load_ppm(const sources *s, unsigned node, stuffing which)
     for (size_t i = 0; i < s->count; i++) {
         const response_message *m = &s->messages[i];
         const uint64_t lengths[] = {s->list[i].length, s->list[i].mean, m->length};
-        const uint64_t length = lengths[which];
-        if (m->period != CW_NEVER && (node == CW_NODES_MAX || m->node == node))
-            sum += length * PPM / m->period;
+        const uint64_t length = lengths[which], every = s->list[i].every;
+        if (every != CW_NEVER && (node == CW_NODES_MAX || m->node == node))
+            sum += length * PPM / every;
     }
     return sum;
 }
@@ -81,6 +83,8 @@ static double probability_of_late(const analysis *a, size_t i)
 {
     const uint64_t period = a->sources->messages[i].period;
     const double bits = (double)period / (double)cw_rate_ticks(a->sources->config->rate, 1);
+    if (a->sources->messages[i].slot)
+        return failure_of_frame(a->sources->list[i].bits, a->error_rate);
     if (a->survived[i] < 0)
         return 1;
     return period == CW_NEVER ? 0 : failure_probability(a->survived[i], bits * a->error_rate);
@@ -97,8 +101,8 @@ static destroyed find_destroyed(const analysis *a)
 {
     double all = 0, bad = 0;
     for (size_t i = 0; i < a->sources->count; i++) {
-        const response_message *m = &a->sources->messages[i];
-        const double rate = m->period == CW_NEVER ? 0 : (double)CW_CLOCK_HZ / (double)m->period;
+        const uint64_t every = a->sources->list[i].every;
+        const double rate = every == CW_NEVER ? 0 : (double)CW_CLOCK_HZ / (double)every;
         all += rate;
         bad += rate * failure_of_frame(a->sources->list[i].bits, a->error_rate);
     }
@@ -129,11 +133,11 @@ static void print_message(FILE *out, const analysis *a, size_t i)
     const response_message *m = &a->sources->messages[i];
     char frame[FRAME_TEXT_MAX], every[CELL_MAX], blocking[CELL_MAX], response[CELL_MAX + 1],
         seen[CELL_MAX];
-    text_print_frame(frame, &s->traffic->frame);
+    text_print_frame(frame, s->frame);
     frame[strcspn(frame, "#")] = '\0';
     response[0] = '~';
     (void)print_time(response + m->fifo, m->response);
-    fprintf(out, "%-12s %-8s %9s %5u %8s %9s", s->node->name, frame, print_time(every, m->period),
+    fprintf(out, "%-12s %-8s %9s %5u %8s %9s", s->node->name, frame, print_time(every, s->every),
             s->bits, print_time(blocking, m->blocking), response);
     if (a->simulated)
         fprintf(out, " %9s", s->seen_count ? print_time(seen, s->seen) : "-");
@@ -143,6 +147,8 @@ static void print_message(FILE *out, const analysis *a, size_t i)
     fputs(exceeds(s, m) ? "  above its bound" : "", out);
     if (lost(a, i))
         fprintf(out, "  %" PRIu64 " lost", lost(a, i));
+    else if (s->given_up)
+        fprintf(out, "  %" PRIu64 " given up", s->given_up);
     fputc('\n', out);
 }
 
@@ -179,7 +185,7 @@ static void print_stuffed(FILE *out, const sources *s)
         char frame[FRAME_TEXT_MAX];
         if (s->list[i].id_stuff == 0)
             continue;
-        text_print_frame(frame, &s->list[i].traffic->frame);
+        text_print_frame(frame, s->list[i].frame);
         frame[strcspn(frame, "#")] = '\0';
         fprintf(out, "%s%s", count++ ? " " : "\nIdentifiers with stuff bits: ", frame);
     }
@@ -194,15 +200,26 @@ static bool has_upper_bounds(const sources *s)
     return any;
 }
 
-#define NOTES_MAX 2
+static bool has_slots(const sources *s)
+{
+    bool any = false;
+    for (size_t i = 0; i < s->count; i++)
+        any = any || s->list[i].trigger;
+    return any;
+}
+
+#define NOTES_MAX 3
 
 /* Finds what the analysis does not know of a bus. Returns the number of texts. */
 static unsigned find_notes(const char *notes[NOTES_MAX], const sources *s)
 {
     unsigned count = 0;
     if (s->incomplete)
-        notes[count++] = "Frames of ports, replays, replies and triggers of schedules are not "
-                         "among them: what they add is not known.";
+        notes[count++] = "Frames of ports, replays and replies are not among them: what they add "
+                         "is not known.";
+    if (s->strangers)
+        notes[count++] = "Triggers of nodes whose reference message is not that of a schedule are "
+                         "not among them: what they add is not known.";
     if (s->sleepers)
         notes[count++] = "Nodes may sleep: what their wake-up and wake-time add is not known.";
     return count;
@@ -223,6 +240,9 @@ void report_print(FILE *out, const analysis *a)
     if (has_upper_bounds(a->sources))
         fputs("\nResponses with '~' are upper bounds: frames of the node wait for each other.\n",
               out);
+    if (has_slots(a->sources))
+        fputs("\nFrames of schedules begin in their slots, or are given up: their responses count "
+              "from the\ntrigger, and are those of frames that are sent.\n", out);
     fputs("\nTimes are in ms, bits and times with the most stuff bits.\n", out);
     const char *notes[NOTES_MAX];
     const unsigned count = find_notes(notes, a->sources);
@@ -242,22 +262,29 @@ static json_t *json_of_message(const analysis *a, size_t i)
     const source *s = &a->sources->list[i];
     const response_message *m = &a->sources->messages[i];
     char frame[FRAME_TEXT_MAX];
-    text_print_frame(frame, &s->traffic->frame);
+    text_print_frame(frame, s->frame);
     frame[strcspn(frame, "#")] = '\0';
     json_t *object = json_pack("{s:s, s:s, s:i}", "node", s->node->name, "id", frame, "bits",
                                (int)s->bits);
-    json_object_set_new(object, "period_ns", json_of_ticks(m->period));
+    json_object_set_new(object, "period_ns", json_of_ticks(s->every));
     json_object_set_new(object, "jitter_ns", json_of_ticks(m->jitter));
     json_object_set_new(object, "length_ns", json_of_ticks(m->length));
     json_object_set_new(object, "blocking_ns", json_of_ticks(m->blocking));
     json_object_set_new(object, "response_ns", json_of_ticks(m->response));
-    json_object_set_new(object, "exact", json_boolean(!m->fifo));
+    json_object_set_new(object, "exact", json_boolean(!m->fifo && !m->slot));
+    if (s->trigger) {
+        json_object_set_new(object, "slot_ns", json_of_ticks(m->slot));
+        json_object_set_new(object, "window",
+                            json_string(s->arbitrating ? "arbitrating" : "exclusive"));
+    }
     json_object_set_new(object, "id_stuff_bits", json_integer(s->id_stuff));
     json_object_set_new(object, "late", json_boolean(response_is_late(m)));
     if (a->simulated) {
         json_object_set_new(object, "seen_ns",
                             s->seen_count ? json_of_ticks(s->seen) : json_null());
         json_object_set_new(object, "lost", json_integer((json_int_t)lost(a, i)));
+        if (s->trigger)
+            json_object_set_new(object, "given_up", json_integer((json_int_t)s->given_up));
     }
     if (a->error_rate > 0) {
         json_object_set_new(object, "errors_survived", json_integer(a->survived[i]));

@@ -133,12 +133,46 @@ static uint64_t find_instance(const view *v, uint64_t q)
 
 bool response_is_late(const response_message *m)
 {
+    if (m->slot) /* it promises its slot, and no more */
+        return false;
     return m->response == CW_NEVER || (m->period != CW_NEVER && m->response > m->period);
+}
+
+/* Returns true when a frame of the same node may keep that of a slot from its first arbitration.
+ * Slots of a node do not overlap. */
+static bool has_rival(const view *v)
+{
+    for (size_t i = 0; i < v->bus->count; i++) {
+        const response_message *m = &v->bus->messages[i];
+        if (m->node == v->self->node && !m->slot && goes_before(v, m))
+            return true;
+    }
+    return false;
+}
+
+/* The node takes part in arbitration a bit after the frame came, at the latest. */
+static void find_slotted(const view *v, response_message *self)
+{
+    const bool errors = v->bus->error_every != CW_NEVER || v->bus->errors > 0;
+    uint64_t longest = 0;
+    for (size_t i = 0; i < v->bus->count; i++) {
+        const response_message *m = &v->bus->messages[i];
+        if (m != self && m->length > longest)
+            longest = m->length;
+    }
+    const bool waits_once = !errors && !has_rival(v) && longest < self->slot;
+    self->blocking = (waits_once ? longest : self->slot) + v->bus->bit;
+    self->response = self->blocking + self->length;
+    self->instances = 1;
 }
 
 static void find_response(const response_bus *bus, response_message *self)
 {
     const view v = view_of(bus, self);
+    if (self->slot) {
+        find_slotted(&v, self);
+        return;
+    }
     self->blocking = find_blocking(&v);
     self->response = CW_NEVER;
     const uint64_t busy = find_busy_period(&v);
@@ -160,7 +194,9 @@ static bool take_delays(response_bus *bus)
     for (size_t i = 0; i < bus->count; i++) {
         response_message *m = &bus->messages[i];
         const bool bounded = m->fifo && m->response != CW_NEVER;
-        const uint64_t delay = bounded ? m->response - m->length - m->jitter : 0;
+        const uint64_t delay = !bounded  ? 0
+                               : m->slot ? m->blocking
+                                         : m->response - m->length - m->jitter;
         changed = changed || delay != m->delay;
         m->delay = delay;
     }

@@ -6,6 +6,10 @@
  * (CAN) schedulability analysis: refuted, revisited and revised", Real-Time Systems 35 (2007).
  * Nodes whose frames do not go by their identifiers have an upper bound. Each frame waits there for
  * all others of the node, after Davis, Kollmann, Pollex and Slomka (2011).
+ *
+ * Frames of time-triggered slots are tried once (L1, L5). One that is sent has begun in its slot.
+ * If nothing of its node goes before it, it has also begun right behind the frame on the bus: it
+ * has only one arbitration.
  */
 #ifndef CANWIRE_CLI_ANALYSE_RESPONSE_H
 #define CANWIRE_CLI_ANALYSE_RESPONSE_H
@@ -22,8 +26,11 @@ typedef struct response_message {
                           then two frames of one message may take those of others */
     uint64_t period;   /* shortest time between two; CW_NEVER: it comes once */
     uint64_t jitter;   /* at most so late after the begin of its period */
+    uint64_t slot;     /* it begins before so much time has passed since it came, or is given up;
+                          0: it waits. Its response is from then on, without the jitter */
     uint64_t length;   /* of its longest frame, with the intermission */
-    uint64_t blocking; /* found: the longest frame of lower priority, that has just begun */
+    uint64_t blocking; /* found: the longest frame of lower priority, that has just begun; with a
+                          slot the longest time to the begin of the frame */
     uint64_t response; /* found: from the begin of the period to the end of the frame and its
                           intermission; CW_NEVER: there is no bound */
     uint64_t instances; /* found: that had to be looked at */

@@ -7,6 +7,8 @@
  */
 #include "cli/analyse/sources.h"
 
+#include "cli/analyse/slots.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -223,28 +225,83 @@ static uint64_t longest_time(const sources *s, uint64_t ticks)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-static void add(sources *s, const cfg_node *node, unsigned index, const cfg_traffic *traffic)
+/* Adds a message of a node. Its times are for the caller to fill in. */
+static void add(sources *s, source **source_of, response_message **message_of, unsigned index,
+                const cw_frame *sent)
 {
     const cfg *config = s->config;
-    cw_frame frame = traffic->frame;
+    const cfg_node *node = &config->nodes[index];
+    cw_frame frame = *sent;
     unsigned fast;
     if ((frame.flags & CW_FRAME_FD) && config->fd_non_iso)
         frame.flags |= CW_FRAME_NON_ISO;
-    source *new = &s->list[s->count];
-    *new = (source){.node = node, .traffic = traffic,
+    source *new = *source_of = &s->list[s->count];
+    *new = (source){.node = node, .frame = sent, .every = CW_NEVER,
                     .bits = sources_longest_bits(&frame, &fast),
                     .length = time_as_configured(config, &frame),
                     .mean = mean_time(config, &frame),
                     .id_stuff = cw_frame_id_stuff_bits(&frame)};
-    s->messages[s->count++] = (response_message){
+    *message_of = &s->messages[s->count++];
+    **message_of = (response_message){
         .key = response_key(&frame),
         .node = index,
         .fifo = has_inner_inversion(node),
         .boxed = is_boxed(node),
-        .period = traffic->has_every ? text_time_ticks(traffic->every, config->rate) : CW_NEVER,
-        .jitter = text_time_ticks(traffic->jitter, config->rate),
+        .period = CW_NEVER,
         .length = longest_time(s, sources_time(config, new->bits, fast)),
     };
+}
+
+static void add_traffic(sources *s, unsigned index, const cfg_traffic *traffic)
+{
+    const cw_rate rate = s->config->rate;
+    source *new;
+    response_message *message;
+    if (traffic->kind != CFG_TRAFFIC_SEND) {
+        s->incomplete = true;
+        return;
+    }
+    if (is_stored(&s->config->nodes[index], &traffic->frame))
+        return;
+    add(s, &new, &message, index, &traffic->frame);
+    new->traffic = traffic;
+    if (traffic->has_every)
+        new->every = message->period = text_time_ticks(traffic->every, rate);
+    message->jitter = text_time_ticks(traffic->jitter, rate);
+}
+
+static void add_trigger(sources *s, const slots *in, unsigned index, unsigned k)
+{
+    const cfg_schedule *schedule = &s->config->nodes[index].schedule;
+    const cw_frame *frame = &schedule->triggers[k].frame;
+    const slots_cadence *cadence = slots_of(in, index, k);
+    source *new;
+    response_message *message;
+    if (is_stored(&s->config->nodes[index], frame))
+        return;
+    if (!cadence) {
+        s->strangers = true;
+        return;
+    }
+    add(s, &new, &message, index, frame);
+    new->trigger = k + 1;
+    new->arbitrating = schedule->arbitrating[k];
+    new->every = cadence->usual;
+    message->period = cadence->period;
+    message->jitter = cadence->jitter;
+    message->slot = cadence->slot;
+}
+
+/* Adds the messages of a node, and notes what is unknown of it. */
+static void add_node(sources *s, const slots *in, unsigned index)
+{
+    const cfg_node *node = &s->config->nodes[index];
+    s->incomplete = s->incomplete || node->port || has_replies(node);
+    s->sleepers = s->sleepers || node->sleeps;
+    for (size_t t = 0; t < node->traffic_count; t++)
+        add_traffic(s, index, &node->traffic[t]);
+    for (unsigned k = 0; k < node->schedule.trigger_count; k++)
+        add_trigger(s, in, index, k);
 }
 
 /* Sorts by priority, in both lists. */
@@ -267,7 +324,7 @@ bool sources_find(sources *s, const cfg *config)
 {
     size_t most = 1;
     for (size_t i = 0; i < config->node_count; i++)
-        most += config->nodes[i].traffic_count;
+        most += config->nodes[i].traffic_count + config->nodes[i].schedule.trigger_count;
     *s = (sources){.config = config, .list = calloc(most, sizeof *s->list),
                    .messages = calloc(most, sizeof *s->messages)};
     if (!s->list || !s->messages)
@@ -275,20 +332,13 @@ bool sources_find(sources *s, const cfg *config)
     s->slowness = slowness(config);
     for (unsigned i = 0; i < config->node_count; i++)
         s->overloads = s->overloads || config->nodes[i].controller.overload_when_full;
-    for (unsigned i = 0; i < config->node_count; i++) {
-        const cfg_node *node = &config->nodes[i];
-        s->incomplete = s->incomplete || node->port || node->schedule.trigger_count > 0 ||
-                        has_replies(node);
-        s->sleepers = s->sleepers || node->sleeps;
-        for (size_t t = 0; t < node->traffic_count; t++) {
-            if (node->traffic[t].kind != CFG_TRAFFIC_SEND)
-                s->incomplete = true;
-            else if (!is_stored(node, &node->traffic[t].frame))
-                add(s, node, i, &node->traffic[t]);
-        }
-    }
+    slots in;
+    const bool found = slots_find(&in, config);
+    for (unsigned i = 0; found && i < config->node_count; i++)
+        add_node(s, &in, i);
+    slots_free(&in);
     sort(s);
-    return true;
+    return found;
 }
 
 void sources_free(sources *s)
