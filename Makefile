@@ -57,7 +57,9 @@ DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VER
 
 LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
-PARTS_SOURCES := $(filter-out daemon/cli/main.c,$(wildcard daemon/*/*.c daemon/*/*/*.c))
+PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/preload/%, \
+  $(wildcard daemon/*/*.c daemon/*/*/*.c))
+PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
 DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
@@ -75,6 +77,7 @@ LIB_OBJECTS = $(call objects,$(LIB_SOURCES)) $(BUILD)/lib/format/tables.o
 LAYOUT := $(GEN)/lib/format/layout.h
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
+PRELOAD := $(BUILD)/libcanwire-socketcan.so
 CONFORMANCE := $(BUILD)/conformance
 MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
 DIFFERENTIAL := $(BUILD)/differential
@@ -92,7 +95,7 @@ all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build
 
-build: $(DAEMON) $(TOOL) ## canwired and canwire alone, with what is installed
+build: $(DAEMON) $(TOOL) $(PRELOAD) ## canwired and canwire alone, with what is installed
 
 # The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
@@ -224,7 +227,7 @@ DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_j
             test_journal_check test_journal_keep test_journal_play test_quanta \
             test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
-dev-run: $(DAEMON) $(TOOL) $(DEV_TESTS:%=$(BUILD)/%.passed)
+dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
 $(BUILD)/%.passed: $(BUILD)/% $(TOOL)
 	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }
@@ -291,6 +294,19 @@ $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 
 $(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(TOOL_LIBS)
+
+# The library that programs preload. A program without sanitizers cannot load one with them, and
+# the calls of the C library are its own ones, which _FORTIFY_SOURCE would replace.
+PRELOAD_CFLAGS = $(filter-out -fsanitize% -fno-sanitize% --coverage -fPIE -D_FORTIFY_SOURCE%, \
+  $(DAEMON_CFLAGS)) -U_FORTIFY_SOURCE -fPIC -fvisibility=hidden -pthread
+
+$(BUILD)/daemon/preload/%.o: daemon/preload/%.c
+	@mkdir -p $(@D)
+	$(call tell,CC,$<) $(CC) $(PRELOAD_CFLAGS) -c -o $@ $<
+
+$(PRELOAD): $(call objects,$(PRELOAD_SOURCES))
+	$(call tell,LD,$@) $(CC) $(PRELOAD_CFLAGS) -shared -Wl,-z,relro -Wl,-z,now -Wl,-z,defs \
+	  -Wl,-soname,$(@F) $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ -ldl
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
   $(wildcard config/*.md config/*.yaml config/lcm/*.lcm config/schema/*.json)

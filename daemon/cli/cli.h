@@ -31,5 +31,6 @@ int cli_restart(int argc, char **argv);
 int cli_set(int argc, char **argv);
 int cli_watch(int argc, char **argv);
 int cli_reload(int argc, char **argv);
+int cli_run(int argc, char **argv);
 
 #endif

@@ -36,6 +36,7 @@ static const command commands[] = {
     {"fire", "let a manual fault rule act", cli_fire},
     {"restart", "get a node out of bus-off", cli_restart},
     {"set", "change settings of a node", cli_set},
+    {"run", "run a SocketCAN program at a node, without CAN in the kernel", cli_run},
     {"reload", "go over to what the configuration says now", cli_reload},
 };
 

@@ -49,6 +49,12 @@ void member_tell(member *c, const message_head *head, int code, const char *text
     c->kind->tell(c, head, code, text);
 }
 
+void member_flushed(member *c, const message_head *head)
+{
+    c->flushing = false;
+    c->kind->flushed(c, head);
+}
+
 void member_refuse(member *c, unsigned type, int code, const char *text)
 {
     const message_head head = {.type = MESSAGE_ERROR, .number = type};

@@ -35,6 +35,11 @@ typedef struct member {
     uint32_t lost;       /* messages that it had no room for */
     uint64_t read;       /* frames */
     uint64_t written;
+    uint64_t flushable;    /* frames that were read while it might ask for a flush ... */
+    uint64_t handed_in;    /* ... and that have been handed in */
+    bool flushing;         /* it waits for the end of its frames ... */
+    uint64_t flush_at;     /* ... of which this many were read */
+    uint32_t flush_number; /* of its question */
     unsigned filter_count;
     struct can_filter *filters; /* NULL: all frames pass */
     char name[MEMBER_LABEL_BYTES];
@@ -73,6 +78,9 @@ void member_refuse(member *c, unsigned type, int code, const char *text);
 /* Sends a message with a code and a text. */
 void member_tell(member *c, const message_head *head, int code, const char *text);
 
+/* Answers a flush. */
+void member_flushed(member *c, const message_head *head);
+
 /* Receives into `room` bytes, with the time stamp of what has come, or 0. cut: a message had no
  * room. Returns the size, 0 at the end, and -1 with errno. */
 ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int64_t *stamp_ns,
@@ -94,6 +102,7 @@ struct member_kind {
     member_result (*read)(member *c, port *p, port_frame *out);
     void (*welcome)(member *c, const char *node, bool fd);
     void (*tell)(member *c, const message_head *head, int code, const char *text);
+    void (*flushed)(member *c, const message_head *head); /* NULL: it has no flush */
     bool (*takes)(const member *c, const void *frame, size_t size);
     bool (*send)(member *c, const message_head *head, const void *frame, size_t size);
 };

@@ -61,6 +61,13 @@ static void tell(member *c, const message_head *head, int code, const char *text
     (void)send_message(c, &own, &error, sizeof error.code + strlen(error.text) + 1);
 }
 
+static void flushed(member *c, const message_head *head)
+{
+    message_head own = *head;
+    own.number = c->flush_number;
+    (void)send_message(c, &own, "", 0);
+}
+
 /* ---- Filters --------------------------------------------------------------------------------- */
 
 /* Returns true when a filter is for a frame, as the kernel's can_rcv_list_find() has it. A filter
@@ -182,7 +189,21 @@ static member_result take_frame(member *c, port *p, const message *m, size_t siz
     out->client = c->id;
     out->options = c->options;
     c->read++;
+    c->flushable += (c->options & MESSAGE_FLUSHES) != 0;
     return MEMBER_FRAME;
+}
+
+/* Notes a question: the port answers when the frames have ended. */
+static member_result take_flush(member *c, port *p, const message *m, size_t size)
+{
+    if (!(c->options & MESSAGE_FLUSHES))
+        return complain(c, p, MESSAGE_FLUSH, EOPNOTSUPP, "a flush without the option");
+    if (size != sizeof m->head)
+        return complain(c, p, MESSAGE_FLUSH, EINVAL, "a flush has no body");
+    c->flushing = true;
+    c->flush_at = c->flushable;
+    c->flush_number = m->head.number;
+    return MEMBER_CONTROL;
 }
 
 /* Takes a message of a client that is there. */
@@ -197,6 +218,8 @@ static member_result take(member *c, port *p, const message *m, size_t size, por
         return take_options(c, p, m, size);
     case MESSAGE_FILTERS:
         return take_filters(c, p, m, size);
+    case MESSAGE_FLUSH:
+        return take_flush(c, p, m, size);
     default:
         return complain(c, p, m->head.type, EOPNOTSUPP, "a type that is not known");
     }
@@ -218,5 +241,9 @@ static member_result read_message(member *c, port *p, port_frame *out)
                                   : take(c, p, &m, (size_t)size, out);
 }
 
-const member_kind member_messages = {
-    .read = read_message, .welcome = welcome, .tell = tell, .takes = takes, .send = send_frame};
+const member_kind member_messages = {.read = read_message,
+                                     .welcome = welcome,
+                                     .tell = tell,
+                                     .flushed = flushed,
+                                     .takes = takes,
+                                     .send = send_frame};

@@ -24,6 +24,7 @@ typedef enum message_type {
     MESSAGE_FILTERS,   /* from a client: any number of struct can_filter */
     MESSAGE_DROPPED,   /* from the port: a frame of the client that the bus will not carry */
     MESSAGE_ERROR,     /* from the port: message_error, for a message that it has not understood */
+    MESSAGE_FLUSH,     /* asks for the end of earlier frames; the answer comes behind it */
 } message_type;
 
 /* Flags of a frame from the port. */
@@ -36,7 +37,8 @@ typedef enum message_type {
 #define MESSAGE_FD 0x04u       /* it takes and sends CAN FD frames, as CAN_RAW_FD_FRAMES */
 #define MESSAGE_JOIN 0x08u     /* a frame must pass all filters, as CAN_RAW_JOIN_FILTERS */
 #define MESSAGE_TELL_DROPPED 0x10u /* it gets MESSAGE_DROPPED */
-#define MESSAGE_OPTIONS_KNOWN 0x1Fu
+#define MESSAGE_FLUSHES 0x20u      /* it may send MESSAGE_FLUSH */
+#define MESSAGE_OPTIONS_KNOWN 0x3Fu
 
 /* Each message begins so. */
 typedef struct message_head {

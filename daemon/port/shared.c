@@ -262,6 +262,8 @@ void shared_greet(port *p, member *c)
     shared_disconnect(p, c);
 }
 
+static void answer_flush(port *p, member *c);
+
 /* Reads a message of a client. Returns true when more may wait. */
 static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
 {
@@ -276,7 +278,14 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
         shared_disconnect(p, c);
     else
         watch_room(p, c, (unsigned)(c - own(p)->programs));
+    if (result == MEMBER_CONTROL)
+        answer_flush(p, c);
     return (c->state == MEMBER_NEW || c->state == MEMBER_THERE) && result != MEMBER_NOTHING;
+}
+
+static bool is_alone(port *p)
+{
+    return own(p)->client_count + (ecu_of(p) >= 0) < 2;
 }
 
 /* Reads messages of several programs. Returns the number of frames; *more: some may wait. */
@@ -297,6 +306,8 @@ static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *m
         count += some;
         if (!waits || (i == PLAIN && ecu_of(p) < 0))
             ready &= ~(UINT64_C(1) << i);
+        if (!is_alone(p))
+            ready |= look(p); /* a filter that another one has sent meanwhile may come first */
     }
     *more = ready != 0;
     s->crowded = s->crowded && *more;
@@ -428,13 +439,40 @@ static bool comes_back(const port_frame *frame)
     return frame->client != 0 && (frame->options & both) == both;
 }
 
+static bool flushes(const port_frame *frame)
+{
+    return frame->client != 0 && (frame->options & MESSAGE_FLUSHES);
+}
+
+/* Answers a flush when no frame of the client is under way. */
+static void answer_flush(port *p, member *c)
+{
+    const message_head head = head_of(p, MESSAGE_FLUSH);
+    if (c && c->flushing && c->handed_in >= c->flush_at &&
+        !underway_has(&own(p)->underway, c->id))
+        member_flushed(c, &head);
+}
+
+/* Counts a frame of a client that may ask for a flush: those that were read before the question may
+ * be handed in behind it. */
+static void count_handed_in(port *p, const port_frame *frame)
+{
+    member *c = find_client(own(p), frame->client);
+    if (!c)
+        return;
+    c->handed_in++;
+    answer_flush(p, c);
+}
+
 void shared_handed_in(port *p, const port_frame *frame)
 {
     port_shared *s = own(p);
     const bool late = s->sharing.echo == PORT_ECHO_SENT && loops_back(frame);
     const bool told = frame->client != 0 && (frame->options & MESSAGE_TELL_DROPPED);
-    if (late || told || comes_back(frame))
+    if (late || told || comes_back(frame) || flushes(frame))
         p->stats.unconfirmed += !underway_add(&s->underway, frame, p->now_tick);
+    if (flushes(frame))
+        count_handed_in(p, frame);
     if (!late && loops_back(frame))
         pass_on(p, frame);
 }
@@ -454,6 +492,7 @@ void shared_ended(port *p, const cw_event *event)
     } else if (sender && (frame.options & MESSAGE_TELL_DROPPED)) {
         tell_dropped(sender, p, &frame, (cw_drop)event->why);
     }
+    answer_flush(p, sender);
 }
 
 /* ---- Sharing --------------------------------------------------------------------------------- */

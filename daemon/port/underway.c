@@ -77,6 +77,14 @@ bool underway_take(underway *u, port_frame *out, const cw_event *event)
     return true;
 }
 
+bool underway_has(const underway *u, uint32_t client)
+{
+    for (size_t i = 0; i < u->count; i++)
+        if (u->frames[i].frame.client == client)
+            return true;
+    return false;
+}
+
 void underway_free(underway *u)
 {
     free(u->frames);

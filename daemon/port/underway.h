@@ -28,6 +28,9 @@ bool underway_add(underway *u, const port_frame *frame, uint64_t tick);
  * none of them: rules make frames, too. */
 bool underway_take(underway *u, port_frame *out, const cw_event *event);
 
+/* Returns true when a frame of a client is among them. */
+bool underway_has(const underway *u, uint32_t client);
+
 void underway_free(underway *u);
 
 #endif

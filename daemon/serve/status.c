@@ -13,6 +13,7 @@
 #include "run/settings.h"
 
 #include <inttypes.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -167,6 +168,8 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put(object, "synchronisation", output_synchronisation(config, bus, node));
     output_put_more(object, bus, node);
     local_time_put(object, config, bus, node);
+    if (config->nodes[node].guest > 0)
+        put_count(object, "guest", config->nodes[node].guest);
     put_text(object, "link", link_names[own->link]);
     put_text(object, "when_full",
              config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);
@@ -203,6 +206,14 @@ static json_t *reads_json(const cfg *config)
     return array;
 }
 
+/* Puts the directory to which relative paths refer. */
+static void put_directory(json_t *object)
+{
+    char *path = getcwd(NULL, 0);
+    put_text(object, "directory", path);
+    free(path);
+}
+
 json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors)
 {
@@ -211,6 +222,7 @@ json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
     put_text(object, "version", CANWIRE_VERSION);
     put_count(object, "pid", (uint64_t)getpid());
     put_text(object, "file", config->file);
+    put_directory(object);
     put(object, "reads", reads_json(config));
     put_text(object, "control", config->control);
     put(object, "bus", bus_json(config, bus, beyond));

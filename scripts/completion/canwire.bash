@@ -6,7 +6,7 @@
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
 _canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
-_canwire_commands+=" restart set reload help"
+_canwire_commands+=" restart set reload run help"
 _canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload"
 _canwire_events+=" protocol-exception overrun rx tx wake state skip sync capture"
 
@@ -65,8 +65,20 @@ _canwire_options() {
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
     reload) echo --config --pid --help ;;
+    run) echo --bus --as --interface --help ;;
     *) echo --help ;;
     esac
+}
+
+# Prints the value of the last option $1 before the word that is being typed.
+_canwire_value() {
+    local i
+    for ((i = COMP_CWORD - 2; i > 1; i--)); do
+        if [[ ${COMP_WORDS[i - 1]} == "$1" ]]; then
+            echo "${COMP_WORDS[i]}"
+            return
+        fi
+    done
 }
 
 # Sets $place to how many words that are no options stand before the one being typed, and $bus to
@@ -80,7 +92,8 @@ _canwire_place() {
         case ${COMP_WORDS[i - 1]} in
         --format | --size | --files | --with | --until | --simulate | --error-every | \
             --error-rate | --until-event | --seed | --from | --to | --events | --log | --pcapng | \
-            --stats | --vcd | --svg | --junit | --journal | --config | --pid) continue ;;
+            --stats | --vcd | --svg | --junit | --journal | --config | --pid | --bus | --as | \
+            --interface) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -97,6 +110,8 @@ _canwire_argument() {
         set:0 | reload:0)
         _canwire_bus
         ;;
+    run:0) mapfile -t COMPREPLY < <(compgen -c -- "$current") ;;
+    run:*) _canwire_files ;;
     clear:1 | fire:1) _canwire_words "$(_canwire_rules "$bus")" ;;
     restart:1 | set:1) _canwire_words "$(_canwire_nodes "$bus")" ;;
     set:*) _canwire_settings ;;
@@ -135,6 +150,14 @@ _canwire() {
         return
     fi
     case ${COMP_WORDS[COMP_CWORD - 1]} in
+    --bus)
+        _canwire_bus
+        return
+        ;;
+    --as)
+        _canwire_words "$(_canwire_nodes "$(_canwire_value --bus)")"
+        return
+        ;;
     --events | --log | --pcapng | --stats | --vcd | --svg | --junit | --journal)
         _canwire_files
         return

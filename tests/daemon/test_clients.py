@@ -14,8 +14,9 @@ import threading
 
 import pytest
 
-from busclient import (DROPPED, ERROR, FD, FD_BODY, FILTERS, FRAME, FRAME_BODY, HEAD, HELLO, JOIN,
-                       LOCAL, LOOPBACK, OPTIONS, OWN, RECV_OWN, TELL_DROPPED, Client, PATIENCE_S)
+from busclient import (DROPPED, ERROR, FD, FD_BODY, FILTERS, FLUSH, FLUSHES, FRAME, FRAME_BODY,
+                       HEAD, HELLO, JOIN, LOCAL, LOOPBACK, OPTIONS, OWN,
+                       RECV_OWN, TELL_DROPPED, Client, PATIENCE_S)
 from simtool import CANWIRED, ROOT, canwire, kill_all, listens, stop_canwired
 from test_record import wait_until
 
@@ -109,7 +110,7 @@ def test_the_hello_is_answered(rig):
 
 @pytest.mark.parametrize("wrong, code, text", [
     ({"version": 2}, errno.EPROTONOSUPPORT, "version 2 is not known: version 1 is"),
-    ({"options": 0x20}, errno.EOPNOTSUPP, "options that are not known"),
+    ({"options": 0x40}, errno.EOPNOTSUPP, "options that are not known"),
     ({"name": "a b"}, errno.EINVAL, "a name has at most 32"),
     ({"name": "a" * 33}, errno.EINVAL, "a name has at most 32"),
 ])
@@ -477,3 +478,42 @@ def test_a_run_with_clients_is_in_the_journal(rig):
     lines = [json.loads(line) for line in (r.folder / "again").read_text().splitlines()]
     again = [int(e["frame"].split("#")[0], 16) for e in lines if e["event"] == "rx"]
     assert again == seen
+
+
+def test_a_flush_is_answered_when_the_bus_has_sent_what_was_before(rig):
+    r = rig(bitrate=20000)
+    dash = r.client("dash")
+    client = r.client(options=LOOPBACK | FLUSHES)
+    client.write(FLUSH, number=3)
+    assert client.receive()[:3] == (FLUSH, 0, 3)  # nothing was before
+    for number in range(5):
+        client.send(0x100 + number, bytes(8))
+    client.write(FLUSH, number=9)
+    client.send(0x200)
+    answer = client.receive()
+    assert (answer.type, answer.number, answer.body) == (FLUSH, 9, b"")
+    assert r.node("dash")["rx_frames"] >= 5
+    assert [dash.receive().can_id for _ in range(6)] == [*range(0x100, 0x105), 0x200]
+    r.stop()
+
+
+def test_a_flush_is_answered_when_frames_were_dropped(rig):
+    r = rig()
+    client = r.client(options=LOOPBACK | FLUSHES)
+    r.run("set", "./share.sock", "engine", "listen-only=on")
+    for number in range(5):
+        client.send(0x100 + number)
+    client.write(FLUSH, number=4)
+    assert client.receive()[:3] == (FLUSH, 0, 4)
+    r.stop()
+
+
+def test_a_wrong_flush_is_refused(rig):
+    r = rig()
+    client = r.client(options=LOOPBACK)
+    client.write(FLUSH)
+    assert (client.receive().code, r.node()["interface"]["malformed"]) == (errno.EOPNOTSUPP, 1)
+    client.set_options(LOOPBACK | FLUSHES)
+    client.write(FLUSH, b"1234")
+    assert (client.receive().code, r.node()["interface"]["malformed"]) == (errno.EINVAL, 2)
+    r.stop()

@@ -11,14 +11,16 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MUST = [  # of each kind
-    "/bin/canwire", "/sbin/canwired", "/lib/systemd/system/canwired@.service",
+    "/bin/canwire", "/sbin/canwired", "/lib/canwire/libcanwire-socketcan.so",
+    "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",
     "/lib/sysusers.d/canwire.conf",
     "/lib/tmpfiles.d/canwire.conf", "/lib/sysctl.d/10-canwire.conf",
     "/share/bash-completion/completions/canwire",
     "/share/man/man1/canwire.1", "/share/man/man5/canwire.yaml.5",
     "/share/man/man7/canwire-faults.7", "/share/man/man7/canwire-operation.7",
-    "/share/man/man7/canwire-lcm.7", "/share/man/man8/canwired.8",
+    "/share/man/man7/canwire-lcm.7", "/share/man/man7/canwire-run.7",
+    "/share/man/man8/canwired.8",
     "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",
     "/share/canwire/lcm/event_t.lcm", "/share/canwire/example.yaml",
     "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",

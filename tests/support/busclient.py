@@ -9,9 +9,9 @@ HEAD = struct.Struct("=BBHIIIQQ")  # type, flags, size, number, lost, reserved, 
 HELLO_BODY = struct.Struct("=8sIIII36s")  # magic, version, options, error mask, MTU, name
 FRAME_BODY = struct.Struct("=IBxxB8s")
 FD_BODY = struct.Struct("=IBBxx64s")
-HELLO, FRAME, OPTIONS, FILTERS, DROPPED, ERROR = range(1, 7)
+HELLO, FRAME, OPTIONS, FILTERS, DROPPED, ERROR, FLUSH = range(1, 8)
 LOCAL, OWN = 1, 2
-LOOPBACK, RECV_OWN, FD, JOIN, TELL_DROPPED = 1, 2, 4, 8, 16
+LOOPBACK, RECV_OWN, FD, JOIN, TELL_DROPPED, FLUSHES = 1, 2, 4, 8, 16, 32
 PATIENCE_S = 120
 
 

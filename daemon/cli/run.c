@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run.c - canwire run: runs a SocketCAN program at nodes of buses, where the kernel has no CAN.
+ *
+ * The program gets a library (daemon/preload) that stands before the calls of the C library, and a
+ * variable that tells it the interfaces.
+ */
+#include "base/plain.h"
+#include "cli/client.h"
+#include "cli/command.h"
+#include "cli/run_nodes.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <linux/can.h>
+#include <net/if.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define VARIABLE "CANWIRE_SOCKETCAN"
+#define LIBRARY "libcanwire-socketcan.so"
+#define LIBRARY_VARIABLE "CANWIRE_PRELOAD"
+#define TEXT_MAX 8192
+#define NOT_FOUND 127
+#define NOT_RUNNABLE 126
+
+static const char usage[] = "canwire run --bus BUS --as NODE [--interface NAME]... [--] PROGRAM "
+                            "[ARGUMENT...]";
+
+static const char help[] =
+    "Runs a SocketCAN program where the kernel has no CAN. It sees the node as a CAN interface of\n"
+    "that name. The node needs a port unix:PATH. Where the bus has guests, NODE may be a new\n"
+    "name. BUS may also be the file of the configuration. Options can be repeated, for programs\n"
+    "with several interfaces. canwire-run(7) says what programs can do, and which cannot be run.\n"
+    "\n"
+    "      --bus BUS          the bus of the nodes behind it\n"
+    "      --as NODE          the node that the program is, or a guest of that name\n"
+    "      --interface NAME   the name that the program uses, such as can0; default: that of the\n"
+    "                         node\n";
+
+typedef struct run_request {
+    const char *bus; /* of the last option */
+    run_node nodes[RUN_NODES_MAX];
+    unsigned count;
+} run_request;
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+static bool take_bus(void *user, const char *text)
+{
+    run_request *r = user;
+    r->bus = text;
+    return true;
+}
+
+static bool take_node(void *user, const char *text)
+{
+    run_request *r = user;
+    if (!r->bus)
+        plain_print(stderr, "canwire run: --as %s: --bus must stand before it\n", text);
+    else if (r->count == RUN_NODES_MAX)
+        plain_print(stderr, "canwire run: at most %d nodes\n", RUN_NODES_MAX);
+    else
+        r->nodes[r->count] = (run_node){.bus = r->bus, .name = text};
+    return r->bus && r->count++ < RUN_NODES_MAX;
+}
+
+static bool take_interface(void *user, const char *text)
+{
+    run_request *r = user;
+    if (r->count == 0)
+        plain_print(stderr, "canwire run: --interface %s: --as must stand before it\n", text);
+    else
+        r->nodes[r->count - 1].interface = text;
+    return r->count > 0;
+}
+
+/* ---- The library ----------------------------------------------------------------------------- */
+
+/* Finds the library: named by the user, in the build beside this program, or installed. */
+static bool find_library(char path[PATH_MAX])
+{
+    static const char *const places[] = {"/" LIBRARY, "/../lib/canwire/" LIBRARY};
+    char own[PATH_MAX / 2];
+    const char *named = getenv(LIBRARY_VARIABLE);
+    if (named && *named)
+        return snprintf(path, PATH_MAX, "%s", named) < PATH_MAX && access(path, R_OK) == 0;
+    const ssize_t length = readlink("/proc/self/exe", own, sizeof own - 1);
+    own[length > 0 ? length : 0] = '\0';
+    char *slash = strrchr(own, '/');
+    if (slash)
+        *slash = '\0';
+    for (size_t i = 0; slash && i < sizeof places / sizeof *places; i++) {
+        (void)snprintf(path, PATH_MAX, "%s%s", own, places[i]);
+        if (access(path, R_OK) == 0)
+            return true;
+    }
+    return false;
+}
+
+/* The dynamic linker takes blanks and colons as ends of a path. */
+static bool set_library(void)
+{
+    char path[PATH_MAX], all[2 * PATH_MAX];
+    const char *before = getenv("LD_PRELOAD");
+    if (!find_library(path)) {
+        plain_print(stderr, "canwire run: " LIBRARY " is not found: " LIBRARY_VARIABLE
+                            " names its path\n");
+        return false;
+    }
+    if (strpbrk(path, " :\t\n")) {
+        plain_print(stderr, "canwire run: %s: blanks and colons cannot be in this path\n", path);
+        return false;
+    }
+    const bool more = before && *before;
+    const int length =
+        snprintf(all, sizeof all, "%s%s%s", path, more ? ":" : "", more ? before : "");
+    return length > 0 && (size_t)length < sizeof all && setenv("LD_PRELOAD", all, 1) == 0;
+}
+
+/* ---- The interfaces -------------------------------------------------------------------------- */
+
+static const char *interface_of(const run_node *n)
+{
+    return n->interface ? n->interface : n->name;
+}
+
+static bool has_good_names(const run_request *r)
+{
+    for (unsigned i = 0; i < r->count; i++) {
+        const char *name = interface_of(&r->nodes[i]);
+        if (!*name || strlen(name) >= IF_NAMESIZE || strpbrk(name, "/: \t\n,")) {
+            plain_print(stderr,
+                        "canwire run: '%s' cannot be the name of an interface, which has at most "
+                        "%d characters and no '/', ':', ',' or blank: use --interface NAME\n",
+                        name, IF_NAMESIZE - 1);
+            return false;
+        }
+        for (unsigned k = 0; k < i; k++)
+            if (strcmp(name, interface_of(&r->nodes[k])) == 0) {
+                plain_print(stderr, "canwire run: two interfaces are called '%s': use --interface "
+                                    "NAME\n", name);
+                return false;
+            }
+    }
+    return true;
+}
+
+/* Returns the node's own name where it can be a second name of its interface. */
+static const char *second_name(const run_request *r, const run_node *n)
+{
+    bool good = n->interface && strcmp(n->interface, n->name) != 0 &&
+                strlen(n->name) < IF_NAMESIZE && !strpbrk(n->name, "/: \t\n,");
+    for (unsigned i = 0; i < r->count; i++)
+        good = good && strcmp(n->name, interface_of(&r->nodes[i])) != 0;
+    return good ? n->name : NULL;
+}
+
+/* Tells the library the interfaces; preload/ifmap.h has the format. */
+static bool set_interfaces(const run_request *r)
+{
+    char text[TEXT_MAX];
+    size_t used = 0;
+    for (unsigned i = 0; i < r->count && used < sizeof text; i++) {
+        const run_node *n = &r->nodes[i];
+        const char *second = second_name(r, n);
+        const int length = snprintf(text + used, sizeof text - used, "%s%s%s\t%u\t%s\t%s\t%s\n",
+                                    interface_of(n), second ? "," : "", second ? second : "",
+                                    n->fd ? (unsigned)CANFD_MTU : (unsigned)CAN_MTU,
+                                    n->guest ? "guest" : "node", n->name, n->path);
+        used += length > 0 ? (size_t)length : 0;
+    }
+    return used < sizeof text && setenv(VARIABLE, text, 1) == 0;
+}
+
+/* ---- Running --------------------------------------------------------------------------------- */
+
+static int run_program(char **arguments)
+{
+    (void)execvp(arguments[0], arguments);
+    const int error = errno;
+    plain_print(stderr, "canwire run: %s: %s\n", arguments[0], strerror(error));
+    return error == ENOENT ? NOT_FOUND : NOT_RUNNABLE;
+}
+
+static bool find_nodes(run_request *r)
+{
+    for (unsigned i = 0; i < r->count; i++)
+        if (!run_find_node(&r->nodes[i]))
+            return false;
+    return true;
+}
+
+int cli_run(int argc, char **argv)
+{
+    run_request r = {.count = 0};
+    int first = 0;
+    const command c = {.usage = usage,
+                       .help = help,
+                       .words_min = 1,
+                       .words_max = -1,
+                       .options_first = true,
+                       .options = {{.name = "bus", .text = take_bus},
+                                   {.name = "as", .text = take_node},
+                                   {.name = "interface", .text = take_interface}},
+                       .user = &r};
+    const int status = command_parse(&c, &first, argc, argv);
+    if (status >= 0)
+        return status;
+    if (r.count == 0) {
+        plain_print(stderr, "usage: %s\n", usage);
+        return CLI_USAGE;
+    }
+    if (!has_good_names(&r) || !find_nodes(&r) || !set_interfaces(&r) || !set_library())
+        return CLI_BAD_INPUT;
+    return run_program(argv + first);
+}

@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run_nodes.c - finds the port of a node, for canwire run: in the status of the bus, or in its
+ * configuration.
+ */
+#include "cli/run_nodes.h"
+
+#include "base/jsonput.h"
+#include "base/plain.h"
+#include "cli/client.h"
+#include "config/config.h"
+#include "config/portname.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define NAMES_MAX 512
+
+/* A node as status or configuration tell of it. */
+typedef struct told_node {
+    const char *name;
+    const char *port; /* NULL: none */
+    bool fd;
+    bool guest;
+} told_node;
+
+/* The one that is looked for. */
+typedef struct search {
+    run_node *node;
+    const char *directory; /* of relative paths */
+    told_node found;       /* the node itself, or a place for a guest */
+    bool there;
+    char names[NAMES_MAX]; /* of all nodes */
+} search;
+
+static void consider(search *s, const told_node *told)
+{
+    const size_t used = strlen(s->names);
+    const bool named = strcmp(told->name, s->node->name) == 0;
+    if (!told->guest)
+        (void)snprintf(s->names + used, sizeof s->names - used, "%s%s", used ? ", " : "",
+                       told->name);
+    if (!named && (!told->guest || s->there))
+        return;
+    s->found = *told;
+    s->there = true;
+}
+
+static bool refuse(const search *s, const char *why)
+{
+    plain_print(stderr, "canwire run: node '%s' of bus %s: %s\n", s->node->name, s->node->bus, why);
+    return false;
+}
+
+/* Takes the path of the port of the node that was found. */
+static bool take(search *s)
+{
+    char why[NAMES_MAX + 64];
+    run_node *n = s->node;
+    (void)snprintf(why, sizeof why, "there is no such node, and there are no guests; it has: %s",
+                   s->names);
+    if (!s->there)
+        return refuse(s, why);
+    if (!s->found.port)
+        return refuse(s, "it has no port: it needs 'port: unix:PATH' (config/ports.md)");
+    const portname port = portname_parse(s->found.port);
+    (void)snprintf(why, sizeof why, "its port is %.64s: it needs 'port: unix:PATH', or the program "
+                   "needs no canwire run", s->found.port);
+    if (port.kind != PORTNAME_UNIX)
+        return refuse(s, why);
+    n->fd = s->found.fd;
+    n->guest = s->found.guest;
+    const bool relative = port.path[0] != '/' && s->directory;
+    const int length = snprintf(n->path, sizeof n->path, "%s%s%s", relative ? s->directory : "",
+                                relative ? "/" : "", port.path);
+    if (length < 0 || (size_t)length >= sizeof n->path)
+        return refuse(s, "the path of its port is too long from here");
+    struct stat there;
+    if (stat(n->path, &there) == 0)
+        return true;
+    (void)snprintf(why, sizeof why, "%.120s: %s (does canwired run?)", n->path, strerror(errno));
+    return refuse(s, why);
+}
+
+/* ---- The status ------------------------------------------------------------------------------ */
+
+static bool is_fd(const json_t *node)
+{
+    const char *kind = json_string_value(json_object_get(node, "kind"));
+    return kind && strcmp(kind, "fd") == 0;
+}
+
+static bool find_in_status(search *s)
+{
+    json_t *reply = client_ask_once(s->node->bus, client_request("status"));
+    const json_t *status = json_object_get(reply, "status");
+    const json_t *nodes = json_object_get(status, "nodes");
+    s->directory = json_string_value(json_object_get(status, "directory"));
+    for (size_t i = 0; i < json_array_size(nodes); i++) {
+        const json_t *node = json_array_get(nodes, i);
+        const told_node told = {.name = json_string_value(json_object_get(node, "name")),
+                                .port = json_string_value(json_object_get(node, "port")),
+                                .fd = is_fd(node),
+                                .guest = json_object_get(node, "guest") != NULL};
+        if (told.name)
+            consider(s, &told);
+    }
+    const bool good = reply && take(s);
+    json_decref(reply);
+    return good;
+}
+
+/* ---- The configuration ----------------------------------------------------------------------- */
+
+static bool find_in_file(search *s)
+{
+    char directory[PATH_MAX];
+    cfg *config = cfg_load(s->node->bus, stderr);
+    if (!config)
+        return false;
+    s->directory = getcwd(directory, sizeof directory);
+    for (size_t i = 0; i < config->node_count; i++) {
+        const told_node told = {.name = config->nodes[i].name,
+                                .port = config->nodes[i].port,
+                                .fd = cfg_knows_fd(config, &config->nodes[i]),
+                                .guest = config->nodes[i].guest > 0};
+        consider(s, &told);
+    }
+    const bool good = take(s);
+    cfg_free(config);
+    return good;
+}
+
+bool run_find_node(run_node *n)
+{
+    struct stat found;
+    search s = {.node = n};
+    const bool file = strpbrk(n->bus, "/.") && stat(n->bus, &found) == 0 && S_ISREG(found.st_mode);
+    return file ? find_in_file(&s) : find_in_status(&s);
+}

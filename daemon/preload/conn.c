@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * conn.c - a connection to a port of a bus, by the protocol of port/messages.h.
+ */
+#include "preload/conn.h"
+
+#include "preload/real.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#define WELCOME_MS 30000 /* for the answer to a hello */
+#define FLUSH_MS 10000   /* for the bus to send what is left; a bus-off node never does */
+#define GUESTS_MAX 64u
+
+bool conn_is_over(int error)
+{
+    return error == EPIPE || error == ECONNRESET || error == ENOTCONN || error == ECONNREFUSED ||
+           error == ENOENT;
+}
+
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+static message_head head_of(message_type type, size_t body)
+{
+    return (message_head){.type = (uint8_t)type, .size = (uint16_t)(sizeof(message_head) + body)};
+}
+
+/* Sends a message about the connection. It waits for room, also on a socket that does not block. */
+static int send_control(int fd, message_type type, const void *body, size_t size)
+{
+    message_head head = head_of(type, size);
+    struct iovec parts[] = {{&head, sizeof head}, {(void *)(uintptr_t)body, size}};
+    const struct msghdr whole = {.msg_iov = parts, .msg_iovlen = 2};
+    while (real()->sendmsg(fd, &whole, MSG_NOSIGNAL | MSG_DONTWAIT) < 0) {
+        struct pollfd room = {.fd = fd, .events = POLLOUT};
+        if (errno != EAGAIN && errno != EINTR)
+            return errno;
+        if (errno == EAGAIN && poll(&room, 1, WELCOME_MS) == 0)
+            return ETIMEDOUT;
+    }
+    return 0;
+}
+
+static int64_t now_ms(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000) + now.tv_nsec / 1000000;
+}
+
+/* Receives a message of one of two types; others are lost. Returns 0 or an errno. */
+static int await(int fd, message *m, message_type one, message_type other, int limit_ms)
+{
+    const int64_t end = now_ms() + limit_ms;
+    for (int64_t left = limit_ms; left > 0; left = end - now_ms()) {
+        struct pollfd in = {.fd = fd, .events = POLLIN};
+        if (poll(&in, 1, (int)left) <= 0)
+            continue;
+        m->head = (message_head){.type = 0};
+        const ssize_t size = real()->recv(fd, m, sizeof *m, MSG_DONTWAIT);
+        if (size == 0)
+            return ENETDOWN;
+        if (size > 0 && (m->head.type == one || m->head.type == other))
+            return 0;
+        if (size < 0 && errno != EAGAIN && errno != EINTR && errno != ECONNRESET)
+            return errno;
+    }
+    return ETIMEDOUT;
+}
+
+/* ---- Connecting ------------------------------------------------------------------------------ */
+
+static int connect_to(int fd, const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    const struct sockaddr *any = (const struct sockaddr *)&address;
+    /* without a path the kernel gives an address, which makes it a client */
+    if (real()->bind(fd, any, sizeof address.sun_family) != 0)
+        return errno;
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
+    while (real()->connect(fd, any, sizeof address) != 0) {
+        struct pollfd later = {.fd = -1};
+        if (errno != EAGAIN && errno != EINTR)
+            return conn_is_over(errno) ? ENETDOWN : errno;
+        (void)poll(&later, 1, 1); /* the port has too many connections to accept */
+    }
+    return 0;
+}
+
+static int say_hello(int fd, const iface *in, const conn_wants *wants, unsigned number)
+{
+    message_hello hello = {.magic = MESSAGE_MAGIC,
+                           .version = MESSAGE_VERSION,
+                           .options = wants->options,
+                           .error_mask = wants->error_mask};
+    if (in->guest && number > 1)
+        (void)snprintf(hello.name, sizeof hello.name, "%.28s-%u", in->node, number % 100);
+    else if (in->guest)
+        (void)snprintf(hello.name, sizeof hello.name, "%.32s", in->node);
+    return send_control(fd, MESSAGE_HELLO, &hello, sizeof hello);
+}
+
+static void complain(const iface *in, const char *why)
+{
+    (void)fprintf(stderr, "libcanwire-socketcan: %s: %.*s\n", in->names[0],
+                  (int)MESSAGE_TEXT_BYTES, why);
+}
+
+int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number)
+{
+    message answer;
+    int error = connect_to(fd, in->path);
+    error = error ? error : say_hello(fd, in, wants, number);
+    error = error ? error : await(fd, &answer, MESSAGE_HELLO, MESSAGE_ERROR, WELCOME_MS);
+    if (error)
+        return conn_is_over(error) ? ENETDOWN : error;
+    if (answer.head.type == MESSAGE_HELLO) {
+        if (wants->filtered)
+            conn_set_filters(fd, wants);
+        return 0;
+    }
+    if (!wants->quiet && (answer.error.code != EEXIST || !in->guest))
+        complain(in, answer.error.text);
+    return answer.error.code > 0 ? (int)answer.error.code : EPROTO;
+}
+
+int conn_open(const iface *in, const conn_wants *wants)
+{
+    for (unsigned number = 1; number <= GUESTS_MAX; number++) {
+        const int fd = real()->socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
+        if (fd < 0)
+            return -1;
+        const int error = conn_start(fd, in, wants, number);
+        if (error == 0)
+            return fd;
+        (void)real()->close(fd);
+        errno = error;
+        if (error != EEXIST || !in->guest)
+            return -1;
+    }
+    return -1;
+}
+
+void conn_set_options(int fd, const conn_wants *wants)
+{
+    const message_options options = {.options = wants->options, .error_mask = wants->error_mask};
+    (void)send_control(fd, MESSAGE_OPTIONS, &options, sizeof options);
+}
+
+void conn_set_filters(int fd, const conn_wants *wants)
+{
+    (void)send_control(fd, MESSAGE_FILTERS, wants->filters,
+                       wants->filter_count * sizeof *wants->filters);
+}
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+int conn_send(int fd, const void *frame, size_t size, int flags)
+{
+    message_head head = head_of(MESSAGE_FRAME, size);
+    struct iovec parts[] = {{&head, sizeof head}, {(void *)(uintptr_t)frame, size}};
+    const struct msghdr whole = {.msg_iov = parts, .msg_iovlen = 2};
+    if (real()->sendmsg(fd, &whole, (flags & MSG_DONTWAIT) | MSG_NOSIGNAL) >= 0)
+        return 0;
+    return conn_is_over(errno) ? ENETDOWN : errno;
+}
+
+void conn_flush(int fd)
+{
+    message answer;
+    if (send_control(fd, MESSAGE_FLUSH, NULL, 0) == 0)
+        (void)await(fd, &answer, MESSAGE_FLUSH, MESSAGE_FLUSH, FLUSH_MS);
+}

@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * create.c - the begin and the end of CAN sockets, and of the library.
+ */
+#include "preload/create.h"
+
+#include "preload/bcm.h"
+#include "preload/pump.h"
+#include "preload/raw.h"
+#include "preload/real.h"
+#include "preload/relay.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/can.h>
+#include <pthread.h>
+#include <sys/socket.h>
+
+static int fail(int error)
+{
+    errno = error;
+    return -1;
+}
+
+/* Makes the entry of a real socket. */
+static int keep(int fd, cansock_kind kind)
+{
+    cansock *s = fd >= 0 ? table_new(fd, kind) : NULL;
+    if (s || fd < 0)
+        return fd;
+    const int error = errno;
+    (void)real()->close(fd);
+    return fail(error);
+}
+
+static int create_bcm(int flags)
+{
+    const int fd = keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_BCM);
+    cansock *s = fd >= 0 ? table_take(fd) : NULL;
+    if (!s)
+        return fd;
+    const int error = bcm_make(s);
+    table_give(s);
+    if (!error)
+        return fd;
+    table_lock();
+    table_forget(fd);
+    table_unlock();
+    (void)real()->close(fd);
+    return fail(error);
+}
+
+int create_socket(int type, int protocol)
+{
+    const int flags = type & (SOCK_CLOEXEC | SOCK_NONBLOCK);
+    type &= ~(SOCK_CLOEXEC | SOCK_NONBLOCK);
+    if (protocol < 0 || protocol >= CAN_NPROTO)
+        return fail(EINVAL);
+    if (protocol != CAN_RAW && protocol != CAN_BCM)
+        return fail(EPROTONOSUPPORT);
+    if (type != (protocol == CAN_RAW ? SOCK_RAW : SOCK_DGRAM))
+        return fail(EPROTOTYPE);
+    if (protocol == CAN_BCM)
+        return create_bcm(flags);
+    return keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_RAW);
+}
+
+/* ---- The end --------------------------------------------------------------------------------- */
+
+static void flush(cansock *s, int fd)
+{
+    if (s->bcm)
+        bcm_stop(s);
+    raw_flush(s, fd);
+}
+
+void create_close(int fd)
+{
+    cansock *s = table_take(fd);
+    if (!s)
+        return;
+    if (s->descriptors == 1)
+        flush(s, fd);
+    table_lock();
+    table_forget(fd);
+    table_give_locked(s);
+    table_unlock();
+}
+
+void create_exit(void)
+{
+    if (!table_is_own_process())
+        return;
+    for (int fd = table_next(0); fd >= 0; fd = table_next(fd + 1)) {
+        cansock *s = table_take(fd);
+        if (!s)
+            continue;
+        flush(s, fd);
+        table_give(s);
+    }
+}
+
+static void end(cansock *s)
+{
+    relay_free(s);
+    bcm_free(s);
+    for (int i = 0; i < IFMAP_MAX; i++)
+        table_close_hidden(s->side[i]);
+}
+
+/* ---- The library ----------------------------------------------------------------------------- */
+
+static void forked_parent(void)
+{
+    table_forked(false);
+    table_unlock();
+}
+
+static void forked_child(void)
+{
+    table_forked(true);
+    bcm_forked();
+    pump_forked();
+    table_unlock();
+}
+
+static void __attribute__((constructor)) begin(void)
+{
+    real_find();
+    ifmap_read();
+    table_on_end = end;
+    (void)pthread_atfork(table_lock, forked_parent, forked_child);
+}
+
+static void __attribute__((destructor)) finish(void)
+{
+    create_exit();
+}

@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * options.c - getsockopt() and setsockopt() of CAN sockets.
+ */
+#include "preload/options.h"
+
+#include "preload/raw.h"
+
+#include <errno.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifndef SO_TIMESTAMP_NEW
+#define SO_TIMESTAMP_NEW 63
+#define SO_TIMESTAMPNS_NEW 64
+#define SO_TIMESTAMPING_NEW 65
+#endif
+
+static int fail(int error)
+{
+    errno = error;
+    return -1;
+}
+
+/* ---- SOL_SOCKET ------------------------------------------------------------------------------ */
+
+static bool is_stamp(int name)
+{
+    return name == SO_TIMESTAMP || name == SO_TIMESTAMPNS || name == SO_TIMESTAMP_NEW ||
+           name == SO_TIMESTAMPNS_NEW;
+}
+
+static bool is_timestamping(int name)
+{
+    return name == SO_TIMESTAMPING || name == SO_TIMESTAMPING_NEW;
+}
+
+static int set_of_socket(cansock *s, int name, const void *value, socklen_t size, bool *passes)
+{
+    int number;
+    *passes = !is_stamp(name) && !is_timestamping(name) && name != SO_RXQ_OVFL;
+    if (*passes)
+        return 0;
+    if (size < sizeof number)
+        return fail(EINVAL);
+    memcpy(&number, value, sizeof number);
+    if (is_stamp(name))
+        s->stamps.option = number ? name : 0;
+    else if (name == SO_RXQ_OVFL)
+        s->stamps.overflow = number != 0;
+    else
+        s->stamps.timestamping = number ? name : 0;
+    if (is_timestamping(name))
+        s->stamps.flags = (unsigned)number;
+    return 0;
+}
+
+static int give(void *value, socklen_t *size, int number)
+{
+    if (*size > sizeof number)
+        *size = sizeof number;
+    memcpy(value, &number, *size);
+    return 0;
+}
+
+static int get_of_socket(const cansock *s, int name, void *value, socklen_t *size, bool *passes)
+{
+    const bool raw = s->kind == CANSOCK_RAW;
+    *passes = false;
+    if (name == SO_DOMAIN)
+        return give(value, size, AF_CAN);
+    if (name == SO_TYPE)
+        return give(value, size, raw ? SOCK_RAW : SOCK_DGRAM);
+    if (name == SO_PROTOCOL)
+        return give(value, size, 0); /* the kernel does not keep it */
+    if (name == SO_RXQ_OVFL)
+        return give(value, size, s->stamps.overflow);
+    if (is_stamp(name))
+        return give(value, size, s->stamps.option == name);
+    if (is_timestamping(name))
+        return give(value, size, s->stamps.timestamping == name ? (int)s->stamps.flags : 0);
+    *passes = true;
+    return 0;
+}
+
+/* ---- SOL_CAN_RAW ----------------------------------------------------------------------------- */
+
+static int set_filters(cansock *s, int fd, const void *value, socklen_t size)
+{
+    struct can_filter *filters;
+    if (size % sizeof *filters != 0 || size > CAN_RAW_FILTER_MAX * sizeof *filters)
+        return fail(EINVAL);
+    filters = malloc(size + 1);
+    if (!filters)
+        return fail(ENOMEM);
+    if (size > 0)
+        memcpy(filters, value, size);
+    table_lock();
+    free(s->raw.filters);
+    s->raw.filters = filters;
+    s->raw.filter_count = (unsigned)(size / sizeof *filters);
+    s->raw.filters_set = true;
+    table_unlock();
+    raw_filters_changed(s, fd);
+    return 0;
+}
+
+/* Returns the variable of an option that is an int. */
+static int *number_of(cansock_raw *raw, int name)
+{
+    switch (name) {
+    case CAN_RAW_LOOPBACK:
+        return &raw->loopback;
+    case CAN_RAW_RECV_OWN_MSGS:
+        return &raw->recv_own;
+    case CAN_RAW_FD_FRAMES:
+        return &raw->fd_frames;
+    case CAN_RAW_JOIN_FILTERS:
+        return &raw->join;
+    default:
+        return NULL;
+    }
+}
+
+static int set_of_raw(cansock *s, int fd, int name, const void *value, socklen_t size)
+{
+    int *number = number_of(&s->raw, name);
+    if (name == CAN_RAW_FILTER)
+        return set_filters(s, fd, value, size);
+    if (!number && name != CAN_RAW_ERR_FILTER)
+        return fail(ENOPROTOOPT);
+    if (size != sizeof *number)
+        return fail(EINVAL);
+    if (number)
+        memcpy(number, value, sizeof *number);
+    else
+        memcpy(&s->raw.error_mask, value, sizeof s->raw.error_mask);
+    s->raw.error_mask &= CAN_ERR_MASK;
+    raw_options_changed(s, fd);
+    return 0;
+}
+
+static int get_filters(const cansock *s, void *value, socklen_t *size)
+{
+    static const struct can_filter all = {.can_id = 0};
+    const socklen_t needs =
+        s->raw.filters_set ? (socklen_t)(s->raw.filter_count * sizeof all) : sizeof all;
+    const socklen_t room = *size;
+    *size = needs;
+    if (room < needs)
+        return fail(ERANGE);
+    if (needs > 0)
+        memcpy(value, s->raw.filters_set ? s->raw.filters : &all, needs);
+    return 0;
+}
+
+static int get_of_raw(const cansock *s, int name, void *value, socklen_t *size)
+{
+    const int *number = number_of((cansock_raw *)(uintptr_t)&s->raw, name);
+    if (name == CAN_RAW_FILTER)
+        return get_filters(s, value, size);
+    if (name == CAN_RAW_ERR_FILTER)
+        return give(value, size, (int)s->raw.error_mask);
+    return number ? give(value, size, *number) : fail(ENOPROTOOPT);
+}
+
+/* ---- Both ------------------------------------------------------------------------------------ */
+
+int options_set(cansock *s, int fd, int level, int name, const void *value, socklen_t size,
+                bool *passes)
+{
+    *passes = false;
+    if (level == SOL_SOCKET)
+        return set_of_socket(s, name, value, size, passes);
+    if (level == SOL_CAN_RAW && s->kind == CANSOCK_RAW)
+        return set_of_raw(s, fd, name, value, size);
+    return fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT); /* as raw_setsockopt() */
+}
+
+int options_get(const cansock *s, int level, int name, void *value, socklen_t *size, bool *passes)
+{
+    *passes = false;
+    if (level == SOL_SOCKET)
+        return get_of_socket(s, name, value, size, passes);
+    if (level == SOL_CAN_RAW && s->kind == CANSOCK_RAW)
+        return get_of_raw(s, name, value, size);
+    return fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT);
+}
