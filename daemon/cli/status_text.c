@@ -14,6 +14,7 @@
 
 #define UPPER_MAX 32
 #define NS_PER_S 1000000000
+#define NS_PER_US 1000
 #define LAG_SHOWN_MS 100 /* a smaller lag is usual on a busy machine */
 
 /* Columns of numbers under their names, as `ip` prints them for re-started, bus-errors ... */
@@ -404,6 +405,22 @@ static void print_clients(FILE *out, const json_t *node)
     }
 }
 
+/* Prints the tunnel at a port. */
+static void print_tunnel(FILE *out, const json_t *node)
+{
+    const json_t *tunnel = json_object_get(node, "tunnel");
+    if (!tunnel)
+        return;
+    fprintf(out,
+            "    tunnel %s: packets read %jd written %jd missing %jd late %jd duplicate %jd "
+            "malformed %jd\n",
+            text(tunnel, "state"), number(tunnel, "packets_read"),
+            number(tunnel, "packets_written"), number(tunnel, "missing"), number(tunnel, "late"),
+            number(tunnel, "duplicate"), number(tunnel, "malformed"));
+    fprintf(out, "    tunnel delay: held here up to %jd us, waited to be read up to %jd us\n",
+            number(tunnel, "held_max_ns") / NS_PER_US, number(tunnel, "waited_max_ns") / NS_PER_US);
+}
+
 static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -420,6 +437,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_loopless(out, node);
     print_rounded(out, node);
     print_clients(out, node);
+    print_tunnel(out, node);
     print_counters(out, node);
     print_traffic(out, node);
 }

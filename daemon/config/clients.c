@@ -48,7 +48,7 @@ void cfg_read_clients(schema *self, const schema_key *key, yaml_node_t *value, v
 static bool can_tell(const char *port)
 {
     const portname name = portname_parse(port ? port : "");
-    return name.kind == PORTNAME_TCP && !strchr(name.host, ':');
+    return name.kind == PORTNAME_TCP && !strchr(name.address.host, ':');
 }
 
 void cfg_read_port_clients(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -5,6 +5,7 @@
 #include "config/parts.h"
 
 #include "config/portname.h"
+#include "config/tunnelname.h"
 #include "config/source.h"
 #include "config/retime.h"
 #include "config/values.h"
@@ -379,6 +380,15 @@ static char *complete_tcp(schema *self, const portname *name, const cfg_node *no
     return schema_copy(self, text);
 }
 
+static char *complete_tunnel(schema *self, const char *text)
+{
+    tunnelname name;
+    char full[TUNNELNAME_BYTES];
+    (void)tunnelname_parse(&name, text);
+    tunnelname_print(full, &name);
+    return schema_copy(self, full);
+}
+
 static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value,
                             const cfg_node *node)
 {
@@ -391,6 +401,8 @@ static char *read_port_name(schema *self, const schema_key *key, const yaml_node
         schema_expected(self, key, value, PORTNAME_EXPECTED);
     if (name.kind == PORTNAME_TCP)
         return complete_tcp(self, &name, node);
+    if (name.kind == PORTNAME_TUNNEL)
+        return complete_tunnel(self, text);
     return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
                                       : schema_copy(self, text);
 }

@@ -4,16 +4,15 @@
  */
 #include "config/portname.h"
 
-#include <arpa/inet.h>
+#include "config/tunnelname.h"
+
 #include <ctype.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define INTERFACE_NAME_MAX 15u /* IFNAMSIZ with its final 0 has 16 bytes */
 #define FD_DIGITS_MAX 6u
-#define PORT_DIGITS_MAX 5u
 #define NAME_CHARS                                                                                 \
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_."
 
@@ -55,47 +54,6 @@ static bool parse_fd(int *fd, const char *text)
     return *fd > 2;
 }
 
-/* Copies an address in numbers, in the one way in which it is printed. */
-static bool take_host(char out[PORTNAME_HOST_BYTES], const char *text, size_t length)
-{
-    char host[PORTNAME_HOST_BYTES];
-    unsigned char address[sizeof(struct in6_addr)];
-    const bool six = length > 2 && text[0] == '[' && text[length - 1] == ']';
-    const int family = six ? AF_INET6 : AF_INET;
-    if (length + 1 > sizeof host)
-        return false;
-    (void)snprintf(host, sizeof host, "%.*s", (int)(length - (six ? 2 : 0)), text + six);
-    if (strcmp(host, "localhost") == 0)
-        strcpy(host, "127.0.0.1");
-    return inet_pton(family, host, address) == 1 &&
-           inet_ntop(family, address, out, PORTNAME_HOST_BYTES);
-}
-
-static bool take_number(unsigned *out, const char *text, size_t length)
-{
-    if (length == 0 || length > PORT_DIGITS_MAX || strspn(text, "0123456789") < length ||
-        text[0] == '0')
-        return false;
-    *out = (unsigned)strtoul(text, NULL, 10);
-    return *out <= UINT16_MAX;
-}
-
-/* Reads HOST:PORT, HOST or PORT, where a missing part has its default. */
-static bool take_address(portname *name, const char *text, size_t length)
-{
-    size_t host = length;
-    strcpy(name->host, "127.0.0.1");
-    name->number = PORTNAME_TCP_DEFAULT;
-    if (length == 0 || take_number(&name->number, text, length))
-        return true;
-    while (host > 0 && text[host - 1] != ':' && text[host - 1] != ']')
-        host--;
-    if (host == 0 || text[host - 1] == ']')
-        return take_host(name->host, text, length);
-    return take_host(name->host, text, host - 1) &&
-           take_number(&name->number, text + host, length - host);
-}
-
 /* Reads [HOST:]PORT[/NAME]. */
 static bool parse_tcp(portname *name, const char *text)
 {
@@ -104,14 +62,15 @@ static bool parse_tcp(portname *name, const char *text)
     if (slash && (!*name->bus || strlen(name->bus) > PORTNAME_BUS_MAX ||
                   name->bus[strspn(name->bus, NAME_CHARS)]))
         return false;
-    return take_address(name, text, slash ? (size_t)(slash - text) : strlen(text));
+    return address_parse(&name->address, text, slash ? (size_t)(slash - text) : strlen(text),
+                         PORTNAME_TCP_DEFAULT);
 }
 
 void portname_print_tcp(char out[PORTNAME_TCP_MAX], const portname *name, const char *node)
 {
-    const bool six = strchr(name->host, ':');
-    (void)snprintf(out, PORTNAME_TCP_MAX, "tcp:%s%s%s:%u/%.*s", six ? "[" : "", name->host,
-                   six ? "]" : "", name->number, (int)PORTNAME_BUS_MAX,
+    char address[ADDRESS_BYTES];
+    address_print(address, &name->address);
+    (void)snprintf(out, PORTNAME_TCP_MAX, "tcp:%s/%.*s", address, (int)PORTNAME_BUS_MAX,
                    name->bus ? name->bus : node);
 }
 
@@ -120,12 +79,15 @@ portname portname_parse(const char *text)
     portname name = {.path = behind(text, "unix:"), .fd = -1};
     const char *number = behind(text, "fd:");
     const char *address = behind(text, "tcp:");
+    tunnelname tunnel;
     if (name.path)
         name.kind = is_path(name.path) ? PORTNAME_UNIX : PORTNAME_INVALID;
     else if (number)
         name.kind = parse_fd(&name.fd, number) ? PORTNAME_FD : PORTNAME_INVALID;
     else if (address)
         name.kind = parse_tcp(&name, address) ? PORTNAME_TCP : PORTNAME_INVALID;
+    else if (behind(text, TUNNELNAME_PREFIX))
+        name.kind = tunnelname_parse(&tunnel, text) ? PORTNAME_TUNNEL : PORTNAME_INVALID;
     else if (is_interface_name(text))
         name.kind = PORTNAME_INTERFACE;
     return name;

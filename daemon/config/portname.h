@@ -5,21 +5,19 @@
 #ifndef CANWIRE_CONFIG_PORTNAME_H
 #define CANWIRE_CONFIG_PORTNAME_H
 
-#include <netinet/in.h>
-#include <stdbool.h>
-#include <stddef.h>
+#include "config/address.h"
 
 #define PORTNAME_INTERFACE_EXPECTED                                                                \
     "the name of an interface, at most 15 bytes without '/', ':' and white space"
 #define PORTNAME_EXPECTED                                                                          \
-    PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT"
+    PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT, or " \
+                                "cannelloni:udp,peer=HOST:PORT"
 
 #define PORTNAME_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
 
 #define PORTNAME_TCP_DEFAULT 29536u /* the port of socketcand */
-#define PORTNAME_HOST_BYTES INET6_ADDRSTRLEN
 #define PORTNAME_BUS_MAX 32u
-#define PORTNAME_TCP_MAX (PORTNAME_HOST_BYTES + PORTNAME_BUS_MAX + 32u) /* bytes of a whole text */
+#define PORTNAME_TCP_MAX (ADDRESS_BYTES + PORTNAME_BUS_MAX + 8u) /* bytes of a whole text */
 
 typedef enum portname_kind {
     PORTNAME_INVALID = 0,
@@ -27,15 +25,15 @@ typedef enum portname_kind {
     PORTNAME_UNIX,      /* unix:PATH, a socket that the ECU connects to */
     PORTNAME_FD,        /* fd:NUMBER, a connected socket that was inherited */
     PORTNAME_TCP,       /* tcp:[HOST:]PORT[/NAME], for programs that speak as to socketcand */
+    PORTNAME_TUNNEL,    /* cannelloni:…, to another machine; see tunnelname.h */
 } portname_kind;
 
 typedef struct portname {
     portname_kind kind;
     const char *path; /* UNIX: part of the text */
     int fd;           /* FD */
-    char host[PORTNAME_HOST_BYTES]; /* TCP: an address in numbers, without brackets */
-    unsigned number;                /* TCP: its port */
-    const char *bus;                /* TCP: what programs open; NULL: the name of the node */
+    net_address address; /* TCP */
+    const char *bus;     /* TCP: what programs open; NULL: the name of the node */
 } portname;
 
 /* Reads the name of a port. The text must live as long as the result. */

@@ -45,6 +45,8 @@ typedef struct port_kind {
     void (*ended)(port *p, const cw_event *event);
     bool (*client)(const port *p, unsigned n, port_client_info *out);
     bool (*is_over)(const port *p);
+    /* See port_tunnel(); NULL: it is none. */
+    bool (*tunnel)(const port *p, port_tunnel_info *out);
     /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
      * accept file descriptors that a sender passes along. */
     size_t control_bytes;
@@ -100,6 +102,10 @@ bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_
 
 /* Makes a frame of linux/can.h. Returns its size. */
 size_t port_make_frame(struct canfd_frame *out, const cw_frame *in);
+
+/* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
+ * dropped before it. */
+int64_t port_take_control(port *p, struct msghdr *header);
 
 /* Sets the kernel's count of dropped frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);

@@ -23,4 +23,7 @@ port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
 /* Opens a port at a TCP address, for programs that speak as to socketcand. text: its name. */
 port *port_tcp_open(const portname *name, const char *text, char error[PORT_ERROR_TEXT_MAX]);
 
+/* Opens the end of a tunnel to another machine, by its name (tunnelname.h). */
+port *port_tunnel_open(const char *text, char error[PORT_ERROR_TEXT_MAX]);
+
 #endif

@@ -34,6 +34,8 @@ port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MA
         return port_unix_adopt(name.fd, error);
     case PORTNAME_TCP:
         return port_tcp_open(&name, text, error);
+    case PORTNAME_TUNNEL:
+        return port_tunnel_open(text, error);
     case PORTNAME_INVALID:
         break;
     }

@@ -120,9 +120,7 @@ void port_count_drops(port *p, uint32_t drops)
     p->stats.kernel_dropped += (uint32_t)added;
 }
 
-/* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
- * dropped before it. */
-static int64_t take_control(port *p, struct msghdr *header)
+int64_t port_take_control(port *p, struct msghdr *header)
 {
     int64_t arrival_ns = 0;
     for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c; c = CMSG_NXTHDR(header, c)) {
@@ -174,7 +172,7 @@ bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_
 static bool take_message(port *p, port_frame *out, unsigned i)
 {
     struct mmsghdr *m = &p->messages.headers[i];
-    out->realtime_ns = take_control(p, &m->msg_hdr);
+    out->realtime_ns = port_take_control(p, &m->msg_hdr);
     out->client = 0;
     if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
@@ -286,6 +284,11 @@ bool port_is_over(const port *p)
 bool port_client(const port *p, unsigned n, port_client_info *out)
 {
     return p->kind->client && p->kind->client(p, n, out);
+}
+
+bool port_tunnel(const port *p, port_tunnel_info *out)
+{
+    return p->kind->tunnel && p->kind->tunnel(p, out);
 }
 
 /* ---- Writing and counting -------------------------------------------------------------------- */

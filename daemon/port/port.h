@@ -49,6 +49,23 @@ typedef struct port_client_info {
     uint64_t lost;
 } port_client_info;
 
+/* The end of a tunnel. Times in ns. */
+typedef struct port_tunnel_info {
+    const char *state; /* "up", "waiting" or "connecting" */
+    uint64_t packets_read;
+    uint64_t packets_written;
+    uint64_t missing;    /* by gaps of the sequence numbers; also those that are late */
+    uint64_t late;       /* that have come after others, and count as missing */
+    uint64_t duplicate;  /* that have come twice; dropped */
+    uint64_t restarts;   /* of the peer's sequence numbers */
+    uint64_t malformed;  /* dropped */
+    uint64_t strangers;  /* of others than the peer; dropped */
+    uint64_t held_last_ns; /* for which the first frame of a packet has waited for others */
+    uint64_t held_max_ns;
+    uint64_t waited_last_ns; /* for which a packet has waited in the kernel until it was read */
+    uint64_t waited_max_ns;
+} port_tunnel_info;
+
 /* Counters, all of them uint64_t. */
 typedef struct port_stats {
     uint64_t read;            /* frames that were read for the bus */
@@ -71,6 +88,8 @@ typedef struct port_stats {
     uint64_t echoed;         /* frames of clients given to other programs of the port, or back */
     uint64_t clients_lost;   /* messages that single clients had no room for */
     uint64_t unconfirmed;    /* frames of clients of which it was not known when they were sent */
+    uint64_t missing;        /* packets of a tunnel that have not come */
+    uint64_t strangers;      /* packets and connections of others than its peer */
     uint64_t rounded;        /* CAN FD frames read with a length that no DLC has: zeros fill them */
 } port_stats;
 
@@ -129,6 +148,9 @@ bool port_is_over(const port *p);
 
 /* Describes the n-th program at a port. Returns false when there are fewer. */
 bool port_client(const port *p, unsigned n, port_client_info *out);
+
+/* Describes a port that is the end of a tunnel. Returns false for other kinds. */
+bool port_tunnel(const port *p, port_tunnel_info *out);
 
 /* Writes a frame, a CAN FD frame with CANFD_FDF. Returns false, and counts the failure, when the
  * kernel does not take it. */

@@ -13,7 +13,6 @@
 #include "port/shared.h"
 #include "port/socketcand.h"
 
-#include <arpa/inet.h>
 #include <errno.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -36,8 +35,7 @@ typedef struct port_tcp port_tcp;
 typedef struct listener {
     struct listener *next;
     int fd;
-    char host[PORTNAME_HOST_BYTES];
-    unsigned number;
+    net_address address;
     port_tcp *ports; /* in the order in which they were opened; never none */
 } listener;
 
@@ -59,27 +57,12 @@ static port_tcp *own(port *p)
 
 /* ---- Listening ------------------------------------------------------------------------------- */
 
-/* Makes a socket address. Returns its size. */
-static socklen_t make_address(struct sockaddr_storage *out, const portname *name)
-{
-    struct sockaddr_in four = {.sin_family = AF_INET, .sin_port = htons((uint16_t)name->number)};
-    struct sockaddr_in6 six = {.sin6_family = AF_INET6,
-                               .sin6_port = htons((uint16_t)name->number)};
-    if (inet_pton(AF_INET, name->host, &four.sin_addr) == 1) {
-        memcpy(out, &four, sizeof four);
-        return sizeof four;
-    }
-    (void)inet_pton(AF_INET6, name->host, &six.sin6_addr);
-    memcpy(out, &six, sizeof six);
-    return sizeof six;
-}
-
 /* Returns a socket that listens; -1 with errno. An address that was in use a moment ago is free:
  * connections that have ended do not count. */
 static int listen_at(const portname *name)
 {
     struct sockaddr_storage address;
-    const socklen_t size = make_address(&address, name);
+    const socklen_t size = address_for_socket(&address, &name->address);
     const int on = 1;
     const int fd = socket(address.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (fd < 0)
@@ -98,7 +81,8 @@ static int listen_at(const portname *name)
 static listener *find_listener(const portname *name)
 {
     listener *l = listeners;
-    while (l && (l->number != name->number || strcmp(l->host, name->host) != 0))
+    while (l && (l->address.number != name->address.number ||
+                 strcmp(l->address.host, name->address.host) != 0))
         l = l->next;
     return l;
 }
@@ -117,8 +101,7 @@ static listener *use_listener(const portname *name)
         free(l);
         return NULL;
     }
-    memcpy(l->host, name->host, sizeof l->host);
-    l->number = name->number;
+    l->address = name->address;
     l->next = listeners;
     listeners = l;
     return l;
@@ -239,7 +222,7 @@ static void send_beacon(port_tcp *t)
     for (const port_tcp *other = t->at->ports; other; other = other->next)
         if (other->shared.sharing.beacon)
             beacon_add(&b, other->bus);
-    beacon_send(&b, t->at->host, t->at->number);
+    beacon_send(&b, t->at->address.host, t->at->address.number);
 }
 
 static void see_to_beacon(port *p)

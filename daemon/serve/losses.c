@@ -31,6 +31,8 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 6] = "restarts",
     [CW_DROP_COUNT + 7] = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan",
     [CW_DROP_COUNT + 8] = "not taken by single clients of the port",
+    [CW_DROP_COUNT + 9] = "packets of the tunnel that have not come, or not yet",
+    [CW_DROP_COUNT + 10] = "packets or connections of others than the peer",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -50,6 +52,8 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 6] = stats.restarts;
     now[CW_DROP_COUNT + 7] = interface->loopless;
     now[CW_DROP_COUNT + 8] = interface->clients_lost;
+    now[CW_DROP_COUNT + 9] = interface->missing;
+    now[CW_DROP_COUNT + 10] = interface->strangers;
 }
 
 /* Returns "" where the node's program cannot change anything. */

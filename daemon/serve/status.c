@@ -150,6 +150,29 @@ static json_t *clients_json(const port *p)
     return array;
 }
 
+/* Puts what is known of the tunnel at a port, if it is one. */
+static void put_tunnel(json_t *node, const port *p)
+{
+    port_tunnel_info info;
+    if (!p || !port_tunnel(p, &info))
+        return;
+    json_t *object = json_object();
+    put_text(object, "state", info.state);
+    put_count(object, "packets_read", info.packets_read);
+    put_count(object, "packets_written", info.packets_written);
+    put_count(object, "missing", info.missing);
+    put_count(object, "late", info.late);
+    put_count(object, "duplicate", info.duplicate);
+    put_count(object, "restarts", info.restarts);
+    put_count(object, "malformed", info.malformed);
+    put_count(object, "strangers", info.strangers);
+    put_count(object, "held_last_ns", info.held_last_ns);
+    put_count(object, "held_max_ns", info.held_max_ns);
+    put_count(object, "waited_last_ns", info.waited_last_ns);
+    put_count(object, "waited_max_ns", info.waited_max_ns);
+    put(node, "tunnel", object);
+}
+
 static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
                          const report_node *own, const status_errors *errors)
 {
@@ -178,6 +201,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
     if (own->port && portname_is_shared(config->nodes[node].port))
         put(object, "clients", clients_json(own->port));
+    put_tunnel(object, own->port);
     put_bool(object, "conserved", own->conserved);
     return object;
 }

@@ -395,7 +395,7 @@ def test_statistics(rig):
 
 
 def test_fd(rig):
-    r = rig(bus=", dbitrate: 2000000", dash=", kind: classical", lamp=", kind: fd")
+    r = rig(bus=", dbitrate: 2000000", dash=", kind: fd-tolerant")
     engine, dash = r.talk(), r.talk("dash")
     other = r.talk()
     assert dash.ask("fdsend 123 1 0") == "< error the node knows no CAN FD >"

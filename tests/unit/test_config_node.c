@@ -5,6 +5,10 @@
  */
 #include "configs.h"
 
+#define UDP "cannelloni:udp,listen="
+#define TCP "cannelloni:tcp,"
+#define REST(timeout) ",timeout=" timeout ",mtu=1472"
+
 static void ports_are_read(void **state)
 {
     (void)state;
@@ -15,7 +19,18 @@ static void ports_are_read(void **state)
                                         "tcp:127.0.0.1:29537/tcp-same",
                                         "tcp:127.0.0.1:29537/can0", "tcp:192.168.1.2:29536/can0",
                                         "tcp:0.0.0.0:1/tcp-any", "tcp:[::1]:65535/tcp-six",
-                                        "tcp:[fe80::1]:29536/tcp-six-too"};
+                                        "tcp:[fe80::1]:29536/tcp-six-too",
+                                        UDP "0.0.0.0:20000,peer=192.168.1.2:20001" REST("1000us"),
+                                        UDP "0.0.0.0:20001,peer=10.0.0.1:20000,timeout=2500us,"
+                                            "mtu=80",
+                                        UDP "127.0.0.1:2,peer=127.0.0.1:1" REST("1000us"),
+                                        UDP "10.0.0.2:20002,peer=10.0.0.1:20000" REST("0us"),
+                                        UDP "[::]:20000,peer=[fd00::1]:20000,timeout=1000us,"
+                                            "mtu=65507",
+                                        TCP "listen=0.0.0.0:20003" REST("1000000us"),
+                                        TCP "listen=0.0.0.0:20000,peer=10.0.0.1:20000"
+                                            REST("1000us"),
+                                        TCP "connect=10.0.0.1:20004" REST("1000us")};
     cfg *config = load_good(GOOD "ports.yaml");
     assert_int_equal(config->node_count, sizeof ports / sizeof ports[0]);
     for (unsigned i = 0; i < config->node_count; i++)

@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * address.c - the address of a port in a network.
+ */
+#include "config/address.h"
+
+#include <arpa/inet.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PORT_DIGITS_MAX 5u
+
+/* Copies an address in numbers, in the one way in which it is printed. */
+static bool take_host(char out[ADDRESS_HOST_BYTES], const char *text, size_t length)
+{
+    char host[ADDRESS_HOST_BYTES];
+    unsigned char address[sizeof(struct in6_addr)];
+    const bool six = length > 2 && text[0] == '[' && text[length - 1] == ']';
+    const int family = six ? AF_INET6 : AF_INET;
+    if (length + 1 > sizeof host)
+        return false;
+    (void)snprintf(host, sizeof host, "%.*s", (int)(length - (six ? 2 : 0)), text + six);
+    if (strcmp(host, "localhost") == 0)
+        strcpy(host, "127.0.0.1");
+    return inet_pton(family, host, address) == 1 &&
+           inet_ntop(family, address, out, ADDRESS_HOST_BYTES);
+}
+
+static bool take_number(unsigned *out, const char *text, size_t length)
+{
+    if (length == 0 || length > PORT_DIGITS_MAX || strspn(text, "0123456789") < length ||
+        text[0] == '0')
+        return false;
+    *out = (unsigned)strtoul(text, NULL, 10);
+    return *out <= UINT16_MAX;
+}
+
+bool address_parse(net_address *out, const char *text, size_t length, unsigned number)
+{
+    size_t host = length;
+    strcpy(out->host, "127.0.0.1");
+    out->number = number;
+    if (length == 0 || take_number(&out->number, text, length))
+        return true;
+    while (host > 0 && text[host - 1] != ':' && text[host - 1] != ']')
+        host--;
+    if (host == 0 || text[host - 1] == ']')
+        return take_host(out->host, text, length);
+    return take_host(out->host, text, host - 1) &&
+           take_number(&out->number, text + host, length - host);
+}
+
+void address_print(char out[ADDRESS_BYTES], const net_address *address)
+{
+    const bool six = strchr(address->host, ':');
+    (void)snprintf(out, ADDRESS_BYTES, "%s%s%s:%u", six ? "[" : "", address->host, six ? "]" : "",
+                   address->number);
+}
+
+socklen_t address_for_socket(struct sockaddr_storage *out, const net_address *address)
+{
+    const in_port_t port = htons((uint16_t)address->number);
+    struct sockaddr_in four = {.sin_family = AF_INET, .sin_port = port};
+    struct sockaddr_in6 six = {.sin6_family = AF_INET6, .sin6_port = port};
+    if (inet_pton(AF_INET, address->host, &four.sin_addr) == 1) {
+        memcpy(out, &four, sizeof four);
+        return sizeof four;
+    }
+    (void)inet_pton(AF_INET6, address->host, &six.sin6_addr);
+    memcpy(out, &six, sizeof six);
+    return sizeof six;
+}
