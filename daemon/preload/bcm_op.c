@@ -97,7 +97,7 @@ int bcm_op_copy(unsigned char *to, const bcm_request *request)
 
 void bcm_op_set(bcm_op *op, const bcm_request *request)
 {
-    const struct bcm_msg_head *head = &request->head;
+    const bcm_head *head = &request->head;
     op->as.flags = head->flags;
     op->as.nframes = head->nframes;
     if (!(head->flags & SETTIMER))
@@ -152,7 +152,7 @@ void bcm_op_tell(const bcm_op *op, unsigned opcode, const void *frames, unsigned
     unsigned char *body = calloc(1, sizeof op->as + bytes);
     if (!body)
         return;
-    struct bcm_msg_head told = op->as;
+    bcm_head told = op->as;
     told.opcode = opcode;
     told.nframes = count;
     head.realtime_ns = received ? op->realtime_ns : realtime_ns();

@@ -12,11 +12,24 @@
 
 #define BCM_FRAMES_MAX 256u
 
+/* The fixed part of struct bcm_msg_head. */
+typedef struct bcm_head {
+    uint32_t opcode;
+    uint32_t flags;
+    uint32_t count;
+    struct bcm_timeval ival1;
+    struct bcm_timeval ival2;
+    canid_t can_id;
+    uint32_t nframes;
+} __attribute__((aligned(8))) bcm_head;
+
+_Static_assert(sizeof(bcm_head) == sizeof(struct bcm_msg_head), "");
+
 typedef struct bcm_op {
     struct bcm_op *next;
     cansock *socket;
     int index;              /* of the interface; 0: all */
-    struct bcm_msg_head as; /* flags, count, intervals, identifier and number of frames */
+    bcm_head as; /* flags, count, intervals, identifier and number of frames */
     size_t frame_bytes;
     unsigned room;          /* frames */
     unsigned current;       /* the one that is sent next */
@@ -40,7 +53,7 @@ struct bcm {
 typedef struct bcm_request {
     cansock *socket;
     int index;
-    struct bcm_msg_head head;
+    bcm_head head;
     size_t frame_bytes;
     const unsigned char *frames;
 } bcm_request;

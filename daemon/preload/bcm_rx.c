@@ -186,7 +186,7 @@ static void start(bcm_op *op, unsigned flags)
         start_timer(op);
 }
 
-static int check(const struct bcm_msg_head *head)
+static int check(const bcm_head *head)
 {
     if (head->nframes > BCM_FRAMES_MAX + 1)
         return EINVAL;
