@@ -6,10 +6,8 @@ This needs no CAN in the kernel.
 
 import contextlib
 import errno
-import json
 import re
 import socket
-import subprocess
 import threading
 
 import pytest
@@ -17,7 +15,8 @@ import pytest
 from busclient import (DROPPED, ERROR, FD, FD_BODY, FILTERS, FLUSH, FLUSHES, FRAME, FRAME_BODY,
                        HEAD, HELLO, JOIN, LOCAL, LOOPBACK, OPTIONS, OWN,
                        RECV_OWN, TELL_DROPPED, Client, PATIENCE_S)
-from simtool import CANWIRED, ROOT, canwire, kill_all, listens, stop_canwired
+from busrig import BusRig, rig_fixture
+from simtool import ROOT
 from test_record import wait_until
 
 BUS = """bus: {{ name: share, bitrate: {bitrate}{bus} }}
@@ -29,17 +28,9 @@ nodes:
 ERR, EFF, RTR, INV = 0x20000000, 0x80000000, 0x40000000, 0x20000000
 
 
-class Rig:
-    def __init__(self, folder, journal=False, **more):
-        self.folder, self.log = folder, folder / "stderr"
-        self.text = BUS.format(**{"bitrate": 500000, "bus": "", "engine": "", "dash": "", **more})
-        (folder / "bus.yaml").write_text(self.text)
-        words = ["--journal", "bus.journal"] if journal else []
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
-                                            stderr=log)
-        wait_until(lambda: listens(folder / "share.sock") or self.process.poll() is not None,
-                   "the bus")
+class Rig(BusRig):
+    TEXT, CONTROL = BUS, "share.sock"
+    VALUES = {"bitrate": 500000, "bus": "", "engine": "", "dash": ""}
 
     def client(self, node="engine", *words, **more):
         return Client(self.folder / f"{node}.sock", *words, **more)
@@ -50,33 +41,14 @@ class Rig:
         ecu.connect(str(self.folder / f"{node}.sock"))
         return ecu
 
-    def run(self, *words):
-        return canwire(*words, cwd=self.folder).stdout
-
     def node(self, name="engine"):
-        status = json.loads(self.run("status", "./share.sock", "--json"))
-        return next(node for node in status["nodes"] if node["name"] == name)
+        return self.nodes()[name]
 
     def wait(self, condition, what, name="engine"):
         wait_until(lambda: condition(self.node(name)), what)
 
-    def stop(self):
-        for name in ("engine", "dash"):
-            node = self.node(name)
-            assert node["conserved"] is True, node
-        return stop_canwired(self.process, self.log)
 
-
-@pytest.fixture(name="rig")
-def fixture_rig(tmp_path):
-    rigs = []
-
-    def start(**more):
-        rigs.append(Rig(tmp_path, **more))
-        return rigs[-1]
-
-    yield start
-    kill_all(rig.process for rig in rigs)
+fixture_rig = rig_fixture(Rig)
 
 
 def test_the_example_of_the_page(rig):
@@ -91,7 +63,7 @@ def test_the_example_of_the_page(rig):
     assert (names["length"], names["data"][:4]) == (4, bytes.fromhex("DEADBEEF"))
     assert HEAD.unpack_from(names["welcome"])[0] == HELLO
     assert [c["name"] for c in r.node()["clients"]] == ["logger"]
-    assert "    client logger: read 1 written 1 lost 0\n" in r.run("status", "./share.sock")
+    assert "    client logger: read 1 written 1 lost 0\n" in r.run("status", "./share.sock").stdout
     names["client"].close()
     r.stop()
 
@@ -367,7 +339,7 @@ def test_too_many_are_turned_away(rig):
     assert FRAME_BODY.unpack(plain.recv(100))[0] == 0x123  # whole: a message
     assert second.receive().can_id == 0x123
     assert [c["name"] for c in r.node()["clients"]] == [None, "", ""]
-    shown = r.run("status", "./share.sock")
+    shown = r.run("status", "./share.sock").stdout
     assert "    ECU: read 0 written 1 lost 0\n    client: read 1 written 0 lost 0\n" in shown
     r.stop()
 
@@ -474,9 +446,7 @@ def test_a_run_with_clients_is_in_the_journal(rig):
         (a if number % 3 else b).send(0x100 + number)
     seen = [dash.receive().can_id for _ in range(20)]
     r.stop()
-    r.run("sim", "--journal", "bus.journal", "--events", "again")
-    lines = [json.loads(line) for line in (r.folder / "again").read_text().splitlines()]
-    again = [int(e["frame"].split("#")[0], 16) for e in lines if e["event"] == "rx"]
+    again = [int(e["frame"].split("#")[0], 16) for e in r.again() if e["event"] == "rx"]
     assert again == seen
 
 

@@ -7,14 +7,14 @@ This needs no CAN in the kernel.
 import errno
 import json
 import socket
-import subprocess
 import threading
 from collections import Counter
 
 import pytest
 
 from busclient import ERROR, HELLO, LOCAL, LOOPBACK, OWN, RECV_OWN, Client, PATIENCE_S
-from simtool import CANWIRED, canwire, kill_all, listens, stop_canwired
+from busrig import BusRig, rig_fixture
+from simtool import canwire
 from test_record import wait_until
 
 BUS = """bus: {{ name: hotel, bitrate: {bitrate} }}
@@ -25,30 +25,15 @@ nodes:
 """
 
 
-class Rig:
-    def __init__(self, folder, journal=False, **more):
-        self.folder, self.log = folder, folder / "stderr"
-        self.text = BUS.format(**{"bitrate": 500000, "count": 3, "guests": "", **more})
-        (folder / "bus.yaml").write_text(self.text)
-        words = ["--journal", "bus.journal"] if journal else []
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
-                                            stderr=log)
-        wait_until(lambda: listens(folder / "hotel.sock") or self.process.poll() is not None,
-                   "the bus")
+class Rig(BusRig):
+    TEXT, CONTROL = BUS, "hotel.sock"
+    VALUES = {"bitrate": 500000, "count": 3, "guests": ""}
 
     def guest(self, name="", **more):
         return Client(self.folder / "bus.sock", name, **more)
 
     def dash(self, **more):
         return Client(self.folder / "dash.sock", **more)
-
-    def run(self, *words, status=0):
-        return canwire(*words, cwd=self.folder, status=status)
-
-    def nodes(self):
-        status = json.loads(self.run("status", "./hotel.sock", "--json").stdout)
-        return {node["name"]: node for node in status["nodes"]}
 
     def links(self):
         return {name: node["link"] for name, node in self.nodes().items()}
@@ -60,27 +45,8 @@ class Rig:
         (self.folder / "bus.yaml").write_text(text)
         return self.run("reload", "./hotel.sock", status=status)
 
-    def again(self):
-        """Returns the events of the journal, run again."""
-        self.run("sim", "--journal", "bus.journal", "--events", "again")
-        return [json.loads(line) for line in (self.folder / "again").read_text().splitlines()]
 
-    def stop(self):
-        for name, node in self.nodes().items():
-            assert node["conserved"] is True, (name, node)
-        return stop_canwired(self.process, self.log)
-
-
-@pytest.fixture(name="rig")
-def fixture_rig(tmp_path):
-    rigs = []
-
-    def start(**more):
-        rigs.append(Rig(tmp_path, **more))
-        return rigs[-1]
-
-    yield start
-    kill_all(rig.process for rig in rigs)
+fixture_rig = rig_fixture(Rig)
 
 
 def name_of(message):

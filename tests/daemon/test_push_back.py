@@ -2,7 +2,7 @@
 """A full queue on Unix sockets: the program has to wait, and nothing is lost or out of order.
 
 `when-full: wait` is the default there. This needs no CAN in the kernel; the same on vcan is in
-tests/kernel/test_stacks_queue.py. CANWIRE and CANWIRED are the programs.
+tests/kernel/test_stacks_queue.py. CANWIRE is the tool, beside canwired.
 """
 
 import json
@@ -11,14 +11,13 @@ import re
 import signal
 import socket
 import struct
-import subprocess
 import threading
 import time
 from collections import defaultdict
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, canwire, kill_all, listens, stop_canwired
+from busrig import BusRig, rig_fixture
 from test_record import wait_until
 
 PATIENCE_S = 120
@@ -93,44 +92,20 @@ def by_identifier(frames):
     return dict(numbers)
 
 
-class Rig:
-    def __init__(self, folder, journal=False, **more):
-        self.folder, self.log = folder, folder / "stderr"
-        self.text = BUS.format(**{"bitrate": 1000000, "more": "", "engine": "", "dash": "", **more})
-        (folder / "bus.yaml").write_text(self.text)
-        words = ["--journal", "bus.journal"] if journal else []
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
-                                            stderr=log)
-        wait_until(lambda: listens(folder / "push.sock") or self.process.poll() is not None,
-                   "the bus")
+class Rig(BusRig):
+    TEXT, CONTROL = BUS, "push.sock"
+    VALUES = {"bitrate": 1000000, "more": "", "engine": "", "dash": ""}
+
+    def __init__(self, folder, **more):
+        super().__init__(folder, **more)
         self.engine, self.dash = (Ecu(folder / f"{name}.sock") for name in ("engine", "dash"))
 
-    def run(self, *words):
-        return canwire(*words, cwd=self.folder).stdout
-
-    def nodes(self):
-        status = json.loads(self.run("status", "./push.sock", "--json"))
-        return {node["name"]: node for node in status["nodes"]}
-
-    def stop(self):
-        for node in self.nodes().values():
-            assert node["conserved"] is True, node
+    def close(self):
         for ecu in (self.engine, self.dash):
             ecu.close()
-        return stop_canwired(self.process, self.log)
 
 
-@pytest.fixture(name="rig")
-def fixture_rig(tmp_path):
-    rigs = []
-
-    def start(**more):
-        rigs.append(Rig(tmp_path, **more))
-        return rigs[-1]
-
-    yield start
-    kill_all(rig.process for rig in rigs)
+fixture_rig = rig_fixture(Rig)
 
 
 def numbered(identifiers, count, seed=1):
@@ -156,7 +131,7 @@ def test_a_program_that_writes_too_fast_has_to_wait(rig, pacing):
         assert node["interface"]["pushed_back"] > 0
         assert (node["when_full"], node["pushing_back"]) == ("wait", False)
         assert node["queue_peak"] == node["settings"]["queue"] == 16
-    shown = r.run("status", "./push.sock")
+    shown = r.run("status", "./push.sock").stdout
     assert re.search(r"1: engine@\S+: qlen 16 order priority when-full wait\n", shown)
     for node in nodes.values():
         times = node["interface"]["pushed_back"]
@@ -170,7 +145,7 @@ def test_a_program_that_does_not_want_to_wait_is_told(rig):
     r = rig(bitrate=5000)
     written = r.engine.fill()
     wait_until(lambda: r.nodes()["engine"]["pushing_back"], "the push-back")
-    assert "and does now\n" in r.run("status", "./push.sock")
+    assert "and does now\n" in r.run("status", "./push.sock").stdout
     written += r.engine.fill()  # frames that were read meanwhile
     node = r.nodes()["engine"]
     # a frame may just have been sent, and the next one not been read yet
@@ -192,8 +167,7 @@ def test_the_bus_has_no_gap_while_a_program_waits(rig):
     sender.join(PATIENCE_S)
     r.dash.expect([(0x123, number) for number in range(count)])
     r.stop()
-    r.run("sim", "--journal", "bus.journal", "--events", "again")
-    lines = [json.loads(line) for line in (r.folder / "again").read_text().splitlines()]
+    lines = r.again()
     ends = [round(e["t"] * 1e9) for e in lines if e["event"] == "tx"]
     journal = map(json.loads, (r.folder / "bus.journal").read_text().splitlines())
     arrivals = [line["tick"] * 25 // 2 for line in journal if "send" in line]
@@ -349,7 +323,7 @@ def test_nothing_is_lost_or_turned_round_by_hundreds_of_skips(rig, pacing):
         thread.join(PATIENCE_S)
     r.dash.expect(sent["engine"])
     r.engine.expect(sent["dash"])
-    skips = json.loads(r.run("status", "./push.sock", "--json"))["bus"]["skips"]
+    skips = json.loads(r.run("status", "./push.sock", "--json").stdout)["bus"]["skips"]
     assert skips >= SKIPS // 2
     for node in r.nodes().values():
         assert node["tx_frames"] == node["interface"]["read"] and not sum(node["dropped"].values())
