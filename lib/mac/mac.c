@@ -20,6 +20,15 @@
 #include <assert.h>
 #include <string.h>
 
+/* All reports. Those who look at one must not see another: two with a bit in common have a sum that
+ * is no union. scripts/check finds one that is missing here. */
+#define ALL_REPORTS(op)                                                                            \
+    (CW_REPORT_STARTED op CW_REPORT_ARBITRATION_LOST op CW_REPORT_ERROR op CW_REPORT_OVERLOAD op   \
+     CW_REPORT_RX op CW_REPORT_TX op CW_REPORT_STATE op CW_REPORT_DROPPED op CW_REPORT_EXCEPTION   \
+     op CW_REPORT_TOLERATED op CW_REPORT_SLEEP op CW_REPORT_WAKE op CW_REPORT_ARBITRATION_WON)
+_Static_assert(ALL_REPORTS(+) == ALL_REPORTS(|), "each report has a bit of its own");
+_Static_assert(ALL_REPORTS(|) <= UINT16_MAX, "cw_mac_report.what has all of them");
+
 /* ---- Set-up and what the host asks for ------------------------------------------------------- */
 
 void cw_mac_integrate(cw_mac *m)
