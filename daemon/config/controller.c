@@ -289,27 +289,14 @@ void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value
 
 /* ---- Filters --------------------------------------------------------------------------------- */
 
-static void read_filter(schema *self, const schema_key *key, const yaml_node_t *value,
-                        cfg_controller *controller)
-{
-    const char *text = schema_text(self, key, value, "a frame filter such as 123 or 100:700");
-    unsigned more = 0;
-
-    if (!text)
-        return;
-    schema_problem(self, key, value,
-                   text_parse_filters(&controller->filters[controller->filter_count], &more,
-                                      CW_NODE_FILTERS_MAX - controller->filter_count, text));
-    controller->filter_count = (uint16_t)(controller->filter_count + more);
-}
-
 void cfg_read_acceptance(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_controller *controller = &((cfg_node *)object)->controller;
-    const size_t count = schema_count_one(self, key, value, 1, CW_NODE_FILTERS_MAX);
 
-    controller->filter_count = 0; /* `defaults` may have others */
+    /* `defaults` may have others */
+    controller->filter_count = 0;
     controller->filters = schema_alloc(self, CW_NODE_FILTERS_MAX, sizeof *controller->filters);
-    for (size_t i = 0; controller->filters && i < count; i++)
-        read_filter(self, key, schema_item(self, value, i), controller);
+    if (controller->filters)
+        controller->filter_count = (uint16_t)cfg_read_filter_list(
+            self, key, value, controller->filters, 0, CW_NODE_FILTERS_MAX);
 }

@@ -78,6 +78,11 @@ static const schema_choice when_full_choices[] = {
         .name = "queue", .read = schema_read_uint, .offset = offsetof(cfg_node, queue),            \
         .arg = &queue_range                                                                        \
     }
+#define WHEN_FULL(reader)                                                                          \
+    {                                                                                              \
+        .name = "when-full", .read = (reader), .offset = offsetof(cfg_node, when_full),            \
+        .arg = when_full_choices                                                                   \
+    }
 #define ORDER                                                                                      \
     {                                                                                              \
         .name = "order", .read = schema_read_choice, .offset = offsetof(cfg_node, order),          \
@@ -162,21 +167,16 @@ static const schema_choice when_full_choices[] = {
         .name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdcv_range            \
     }
 
+/* Keys of what comes between a host and the bus. */
+#define CONTROLLER ORDER, WARNING_LIMIT, TIME, FILTER, SLEEP, LOCAL_TIME
+
 /* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */
 static const schema_key default_keys[] = {
     RESTART_AND_MODES,
     QUEUE,
-    {.name = "when-full",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg_node, when_full),
-     .arg = when_full_choices},
+    WHEN_FULL(schema_read_choice),
     {.name = "clients", .read = cfg_read_clients},
-    ORDER,
-    WARNING_LIMIT,
-    TIME,
-    FILTER,
-    SLEEP,
-    LOCAL_TIME,
+    CONTROLLER,
     FD,
     {.name = NULL},
 };
@@ -189,17 +189,9 @@ static const schema_key node_keys[] = {
     {.name = "peer", .read = read_peer},
     RESTART_AND_MODES,
     QUEUE,
-    {.name = "when-full",
-     .read = read_when_full,
-     .offset = offsetof(cfg_node, when_full),
-     .arg = when_full_choices},
+    WHEN_FULL(read_when_full),
     {.name = "clients", .read = cfg_read_port_clients},
-    ORDER,
-    WARNING_LIMIT,
-    TIME,
-    FILTER,
-    SLEEP,
-    LOCAL_TIME,
+    CONTROLLER,
     {.name = "schedule", .read = cfg_read_schedule},
     FD,
     {.name = "traffic", .read = cfg_read_traffic},
@@ -212,16 +204,8 @@ static const schema_key guest_keys[] = {
     {.name = "port", .read = read_guest_port, .required = true},
     RESTART_AND_MODES,
     QUEUE,
-    {.name = "when-full",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg_node, when_full),
-     .arg = when_full_choices},
-    ORDER,
-    WARNING_LIMIT,
-    TIME,
-    FILTER,
-    SLEEP,
-    LOCAL_TIME,
+    WHEN_FULL(schema_read_choice),
+    CONTROLLER,
     FD,
     {.name = NULL},
 };

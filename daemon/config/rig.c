@@ -231,19 +231,8 @@ static void read_gateways(schema *self, const schema_key *key, yaml_node_t *valu
 static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_rule *rule = object;
-    const size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
-
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *item = schema_item(self, value, i);
-        const char *text = schema_text(self, key, item, "a frame filter such as 123 or 100:700");
-        unsigned more = 0;
-        if (!text)
-            continue;
-        schema_problem(self, key, item,
-                       text_parse_filters(&rule->filters[rule->filter_count], &more,
-                                          CW_RULE_FILTERS_MAX - rule->filter_count, text));
-        rule->filter_count = (uint8_t)(rule->filter_count + more);
-    }
+    rule->filter_count = (uint8_t)cfg_read_filter_list(self, key, value, rule->filters,
+                                                       rule->filter_count, CW_RULE_FILTERS_MAX);
 }
 
 static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -256,19 +256,9 @@ static void read_speed(schema *self, const schema_key *key, yaml_node_t *value, 
 static void read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
-    size_t count = schema_count_one(self, key, value, 1, CW_RULE_FILTERS_MAX);
-
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *item = schema_item(self, value, i);
-        const char *text = schema_text(self, key, item, "a frame filter such as 100:700");
-        unsigned more = 0;
-        if (!text)
-            continue;
-        schema_problem(self, key, item,
-                       text_parse_filters(&traffic->filters[traffic->filter_count], &more,
-                                          CW_RULE_FILTERS_MAX - traffic->filter_count, text));
-        traffic->filter_count = (uint8_t)(traffic->filter_count + more);
-    }
+    const unsigned count = cfg_read_filter_list(self, key, value, traffic->filters,
+                                                traffic->filter_count, CW_RULE_FILTERS_MAX);
+    traffic->filter_count = (uint8_t)count;
 }
 
 /* Reads the file up to its first frame, as a rule. Replaying the file, or `canwire check`, finds

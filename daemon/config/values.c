@@ -288,6 +288,23 @@ static void read_filter(schema *self, const schema_key *key, yaml_node_t *value,
     rule->error_mask |= mask;
 }
 
+unsigned cfg_read_filter_list(schema *self, const schema_key *key, yaml_node_t *value,
+                              cw_filter *filters, unsigned count, unsigned most)
+{
+    const size_t texts = schema_count_one(self, key, value, 1, most);
+    for (size_t i = 0; i < texts; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "a frame filter such as 123 or 100:700");
+        unsigned more = 0;
+        if (!text)
+            continue;
+        schema_problem(self, key, item,
+                       text_parse_filters(&filters[count], &more, most - count, text));
+        count += more;
+    }
+    return count;
+}
+
 /* Reads one text or a list of them. */
 void cfg_read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {

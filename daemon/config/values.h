@@ -56,6 +56,11 @@ bool cfg_takes_fd(const schema *self);
 void cfg_check_sender(schema *self, const schema_key *key, const yaml_node_t *value,
                       const cw_frame *frame, size_t node);
 
+/* Reads filters of candump, one or a list, behind those that `filters` has. Returns how many there
+ * are then; at most `most`. */
+unsigned cfg_read_filter_list(schema *self, const schema_key *key, yaml_node_t *value,
+                              cw_filter *filters, unsigned count, unsigned most);
+
 /* Reads data bytes, as long as frames of the bus may be. Returns what is wrong, or NULL. */
 const char *cfg_parse_bytes(const schema *self, text_bytes *out, const char *text);
 

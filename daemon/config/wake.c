@@ -5,6 +5,7 @@
 #include "config/wake.h"
 
 #include "base/number.h"
+#include "config/values.h"
 #include "trace/frametext.h"
 
 #include <string.h>
@@ -92,32 +93,14 @@ void cfg_wake_print(char out[WAKE_TEXT_MAX], const cw_sleep_settings *s, cfg_wak
 }
 
 /* Reads a list of filters, each of which may be several. */
-static void read_list(schema *self, const schema_key *key, yaml_node_t *value,
-                      cw_sleep_settings *out)
-{
-    const size_t count = schema_count_one(self, key, value, 1, CW_WAKE_FILTERS_MAX);
-
-    out->frame_count = 0;
-    for (size_t i = 0; i < count; i++) {
-        yaml_node_t *const item = schema_item(self, value, i);
-        const char *text = schema_text(self, key, item, "a frame filter such as 123 or 100:700");
-        unsigned more = 0;
-        if (!text)
-            return;
-        schema_problem(self, key, item,
-                       text_parse_filters(&out->frames[out->frame_count], &more,
-                                          CW_WAKE_FILTERS_MAX - out->frame_count, text));
-        out->frame_count = (uint8_t)(out->frame_count + more);
-    }
-}
-
 void cfg_wake_read(schema *self, const schema_key *key, yaml_node_t *value,
                    cw_sleep_settings *out)
 {
     const cfg_wake_key wake = cfg_wake_find(key->name);
 
     if (wake == CFG_WAKE_ON && value->type == YAML_SEQUENCE_NODE) {
-        read_list(self, key, value, out);
+        out->frame_count = (uint8_t)cfg_read_filter_list(self, key, value, out->frames, 0,
+                                                         CW_WAKE_FILTERS_MAX);
         return;
     }
     const char *text = schema_text(self, key, value, wake == CFG_WAKE_ON

@@ -243,8 +243,9 @@ void engine_run_out(engine *e, uint64_t now);
  * once when nothing is due so soon. */
 void engine_spin(const engine *e);
 
-/* Reads ports once a tick from now on, until a tick has no frame. */
-void engine_start_ticking(engine *e);
+/* Returns true when a readable port is to wake its bus. With `tick` ports are read once a tick from
+ * now on, until a tick has no frame. */
+bool engine_port_wakes(engine *e, int events);
 void engine_stop_ticking(engine *e);
 
 #endif

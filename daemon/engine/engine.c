@@ -95,7 +95,7 @@ void engine_spin(const engine *e)
 }
 
 /* The first frame after a pause starts this. */
-void engine_start_ticking(engine *e)
+static void start_ticking(engine *e)
 {
     e->ticking = true;
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -109,6 +109,16 @@ void engine_stop_ticking(engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++)
         if (!(e->pushed_back >> i & 1u))
             engine_watch_port(e, i);
+}
+
+bool engine_port_wakes(engine *e, int events)
+{
+    if (!engine_is_watched(e, events, "port"))
+        return false;
+    if (e->config->pacing != CFG_PACING_TICK || e->stopping)
+        return true;
+    start_ticking(e);
+    return false;
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
@@ -205,11 +215,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine *e = ((port_watch *)io)->engine;
-    if (!engine_is_watched(e, events, "port"))
-        return;
-    if (e->config->pacing == CFG_PACING_TICK && !e->stopping)
-        engine_start_ticking(e);
-    else
+    if (engine_port_wakes(e, events))
         wake(e);
 }
 

@@ -216,11 +216,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine *e = ((port_watch *)io)->engine;
-    if (!engine_is_watched(e, events, "port"))
-        return;
-    if (e->config->pacing == CFG_PACING_TICK && !e->stopping)
-        engine_start_ticking(e);
-    else
+    if (engine_port_wakes(e, events))
         e->group->awake |= bit_of(e);
 }
 
