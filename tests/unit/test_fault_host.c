@@ -41,6 +41,27 @@ static void frames_of_a_cleared_rule_are_sent(void **state)
     check_frames_of_a_cleared_rule(1);
 }
 
+/* Or a babbling idiot would try again, and drop a frame, in each bit. */
+static void rules_send_no_frame_that_their_node_does_not_know(void **state)
+{
+    (void)state;
+    static const cw_action actions[] = {CW_ACTION_BABBLE, CW_ACTION_SEND};
+    static const unsigned kinds[] = {CW_PROTOCOL_2_0A, CW_PROTOCOL_2_0B_PASSIVE};
+    for (unsigned i = 0; i < 4; i++) {
+        rig *r = rig_new(2);
+        unsigned index;
+        cw_rule rule = new_rule("sends", CW_TRIGGER_TIME, actions[i / 2]);
+        rule.frame = (cw_frame){.id = 0x12345678, .flags = CW_FRAME_EXTENDED};
+        r->nodes[0].protocol = (uint8_t)(CW_CLASSICAL | kinds[i % 2]);
+        r->config.rule_room = 2;
+        rig_start(r);
+        assert_int_equal(cw_bus_add_rule(r->bus, &index, &rule), CW_INVALID);
+        rule.node = 1;
+        assert_int_equal(cw_bus_add_rule(r->bus, &index, &rule), CW_OK);
+        rig_free(r);
+    }
+}
+
 /* Frames that a rule holds back go on their way when it is cleared. */
 static void held_frames_go_on_when_the_rule_is_cleared(void **state)
 {
@@ -318,6 +339,7 @@ int main(void)
         cmocka_unit_test(frames_that_rules_make_are_counted_apart),
         cmocka_unit_test(frames_that_the_event_ring_cannot_hold_are_counted),
         cmocka_unit_test(statistics_that_do_not_balance_are_known),
+        cmocka_unit_test(rules_send_no_frame_that_their_node_does_not_know),
         cmocka_unit_test(a_bad_frame_is_met_by_exact_and_other_filters),
     };
     return cmocka_run_group_tests_name("fault_host", tests, NULL, NULL);
