@@ -275,7 +275,7 @@ def test_tcp_that_listens(rig):
         lamp.send(can_id, data)
     assert [end.receive() for _ in range(5)] == [(i, d, None) for i, d in FRAMES]
     with socket.create_connection(("127.0.0.1", port)) as other:  # one at a time
-        assert other.recv(1) == b""
+        assert other.recv(1) == b""  # whole: the end
     assert r.node()["interface"]["refused"] == 1
     end.close()
     r.wait(lambda node: node["tunnel"]["state"] == "waiting", "its end")
@@ -400,12 +400,12 @@ def test_two_buses_are_joined_by_a_tunnel(tmp_path):
             rigs.append(Rig(tmp_path / str(k), f"udp,listen={ports[k]},peer=127.0.0.1:"
                                                f"{ports[1 - k]}"))
         lamps = [r.lamp() for r in rigs]
-        for k in range(2):
+        for k in range(2):  # two nodes with one identifier would disturb each other
             for i in range(200):
-                lamps[k].send(0x100 + i, bytes([k]))
+                lamps[k].send(0x200 * k + i)
         for k in range(2):
             assert [lamps[1 - k].receive().can_id for _ in range(200)] == [
-                0x100 + i for i in range(200)]
+                0x200 * k + i for i in range(200)]
         for r in rigs:
             assert r.tunnel()["missing"] == 0
             r.stop()

@@ -87,7 +87,7 @@ def fixture_rig(tmp_path):
 
 def seen(bus):
     """Returns the next message of python-can: identifier, extended, data."""
-    message = bus.recv(PATIENCE_S)
+    message = bus.recv(PATIENCE_S)  # whole: a frame
     assert message is not None
     return message.arbitration_id, message.is_extended_id, bytes(message.data)
 
@@ -137,7 +137,7 @@ def test_python_can_sees_what_was_sent_when_the_bus_has_sent_it(rig):
     r = rig(engine=", clients: { echo: sent }", dash=", listen-only: on", lamp=", listen-only: on")
     with r.can() as first, r.can() as second:
         first.send(can.Message(arbitration_id=0x123, is_extended_id=False))
-        error = second.recv(PATIENCE_S)  # nobody acknowledges
+        error = second.recv(PATIENCE_S)  # whole: a frame; nobody acknowledges
         assert error.is_error_frame and error.arbitration_id == 0x204  # CAN_ERR_CRTL, CNT
         r.run("set", "./talk.sock", "lamp", "listen-only=off")
         while (message := second.recv(PATIENCE_S)).is_error_frame:
