@@ -8,6 +8,7 @@
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "cli/run_fit.h"
 #include "cli/run_nodes.h"
 
 #include <errno.h>
@@ -214,5 +215,6 @@ int cli_run(int argc, char **argv)
     }
     if (!has_good_names(&r) || !find_nodes(&r) || !set_interfaces(&r) || !set_library())
         return CLI_BAD_INPUT;
+    run_warn_of(argv[first]);
     return run_program(argv + first);
 }

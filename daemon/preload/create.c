@@ -110,15 +110,9 @@ static void end(cansock *s)
 
 /* ---- The library ----------------------------------------------------------------------------- */
 
-static void forked_parent(void)
-{
-    table_forked(false);
-    table_unlock();
-}
-
 static void forked_child(void)
 {
-    table_forked(true);
+    table_forked();
     bcm_forked();
     pump_forked();
     table_unlock();
@@ -129,7 +123,7 @@ static void __attribute__((constructor)) begin(void)
     real_find();
     ifmap_read();
     table_on_end = end;
-    (void)pthread_atfork(table_lock, forked_parent, forked_child);
+    (void)pthread_atfork(table_lock, table_unlock, forked_child);
 }
 
 static void __attribute__((destructor)) finish(void)

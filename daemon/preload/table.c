@@ -9,6 +9,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -18,6 +19,7 @@
 #define HIDDEN_FROM 700 /* below the usual limit of descriptors, 1024 */
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static sigset_t before; /* of the thread that holds it */
 static cansock *table[TABLE_MAX];
 static bool hidden[TABLE_MAX];
 static int highest = -1; /* descriptor that ever had an entry */
@@ -25,14 +27,21 @@ static pid_t owner;
 
 void (*table_on_end)(cansock *s);
 
+/* Signals wait meanwhile: their handlers may make the same calls. */
 void table_lock(void)
 {
+    sigset_t all, mask;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &mask);
     (void)pthread_mutex_lock(&lock);
+    before = mask;
 }
 
 void table_unlock(void)
 {
+    const sigset_t mask = before;
     (void)pthread_mutex_unlock(&lock);
+    (void)pthread_sigmask(SIG_SETMASK, &mask, NULL);
 }
 
 bool table_is_own_process(void)
@@ -220,11 +229,10 @@ void table_close_hidden(int fd)
 
 /* ---- Processes ------------------------------------------------------------------------------- */
 
-void table_forked(bool child)
+void table_forked(void)
 {
+    owner = getpid();
     for (int fd = 0; fd <= highest; fd++)
         if (table[fd])
             table[fd]->shared = true;
-    if (child)
-        owner = getpid();
 }

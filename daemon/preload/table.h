@@ -45,7 +45,7 @@ typedef struct cansock {
     unsigned uses;        /* descriptors, and calls that run */
     unsigned descriptors;
     ino_t inode;          /* of the socket behind them: others have been closed unseen */
-    bool shared;          /* with another process: its last frames are not waited for */
+    bool shared;          /* it is the parent's: nobody waits here for its last frames */
     bool bound;
     int index;            /* of the interface; 0: all */
     int direct;           /* the interface whose connection the socket itself is, or -1 */
@@ -99,7 +99,7 @@ bool table_is_own_process(void);
 /* Is called when the last use of a socket ends, with the lock. */
 extern void (*table_on_end)(cansock *s);
 
-/* After fork(), in both processes, with the lock. */
-void table_forked(bool child);
+/* In the child after fork(), with the lock. */
+void table_forked(void);
 
 #endif

@@ -16,6 +16,7 @@
 #include <net/if.h>
 #include <poll.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -551,6 +552,43 @@ static void threads(int a, int b)
     NUMBER(sum);
 }
 
+static volatile sig_atomic_t signals;
+static int of_signals;
+
+static void on_signal(int number)
+{
+    (void)number;
+    const int error = errno;
+    if (signals < 50)
+        put(of_signals, 0x1A0, 1);
+    signals++;
+    errno = error;
+}
+
+/* A handler makes calls while the same calls are made: none waits for the other. */
+static void handlers(int a, int b)
+{
+    const struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+    const struct itimerval often = {.it_interval.tv_usec = 1000, .it_value.tv_usec = 1000};
+    const struct itimerval never = {.it_value.tv_usec = 0};
+    struct can_frame f;
+    int found = 0;
+    title("handlers of signals");
+    of_signals = a;
+    (void)sigaction(SIGALRM, &action, NULL);
+    (void)setitimer(ITIMER_REAL, &often, NULL);
+    while (found < 50) {
+        put(a, 0x1A1, 2);
+        if (read(b, &f, sizeof f) == sizeof f)
+            found += f.can_id == 0x1A0;
+    }
+    (void)setitimer(ITIMER_REAL, &never, NULL);
+    NUMBER(found);
+    put(a, 0x1A2, 3);
+    while (read(b, &f, sizeof f) == sizeof f && f.can_id != 0x1A2)
+        continue;
+}
+
 /* ---- CAN_BCM --------------------------------------------------------------------------------- */
 
 typedef struct job {
@@ -725,6 +763,7 @@ int main(int argc, char **argv)
     b = bound(interface);
     processes(a, b);
     threads(a, b);
+    handlers(a, b);
     bcm(a, b);
     return 0;
 }

@@ -71,6 +71,17 @@ def test_the_status_of_the_program_is_told(bus, tmp_path):
     r.stop()
 
 
+def test_static_programs_are_warned_of(bus, tmp_path):
+    r = bus()
+    (tmp_path / "static.c").write_text("int main(void) { return 5; }\n")
+    subprocess.run(["cc", "-static", "-o", "static", "static.c"], cwd=tmp_path, check=True)
+    said = r.run("engine", "./static", status=5).stderr
+    assert said == ("canwire run: ./static will find no interfaces: it is linked statically; see "
+                    "canwire-run(7)\n")
+    assert r.run("engine", "true").stderr == r.run("engine", "/bin/true").stderr == ""
+    r.stop()
+
+
 def test_an_installed_canwire_finds_its_library(bus, tmp_path):
     r = bus()
     prefix = tmp_path / "usr"
@@ -129,7 +140,10 @@ def test_a_guest_that_sends_and_ends_loses_nothing(bus):
     quick = SOCKET + "S.bind(('tester',)); S.send(bytes([1, 5, 0, 0]) + bytes(12))\n"
     r.run("tester", sys.executable, "-c", quick + "os._exit(0)")
     assert dash.receive().can_id == 0x501
-    assert r.nodes()["guest-1"]["link"] is None or r.nodes()["guest-1"]["link"] != "up"
+    forks = SOCKET + "S.bind(('tester',))\nif os.fork() == 0: os._exit(0)\n"
+    r.run("tester", sys.executable, "-c", forks + "os.wait(); S.send(bytes([2, 5]) + bytes(14))")
+    assert dash.receive().can_id == 0x502
+    wait_until(lambda: r.nodes()["guest-1"]["link"] != "up", "the end of the guest")
     r.stop()
 
 
